@@ -1,0 +1,65 @@
+"""Pneumatic artificial muscles in JAX: elastic braids, calibrated on recordings, with honest uncertainty."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pamjax.check import BadInput, InputWarning
+    from pamjax.infer.determine import determine
+    from pamjax.infer.fit import fit
+    from pamjax.infer.load import load_muscle
+    from pamjax.infer.result import Fit
+    from pamjax.infer.save import save
+    from pamjax.model.assembly import assemble
+    from pamjax.model.catalogue import catalogue
+    from pamjax.model.muscle import Muscle, predict
+    from pamjax.records.case import Case, read_case
+    from pamjax.records.recording import Recording
+    from pamjax.records.simulate import simulate
+
+#: Where each public name lives. They load when first used, so that `pamjax --help` loads no JAX.
+_HOME = {
+    "BadInput": "pamjax.check",
+    "InputWarning": "pamjax.check",
+    "Muscle": "pamjax.model.muscle",
+    "predict": "pamjax.model.muscle",
+    "assemble": "pamjax.model.assembly",
+    "catalogue": "pamjax.model.catalogue",
+    "Case": "pamjax.records.case",
+    "read_case": "pamjax.records.case",
+    "Recording": "pamjax.records.recording",
+    "simulate": "pamjax.records.simulate",
+    "Fit": "pamjax.infer.result",
+    "determine": "pamjax.infer.determine",
+    "fit": "pamjax.infer.fit",
+    "load_muscle": "pamjax.infer.load",
+    "save": "pamjax.infer.save",
+}
+
+__all__ = [
+    "BadInput",
+    "Case",
+    "Fit",
+    "InputWarning",
+    "Muscle",
+    "Recording",
+    "assemble",
+    "catalogue",
+    "determine",
+    "fit",
+    "load_muscle",
+    "predict",
+    "read_case",
+    "save",
+    "simulate",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'pamjax' has no attribute {name!r}")
+    return getattr(import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,88 @@
+"""`pamjax explain`: what a number or a mechanism means."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator
+
+from pamjax.cli.screen import say
+
+WIDTH = 96
+
+
+def explain(name: str | None = None, /) -> None:
+    """Say what a number or a mechanism means; without a name, list them all.
+
+    Args:
+        name: a number as it stands in muscle.toml and in reports, for instance thread.modulus, or a
+            mechanism, for instance braid_friction.
+    """
+    from pamjax.model.library import library
+
+    if name is None:
+        say("\n".join(_everything()))
+    elif name in library():
+        say("\n".join(_mechanism(library()[name])))
+    else:
+        say("\n".join(_number(name)))
+
+
+def _everything() -> Iterator[str]:
+    from pamjax.model.catalogue import catalogue
+    from pamjax.model.library import MECHANISMS
+
+    numbers = catalogue()
+    yield "Numbers of a muscle:"
+    for name in sorted(n for n in numbers if n.startswith(("muscle.", "thread."))):
+        yield _line(name, numbers[name])
+    yield "Mechanisms, what a model may leave out:"
+    for kind in MECHANISMS:
+        yield f"  {kind.id}: {kind.about.title}"
+        yield from (_line(n, numbers[n], "    ") for n in numbers if n.startswith(f"{kind.id}."))
+
+
+def _line(name: str, meaning, indent: str = "  ") -> str:
+    return f"{indent}{name:<28} {meaning.show:<8} {meaning.about}"
+
+
+def _number(name: str) -> Iterator[str]:
+    from pamjax.check import nearest, refuse
+    from pamjax.model.catalogue import catalogue
+    from pamjax.model.library import library
+
+    known = catalogue()
+    if name not in known:
+        hint = nearest(name, [*known, *library()])
+        raise refuse(f"{name!r} is no number and no mechanism pamjax knows", remedy=hint)
+    from pamjax.units import in_unit
+
+    found = known[name]
+    scale = in_unit(found.show)
+    yield f"{name}: {found.about}"
+    yield (
+        f"  unit      {found.show} (kept in {found.unit})"
+        if found.show != found.unit
+        else f"  unit      {found.unit}"
+    )
+    yield f"  limits    {found.low / scale:g} to {found.high / scale:g}, moved on a {found.scale} scale"
+    yield f"  source    {found.source}"
+    if found.neutral is not None:
+        yield f"  neutral   {found.neutral / scale:g}: there it has no effect"
+
+
+def _mechanism(kind) -> Iterator[str]:
+    from pamjax.model.catalogue import catalogue
+
+    about = kind.about
+    yield f"{kind.id}: {about.title}"
+    yield from textwrap.indent(about.equation, "    ").splitlines()
+    for word, text in {
+        "shows": about.signature,
+        "leaves out": about.leaves_out,
+        "mistaken for": ", ".join(about.confusable) or "nothing in the library",
+        "told apart by": about.experiment,
+        "source": about.source,
+    }.items():
+        yield from textwrap.wrap(text, WIDTH, initial_indent=f"  {word:<14}", subsequent_indent=" " * 16)
+    yield "  numbers"
+    yield from (_line(n, m, "    ") for n, m in catalogue().items() if n.startswith(f"{kind.id}."))

@@ -1,0 +1,74 @@
+"""`pamjax fit`: calibrate a muscle on its recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from pamjax.cli.screen import say, say_json, say_written, working, writable
+
+
+def fit(
+    cases: list[Path],
+    /,
+    *,
+    out: Path = Path("out"),
+    law: str | None = None,
+    share: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
+    with_: Annotated[list[str] | None, Parameter(name="--with", consume_multiple=True, negative="")] = None,
+    loss: Literal["square", "soft"] = "square",
+    starts: int = 4,
+    folds: int = 5,
+    seed: int = 0,
+    figures: bool = True,
+    json: Annotated[bool, Parameter(negative="")] = False,
+) -> None:
+    """Calibrate a muscle on its recording, or several muscles together.
+
+    Writes fit.json, a netCDF of prediction and residual, and figures; prints a lab note.
+
+    Args:
+        cases: case folders, each with recording.csv and muscle.toml.
+        out: folder to write to.
+        law: thread law: inelastic, elastic, toe, exponential-toe or recruitment-toe; the case's
+            baseline if left out.
+        share: numbers that several cases have in common, as thread.modulus.
+        with_: mechanisms that act beside the threads, as bladder_elasticity; `pamjax explain` lists them.
+        loss: "soft" bounds the pull of a sample that is far off.
+        starts: from how many places the minimiser starts.
+        folds: into how many parts the blocks are dealt for the held-out score.
+        seed: of the starts and the deal.
+        figures: whether to draw.
+        json: print fit.json instead of the note.
+    """
+    from pamjax.records.case import read_case
+
+    # A fit whose answer cannot be written is not begun.
+    writable(out)
+    read = [read_case(folder) for folder in cases]
+    from pamjax.infer.cache import keep_compiled
+    from pamjax.infer.fit import fit as calibrate
+    from pamjax.infer.save import as_dict, save
+
+    keep_compiled()
+    with working(quiet=json) as progress:
+        found = calibrate(
+            read,
+            law,
+            share or (),
+            with_ or (),
+            loss=loss,
+            starts=starts,
+            fold_count=folds,
+            seed=seed,
+            progress=progress,
+        )
+    written = save(found, out)
+    if figures:
+        from pamjax.view.fit_figures import save_figures
+
+        written += save_figures(found, out)
+    say_json(as_dict(found)) if json else say(str(found))
+    say_written(written)

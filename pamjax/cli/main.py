@@ -1,0 +1,50 @@
+"""The command `pamjax`: its subcommands, and how a bad input leaves it."""
+
+from __future__ import annotations
+
+import sys
+from importlib.metadata import version
+
+from cyclopts import App, CycloptsError
+
+from pamjax.check import BadInput
+
+#: Exit codes: an answer, a bad input, an interruption.
+ANSWERED, REFUSED, INTERRUPTED = 0, 2, 130
+
+app = App(
+    name="pamjax",
+    help="Pneumatic artificial muscles: calibrated on recordings, with honest uncertainty.",
+    version=lambda: version("pamjax"),
+    help_format="plaintext",
+    suppress_keyboard_interrupt=False,  # it is told below
+)
+for word, about in {
+    "new": "Write a commented case folder to fill in.",
+    "check": "Say whether a case is fit to be fitted, without fitting it.",
+    "fit": "Calibrate a muscle on its recording, or several muscles together.",
+    "simulate": "Make the case folder that a bench would have written.",
+    "explain": "Say what a number or a mechanism means; without a name, list them all.",
+}.items():
+    # Named by path: a subcommand's module, and what it imports, is loaded when it is run.
+    app.command(f"pamjax.cli.{word}:{word}", name=word, help=about)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run a command line.
+
+    Args:
+        arguments: the words after `pamjax`; None takes the process's own.
+
+    Returns:
+        the exit code: 0 for an answer, 2 for a bad input, 130 if interrupted.
+    """
+    try:
+        app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+    except (BadInput, CycloptsError) as error:
+        print(f"pamjax: {error}", file=sys.stderr)
+        return REFUSED
+    except KeyboardInterrupt:
+        print("pamjax: interrupted; nothing was written half", file=sys.stderr)
+        return INTERRUPTED
+    return ANSWERED

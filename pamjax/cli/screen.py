@@ -1,0 +1,59 @@
+"""What a command shows while it works and when it is done."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from pamjax.check import refuse
+
+
+@contextmanager
+def working(quiet: bool = False) -> Iterator[Callable[[str, float], None]]:
+    """A progress bar with an estimate, on standard error; yields what a verb's `progress` takes."""
+    console = Console(stderr=True)
+    columns = TextColumn("{task.description:<20}"), BarColumn(), TimeRemainingColumn()
+    # Where nobody watches, a bar would leave blank lines in the log.
+    with Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal) as bar:
+        task = bar.add_task("starting", total=1.0)
+        yield lambda doing, share: bar.update(task, description=doing, completed=share)
+
+
+def writable(folder: Path) -> None:
+    """Refuse a folder that cannot be written to, or made.
+
+    Raises:
+        BadInput: naming what stands in the way.
+    """
+    nearest = folder.absolute()
+    while not nearest.exists():
+        nearest = nearest.parent
+    if not nearest.is_dir() or not os.access(nearest, os.W_OK):
+        raise refuse(
+            "`--out` must be a folder to write to", f"{nearest}, which is none", remedy="Name another."
+        )
+
+
+def say(text: str) -> None:
+    """Print for people."""
+    print(text)
+
+
+def say_json(document: dict[str, Any]) -> None:
+    """Print for programs."""
+    print(json.dumps(document, indent=2, allow_nan=False))
+
+
+def say_written(files: list[Path]) -> None:
+    """Tell what was written, folder by folder."""
+    for folder in dict.fromkeys(file.parent for file in files):
+        names = ", ".join(file.name for file in files if file.parent == folder)
+        print(f"wrote {folder}/: {names}", file=sys.stderr)

@@ -1,0 +1,62 @@
+"""`pamjax simulate`: the recording a muscle and a protocol would make."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from pamjax.cli.screen import say
+
+
+def simulate(
+    muscle: Path,
+    /,
+    protocol: Path | None = None,
+    *,
+    out: Path,
+    law: str | None = None,
+    case: str | None = None,
+    with_: Annotated[list[str] | None, Parameter(name="--with", consume_multiple=True, negative="")] = None,
+    noise: bool = True,
+    correlation_time: str = "0 s",
+    seed: int = 0,
+) -> None:
+    """Make the case folder that a bench would have written.
+
+    Args:
+        muscle: a case folder or muscle.toml (the muscle as stated), or a fit.json (as calibrated:
+            leaving the calibrated pressures and lengths is warned of).
+        protocol: a TOML file with a table [protocol]; the paper's ten isobars if left out.
+        out: folder for the new case.
+        law: thread law of a muscle as stated; its baseline if left out.
+        case: which case of a fit.json with several.
+        with_: numbers of mechanisms to add, as braid_friction.coefficient=0.2 or "force_offset.offset=5 N".
+        noise: whether the sensors of muscle.toml add their noise.
+        correlation_time: of the noise of force and diameter.
+        seed: of the noise.
+    """
+    from pamjax.check import refuse
+    from pamjax.cli.settings import settings
+    from pamjax.infer.load import load_muscle
+    from pamjax.records.entry import Sensors
+    from pamjax.records.protocol import PAPER, read_protocol
+    from pamjax.records.simulate import outside
+    from pamjax.records.simulate import simulate as record
+    from pamjax.records.write import write_case
+    from pamjax.units import parse
+
+    if seed < 0:
+        raise refuse("`seed` must be at least 0", f"{seed}")
+    loaded = load_muscle(muscle, law, case, settings(with_ or ()))
+    plan = read_protocol(protocol) if protocol else PAPER
+    schedule = plan.schedule(loaded.entry.rest_length.value)
+    for sentence in outside(loaded.calibrated, schedule) if loaded.calibrated else ():
+        print(f"pamjax: warning: {sentence}", file=sys.stderr)
+    sensors = loaded.entry.sensors if noise else Sensors()
+    pause = parse(correlation_time, "time", "--correlation-time")
+    recording = record(loaded.muscle, schedule, sensors, seed=seed, correlation_time=pause)
+    write_case(out, recording, loaded.text)
+    say(f"wrote {out}/: {recording.n} rows of {' and '.join(recording.channels)}")

@@ -1,0 +1,1 @@
+"""Which numbers fit, and how sure they are."""

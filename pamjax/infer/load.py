@@ -1,0 +1,130 @@
+"""A muscle to simulate: a case folder as stated, or a fit.json as calibrated."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import jax.numpy as jnp
+
+from pamjax.check import nearest, refuse
+from pamjax.infer.believed import sizes, stated
+from pamjax.infer.save import SCHEMA
+from pamjax.model.assembly import assemble, assemble_bench, bench_law, mechanism_numbers
+from pamjax.model.bench import Bench
+from pamjax.model.catalogue import meaning
+from pamjax.model.muscle import Muscle
+from pamjax.records.entry import Entry, read_entry
+from pamjax.records.files import read_bytes
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A muscle and what is known of it.
+
+    Attributes:
+        muscle: the muscle, on a bench where it has mechanisms.
+        entry: its muscle.toml.
+        text: the text of its muscle.toml.
+        calibrated: lowest and highest calibrated "pressure" (Pa) and "length" (m); empty if it was
+            not calibrated.
+    """
+
+    muscle: Muscle | Bench
+    entry: Entry
+    text: str
+    calibrated: dict[str, tuple[float, float]]
+
+
+def load_muscle(
+    source: Path,
+    law: str | None = None,
+    case: str | None = None,
+    settings: Mapping[str, float] | None = None,
+) -> Loaded:
+    """Read a muscle from a case folder, a muscle.toml or a fit.json.
+
+    Args:
+        source: the folder or file.
+        law: thread law, for a muscle as stated; None takes its baseline.
+        case: which case of a fit.json that holds several.
+        settings: numbers of mechanisms to add or to change, SI, as {"braid_friction.coefficient": 0.2}.
+
+    Raises:
+        BadInput: if it cannot be read.
+    """
+    if source.suffix == ".json":
+        if law is not None:
+            remedy = "Leave `--law` out, or name the case folder."
+            raise refuse("a calibrated muscle keeps the law it was fitted with", law, source.name, remedy)
+        return _calibrated(source, case, settings or {})
+    if case is not None:
+        raise refuse("`--case` names a case of a fit.json", str(source), remedy="Leave it out.")
+    file = source / "muscle.toml" if source.is_dir() else source
+    raw = read_bytes(file)
+    entry = read_entry(raw, file.name)
+    law = law or entry.baseline
+    numbers = {name: jnp.asarray(m.value) for name, m in stated(entry, law).items()}
+    known = {name: jnp.asarray(m.value) for name, m in sizes(entry).items()}
+    muscle = _with_mechanisms(law, (), numbers, known, settings or {})
+    return Loaded(muscle, entry, raw.decode("utf-8-sig"), {})
+
+
+def _with_mechanisms(law, ids, numbers, known, settings: Mapping[str, float]) -> Muscle | Bench:
+    """The muscle, or the bench if anything acts beside its threads."""
+    named = dict.fromkeys((*ids, *(_owner(name) for name in settings)))
+    if not named:
+        return assemble(law, numbers)
+    law = bench_law(law, named)
+    own = mechanism_numbers(named)
+    by_field = {name: known[field] for name, (_, field) in own.items() if field in known}
+    usual = by_field | {name: known[name] for name in own if name in known}
+    new = {name: jnp.asarray(value) for name, value in settings.items()}
+    return assemble_bench(law, tuple(named), usual | numbers | new)
+
+
+def _owner(name: str) -> str:
+    """The mechanism that owns a number, by the number's name."""
+    meaning(name)
+    owner = name.partition(".")[0]
+    if owner in ("muscle", "thread"):
+        raise refuse("only numbers of mechanisms can be set here", name, remedy="Change it in muscle.toml.")
+    return owner
+
+
+def _calibrated(file: Path, case: str | None, settings: Mapping[str, float]) -> Loaded:
+    try:
+        document = json.loads(read_bytes(file))
+    except ValueError as error:
+        raise refuse("a calibrated muscle is a fit.json", str(error), file.name) from error
+    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
+        got = document.get("schema", "no schema") if isinstance(document, dict) else "no object"
+        raise refuse(f"a calibrated muscle is a file of schema {SCHEMA}", str(got), file.name)
+    try:
+        return _chosen(document["cases"], file, case, settings)
+    except (KeyError, TypeError, AttributeError) as error:
+        rule, remedy = "a fit.json must be whole", "Write it again with `pamjax fit`."
+        raise refuse(rule, f"no {error}", file.name, remedy) from error
+
+
+def _chosen(cases: dict, file: Path, case: str | None, settings: Mapping[str, float]) -> Loaded:
+    if not cases:
+        raise KeyError("case")
+    if case is None and len(cases) > 1:
+        raise refuse("a fit of several cases needs `--case`", ", ".join(cases), file.name, "Name one.")
+    name = case or next(iter(cases))
+    if name not in cases:
+        raise refuse(f"{name!r} is no case of {file.name}", remedy=nearest(name, cases))
+    one = cases[name]
+    numbers = {key: jnp.asarray(value) for key, value in one["muscle"]["numbers"].items()}
+    entry = read_entry(one["muscle_toml"].encode(), "muscle.toml")
+    known = {key: jnp.asarray(m.value) for key, m in sizes(entry).items()}
+    muscle = one["muscle"]
+    return Loaded(
+        _with_mechanisms(muscle["law"], muscle["mechanisms"], numbers, known, settings),
+        entry,
+        one["muscle_toml"],
+        {key: (ends["low"], ends["high"]) for key, ends in one["calibrated"].items()},
+    )

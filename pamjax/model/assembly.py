@@ -1,0 +1,108 @@
+"""A muscle, or a bench, from named numbers as they stand in muscle.toml and in fit.json."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from jaxtyping import Array
+
+from pamjax.check import refuse
+from pamjax.model import braid
+from pamjax.model.bench import Bench
+from pamjax.model.catalogue import LAWS, law_numbers
+from pamjax.model.library import in_order
+from pamjax.model.mechanism import AbstractMechanism
+from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
+from pamjax.model.muscle import Muscle
+from pamjax.model.thread import AbstractThread, Inextensible
+from pamjax.parameter import field_meanings
+
+#: The thread laws a bench can have. A toe is a mechanism there: `thread_crimp`.
+BENCH_LAWS = ("inelastic", "elastic")
+
+
+def assemble(law: str, numbers: Mapping[str, Array]) -> Muscle:
+    """A muscle from named numbers, SI.
+
+    Args:
+        law: a key of `catalogue.LAWS`.
+        numbers: "muscle.rest_length"; "muscle.thread_length" and "muscle.turns", or
+            "muscle.braid_angle" and "muscle.diameter"; for a law that stretches "thread.stiffness",
+            or "thread.modulus" with "muscle.threads" and "muscle.thread_area"; the law's own.
+    """
+    length, turns = _braid(numbers)
+    return Muscle(numbers["muscle.rest_length"], length, turns, _thread(law, numbers))
+
+
+def _braid(numbers: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Thread length, m, and turns, however the braid is stated."""
+    if "muscle.braid_angle" in numbers:
+        rest = numbers["muscle.rest_length"]
+        return braid.from_angle(rest, numbers["muscle.diameter"], numbers["muscle.braid_angle"])
+    return numbers["muscle.thread_length"], numbers["muscle.turns"]
+
+
+def _thread(law: str, numbers: Mapping[str, Array]) -> AbstractThread | Inextensible:
+    kind = LAWS[law]
+    if issubclass(kind, Inextensible):
+        return Inextensible()
+    own = {name.removeprefix("thread."): numbers[name] for name in law_numbers(law)}
+    return kind(**{"stiffness": stiffness(numbers), **own})
+
+
+def bench_law(law: str, ids: Iterable[str]) -> str:
+    """The law of a bench: naming `braid_elasticity` makes an inelastic braid elastic.
+
+    Raises:
+        BadInput: for a law that a bench does not have.
+    """
+    if law not in BENCH_LAWS:
+        raise refuse(
+            "with mechanisms the thread law is inelastic or elastic",
+            f"{law!r}",
+            remedy="Add the mechanism `thread_crimp` for a toe.",
+        )
+    return "elastic" if BraidElasticity.id in ids else law
+
+
+def mechanism_numbers(ids: Iterable[str]) -> dict[str, tuple[type[AbstractMechanism], str]]:
+    """Every number of the named mechanisms, "id.field", with its class and field.
+
+    The stiffness of the threads is left out: it is the muscle's own, `thread.modulus` or
+    `thread.stiffness`.
+    """
+    kinds = (kind for kind in in_order(ids) if kind is not BraidElasticity)
+    return {f"{kind.id}.{field}": (kind, field) for kind in kinds for field in field_meanings(kind)}
+
+
+def assemble_bench(law: str, ids: tuple[str, ...], numbers: Mapping[str, Array]) -> Bench:
+    """A bench from named numbers, SI.
+
+    Args:
+        law: "inelastic" or "elastic".
+        ids: of the mechanisms.
+        numbers: as for `catalogue.assemble`, and the mechanisms' own as "id.field"; those left out
+            stay at their defaults.
+    """
+    length, turns = _braid(numbers)
+    if law == "elastic":
+        threads = (BraidElasticity(1 / stiffness(numbers)),)
+    else:
+        # Before the whole library, an inelastic braid is an elastic one whose compliance is zero.
+        threads = tuple(BraidElasticity(numbers[n]) for n in ("braid_elasticity.compliance",) if n in numbers)
+    own = mechanism_numbers(ids)
+    kinds: tuple[Any, ...] = in_order(ids)
+    others = tuple(
+        kind(**{f: numbers[n] for n, (k, f) in own.items() if k is kind and n in numbers})
+        for kind in kinds
+        if kind is not BraidElasticity
+    )
+    return Bench(length, turns, threads + others)
+
+
+def stiffness(numbers: Mapping[str, Array]) -> Array:
+    """Pull of all threads in_order at unit strain, n E A, N, however it is stated."""
+    if "thread.stiffness" in numbers:
+        return numbers["thread.stiffness"]
+    return numbers["thread.modulus"] * numbers["muscle.threads"] * numbers["muscle.thread_area"]

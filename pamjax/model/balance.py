@@ -1,0 +1,154 @@
+"""The implicit root: how far the threads stretch, its derivative, and failure as data.
+
+Three ways to the stretched thread, which agree where they must:
+
+* `stretch_linear`: linear threads and the muscle's own force, in closed form;
+* `stretch_measured`: linear threads and a *measured* force, the paper's cubic;
+* `solve_strain`: any thread law and any stored energy, by Newton with an implicit derivative.
+
+Derivation. Hoop balance without a bladder (the paper's Eqs. 2 and 3) gives n T = P L B / (2πN²).
+With n T = S ε and B = B0 (1 + ε):
+
+    B = B0 / (1 − x),   x = P L B0 / (2πN² S)                                    (closed form)
+
+With the axial balance and a measured F instead, n T = B (F + PπR²) / L, so that
+
+    B = B0 (1 + n T / S)  =>  B = B0 / (1 − B0 (F + PπR²) / (L S))               (Eq. 10)
+
+with a *minus* in the denominator: a pull lengthens the thread. Putting R² = (B² − L²)/(2πN)² in,
+
+    0 = B³ K P/(4πN²) + B [ K (F − L² P/(4πN²)) − 1 ] + B0,   K = B0 / (L S)     (Eq. 11)
+
+where the −1 stands *outside* the bracket that K multiplies: inside, a force and a pure number
+would be added. Both differ from the printed equations; the errata page derives them again.
+
+At x → 1 the muscle bursts open: the pull of pressure grows as fast with the thread as the thread's
+own load. Such states have no equilibrium; `Status` says so, and the number beside it is the last
+stretch before it, never NaN.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import IntEnum
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from pamjax.model.braid import Real
+
+#: Share of the bursting load up to which a stretch is returned. At 0.98 threads are 50 times as long.
+BURST = 0.98
+
+
+class Status(IntEnum):
+    """What became of a state. The texts are for reports."""
+
+    OK = 0
+    UNSTABLE = 1
+    STRAIGHT = 2
+    NOT_CONVERGED = 3
+
+    @property
+    def says(self) -> str:
+        return {
+            Status.OK: "solved",
+            Status.UNSTABLE: "no equilibrium: threads too soft for this pressure stretch without end",
+            Status.STRAIGHT: "no radius: the muscle is longer than its threads",
+            Status.NOT_CONVERGED: "the thread balance was not solved to its tolerance",
+        }[self]
+
+
+def stretch_linear(pull: Real, stiffness: Real) -> tuple[Array, Array]:
+    """Strain of linear threads under the muscle's own force: ε = x / (1 − x), x = pull / stiffness.
+
+    Args:
+        pull: pull of pressure on all unstretched threads, P L B0 / (2πN²), N (`braid.hoop_pull`).
+        stiffness: n E A, N.
+
+    Returns:
+        strain and `Status`. Threads do not push: a negative pull strains them by nothing.
+    """
+    x = jnp.asarray(pull / stiffness)
+    # Not `maximum`, which halves the derivative at no pressure, where many recordings begin.
+    held = jnp.minimum(jnp.where(x >= 0, x, 0.0), BURST)
+    return held / (1 - held), jnp.where(x > BURST, int(Status.UNSTABLE), int(Status.OK))
+
+
+def stretch_measured(
+    force: Real, pressure: Real, length: Real, thread_length: Real, turns: Real, stiffness: Real
+) -> tuple[Array, Array]:
+    """Strain of linear threads when the force is measured: the smallest positive root of Eq. 11.
+
+    With b = B/B0, m = L S and d = m − B0 (F − P L²/(4πN²)) the cubic is that of c = b d / m,
+
+        v c³ − c + 1 = 0,   v = B0³ P m² / (4πN² d³),
+
+    which has a positive root for v ≤ 4/27 only. There it meets a second one; the smallest is that
+    of the muscle while x (1 + B²/L²) < 1, which is the slope of Eq. 11 at the closed form.
+
+    Args:
+        force: measured tension, N.
+        pressure: gauge pressure, Pa.
+        length, thread_length: m.
+        turns: 1.
+        stiffness: n E A, N.
+
+    Returns:
+        strain and `Status`.
+    """
+    per_area = pressure / (4 * jnp.pi * turns**2)
+    m = length * stiffness
+    d = m - thread_length * (force - per_area * length**2)
+    a = per_area * thread_length**3 * m**2
+    there = (m > 0) & (d > 0) & (27 * a <= 4 * d**3) & (-a < d**3)
+    m, d = jnp.where(there, m, 1.0), jnp.where(there, d, 1.0)
+    b = _cubic_root(jnp.where(there, a, 0.0) / d**3) * m / d
+    return b - 1, jnp.where(there, int(Status.OK), int(Status.UNSTABLE))
+
+
+@jax.custom_jvp
+def _cubic_root(v: Array) -> Array:
+    """The smallest positive root of v c³ − c + 1 = 0, for −1 < v ≤ 4/27: at most 3/2."""
+    # The square root has the fold of the true curve at v = 4/27, where plain Newton would crawl.
+    root = 3.0 / (2.0 + jnp.sqrt(jnp.maximum(1.0 - 6.75 * v, 0.0)))
+    for _ in range(4):
+        slope = jnp.minimum(3 * v * root**2 - 1, -1e-8)
+        root = root - (v * root**3 - root + 1) / slope
+    return root
+
+
+@_cubic_root.defjvp
+def _cubic_root_jvp(primals, tangents):
+    (v,), (v_dot,) = primals, tangents
+    root = _cubic_root(v)
+    return root, v_dot * root**3 / jnp.maximum(1 - 3 * v * root**2, 1e-8)
+
+
+def solve_strain(residual: Callable[[Array], Array], start: Array, steps: int = 8) -> Array:
+    """Root of a rising, convex scalar function by a fixed number of Newton steps.
+
+    A fixed number of steps needs no branch, so that a million states run as one loop in registers.
+    The derivative is that of the implicit function, in forward and in reverse mode and of any
+    order: nothing is differentiated through the steps.
+
+    Args:
+        residual: pull of the threads minus pull of everything else, N, at a strain.
+        start: a strain near the root, or anywhere above it (`AbstractThread.start`).
+        steps: Newton steps.
+    """
+
+    def divide(value, slope):
+        # Where the function does not rise there is no step to take, and no derivative.
+        return value / jnp.where(slope > 0, slope, jnp.inf)
+
+    def solve(function, x):
+        for _ in range(steps):
+            x = x - divide(*jax.jvp(function, (x,), (jnp.ones_like(x),)))
+        return x
+
+    def tangent_solve(linear, y):
+        return divide(y, linear(jnp.ones_like(y)))
+
+    return jax.lax.custom_root(residual, start, solve, tangent_solve)

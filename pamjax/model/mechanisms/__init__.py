@@ -1,0 +1,1 @@
+"""Everything that models leave out, one mechanism a file."""

@@ -1,0 +1,171 @@
+"""The muscle: pressure and length in, force and diameter out, from one potential.
+
+    Π(L, B; P) = B0 w(B/B0 − 1) + Σ terms(L, B) − P V(L, B)
+
+∂Π/∂B = 0 is the balance that finds the stretched thread, and F = ∂Π/∂L at that thread is the force
+(envelope theorem). Every stored energy enters in this one place, so that force, stretch and
+diameter belong together by construction.
+"""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from pamjax.model import braid
+from pamjax.model.balance import BURST, Status, solve_strain, stretch_linear
+from pamjax.model.state import AbstractGeometry, AbstractTerm, Cylinder, State
+from pamjax.model.thread import AbstractThread, Inextensible, LinearThread
+from pamjax.parameter import Scalar, parameter
+
+#: Balance residual, relative to the pull, above which a state counts as not solved.
+TOLERANCE = 1e-9
+#: States that a processor's cache holds with all that their derivatives need.
+BLOCK = 8192
+#: Thread strain below which that residual is relative to the pull at this strain.
+NO_STRAIN = 1e-6
+
+
+class Reading(eqx.Module):
+    """What a muscle shows at one instant (or, from `predict`, at each of many).
+
+    Attributes:
+        force: tension, positive pulls, N.
+        diameter: outer mean diameter, m.
+        thread: stretched length of one thread, m.
+        strain: of the threads, B/B0 − 1.
+        load: pull of all threads together, N.
+        status: a `balance.Status`; where it is not OK the numbers are the nearest that exist.
+    """
+
+    force: Float[Array, ...]
+    diameter: Float[Array, ...]
+    thread: Float[Array, ...]
+    strain: Float[Array, ...]
+    load: Float[Array, ...]
+    status: Int[Array, ...]
+
+
+class Muscle(eqx.Module):
+    """A braided muscle at equilibrium.
+
+    Attributes:
+        rest_length: length at which contraction is zero, m.
+        thread_length: length B0 of one unloaded thread, m.
+        turns: turns N of one thread around the muscle.
+        thread: what stretching costs.
+        geometry: where everything is.
+        terms: what else stores energy.
+
+    What it leaves out: everything that remembers (friction, relaxation, slip) and the bench.
+
+    >>> from pamjax.model.thread import LinearThread
+    >>> muscle = Muscle(0.235744, 0.251206, 1.09, LinearThread(144 * 0.0858e-6 * 80e9))
+    >>> reading = muscle(689.48e3, 0.235744)
+    >>> print(f"{float(reading.force):.0f} N, {1e3 * float(reading.diameter):.2f} mm")
+    4753 N, 26.50 mm
+    """
+
+    rest_length: Scalar = parameter(
+        "m", show="mm", low=1e-3, high=20.0, scale="log", about="length at which contraction is zero",
+        source="miniature grippers to building-scale muscles",
+    )  # fmt: skip
+    thread_length: Scalar = parameter(
+        "m", show="mm", low=1e-3, high=20.0, scale="log", about="length B0 of one unloaded thread",
+        source="a little longer than the muscle",
+    )  # fmt: skip
+    turns: Scalar = parameter(
+        "1", low=0.05, high=200.0, scale="log", about="turns N of one thread around the muscle",
+        source="from B cos(angle) / (pi D)",
+    )  # fmt: skip
+    thread: AbstractThread | Inextensible = Inextensible()
+    geometry: AbstractGeometry = Cylinder()
+    terms: tuple[AbstractTerm, ...] = ()
+
+    def state(self, length: Scalar, strain: Scalar) -> State:
+        """Where everything is at a length (m) and a thread strain."""
+        return self.geometry(length, self.thread_length * (1 + strain), self.turns)
+
+    def work(self, length: Scalar, strain: Scalar, pressure: Scalar) -> Array:
+        """The potential without its threads, Σ terms − P V, J."""
+        state = self.state(length, strain)
+        return sum((term.energy(state) for term in self.terms), -pressure * state.volume)
+
+    def potential(self, length: Scalar, strain: Scalar, pressure: Scalar) -> Array:
+        """Π, J: what is in balance at rest, and whose slope in length is the force."""
+        return self.thread_length * self.thread.energy(strain) + self.work(length, strain, pressure)
+
+    def pull(self, length: Scalar, strain: Scalar, pressure: Scalar) -> Array:
+        """Pull of everything but the threads on all threads together, −∂work/∂B, N."""
+        return jax.grad(self.work, argnums=1)(length, strain, pressure) * (-1 / self.thread_length)
+
+    def strain(self, pressure: Scalar, length: Scalar) -> tuple[Array, Array]:
+        """Thread strain at balance, and its `Status`."""
+        at_rest = self.pull(length, jnp.zeros_like(length), pressure)
+        if isinstance(self.thread, Inextensible):
+            return jnp.zeros_like(at_rest), jnp.zeros_like(at_rest, dtype=int)
+        if isinstance(self.thread, LinearThread) and not self.terms and isinstance(self.geometry, Cylinder):
+            return stretch_linear(at_rest, self.thread.stiffness)
+        return self._balanced(self.thread, pressure, length, at_rest)
+
+    def _balanced(
+        self, thread: AbstractThread, pressure: Scalar, length: Scalar, at_rest: Scalar
+    ) -> tuple[Array, Array]:
+        most = BURST * thread.stiffness
+        stable, pulled = at_rest <= most, at_rest >= 0
+        # Threads do not push, and beyond the burst there is nothing to find: solve a harmless
+        # problem there, so that neither the number nor its derivative is ever undefined.
+        share = jnp.where(stable, 1.0, most / jnp.where(stable, 1.0, at_rest))
+        pressure = jnp.where(pulled, share * pressure, 0.0)
+        start = jnp.where(pulled, thread.start(jnp.where(pulled, share * at_rest, 0.0)), 0.0)
+
+        def residual(strain):
+            return thread.load(strain) - self.pull(length, strain, pressure)
+
+        root = solve_strain(residual, start, thread.steps + 4 * bool(self.terms))
+        scale = jnp.maximum(at_rest, NO_STRAIN * thread.stiffness)
+        solved = jnp.abs(residual(root)) <= TOLERANCE * scale
+        status = jnp.where(solved | ~pulled, int(Status.OK), int(Status.NOT_CONVERGED))
+        return jnp.where(pulled, root, 0.0), jnp.where(stable, status, int(Status.UNSTABLE))
+
+    def __call__(self, pressure: Scalar, length: Scalar) -> Reading:
+        """What the muscle shows at one gauge pressure (Pa) and length (m)."""
+        pressure, length = jnp.asarray(pressure, float), jnp.asarray(length, float)
+        strain, status = self.strain(pressure, length)
+        state = self.state(length, strain)
+        force = jax.grad(self.work, argnums=0)(length, strain, pressure)
+        straight = (state.thread <= length) & (status == int(Status.OK))
+        return Reading(
+            force=force,
+            diameter=state.diameter,
+            thread=state.thread,
+            strain=strain,
+            load=self.pull(length, strain, pressure),
+            status=jnp.where(straight, int(Status.STRAIGHT), status),
+        )
+
+
+def contraction(muscle: Muscle, length: braid.Real) -> Array:
+    """1 − L / L_rest."""
+    return 1 - jnp.asarray(length) / muscle.rest_length
+
+
+@eqx.filter_jit
+def predict(muscle: Muscle, pressure: Float[Array, " n"], length: Float[Array, " n"]) -> Reading:
+    """What the muscle shows at each of many instants.
+
+    Args:
+        pressure: (n,) gauge pressure, Pa.
+        length: (n,) length between the fittings, m.
+
+    Returns:
+        a `Reading` whose fields have shape (n,).
+    """
+    at = jnp.asarray(pressure, float), jnp.asarray(length, float)
+    if len(at[0]) < 4 * BLOCK or jax.default_backend() != "cpu":
+        return jax.vmap(muscle)(*at)
+    # XLA writes what two results share to memory. Block by block that stays in the cache, and is
+    # computed again rather than kept when derivatives come back: a gradient costs three times less.
+    return jax.lax.map(jax.checkpoint(lambda one: muscle(*one)), at, batch_size=BLOCK)

@@ -1,0 +1,63 @@
+"""Where everything is at one instant, and how stored energies and shapes of the ends are added to it."""
+
+from __future__ import annotations
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from pamjax.model import braid
+from pamjax.parameter import Scalar
+
+
+class State(eqx.Module):
+    """Where everything is, at one length and one thread length.
+
+    Attributes:
+        length: between the fittings, m.
+        thread: stretched length of one thread, m.
+        turns: of one thread around the muscle.
+        radius: of the threads at mid-length, m.
+        diameter: outer mean diameter, m.
+        volume: inside the braid, m³.
+    """
+
+    length: Scalar
+    thread: Scalar
+    turns: Scalar
+    radius: Scalar
+    diameter: Scalar
+    volume: Scalar
+
+
+class AbstractGeometry(eqx.Module):
+    """Contract: where everything is."""
+
+    @abc.abstractmethod
+    def __call__(self, length: Scalar, thread: Scalar, turns: Scalar) -> State:
+        """The state at a length (m) and a thread length (m)."""
+
+
+class AbstractTerm(eqx.Module):
+    """Contract: an energy that the muscle stores beside its threads."""
+
+    @abc.abstractmethod
+    def energy(self, state: State) -> Array:
+        """Stored energy, J."""
+
+
+class Cylinder(AbstractGeometry):
+    """A cylinder from fitting to fitting: the triangle relation everywhere.
+
+    What it leaves out: the taper of the ends.
+    """
+
+    def __call__(self, length: Scalar, thread: Scalar, turns: Scalar) -> State:
+        # A straight or overstretched braid has no radius; its derivative must stay finite all the
+        # same, because `where` differentiates both of its branches.
+        squared = braid.radius_squared(length, thread, turns)
+        there = squared > 0
+        radius = jnp.where(there, jnp.sqrt(jnp.where(there, squared, 1.0)), 0.0)
+        return State(length, thread, turns, radius, 2 * radius, braid.volume(length, thread, turns))

@@ -1,0 +1,286 @@
+"""Thread laws: what stretching a thread costs.
+
+A law is a load-strain curve `load(strain)`, because that is what a tensile test shows, and its
+integral `energy(strain)`. Both are written out: the slope of an energy, taken by machine, would lose
+the digits of a small strain, in every one of a million balances. `load` is the pull of
+*all* threads together, in N, since threads, area and modulus enter a muscle only as their product
+(`stiffness` = n E A).
+
+Every law here stiffens (its curve is convex for a positive strain) and ends in a straight line of
+slope `stiffness` that meets zero load at the strain `slack`. `balance.py` rests on both.
+
+Sources: linear, Chambers & Wereley, Actuators 2022, 11, 219, Eqs. 5-7. Toe forms: exponential toe
+and line after Fung, Biomechanics (1993); recruitment of crimped filaments after Kastelic, Palley &
+Baer, J. Biomech. 13, 887 (1980); the smooth bilinear form is a hyperbola, derived here.
+"""
+
+from __future__ import annotations
+
+import abc
+import math
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from pamjax.parameter import Scalar, parameter
+
+_ROOT_TAU = math.sqrt(2 * math.pi)
+
+GUARD = "range guard for aramid to nylon yarns, 1 to 150 GPa, and braids of 20 to 500 threads"
+KEVLAR_FABRIC = (
+    "crimp of Kevlar-49 fabric ends at 0.25 to 0.65 % strain (Zhu et al., Compos. Sci. Technol. 74, 2013)"
+)
+
+
+def _stiffness() -> Scalar:
+    return parameter(
+        "N",
+        show="MN",
+        low=1e2,
+        high=1e9,
+        scale="log",
+        about="pull of all threads together at unit strain, n E A",
+        source=GUARD,
+    )
+
+
+class AbstractThread(eqx.Module):
+    """Contract: the load of all threads together at a strain.
+
+    Attributes:
+        stiffness: slope of the curve once the threads are straight, N.
+        steps: Newton steps that lead from `start` to rounding over all declared parameters.
+    """
+
+    steps: ClassVar[int] = 8
+    stiffness: eqx.AbstractVar[Scalar]
+
+    @abc.abstractmethod
+    def load(self, strain: Scalar) -> Array:
+        """Pull of all threads together, N, at the strain B/B0 − 1."""
+
+    @property
+    @abc.abstractmethod
+    def slack(self) -> Array:
+        """Strain at which the straight end of the curve, run backwards, meets zero load."""
+
+    @abc.abstractmethod
+    def energy(self, strain: Scalar) -> Array:
+        """Energy stored per metre of resting thread, all threads together, J/m: the area under `load`."""
+
+    def start(self, pull: Scalar) -> Array:
+        """A strain near the one that balances `pull` × (1 + strain), for Newton to go on from.
+
+        Here the one at which the straight end of the curve does: it lies above, so that Newton
+        descends a convex curve and cannot overshoot.
+        """
+        return (pull + self.stiffness * self.slack) / (self.stiffness - pull)
+
+
+class Inextensible(eqx.Module):
+    """Threads that keep their length: the inelastic braid assumption.
+
+    No load curve and so no `AbstractThread`: whatever pulls, the strain is zero. What it leaves
+    out: stretch.
+    """
+
+    def energy(self, strain: Scalar) -> Array:
+        """Nothing is ever stored, J/m."""
+        return jnp.zeros_like(strain)
+
+
+class LinearThread(AbstractThread):
+    """Threads that stretch in proportion to load: load = S ε.
+
+    What it leaves out: crimp, slip, creep.
+    """
+
+    stiffness: Scalar = _stiffness()
+
+    @property
+    def slack(self) -> Array:
+        return jnp.asarray(0.0)
+
+    def load(self, strain: Scalar) -> Array:
+        return self.stiffness * strain
+
+    def energy(self, strain: Scalar) -> Array:
+        return 0.5 * self.stiffness * strain**2
+
+
+class SmoothToe(AbstractThread):
+    """A kinked line with its corner rounded to a hyperbola; every derivative exists.
+
+    load = S [ r ε + (1 − r) (ε + q(ε) − q(0)) / 2 ],   q(ε) = sqrt((ε − c)² + w²)
+
+        S  stiffness   N   slope once the threads are straight
+        r  toe_ratio   1   slope at zero strain over S, before rounding
+        c  crimp       1   strain at the corner
+        w  width       1   strain over which the corner is rounded
+
+    Why no softplus, the usual rounding? With the same gap at the corner its load differs from this one
+    by less than 0.08 w S, and it costs an exponential and a logarithm at every Newton step. A hyperbola
+    costs a root, and meets the pull of pressure, which is a line in ε, where a quadratic is zero:
+    without other terms the balance is a closed form, and Newton only polishes it.
+
+    What it leaves out: a toe whose own slope changes much (use `RecruitmentToe`). The corner fades
+    with the square of the distance, so that a wide one is felt at zero strain too.
+    """
+
+    steps: ClassVar[int] = 1
+
+    stiffness: Scalar = _stiffness()
+    toe_ratio: Scalar = parameter(
+        "1", low=0.02, high=1.0, neutral=1.0, about="slope of the toe over the slope of the straight thread",
+        source="open range; 1 is a linear thread",
+    )  # fmt: skip
+    crimp: Scalar = parameter(
+        "1",
+        show="%",
+        low=0.0,
+        high=0.015,
+        about="strain at which the threads are straight",
+        source=KEVLAR_FABRIC,
+    )
+    width: Scalar = parameter(
+        "1", show="%", low=1e-5, high=5e-3, scale="log", source="of the order of the crimp itself",
+        about="strain over which the toe turns into the line",
+    )  # fmt: skip
+
+    @property
+    def slack(self) -> Array:
+        return 0.5 * (1 - self.toe_ratio) * (self.crimp + jnp.hypot(self.crimp, self.width))
+
+    def load(self, strain: Scalar) -> Array:
+        square = self.crimp**2 + self.width**2
+        ends = jnp.sqrt(square + strain * (strain - 2 * self.crimp)) + jnp.sqrt(square)
+        # q(ε) − q(0) as a quotient: the difference would lose the digits of a small strain.
+        toe = 0.5 * (1 + (strain - 2 * self.crimp) / ends)
+        return self.stiffness * strain * (self.toe_ratio + (1 - self.toe_ratio) * toe)
+
+    def energy(self, strain: Scalar) -> Array:
+        def area(x):
+            return 0.5 * (x * jnp.hypot(x, self.width) + self.width**2 * jnp.arcsinh(x / self.width))
+
+        rounded = area(strain - self.crimp) - area(-self.crimp) - strain * jnp.hypot(self.crimp, self.width)
+        toe = 0.5 * (0.5 * strain**2 + rounded)
+        return self.stiffness * (0.5 * self.toe_ratio * strain**2 + (1 - self.toe_ratio) * toe)
+
+    def start(self, pull: Scalar) -> Array:
+        # S q(ε) in load(ε) = pull (1 + ε), squared: a ε² − 2 h ε − g = 0, whose positive root is wanted.
+        p, k, q = pull / self.stiffness, 0.5 * (1 - self.toe_ratio), jnp.hypot(self.crimp, self.width)
+        a = (1 - p) * (p - self.toe_ratio)
+        g = p * (p + 2 * k * q)
+        h = (p + k * q) * (p - self.toe_ratio - k) + k**2 * self.crimp
+        root = jnp.sqrt(jnp.maximum(h**2 + a * g, 0.0))
+        return jnp.where(h < 0, g / (root - h), (h + root) / a)
+
+
+class ExponentialToe(AbstractThread):
+    """An exponential toe that runs into a line with the same slope.
+
+    load = (S/k) ( e^(k (min(ε, c) − c)) − e^(−k c) ) + S max(ε − c, 0)
+
+        S  stiffness   N   slope of the line
+        c  crimp       1   strain at which the toe ends
+        k  curvature   1   relative change of slope for a unit strain in the toe
+
+    The slope is continuous, the curvature is not: second derivatives jump at c.
+    """
+
+    steps: ClassVar[int] = 3
+
+    stiffness: Scalar = _stiffness()
+    crimp: Scalar = parameter(
+        "1", show="%", low=0.0, high=0.015, neutral=0.0, about="strain at which the threads are straight",
+        source=KEVLAR_FABRIC,
+    )  # fmt: skip
+    curvature: Scalar = parameter(
+        "1", low=10.0, high=3000.0, scale="log", about="growth of the toe's slope for a unit strain",
+        source="one to ten e-foldings over a crimp of 0.3 to 1 %",
+    )  # fmt: skip
+
+    @property
+    def slack(self) -> Array:
+        return self.crimp + jnp.expm1(-self.curvature * self.crimp) / self.curvature
+
+    def load(self, strain: Scalar) -> Array:
+        toe = jnp.exp(-self.curvature * self.crimp) * jnp.expm1(
+            self.curvature * jnp.minimum(strain, self.crimp)
+        )
+        return self.stiffness * (toe / self.curvature + jnp.maximum(strain - self.crimp, 0.0))
+
+    def energy(self, strain: Scalar) -> Array:
+        below, beyond = jnp.minimum(strain, self.crimp), jnp.maximum(strain - self.crimp, 0.0)
+        end = jnp.exp(-self.curvature * self.crimp)
+        toe = end * jnp.expm1(self.curvature * below) / self.curvature
+        return self.stiffness * ((toe - end * below) / self.curvature + toe * beyond + 0.5 * beyond**2)
+
+    def start(self, pull: Scalar) -> Array:
+        # Newton walks down an exponential in steps of 1/k; the inverse of the curve at a load that
+        # is a little too large lands beside the root at once.
+        above = super().start(pull)
+        load = self.curvature * pull * (1 + above) / self.stiffness
+        toe = jnp.log1p(load * jnp.exp(self.curvature * self.crimp)) / self.curvature
+        return jnp.where(toe < self.crimp, toe, above)
+
+
+class RecruitmentToe(AbstractThread):
+    """Filaments of normally spread slack, each of which pulls once it is straight.
+
+    load = S [ g(ε) − g(0) ],   g(ε) = (ε − μ) Φ(z) + s φ(z),   z = (ε − μ) / s
+
+        S  stiffness   N   slope once all filaments are straight
+        μ  crimp       1   mean slack of the filaments
+        s  spread      1   standard deviation of their slack
+
+    Every derivative exists. What it leaves out: friction between filaments.
+    """
+
+    steps: ClassVar[int] = 5
+
+    stiffness: Scalar = _stiffness()
+    crimp: Scalar = parameter(
+        "1", show="%", low=0.0, high=0.015, about="mean slack of the filaments", source=KEVLAR_FABRIC
+    )
+    spread: Scalar = parameter(
+        "1", show="%", low=1e-5, high=1e-2, scale="log", about="standard deviation of the filaments' slack",
+        source="of the order of the mean slack",
+    )  # fmt: skip
+
+    def _normal(self, strain: Scalar) -> tuple[Array, Array, Array]:
+        z = (strain - self.crimp) / self.spread
+        # erfc, because the library's normal distribution takes seven times as long.
+        return z, 0.5 * jax.lax.erfc(-z / math.sqrt(2)), jnp.exp(-0.5 * z**2) / _ROOT_TAU
+
+    def _straightened(self, strain: Scalar) -> Array:
+        z, share, density = self._normal(strain)
+        return self.spread * (z * share + density)
+
+    def _area(self, strain: Scalar) -> Array:
+        z, share, density = self._normal(strain)
+        return 0.5 * self.spread**2 * ((z**2 + 1) * share + z * density)
+
+    @property
+    def slack(self) -> Array:
+        return self.crimp + self._straightened(jnp.asarray(0.0))
+
+    def load(self, strain: Scalar) -> Array:
+        return self.stiffness * (self._straightened(strain) - self._straightened(jnp.asarray(0.0)))
+
+    def energy(self, strain: Scalar) -> Array:
+        none = jnp.asarray(0.0)
+        return self.stiffness * (self._area(strain) - self._area(none) - strain * self._straightened(none))
+
+    def start(self, pull: Scalar) -> Array:
+        # The inverse of g at a load that is a little too large. Below z = 0, where Newton would walk
+        # down the normal tail, −2 ln(g/g(0)) is nearly a quadratic in z; above, g nearly a hyperbola.
+        load = pull * (1 + super().start(pull)) / self.stiffness + self._straightened(jnp.asarray(0.0))
+        y = jnp.maximum(_ROOT_TAU * load / self.spread, 1e-300)
+        t = -2 * jnp.log(jnp.minimum(y, 1.0))
+        below = (1.2533 - jnp.sqrt(1.2533**2 + 0.785 * t)) / 0.785
+        z = jnp.where(y < 1, below, (y - 1 / y) / _ROOT_TAU)
+        return self.crimp + self.spread * z

@@ -1,0 +1,117 @@
+"""A number that knows its unit, limits, scale and meaning; walking a model by name."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from pamjax.check import nearest, refuse
+
+# Fits difference forces of some kN to a fraction of a newton: single precision is not enough.
+jax.config.update("jax_enable_x64", True)
+
+Scalar = Float[Array, ""]
+Model = TypeVar("Model", bound=eqx.Module)
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What a number of a model is: the one place that bounds, reports, errors and help read.
+
+    Attributes:
+        unit: SI unit in which the number is kept.
+        show: unit in which a person reads it.
+        low, high: physical limits, SI. A fit stays strictly between them.
+        scale: "log" for positive numbers that are known by their order of magnitude, else "linear".
+        about: what it is, one line.
+        source: where the limits come from.
+        neutral: value at which it has no effect, SI, or None.
+    """
+
+    unit: str
+    show: str
+    low: float
+    high: float
+    scale: str
+    about: str
+    source: str
+    neutral: float | None = None
+
+
+def as_scalar(value: Any) -> Array:
+    """A number as a 64-bit array; arrays, tracers and placeholders of other libraries pass unchanged."""
+    return jnp.asarray(value, dtype=float) if isinstance(value, (int, float)) else value
+
+
+def parameter(
+    unit: str,
+    *,
+    low: float,
+    high: float,
+    about: str,
+    source: str,
+    scale: str = "linear",
+    show: str = "",
+    neutral: float | None = None,
+    **default: Any,
+) -> Any:
+    """Declare a number of a model: an equinox field that carries its `Meaning`.
+
+    >>> class Spring(eqx.Module):
+    ...     rate: Scalar = parameter("N/m", low=1.0, high=1e6, about="stiffness", source="example")
+    >>> meanings(Spring(2.0))["rate"].unit
+    'N/m'
+    """
+    meaning = Meaning(unit, show or unit, low, high, scale, about, source, neutral)
+    return eqx.field(converter=as_scalar, metadata={"meaning": meaning}, **default)
+
+
+def _walk(model: Any, prefix: str = "") -> Iterator[tuple[str, Meaning, Any]]:
+    for field in dataclasses.fields(model):
+        value = getattr(model, field.name)
+        path = f"{prefix}{field.name}"
+        if "meaning" in field.metadata:
+            yield path, field.metadata["meaning"], value
+        elif dataclasses.is_dataclass(value):
+            yield from _walk(value, f"{path}.")
+        elif isinstance(value, tuple):
+            for item in value:
+                if dataclasses.is_dataclass(item):
+                    yield from _walk(item, f"{getattr(item, 'id', type(item).__name__)}.")
+
+
+def field_meanings(kind: type) -> dict[str, Meaning]:
+    """The numbers that a class of models declares itself, by field."""
+    return {f.name: f.metadata["meaning"] for f in dataclasses.fields(kind) if "meaning" in f.metadata}
+
+
+def meanings(model: eqx.Module) -> dict[str, Meaning]:
+    """Every declared number of a model, by path."""
+    return {path: meaning for path, meaning, _ in _walk(model)}
+
+
+def values(model: eqx.Module) -> dict[str, Any]:
+    """The value of every declared number of a model, SI, by path."""
+    return {path: value for path, _, value in _walk(model)}
+
+
+def replace(model: Model, new: Mapping[str, Any]) -> Model:
+    """A copy of the model with the named numbers replaced.
+
+    Raises:
+        BadInput: if a name is not one of the model's.
+    """
+    known = list(values(model))
+    for name in new:
+        if name not in known:
+            raise refuse(f"{name!r} is no number of this model", remedy=nearest(name, known))
+    names = list(new)
+    # Identity finds the leaf: `_walk` returns the very objects that `tree_at` marks.
+    return eqx.tree_at(lambda m: [values(m)[n] for n in names], model, [as_scalar(new[n]) for n in names])

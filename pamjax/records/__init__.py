@@ -1,0 +1,1 @@
+"""What was measured: recordings, case folders, and the blocks they fall into."""

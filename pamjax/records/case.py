@@ -1,0 +1,105 @@
+"""A case: one folder with what was measured and what the muscle is, checked against each other."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pamjax.check import refuse
+from pamjax.records.entry import Entry, Measured, read_entry
+from pamjax.records.files import read_bytes
+from pamjax.records.recording import SHOWN, Recording
+from pamjax.records.slips import no_slip
+from pamjax.records.table import parse_table
+from pamjax.units import show
+
+RECORDING = "recording.csv"
+MUSCLE = "muscle.toml"
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One case folder as read.
+
+    Attributes:
+        name: the folder's name.
+        folder: where it lies.
+        entry: what muscle.toml says.
+        recording: what recording.csv says.
+        checksum: SHA-256 over the bytes of recording.csv, then muscle.toml: the same data, the same sum.
+        warnings: what its owner should know, one sentence each; the reader of a case shows them.
+    """
+
+    name: str
+    folder: Path
+    entry: Entry
+    recording: Recording
+    checksum: str
+    warnings: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        recording = self.recording
+        measured = recording.usable
+        rest = show(self.entry.rest_length.value, "mm")
+        lines = [
+            f"{self.name}: {self.entry.name}, {recording.n} rows of {' and '.join(recording.channels)}",
+            f"  pressure {_range(recording.pressure[measured], 'kPa')}",
+            f"  length {_range(recording.length[measured], 'mm')}, rest {rest}",
+        ]
+        return "\n".join(lines + [f"  note: {warning}" for warning in self.warnings])
+
+
+def read_case(folder: str | Path) -> Case:
+    """Read a case folder: `recording.csv` and `muscle.toml`.
+
+    Nothing is warned aloud here: what the owner should know is in `warnings`.
+
+    Raises:
+        BadInput: in one sentence, if a file is missing, cannot be used, or contradicts the other.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        remedy = "`pamjax new` makes one to fill in."
+        raise refuse(
+            f"a case is a folder with {RECORDING} and {MUSCLE}", f"{folder}, which is none", remedy=remedy
+        )
+    said, measured = read_bytes(folder / MUSCLE), read_bytes(folder / RECORDING)
+    entry = read_entry(said, MUSCLE)
+    recording, notes, units = parse_table(measured, RECORDING, entry.columns, entry.length)
+    notes += no_slip(recording, entry, units, RECORDING)
+    _within_thread(recording, entry, units.get("length", SHOWN["length"]))
+    return Case(
+        name=folder.resolve().name,
+        folder=folder,
+        entry=entry,
+        recording=recording,
+        checksum=hashlib.sha256(measured + said).hexdigest(),
+        warnings=tuple(notes),
+    )
+
+
+def _within_thread(recording: Recording, entry: Entry, unit: str) -> None:
+    """No length beyond the thread's, but for its stretch and what the thread's length may be wrong by."""
+    thread = _thread(entry)
+    beyond = recording.length > thread.value + max(4.0 * thread.sd, 0.02 * thread.value)
+    if beyond.any():
+        i = int(np.argmax(beyond))
+        rule = f"`length` must be shorter than the thread ({show(thread.value, unit)})"
+        remedy = "Check the unit in its header and `thread_length`."
+        raise refuse(rule, show(recording.length[i], unit), f"row {recording.row[i]} of {RECORDING}", remedy)
+
+
+def _thread(entry: Entry) -> Measured:
+    if entry.thread_length is not None:
+        return entry.thread_length
+    assert entry.braid_angle is not None
+    length, rest, angle = entry.braid[0], entry.rest_length, entry.braid_angle
+    # B = L / sin θ, so dB / B = dL / L - dθ / tan θ.
+    return Measured(length, length * float(np.hypot(rest.sd / rest.value, angle.sd / np.tan(angle.value))))
+
+
+def _range(values: np.ndarray, unit: str) -> str:
+    return f"{show(float(values.min()), unit)} to {show(float(values.max()), unit)}"

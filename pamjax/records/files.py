@@ -1,0 +1,118 @@
+"""Files are read whole and written whole: an interrupted run leaves nothing half."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from pamjax.check import refuse
+
+
+def read_bytes(path: Path) -> bytes:
+    """A file's bytes, or a sentence that says why there are none."""
+    try:
+        return path.read_bytes()
+    except FileNotFoundError as error:
+        raise refuse(f"there is no file {path}", remedy="Check the folder's name.") from error
+    except OSError as error:
+        raise refuse(f"{path} cannot be read", error.strerror or "an error") from error
+
+
+def decode(raw: bytes, file: str) -> str:
+    """The text of a file, whatever mark of byte order stands before it.
+
+    Raises:
+        BadInput: if it is no UTF-8 text.
+    """
+    if raw[:2] == b"PK" or b"\0" in raw[:4096]:
+        raise refuse(f"{file} must be plain text", "a binary file", remedy="Save it as UTF-8 text.")
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = raw[: error.start].count(b"\n") + 1
+        got = f"the byte 0x{raw[error.start]:02x}"
+        raise refuse(f"{file} must be UTF-8 text", got, f"line {line}", "Save it as UTF-8.") from error
+
+
+@contextmanager
+def write_beside(path: str | Path) -> Iterator[Path]:
+    """A path beside the wanted one to write to; it takes the wanted place only if all went well.
+
+    The folder must exist. On any exception, Ctrl-C included, what stood there before stays untouched.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     with write_beside(Path(folder) / "fit.json") as temporary:
+    ...         _ = temporary.write_text("{}")
+    ...     (Path(folder) / "fit.json").read_text()
+    '{}'
+    """
+    path = Path(path)
+    temporary = _beside(path)
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def folder_beside(folder: str | Path) -> Iterator[Path]:
+    """A folder beside the wanted one to write several files to; all of them take their places, or none.
+
+    The wanted folder is made if it does not exist; its other files stay.
+    """
+    folder = Path(folder)
+    temporary = _beside(folder)
+    temporary.mkdir()
+    try:
+        yield temporary
+        with _undisturbed():
+            _move(temporary, folder)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _beside(path: Path) -> Path:
+    """A hidden name in the same folder, so that the replacing is one rename on one disk."""
+    folder = path.absolute().parent
+    if not folder.is_dir():
+        raise refuse(f"the folder of {path} must exist", remedy="Make it first, or check its name.")
+    if not os.access(folder, os.W_OK):
+        raise refuse(f"the folder of {path} must be writable", remedy="Write somewhere else.")
+    # The ending stays: some writers take the format from it.
+    return folder / f".{path.stem}-{secrets.token_hex(4)}{path.suffix}"
+
+
+def _move(source: Path, target: Path) -> None:
+    if not target.exists():
+        os.replace(source, target)
+        return
+    for path in sorted(source.rglob("*")):
+        place = target / path.relative_to(source)
+        if path.is_dir():
+            place.mkdir(exist_ok=True)
+        else:
+            os.replace(path, place)
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Hold Ctrl-C back for the few renames; it arrives right after them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if came:
+            signal.raise_signal(signal.SIGINT)

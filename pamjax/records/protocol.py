@@ -1,0 +1,156 @@
+"""What a bench does to a muscle: pressure and length over time, sample by sample."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from pamjax.check import nearest, refuse
+from pamjax.units import parse
+
+
+@dataclass(frozen=True, eq=False)
+class Schedule:
+    """Pressure and length at every sample.
+
+    Attributes:
+        time: (n,) s.
+        pressure: (n,) gauge, Pa.
+        length: (n,) m.
+        cycle: (n,) stroke, ramp or hold.
+        optical: (n,) whether the diameter is photographed at this sample.
+    """
+
+    time: np.ndarray
+    pressure: np.ndarray
+    length: np.ndarray
+    cycle: np.ndarray
+    optical: np.ndarray
+
+
+class Protocol(BaseModel):
+    """A protocol as written in a TOML file, table `[protocol]`.
+
+    Attributes:
+        kind: "strokes" moves the length at one pressure after another; "ramps" fills and vents at one
+            length after another; "holds" keeps each pair of pressure and length.
+        pressures: the pressures, each with its unit; for "ramps" the highest of each ramp.
+        contractions: 1 − length/rest length; for "strokes" the largest of each stroke (one number, or
+            one for each pressure).
+        cycles: strokes or ramps at each setting.
+        speed: of a stroke, with its unit.
+        duration: of a ramp up, or of a hold, with its unit.
+        rate: samples in a time, as "1 Hz".
+        diameter_every: a diameter is measured at every so many samples; 0 for never.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    kind: Literal["strokes", "ramps", "holds"]
+    pressures: Annotated[list[str], Field(min_length=1)]
+    contractions: Annotated[list[Annotated[float, Field(gt=-0.2, lt=0.9)]], Field(min_length=1)]
+    cycles: Annotated[int, Field(ge=1, le=1000)] = 3
+    speed: str = "1 mm/s"
+    duration: str = "10 s"
+    rate: str = "1 Hz"
+    diameter_every: Annotated[int, Field(ge=0)] = 1
+
+    def schedule(self, rest_length: float) -> Schedule:
+        """The samples for a muscle of this rest length, m.
+
+        Raises:
+            BadInput: for a wrong unit, a pressure below zero, or numbers that do not pair up.
+        """
+        where = "[protocol]"
+        pressures = [parse(p, "pressure", where) for p in self.pressures]
+        speed, duration = parse(self.speed, "speed", where), parse(self.duration, "time", where)
+        step = 1 / _positive("rate", parse(self.rate, "frequency", where))
+        for p in pressures:
+            if p < 0:
+                raise refuse("`pressures` are gauge pressures and not negative", f"{p / 1e3:g} kPa", where)
+        pieces = {"strokes": self._strokes, "ramps": self._ramps, "holds": self._holds}[self.kind](
+            np.array(pressures), rest_length, _positive("speed", speed), _positive("duration", duration), step
+        )
+        return _join(pieces, step, self.diameter_every)
+
+    def _strokes(self, pressures, rest, speed, duration, step):
+        deepest = self.contractions * (len(pressures) if len(self.contractions) == 1 else 1)
+        if len(deepest) != len(pressures):
+            raise refuse(
+                "`contractions` of strokes is one number, or one for each pressure",
+                f"{len(deepest)} for {len(pressures)} pressures",
+                "[protocol]",
+            )
+        for pressure, contraction in zip(pressures, deepest, strict=True):
+            travel = np.arange(0, rest * abs(contraction) / speed, step) * speed / rest * np.sign(contraction)
+            once = np.concatenate([travel, [contraction], travel[::-1]])
+            for cycle in range(self.cycles):
+                yield np.full(once.size, pressure), rest * (1 - once), cycle + 1
+
+    def _ramps(self, pressures, rest, speed, duration, step):
+        up = np.arange(0, duration, step) / duration
+        once = np.concatenate([up, [1.0], up[::-1]])
+        for contraction in self.contractions:
+            for cycle, pressure in enumerate(np.tile(pressures, self.cycles)):
+                yield pressure * once, np.full(once.size, rest * (1 - contraction)), cycle + 1
+
+    def _holds(self, pressures, rest, speed, duration, step):
+        size = max(round(duration / step), 1)
+        for pressure in pressures:
+            for cycle, contraction in enumerate(self.contractions):
+                yield np.full(size, pressure), np.full(size, rest * (1 - contraction)), cycle + 1
+
+
+def _positive(name: str, value: float) -> float:
+    if value <= 0:
+        raise refuse(f"`{name}` must be positive", f"{value:g}", "[protocol]")
+    return value
+
+
+def _join(pieces, step: float, every: int) -> Schedule:
+    pieces = list(pieces)
+    pressure = np.concatenate([p for p, _, _ in pieces])
+    cycle = np.concatenate([np.full(p.size, c) for p, _, c in pieces])
+    n = pressure.size
+    optical = np.arange(n) % every == 0 if every else np.zeros(n, dtype=bool)
+    return Schedule(step * np.arange(n), pressure, np.concatenate([x for _, x, _ in pieces]), cycle, optical)
+
+
+def read_protocol(path: Path) -> Protocol:
+    """Read a protocol from a TOML file.
+
+    Raises:
+        BadInput: if the file is missing, no TOML, or an entry of it is wrong.
+    """
+    try:
+        document: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise refuse("a protocol is a TOML file", f"no file {path.name}", remedy="Check its path.") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise refuse("a protocol is a TOML file", str(error), path.name) from error
+    if set(document) != {"protocol"}:
+        raise refuse("a protocol has one table, [protocol]", ", ".join(document) or "none", path.name)
+    try:
+        return Protocol.model_validate(document["protocol"])
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(map(str, first["loc"]))
+        hint = nearest(key, Protocol.model_fields) if first["type"] == "extra_forbidden" else ""
+        raise refuse(
+            f"`{key}`: {first['msg'][0].lower()}{first['msg'][1:]}", where=path.name, remedy=hint
+        ) from error
+
+
+#: The protocol of the paper: ten isobars, three strokes each at 1 mm/s, one photograph a second.
+#: The strokes end where the paper's own muscle pulls no more (rounded down to a hundredth).
+PAPER = Protocol(
+    kind="strokes",
+    pressures=[f"{10 * k} psi" for k in range(1, 11)],
+    contractions=[0.38] * 10,
+    cycles=3,
+)

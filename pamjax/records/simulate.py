@@ -1,0 +1,110 @@
+"""A recording that a muscle and a bench would have made."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+
+from pamjax.model.balance import Status
+from pamjax.model.bench import Bench, record
+from pamjax.model.history import history
+from pamjax.model.muscle import Muscle, predict
+from pamjax.records.entry import Sensors
+from pamjax.records.protocol import Schedule
+from pamjax.records.recording import Recording
+
+
+def simulate(
+    muscle: Muscle | Bench,
+    schedule: Schedule,
+    sensors: Sensors,
+    *,
+    seed: int = 0,
+    correlation_time: float = 0.0,
+) -> Recording:
+    """What the bench would have written down.
+
+    Samples at which the muscle has no solution, or would have to push, are left out of force and
+    diameter: they are not measured.
+
+    Args:
+        muscle: the true muscle, or the bench it stands on.
+        schedule: what the bench does.
+        sensors: noise of each channel; a channel without one is exact.
+        seed: of the noise.
+        correlation_time: of the noise of force and diameter, s.
+    """
+    rng = np.random.default_rng(seed)
+    n = schedule.time.size
+    reading = _shown(muscle, schedule)
+    there = np.asarray(reading.status) == Status.OK
+    step = float(schedule.time[1] - schedule.time[0]) if n > 1 else 1.0
+    repeat = float(np.exp(-step / correlation_time)) if correlation_time > 0 else 0.0
+    force = np.where(there, np.asarray(reading.force), np.nan)
+    diameter = np.where(there & schedule.optical, np.asarray(reading.diameter), np.nan)
+    return Recording.from_arrays(
+        time=schedule.time,
+        pressure=schedule.pressure + (sensors.pressure or 0.0) * rng.standard_normal(n),
+        length=schedule.length + _length_error(schedule, sensors, rng),
+        force=np.where(force >= 0, force, np.nan) + (sensors.force or 0.0) * coloured(rng, n, repeat),
+        diameter=diameter + (sensors.diameter or 0.0) * coloured(rng, n, repeat),
+        cycle=schedule.cycle,
+    )
+
+
+def _shown(muscle: Muscle | Bench, schedule: Schedule):
+    pressure, length = jnp.asarray(schedule.pressure), jnp.asarray(schedule.length)
+    if isinstance(muscle, Muscle):
+        return predict(muscle, pressure, length)
+    first = np.arange(schedule.time.size) == 0
+    return record(muscle, pressure, length, history(schedule.time, first))
+
+
+def _length_error(schedule: Schedule, sensors: Sensors, rng: np.random.Generator) -> np.ndarray:
+    n = schedule.length.size
+    if not sensors.length_per_setting:
+        return (sensors.length or 0.0) * rng.standard_normal(n)
+    # The ruler is read once for each length that is set: the true length differs from the one written.
+    _, setting = np.unique(schedule.length.round(6), return_inverse=True)
+    return (sensors.length or 0.0) * rng.standard_normal(setting.max() + 1)[setting]
+
+
+def coloured(rng: np.random.Generator, n: int, repeat: float) -> np.ndarray:
+    """Noise of unit variance in which a sample keeps a share `repeat` of the one before."""
+    from scipy.signal import lfilter
+
+    white = rng.standard_normal(n)
+    if repeat == 0 or n == 0:
+        return white
+    white[1:] *= np.sqrt(1 - repeat**2)
+    return np.asarray(lfilter([1.0], [1.0, -repeat], white))
+
+
+def outside(calibrated: dict[str, tuple[float, float]], schedule: Schedule) -> list[str]:
+    """How far a schedule leaves the pressures (Pa) and lengths (m) a muscle was calibrated on.
+
+    Args:
+        calibrated: "pressure" and "length" with their lowest and highest calibrated value, SI.
+
+    Returns:
+        a sentence for each end that is left; none if the schedule stays inside.
+    """
+    said = []
+    for name, unit, scale in (("pressure", "kPa", 1e3), ("length", "mm", 1e-3)):
+        low, high = calibrated[name]
+        values = getattr(schedule, name)
+        for past, end, word in ((low - values.min(), low, "below"), (values.max() - high, high, "above")):
+            if past > 1e-3 * max(high - low, 1e-12) and past > 1e-9:
+                count = int(((values < low) if word == "below" else (values > high)).sum())
+                said.append(
+                    f"{name} goes {past / scale:.3g} {unit} {word} the calibrated {end / scale:.4g} {unit} "
+                    f"({count} of {values.size} samples)"
+                )
+    return said
+
+
+def renumbered(recording: Recording) -> Recording:
+    """The recording as it stands in a fresh file: rows from 2 on, nothing set aside."""
+    return replace(recording, row=np.arange(recording.n) + 2, aside=())

@@ -1,0 +1,1 @@
+"""What is missing from a model, and what else one could use."""

@@ -1,0 +1,150 @@
+"""Unit names and their way to SI: pint lives here and nowhere else."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from typing import TYPE_CHECKING
+
+from pamjax.check import refuse
+
+if TYPE_CHECKING:
+    import pint
+
+#: The SI unit in which each kind of quantity is kept inside pamjax.
+SI = {
+    "length": "m",
+    "area": "m^2",
+    "volume": "m^3",
+    "pressure": "Pa",
+    "force": "N",
+    "time": "s",
+    "speed": "m/s",
+    "frequency": "Hz",
+    "angle": "rad",
+    "count": "1",
+}
+
+_NUMBER = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$")
+
+
+@cache
+def registry() -> pint.UnitRegistry:
+    """The one unit registry; built at the first conversion, because it takes a third of a second."""
+    import pint
+
+    return pint.UnitRegistry(cache_folder=":auto:")
+
+
+@cache
+def factor(unit: str, kind: str, where: str = "") -> float:
+    """How many SI units one `unit` is.
+
+    Args:
+        unit: any unit name pint knows, as "psi", "lbf", "mm^2", "deg"; "" and "1" for a pure number.
+        kind: what it has to measure, a key of `SI`.
+        where: the place to name in the error text.
+
+    Raises:
+        BadInput: if the unit is unknown, or measures something else.
+
+    >>> round(factor("psi", "pressure"), 3)
+    6894.757
+    """
+    si = SI[kind]
+    if unit in ("", "1"):
+        if kind == "count":
+            return 1.0
+        raise refuse(f"a {kind} needs a unit", "none", where, f"Write one, such as {example(kind)}.")
+    if kind == "count":
+        raise refuse("this number has no unit", f"{unit!r}", where, "Leave the unit out.")
+    return _ratio(unit, si, kind, where)
+
+
+def _ratio(unit: str, si: str, kind: str, where: str) -> float:
+    import pint
+
+    try:
+        quantity = registry().Quantity(1.0, unit)
+    except (pint.UndefinedUnitError, pint.errors.DefinitionSyntaxError, ValueError, TypeError) as error:
+        raise refuse(
+            f"{unit!r} is no unit that pamjax knows",
+            where=where,
+            remedy=f"A {kind} is written as {example(kind)}.",
+        ) from error
+    if not quantity.check(registry().Quantity(1.0, si).dimensionality):
+        raise refuse(
+            f"a {kind} must have a unit of {kind}", f"{unit!r}", where, f"Use one such as {example(kind)}."
+        )
+    if not quantity._is_multiplicative:
+        raise refuse(
+            f"the unit of a {kind} must be a multiple of {si}", f"{unit!r}", where, "It has an offset."
+        )
+    return float(quantity.to(si).magnitude)
+
+
+def example(kind: str) -> str:
+    """Units a user is likely to want for this kind of quantity, for error texts."""
+    return {
+        "length": "mm, cm, m or in",
+        "area": "mm^2",
+        "volume": "mL or cm^3",
+        "pressure": "kPa, bar, MPa or psi",
+        "force": "N, kN or lbf",
+        "time": "s, ms or min",
+        "speed": "mm/s",
+        "frequency": "Hz or 1/s",
+        "angle": "deg or rad",
+        "count": "a bare number",
+    }.get(kind, kind.removeprefix("number in "))
+
+
+def parse(text: str | float, kind: str, where: str = "") -> float:
+    """SI value of a quantity written as "235.74 mm", or of a bare number where `kind` is "count".
+
+    Raises:
+        BadInput: if there is no number, or the unit is missing, unknown or of another kind.
+
+    >>> round(parse("9.89 in", "length"), 6)
+    0.251206
+    """
+    if isinstance(text, (int, float)) and not isinstance(text, bool):
+        return float(text) * factor("", kind, where)
+    match = _NUMBER.match(str(text))
+    if match is None:
+        raise refuse(
+            "a quantity is a number and a unit", f"{text!r}", where, f"Write {example(kind)} after it."
+        )
+    return float(match[1]) * factor(match[2], kind, where)
+
+
+def number_in(text: str, si: str, where: str = "") -> float:
+    """SI value of "5 kPa", or of a bare number taken to be in the SI unit itself.
+
+    Raises:
+        BadInput: if there is no number, or the unit is unknown or of another dimension.
+
+    >>> number_in("5 kPa", "Pa"), number_in("0.2", "1")
+    (5000.0, 0.2)
+    """
+    match = _NUMBER.match(text)
+    if match is None:
+        raise refuse("a value is a number and a unit", f"{text!r}", where, f"Its unit is {si}.")
+    unit = match[2]
+    return float(match[1]) * (1.0 if unit in ("", "1") else _ratio(unit, si, f"number in {si}", where))
+
+
+@cache
+def in_unit(unit: str) -> float:
+    """How many SI units one `unit` is, of whatever kind; for showing numbers, not for reading them."""
+    return 1.0 if unit in ("", "1") else float(registry().Quantity(1.0, unit).to_base_units().magnitude)
+
+
+def show(value: float, unit: str, digits: int = 4) -> str:
+    """An SI number as a person reads it.
+
+    >>> show(0.235744, "mm")
+    '235.7 mm'
+    """
+    number = f"{value / in_unit(unit):.{digits}g}"
+    return number if unit in ("", "1") else f"{number} {unit}"

@@ -1,0 +1,160 @@
+"""The look of every figure: sizes, type, colours, and how one is written to disk.
+
+A figure here is a `matplotlib.figure.Figure` of its own: no pyplot, no current axes, and no setting
+that outlives the `with` block, so that a user's own plots keep their own look.
+
+Colours: Okabe & Ito's eight for kinds of things (Color Universal Design, 2008); the green-to-blue
+part of viridis for pressure, dark for high, without the yellow end that vanishes on paper.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from cycler import cycler
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colorbar import Colorbar
+from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap
+from matplotlib.figure import Figure
+
+from pamjax.records.files import write_beside
+
+#: Widths of one and of two columns of a journal, in.
+SINGLE, DOUBLE = 3.5, 7.2
+
+#: Colours of kinds, each with the name Okabe and Ito gave it.
+OKABE_ITO = {
+    "black": "#000000",
+    "orange": "#E69F00",
+    "sky": "#56B4E9",
+    "green": "#009E73",
+    "yellow": "#F0E442",
+    "blue": "#0072B2",
+    "vermilion": "#D55E00",
+    "purple": "#CC79A7",
+}
+
+#: What stands for a reference, a limit or an alternative: visible, and quieter than data and model.
+QUIET = "#6E6E6E"
+
+_SETTINGS: dict[Any, Any] = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["Arial", "Helvetica", "Liberation Sans", "DejaVu Sans"],
+    "mathtext.fontset": "dejavusans",
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 8,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "legend.fontsize": 7,
+    "legend.frameon": False,
+    "legend.handlelength": 1.6,
+    "figure.titlesize": 9,
+    "figure.dpi": 100,
+    "axes.prop_cycle": cycler(color=[c for n, c in OKABE_ITO.items() if n != "yellow"]),
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.6,
+    "axes.grid": False,
+    "xtick.direction": "out",
+    "ytick.direction": "out",
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.major.size": 3,
+    "ytick.major.size": 3,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 4,
+    # Text stays text in the PDF: it can be searched, and a journal can set it again.
+    "pdf.fonttype": 42,
+    "savefig.facecolor": "white",
+}
+
+
+@contextmanager
+def theme() -> Iterator[None]:
+    """Figures made inside the block have our look; nothing outside it changes.
+
+    >>> before = matplotlib.rcParams["font.size"]
+    >>> with theme():
+    ...     matplotlib.rcParams["font.size"]
+    8.0
+    >>> matplotlib.rcParams["font.size"] == before
+    True
+    """
+    with matplotlib.rc_context(_SETTINGS):
+        yield
+
+
+def figure(width: float = SINGLE, height: float = 2.6) -> Figure:
+    """An empty figure of a size in inches, whose parts make room for one another."""
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def pressures(levels: Sequence[float]) -> tuple[Colormap, BoundaryNorm]:
+    """A colour for each of some isobars, light for low and dark for high.
+
+    Args:
+        levels: rising pressures, in the unit in which they are to be read.
+    """
+    shades = matplotlib.colormaps["viridis_r"](np.linspace(0.12, 1.0, len(levels)))
+    half = np.diff(levels) / 2 if len(levels) > 1 else np.array([0.5])
+    edges = [levels[0] - half[0], *(np.asarray(levels[:-1]) + half), levels[-1] + half[-1]]
+    return ListedColormap(shades, name="pressure"), BoundaryNorm(edges, len(levels))
+
+
+def pressure_bar(axes: Axes | Sequence[Axes], levels: Sequence[float], unit: str = "kPa") -> Colorbar:
+    """One colour bar beside all of `axes`, with each isobar's pressure at its colour."""
+    colours, norm = pressures(levels)
+    first = axes if isinstance(axes, Axes) else axes[0]
+    parent = first.get_figure(root=True)
+    assert isinstance(parent, Figure)
+    bar = parent.colorbar(ScalarMappable(norm, colours), ax=axes, ticks=levels, aspect=30, pad=0.02)
+    bar.ax.set_yticklabels([f"{level:.0f}" for level in levels])
+    bar.minorticks_off()
+    bar.ax.tick_params(length=0)
+    bar.outline.set_visible(False)
+    bar.set_label(f"pressure [{unit}]")
+    return bar
+
+
+def letter(axes: Sequence[Axes]) -> None:
+    """Put (a), (b), ... before the titles of some panels."""
+    for name, panel in zip("abcdefghijkl", axes, strict=False):
+        panel.set_title(rf"$\bf{{({name})}}$ {panel.get_title('left')}", loc="left")
+
+
+def save_png(figure: Figure, path: str | Path) -> Path:
+    """Write a figure as PNG (200 dots an inch), for the screen; a PDF takes three times as long.
+
+    Args:
+        figure: what to write.
+        path: without suffix; missing folders are made.
+    """
+    png = Path(path).with_name(f"{Path(path).name}.png")
+    png.parent.mkdir(parents=True, exist_ok=True)
+    with theme(), write_beside(png) as temporary:
+        figure.savefig(temporary, format="png", dpi=200, metadata={"Software": None})
+    return png
+
+
+def save(figure: Figure, path: str | Path) -> tuple[Path, Path]:
+    """Write a figure as PNG (200 dots an inch) and as PDF; the same figure gives the same bytes.
+
+    Args:
+        figure: what to write.
+        path: without suffix; missing folders are made.
+
+    Returns:
+        paths of the PNG and of the PDF.
+    """
+    png, pdf = save_png(figure, path), Path(path).with_name(f"{Path(path).name}.pdf")
+    with theme(), write_beside(pdf) as temporary:
+        figure.savefig(temporary, format="pdf", metadata={"CreationDate": None})
+    return png, pdf

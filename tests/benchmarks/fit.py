@@ -1,0 +1,201 @@
+"""How long a fit takes, against what one would write by hand with SciPy or lmfit.
+
+    python -m tests.benchmarks.fit [case folder]
+
+Reported, never asserted: medians of several repeats on one machine, of which only the ratios mean
+something elsewhere. The same residual of the paper's protocol, force and diameter, from the same start;
+the others get it in NumPy, and their derivatives by finite differences. That they end at the same place
+is checked. With a case folder: also `pamjax fit` as a user waits for it, first compiling, then again.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+import lmfit
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from scipy.optimize import least_squares
+
+from pamjax.infer.fit import joint_space, weigh_all
+from pamjax.infer.least_squares import Solution, solve
+from pamjax.infer.member import Member, member
+from pamjax.infer.space import Space
+from pamjax.records.protocol import PAPER
+from tests.infer.made import TRUE, made
+
+#: Newton steps of the twin's toe; its start is the linear thread's.
+STEPS = 12
+
+#: Standard deviations within which two ends are the same place.
+SAME = 0.01
+
+
+class Twin:
+    """The residual of a member in NumPy, as one would write it without JAX."""
+
+    def __init__(self, law: str, one: Member, at: Space) -> None:
+        self.law, self.names = law, at.names
+        self.log = np.array(at.log)
+        self.low, self.high, self.mean, self.sd, self.origin, self.width = (
+            np.asarray(a) for a in (at.low, at.high, at.mean, at.sd, at.origin, at.width)
+        )
+        rows, n = one.rows, int(one.rows.used.sum())
+        self.pressure, self.length, self.force, self.diameter = (
+            np.asarray(a)[:n] for a in (rows.pressure, rows.length, rows.force, rows.diameter)
+        )
+        trust = np.asarray(one.trust)
+        self.weights = (
+            trust[0] * np.asarray(rows.force_weight)[:n],
+            trust[1] * np.asarray(rows.diameter_weight)[:n],
+        )
+
+    def values(self, u: np.ndarray) -> np.ndarray:
+        share = 1 / (1 + np.exp(-(self.origin + u * self.width)))
+        low, high = np.where(self.log, self.low, 1.0), np.where(self.log, self.high, 2.0)
+        return np.where(self.log, low * (high / low) ** share, self.low + (self.high - self.low) * share)
+
+    def prior(self, u: np.ndarray, values: np.ndarray) -> np.ndarray:
+        z = np.abs(self.origin + u * self.width)
+        anywhere = np.copysign(
+            2 * np.sqrt(0.5 * z + np.log1p(np.exp(-z)) - np.log(2.0)), self.origin + u * self.width
+        )
+        return np.where(np.isfinite(self.sd), (values - self.mean) / self.sd, anywhere)
+
+    def __call__(self, u: np.ndarray) -> np.ndarray:
+        values = self.values(u)
+        now = TRUE | dict(zip(self.names, values, strict=True))
+        stiffness = now["thread.modulus"] * now["muscle.threads"] * now["muscle.thread_area"]
+        rest, turns = now["muscle.thread_length"], now["muscle.turns"]
+        pull = self.pressure * self.length * rest / (2 * np.pi * turns**2) / stiffness
+        strain = pull / (1 - pull)
+        if self.law == "toe":
+            strain = self._toe(
+                pull, strain, now["thread.toe_ratio"], now["thread.crimp"], now["thread.width"]
+            )
+        thread = rest * (1 + strain)
+        force = self.pressure * (3 * self.length**2 - thread**2) / (4 * np.pi * turns**2)
+        diameter = np.sqrt(thread**2 - self.length**2) / (np.pi * turns)
+        return np.concatenate(
+            [
+                (self.force - force) * self.weights[0],
+                (self.diameter - diameter) * self.weights[1],
+                self.prior(u, values),
+            ]
+        )
+
+    @staticmethod
+    def _toe(pull, strain, ratio, crimp, width):
+        begin = np.hypot(crimp, width)
+        strain = strain + crimp
+        for _ in range(STEPS):
+            root = np.hypot(strain - crimp, width)
+            load = ratio * strain + (1 - ratio) * 0.5 * (strain + root - begin)
+            slope = ratio + (1 - ratio) * 0.5 * (1 + (strain - crimp) / root)
+            strain = strain - (load - pull * (1 + strain)) / (slope - pull)
+        return strain
+
+
+def problem(law: str) -> tuple[tuple[Member, ...], Space]:
+    """The paper's protocol, weighed once at the first solution."""
+    case = made(law, plan=PAPER, seed=1)
+    at, (rename,) = joint_space([case], law, ())
+    members = (member(case, law, at, rename),)
+    members, _ = weigh_all([case], members, at, solve(members, at, jnp.zeros(at.size)))
+    return members, at
+
+
+def by_lmfit(twin: Twin, size: int) -> np.ndarray:
+    start = lmfit.Parameters()
+    for k in range(size):
+        start.add(f"u{k}", 0.0)
+
+    def misfit(p):
+        return twin(np.array([p[f"u{k}"].value for k in range(size)]))
+
+    found = lmfit.minimize(misfit, start, scale_covar=False, xtol=1e-9, ftol=1e-9)
+    return np.array([p.value for p in found.params.values()])
+
+
+def by_scipy(twin: Twin, size: int, method: Literal["lm", "trf"]) -> np.ndarray:
+    return least_squares(twin, np.zeros(size), method=method, xtol=1e-9, ftol=1e-9).x
+
+
+def milliseconds(call: Callable[[], object], repeats: int) -> float:
+    """Median processor time: on a shared machine the clock on the wall tells of the others."""
+    jax.block_until_ready(call())
+    times = []
+    for _ in range(repeats):
+        begin = time.process_time()
+        jax.block_until_ready(call())
+        times.append(time.process_time() - begin)
+    return 1e3 * float(np.median(times))
+
+
+def warm(console: Console, repeats: int = 9) -> None:
+    """Processor time of a solve with its curvature, and of the others' solves."""
+    table = Table("thread law", "rows", "pamjax", "SciPy lm", "SciPy trf", "lmfit", "SciPy's best / pamjax")
+    for law in ("elastic", "toe"):
+        members, at = problem(law)
+        twin, begin = Twin(law, members[0], at), jnp.zeros(at.size)
+        mine = solve(members, at, begin)
+        rivals = {
+            "SciPy lm": partial(by_scipy, twin, at.size, "lm"),
+            "SciPy trf": partial(by_scipy, twin, at.size, "trf"),
+            "lmfit": partial(by_lmfit, twin, at.size),
+        }
+        for name, call in rivals.items():
+            _same_place(console, f"{law}, {name}", call(), mine)
+        own = milliseconds(lambda one=(members, at, begin): solve(*one).u, repeats)
+        theirs = {name: milliseconds(call, repeats) for name, call in rivals.items()}
+        best = min(theirs["SciPy lm"], theirs["SciPy trf"])
+        times = (f"{time:.1f} ms" for time in (own, *theirs.values()))
+        table.add_row(law, f"{int(members[0].rows.used.sum())}", *times, f"{best / own:.1f}")
+    console.print("One fit, warm, processor time:", table)
+
+
+def _same_place(console: Console, name: str, u: np.ndarray, mine: Solution) -> None:
+    sd = np.sqrt(np.diag(np.linalg.inv(np.asarray(mine.information + mine.prior))))
+    off = np.max(np.abs(u - np.asarray(mine.u)) / sd)
+    if off > SAME:
+        console.print(f"{name}: ends {off:.2g} sd from pamjax, so its time tells nothing")
+
+
+def as_a_user(console: Console, folder: Path) -> None:
+    """The whole command, in a process of its own."""
+    table = Table("pamjax fit", "wall", "processor")
+    with tempfile.TemporaryDirectory() as scratch:
+        environment = os.environ | {"PAMJAX_CACHE_DIR": f"{scratch}/cache"}
+        code = "import sys; from pamjax.cli.main import main; sys.exit(main(sys.argv[1:]))"
+        words = [sys.executable, "-c", code, "fit", str(folder), "--out", f"{scratch}/out"]
+        for name in ("first, compiling", "again", "again"):
+            before, begin = os.times(), time.perf_counter()
+            subprocess.run(words, env=environment, check=True, capture_output=True)
+            wall, after = time.perf_counter() - begin, os.times()
+            busy = after.children_user + after.children_system - before.children_user - before.children_system
+            table.add_row(name, f"{wall:.1f} s", f"{busy:.1f} s")
+    console.print(table)
+
+
+def main() -> None:
+    console = Console()
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
+    console.print(f"{os.cpu_count()} cores, load {load:.1f} before this began")
+    warm(console)
+    if len(sys.argv) > 1:
+        as_a_user(console, Path(sys.argv[1]))
+
+
+if __name__ == "__main__":
+    main()

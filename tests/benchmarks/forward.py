@@ -1,0 +1,193 @@
+"""How long a million states take, against a memory copy and against what one would write by hand.
+
+    python -m tests.benchmarks.forward [states]
+
+Reported, never asserted. Every line is the median of several repeats in one run on one machine; only
+the ratios mean something elsewhere. What loops in Python is timed on fewer states and scaled.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+import time
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+import scipy
+from rich.console import Console
+from rich.table import Table
+from scipy.optimize import brentq
+
+from pamjax.model import braid
+from pamjax.model.balance import stretch_measured
+from pamjax.model.muscle import Muscle, predict
+from pamjax.model.thread import ExponentialToe, LinearThread, RecruitmentToe, SmoothToe
+
+REST, B0, N, S = 0.235744, 0.251206, 1.09, 9.88e5
+TOE = SmoothToe(S, toe_ratio=0.5, crimp=0.003, width=1e-3)
+LAWS = {
+    "closed form (linear thread)": LinearThread(S),
+    "smooth toe": TOE,
+    "exponential toe": ExponentialToe(S, crimp=0.003, curvature=300.0),
+    "recruitment toe": RecruitmentToe(S, crimp=0.003, spread=1.5e-3),
+}
+
+
+def median_ms(call: Callable[[], object], repeats: int = 15) -> float:
+    jax.block_until_ready(call())
+    times = []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        jax.block_until_ready(call())
+        times.append(time.perf_counter() - begin)
+    return 1e3 * float(np.median(times))
+
+
+@eqx.filter_jit
+def force(muscle, pressure, length):
+    return predict(muscle, pressure, length).force
+
+
+@eqx.filter_jit
+def gradient_in_inputs(muscle, pressure, length):
+    return jax.grad(lambda p, l: jnp.sum(force(muscle, p, l)), argnums=(0, 1))(pressure, length)
+
+
+@eqx.filter_jit
+def slopes_in_numbers(muscle, pressure, length):
+    """One column of the Jacobian for each number, by forward mode: what a least-squares fit asks for."""
+    numbers, rest = eqx.partition(muscle, eqx.is_array)
+    leaves, tree = jax.tree.flatten(numbers)
+
+    def column(k):
+        def of(v):
+            changed = eqx.combine(jax.tree.unflatten(tree, [*leaves[:k], v, *leaves[k + 1 :]]), rest)
+            return force(changed, pressure, length)
+
+        return jax.jvp(of, (leaves[k],), (jnp.ones_like(leaves[k]),))[1]
+
+    return [column(k) for k in range(len(leaves))]
+
+
+@eqx.filter_jit
+def gradient_of_sum(muscle, pressure, length):
+    return eqx.filter_grad(lambda m: jnp.sum(force(m, pressure, length)))(muscle)
+
+
+#: In both inputs, as an observer asks; column by column, as least squares; of a sum, as a sampler.
+GRADIENTS = {
+    "gradient in both inputs": gradient_in_inputs,
+    "slopes in all numbers": slopes_in_numbers,
+    "reverse mode of the sum": gradient_of_sum,
+}
+
+
+@jax.jit
+def cubic(measured, pressure, length):
+    return stretch_measured(measured, pressure, length, B0, N, S)[0]
+
+
+def toe_residual(strain, pull):
+    return (TOE.load(strain) - pull * (1 + strain)) / S
+
+
+@jax.jit
+def by_optimistix(pressure, length):
+    """A generic root finder under `vmap`, from the line a law starts at by default."""
+
+    def one(p, l):
+        pull = braid.hoop_pull(p, l, B0, N)
+        solver = optx.Newton(rtol=1e-9, atol=1e-12)
+        found = optx.root_find(toe_residual, solver, TOE.slack + pull / S, args=pull, throw=False)
+        return braid.gaylord_force(p, l, B0 * (1 + found.value), N)
+
+    return jax.vmap(one)(pressure, length)
+
+
+def by_brentq(pressure, length):
+    r, c, w, q0 = 0.5, 0.003, 1e-3, float(np.hypot(0.003, 1e-3))
+
+    def residual(strain, pull):
+        toe = 0.5 * (strain + ((strain - c) ** 2 + w**2) ** 0.5 - q0)
+        return S * (r * strain + (1 - r) * toe) - pull * (1 + strain)
+
+    pulls = np.asarray(braid.hoop_pull(pressure, length, B0, N))
+    return [brentq(residual, 0.0, 1.0, args=(pull,), xtol=1e-12) for pull in pulls]
+
+
+def by_roots(measured, pressure, length):
+    found = []
+    for f, p, l in zip(measured, pressure, length, strict=True):
+        k, per_area = B0 / (l * S), p / (4 * np.pi * N**2)
+        roots = np.roots([k * per_area, 0.0, k * (f - l**2 * per_area) - 1, B0])
+        found.append(min(z.real for z in roots if z.real > 0 and abs(z.imag) < 1e-9))
+    return found
+
+
+def measure(states: int) -> list[tuple[str, float, str]]:
+    """(what, milliseconds for all states, against which line)."""
+    random = np.random.default_rng(1)
+    host = [random.uniform(*ends, states) for ends in ((1e4, 7e5), (0.16, REST), (0.0, 4700.0))]
+    pressure, length, measured = map(jnp.asarray, host)
+    spare = [np.empty(states) for _ in host]
+    few = [a[: min(states, 2000)] for a in host]
+    scale = states / len(few[0])
+    muscles = {name: Muscle(REST, B0, N, law) for name, law in LAWS.items()}
+
+    def copy(arrays):
+        return median_ms(lambda: [np.copyto(s, a) for s, a in zip(spare, arrays, strict=True)], 31)
+
+    cubic_row, toe_row = "strain by the cubic, force measured", "force, smooth toe"
+    rows = [("memory copy of two inputs and the force", copy(host), "")]
+    for name, m in muscles.items():
+        rows.append((f"force, {name}", median_ms(lambda m=m: force(m, pressure, length)), ""))
+    rows.append((cubic_row, median_ms(lambda: cubic(measured, pressure, length)), ""))
+    for name, m in muscles.items():
+        for what, call in GRADIENTS.items():
+            took = median_ms(lambda m=m, call=call: call(m, pressure, length), 7)
+            rows.append((f"{what}, {name}", took, f"force, {name}"))
+    rows.append(
+        (
+            "optimistix Newton under vmap, smooth toe",
+            median_ms(lambda: by_optimistix(pressure, length), 5),
+            toe_row,
+        )
+    )
+    rows.append(
+        ("scipy brentq in a loop, smooth toe", scale * median_ms(lambda: by_brentq(*few[:2]), 3), toe_row)
+    )
+    rows.append(
+        ("numpy roots in a loop, cubic", scale * median_ms(lambda: by_roots(few[2], *few[:2]), 3), cubic_row)
+    )
+    return rows
+
+
+def show(rows: list[tuple[str, float, str]], states: int) -> Table:
+    took = {what: ms for what, ms, _ in rows}
+    first = rows[0][1]
+    table = Table(title=f"{states:,} states, float64, median")
+    for header, justify in (("", "left"), ("ms", "right"), ("× copy", "right"), ("× its forward", "right")):
+        table.add_column(header, justify=justify)
+    for what, ms, against in rows:
+        forward = f"{ms / took[against]:.1f}" if against in took else ""
+        table.add_row(what, f"{ms:,.1f}", f"{ms / first:,.1f}", forward)
+    return table
+
+
+def main() -> None:
+    states = int(float(sys.argv[1])) if len(sys.argv) > 1 else 1_000_000
+    console = Console(width=110)
+    console.print(show(measure(states), states))
+    versions = ", ".join(f"{m.__name__} {m.__version__}" for m in (jax, np, scipy, eqx, optx))
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    console.print(f"{cores} cores, {jax.default_backend()}, Python {platform.python_version()}, {versions}")
+
+
+if __name__ == "__main__":
+    main()

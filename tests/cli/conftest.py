@@ -1,0 +1,62 @@
+"""A case folder made and fitted once by the words themselves."""
+
+import os
+
+import pytest
+
+from pamjax.cli.main import main
+
+PLAN = """\
+[protocol]
+kind = "strokes"
+pressures = ["100 kPa", "250 kPa", "450 kPa"]
+contractions = [0.2]
+speed = "1.57 mm/s"
+cycles = 1
+"""
+
+
+@pytest.fixture(scope="session", autouse=True)
+def own_cache(tmp_path_factory):
+    """Compiled programs go where the tests' other files go, unless the caller says where."""
+    with pytest.MonkeyPatch.context() as patch:
+        if "PAMJAX_CACHE_DIR" not in os.environ:
+            patch.setenv("PAMJAX_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture(scope="session")
+def bench(tmp_path_factory):
+    """A folder with a template `stated`, a protocol, and the case `made` that they simulate."""
+    folder = tmp_path_factory.mktemp("bench")
+    (folder / "plan.toml").write_text(PLAN)
+    assert main(["new", str(folder / "stated")]) == 0
+    arguments = [str(folder / "stated"), str(folder / "plan.toml"), "--out", str(folder / "made")]
+    assert main(["simulate", *arguments, "--seed", "3"]) == 0
+    return folder
+
+
+@pytest.fixture(scope="session")
+def fitted(bench):
+    """The folder that `pamjax fit` wrote."""
+    arguments = ["--out", str(bench / "out"), "--starts", "2", "--folds", "2"]
+    assert main(["fit", str(bench / "made"), *arguments]) == 0
+    return bench / "out"
+
+
+@pytest.fixture
+def case(bench, tmp_path):
+    """Write the simulated case with one text put in place of another, and return its folder."""
+
+    def _case(recording=(), muscle=()):
+        folder = tmp_path / "case"
+        folder.mkdir()
+        for name, change in (("recording.csv", recording), ("muscle.toml", muscle)):
+            text = (bench / "made" / name).read_text()
+            for old, new in [change] if change else []:
+                assert old in text
+                text = text.replace(old, new, 1)
+            (folder / name).write_text(text)
+        return folder
+
+    return _case

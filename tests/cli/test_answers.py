@@ -1,0 +1,113 @@
+"""Each word does what it says: from an empty folder to a calibrated muscle and back."""
+
+import json
+
+import numpy as np
+import pytest
+
+from pamjax.cli.main import main
+from pamjax.records.case import read_case
+from tests.agreement import RECOVERED
+
+
+def test_new_makes_a_case_that_reads(bench, tmp_path, capsys):
+    assert main(["new", str(tmp_path / "mine")]) == 0
+    said = capsys.readouterr().out
+    assert "muscle.toml" in said
+    assert f"then: pamjax check {tmp_path / 'mine'}" in said
+    assert read_case(tmp_path / "mine").recording.n == 3
+
+
+def test_check_says_what_could_be_known(bench, capsys):
+    assert main(["check", str(bench / "made")]) == 0
+    said = capsys.readouterr()
+    assert "3 isobars to hold out in turn" in said.out
+    assert "This recording can determine `muscle.thread_length`" in said.out
+    assert said.err == ""
+
+
+def test_check_speaks_json_alone(bench, capsys):
+    assert main(["check", str(bench / "made"), "--json"]) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)["numbers"]["muscle.turns"]["determined"]
+    assert said.err == ""
+
+
+def test_a_simulated_muscle_is_found_again(fitted):
+    document = json.loads((fitted / "fit.json").read_text())
+    true = {"muscle.thread_length": 214.0, "muscle.turns": 1.2, "thread.modulus": 70.0}
+    for name, value in true.items():
+        found = document["parameters"][name]
+        assert abs(found["value"] - value) < RECOVERED * found["sd"]
+    assert document["converged"]
+
+
+def test_a_fit_writes_its_figures(fitted):
+    names = {path.name for path in fitted.iterdir()}
+    assert {"fit.json", "fit.nc", "prediction.png", "residual.png", "held-out.png"} <= names
+    assert not any(name.startswith(".") for name in names)
+
+
+def test_fit_speaks_json_alone(bench, fitted, tmp_path, capsys):
+    arguments = ["--out", str(tmp_path / "out"), "--starts", "2", "--folds", "2", "--json", "--no-figures"]
+    assert main(["fit", str(bench / "made"), *arguments]) == 0
+    said = capsys.readouterr()
+    document = json.loads(said.out)
+    # The same words, the same answer.
+    assert document == json.loads((fitted / "fit.json").read_text())
+    assert said.err == f"wrote {tmp_path / 'out'}/: fit.json, fit.nc\n"
+
+
+def test_a_calibrated_muscle_is_simulated_and_read(fitted, bench, tmp_path, capsys):
+    words = [
+        str(fitted / "fit.json"),
+        str(bench / "plan.toml"),
+        "--out",
+        str(tmp_path / "again"),
+        "--no-noise",
+    ]
+    assert main(["simulate", *words]) == 0
+    assert capsys.readouterr().err == ""
+    made, again = (read_case(folder).recording for folder in (bench / "made", tmp_path / "again"))
+    # Only noise lies between them: 2 N, and 0.5 kPa on some cm².
+    assert np.nanstd(made.force - again.force) < 4.0
+
+
+def test_leaving_the_calibrated_range_is_told(fitted, bench, tmp_path, capsys):
+    plan = (bench / "plan.toml").read_text().replace("450 kPa", "600 kPa").replace("[0.2]", "[0.25]")
+    (tmp_path / "far.toml").write_text(plan)
+    words = [str(fitted / "fit.json"), str(tmp_path / "far.toml"), "--out", str(tmp_path / "far")]
+    assert main(["simulate", *words]) == 0
+    pressure, length = capsys.readouterr().err.splitlines()
+    assert pressure.startswith("pamjax: warning: pressure goes 1")
+    assert "kPa above the calibrated 45" in pressure
+    assert length.startswith("pamjax: warning: length goes 9.9")
+    assert "mm below the calibrated 160 mm" in length
+
+
+def test_mechanisms_can_be_set(bench, tmp_path):
+    words = [str(bench / "stated"), str(bench / "plan.toml"), "--no-noise", "--out"]
+    assert main(["simulate", *words, str(tmp_path / "plain")]) == 0
+    assert main(["simulate", *words, str(tmp_path / "off"), "--with", "force_offset.offset=5 N"]) == 0
+    plain, off = (read_case(tmp_path / name).recording.force for name in ("plain", "off"))
+    assert np.nanmax(np.abs(off - plain - 5.0)) < 1e-2
+
+
+@pytest.mark.parametrize(
+    ("words", "texts"),
+    [
+        ([], ["Numbers of a muscle:", "muscle.turns", "braid_friction"]),
+        (["thread.modulus"], ["unit      GPa (kept in Pa)", "limits    0.3 to 300", "source"]),
+        (["muscle.turns"], ["turns N of one thread"]),
+        (["braid_friction"], ["mistaken for", "told apart by", "braid_friction.coefficient"]),
+    ],
+)
+def test_explain(words, texts, capsys):
+    assert main(["explain", *words]) == 0
+    said = capsys.readouterr().out
+    assert all(text in said for text in texts)
+
+
+def test_version(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.strip().count(".") >= 2

@@ -1,0 +1,176 @@
+"""A bad input leaves one sentence, code 2, and no file."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+import pamjax.infer.fit
+from pamjax.cli.main import main
+
+
+def refused(words, capsys):
+    """The one line on standard error."""
+    assert main([str(word) for word in words]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    (line,) = said.err.splitlines()
+    assert line.startswith("pamjax: ")
+    return line
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["check", "nowhere"], "got nowhere, which is none. `pamjax new` makes one to fill in."),
+        (["fit"], "requires an argument"),
+        (["fti"], 'Did you mean "fit"?'),
+        (["explain", "thread.moduls"], "Did you mean `thread.modulus`?"),
+        (["explain", "braid_frction"], "Did you mean `braid_friction`?"),
+        (["simulate", "nowhere", "--out", "x"], "there is no file nowhere."),
+        (["fit", "nowhere", "--loss", "hard"], 'Choose from: "square", "soft".'),
+        (["fit", "nowhere", "--folds", "few"], "--folds"),
+    ],
+)
+def test_wrong_words(words, told, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert told in refused(words, capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--law", "elastik"], "'elastik' is no thread law. Did you mean `elastic`?"),
+        (["--share", "muscle.turn"], "so it cannot be shared. Did you mean `muscle.turns`?"),
+        (["--with", "braid_frction"], "Did you mean `braid_friction`?"),
+        (["--starts", "0"], "`starts` must be at least 1; got 0."),
+        (["--seed", "-1"], "`seed` must be at least 0; got -1."),
+    ],
+)
+def test_wrong_options_of_a_fit(words, told, bench, capsys, tmp_path):
+    assert told in refused(["fit", bench / "made", "--out", tmp_path / "out", *words], capsys)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"recording": ("force [N]", "force [kg]")}, "force"),
+        ({"recording": ("pressure [kPa]", "pressure [psi]")}, "pressure in kPa under a header of psi"),
+        ({"muscle": ("\nthread_length", "\nthread_lenght")}, "Did you mean `thread_length`?"),
+        ({"muscle": ('"200 mm"', '"200 kg"')}, "rest_length"),
+        ({"muscle": ("[thread]", "[tread]")}, "Did you mean `thread`?"),
+    ],
+)
+@pytest.mark.parametrize("word", ["check", "fit"])
+def test_wrong_files(word, change, told, case, capsys, tmp_path):
+    out = ["--out", tmp_path / "out"] if word == "fit" else []
+    assert told in refused([word, case(**change), *out], capsys)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_table_with_nothing_but_a_header(case, capsys):
+    folder = case()
+    table = folder / "recording.csv"
+    table.write_text(table.read_text().splitlines()[0] + "\n")
+    assert "recording.csv" in refused(["check", folder], capsys)
+
+
+def test_a_cell_that_is_no_number(case, capsys):
+    folder = case()
+    table = folder / "recording.csv"
+    lines = table.read_text().splitlines()
+    lines[4] = lines[4].replace(lines[4].split(",")[3], "many")
+    table.write_text("\n".join(lines) + "\n")
+    line = refused(["check", folder], capsys)
+    assert "row 5" in line
+    assert "many" in line
+
+
+def test_new_takes_no_folder_with_something_in_it(tmp_path, capsys):
+    (tmp_path / "notes.txt").write_text("mine")
+    assert "a new case needs an empty folder" in refused(["new", tmp_path], capsys)
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+@pytest.mark.parametrize("out", ["file", "file/below"])
+def test_a_fit_that_could_not_be_written_is_not_begun(out, bench, tmp_path, capsys, monkeypatch):
+    (tmp_path / "file").write_text("mine")
+    monkeypatch.setattr(pamjax.infer.fit, "fit", None)
+    line = refused(["fit", bench / "made", "--out", tmp_path / out], capsys)
+    assert "`--out` must be a folder to write to" in line
+
+
+def test_a_simulated_case_overwrites_nothing(bench, capsys):
+    before = (bench / "made" / "recording.csv").read_bytes()
+    line = refused(["simulate", bench / "stated", bench / "plan.toml", "--out", bench / "made"], capsys)
+    assert "a new case needs an empty folder" in line
+    assert (bench / "made" / "recording.csv").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--correlation-time", "3"], "a time needs a unit"),
+        (["--correlation-time", "3 N"], "--correlation-time"),
+        (["--seed", "-2"], "`seed` must be at least 0; got -2."),
+        (["--case", "a"], "`--case` names a case of a fit.json"),
+        (["--with", "force_offset.offset"], "is written id.number=value"),
+        (["--with", "force_offset.offset=5 kg"], "force_offset.offset"),
+        (["--with", "thread.modulus=5 GPa"], "only numbers of mechanisms can be set here"),
+    ],
+)
+def test_wrong_options_of_a_simulation(words, told, bench, tmp_path, capsys):
+    words = ["simulate", bench / "stated", bench / "plan.toml", "--out", tmp_path / "new", *words]
+    assert told in refused(words, capsys)
+    assert not (tmp_path / "new").exists()
+
+
+def test_an_interruption_leaves_nothing(bench, tmp_path, capsys, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pamjax.infer.fit, "hold_out", interrupted)
+    assert main(["fit", str(bench / "made"), "--out", str(tmp_path / "out"), "--starts", "1"]) == 130
+    assert capsys.readouterr().err.strip().endswith("pamjax: interrupted; nothing was written half")
+    assert not (tmp_path / "out").exists()
+
+
+def loaded(*words):
+    """What a command line loads, and its exit code."""
+    code = (
+        "import sys; from pamjax.cli.main import main; code = main(sys.argv[1:]);"
+        "heavy = [m for m in ('jax', 'pandas', 'matplotlib', 'xarray') if m in sys.modules];"
+        "print(code, *heavy, file=sys.stderr)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words], capture_output=True, text=True, check=True, timeout=60
+    )
+    return done.stderr.splitlines()[-1]
+
+
+@pytest.mark.parametrize("words", [["--help"], [], ["fit", "--help"], ["--version"]])
+def test_help_loads_nothing_heavy(words):
+    assert loaded(*words) == "0"
+
+
+def test_a_wrong_folder_is_told_before_anything_heavy_loads(tmp_path):
+    assert loaded("fit", str(tmp_path / "nowhere")).split() == ["2"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals")
+@pytest.mark.slow
+def test_ctrl_c_at_any_time(bench, tmp_path):
+    code = "import sys; from pamjax.cli.main import main; sys.exit(main(sys.argv[1:]))"
+    words = ["fit", str(bench / "made"), "--out", str(tmp_path / "out"), "--starts", "20"]
+    running = subprocess.Popen([sys.executable, "-c", code, *words], stderr=subprocess.PIPE, text=True)
+    time.sleep(3.0)
+    running.send_signal(signal.SIGINT)
+    _, said = running.communicate(timeout=60)
+    assert running.returncode == 130
+    assert "pamjax: interrupted" in said
+    assert "Traceback" not in said

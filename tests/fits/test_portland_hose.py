@@ -1,0 +1,89 @@
+"""Hoses with a thick wall: the bare braid is far off, and is told so; recordings beside the project only."""
+
+import importlib
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pamjax.infer.fit import fit
+from pamjax.records.case import read_case
+from pamjax.study.compare import compare
+
+FOLDER = Path(__file__).parents[2] / "fits" / "portland_hose"
+#: No licence is stated for the recordings, so they are not part of the project.
+HOSES = Path(__file__).parents[2].parent / "shared" / "data" / "portland-hose"
+#: Every tenth row has every length and every test still, and is fitted ten times as fast.
+EVERY = 10
+
+BRAID, SAROSI, GAYLORD = "braid, inelastic threads", "Sárosi", "Gaylord"
+INNER = "inner lengths held out"
+
+pytestmark = pytest.mark.skipif(not HOSES.is_dir(), reason="no hose recordings beside the project")
+
+
+def thinned(name, folder):
+    """A copy of a case with every tenth row."""
+    made = folder / name
+    made.mkdir(parents=True)
+    head, *rows = (HOSES / name / "recording.csv").read_text(encoding="utf-8").splitlines(keepends=True)
+    (made / "recording.csv").write_text(head + "".join(rows[::EVERY]), encoding="utf-8")
+    (made / "muscle.toml").write_bytes((HOSES / name / "muscle.toml").read_bytes())
+    return made
+
+
+@pytest.fixture(scope="module", params=["hose-10mm-132", "hose-20mm-275"])
+def scored(request, tmp_path_factory):
+    """A fit of a hose with inelastic threads, and its scores beside the rivals'."""
+    case = read_case(thinned(request.param, tmp_path_factory.mktemp("hoses")))
+    fitted = fit(case, "inelastic", starts=1)
+    return fitted, compare(case, [fitted])
+
+
+def test_the_bare_braid_misses_more_than_its_noise(scored):
+    fitted, _ = scored
+    assert fitted.cases[0].noise["force"].excess > 20
+    assert "the model misses something" in str(fitted)
+
+
+def test_the_formula_wins_between_lengths(scored):
+    _, found = scored
+    assert found.best("in sample") == found.best(INNER) == SAROSI
+    assert found.rmse(BRAID, INNER) > 1.5 * found.rmse(SAROSI, INNER)
+
+
+def test_it_is_the_law_not_its_priors(scored):
+    """Gaylord's law is the same braid without priors: freed of them it is still far off."""
+    _, found = scored
+    assert found.rmse(BRAID, "in sample") > found.rmse(GAYLORD, "in sample")
+    assert found.rmse(GAYLORD, "in sample") > 4 * found.rmse(SAROSI, "in sample")
+
+
+def test_slack_rows_are_left_out_of_the_comparison(scored):
+    fitted, found = scored
+    force = fitted.cases[0].case.recording.force
+    assert found.rows == np.sum(force > found.threshold) < len(force)
+
+
+@pytest.mark.slow
+def test_the_script_writes_its_comparison_and_figures(tmp_path, capsys):
+    sys.path.insert(0, str(FOLDER))
+    kept = sys.modules.pop("compare", None)
+    try:
+        script = importlib.import_module("compare")
+        script.THREADS = ("inelastic",)
+        thinned("hose-20mm-275", tmp_path / "cases")
+        script.main([str(tmp_path / "cases"), "--out", str(tmp_path / "out")])
+    finally:
+        sys.path.remove(str(FOLDER))
+        sys.modules.pop("compare", None)
+        if kept is not None:
+            sys.modules["compare"] = kept
+    said = capsys.readouterr().out
+    assert f"| {INNER} | {BRAID} | Gaylord | Gaylord, free threshold | {SAROSI} |" in said
+    assert "| hose-20mm-275 | " in said
+    (report,) = json.loads((tmp_path / "out" / "comparison.json").read_text(encoding="utf-8"))
+    assert report["rmse_N"][SAROSI]["in sample"] < 0.2 * report["rmse_N"][BRAID]["in sample"]
+    assert (tmp_path / "out" / "hose-20mm-275" / "inelastic" / "prediction.png").is_file()

@@ -1,0 +1,314 @@
+"""What every mechanism has to stand, and one that does not."""
+
+import importlib
+from functools import cache, cached_property
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pamjax.model.bench import record
+from pamjax.model.history import history
+from pamjax.model.library import MECHANISMS, TWICE, library
+from pamjax.model.mechanism import (
+    AbstractMemory,
+    AbstractRig,
+    AbstractSensor,
+    AbstractShape,
+    AbstractStore,
+    AbstractYielding,
+)
+from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
+from pamjax.model.mechanisms.braid_friction import BraidFriction
+from pamjax.parameter import field_meanings, replace, values
+from tests.agreement import BY_DIFFERENCE, ROUNDING, SOLVED, agree
+from tests.model.mechanisms.typical import anywhere, bench, full, own, strokes, usual
+
+every = pytest.mark.parametrize("kind", MECHANISMS, ids=lambda kind: kind.id)
+
+CONSERVATIVE = (AbstractYielding, AbstractStore, AbstractShape, AbstractRig)
+
+#: Force of the muscle, N, and its diameter, m: what an error is small against.
+SCALE = np.array([5e3, 0.03])[:, None]
+
+
+#: The words that a diagnosis may use; an id keeps its meaning for ever.
+WORDS = {
+    *("braid_elasticity", "thread_crimp", "thread_slip", "bladder_elasticity", "contact_pressure"),
+    *("viscoelastic_creep", "mullins_softening", "diameter_offset", "end_taper", "braid_friction"),
+    *("viscous_damping", "pressure_drop", "rig_compliance", "force_offset", "force_gain", "force_drift"),
+    *("pressure_offset", "pressure_gain", "length_offset", "channel_lag", "braid_locking"),
+}
+
+
+class Program:
+    """One bench with every mechanism, compiled once; a test sets the numbers of one of them."""
+
+    def __init__(self):
+        self.bench, self.at = full(), strokes()
+        self.names = list(values(self.bench))
+        self.neutral = np.array([float(v) for v in values(self.bench).values()])
+        self.many = jax.jit(jax.vmap(self.plain))
+        self.slopes = jax.jit(jax.jacfwd(lambda x: 2 * (self.plain(x),), has_aux=True))
+        self.pull = jax.jit(lambda x, w: jax.vjp(self.plain, x)[1](w)[0])
+
+    def plain(self, x):
+        shown = replace(self.bench, dict(zip(self.names, x, strict=True)))(*self.at)
+        return jnp.stack([shown.force, shown.diameter])
+
+    def numbers(self, found):
+        x = self.neutral.copy()
+        x[[self.names.index(name) for name in found]] = list(found.values())
+        return x
+
+    def shown(self, *several):
+        """Force and diameter with the numbers of each; always four, which is one program."""
+        filled = [self.numbers(found) for found in several] + [self.neutral] * (4 - len(several))
+        return np.asarray(self.many(np.stack(filled)))[: len(several)]
+
+    @cached_property
+    def at_neutral(self):
+        return np.asarray(self.slopes(self.neutral)[0])
+
+    @cached_property
+    def bare(self):
+        shown = record(bench(), *self.at)
+        return np.stack([shown.force, shown.diameter])
+
+
+@cache
+def program():
+    return Program()
+
+
+@every
+def test_every_state_within_the_limits_has_a_number(kind):
+    p, rng = program(), np.random.default_rng(1)
+    for _ in range(3):
+        found = [anywhere(p.bench, kind, rng) for _ in range(4)]
+        assert np.all(np.isfinite(p.shown(*found))), found
+
+
+@every
+def test_derivatives_are_those_of_differences(kind):
+    p = program()
+    found = usual(p.bench, kind)
+    exact = np.asarray(p.slopes(p.numbers(found))[0])
+    for name, value in found.items():
+        step = 1e-4 * abs(value)
+        f = p.shown(*({**found, name: value + k * step} for k in (-2, -1, 1, 2)))
+        by_difference = (f[0] - 8 * f[1] + 8 * f[2] - f[3]) / 12e-4
+        agree(exact[:, :, p.names.index(name)] * abs(value), by_difference, BY_DIFFERENCE, 1e-2 * SCALE)
+
+
+@every
+def test_forward_and_reverse_mode_agree(kind):
+    p = program()
+    x = p.numbers(usual(p.bench, kind))
+    weight = np.random.default_rng(2).normal(size=(2, len(p.at[0]))) / SCALE
+    slopes = np.asarray(p.slopes(x)[0])
+    forward = np.einsum("kn,kni->i", weight, slopes)
+    agree(p.pull(x, weight), forward, SOLVED, np.einsum("kn,kni->i", np.abs(weight), np.abs(slopes)))
+
+
+@every
+def test_compiled_and_mapped_agree(kind):
+    p = program()
+    found = usual(p.bench, kind)
+    agree(p.shown(found)[0], p.slopes(p.numbers(found))[1], SOLVED, SCALE)
+
+
+def test_compiled_and_plain_agree():
+    p = program()
+    found = {k: v for kind in MECHANISMS for k, v in usual(p.bench, kind, 2e-3).items()}
+    agree(p.plain(p.numbers(found)), p.shown(found)[0], SOLVED, SCALE)
+
+
+@every
+def test_the_neutral_value_gives_the_bare_bench_whatever_the_rest(kind):
+    p = program()
+    found = anywhere(p.bench, kind, np.random.default_rng(3))
+    found |= {path: meaning.neutral for path, meaning, _ in own(p.bench, kind) if meaning.neutral is not None}
+    for shown in p.shown(found, {}):
+        agree(shown, p.bare, ROUNDING, SCALE)
+
+
+@every
+def test_the_signature_at_the_neutral_value_is_there(kind):
+    p = program()
+    for path, meaning, _ in own(p.bench, kind):
+        signature = p.at_neutral[:, :, p.names.index(path)] / SCALE
+        assert np.all(np.isfinite(signature)), path
+        if meaning.neutral is not None:
+            assert np.max(np.abs(signature)) * (meaning.high - meaning.low) > 1e-3, path
+
+
+@every
+def test_it_says_what_it_is(kind):
+    about = kind.about
+    assert all(
+        (about.title, about.equation, about.signature, about.leaves_out, about.experiment, about.source)
+    )
+    assert about.equation.isascii()
+    assert importlib.import_module(f"pamjax.model.mechanisms.{kind.id}").__dict__[kind.__name__] is kind
+    assert {kind.id, *about.confusable} <= WORDS
+    assert kind.id not in about.confusable
+    assert "Neutral" in kind.__doc__
+    assert "leaves out" in " ".join(kind.__doc__.split())
+    assert "Source" in kind.__doc__
+    declared = field_meanings(kind)
+    assert any(m.neutral is not None for m in declared.values())
+    made = values(kind())
+    for name, meaning in declared.items():
+        assert meaning.low < meaning.high
+        assert meaning.low <= float(made[name]) <= meaning.high
+        assert meaning.neutral is None or float(made[name]) == meaning.neutral
+        assert meaning.source
+        assert meaning.about
+
+
+def test_what_is_the_same_twice_is_known():
+    assert all(len(pair) == 2 and pair <= set(library()) and why for pair, why in TWICE.items())
+
+
+# The potential: force and volume belong together.
+
+
+@cache
+def conservative():
+    kinds = [kind for kind in MECHANISMS if issubclass(kind, CONSERVATIVE)]
+    model = bench(*(kind() for kind in kinds))
+    names, zero = list(values(model)), jnp.zeros(())
+
+    def instant(x, pressure, length):
+        moved = replace(model, dict(zip(names, x, strict=True)))
+        past, status = moved.instant(pressure, length, zero, (zero, zero))
+        return jnp.stack([past.force, past.state.volume]), (past.load, status)
+
+    def slopes(x, pressure, length):
+        (by_pressure, by_length), (load, status) = jax.jacfwd(instant, (1, 2), has_aux=True)(
+            x, pressure, length
+        )
+        return by_pressure[0], by_length[1], load, status
+
+    return kinds, model, names, jax.jit(jax.vmap(slopes, in_axes=(None, 0, 0)))
+
+
+def maxwell(numbers):
+    """∂F/∂P at a length, −∂V/∂L at a pressure, and where the threads are taut, over the muscle's range."""
+    _, model, names, slopes = conservative()
+    x = np.array([float(v) for v in values(model).values()])
+    x[[names.index(name) for name in numbers]] = list(numbers.values())
+    pressure, contraction = np.meshgrid(np.linspace(1.5e5, 7e5, 6), np.linspace(0, 0.3, 6))
+    length = 0.235744 * (1 - contraction.ravel())
+    force, volume, load, status = slopes(x, pressure.ravel(), length)
+    return np.asarray(force), -np.asarray(volume), (np.asarray(load) > 1.0) & (np.asarray(status) == 0)
+
+
+@pytest.mark.parametrize("kind", [k for k in MECHANISMS if issubclass(k, CONSERVATIVE)], ids=lambda k: k.id)
+def test_force_follows_pressure_as_volume_follows_length(kind):
+    force, volume, there = maxwell(usual(conservative()[1], kind))
+    assert np.mean(there) > 0.5
+    agree(force[there], volume[there], 1e-7, 1e-3)
+
+
+@given(seed=st.integers(0, 10**6))
+@settings(max_examples=20)
+def test_force_and_volume_belong_together_in_every_combination(seed):
+    rng = np.random.default_rng(seed)
+    kinds, model, *_ = conservative()
+    chosen = [kind for kind in kinds if rng.uniform() < 0.5]
+    numbers = {k: v for kind in chosen for k, v in usual(model, kind, 0.02 * rng.uniform()).items()}
+    force, volume, there = maxwell(numbers)
+    agree(force[there], volume[there], 1e-7, 1e-3)
+
+
+# Loss: no closed path gives work back.
+
+
+def path(seed, rows=400):
+    """A smooth closed path of pressure and length that begins and ends in the relaxed state."""
+    rng, s = np.random.default_rng(seed), np.linspace(0, 1, rows)
+
+    def wave():
+        k = np.arange(1, 5)
+        waves = rng.normal(size=4) @ (
+            np.cos(2 * np.pi * np.outer(k, s) + rng.uniform(0, 7, (4, 1))) / k[:, None]
+        )
+        return np.sin(np.pi * s) ** 2 * waves / np.max(np.abs(waves))
+
+    pressure = 3.5e5 * (1 + 0.8 * wave())
+    length = 0.235744 * (0.87 + 0.11 * wave())
+    return pressure, length
+
+
+def work(shown, bare, pressure, length):
+    """∮ F dL − V dP of what a mechanism adds to a conservative muscle, J."""
+
+    def mean(x):
+        x = np.asarray(x)
+        return 0.5 * (x[1:] + x[:-1])
+
+    added = mean(shown.past.force - bare.past.force) * np.diff(length)
+    return np.sum(added - mean(shown.past.state.volume - bare.past.state.volume) * np.diff(pressure))
+
+
+MEMORIES = [kind for kind in MECHANISMS if issubclass(kind, AbstractMemory)]
+
+
+@cache
+def remembering(*kinds):
+    """A bench with elastic threads and memories, compiled as a function of the memories' numbers."""
+    model = bench(BraidElasticity(1e-6), *(kind() for kind in kinds))
+    names = [name for kind in kinds for name, *_ in own(model, kind)]
+    past = history(np.linspace(0, 60.0, 400), np.arange(400) == 0)
+    shown = jax.jit(lambda x, *at: replace(model, dict(zip(names, x, strict=True)))(*at, past))
+    return model, names, shown
+
+
+def check_that_work_is_lost(kind, kinds, seed, share):
+    model, names, shown = remembering(*kinds)
+    numbers = {k: float(v) for k, v in values(model).items() if k in names}
+    bare = shown(np.array(list(numbers.values())), *path(seed))
+    relaxed = {k: 0.0 for k in names if k.endswith((".start", ".give"))}
+    numbers |= usual(model, kind, share) | relaxed
+    found = shown(np.array(list(numbers.values())), *path(seed))
+    lost = work(found, bare, *path(seed))
+    moved = np.sum(np.abs(np.diff(path(seed)[1]) * (found.past.force - bare.past.force)[1:]))
+    assert lost > -1e-3 * moved, f"{kind.id} gives {-lost:.3g} J back, of {moved:.3g} J that went to and fro"
+
+
+@pytest.mark.parametrize("kind", MEMORIES, ids=lambda kind: kind.id)
+@given(seed=st.integers(0, 10**6), share=st.floats(1e-3, 0.03))
+@settings(max_examples=15)
+def test_memory_gives_no_work_back(kind, seed, share):
+    check_that_work_is_lost(kind, tuple(MEMORIES), seed, share)
+
+
+class Backwards(BraidFriction):
+    """Wrong: friction that pulls the way it goes."""
+
+    def stresses(self, history, strains, past):
+        return -super().stresses(history, strains, past)
+
+
+def test_the_battery_rejects_a_friction_that_drives():
+    def any_of_three():
+        for seed in range(3):
+            check_that_work_is_lost(Backwards, (Backwards,), seed, 0.01)
+
+    with pytest.raises(AssertionError, match="gives"):
+        any_of_three()
+
+
+def test_sensors_take_no_part_in_the_muscle():
+    p = program()
+    sensors = [kind for kind in MECHANISMS if issubclass(kind, AbstractSensor)]
+    readers = [kind for kind in sensors if kind.undo is AbstractSensor.undo]
+    assert len(readers) >= 4
+    model = bench(*(kind() for kind in readers))
+    numbers = {k: v for kind in readers for k, v in usual(model, kind).items()}
+    agree(record(replace(model, numbers), *p.at).past.force, p.bare[0], ROUNDING)

@@ -1,0 +1,64 @@
+"""What the tests of mechanisms share: the Kevlar muscle, strokes, numbers of the usual size."""
+
+import jax.numpy as jnp
+import numpy as np
+
+from pamjax.model.bench import Bench
+from pamjax.model.history import history
+from pamjax.model.library import MECHANISMS
+from pamjax.parameter import meanings, values
+
+#: Chambers & Wereley 2022: thread length and rest length (m), turns, pressure of Table 1 (Pa), n A (m²).
+THREAD, LENGTH, TURNS, PRESSURE, AREA = 0.251206, 0.235744, 1.09, 689.476e3, 144 * 0.0858e-6
+
+
+def bench(*mechanisms, thread_length=THREAD):
+    return Bench(thread_length, TURNS, mechanisms)
+
+
+def strokes(rows=300, top=0.15):
+    """Two strokes at each of three pressures, with a hold in the second, at 0.5 to 1 mm/s: two runs."""
+    t = np.cumsum(1.0 + 0.3 * np.sin(np.arange(rows))) * 240 / rows
+    phase = np.arange(rows) / rows * 6
+    x = np.abs(phase % 1 - 0.5)
+    shape = np.where(phase % 2 < 1, 1 - 2 * x, np.clip(1.5 - 3 * x, 0, 0.8))
+    starts = np.zeros(rows, bool)
+    starts[[0, rows // 2]] = True
+    t[rows // 2 :] += 60.0
+    pressure = np.interp(phase, [0, 1.9, 2.1, 3.9, 4.1, 6], np.array([2, 2, 4, 4, 7, 7]) * 1e5)
+    length = LENGTH * (1 - top * shape) * (1 + 1e-4 * np.sin(0.37 * np.arange(rows)))
+    return jnp.asarray(pressure), jnp.asarray(length), history(t, starts)
+
+
+def full():
+    """A bench with every mechanism at its neutral value."""
+    return bench(*(kind() for kind in MECHANISMS))
+
+
+def own(model, kind):
+    """The numbers of one mechanism: path, meaning, value."""
+    now = values(model)
+    return [(p, m, float(now[p])) for p, m in meanings(model).items() if p.startswith(f"{kind.id}.")]
+
+
+def usual(model, kind, share=0.02):
+    """Numbers of one mechanism by path: what has an effect at a small share of its range, the rest inside."""
+    found = {}
+    for path, meaning, now in own(model, kind):
+        if meaning.neutral is not None:
+            found[path] = meaning.neutral + share * (meaning.high - meaning.neutral)
+        else:
+            inwards = np.sign(0.5 * (meaning.low + meaning.high) - now)
+            at_limit = not meaning.low < now < meaning.high
+            found[path] = now + at_limit * 0.1 * inwards * (meaning.high - meaning.low)
+    return found
+
+
+def anywhere(model, kind, rng):
+    """Numbers of one mechanism by path, anywhere between their limits."""
+    found = {}
+    for path, meaning, _ in own(model, kind):
+        low, high = meaning.low, meaning.high
+        u = rng.uniform()
+        found[path] = low * (high / low) ** u if meaning.scale == "log" else low + u * (high - low)
+    return found

@@ -1,0 +1,75 @@
+"""Rates, increments and delays stay within their run."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from pamjax.model.history import history
+from tests.agreement import ROUNDING, agree
+
+TIME = np.r_[np.cumsum(np.tile([0.4, 0.6, 0.5], 20)), 500 + 0.5 * np.arange(40)]
+STARTS = np.isin(np.arange(100), [0, 60])
+PAST = history(TIME, STARTS)
+
+
+def test_the_rate_of_a_straight_line_is_its_slope_on_both_sides_of_a_gap():
+    values = np.where(TIME < 400, 3 * TIME, 7 - 2 * TIME)
+    agree(PAST.rate(jnp.asarray(values)), np.where(TIME < 400, 3.0, -2.0), 1e-11)
+
+
+def test_increments_reach_across_a_gap_unless_memory_begins_anew():
+    agree(PAST.increments(jnp.asarray(TIME)), np.diff(TIME, prepend=TIME[0]), ROUNDING)
+    anew = history(TIME, STARTS, restart=True).increments(jnp.asarray(TIME))
+    assert anew[0] == anew[60] == 0
+
+
+def test_no_lag_changes_no_bit():
+    values = jnp.asarray(np.random.default_rng(0).normal(size=100))
+    assert np.array_equal(PAST.late(values, jnp.asarray(0.0)), values)
+
+
+def test_a_straight_line_is_late_by_its_slope_times_the_lag():
+    for lag in (0.3, -0.7, 1.9):
+        late = np.asarray(PAST.late(jnp.asarray(3 * TIME), jnp.asarray(lag)))
+        inside = np.r_[10:50, 70:95]
+        agree(late[inside], 3 * (TIME - lag)[inside], 1e-11)
+
+
+def test_a_lag_looks_into_no_other_run():
+    values = np.where(TIME < 400, 1.0, 2.0)
+    for lag in (5.0, -5.0, 1e3, -1e3):
+        agree(PAST.late(jnp.asarray(values), jnp.asarray(lag)), values, ROUNDING)
+
+
+def test_a_wave_is_late_to_a_thousandth():
+    late = PAST.late(jnp.asarray(np.sin(TIME / 3)), jnp.asarray(0.77))
+    inside = np.r_[10:50, 70:95]
+    agree(np.asarray(late)[inside], np.sin((TIME - 0.77) / 3)[inside], 3e-3, 1.0)
+
+
+def test_the_derivative_in_the_lag_is_minus_the_rate_and_continuous():
+    values = jnp.asarray(np.random.default_rng(0).normal(size=100))
+
+    def slope(lag):
+        return jax.jvp(lambda lag: PAST.late(values, lag), (jnp.asarray(lag),), (jnp.ones(()),))[1]
+
+    inside = np.r_[2:58, 62:98]
+    for lag in (1e-9, -1e-9):
+        agree(slope(lag)[inside], -PAST.rate(values)[inside], 1e-6, 1.0)
+
+
+def test_a_static_map_has_no_rate_and_no_lag():
+    still = history(None, np.arange(5) == 0)
+    values = jnp.asarray([3.0, 1.0, 4.0, 1.0, 5.0])
+    assert not np.any(still.rate(values))
+    assert not np.any(still.increments(values))
+    assert np.array_equal(still.late(values, jnp.asarray(2.0)), values)
+
+
+def test_padding_changes_no_sample():
+    values, padded = np.sin(TIME), history(TIME, STARTS, size=128)
+    long = jnp.asarray(np.r_[values, np.full(28, values[-1])])
+    agree(padded.rate(long)[:100], PAST.rate(jnp.asarray(values)), ROUNDING, 1.0)
+    lag = jnp.asarray(0.8)
+    agree(padded.late(long, lag)[:100], PAST.late(jnp.asarray(values), lag), ROUNDING, 1.0)
+    assert np.all(np.isfinite(padded.late(long, lag)))

@@ -1,0 +1,261 @@
+"""One battery for every thread law: whoever adds a law adds a line to `LAWS`."""
+
+import inspect
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from jaxtyping import Array
+from scipy.integrate import quad
+
+from pamjax.model import thread
+from pamjax.model.balance import solve_strain
+from pamjax.model.thread import (
+    AbstractThread,
+    ExponentialToe,
+    Inextensible,
+    LinearThread,
+    RecruitmentToe,
+    SmoothToe,
+)
+from pamjax.parameter import Scalar, field_meanings, meanings, replace, values
+from tests.agreement import BY_DIFFERENCE, ROUNDING, SOLVED, agree, difference
+
+S = 1e6
+LAWS = [
+    LinearThread(S),
+    SmoothToe(S, toe_ratio=0.4, crimp=0.003, width=8e-4),
+    SmoothToe(S, toe_ratio=0.05, crimp=0.012, width=2e-5),
+    ExponentialToe(S, crimp=0.004, curvature=400.0),
+    ExponentialToe(S, crimp=0.012, curvature=2500.0),
+    RecruitmentToe(S, crimp=0.003, spread=1.5e-3),
+    RecruitmentToe(S, crimp=0.012, spread=3e-4),
+]
+KINDS = [LinearThread, SmoothToe, ExponentialToe, RecruitmentToe]
+STRAINS = np.array([1e-6, 5e-4, 0.0021, 0.0047, 0.0113, 0.021, 0.08])
+
+#: Numbers at which a law is the linear one.
+NEUTRAL = [
+    SmoothToe(S, toe_ratio=1.0, crimp=0.003, width=8e-4),
+    ExponentialToe(S, crimp=0.0, curvature=400.0),
+]
+
+
+def named(items):
+    return pytest.mark.parametrize(
+        "law", items, ids=[f"{type(law).__name__}{i}" for i, law in enumerate(items)]
+    )
+
+
+# --- what every law must do; each is a function of a law, so that a wrong one can be put in
+
+
+def starts_at_zero(law):
+    agree(law.load(jnp.asarray(0.0)), 0.0, ROUNDING, scale=S * 1e-3)
+    agree(law.energy(jnp.asarray(0.0)), 0.0, ROUNDING, scale=S * 1e-6)
+
+
+def rises_and_stiffens(law):
+    slope = np.asarray(jax.vmap(jax.grad(law.load))(jnp.linspace(0.0, 0.05, 2001)))
+    assert np.all(slope >= 0)
+    assert np.all(np.diff(slope) >= -ROUNDING * S)
+
+
+def ends_in_a_line(law):
+    far = jnp.asarray(3.0)
+    agree(jax.grad(law.load)(far), law.stiffness, BY_DIFFERENCE)
+    # A hyperbola meets its asymptote as w²/ε, an exponential at once.
+    agree(law.load(far), law.stiffness * (far - law.slack), BY_DIFFERENCE)
+
+
+def energy_is_the_area(law):
+    corner = float(getattr(law, "crimp", 0.0))
+    load = jax.jit(lambda e: law.load(e))
+    for strain in STRAINS:
+        kinks = [k for k in np.linspace(0.5, 1.5, 11) * corner if 0 < k < strain]
+        area, _ = quad(load, 0, strain, points=kinks or None, limit=200, epsabs=0, epsrel=1e-8)
+        agree(law.energy(jnp.asarray(strain)), area, BY_DIFFERENCE, scale=S * 1e-10)
+
+
+def load_is_the_slope_of_energy(law):
+    agree(jax.vmap(jax.grad(law.energy))(STRAINS), jax.vmap(law.load)(STRAINS), ROUNDING, scale=S * 1e-4)
+
+
+def gradient_in_each_number(law):
+    @eqx.filter_jit
+    def both(numbers):
+        changed = replace(law, numbers)
+        return jnp.stack([jax.vmap(changed.load)(STRAINS), jax.vmap(changed.energy)(STRAINS)])
+
+    slopes = eqx.filter_jit(jax.jacfwd(both))({k: jnp.asarray(v) for k, v in values(law).items()})
+    for name, meaning in meanings(law).items():
+        at = float(values(law)[name])
+        want = difference(lambda v: both({name: v}), at, 2e-4 * at)  # noqa: B023
+        # An energy is a difference of areas up to the corner: its digits end there.
+        size = np.stack([STRAINS, np.maximum(STRAINS**2, 1e-5)])
+        agree(slopes[name], want, BY_DIFFERENCE, scale=S * size / at)
+        assert meaning.low <= at <= meaning.high
+
+
+BATTERY = [
+    starts_at_zero,
+    rises_and_stiffens,
+    ends_in_a_line,
+    energy_is_the_area,
+    load_is_the_slope_of_energy,
+    gradient_in_each_number,
+]
+
+
+@named(LAWS)
+@pytest.mark.parametrize("check", BATTERY, ids=lambda f: f.__name__)
+def test_battery(check, law):
+    check(law)
+
+
+class Softening(AbstractThread):
+    """A wrong law: it softens where every law here stiffens, and says another energy than its area."""
+
+    stiffness: Scalar
+
+    @property
+    def slack(self) -> Array:
+        return jnp.asarray(0.0)
+
+    def load(self, strain: Scalar) -> Array:
+        return self.stiffness * (1e-3 + strain / (1 + 10 * strain))
+
+    def energy(self, strain: Scalar) -> Array:
+        return 0.6 * self.stiffness * (1e-6 + strain**2)
+
+
+@pytest.mark.parametrize("check", BATTERY[:-1], ids=lambda f: f.__name__)
+def test_the_battery_rejects_a_wrong_law(check):
+    with pytest.raises(AssertionError):
+        check(Softening(jnp.asarray(S)))
+
+
+class WrongSlope(Softening):
+    """A wrong law: its derivative in the stiffness is not that of its load."""
+
+    stiffness: Scalar = thread._stiffness()
+
+    def load(self, strain: Scalar) -> Array:
+        return jax.lax.stop_gradient(self.stiffness) * strain
+
+
+def test_the_battery_rejects_a_wrong_gradient():
+    with pytest.raises(AssertionError):
+        gradient_in_each_number(WrongSlope(S))
+
+
+# --- the neutral value, the declared range, the source
+
+
+@named(NEUTRAL)
+def test_neutral_value_is_the_linear_law(law):
+    linear = LinearThread(S)
+    agree(jax.vmap(law.load)(STRAINS), jax.vmap(linear.load)(STRAINS), ROUNDING)
+    agree(jax.vmap(law.energy)(STRAINS), jax.vmap(linear.energy)(STRAINS), ROUNDING)
+
+
+def test_neutral_values_are_the_declared_ones():
+    for law in NEUTRAL:
+        neutral = {k: m.neutral for k, m in meanings(law).items() if m.neutral is not None}
+        assert neutral == {k: float(values(law)[k]) for k in neutral}
+        assert neutral
+
+
+def test_recruitment_becomes_linear_without_slack():
+    # No number of this law alone is neutral: a spread about zero slack is still a toe.
+    law = RecruitmentToe(S, crimp=0.0, spread=1e-5)
+    agree(law.load(jnp.asarray(0.02)), S * (0.02 - law.slack), ROUNDING)
+    assert float(law.slack) < 5e-6
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_number_has_a_source_and_a_meaning(kind):
+    for name, meaning in field_meanings(kind).items():
+        assert meaning.about, name
+        assert meaning.source, name
+        assert meaning.low < meaning.high, name
+    assert inspect.getdoc(kind)
+    assert "leaves out" in inspect.getdoc(kind) or "not:" in inspect.getdoc(kind)
+    assert "Source" in inspect.getdoc(thread)
+
+
+@st.composite
+def laws(draw, kind):
+    """A law with every number somewhere in its declared range, its ends included."""
+    numbers = {}
+    for name, m in field_meanings(kind).items():
+        share = draw(st.sampled_from([0.0, 1.0]) | st.integers(0, 1000).map(lambda i: i / 1000))
+        if m.scale == "log":
+            numbers[name] = float(np.exp(np.log(m.low) + share * np.log(m.high / m.low)))
+        else:
+            numbers[name] = m.low + share * (m.high - m.low)
+    return kind(**numbers)
+
+
+@eqx.filter_jit
+def everything(law, strain):
+    by = jax.tree.leaves(eqx.filter_grad(lambda w: w.load(strain))(law))
+    return law.load(strain), law.energy(strain), jax.grad(law.load)(strain), law.slack, *by
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@given(data=st.data(), strain=st.sampled_from([0.0, 1e-12]) | st.floats(0, 0.1))
+def test_finite_over_the_declared_range(kind, data, strain):
+    law = data.draw(laws(kind))
+    load, energy, slope, slack, *_ = found = everything(law, jnp.asarray(strain))
+    assert np.all(np.isfinite(found))
+    # Rounding: a law whose threads are slack until a sharp corner leaves some 1e-18 of its stiffness.
+    assert load >= -1e-15 * law.stiffness
+    assert energy >= -1e-15 * law.stiffness
+    assert 0 <= slope <= (1 + ROUNDING) * law.stiffness
+    assert -1e-15 <= slack <= 0.03
+
+
+# --- the balance against a pull that grows with the thread
+
+
+@eqx.filter_jit
+def balanced(law, share):
+    pull = share * law.stiffness
+
+    def residual(strain):
+        return law.load(strain) - pull * (1 + strain)
+
+    strain = solve_strain(residual, law.start(pull), law.steps)
+    return strain, residual(strain) / law.stiffness
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@given(data=st.data(), share=st.floats(-14, 0).map(lambda e: 0.97 * 10.0**e) | st.floats(0, 0.97))
+def test_newton_arrives_over_the_declared_range(kind, data, share):
+    strain, left = balanced(data.draw(laws(kind)), jnp.asarray(share))
+    assert abs(left) <= SOLVED * max(share, 1e-6)
+    assert strain >= -1e-12
+
+
+def test_one_step_less_would_not_do():
+    """The steps a law asks for are no luxury: the test above can fail."""
+    for kind, worst in ((ExponentialToe, {"curvature": 600.0}), (RecruitmentToe, {"spread": 8e-3})):
+        law = kind(stiffness=S, crimp=0.015, **worst)
+        pull = 1e-6 * S
+
+        def residual(strain, law=law, pull=pull):
+            return law.load(strain) - pull * (1 + strain)
+
+        left = [
+            abs(float(residual(solve_strain(residual, law.start(pull), n)))) / pull for n in (1, law.steps)
+        ]
+        assert left[0] > SOLVED > left[1]
+
+
+def test_inextensible_threads_store_nothing():
+    assert float(Inextensible().energy(jnp.asarray(0.01))) == 0.0

@@ -1,0 +1,116 @@
+"""A protocol becomes the samples that a bench would take, and a wrong one is told."""
+
+import numpy as np
+import pytest
+
+from pamjax.check import BadInput
+from pamjax.records.protocol import PAPER, Protocol, read_protocol
+from pamjax.units import in_unit
+from tests.agreement import ROUNDING, agree
+
+REST = 0.2
+BOTH = ["1 bar", "300 kPa"]
+
+
+def test_strokes_move_at_a_speed_at_one_pressure_after_another():
+    plan = Protocol(
+        kind="strokes", pressures=BOTH, contractions=[0.1, 0.2], cycles=2, speed="2 mm/s", rate="2 Hz"
+    )
+    schedule = plan.schedule(REST)
+    agree(np.diff(schedule.time), 0.5, 1e-9)
+    agree(np.unique(schedule.pressure), [1e5, 3e5], ROUNDING)
+    for pressure, deepest in zip((1e5, 3e5), (0.1, 0.2), strict=True):
+        length = schedule.length[schedule.pressure == pressure]
+        agree([length.max(), length.min()], [REST, REST * (1 - deepest)], ROUNDING)
+        # 1 mm a sample but for the last step to the turn.
+        assert np.max(np.abs(np.diff(length))) < 1e-3 + 1e-12
+    assert set(schedule.cycle) == {1, 2}
+    # In the middle of a stroke two legs meet the same lengths.
+    once = schedule.length[(schedule.pressure == 1e5) & (schedule.cycle == 1)]
+    np.testing.assert_array_equal(once, once[::-1])
+
+
+def test_a_stroke_may_lengthen():
+    schedule = Protocol(kind="strokes", pressures=["1 bar"], contractions=[-0.1]).schedule(REST)
+    agree([schedule.length.min(), schedule.length.max()], [REST, 1.1 * REST], ROUNDING)
+
+
+def test_ramps_fill_and_vent_at_one_length_after_another():
+    plan = Protocol(kind="ramps", pressures=BOTH, contractions=[0.0, 0.1], cycles=3, duration="4 s")
+    schedule = plan.schedule(REST)
+    assert schedule.time.size == 2 * 2 * 3 * 9
+    agree(np.unique(schedule.length), [0.9 * REST, REST], ROUNDING)
+    for cycle, top in zip(range(1, 7), [1e5, 3e5] * 3, strict=True):
+        pressure = schedule.pressure[schedule.cycle == cycle][:9]
+        agree(pressure, top * np.array([0, 1, 2, 3, 4, 3, 2, 1, 0]) / 4, ROUNDING)
+
+
+def test_holds_keep_each_pair():
+    plan = Protocol(kind="holds", pressures=BOTH, contractions=[0.0, 0.1, 0.2], duration="3 s")
+    schedule = plan.schedule(REST)
+    assert schedule.time.size == 2 * 3 * 3
+    pairs = {(p, round(x, 9)) for p, x in zip(schedule.pressure, schedule.length, strict=True)}
+    assert len(pairs) == 6
+
+
+@pytest.mark.parametrize(("every", "photographs"), [(0, 0), (1, 18), (5, 4)])
+def test_a_diameter_is_photographed_now_and_then(every, photographs):
+    plan = Protocol(
+        kind="holds", pressures=BOTH, contractions=[0, 0.1, 0.2], duration="3 s", diameter_every=every
+    )
+    assert plan.schedule(REST).optical.sum() == photographs
+
+
+def test_the_papers_protocol_is_ten_isobars_of_three_strokes():
+    schedule = PAPER.schedule(0.235744)
+    agree(np.unique(schedule.pressure) / in_unit("psi"), np.arange(10, 101, 10), 1e-9)
+    assert set(schedule.cycle) == {1, 2, 3}
+    assert 4000 < schedule.time.size < 6000
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"pressures": ["3 mm"]}, "pressure"),
+        ({"pressures": ["-3 bar"]}, r"`pressures` are gauge pressures and not negative; got -300 kPa"),
+        ({"rate": "0 Hz"}, "`rate` must be positive; got 0 in"),
+        ({"speed": "-1 mm/s"}, "`speed` must be positive; got -0.001 in"),
+        ({"contractions": [0.1, 0.2, 0.3]}, "one for each pressure; got 3 for 2 pressures in"),
+    ],
+)
+def test_what_no_bench_can_do_is_told(change, told):
+    plan = Protocol(**{"kind": "strokes", "pressures": BOTH, "contractions": [0.1]} | change)
+    with pytest.raises(BadInput, match=told):
+        plan.schedule(REST)
+
+
+WHOLE = '[protocol]\nkind = "ramps"\npressures = ["3 bar"]\ncontractions = [0.0]\n'
+
+
+def test_a_protocol_is_read_from_toml(tmp_path):
+    (tmp_path / "plan.toml").write_text(WHOLE)
+    assert read_protocol(tmp_path / "plan.toml") == Protocol(
+        kind="ramps", pressures=["3 bar"], contractions=[0.0]
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (None, "a protocol is a TOML file; got no file plan.toml. Check its path."),
+        ("kind = ", "a protocol is a TOML file; got"),
+        ("", r"a protocol has one table, \[protocol\]; got none in plan.toml."),
+        (WHOLE + "[more]\n", r"a protocol has one table, \[protocol\]; got protocol, more in plan.toml."),
+        (WHOLE.replace("pressures", "presures"), "`pressures`: field required"),
+        (WHOLE + "cycels = 2\n", "`cycels`: extra inputs are not permitted .* Did you mean `cycles`?"),
+        (WHOLE.replace("ramps", "rams"), "`kind`: input should be 'strokes', 'ramps' or 'holds'"),
+        (WHOLE.replace("[0.0]", "[0.95]"), r"`contractions.0`: input should be less than 0.9"),
+        (WHOLE.replace("[0.0]", "[]"), "`contractions`: list should have at least 1 item"),
+        (WHOLE + "cycles = 0\n", "`cycles`: input should be greater than or equal to 1"),
+    ],
+)
+def test_what_is_no_protocol_is_told(tmp_path, text, told):
+    if text is not None:
+        (tmp_path / "plan.toml").write_text(text)
+    with pytest.raises(BadInput, match=told):
+        read_protocol(tmp_path / "plan.toml")

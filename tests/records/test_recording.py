@@ -1,0 +1,98 @@
+"""A recording knows what was measured, and where its history begins."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from pamjax.check import BadInput
+from pamjax.records.recording import Aside, Recording
+
+
+def ramp(n=40):
+    return Recording.from_arrays(
+        time=np.arange(n) * 0.5, pressure=np.linspace(1e5, 2e5, n), length=0.2, force=np.arange(n) * 1.0
+    )
+
+
+def test_channels_are_those_with_a_measured_cell():
+    recording = Recording.from_arrays(pressure=[1e5, 2e5], length=0.2, diameter=[np.nan, 0.02])
+    assert recording.channels == ("diameter",)
+    assert recording.n == len(recording) == 2
+    assert recording.cycle.tolist() == [1, 1]
+    assert recording.row.tolist() == [2, 3]
+
+
+def test_usable_rows_have_pressure_and_length():
+    recording = Recording.from_arrays(pressure=[1e5, np.nan, 2e5], length=[0.2, 0.2, np.nan])
+    assert recording.usable.tolist() == [True, False, False]
+
+
+def test_every_row_of_a_static_map_starts_anew():
+    recording = Recording.from_arrays(pressure=[1e5, 2e5], length=0.2, force=[1.0, 2.0])
+    assert not recording.has_time
+    assert recording.starts.tolist() == [True, True]
+
+
+def test_a_pause_starts_anew_and_uneven_sampling_does_not():
+    steps = np.r_[np.full(10, 0.5), 6.0, np.full(10, 0.5)]
+    even = Recording.from_arrays(time=np.r_[0.0, np.cumsum(steps)], pressure=np.full(22, 1e5), length=0.2)
+    assert np.flatnonzero(even.starts).tolist() == [0, 11]
+    spread_out = np.r_[0.0, np.cumsum(0.1 * 1.5 ** np.arange(12))]
+    creep = Recording.from_arrays(time=spread_out, pressure=np.full(13, 1e5), length=0.2)
+    assert np.flatnonzero(creep.starts).tolist() == [0]
+
+
+def test_time_that_runs_back_starts_anew():
+    recording = Recording.from_arrays(time=[0.0, 1.0, 2.0, 0.0, 1.0], pressure=np.full(5, 1e5), length=0.2)
+    assert np.flatnonzero(recording.starts).tolist() == [0, 3]
+
+
+@pytest.mark.parametrize(("jump", "begins"), [(True, [0, 20]), (False, [0])])
+def test_a_new_cycle_starts_anew_only_where_pressure_or_length_jumps(jump, begins):
+    pressure = np.linspace(1e5, 2e5, 40)
+    pressure[20:] += 3e4 if jump else 0.0
+    recording = Recording.from_arrays(
+        time=np.arange(40.0), pressure=pressure, length=0.2, cycle=np.repeat([1, 2], 20)
+    )
+    assert np.flatnonzero(recording.starts).tolist() == begins
+
+
+def test_a_jump_within_a_cycle_is_a_step_of_the_staircase():
+    pressure = np.repeat([1e5, 2e5], 20)
+    recording = Recording.from_arrays(time=np.arange(40.0), pressure=pressure, length=0.2)
+    assert np.flatnonzero(recording.starts).tolist() == [0]
+
+
+def test_select_keeps_lines_and_their_asides():
+    aside = (Aside(3, "force", 9e9, "N", "x"), Aside(30, "force", 9e9, "N", "x"))
+    recording = ramp().without({"force": np.arange(40) == 1}, aside)
+    part = recording.select(recording.row < 10)
+    assert part.row.tolist() == list(range(2, 10))
+    assert part.aside == aside[:1]
+    assert np.isnan(part.force[1])
+
+
+def test_columns_must_be_equally_long():
+    with pytest.raises(BadInput) as told:
+        Recording.from_arrays(pressure=[1e5, 2e5], length=0.2, force=[1.0])
+    assert str(told.value) == "`force` must be as long as `pressure`; got (1,) beside (2,)."
+
+
+def test_the_table_is_written_in_the_units_a_person_reads():
+    frame = ramp().to_frame()
+    assert list(frame) == ["time [s]", "pressure [kPa]", "length [mm]", "force [N]", "cycle"]
+    assert frame["pressure [kPa]"].iloc[0] == pytest.approx(100.0, rel=1e-12)
+
+
+def test_an_aside_reads_as_a_sentence():
+    aside = Aside(17, "pressure", 4e7, "kPa", "it stands alone")
+    assert str(aside) == "pressure 40000 kPa in row 17 was set aside: it stands alone"
+
+
+def test_reading_records_loads_no_jax():
+    """Reading a table must answer at once; JAX takes most of a second to load."""
+    rooms = ["blocks", "case", "entry", "files", "outliers", "recording", "table", "template"]
+    code = f"import sys; sys.modules['jax'] = None; import {', '.join('pamjax.records.' + r for r in rooms)}"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

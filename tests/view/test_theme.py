@@ -1,0 +1,70 @@
+"""The look is applied inside its block only; a figure is written whole, and twice the same."""
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+
+from pamjax.view.theme import OKABE_ITO, QUIET, figure, letter, pressure_bar, pressures, save, theme
+
+
+def drawn():
+    with theme():
+        made = figure(3.5, 2.5)
+        panel = made.subplots()
+        panel.plot([0, 1], [0, 1])
+        panel.set(xlabel="contraction [%]", ylabel="force [N]", title="rises")
+        letter([panel])
+        pressure_bar(panel, [100, 200, 400])
+    return made
+
+
+def settings():
+    """All but the backend, which the reading of it alone would settle."""
+    return {name: matplotlib.rcParams[name] for name in matplotlib.rcParams if name != "backend"}
+
+
+def luminance(colour):
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(colour)]
+    return float(np.dot(linear, [0.2126, 0.7152, 0.0722]))
+
+
+def test_no_setting_outlives_the_block():
+    before = settings()
+    drawn()
+    assert settings() == before
+
+
+def test_a_failure_inside_the_block_leaves_no_setting():
+    before = settings()
+    with pytest.raises(ZeroDivisionError), theme():
+        _ = 1 / 0
+    assert settings() == before
+
+
+def test_saved_whole_as_png_and_pdf(tmp_path):
+    png, pdf = save(drawn(), tmp_path / "new" / "fig.1")
+    assert (png.name, pdf.name) == ("fig.1.png", "fig.1.pdf")
+    assert png.read_bytes()[:4] == b"\x89PNG"
+    assert pdf.read_bytes()[:4] == b"%PDF"
+    assert sorted(p.name for p in png.parent.iterdir()) == ["fig.1.pdf", "fig.1.png"]
+
+
+def test_same_figure_same_bytes(tmp_path):
+    first, second = save(drawn(), tmp_path / "a"), save(drawn(), tmp_path / "b")
+    assert [p.read_bytes() for p in first] == [p.read_bytes() for p in second]
+
+
+@pytest.mark.parametrize("levels", [[300.0], [100.0, 200.0, 400.0], list(np.arange(69.0, 700.0, 69.0))])
+def test_a_colour_for_each_isobar_darker_with_pressure(levels):
+    colours, norm = pressures(levels)
+    shades = [luminance(colours(norm(level))) for level in levels]
+    assert len(set(shades)) == len(levels)
+    assert shades == sorted(shades, reverse=True)
+    assert max(shades) < 0.7, "the lightest must still be seen on paper"
+
+
+def test_colours_of_kinds_are_the_published_ones():
+    assert OKABE_ITO["blue"] == "#0072B2"
+    assert len(set(OKABE_ITO.values())) == 8
+    assert 0.05 < luminance(QUIET) < 0.3
