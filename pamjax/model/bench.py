@@ -128,6 +128,7 @@ class Bench(eqx.Module):
     def passed(self, pressure: Samples, length: Samples, history: History) -> tuple[Past, Array]:
         """What the muscle truly went through at a true pressure (Pa) and length (m), and the status."""
         nothing = jnp.zeros(pressure.shape[0])
+
         def look(pressure, extension, frozen):
             return _each(self.instant, pressure, length, extension, frozen)
 

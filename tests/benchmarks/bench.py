@@ -1,0 +1,182 @@
+"""How long a whole bench takes: every mechanism switched on, a recording of 5,000 rows.
+
+    taskset -c 0 python -m tests.benchmarks.bench [rows]
+
+Reported, never asserted. Prediction and Jacobian in every number, warm, against the same physics in plain
+NumPy with finite differences (`by_hand.py`; that both predict the same is checked and printed); and how
+long a new process compiles for, with an empty cache and with the one that the first left behind. Times on
+the clock and of the processor are both told: on a shared machine the clock tells of the others as well.
+Without `taskset` JAX takes all cores.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from functools import cached_property
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from pamjax.infer.cache import keep_compiled
+from pamjax.model.history import history
+from pamjax.model.library import MECHANISMS
+from pamjax.parameter import replace, values
+from tests.benchmarks.by_hand import ByHand
+from tests.model.mechanisms.typical import LENGTH, full
+
+#: Numbers of the usual size for the paper's muscle, by path; the rest at their defaults, and mechanisms
+#: that are not among them compiled in at their neutral values.
+TYPICAL = {
+    "braid_elasticity.compliance": 1 / (144 * 0.0858e-6 * 80e9),
+    "thread_crimp.crimp": 5e-4,
+    "bladder_elasticity.modulus": 0.3e6,
+    "bladder_elasticity.mooney": 0.2,
+    "braid_friction.coefficient": 0.2,
+    "braid_friction.constant": 3.0,
+    "braid_friction.exponent": 0.8,
+    "braid_friction.give": 1e-9,
+    "braid_friction.start": 0.3,
+    "viscous_damping.coefficient": 2e3,
+    "viscoelastic_creep.modulus": 0.05e6,
+    "mullins_softening.modulus": 0.05e6,
+    "thread_slip.bedding": 5e-4,
+    "thread_slip.step": 2e-4,
+    "pressure_drop.impedance": 1e8,
+    "contact_pressure.threshold": 5e3,
+    "rig_compliance.compliance": 2e-7,
+    "pressure_offset.offset": 3e3,
+    "pressure_gain.gain": 0.01,
+    "length_offset.offset": 0.5e-3,
+    "force_gain.gain": 0.01,
+    "force_offset.offset": 5.0,
+    "force_drift.rate": 1e-3,
+    "force_drift.bend": 1e-7,
+    "channel_lag.lag": 0.3,
+}
+
+
+class Task:
+    """A recording of strokes at ten pressures, and a bench with every mechanism."""
+
+    def __init__(self, rows: int) -> None:
+        row = np.arange(rows)
+        cycle = row / rows * 30
+        level = np.minimum(cycle // 3, 9).astype(int)
+        pressure = 69e3 * (1 + level) * (1 + 2e-3 * np.sin(0.7 * row))
+        # Low pressures shorten less, as in the paper: further the bladder would stand off the braid.
+        top = np.array([0.02, 0.08, 0.12, *[0.15] * 7])[level]
+        length = LENGTH * (1 - top * (1 - np.abs(2 * (cycle % 1) - 1)))
+        starts = np.diff(level, prepend=-1) > 0
+        moment = np.cumsum(1.0 + 0.3 * np.sin(row)) + 60.0 * level
+        self.bench = full()
+        self.at = jnp.asarray(pressure), jnp.asarray(length), history(moment, starts)
+        self.numbers = {k: float(v) for k, v in values(self.bench).items()} | TYPICAL
+        self.x = np.array(list(self.numbers.values()))
+        self.hand = ByHand(pressure, length, moment, starts)
+        self.scale = np.array([5e3, 0.03])[:, None]
+
+    def plain(self, x, at):
+        shown = replace(self.bench, dict(zip(self.numbers, x, strict=True)))(*at)
+        return jnp.stack([shown.force, shown.diameter])
+
+    @cached_property
+    def predict(self) -> Callable:
+        return jax.jit(self.plain)
+
+    @cached_property
+    def slopes(self) -> Callable:
+        """Jacobian and prediction, as a step of least squares asks for them: one program."""
+        return jax.jit(jax.jacfwd(lambda x, at: 2 * (self.plain(x, at),), has_aux=True))
+
+    def by_hand(self, x) -> np.ndarray:
+        return self.hand(dict(zip(self.numbers, x, strict=True)))
+
+    def differences(self) -> np.ndarray:
+        """The Jacobian by forward differences, as SciPy takes them: one prediction more than numbers."""
+        begin, columns = self.by_hand(self.x), []
+        for k, value in enumerate(self.x):
+            step = 1.5e-8 * max(abs(value), 1e-3)
+            columns.append((self.by_hand(self.x + step * (np.arange(self.x.size) == k)) - begin) / step)
+        return np.stack(columns, axis=-1)
+
+
+def milliseconds(call: Callable[[], object], repeats: int) -> tuple[float, float]:
+    """Medians by the clock and of the processor."""
+    jax.block_until_ready(call())
+    times = []
+    for _ in range(repeats):
+        clock, busy = time.perf_counter(), time.process_time()
+        jax.block_until_ready(call())
+        times.append((time.perf_counter() - clock, time.process_time() - busy))
+    return tuple(1e3 * np.median(times, axis=0))
+
+
+def agreement(console: Console, task: Task) -> None:
+    off = np.max(np.abs(task.predict(task.x, task.at) - task.by_hand(task.x)) / task.scale)
+    console.print(f"By hand and pamjax differ by {off:.1g} of full scale at most.")
+
+
+def warm(console: Console, rows: int, repeats: int = 15) -> None:
+    task = Task(rows)
+    agreement(console, task)
+    mine = {
+        "prediction": lambda: task.predict(task.x, task.at),
+        f"Jacobian in {task.x.size} numbers": lambda: task.slopes(task.x, task.at),
+    }
+    theirs = (lambda: task.by_hand(task.x), 5), (task.differences, 1)
+    title = f"{len(MECHANISMS)} mechanisms, {rows:,} rows, warm"
+    table = Table(
+        "", "pamjax, clock", "processor", "NumPy, clock", "processor", "NumPy / pamjax", title=title
+    )
+    for (name, own), (hand, often) in zip(mine.items(), theirs, strict=True):
+        (clock, busy), (slow, slow_busy) = milliseconds(own, repeats), milliseconds(hand, often)
+        row = (f"{t:,.1f} ms" for t in (clock, busy, slow, slow_busy))
+        table.add_row(name, *row, f"{slow_busy / busy:.0f}")
+    console.print(table)
+
+
+def compiling(rows: int) -> None:
+    """What a new process does: print as JSON the seconds until each program stands."""
+    keep_compiled()
+    task, taken = Task(rows), {}
+    for name in ("slopes", "predict"):
+        clock, busy = time.perf_counter(), time.process_time()
+        getattr(task, name).lower(task.x, task.at).compile()
+        taken[name] = (time.perf_counter() - clock, time.process_time() - busy)
+    print(json.dumps(taken))
+
+
+def cold(console: Console, rows: int) -> None:
+    titles = {"slopes": "value and Jacobian", "predict": "value alone"}
+    table = Table("compiling", *(f"{t}, {w}" for t in titles.values() for w in ("clock", "processor")))
+    with tempfile.TemporaryDirectory() as scratch:
+        environment = os.environ | {"PAMJAX_CACHE_DIR": scratch}
+        words = [sys.executable, "-m", "tests.benchmarks.bench", str(rows), "compiling"]
+        for name in ("empty cache", "with the cache"):
+            said = subprocess.run(words, env=environment, check=True, capture_output=True, text=True).stdout
+            table.add_row(name, *(f"{t:.1f} s" for k in titles for t in json.loads(said)[k]))
+    console.print(table)
+
+
+def main() -> None:
+    rows = int(sys.argv[1]) if len(sys.argv) > 1 else 5000
+    if sys.argv[2:] == ["compiling"]:
+        return compiling(rows)
+    console = Console()
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    console.print(f"{cores} of {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} before this began")
+    warm(console, rows)
+    return cold(console, rows)
+
+
+if __name__ == "__main__":
+    main()
