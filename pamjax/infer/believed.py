@@ -104,6 +104,9 @@ def sizes(entry: Entry) -> dict[str, Measured]:
         "length": Measured(rest),
     }
     fitting = entry.fitting_diameter or Measured(outer, 0.1 * outer)
+    # The threads just touch at rest: sin 2θ B / N, from which a fit finds whether they do.
+    touching = 2 * math.pi * rest * outer / thread
+    found["braid_locking.width"] = Measured(touching, math.inf)
     found["end_taper.radius"] = Measured(fitting.value / 2, fitting.sd / 2)
     return found
 

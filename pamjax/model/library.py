@@ -9,8 +9,10 @@ from pamjax.model.mechanism import AbstractMechanism
 from pamjax.model.mechanisms.bladder_elasticity import BladderElasticity
 from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
 from pamjax.model.mechanisms.braid_friction import BraidFriction
+from pamjax.model.mechanisms.braid_locking import BraidLocking
 from pamjax.model.mechanisms.channel_lag import ChannelLag
 from pamjax.model.mechanisms.contact_pressure import ContactPressure
+from pamjax.model.mechanisms.diameter_offset import DiameterOffset
 from pamjax.model.mechanisms.force_drift import ForceDrift
 from pamjax.model.mechanisms.force_gain import ForceGain
 from pamjax.model.mechanisms.force_offset import ForceOffset
@@ -31,6 +33,7 @@ MECHANISMS: tuple[type[AbstractMechanism], ...] = (
     BraidElasticity,
     ThreadCrimp,
     BladderElasticity,
+    BraidLocking,
     BraidFriction,
     ViscousDamping,
     ViscoelasticCreep,
@@ -45,6 +48,7 @@ MECHANISMS: tuple[type[AbstractMechanism], ...] = (
     ForceGain,
     ForceOffset,
     ForceDrift,
+    DiameterOffset,
     ChannelLag,
 )
 

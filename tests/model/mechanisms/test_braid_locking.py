@@ -1,0 +1,66 @@
+"""Threads that jam at either end of the stroke, and a diameter that is read from outside."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from pamjax.model.bench import record
+from pamjax.model.history import history
+from pamjax.model.mechanisms.braid_locking import BraidLocking
+from pamjax.model.mechanisms.diameter_offset import DiameterOffset
+from pamjax.model.state import Cylinder
+from tests.agreement import ROUNDING, agree, printed
+from tests.model.mechanisms.typical import LENGTH, THREAD, TURNS, bench
+
+ANGLE = np.radians([25.0, 33.0, 45.0, 57.0, 65.0, 69.8, 75.0, 80.0])
+AT = THREAD * np.sin(ANGLE)
+STILL = history(None, np.arange(ANGLE.size) == 0)
+N = 144
+
+
+@cache
+def added(pressure, stiffness, width):
+    """Force that jamming adds at the angles above, N, and the change of diameter, m."""
+    level = np.full(ANGLE.size, pressure)
+    jammed = record(bench(BraidLocking(stiffness, width)), level, AT, STILL)
+    free = record(bench(BraidLocking(0.0, width)), level, AT, STILL)
+    return np.asarray(jammed.force - free.force), np.asarray(jammed.diameter - free.diameter)
+
+
+def test_jammed_threads_push_apart_as_a_spring_in_their_spacing():
+    """F = −k ⟨w − s⟩ 2 cos 2θ / (n N cos θ) of one pair of threads, k their stiffness in newtons a metre."""
+    width, stiffness = 1.4e-3, 3e5
+    spacing = THREAD / (N * TURNS) * np.sin(2 * ANGLE)
+    pair = stiffness * THREAD**3 / (4 * np.pi * TURNS**2) / width**2
+    force = -pair * (width - spacing) * 2 * np.cos(2 * ANGLE) / (N * TURNS * np.cos(ANGLE))
+    touching = width - spacing > 0.15e-3
+    found, _ = added(4e5, stiffness, N * width)
+    assert touching.sum() == 5
+    agree(found[touching], force[touching], 1e-5)
+    assert np.all(np.abs(found[spacing - width > 0.15e-3]) < 1e-3)
+
+
+def test_the_jammed_end_pulls_and_the_contracted_one_pushes():
+    force, diameter = added(4e5, 3e5, N * 1.6e-3)
+    assert np.all(force[np.radians(50) < ANGLE] > 1.0)
+    assert np.all(force[np.radians(40) > ANGLE] < -1.0)
+    assert abs(force[2]) < 1e-6 * np.max(force)
+    agree(diameter, 0.0, ROUNDING, 0.03)
+
+
+@pytest.mark.parametrize(("contraction", "spacing"), [(0.0, "1.04"), (0.2465, "1.60")])
+def test_spacing_of_the_kevlar_muscle(contraction, spacing):
+    """Read from the energy, whose square root is straight in the spacing; 45° is the widest there is."""
+    width = 0.4
+    state = Cylinder()(np.array(LENGTH * (1 - contraction)), np.array(THREAD), np.array(TURNS))
+    energy = float(BraidLocking(1.0, width).energy(state))
+    full = 0.5 * THREAD**3 / (4 * np.pi * TURNS**2)
+    printed(1e3 * width * (1 - np.sqrt(energy / full)) / N, spacing)
+
+
+def test_outer_diameter_is_wider_by_the_offset_alone():
+    level = np.full(ANGLE.size, 4e5)
+    seen, true = (record(bench(DiameterOffset(d)), level, AT, STILL) for d in (0.6e-3, 0.0))
+    agree(seen.diameter - true.diameter, 0.6e-3, 1e-10)
+    agree(seen.force, true.force, ROUNDING)
