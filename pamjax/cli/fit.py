@@ -18,6 +18,8 @@ def fit(
     law: str | None = None,
     share: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
     with_: Annotated[list[str] | None, Parameter(name="--with", consume_multiple=True, negative="")] = None,
+    gaps: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
+    before: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
     loss: Literal["square", "soft"] = "square",
     starts: int = 4,
     folds: int = 5,
@@ -36,6 +38,10 @@ def fit(
             baseline if left out.
         share: numbers that several cases have in common, as thread.modulus.
         with_: mechanisms that act beside the threads, as bladder_elasticity; `pamjax explain` lists them.
+        gaps: where the recording jumps, memory goes on ("carry", taken if left out) or begins "anew": a new
+            specimen, or a long rest. For one of several cases: name=anew.
+        before: before its first sample the muscle was at rest ("relaxed", taken if left out), or "settled":
+            it had been through the same once. For one of several cases: name=settled.
         loss: "soft" bounds the pull of a sample that is far off.
         starts: from how many places the minimiser starts.
         folds: into how many parts the blocks are dealt for the held-out score.
@@ -43,11 +49,18 @@ def fit(
         figures: whether to draw.
         json: print fit.json instead of the note.
     """
+    from pamjax.cli.settings import of_each
     from pamjax.records.case import read_case
 
     # A fit whose answer cannot be written is not begun.
     writable(out)
-    read = [read_case(folder) for folder in cases]
+    read = [
+        read_case(folder, gaps=at_gaps, before=begun)
+        for folder, at_gaps, begun in zip(
+            cases, of_each(cases, gaps, "carry", "--gaps"), of_each(cases, before, "relaxed", "--before"),
+            strict=True,
+        )
+    ]  # fmt: skip
     from pamjax.infer.cache import keep_compiled
     from pamjax.infer.fit import fit as calibrate
     from pamjax.infer.save import as_dict, save

@@ -1,11 +1,11 @@
-"""Numbers of mechanisms as a person types them: "force_offset.offset=5 N"."""
+"""What a person types as name=value: numbers of mechanisms, and words that hold for one of several cases."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 
-from pamjax.check import refuse
-from pamjax.model.catalogue import meaning
+from pamjax.check import nearest, refuse
 from pamjax.units import number_in, show
 
 
@@ -22,6 +22,8 @@ def settings(written: Iterable[str]) -> dict[str, float]:
 
 
 def _one(text: str) -> tuple[str, float]:
+    from pamjax.model.catalogue import meaning
+
     name, equals, quantity = text.partition("=")
     if not equals:
         raise refuse("a number of a mechanism is written id.number=value", f"{text!r}", "--with")
@@ -31,3 +33,22 @@ def _one(text: str) -> tuple[str, float]:
         rule = f"`{name}` lies between {show(about.low, about.show)} and {show(about.high, about.show)}"
         raise refuse(rule, show(value, about.show), "--with")
     return name.strip(), value
+
+
+def of_each(cases: Sequence[Path], said: Sequence[str] | None, usual: str, option: str) -> list[str]:
+    """The word that holds for each case: "word" for all, or "name=word" for one.
+
+    Raises:
+        BadInput: for the name of no case.
+    """
+    words = dict.fromkeys((folder.resolve().name for folder in cases), usual)
+    # What is said of one case is heard after what is said of all, wherever it stands.
+    for text in sorted(said or (), key=lambda text: "=" in text):
+        name, equals, word = text.partition("=")
+        if not equals:
+            words = dict.fromkeys(words, text)
+        elif name not in words:
+            raise refuse(f"{name!r} is no case of this fit", where=option, remedy=nearest(name, words))
+        else:
+            words[name] = word
+    return [words[folder.resolve().name] for folder in cases]

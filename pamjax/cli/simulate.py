@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -20,6 +20,7 @@ def simulate(
     law: str | None = None,
     case: str | None = None,
     with_: Annotated[list[str] | None, Parameter(name="--with", consume_multiple=True, negative="")] = None,
+    before: Literal["relaxed", "settled"] = "relaxed",
     noise: bool = True,
     correlation_time: str = "0 s",
     seed: int = 0,
@@ -34,6 +35,7 @@ def simulate(
         law: thread law of a muscle as stated; its baseline if left out.
         case: which case of a fit.json with several.
         with_: numbers of mechanisms to add, as braid_friction.coefficient=0.2 or "force_offset.offset=5 N".
+        before: whether the muscle was at rest before the first sample, or had been through the same once.
         noise: whether the sensors of muscle.toml add their noise.
         correlation_time: of the noise of force and diameter.
         seed: of the noise.
@@ -57,6 +59,13 @@ def simulate(
         print(f"pamjax: warning: {sentence}", file=sys.stderr)
     sensors = loaded.entry.sensors if noise else Sensors()
     pause = parse(correlation_time, "time", "--correlation-time")
-    recording = record(loaded.muscle, schedule, sensors, seed=seed, correlation_time=pause)
+    recording = record(
+        loaded.muscle,
+        schedule,
+        sensors,
+        seed=seed,
+        correlation_time=pause,
+        settled=before == "settled",
+    )
     write_case(out, recording, loaded.text)
     say(f"wrote {out}/: {recording.n} rows of {' and '.join(recording.channels)}")

@@ -131,7 +131,13 @@ def member(case: Case, law: str, at: Space, rename: dict[str, str], mechanisms: 
         length_errors=tuple(i for n, i in place.items() if is_ruler(n)),
         known={n: jnp.asarray(m.value) for n, m in numbers.items() if n not in place},
         rows=sample_rows(case),
-        history=history(recording.time, recording.starts, size=padded(recording.n)),
+        history=history(
+            recording.time,
+            recording.starts,
+            restart=case.gaps == "anew",
+            settled=case.before == "settled",
+            size=padded(recording.n),
+        ),
         trust=jnp.ones(2),
     )
 

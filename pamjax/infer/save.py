@@ -66,6 +66,7 @@ def _case(one: CaseFit, law: str, mechanisms: tuple[str, ...]) -> dict[str, Any]
             "rmse": {c: _shown(c, v) for c, v in one.held_out.rmse.items()},
         },
         "calibrated": {name: {"low": low, "high": high} for name, (low, high) in one.calibrated.items()},
+        "memory": {"gaps": one.case.gaps, "before": one.case.before},
         "muscle": {"law": law, "mechanisms": list(mechanisms), "numbers": one.numbers},
         "muscle_toml": (one.case.folder / "muscle.toml").read_text(encoding="utf-8-sig"),
         "failed": {status.name: rows.tolist() for status, rows in one.failed.items()},

@@ -142,9 +142,15 @@ class Bench(eqx.Module):
         for line in self.of(AbstractLine):
             first = eqx.tree_at(lambda p: p.pressure, first, line.pressure(history, first))
         nothing, memories = jnp.zeros_like(first.pressure), self.of(AbstractMemory)
-        extension = sum((slip.extension(history, first) for slip in self.of(AbstractSlip)), nothing)
-        strains = [jax.vmap(memory.strains)(first.state, first.pressure) for memory in memories]
-        stresses = [m.stresses(history, strain, first) for m, strain in zip(memories, strains, strict=True)]
+        seen, begin = first, 0
+        if history.settled:
+            seen = jax.tree.map(lambda x: jnp.concatenate([x, x]), first)
+            history, begin = history.twice(), nothing.size
+        extension = sum((slip.extension(history, seen)[begin:] for slip in self.of(AbstractSlip)), nothing)
+        strains = [jax.vmap(memory.strains)(seen.state, seen.pressure) for memory in memories]
+        stresses = [
+            m.stresses(history, strain, seen)[begin:] for m, strain in zip(memories, strains, strict=True)
+        ]
         frozen = _each(self._frozen, first, stresses) if memories else (nothing, nothing)
         return first.pressure, extension, frozen
 

@@ -1,7 +1,8 @@
 """What a bench did over time, as the mechanisms that remember need it.
 
 A recording is a sequence of samples with gaps where the rig was moved. Memory is carried across a gap
-unless it is stated to restart there; a rate never reaches across one.
+unless it is stated to restart there; a rate never reaches across one. Before the first sample the muscle
+was at rest in that state, or, where that is stated, had been through the same recording once.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ class History(eqx.Module):
         slope: (n, 2 REACH + 1) weights that turn a sample and its neighbours into a rate, 1/s; zero
             for those of another run.
         first, last: (n,) the ends of each sample's run; the sample itself in a static map.
+        settled: whether the muscle had been through the recording once before.
     """
 
     time: Float[Array, " n"]
@@ -36,6 +38,7 @@ class History(eqx.Module):
     slope: Float[Array, "n k"]
     first: Int[Array, " n"]
     last: Int[Array, " n"]
+    settled: bool = eqx.field(static=True, default=False)
 
     def rate(self, values: Float[Array, " n"]) -> Float[Array, " n"]:
         """Change of a quantity in a second; zero in a static map."""
@@ -65,12 +68,34 @@ class History(eqx.Module):
         before = jnp.concatenate([values[:1], values[:-1]])
         return jnp.where(self.restart, 0.0, values - before)
 
+    def twice(self) -> History:
+        """The recording, and then the recording again: 2n samples.
+
+        From its last state the muscle goes to its first at once: nothing is known of the way. (A static map
+        stays one: each of its samples begins anew.)
+        """
+        n = self.time.shape[0]
+
+        def again(early, late):
+            return jnp.concatenate([early, late])
+
+        still = jnp.all(self.restart)
+        return History(
+            time=again(self.time - (self.time[-1] - self.time[0]), self.time),
+            step=again(self.step, self.step),
+            restart=again(self.restart, self.restart.at[0].set(still)),
+            slope=again(self.slope, self.slope),
+            first=again(self.first, self.first + n),
+            last=again(self.last, self.last + n),
+        )
+
 
 def history(
     time: np.ndarray | None,
     starts: np.ndarray,
     *,
     restart: bool = False,
+    settled: bool = False,
     size: int | None = None,
 ) -> History:
     """The history of a recording.
@@ -79,6 +104,7 @@ def history(
         time: (n,) s, increasing; None for a static map, in which nothing is remembered.
         starts: (n,) whether a continuous run begins at this sample.
         restart: whether memory begins anew at every run, rather than only at the first sample.
+        settled: whether the muscle had been through the recording once before.
         size: length to pad to; padded samples repeat the last one.
     """
     n = starts.size
@@ -97,6 +123,7 @@ def history(
         slope=jnp.asarray(_pad(_slopes(clock, run), size, 0.0)),
         first=jnp.asarray(_pad(row if time is None else begin, size, max(n - 1, 0))),
         last=jnp.asarray(_pad(row if time is None else end - 1, size, max(n - 1, 0))),
+        settled=settled,
     )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pamjax.check import refuse
+from pamjax.check import nearest, refuse
 from pamjax.records.entry import Entry, Measured, read_entry
 from pamjax.records.files import read_bytes
 from pamjax.records.recording import SHOWN, Recording
@@ -18,6 +18,11 @@ from pamjax.units import show
 
 RECORDING = "recording.csv"
 MUSCLE = "muscle.toml"
+
+#: At a jump of the recording memory goes on, time and all, or begins anew (a new specimen, a long rest).
+GAPS = ("carry", "anew")
+#: The muscle was at rest in its first state, or had been through the whole recording once.
+BEFORE = ("relaxed", "settled")
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +34,8 @@ class Case:
         folder: where it lies.
         entry: what muscle.toml says.
         recording: what recording.csv says.
+        gaps: what became of the muscle where the rig was moved: one of `GAPS`.
+        before: what it had gone through before the first sample: one of `BEFORE`.
         checksum: SHA-256 over the bytes of recording.csv, then muscle.toml: the same data, the same sum.
         warnings: what its owner should know, one sentence each; the reader of a case shows them.
     """
@@ -39,6 +46,8 @@ class Case:
     recording: Recording
     checksum: str
     warnings: tuple[str, ...] = ()
+    gaps: str = "carry"
+    before: str = "relaxed"
 
     def __str__(self) -> str:
         recording = self.recording
@@ -52,10 +61,15 @@ class Case:
         return "\n".join(lines + [f"  note: {warning}" for warning in self.warnings])
 
 
-def read_case(folder: str | Path) -> Case:
+def read_case(folder: str | Path, *, gaps: str = "carry", before: str = "relaxed") -> Case:
     """Read a case folder: `recording.csv` and `muscle.toml`.
 
     Nothing is warned aloud here: what the owner should know is in `warnings`.
+
+    Args:
+        folder: where it lies.
+        gaps: "carry" or "anew", what mechanisms that remember do at a jump of the recording.
+        before: "relaxed" or "settled", what the muscle had gone through before the first sample.
 
     Raises:
         BadInput: in one sentence, if a file is missing, cannot be used, or contradicts the other.
@@ -66,6 +80,8 @@ def read_case(folder: str | Path) -> Case:
         raise refuse(
             f"a case is a folder with {RECORDING} and {MUSCLE}", f"{folder}, which is none", remedy=remedy
         )
+    _one_of("gaps", gaps, GAPS)
+    _one_of("before", before, BEFORE)
     said, measured = read_bytes(folder / MUSCLE), read_bytes(folder / RECORDING)
     entry = read_entry(said, MUSCLE)
     recording, notes, units = parse_table(measured, RECORDING, entry.columns, entry.length)
@@ -78,7 +94,14 @@ def read_case(folder: str | Path) -> Case:
         recording=recording,
         checksum=hashlib.sha256(measured + said).hexdigest(),
         warnings=tuple(notes),
+        gaps=gaps,
+        before=before,
     )
+
+
+def _one_of(name: str, got: str, known: tuple[str, ...]) -> None:
+    if got not in known:
+        raise refuse(f"`{name}` is {' or '.join(known)}", f"{got!r}", remedy=nearest(got, known))
 
 
 def _within_thread(recording: Recording, entry: Entry, unit: str) -> None:

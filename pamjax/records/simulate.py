@@ -23,6 +23,7 @@ def simulate(
     *,
     seed: int = 0,
     correlation_time: float = 0.0,
+    settled: bool = False,
 ) -> Recording:
     """What the bench would have written down.
 
@@ -35,10 +36,11 @@ def simulate(
         sensors: noise of each channel; a channel without one is exact.
         seed: of the noise.
         correlation_time: of the noise of force and diameter, s.
+        settled: whether the muscle had been through the schedule once before.
     """
     rng = np.random.default_rng(seed)
     n = schedule.time.size
-    reading = _shown(muscle, schedule)
+    reading = _shown(muscle, schedule, settled)
     there = np.asarray(reading.status) == Status.OK
     step = float(schedule.time[1] - schedule.time[0]) if n > 1 else 1.0
     repeat = float(np.exp(-step / correlation_time)) if correlation_time > 0 else 0.0
@@ -54,12 +56,12 @@ def simulate(
     )
 
 
-def _shown(muscle: Muscle | Bench, schedule: Schedule):
+def _shown(muscle: Muscle | Bench, schedule: Schedule, settled: bool):
     pressure, length = jnp.asarray(schedule.pressure), jnp.asarray(schedule.length)
     if isinstance(muscle, Muscle):
         return predict(muscle, pressure, length)
     first = np.arange(schedule.time.size) == 0
-    return record(muscle, pressure, length, history(schedule.time, first))
+    return record(muscle, pressure, length, history(schedule.time, first, settled=settled))
 
 
 def _length_error(schedule: Schedule, sensors: Sensors, rng: np.random.Generator) -> np.ndarray:

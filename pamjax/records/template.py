@@ -13,7 +13,9 @@ _RECORDING = """\
 # EXAMPLE ROWS: put your own in their place. Lines that begin with # are comments.
 # One row a sample. Any unit will do: state it in the header, as in pressure [psi].
 # A blank cell is "not measured".
-# time      leave the column out if every row is an equilibrium and their order means nothing
+# time      leave the column out if every row is an equilibrium and their order means nothing. Where it jumps,
+#           the rig was moved: rubber and friction remember across the jump, or begin anew if you say so
+#           (pamjax fit --gaps anew); --before settled says that the muscle had been through the same before
 # pressure  gauge pressure at the muscle's inlet
 # length    between the fittings
 # force     tension, positive where the muscle pulls

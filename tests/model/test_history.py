@@ -4,8 +4,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from pamjax.model.bench import Bench, record
 from pamjax.model.history import history
-from tests.agreement import ROUNDING, agree
+from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
+from pamjax.model.mechanisms.braid_friction import BraidFriction
+from pamjax.model.mechanisms.mullins_softening import MullinsSoftening
+from pamjax.model.mechanisms.thread_slip import ThreadSlip
+from pamjax.model.mechanisms.viscoelastic_creep import ViscoelasticCreep
+from pamjax.model.mechanisms.viscous_damping import ViscousDamping
+from tests.agreement import ROUNDING, SOLVED, agree
 
 TIME = np.r_[np.cumsum(np.tile([0.4, 0.6, 0.5], 20)), 500 + 0.5 * np.arange(40)]
 STARTS = np.isin(np.arange(100), [0, 60])
@@ -73,3 +80,24 @@ def test_padding_changes_no_sample():
     lag = jnp.asarray(0.8)
     agree(padded.late(long, lag)[:100], PAST.late(jnp.asarray(values), lag), ROUNDING, 1.0)
     assert np.all(np.isfinite(padded.late(long, lag)))
+
+
+def test_a_settled_muscle_has_been_through_the_recording_once():
+    """The second half of a recording that is played twice; and what nothing remembers is the same."""
+    kinds = BraidElasticity(1e-6), BraidFriction(0.2, 3.0), ViscoelasticCreep(5e4), ThreadSlip(1e-3)
+    bench = Bench(0.2512, 1.09, (*kinds, MullinsSoftening(5e4), ViscousDamping(1e3)))
+    pressure, length = 3e5 + 1e5 * np.sin(TIME / 7), 0.22 - 0.02 * np.cos(TIME / 11)
+    at = jnp.asarray(pressure), jnp.asarray(length)
+    settled = record(bench, *at, history(TIME, STARTS, settled=True)).force
+    time = np.r_[TIME - np.ptp(TIME), TIME]
+    twice = history(time, np.r_[STARTS, STARTS])
+    agree(settled, record(bench, *(jnp.r_[x, x] for x in at), twice).force[100:], SOLVED, 100.0)
+    assert np.max(np.abs(settled - record(bench, *at, PAST).force)) > 5.0
+    padded = jnp.r_[at[0], jnp.full(28, at[0][-1])], jnp.r_[at[1], jnp.full(28, at[1][-1])]
+    long = history(TIME, STARTS, settled=True, size=128)
+    agree(record(bench, *padded, long).force[:100], settled, SOLVED, 100.0)
+
+
+def test_a_static_map_settles_nothing():
+    twice = history(None, np.ones(5, bool), settled=True).twice()
+    assert np.all(twice.restart)
