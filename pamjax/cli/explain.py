@@ -4,27 +4,51 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterator
+from pathlib import Path
 
-from pamjax.cli.screen import say
+from pamjax.cli.screen import say, say_written, writable
 
 WIDTH = 96
 
 
-def explain(name: str | None = None, /) -> None:
+def explain(name: str | None = None, /, *, figure: Path | None = None) -> None:
     """Say what a number or a mechanism means; without a name, list them all.
 
     Args:
         name: a number as it stands in muscle.toml and in reports, for instance thread.modulus, or a
             mechanism, for instance braid_friction.
+        figure: a PNG file to write: what the mechanism does to the force and diameter of a muscle.
     """
     from pamjax.model.library import library
 
+    if figure is not None:
+        _drawn(name, figure)
     if name is None:
         say("\n".join(_everything()))
     elif name in library():
         say("\n".join(_mechanism(library()[name])))
     else:
         say("\n".join(_number(name)))
+
+
+def _drawn(name: str | None, file: Path) -> None:
+    """Write the figure of a mechanism."""
+    from pamjax.check import refuse
+    from pamjax.model.library import library, mechanism
+
+    if name is None or "." in name:
+        remedy = f"Name one of {', '.join(library())}."
+        raise refuse("a figure is drawn of a mechanism", name or "no name", "--figure", remedy)
+    if file.suffix != ".png":
+        raise refuse("`--figure` is a PNG file", str(file), remedy=f"Name it {file.with_suffix('.png')}.")
+    kind = mechanism(name)
+    writable(file.parent, "what `--figure` lies in")
+    from pamjax.infer.cache import keep_compiled
+    from pamjax.view.mechanism_figure import mechanism_figure
+    from pamjax.view.theme import save_png
+
+    keep_compiled()
+    say_written([save_png(mechanism_figure(kind), file.with_suffix(""))])
 
 
 def _everything() -> Iterator[str]:

@@ -27,7 +27,7 @@ def working(quiet: bool = False) -> Iterator[Callable[[str, float], None]]:
         yield lambda doing, share: bar.update(task, description=doing, completed=share)
 
 
-def writable(folder: Path) -> None:
+def writable(folder: Path, what: str = "`--out`") -> None:
     """Refuse a folder that cannot be written to, or made.
 
     Raises:
@@ -38,7 +38,7 @@ def writable(folder: Path) -> None:
         nearest = nearest.parent
     if not nearest.is_dir() or not os.access(nearest, os.W_OK):
         raise refuse(
-            "`--out` must be a folder to write to", f"{nearest}, which is none", remedy="Name another."
+            f"{what} must be a folder to write to", f"{nearest}, which is none", remedy="Name another."
         )
 
 
