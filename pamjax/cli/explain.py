@@ -71,18 +71,33 @@ def _line(name: str, meaning, indent: str = "  ") -> str:
 
 def _number(name: str) -> Iterator[str]:
     from pamjax.check import nearest, refuse
-    from pamjax.model.catalogue import catalogue
+    from pamjax.model.catalogue import by_law, catalogue
     from pamjax.model.library import library
 
     known = catalogue()
     if name not in known:
         hint = nearest(name, [*known, *library()])
         raise refuse(f"{name!r} is no number and no mechanism pamjax knows", remedy=hint)
+    meant: dict[tuple[str, ...], list[str]] = {}
+    for law, own in by_law(name).items():
+        meant.setdefault(tuple(_meant(own)), []).append(law)
+    if len(meant) < 2:
+        about, *lines = _meant(known[name])
+        yield f"{name}: {about}"
+        yield from lines
+        return
+    # One number may mean something else to another law.
+    for (about, *lines), laws in meant.items():
+        yield f"{name} (law {' or '.join(laws)}): {about}"
+        yield from lines
+
+
+def _meant(found) -> Iterator[str]:
+    """What a number is, then unit, limits, source and neutral value."""
     from pamjax.units import in_unit
 
-    found = known[name]
     scale = in_unit(found.show)
-    yield f"{name}: {found.about}"
+    yield found.about
     yield (
         f"  unit      {found.show} (kept in {found.unit})"
         if found.show != found.unit

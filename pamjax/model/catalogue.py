@@ -82,6 +82,16 @@ def meaning(name: str) -> Meaning:
     return known[name]
 
 
+def by_law(name: str) -> dict[str, Meaning]:
+    """What a number of the threads means to each law that has it; empty for any other number.
+
+    >>> {law: meaning.about for law, meaning in by_law("thread.crimp").items()}["recruitment-toe"]
+    'mean slack of the filaments'
+    """
+    own = {law: field_meanings(kind) for law, kind in LAWS.items()}
+    return {law: known[name[7:]] for law, known in own.items() if name[:7] == "thread." and name[7:] in known}
+
+
 def law_numbers(law: str) -> tuple[str, ...]:
     """Names of the numbers that a law has beside its stiffness."""
     if law not in LAWS:

@@ -98,6 +98,15 @@ def test_mechanisms_can_be_set(bench, tmp_path):
     [
         ([], ["Numbers of a muscle:", "muscle.turns", "braid_friction"]),
         (["thread.modulus"], ["unit      GPa (kept in Pa)", "limits    0.3 to 300", "source"]),
+        (
+            ["thread.crimp"],
+            [
+                "thread.crimp (law toe): strain at which the threads are straight",
+                "thread.crimp (law exponential-toe): strain at which",
+                "thread.crimp (law recruitment-toe): mean slack of the filaments",
+            ],
+        ),
+        (["thread.stiffness"], ["thread.stiffness: pull of all threads", "limits    0.0001 to 1000"]),
         (["muscle.turns"], ["turns N of one thread"]),
         (["braid_friction"], ["mistaken for", "told apart by", "braid_friction.coefficient"]),
     ],
