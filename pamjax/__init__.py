@@ -8,8 +8,11 @@ if TYPE_CHECKING:
     from pamjax.infer.determine import determine
     from pamjax.infer.fit import fit
     from pamjax.infer.load import load_muscle
+    from pamjax.infer.posterior import Posterior
     from pamjax.infer.result import Fit
+    from pamjax.infer.sample import sample
     from pamjax.infer.save import save
+    from pamjax.infer.save_posterior import save_posterior
     from pamjax.model.assembly import assemble
     from pamjax.model.catalogue import catalogue
     from pamjax.model.muscle import Muscle, predict
@@ -33,7 +36,10 @@ _HOME = {
     "determine": "pamjax.infer.determine",
     "fit": "pamjax.infer.fit",
     "load_muscle": "pamjax.infer.load",
+    "Posterior": "pamjax.infer.posterior",
+    "sample": "pamjax.infer.sample",
     "save": "pamjax.infer.save",
+    "save_posterior": "pamjax.infer.save_posterior",
 }
 
 __all__ = [
@@ -42,6 +48,7 @@ __all__ = [
     "Fit",
     "InputWarning",
     "Muscle",
+    "Posterior",
     "Recording",
     "assemble",
     "catalogue",
@@ -50,7 +57,9 @@ __all__ = [
     "load_muscle",
     "predict",
     "read_case",
+    "sample",
     "save",
+    "save_posterior",
     "simulate",
 ]
 

@@ -23,6 +23,7 @@ for word, about in {
     "new": "Write a commented case folder to fill in.",
     "check": "Say whether a case is fit to be fitted, without fitting it.",
     "fit": "Calibrate a muscle on its recording, or several muscles together.",
+    "sample": "Draw from the posterior of a muscle's numbers: how sure they are.",
     "simulate": "Make the case folder that a bench would have written.",
     "explain": "Say what a number or a mechanism means; without a name, list them all.",
 }.items():

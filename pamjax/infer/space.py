@@ -111,6 +111,22 @@ class Space(eqx.Module):
         gaussian = (self.values(u) - self.mean) / self.sd
         return jnp.where(jnp.isfinite(self.sd), gaussian, _anywhere(self.origin + u * self.width))
 
+    def log_prior(self, u: Float[Array, " p"]) -> Array:
+        """Logarithm of the prior density of u, up to the constant that the limits cut off a Gaussian.
+
+        A residual says how unlikely a value is; a density in u needs d value / d u beside it.
+        """
+        z = self.origin + u * self.width
+        log_share = jax.nn.log_sigmoid(z) + jax.nn.log_sigmoid(-z) + jnp.log(jnp.abs(self.width))
+        value = self.values(u)
+        log = jnp.array(self.log)
+        reach = jnp.where(log, jnp.log(self.high / jnp.where(log, self.low, 1.0)), self.high - self.low)
+        known = jnp.isfinite(self.sd)
+        sd = jnp.where(known, self.sd, 1.0)
+        log_slope = jnp.log(jnp.where(log, value, 1.0) * reach) + log_share
+        gaussian = -0.5 * ((value - self.mean) / sd) ** 2 - jnp.log(sd) - 0.5 * jnp.log(2 * jnp.pi)
+        return jnp.sum(jnp.where(known, gaussian + log_slope, log_share))
+
     def at_limit(self, u: Float[Array, " p"]) -> list[str]:
         """Names that sit at one of their limits."""
         share = np.asarray(self._position(self.values(u)))

@@ -36,7 +36,7 @@ def weigh(
     """
     sensors, n = case.entry.sensors, case.recording.n
     sd = effective_sd(one, at.values(solution.u), sensors, starting_sd(case))
-    misfit = _physical_misfit(one, at, solution)
+    misfit = misfit_of(one, at.values(solution.u))
     weights, trust, noise = np.zeros_like(misfit), np.ones(2), {}
     learned = _learned(solution)
     for k, (channel, given) in enumerate(zip(CHANNELS, (sensors.force, sensors.diameter), strict=True)):
@@ -66,9 +66,9 @@ def _misfit(one: Member, values):
     return jnp.stack(one.misfit(values)), jnp.stack([one.rows.force_weight, one.rows.diameter_weight])
 
 
-def _physical_misfit(one: Member, at: Space, solution: Solution) -> np.ndarray:
+def misfit_of(one: Member, values: jnp.ndarray) -> np.ndarray:
     """Measured − model, SI, (2, n); NaN where not measured."""
-    misfit, weight = (np.asarray(a) for a in _misfit(one, at.values(solution.u)))
+    misfit, weight = (np.asarray(a) for a in _misfit(one, values))
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(weight > 0, misfit / weight, np.nan)
 

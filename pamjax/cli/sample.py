@@ -1,0 +1,84 @@
+"""`pamjax sample`: how sure the calibrated numbers are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from pamjax.cli.screen import say, say_json, say_written, working, writable
+
+
+def sample(
+    cases: list[Path],
+    /,
+    *,
+    out: Path = Path("out"),
+    law: str | None = None,
+    share: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
+    with_: Annotated[list[str] | None, Parameter(name="--with", consume_multiple=True, negative="")] = None,
+    priors: Path | None = None,
+    sampler: Literal["emcee", "nuts"] = "emcee",
+    ess: float = 1000.0,
+    rhat: float = 1.01,
+    max_draws: int = 20_000,
+    seed: int = 0,
+    figures: bool = True,
+    json: Annotated[bool, Parameter(negative="")] = False,
+) -> None:
+    """Draw from the posterior of a muscle's numbers and of the noise's.
+
+    Writes posterior.nc (for ArviZ), posterior.json and figures; prints a lab note with a verdict for
+    each number. The chain is kept in the folder: a run that was stopped or killed goes on where it was
+    when the same words are said again, and one that is finished is not walked further.
+
+    Args:
+        cases: case folders, each with recording.csv and muscle.toml.
+        out: folder to write to.
+        law: thread law, as for fit; the case's baseline if left out.
+        share: numbers that several cases have in common, as thread.modulus.
+        with_: mechanisms that act beside the threads, as bladder_elasticity.
+        priors: TOML file of what to believe instead: a table for each number, as
+            ["thread.modulus"] with value, sd, low and high.
+        sampler: emcee, an ensemble of walkers, or nuts, which needs blackjax.
+        ess: effective samples that every number is to have.
+        rhat: split-R̂ that no number is to exceed.
+        max_draws: draws of one walker or chain, at most.
+        seed: of the sampler and of the fit.
+        figures: whether to draw.
+        json: print posterior.json instead of the note.
+    """
+    from pamjax.records.case import read_case
+
+    writable(out)
+    read = [read_case(folder) for folder in cases]
+    from pamjax.infer.beliefs import read_beliefs
+    from pamjax.infer.cache import keep_compiled
+    from pamjax.infer.sample import sample as walk
+    from pamjax.infer.save_posterior import posterior_dict, save_posterior
+
+    beliefs = read_beliefs(priors) if priors else {}
+    keep_compiled()
+    with working(quiet=json) as progress:
+        post = walk(
+            read,
+            law,
+            share or (),
+            with_ or (),
+            beliefs=beliefs,
+            sampler=sampler,
+            ess=ess,
+            rhat=rhat,
+            max_draws=max_draws,
+            seed=seed,
+            checkpoint=out / "chain",
+            progress=progress,
+        )
+    written = save_posterior(post, out)
+    if figures:
+        from pamjax.view.posterior_figures import save_posterior_figures
+
+        written += save_posterior_figures(post, out)
+    say_json(posterior_dict(post)) if json else say(str(post))
+    say_written(written)

@@ -1,0 +1,193 @@
+"""From a fit to a posterior: `sample` is the verb, `posterior.Posterior` what it returns."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from pamjax.check import nearest, refuse
+from pamjax.infer.chains import TRUSTED, Health, health, kept
+from pamjax.infer.checkpoint import Arrays, Checkpoint, identity
+from pamjax.infer.density import Density, density_of, tempered
+from pamjax.infer.ensemble import Ensemble
+from pamjax.infer.fit import fit as calibrate
+from pamjax.infer.laplace import Ball, laplace
+from pamjax.infer.nuts import Nuts
+from pamjax.infer.posterior import Posterior
+from pamjax.infer.result import Fit
+from pamjax.records.case import Case
+
+Sampler = Literal["emcee", "nuts"]
+SAMPLERS = {"emcee": Ensemble, "nuts": Nuts}
+
+#: The chain is looked at when it has grown by this factor.
+GROWN = 1.2
+
+#: Steps of the walk that shapes the ball.
+PILOT = 400
+
+Progress = Callable[[str, float], None]
+
+
+def sample(
+    source: Fit | Case | Sequence[Case],
+    law: str | None = None,
+    share: Sequence[str] = (),
+    mechanisms: Sequence[str] = (),
+    *,
+    beliefs: Mapping[str, Mapping[str, Any]] | None = None,
+    sampler: Sampler = "emcee",
+    ess: float = 1000.0,
+    rhat: float = 1.01,
+    max_draws: int = 20_000,
+    seed: int = 0,
+    checkpoint: Path | None = None,
+    progress: Progress = lambda doing, share: None,
+) -> Posterior:
+    """How sure the numbers are: draws of the muscle's numbers and of the noise's together.
+
+    Runs until every number has enough effective samples and the chains agree, not for a number of
+    steps. Where `max_draws` does not suffice, the result says so and holds what there is.
+
+    Args:
+        source: a fit, or what to fit first: one case or several.
+        law: thread law, as in `fit`; only for cases.
+        share: numbers that all cases have in common, as in `fit`; only for cases.
+        mechanisms: what acts beside the threads, as in `fit`; only for cases.
+        beliefs: by name what is believed instead of muscle.toml: "value", "sd", "low" and "high", SI.
+        sampler: "emcee" (an ensemble), or "nuts" (needs blackjax).
+        ess: effective samples that every number is to have.
+        rhat: split-R̂ that no number is to exceed.
+        max_draws: of one walker or chain.
+        seed: of the sampler, and of a fit made here.
+        checkpoint: folder in which the chain is kept and resumed; None for none.
+        progress: called with what is being done and the share done.
+
+    Raises:
+        BadInput: as `fit`; for an unknown sampler or belief; if another chain lies in `checkpoint`.
+    """
+    _sensible(sampler, ess, rhat, max_draws, seed)
+    fit = _fitted(source, law, share, mechanisms, seed, progress)
+    cases = [one.case for one in fit.cases]
+    belongs = identity(cases, fit.space, fit.law, fit.mechanisms, beliefs or {}, sampler, seed)
+    store = Checkpoint(checkpoint, belongs)
+    density, start = density_of(fit, beliefs)
+    density, ball, state = _begun(store, density, start, fit, sampler, seed)
+    draws, found = _run(SAMPLERS[sampler](density, ball), store, state, (ess, rhat, max_draws), progress)
+    progress("done", 1.0)
+    return Posterior(
+        fit=fit,
+        density=density,
+        ball=ball,
+        draws=_values(density, ball, kept(_together(draws, "x"))),
+        log_density=kept(_together(draws, "logp")),
+        stats={k: kept(_together(draws, k)) for k in draws[0] if k not in ("x", "logp")},
+        health=found,
+        reached=found.good(ess, rhat, SAMPLERS[sampler].long),
+        wanted=(ess, rhat),
+        sampler=sampler,
+        seed=seed,
+        beliefs={name: dict(belief) for name, belief in (beliefs or {}).items()},
+    )
+
+
+def _run(
+    walk, store: Checkpoint, state: Arrays, wanted: tuple[float, float, int], progress: Progress
+) -> tuple[list[Arrays], Health]:
+    """Walk on from what is saved until the chain is good enough, or as long as allowed."""
+    ess, rhat, longest = wanted
+    draws, last = store.draws()
+    state = last or state
+    while True:
+        if len(draws) in _looks(longest) or len(draws) * walk.chunk >= longest:
+            found = health(_flat(walk, kept(_together(draws, "x"))))
+            if found.good(ess, rhat, walk.long) or len(draws) * walk.chunk >= longest:
+                return draws, found
+            share = min(
+                found.ess.min() / ess, found.draws / (TRUSTED * found.time.max()) if walk.long else 1.0
+            )
+            progress(f"ESS {found.ess.min():.0f} of {ess:.0f}", 0.3 + 0.7 * min(share, 1.0))
+        new, state = walk.advance(state)
+        store.save(len(draws), new, state)
+        draws.append(new)
+
+
+@functools.cache
+def _looks(longest: int) -> frozenset[int]:
+    """After how many chunks the chain is looked at: always the same, so that a resumed run ends alike."""
+    looks = [2]
+    while looks[-1] < longest:
+        looks.append(max(looks[-1] + 1, int(GROWN * looks[-1])))
+    return frozenset(looks)
+
+
+def _together(draws: list[Arrays], name: str) -> np.ndarray:
+    return np.concatenate([chunk[name] for chunk in draws])
+
+
+def _flat(walk, x: np.ndarray) -> np.ndarray:
+    """The draws in the plain coordinates of the numbers, (n, chains, p)."""
+    return np.asarray(walk.ball(jnp.asarray(x)))
+
+
+def _values(density: Density, ball: Ball, x: np.ndarray) -> np.ndarray:
+    """Draws as values, SI, (n, chains, p)."""
+    return np.asarray(density.at.values(ball(jnp.asarray(x))))
+
+
+def _fitted(source, law, share, mechanisms, seed: int, progress: Progress) -> Fit:
+    if isinstance(source, Fit):
+        return source
+    return calibrate(
+        source, law, share, mechanisms, fold_count=2, seed=seed,
+        progress=lambda doing, share: progress(doing, 0.25 * share),
+    )  # fmt: skip
+
+
+def _begun(
+    store: Checkpoint, density: Density, start, fit: Fit, sampler: str, seed: int
+) -> tuple[Density, Ball, Arrays]:
+    """The density, its ball and the sampler's first state: as saved, or found and saved."""
+    saved = store.start()
+    if saved is not None:
+        ball = Ball(jnp.asarray(saved.pop("centre")), jnp.asarray(saved.pop("root")))
+        return _powered(density, saved.pop("powers")), ball, saved
+    ball = laplace(density, start)
+    density = tempered(density, ball.centre, fit)
+    powers = np.array([float(p) for ps in density.powers for p in ps])
+    if (powers < 1).any():
+        ball = laplace(density, ball.centre)
+    ball = _walked(density, ball, seed)
+    state = SAMPLERS[sampler](density, ball).begin(seed)
+    store.begin({"centre": np.asarray(ball.centre), "root": np.asarray(ball.root), "powers": powers, **state})
+    return density, ball, state
+
+
+def _walked(density: Density, ball: Ball, seed: int) -> Ball:
+    """The ball of a first walk: where the posterior is skew, its middle is not its top."""
+    walk = Ensemble(density, ball, PILOT)
+    x = walk.advance(walk.begin(seed))[0]["x"][PILOT // 2 :].reshape(-1, ball.centre.size)
+    return Ball(
+        ball(jnp.asarray(x.mean(0))), ball.root @ jnp.linalg.cholesky(jnp.asarray(np.cov(x, rowvar=False)))
+    )
+
+
+def _powered(density: Density, powers: np.ndarray) -> Density:
+    left = iter(jnp.asarray(powers))
+    new = tuple(tuple(next(left) for _ in channels) for channels in density.powers)
+    return eqx.tree_at(lambda d: d.powers, density, new)
+
+
+def _sensible(sampler: str, ess: float, rhat: float, max_draws: int, seed: int) -> None:
+    if sampler not in SAMPLERS:
+        raise refuse(f"{sampler!r} is no sampler", remedy=nearest(sampler, SAMPLERS))
+    least = {"ess": (ess, 1), "rhat": (rhat, 1), "max_draws": (max_draws, 100), "seed": (seed, 0)}
+    for name, (value, low) in least.items():
+        if not value >= low:
+            raise refuse(f"`{name}` must be at least {low}", f"{value}")

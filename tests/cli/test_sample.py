@@ -1,0 +1,52 @@
+"""`pamjax sample`: from a case to a posterior on disk, and again without another step."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from pamjax.cli.main import main
+
+PAPER = str(Path(__file__).parents[2] / "fits/chambers_wereley_2022")
+
+
+@pytest.mark.slow
+def test_a_case_becomes_a_posterior_once(tmp_path, capsys):
+    priors = tmp_path / "priors.toml"
+    priors.write_text('["thread.modulus"]\nvalue = "90 GPa"\nsd = "10 GPa"\n')
+    words = ["sample", PAPER, "--out", str(tmp_path / "out"), "--ess", "200", "--rhat", "1.1", "--no-figures"]
+    words += ["--priors", str(priors)]
+    assert main(words) == 0
+    said = capsys.readouterr()
+    assert "thread.modulus: 90 ± 10 GPa (as told)" in said.out
+    assert "wrote" in said.err
+    chain = {path.name for path in (tmp_path / "out" / "chain").iterdir()}
+    document = json.loads((tmp_path / "out" / "posterior.json").read_text())
+    assert document["parameters"]["thread.modulus"]["verdict"] == "determined"
+    assert main([*words, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == document
+    assert {path.name for path in (tmp_path / "out" / "chain").iterdir()} == chain
+    assert main([*words[:-2]]) == 2
+    assert "is resumed with what it was begun with (priors); got other priors" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("value = 3", "a prior is a table named by its number in quotes; got value in priors.toml"),
+        ("[thread.modulus]\nsd = 1", "a prior is a table named by its number in quotes; got thread"),
+        (
+            '["thread.modulo"]\nsd = 1',
+            "'thread.modulo' is no number pamjax knows. Did you mean `thread.modulus`?",
+        ),
+        ('["thread.modulus"]\nmean = 1', "a prior has no entry 'mean'; got [thread.modulus] in priors.toml"),
+        ('["thread.modulus"]\nsd = "3 mm"', "unit"),
+        ('["thread.modulus"]\nsd = -1', "`sd` of a prior must be positive; got -1e-09 GPa"),
+        ("=", "priors are a TOML file; got"),
+    ],
+)
+def test_what_is_no_prior_is_told(tmp_path, capsys, text, told):
+    (tmp_path / "priors.toml").write_text(text)
+    words = ["sample", PAPER, "--out", str(tmp_path / "out"), "--priors", str(tmp_path / "priors.toml")]
+    assert main(words) == 2
+    assert told in capsys.readouterr().err
