@@ -79,7 +79,7 @@ def sample(
     store = Checkpoint(checkpoint, belongs)
     density, start = density_of(fit, beliefs)
     density, ball, state = _begun(store, density, start, fit, sampler, seed)
-    draws, found = _run(SAMPLERS[sampler](density, ball), store, state, (ess, rhat, max_draws), progress)
+    draws, found = walk_on(SAMPLERS[sampler](density, ball), store, state, (ess, rhat, max_draws), progress)
     progress("done", 1.0)
     return Posterior(
         fit=fit,
@@ -97,7 +97,7 @@ def sample(
     )
 
 
-def _run(
+def walk_on(
     walk, store: Checkpoint, state: Arrays, wanted: tuple[float, float, int], progress: Progress
 ) -> tuple[list[Arrays], Health]:
     """Walk on from what is saved until the chain is good enough, or as long as allowed."""
@@ -163,13 +163,13 @@ def _begun(
     powers = np.array([float(p) for ps in density.powers for p in ps])
     if (powers < 1).any():
         ball = laplace(density, ball.centre)
-    ball = _walked(density, ball, seed)
+    ball = shaped(density, ball, seed)
     state = SAMPLERS[sampler](density, ball).begin(seed)
     store.begin({"centre": np.asarray(ball.centre), "root": np.asarray(ball.root), "powers": powers, **state})
     return density, ball, state
 
 
-def _walked(density: Density, ball: Ball, seed: int) -> Ball:
+def shaped(density: Density, ball: Ball, seed: int) -> Ball:
     """The ball of a first walk: where the posterior is skew, its middle is not its top."""
     walk = Ensemble(density, ball, PILOT)
     x = walk.advance(walk.begin(seed))[0]["x"][PILOT // 2 :].reshape(-1, ball.centre.size)

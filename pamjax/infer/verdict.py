@@ -63,14 +63,13 @@ def verdicts(fit: Fit, at: Space, draws: np.ndarray) -> dict[str, Verdict]:
     names = [n for n in fit.estimates if not is_ruler(n)]
     profiles = {n: None if fit.mechanisms else profile(fit, n) for n in names}
     kinds = {n: _kind(fit, at, n, draws[:, at.names.index(n)], profiles[n]) for n in names}
-    loose = [n for n in names if kinds[n][0] in ("only in combination", "not determined", "one-sided")]
+    loose = [n for n in names if kinds[n][0] in ("not determined", "one-sided")]
+    together = draws[:, [at.names.index(n) for n in loose]]
     said = {}
     for name, (kind, says) in kinds.items():
-        if kind == "only in combination" and len(loose) == 1:
-            kind = "not determined"
-        if kind == "only in combination":
-            says = combination(fit, name, loose, draws[:, [at.names.index(n) for n in loose]])
-        if kind == "not determined":
+        if name in loose and _alone(fit, name) and (partners := _partners(name, loose, together)):
+            kind, says = "only in combination", combination(fit, name, partners, loose, together)
+        elif kind == "not determined":
             left = draws[:, at.names.index(name)].std() / _believed(fit.estimates[name])
             says = f"{100 * min(left, 1.0):.0f} % of what was open stays open"
         said[name] = Verdict(kind, says, profiles[name])
@@ -78,7 +77,7 @@ def verdicts(fit: Fit, at: Space, draws: np.ndarray) -> dict[str, Verdict]:
 
 
 def _kind(fit: Fit, at: Space, name: str, draws: np.ndarray, along: Profile | None) -> tuple[str, str]:
-    e, k = fit.estimates[name], fit.space.names.index(name)
+    e = fit.estimates[name]
     low, high = (float(a[at.names.index(name)]) for a in (at.low, at.high))
     for end, near in (
         (low, _share(draws, low, high, e) < OUTER),
@@ -97,8 +96,24 @@ def _kind(fit: Fit, at: Space, name: str, draws: np.ndarray, along: Profile | No
         end = along.low if along.low is not None else along.high
         assert end is not None
         return "one-sided", f"{'above' if along.low is not None else 'below'} {show(end, e.meaning.show, 3)}"
-    alone = abs(float(fit.solution.slope[k])) / math.sqrt(max(float(fit.solution.information[k, k]), 1e-300))
-    return ("only in combination", "") if alone < DETERMINED * before else ("not determined", "")
+    return "not determined", ""
+
+
+def _alone(fit: Fit, name: str) -> bool:
+    """Whether the recording would determine a number if it knew all others."""
+    k = fit.space.names.index(name)
+    sd = abs(float(fit.solution.slope[k])) / math.sqrt(max(float(fit.solution.information[k, k]), 1e-300))
+    return sd < DETERMINED * _believed(fit.estimates[name])
+
+
+def _partners(name: str, loose: Sequence[str], draws: np.ndarray) -> list[int]:
+    """Places among the loose numbers of those that move with this one, itself too; none if alone."""
+    if len(loose) == 1:
+        return []
+    here = loose.index(name)
+    related = np.abs(np.corrcoef(draws, rowvar=False)[here])
+    found = [k for k in range(len(loose)) if related[k] > TOGETHER]
+    return found if len(found) > 1 else []
 
 
 def _share(draws: np.ndarray, low: float, high: float, e: Estimate) -> np.ndarray:
@@ -117,18 +132,15 @@ def _believed(e: Estimate) -> float:
     return reach / math.sqrt(12)
 
 
-def combination(fit: Fit, name: str, loose: Sequence[str], draws: np.ndarray) -> str:
-    """Which combination with others the recording knows, and how they move unnoticed.
+def combination(fit: Fit, name: str, partners: Sequence[int], loose: Sequence[str], draws: np.ndarray) -> str:
+    """Which combination with others the recording knows, or how they move unnoticed.
 
     Args:
+        partners: places among `loose` of the numbers that combine.
         loose: names that are not determined by themselves, `name` among them.
         draws: (n, len(loose)) values, SI.
     """
     here = loose.index(name)
-    related = np.abs(np.corrcoef(draws, rowvar=False)[here])
-    partners = [k for k in range(len(loose)) if related[k] > TOGETHER]
-    if partners == [here]:
-        partners = [here, int(np.argsort(related)[-2])]
     chosen = [fit.estimates[loose[k]] for k in partners]
     x = draws[:, partners]
     if (x > 0).all() and all(e.meaning.low > 0 for e in chosen):

@@ -1,0 +1,95 @@
+"""Simulation-based calibration: recordings whose numbers come from the prior, read back as posteriors.
+
+If the posterior is right, the rank of the true number among posterior draws is uniform over recordings.
+
+Source: Talts, Betancourt, Simpson, Vehtari & Gelman, arXiv:1804.06788.
+"""
+
+import dataclasses
+from itertools import pairwise
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from scipy.signal import lfilter
+
+from pamjax.infer.density import density_of
+from pamjax.infer.fit import fit
+from pamjax.infer.least_squares import solve
+from pamjax.infer.predictive import prior_draws
+from pamjax.records.entry import Sensors
+from tests.infer.made import made
+
+#: Sensors alone: the noise is exactly the likelihood's.
+BENCH = Sensors(force=2.0, diameter=0.05e-3)
+#: What the noise and a toe are drawn from; narrow enough that every recording is worth reading.
+NOISE = {
+    "noise.force": {"value": 2.0, "sd": 0.4},
+    "noise.diameter": {"value": 0.05e-3, "sd": 0.01e-3},
+    "noise.force_correlation": {"value": 0.5, "sd": 0.2},
+    "noise.diameter_correlation": {"value": 0.5, "sd": 0.2},
+}
+TOE = {
+    "thread.toe_ratio": {"value": 0.3, "sd": 0.08},
+    "thread.crimp": {"value": 0.006, "sd": 0.001},
+    "thread.width": {"value": 1e-3, "sd": 0.2e-3},
+}
+
+
+class Bench:
+    """Recordings of one plan whose numbers are drawn from the prior."""
+
+    def __init__(self, law: str, count: int, seed: int = 0) -> None:
+        case = made(law, bench=BENCH, sensors=BENCH, seed=seed)
+        self.fit = fit(case, law, starts=1, fold_count=2, seed=seed)
+        self.density, _ = density_of(self.fit, NOISE | (TOE if law == "toe" else {}))
+        self.true = prior_draws(self.density, count, seed)
+        self.starts = case.recording.starts
+        self.random = np.random.default_rng([seed, 3])
+
+    def recording(self, k: int):
+        """The density of recording k (the same rows, other measurements), and where a fit of it ends."""
+        (one,), values = self.density.members, self.true[k]
+        nothing = eqx.tree_at(
+            lambda m: (m.rows.force, m.rows.diameter), one, (jnp.zeros_like(one.rows.force),) * 2
+        )
+        shown = [-np.asarray(channel) for channel in model(nothing, jnp.asarray(values))]
+        for stream in self.density.streams[0]:
+            noise = self._noise(shown[stream.channel].size, values[stream.correlation])
+            shown[stream.channel] += noise * values[stream.sd] * np.asarray(stream.there)
+        (member,) = self.fit.members
+        end = solve((_measured(member, shown),), self.fit.space, jnp.zeros(self.fit.space.size))
+        density = dataclasses.replace(self.density, members=(_measured(one, shown),))
+        at = density.at
+        start = dict(zip(at.names, np.asarray(at.values(jnp.zeros(at.size))), strict=True))
+        start |= dict(zip(self.fit.space.names, np.asarray(self.fit.space.values(end.u)), strict=True))
+        return density, at.point(start)
+
+    def _noise(self, size: int, memory: float) -> np.ndarray:
+        """Noise of unit sd with a memory that every run begins anew."""
+        new = self.random.standard_normal(size)
+        edges = [*np.flatnonzero(self.starts), size]
+        edges[0] = 0
+        runs = []
+        for first, last in pairwise(edges):
+            step = np.sqrt(1 - memory**2) * new[first:last]
+            # The first is a draw of the noise itself, not of what is new in it.
+            step[0] = new[first]
+            runs.append(lfilter([1.0], [1.0, -memory], step))
+        return np.concatenate(runs)
+
+
+def _measured(one, shown):
+    """The member with other measurements."""
+    return eqx.tree_at(lambda m: (m.rows.force, m.rows.diameter), one, tuple(map(jnp.asarray, shown)))
+
+
+@eqx.filter_jit
+def model(one, values):
+    return one.misfit(values)
+
+
+def believing_white(density):
+    """The planted wrong likelihood: every sample is taken for independent."""
+    streams = tuple(dataclasses.replace(s, correlation=-1) for s in density.streams[0])
+    return dataclasses.replace(density, streams=(streams,))

@@ -1,0 +1,89 @@
+"""Two ridges are told in words: n E A, and thread length against modulus from diameters alone."""
+
+import numpy as np
+import pytest
+
+import pamjax
+from pamjax.infer.verdict import _product
+from tests.infer.test_sample import drawn
+
+MUSCLE = """\
+[muscle]
+rest_length = "235.744 mm"
+length = "235.744 mm"
+threads = 144
+thread_area = {area}
+thread_length = {length}
+turns = 1.09
+
+[thread]
+modulus = {{value = "90 GPa", sd = "30 GPa"}}
+
+[sensors]
+diameter = "0.01 mm"
+"""
+KNOWN = '{value = "251.2 mm", sd = "0.1 mm"}'
+UNKNOWN = '{value = "251.2 mm", sd = "0.8 mm"}'
+
+
+def case(folder, pressures, **said):
+    """Diameters of 85 GPa and 251.3 mm, by the closed form."""
+    folder.mkdir()
+    (folder / "muscle.toml").write_text(MUSCLE.format(**said))
+    rest, thread, turns = 0.235744, 0.2513, 1.09
+    rows = ["pressure [kPa],diameter [mm]"]
+    for p in pressures:
+        pull = 1e3 * p * rest * thread / (2 * np.pi * turns**2 * 144 * 0.0858e-6 * 85e9)
+        diameter = np.sqrt((thread / (1 - pull)) ** 2 - rest**2) / (np.pi * turns)
+        rows.append(f"{p},{1e3 * diameter:.4f}")
+    (folder / "recording.csv").write_text("\n".join(rows) + "\n")
+    return pamjax.read_case(folder)
+
+
+def verdicts(case):
+    return pamjax.sample(case, ess=200, rhat=1.1, max_draws=1000).verdicts
+
+
+@pytest.mark.slow
+def test_only_the_product_of_modulus_and_area_acts(tmp_path):
+    area = '{value = "0.0858 mm^2", sd = "0.03 mm^2"}'
+    found = verdicts(case(tmp_path / "a", (138, 276, 414, 552, 689), area=area, length=KNOWN))
+    for name in ("thread.modulus", "muscle.thread_area"):
+        assert found[name].kind == "only in combination"
+        assert "thread.modulus × muscle.thread_area" in found[name].says or (
+            "muscle.thread_area × thread.modulus" in found[name].says
+        )
+    assert found["muscle.thread_length"].kind == "determined"
+
+
+@pytest.mark.slow
+def test_longer_threads_look_like_softer_ones_at_one_pressure(tmp_path):
+    found = verdicts(case(tmp_path / "b", (680, 684, 689), area='"0.0858 mm^2"', length=UNKNOWN))
+    said = found["thread.modulus"]
+    assert said.kind == "only in combination"
+    assert "go unnoticed together" in said.says
+    # A longer thread goes with a stiffer one.
+    assert said.says.count("+") == 2
+
+
+@pytest.mark.slow
+def test_five_diameters_tell_length_and_modulus_but_not_turns():
+    kinds = {name: v.kind for name, v in drawn().verdicts.items()}
+    assert kinds == {
+        "muscle.thread_length": "determined",
+        "muscle.turns": "not determined",
+        "thread.modulus": "determined",
+    }
+
+
+def test_a_profile_of_a_parabola_ends_where_least_squares_says():
+    # Two sd to each side, where the posterior is nearly Gaussian.
+    along = drawn().verdicts["muscle.thread_length"].profile
+    e = drawn().fit.estimates["muscle.thread_length"]
+    assert abs((along.high - along.low) / 4 / e.sd - 1) < 0.1
+    assert along.rise.min() == 0
+
+
+def test_a_product_is_written_as_one():
+    assert _product(["a", "b"], np.array([1.0, -1.02])) == "a / b"
+    assert _product(["a", "b", "c"], np.array([1.0, 0.5, 0.95])) == "a × b^0.5 × c"
