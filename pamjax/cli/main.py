@@ -24,6 +24,7 @@ for word, about in {
     "check": "Say whether a case is fit to be fitted, without fitting it.",
     "fit": "Calibrate a muscle on its recording, or several muscles together.",
     "sample": "Draw from the posterior of a muscle's numbers: how sure they are.",
+    "compare": "Compare posteriors by how they predict blocks they did not see.",
     "simulate": "Make the case folder that a bench would have written.",
     "explain": "Say what a number or a mechanism means; without a name, list them all.",
 }.items():

@@ -1,0 +1,23 @@
+"""`pamjax compare`: which posterior predicts blocks that it did not see."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from pamjax.cli.screen import say, say_json
+
+
+def compare(posteriors: list[Path], /, *, json: Annotated[bool, Parameter(negative="")] = False) -> None:
+    """Compare posteriors of the same recording by how they predict whole blocks they did not see.
+
+    Args:
+        posteriors: folders that `pamjax sample` wrote to, or their posterior.nc.
+        json: print for programs.
+    """
+    from pamjax.study.score import compare_posteriors
+
+    found = compare_posteriors(posteriors)
+    say_json(found.as_dict()) if json else say(str(found))
