@@ -1,0 +1,156 @@
+"""Effective samples a second: pamjax's two samplers, emcee on a NumPy likelihood, and numpyro's own NUTS.
+
+    python -m tests.benchmarks.sample
+
+One recording of the paper's protocol, threads with a toe: B0, N, E, the toe's three numbers, and of force
+and diameter sd and lag-one correlation. All draw from the same posterior; a time is processor time once
+everything is compiled, warm-up and burn-in included, so that no sampler is charged for another's machine.
+numpyro (not a dependency: `pip install numpyro`) walks in the numbers themselves, without the ball.
+"""
+
+import os
+import time
+from collections.abc import Callable
+
+import emcee
+import jax
+import jax.numpy as jnp
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from pamjax.infer.chains import health, kept
+from pamjax.infer.density import Density, density_of, log_densities
+from pamjax.infer.fit import fit
+from pamjax.infer.laplace import Ball, laplace
+from pamjax.infer.sample import sample
+from pamjax.records.entry import Sensors
+from pamjax.records.protocol import PAPER
+from tests.benchmarks.fit import Twin
+from tests.infer.made import made
+
+#: Two sensors: the noise is exactly the likelihood's.
+BENCH = Sensors(force=2.0, diameter=0.05e-3)
+#: Walkers and steps of emcee on NumPy; numpyro's warm-up and draws.
+WALKERS, STEPS, WARMUP, DRAWS = 32, 600, 500, 300
+
+
+class ByNumpy:
+    """The log-density in NumPy, as one would write it without JAX; one point at a time."""
+
+    def __init__(self, density: Density) -> None:
+        (one,), self.streams, self.at = density.members, density.streams[0], density.at
+        self.twin = Twin("toe", one, density.at)
+        self.n = self.twin.pressure.size
+        self.linked = [np.asarray(s.linked)[: self.n] for s in self.streams]
+        self.there = [np.asarray(s.there)[: self.n] for s in self.streams]
+        last = np.maximum(np.arange(self.n) - 1, 0)
+        self.before = [last if s.before is None else np.asarray(s.before)[: self.n] for s in self.streams]
+        self.twin.weights = tuple(self.there)
+
+    def __call__(self, u: np.ndarray) -> float:
+        values, n = self.twin.values(u), self.n
+        everything = self.twin(u)
+        total = self._prior(u, values)
+        for k, s in enumerate(self.streams):
+            standard = everything[k * n : (k + 1) * n] / values[s.sd]
+            memory = values[s.correlation] * self.linked[k]
+            left = 1 - memory**2
+            innovation = (standard - memory * standard[self.before[k]]) / np.sqrt(left)
+            log_sd = np.log(values[s.sd]) + 0.5 * np.log(left)
+            total -= np.sum(self.there[k] * (0.5 * innovation**2 + log_sd + 0.5 * np.log(2 * np.pi)))
+        return total if np.isfinite(total) else -np.inf
+
+    def _prior(self, u: np.ndarray, values: np.ndarray) -> float:
+        t = self.twin
+        z = t.origin + u * t.width
+        log_share = -np.logaddexp(0, -z) - np.logaddexp(0, z) + np.log(t.width)
+        reach = np.where(t.log, np.log(t.high / np.where(t.log, t.low, 1.0)), t.high - t.low)
+        slope = np.log(np.where(t.log, values, 1.0) * reach) + log_share
+        known = np.isfinite(t.sd)
+        sd = np.where(known, t.sd, 1.0)
+        gaussian = -0.5 * ((values - t.mean) / sd) ** 2 - np.log(sd) - 0.5 * np.log(2 * np.pi) + slope
+        return float(np.sum(np.where(known, gaussian, log_share)))
+
+
+def timed(call: Callable[[], np.ndarray]) -> tuple[float, float, float]:
+    """Least effective samples of the draws (n, chains, p), processor seconds, and their worst split-R̂."""
+    begin = time.process_time()
+    draws = call()
+    busy = time.process_time() - begin
+    found = health(draws)
+    return float(found.ess.min()), busy, float(found.rhat.max())
+
+
+def by_numpy(density: Density, ball: Ball) -> np.ndarray:
+    """emcee as it comes: stretch moves, one point at a time, from the same Gaussian."""
+    np.random.seed(0)  # noqa: NPY002 - emcee takes its first state from here
+    start = np.asarray(ball(jax.random.normal(jax.random.key(0), (WALKERS, density.at.size))))
+    walk = emcee.EnsembleSampler(WALKERS, density.at.size, ByNumpy(density))
+    walk.run_mcmc(start, STEPS)
+    return kept(np.asarray(walk.get_chain()))
+
+
+def by_numpyro(density: Density, ball: Ball) -> Callable[[], np.ndarray]:
+    """numpyro's NUTS as it comes, on the plain numbers."""
+    import numpyro
+    from numpyro.infer import MCMC, NUTS
+
+    def model():
+        real = numpyro.distributions.constraints.real_vector
+        shape = (density.at.size,)
+        u = numpyro.sample("u", numpyro.distributions.ImproperUniform(real, (), event_shape=shape))
+        numpyro.factor("posterior", density(u))
+
+    walk = MCMC(NUTS(model), num_warmup=WARMUP, num_samples=DRAWS, progress_bar=False)
+
+    def call():
+        walk.run(jax.random.key(1), init_params={"u": ball.centre})
+        return np.asarray(walk.get_samples()["u"])[:, None]
+
+    return call
+
+
+def problem() -> tuple[object, Density, Ball]:
+    found = fit(
+        made("toe", plan=PAPER, seed=1, bench=BENCH, sensors=BENCH, lag_one=0.5),
+        "toe",
+        starts=1,
+        fold_count=2,
+    )
+    density, start = density_of(found)
+    return found, density, laplace(density, start)
+
+
+def main() -> None:
+    console = Console()
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
+    console.print(f"{os.cpu_count()} cores, load {load:.1f} before this began")
+    found, density, ball = problem()
+    point = np.asarray(ball.centre)
+    off = ByNumpy(density)(point) - float(log_densities(density, jnp.asarray(point)[None])[0])
+    console.print(f"{int(density.members[0].rows.used.sum())} rows; NumPy's log-density is off by {off:.1e}")
+    rivals: dict[str, Callable[[], np.ndarray]] = {
+        "pamjax, emcee": lambda: sample(found, seed=2).draws,
+        "pamjax, nuts": lambda: sample(found, sampler="nuts", seed=2).draws,
+        "emcee on NumPy": lambda: by_numpy(density, ball),
+    }
+    try:
+        rivals["numpyro's NUTS"] = by_numpyro(density, ball)
+    except ImportError:
+        console.print("numpyro is not installed, so it is left out")
+    table = Table("sampler", "effective samples", "processor", "a second", "against emcee on NumPy", "R̂")
+    rates = {}
+    for name, call in rivals.items():
+        if name != "emcee on NumPy":
+            call()
+        ess, busy, rhat = timed(call)
+        rates[name] = (ess / busy, ess, busy, rhat)
+    for name, (rate, ess, busy, rhat) in rates.items():
+        times = f"{rate / rates['emcee on NumPy'][0]:.1f}"
+        table.add_row(name, f"{ess:.0f}", f"{busy:.1f} s", f"{rate:.1f}", times, f"{rhat:.3f}")
+    console.print(table)
+
+
+if __name__ == "__main__":
+    main()
