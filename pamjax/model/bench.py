@@ -119,11 +119,19 @@ class Bench(eqx.Module):
         """
         for sensor in self.of(AbstractSensor):
             pressure, length = sensor.undo(pressure, length, history)
-        past, status = self.passed(pressure, length, history)
+        past, status = self.prepared().passed(pressure, length, history)
         force, diameter = past.force, past.state.diameter
         for sensor in self.of(AbstractSensor):
             force, diameter = sensor.read(force, diameter, history)
         return Shown(force, diameter, past, status)
+
+    def prepared(self) -> Bench:
+        """The same bench, with what all states share worked out once."""
+        mechanisms = (
+            m.prepared(self.thread_length, self.turns) if isinstance(m, AbstractShape) else m
+            for m in self.mechanisms
+        )
+        return Bench(self.thread_length, self.turns, tuple(mechanisms))
 
     def passed(self, pressure: Samples, length: Samples, history: History) -> tuple[Past, Array]:
         """What the muscle truly went through at a true pressure (Pa) and length (m), and the status."""

@@ -13,6 +13,7 @@ from pamjax.model.mechanisms.braid_locking import BraidLocking
 from pamjax.model.mechanisms.channel_lag import ChannelLag
 from pamjax.model.mechanisms.contact_pressure import ContactPressure
 from pamjax.model.mechanisms.diameter_offset import DiameterOffset
+from pamjax.model.mechanisms.end_taper import EndTaper
 from pamjax.model.mechanisms.force_drift import ForceDrift
 from pamjax.model.mechanisms.force_gain import ForceGain
 from pamjax.model.mechanisms.force_offset import ForceOffset
@@ -34,6 +35,7 @@ MECHANISMS: tuple[type[AbstractMechanism], ...] = (
     ThreadCrimp,
     BladderElasticity,
     BraidLocking,
+    EndTaper,
     BraidFriction,
     ViscousDamping,
     ViscoelasticCreep,

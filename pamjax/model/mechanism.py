@@ -82,6 +82,10 @@ class AbstractMechanism(eqx.Module):
 class AbstractShape(AbstractMechanism):
     """Contract: a geometry that wraps another."""
 
+    def prepared(self, thread_length: Scalar, turns: Scalar) -> AbstractShape:
+        """The same for one braid, with what all its states share worked out once."""
+        return self
+
     @abc.abstractmethod
     def shape(self, state: State) -> State:
         """The state with its volume, radius and diameter changed."""

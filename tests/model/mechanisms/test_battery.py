@@ -185,7 +185,7 @@ def conservative():
 
     def instant(x, pressure, length):
         moved = replace(model, dict(zip(names, x, strict=True)))
-        past, status = moved.instant(pressure, length, zero, (zero, zero))
+        past, status = moved.prepared().instant(pressure, length, zero, (zero, zero))
         return jnp.stack([past.force, past.state.volume]), (past.load, status)
 
     def slopes(x, pressure, length):

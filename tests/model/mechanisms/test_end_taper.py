@@ -1,0 +1,144 @@
+"""Tapered ends: the net against a net of rings, its table, and what is known of the paper's muscle."""
+
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from pamjax.model.bench import record
+from pamjax.model.history import history
+from pamjax.model.mechanisms.end_taper import EndTaper
+from pamjax.model.net import net
+from pamjax.model.net_table import tabulate
+from tests.agreement import agree
+from tests.model.mechanisms.typical import LENGTH, PRESSURE, THREAD, TURNS, bench
+
+NU = 2 * np.pi * TURNS
+REST = np.sqrt(THREAD**2 - LENGTH**2) / NU
+CONTRACTION = np.array([0.001, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.37])
+GAYLORD = PRESSURE * (3 * (LENGTH * (1 - CONTRACTION)) ** 2 - THREAD**2) / (4 * np.pi * TURNS**2)
+STILL = history(None, np.arange(CONTRACTION.size) == 0)
+
+
+@cache
+def net_at(length, fitting):
+    """Force at the paper's pressure (N), mean and mid diameter (m) of the net."""
+    if not hasattr(net_at, "compiled"):
+        net_at.compiled = jax.jit(
+            lambda at, rf: (
+                jax.grad(lambda z: net(z, THREAD, TURNS, rf).volume)(at),
+                net(at, THREAD, TURNS, rf),
+            )
+        )
+    slope, found = net_at.compiled(length, fitting)
+    return -PRESSURE * float(slope), 2 * float(found.mean_radius), 2 * float(found.mid_radius)
+
+
+def rings(force, fitting, count):
+    """Half a net of rings, each a pin-jointed turn further, pulled by a force: the largest P V + F L.
+
+    Nothing of `net.py` is in it: no first integral, no quadrature, no long muscle. Returns length, mean
+    and mid diameter, m.
+    """
+    part, turn, pull = THREAD / 2 / count, np.pi * TURNS / count, force / PRESSURE
+
+    def rise(r):
+        # The search may step beyond what a thread reaches, and comes back.
+        return np.sqrt(np.maximum(part**2 - np.diff(r) ** 2 - r[:-1] * r[1:] * turn**2, 1e-30))
+
+    def potential(scaled):
+        r = np.concatenate([[fitting], 0.01 * scaled])
+        low, high, step = r[:-1], r[1:], np.diff(r)
+        up = rise(r)
+        area = np.pi * (low**2 + low * high + high**2) / 3 + pull
+        slope = np.zeros_like(r)
+        slope[:-1] += np.pi * (2 * low + high) / 3 * up + area / up * (step - 0.5 * high * turn**2)
+        slope[1:] += np.pi * (low + 2 * high) / 3 * up + area / up * (-step - 0.5 * low * turn**2)
+        return -1e6 * np.sum(area * up), -1e4 * slope[1:]
+
+    middle = np.sqrt((THREAD**2 / (2 * np.pi * TURNS**2) - pull) / (3 * np.pi))
+    along = np.linspace(0, THREAD / 2, count + 1)[1:]
+    start = middle + (fitting - middle) * np.exp(-2 * NU * along / THREAD)
+    options = {"maxiter": 20000, "maxfun": 40000, "maxcor": 60, "ftol": 1e-16, "gtol": 1e-9}
+    found = minimize(potential, 100 * start, jac=True, method="L-BFGS-B", options=options)
+    r = np.concatenate([[fitting], 0.01 * found.x])
+    up = rise(r)
+    return np.array([2 * np.sum(up), np.sum((r[:-1] + r[1:]) * up) / np.sum(up), 2 * r[-1]])
+
+
+@pytest.mark.parametrize("fitting", [REST, 0.0111])
+@pytest.mark.parametrize("contraction", [0.02, 0.05, 0.15, 0.3])
+def test_net_is_that_of_rings(contraction, fitting):
+    force, *_ = net_at(LENGTH * (1 - contraction), fitting)
+    coarse, fine = (rings(force, fitting, count) for count in (100, 200))
+    length, mean, mid = fine + (fine - coarse) / 3
+    again, of_mean, of_mid = net_at(float(length), fitting)
+    assert abs(again - force) < 0.05, f"{again - force} N"
+    assert abs(of_mean - mean) < 0.03e-3
+    assert abs(of_mid - mid) < 0.03e-3
+
+
+def test_a_cone_is_not_the_net():
+    """The volume-only cone of height κ (R − Rf), ΔF = −κ P (R − Rf) L / (πN²), at its best κ."""
+    lost = np.array([net_at(float(z), REST)[0] for z in LENGTH * (1 - CONTRACTION)]) - GAYLORD
+    length = LENGTH * (1 - CONTRACTION)
+    cone = -PRESSURE * (np.sqrt(THREAD**2 - length**2) / NU - REST) * length / (np.pi * TURNS**2)
+    best = cone @ lost / (cone @ cone)
+    assert np.sqrt(np.mean((lost - best * cone) ** 2)) > 50.0
+
+
+@cache
+def shown(share, radius=REST):
+    return record(bench(EndTaper(share, radius)), np.full(8, PRESSURE), LENGTH * (1 - CONTRACTION), STILL)
+
+
+def test_force_and_diameters_of_the_paper_s_muscle():
+    """−467 N at a contraction of 0.15; at 0.2 the middle is wider than a cylinder, and the mean narrower."""
+    tapered, cylinder = shown(1.0), shown(0.0)
+    agree(cylinder.force, GAYLORD, 1e-12)
+    assert abs(float(tapered.force[4] - cylinder.force[4]) + 466.6) < 0.1
+    assert abs(1e3 * float(tapered.diameter[5]) - 46.15) < 0.05
+    assert abs(2e3 * float(tapered.past.state.radius[5]) - 50.92) < 0.05
+    assert np.all(np.diff(np.asarray(tapered.force)) < 0)
+
+
+def test_fittings_as_wide_as_the_muscle_take_nothing_away_at_rest():
+    force, mean, mid = net_at(LENGTH, REST)
+    assert abs(force - PRESSURE * (3 * LENGTH**2 - THREAD**2) / (4 * np.pi * TURNS**2)) < 0.1
+    assert abs(mean - 2 * REST) < 1e-8
+    assert abs(mid - 2 * REST) < 1e-8
+
+
+def test_the_share_is_straight_in_force():
+    half, full, none = (np.asarray(shown(s).force) for s in (0.5, 1.0, 0.0))
+    agree(half, 0.5 * (full + none), 1e-9, 1e3)
+
+
+@jax.jit
+def slopes(length, thread):
+    """∂V/∂L at a thread length, m², by the table of a thread at rest and of the net itself."""
+    table = tabulate(THREAD, TURNS, 0.0121)
+
+    def by_table(z):
+        return table(z, thread).volume + z * (thread**2 - z**2) / (4 * jnp.pi * TURNS**2)
+
+    exact = jax.vmap(jax.grad(lambda z: net(z, thread, TURNS, 0.0121).volume))(length)
+    return jax.vmap(jax.grad(by_table))(length), exact
+
+
+@pytest.mark.parametrize("stretched", [1.0, 1.1, 1.3])
+def test_table_is_the_net(stretched):
+    thread = THREAD * stretched
+    found, exact = slopes(jnp.linspace(0.6, 0.93, 12) * thread, thread)
+    assert np.max(np.abs(found - exact)) * PRESSURE < 0.1
+
+
+def test_beyond_its_ends_the_table_goes_over_into_a_cylinder():
+    length = THREAD * jnp.linspace(0.2, 1.01, 12)
+    found, _ = slopes(length, THREAD)
+    cylinder = (THREAD**2 - 3 * length**2) / (4 * np.pi * TURNS**2)
+    assert np.all(np.isfinite(found))
+    assert abs(float(found[0] - cylinder[0])) * PRESSURE < 1.0
