@@ -48,10 +48,10 @@ from pamjax.parameter import Scalar
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)
 
 #: Newton steps to the middle, and the step in σ that tells their slope.
-STEPS, SMALL = 6, 1e-6
+STEPS, SMALL = 6, 1e-5
 
 #: Thinnest and widest fitting there is an answer for, as shares of the widest braid.
-THINNEST, WIDEST = 0.01, 0.95
+THINNEST, WIDEST = 0.02, 0.95
 
 #: Least slope of λ in σ. The net of a stubby muscle may fold.
 LEAST_SLOPE = 0.1
@@ -93,8 +93,10 @@ def _middle(length: Scalar, edge: Scalar, nu: Scalar) -> Array:
     high = jnp.sqrt(1 - 0.1 * still[1] ** 2)
 
     def off_and_slope(sine):
-        here, there = jax.vmap(lambda s: length_at(s, *still[1:]))(sine - jnp.array([0.0, SMALL]))
-        return here - still[0], jnp.maximum((here - there) / SMALL, LEAST_SLOPE)
+        below, here, above = jax.vmap(lambda s: length_at(s, *still[1:]))(
+            sine + SMALL * jnp.arange(-1.0, 2.0)
+        )
+        return here - still[0], jnp.maximum((above - below) / (2 * SMALL), LEAST_SLOPE)
 
     def step(_, sine):
         off, slope = off_and_slope(sine)
