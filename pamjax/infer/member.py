@@ -179,14 +179,16 @@ def padded(n: int) -> int:
     return max(8, 1 << (n - 1).bit_length()) if n <= 512 else 512 * math.ceil(n / 512)
 
 
-def sample_rows(case: Case) -> Rows:
+def sample_rows(case: Case, size: int | None = None) -> Rows:
+    """The samples of a case, padded to `size` (by itself: `padded`)."""
     recording = case.recording
+    size = size or padded(recording.n)
     good = recording.usable
     force_sd, diameter_sd = starting_sd(case)
 
     def pad(array, fill=0.0):
         # A padded row repeats a harmless state; its weight is zero.
-        out = np.full(padded(recording.n), fill, dtype=np.asarray(array).dtype)
+        out = np.full(size, fill, dtype=np.asarray(array).dtype)
         out[: recording.n] = array
         return jnp.asarray(out)
 

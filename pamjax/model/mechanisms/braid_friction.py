@@ -32,15 +32,18 @@ class BraidFriction(AbstractMemory):
     and once on one that grows with pressure.
 
         force  q = Fc mean(y) + μ mean(z)
-        y  <-  clip(y + du / x,       −1, 1)              x = d (1/4, 2/4, 3/4, 1)
+        y  <-  clip(y + du / x,       −1, 1)              x = d [1 − w (3/4, 2/4, 1/4, 0)]
         z  <-  clip(z + Sr du / x,    −S, S)
-        S  =  (2/3) r L/N · P (P/Pr)^(m−1),      Sr = (2/3) r B/N · Pr
-        du =  B d(sin θ − γ P / B),              sin θ = L / B;  du = dL for a stiff thread
+        S  =  (2/3) r L/N · P (P/Pr)^(m−1) (L/B)^(p−1),      Sr = (2/3) r B/N · Pr
+        du =  B d[(1 − h) sin θ + h θ − γ P / B],   sin θ = L / B;  du = dL for a stiff thread and h = 0
 
         Fc  constant     N      Coulomb force that no pressure presses for
         μ   coefficient  1      friction of thread on thread, on patches of radius r = 0.5 mm
         m   exponent     1      1: patches of one size; 2/3: patches that grow as those of Hertz
+        p   reach        1      power of length: 1 at crossings that turn, 0 where the arm stays the same
         d   presliding   m      distance after a turn from which the force is full, at Pr = 300 kPa
+        h   angle        1      what rubs: 0 as the length moves, 1 as the braid's angle turns
+        w   spread       1      how far the elements differ: 0 gives way at once, 1 little by little
         γ   give         m/Pa   what moves when only the pressure changes
         s   start        1      how far the elements were dragged before the first sample, −1 to 1
 
@@ -53,7 +56,7 @@ class BraidFriction(AbstractMemory):
     With `give` the stress also moves some volume, −∂(q u)/∂P = q γ: ∮ (F dL − V dP) counts it.
 
     Neutral: Fc = μ = 0. As d → 0 it is Coulomb's force. What it leaves out: sliding that grows weaker
-    with speed (Stribeck), loops that are wider in one direction, strength in proportion to the radius.
+    with speed (Stribeck), loops that are wider in one direction.
     Source: the stop operator of Prandtl and Ishlinskii; strength derived here; Davis & Caldwell, Int. J.
     Robot. Res. 25, 359, 2006 (patches); Vo-Minh et al., IEEE/ASME Trans. Mechatron. 16, 177, 2011
     (Maxwell slip in a muscle).
@@ -84,10 +87,22 @@ class BraidFriction(AbstractMemory):
         "1", low=0.5, high=1.0, about="power of pressure with which the strength grows",
         source="2/3 for elastic contacts of round threads, 1 for patches of one size", default=1.0,
     )  # fmt: skip
+    reach: Scalar = parameter(
+        "1", low=-1.0, high=1.0, about="power of length with which the strength grows",
+        source="1 for crossings that turn; area friction, in proportion to R L, lies below", default=1.0,
+    )  # fmt: skip
     presliding: Scalar = parameter(
         "m", show="mm", low=1e-6, high=0.05, scale="log",
         about="distance after a turn from which the force is full, at 300 kPa",
         source="0.5 to 5 % of a stroke", default=1e-3,
+    )  # fmt: skip
+    angle: Scalar = parameter(
+        "1", low=0.0, high=1.0, about="what rubs: 0 as the length moves, 1 as the braid's angle turns",
+        source="at 1 a moment of friction is a force that grows as 1/cos(angle) towards rest", default=0.0,
+    )  # fmt: skip
+    spread: Scalar = parameter(
+        "1", low=0.0, high=1.0, about="how far the distances of the elements differ",
+        source="0 is one element; 1 spreads four evenly up to the distance", default=1.0,
     )  # fmt: skip
     give: Scalar = parameter(
         "m/Pa", show="mm/MPa", low=0.0, high=2e-8, about="what moves in the braid when only pressure changes",
@@ -99,19 +114,22 @@ class BraidFriction(AbstractMemory):
     )  # fmt: skip
 
     def strains(self, state: State, pressure: Scalar) -> Float[Array, " 1"]:
-        return jnp.stack([(state.length - self.give * pressure) / state.thread])
+        turned = jnp.arctan2(state.length, 2 * jnp.pi * state.turns * state.radius)
+        moved = (1 - self.angle) * state.length / state.thread + self.angle * turned
+        return jnp.stack([moved - self.give * pressure / state.thread])
 
-    def strength(self, pressure: Array, length: Array, turns: Array) -> Array:
+    def strength(self, pressure: Array, length: Array, thread: Array, turns: Array) -> Array:
         """Full friction, N, of a coefficient of one."""
         power = (jnp.maximum(pressure, LOW) / PRESSURE) ** (self.exponent - 1)
-        return 2 / 3 * PATCH * jnp.maximum(pressure, 0.0) * power * length / turns
+        arm = length * (length / thread) ** (self.reach - 1)
+        return 2 / 3 * PATCH * jnp.maximum(pressure, 0.0) * power * arm / turns
 
     def stresses(self, history: History, strains: Float[Array, "n 1"], past: Past) -> Float[Array, "n 1"]:
-        state, shares = past.state, jnp.asarray(SHARES)
+        state, shares = past.state, 1 + self.spread * (jnp.asarray(SHARES) - 1)
         moved = history.increments(strains[:, 0]) * state.thread / self.presliding
-        width = self.strength(past.pressure, state.length, state.turns)
+        width = self.strength(past.pressure, state.length, state.thread, state.turns)
         # One number for the whole recording, so that the stiffness is the same at every pressure.
-        whole = self.strength(jnp.asarray(PRESSURE), state.thread[0], state.turns[0])
+        whole = self.strength(jnp.asarray(PRESSURE), state.thread[0], state.thread[0], state.turns[0])
         # Two columns, constant and pressed; four elements in each.
         widths = jnp.stack([jnp.ones_like(width), width], axis=1)[:, :, None] * jnp.ones_like(shares)
         stiffness = jnp.stack([jnp.ones_like(whole), whole])[:, None] / shares

@@ -11,6 +11,9 @@ from pamjax.model.history import History
 from pamjax.model.mechanism import About, AbstractLine, Past, Samples
 from pamjax.parameter import Scalar, parameter
 
+#: Cosine of the braid angle by which a tube is wider than it was made, at least.
+NARROW = 1e-3
+
 #: Pressure, Pa, below which a reading counts as none.
 NONE = 1e-3
 
@@ -23,28 +26,30 @@ class ContactPressure(AbstractLine):
     that is P − Pc well above it and nothing well below, with a rounded knee of a tenth of Pc.
 
         P    pressure   Pa   inside
-        Pc   pressure   Pa   threshold
+        Pc   pressure   Pa   threshold, Pc = Pt [1 − (c / cos θ)⁴],  cos θ = 2πRN/B
+        Pt   threshold  Pa   of a tube stretched far
+        c    fill       1    cos θ at which the braid is as wide as the tube was made
 
     The muscle's potential becomes −φ(P) V(L, B): conservative at any P, since φ does not depend on where
-    the muscle is. Above the knee φ' = 1, and ∂F/∂P|L = −∂V/∂L|P holds with the muscle's own volume;
+    the muscle is. Above the knee φ' = 1, and with c = 0 ∂F/∂P|L = −∂V/∂L|P holds with the muscle's own volume;
     below it the air is in a bladder that stands off the braid, whose volume no diameter shows. An energy
     Pc V(L, B) is the same thing above the knee, but has nothing that holds the bladder below it.
 
     It is for a muscle of whose bladder nothing is known: `bladder_elasticity` has a threshold of its own,
-    which grows with contraction, and gives the diameter below it. Neutral: Pc = 0, where the derivative is
-    −∂/∂P of the muscle. What it leaves out: that the threshold depends on length; the axial half of the
-    rubber; the free bladder.
-    Source: the effective pressure of Tondu, J. Intell. Mater. Syst. Struct. 23, 225 (2012), as a
+    whose growth with contraction follows from its energy, and gives the diameter below it. A threshold that depends on length is no exact potential. Neutral: Pt = 0, where the
+    derivative is −∂/∂P of the muscle. What it leaves out: the axial half of the rubber; the free bladder.
+    The threshold is that of a thin neo-Hookean tube that is widened at its own length, μ t/r [1 − (r/R)⁴].
+    Source: derived here; the effective pressure of Tondu, J. Intell. Mater. Syst. Struct. 23, 225 (2012), as a
     constant; the knee is ours.
     """
 
     id: ClassVar[str] = "contact_pressure"
     about: ClassVar[About] = About(
         title="pressure is spent before the bladder presses on the braid",
-        equation="P_eff = P - Pc (1 + (Pc/P)^8)^(-1/8)",
+        equation="P_eff = P - Pc (1 + (Pc/P)^8)^(-1/8);  Pc = Pt [1 - (c/cos theta)^4]",
         signature="Force is lost by the same newtons at every pressure, in proportion to 3 L^2 - B^2: most at"
         " rest, none at free contraction; below the threshold there is no force.",
-        leaves_out="a threshold that depends on length, the axial pull of the rubber, the free bladder",
+        leaves_out="the axial pull of the rubber, the free bladder",
         confusable=("pressure_offset", "bladder_elasticity", "pressure_gain"),
         experiment="The vented reading of the gauge, and a pressure ramp from zero at rest length: a dead"
         " band has a knee, a wrong zero has none.",
@@ -55,13 +60,19 @@ class ContactPressure(AbstractLine):
         "Pa", show="kPa", low=0.0, high=2e5, neutral=0.0, about="pressure spent before the braid is pressed",
         source="10 to 100 kPa in the literature", default=0.0,
     )  # fmt: skip
+    fill: Scalar = parameter(
+        "1", low=0.0, high=0.9, about="cosine of the braid angle at which the tube is as wide as it was made",
+        source="0: the same threshold at every length", default=0.0,
+    )  # fmt: skip
 
     def pressure(self, history: History, past: Past) -> Samples:
-        return past.pressure - self.spent(past.pressure)
+        width = 2 * jnp.pi * past.state.turns * past.state.radius / past.state.thread
+        return past.pressure - self.spent(past.pressure, width)
 
-    def spent(self, pressure: Array) -> Array:
-        """Pressure that does not reach the braid, Pa; none where there is none."""
+    def spent(self, pressure: Array, width: Array | float = 1.0) -> Array:
+        """Pressure that does not reach the braid, Pa, at a width, the cosine of the braid angle."""
         there = pressure > NONE
-        below = self.threshold / jnp.where(there, pressure, 1.0)
+        threshold = self.threshold * (1 - (self.fill / jnp.maximum(width, self.fill + NARROW)) ** 4)
+        below = threshold / jnp.where(there, pressure, 1.0)
         eighth = jnp.sqrt(jnp.sqrt(jnp.sqrt(1 + below**8)))
-        return jnp.where(there, self.threshold / eighth, 0.0)
+        return jnp.where(there, threshold / eighth, 0.0)

@@ -14,12 +14,12 @@ from pamjax.parameter import Scalar, parameter
 
 
 class ViscousDamping(AbstractMemory):
-    """A damper between the fittings: F = c dL/dt, positive while the muscle lengthens.
+    """A damper between the fittings: F = (c + b P) dL/dt, positive while the muscle lengthens.
 
-        c  coefficient  N s/m  force at unit speed
+        c  coefficient  N s/m     force at unit speed, at any pressure
+        b  pressed      N s/m/Pa  what a pascal adds to it, where the air presses what moves
 
-    Neutral: c = 0. What it leaves out: damping that depends on pressure or differs between the
-    directions; speeds that change within five samples, over which the rate is taken.
+    Neutral: c = b = 0. What it leaves out: damping that differs between the directions; speeds that change within five samples, over which the rate is taken.
     Source: Newton's damper; in muscles, Reynolds, Repperger, Phillips & Bandry, Ann. Biomed. Eng. 31,
     310, 2003.
     """
@@ -27,10 +27,10 @@ class ViscousDamping(AbstractMemory):
     id: ClassVar[str] = "viscous_damping"
     about: ClassVar[About] = About(
         title="a force that grows with speed",
-        equation="F = F0 + c dL/dt",
+        equation="F = F0 + (c + b P) dL/dt",
         signature="Force is higher while the muscle lengthens and lower while it shortens, in proportion to"
-        " speed, at every pressure and length alike; nothing in a hold.",
-        leaves_out="damping that depends on pressure or on direction",
+        " speed, alike at every length, and at every pressure or in proportion to it; nothing in a hold.",
+        leaves_out="damping that depends on direction",
         confusable=("braid_friction", "pressure_drop", "channel_lag", "viscoelastic_creep"),
         experiment="The same stroke three times as fast: the loop is three times as wide.",
         source="Newton's damper; Reynolds et al. 2003",
@@ -40,9 +40,14 @@ class ViscousDamping(AbstractMemory):
         "N*s/m", low=0.0, high=1e6, neutral=0.0, about="force at unit speed",
         source="0.1 to 5 kN s/m in muscles, and two orders more", default=0.0,
     )  # fmt: skip
+    pressed: Scalar = parameter(
+        "N*s/m/Pa", low=0.0, high=10.0, neutral=0.0, about="what a pascal adds to the force at unit speed",
+        source="as the coefficient, at 100 kPa", default=0.0,
+    )  # fmt: skip
 
     def strains(self, state: State, pressure: Scalar) -> Float[Array, " 1"]:
         return jnp.stack([state.length])
 
     def stresses(self, history: History, strains: Float[Array, "n 1"], past: Past) -> Float[Array, "n 1"]:
-        return self.coefficient * history.rate(strains[:, 0])[:, None]
+        damping = self.coefficient + self.pressed * jnp.maximum(past.pressure, 0.0)
+        return (damping * history.rate(strains[:, 0]))[:, None]

@@ -1,0 +1,306 @@
+"""Name what was left out: add, refit, look again, and try to take out again.
+
+A name must pass three questions, none of which another recording was asked to answer:
+
+significant   the χ² it takes away is out of reach of noise, over all forms that were tried
+substantial   it explains a good part of the misfit that is left: textbook forms do not fit nature to the
+              noise, and the small rest of a large effect is no second effect
+sizeable      what it alone can explain is not small beside the whole misfit
+
+Whoever takes a name's place nearly as well shares its probability.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from pamjax.model.library import TWICE
+from pamjax.study.forms import Form, forms
+from pamjax.study.problem import Problem
+from pamjax.study.refit import Refit, refit
+from pamjax.study.signature import Signature, signatures
+from pamjax.study.whiten import Whitening, whitening
+
+#: Chance that noise alone brings in a name, over everything that was tried.
+CHANCE = 1e-4
+#: Share of the excess misfit that a name must explain.
+SUBSTANTIAL = 0.2
+#: Share of the baseline's whole misfit, as rms, that a name alone must account for.
+SIZEABLE = 0.1
+#: The same in standard deviations of a sample: textbook forms are not known better than that.
+LEAST = 0.25
+#: How many mechanisms are refitted roughly at each step, how many of them to the end, and what is rough.
+SHORTLIST, FINAL, ROUGH = 6, 2, 7
+#: Most names.
+MOST = 4
+#: Rivals whose fit is worse by less than this, and a share of what is left unexplained, are not told apart.
+TIE, TIE_SHARE = 12.0, 0.1
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A baseline with names, refitted.
+
+    Attributes:
+        chosen: the forms that are in, in the order in which they came.
+        white: the noise, as read off this model's residual.
+        at: the refit.
+    """
+
+    chosen: tuple[Form, ...]
+    white: Whitening
+    at: Refit
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        return tuple(form.id for form in self.chosen)
+
+    @property
+    def score(self) -> float:
+        """χ² with the price of its numbers: ln n for each beyond the baseline's (Schwarz)."""
+        extra = sum(len(form.moves) for form in self.chosen)
+        return self.at.cost + extra * np.log(max(self.white.size, 2))
+
+    @property
+    def excess(self) -> float:
+        """χ² beyond what noise leaves."""
+        return max(self.at.misfit - self.white.size, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Name:
+    """A mechanism that is established.
+
+    Attributes:
+        id: which.
+        probability: that this is it and none of its rivals.
+        ties: ids that explain this recording as well.
+        gain: χ² that is lost when it is taken out and all others refitted.
+        rivals: χ² lost when a rival takes its place, by id.
+    """
+
+    id: str
+    probability: float
+    ties: tuple[str, ...]
+    gain: float
+    rivals: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Naming:
+    """What was named.
+
+    Attributes:
+        baseline: the baseline's own refit.
+        model: the baseline with all names.
+        names: most probable first.
+        first: the signatures at the baseline, for its p-value.
+    """
+
+    baseline: Model
+    model: Model
+    names: tuple[Name, ...]
+    first: tuple[Signature, ...]
+
+
+def name_mechanisms(
+    found: Problem, used: np.ndarray, progress: Progress = lambda doing, share: None
+) -> Naming:
+    """Name what the baseline has left out of a recording.
+
+    Args:
+        found: the recording before the library.
+        used: (n,) the rows that may be looked at.
+        progress: called with what is being done and the share done.
+    """
+    candidates = forms(found)
+    baseline = model = settle(found, used, (), found.neutral)
+    first = signatures(found, model.white, model.at, candidates)
+    scored = first
+    for step in range(MOST):
+        progress("naming", 0.1 + 0.15 * step)
+        better = _step(found, used, baseline, model, scored, len(candidates))
+        if better is None:
+            break
+        model = _swapped(found, used, better, candidates)
+        scored = signatures(found, model.white, model.at, candidates)
+    progress("rivals", 0.7)
+    model = _pruned(found, used, baseline, model, len(candidates))
+    names = [_name(found, model, k, candidates) for k in range(len(model.chosen))]
+    names.sort(key=lambda name: (-round(name.probability, 2), -name.gain))
+    return Naming(baseline, model, tuple(names), tuple(first))
+
+
+def settle(
+    found: Problem, used: np.ndarray, chosen: Sequence[Form], values: np.ndarray, rounds: int = 2
+) -> Model:
+    """Refit the baseline with some forms, with the noise that its own residual shows."""
+    moved = sorted({*np.flatnonzero(found.own).tolist(), *_places(found, chosen)})
+    for _ in range(rounds):
+        white = whitening(found, values, used)
+        at = refit(found, white, moved, values)
+        values = at.values
+    return Model(tuple(chosen), white, at)
+
+
+def _places(found: Problem, chosen: Sequence[Form]) -> list[int]:
+    return [found.place(name) for form in chosen for name in form.moves]
+
+
+def begun(found: Problem, values: np.ndarray, form: Form, amplitudes: np.ndarray) -> np.ndarray:
+    """Values with a form switched on at its best amplitudes in the linear limit, within its limits."""
+    out = values.copy()
+    for name, value in form.shape.items():
+        k = found.place(name)
+        out[k] = np.clip(value, found.low[k], found.high[k])
+    for name, value in zip(form.amplitudes, amplitudes, strict=True):
+        k = found.place(name)
+        inside = 1e-3 * (found.high[k] - found.low[k])
+        out[k] = np.clip(value, found.low[k] + 1e-3 * inside, found.high[k] - inside)
+    return out
+
+
+def without(found: Problem, values: np.ndarray, form: Form) -> np.ndarray:
+    """Values with a form switched off."""
+    out = values.copy()
+    for name in form.moves:
+        k = found.place(name)
+        out[k] = found.neutral[k]
+    return out
+
+
+def shortlist(scored: Sequence[Signature], chosen: Sequence[str], many: int = SHORTLIST) -> list[Signature]:
+    """The best form of each of the most promising mechanisms that may join the chosen ones."""
+    best: dict[str, Signature] = {}
+    barred = {*chosen, *(id for pair in TWICE if pair & set(chosen) for id in pair)}
+    for signature in scored:
+        id = signature.form.id
+        if id not in barred and (id not in best or signature.gain > best[id].gain):
+            best[id] = signature
+    return sorted(best.values(), key=lambda s: -s.gain)[:many]
+
+
+def _with(found: Problem, model: Model, signature: Signature) -> Model:
+    """The model with one more form, roughly refitted under the model's noise."""
+    values = begun(found, model.at.values, signature.form, signature.amplitudes)
+    chosen = (*model.chosen, signature.form)
+    moved = sorted({*np.flatnonzero(found.own).tolist(), *_places(found, chosen)})
+    return Model(chosen, model.white, refit(found, model.white, moved, values, ROUGH))
+
+
+def _finished(found: Problem, trials: Sequence[Model]) -> list[Model]:
+    """The most promising of some rough refits, refitted to the end; best first."""
+    rough = sorted(trials, key=lambda trial: trial.score)[:FINAL]
+    ends = [replace(m, at=refit(found, m.white, m.at.moved, m.at.values)) for m in rough]
+    return sorted(ends, key=lambda trial: trial.score)
+
+
+def _step(found, used, baseline: Model, model: Model, scored, tried: int) -> Model | None:
+    """The model with the best further name, or None."""
+    listed = [s for s in shortlist(scored, model.ids) if significant(s.gain, len(s.form.moves), tried)]
+    trials = _finished(found, [_with(found, model, s) for s in listed])
+    if not trials:
+        return None
+    best = trials[0]
+    gain = model.at.cost - best.at.cost
+    if not _worth(baseline, gain, model.excess, len(best.chosen[-1].moves), tried):
+        return None
+    return settle(found, used, best.chosen, best.at.values)
+
+
+def significant(gain: float, numbers: int, tried: int) -> bool:
+    """Whether noise alone would hardly ever take so much χ² away, over all forms that were tried."""
+    return bool(gain > 0 and tried * chi2.sf(gain, numbers) < CHANCE)
+
+
+def _worth(baseline: Model, gain: float, excess: float, numbers: int, tried: int) -> bool:
+    """Whether χ² that a name takes away, of an excess without it, is significant, substantial and sizeable."""
+    alone, whole = gain / baseline.white.size, baseline.excess / baseline.white.size
+    sizeable = alone > max(SIZEABLE**2 * whole, LEAST**2)
+    return significant(gain, numbers, tried) and gain > SUBSTANTIAL * excess and sizeable
+
+
+def effect(found: Problem, model: Model, form: Form) -> np.ndarray:
+    """What a form does to the recording, beyond what the baseline's own numbers absorb of it, SI, (2, n)."""
+    with_it = found.shows(model.at.values)
+    difference = with_it - found.shows(without(found, model.at.values, form))
+    return beyond_baseline(found, model, difference)
+
+
+def beyond_baseline(found: Problem, model: Model, difference: np.ndarray) -> np.ndarray:
+    """A difference of predictions, less what the baseline's numbers absorb under their priors, (2, n)."""
+    own = np.flatnonzero(found.own).tolist()
+    columns = [model.at.moved.index(k) for k in own]
+    jacobian, prior = model.at.jacobian[:, columns], model.at.prior[columns]
+    scale = model.at.scale[columns]
+    information = jacobian.T @ jacobian + np.diag(1 / prior**2)
+    amount = np.linalg.lstsq(information, jacobian.T @ model.white(np.nan_to_num(difference)), rcond=None)[0]
+    _, slopes = found.slopes(model.at.values, own)
+    return difference - np.tensordot(amount * scale, slopes, axes=1)
+
+
+def size_of(model: Model, difference: np.ndarray) -> tuple[float, ...]:
+    """Rms of a difference in noise standard deviations, by channel; zero where nothing was measured."""
+    out = []
+    for c in range(2):
+        standard = model.white.standard(difference, c)
+        there = np.isfinite(standard)
+        out.append(float(np.sqrt(np.mean(standard[there] ** 2))) if there.any() else 0.0)
+    return tuple(out)
+
+
+def _swapped(found, used, model: Model, candidates) -> Model:
+    """Put another in the place of an earlier name where that fits better now."""
+    for k in range(len(model.chosen) - 1):
+        trials = _finished(found, _replacements(found, _removed(found, model, k), model.chosen[k], candidates))
+        if trials and trials[0].score < model.score - TIE:
+            model = settle(found, used, trials[0].chosen, trials[0].at.values)
+    return model
+
+
+def _replacements(found, left: Model, form: Form, candidates) -> list[Model]:
+    """Models in which another mechanism stands in the place of a form that was taken out, roughly refitted."""
+    scored = signatures(found, left.white, left.at, [c for c in candidates if c.id != form.id])
+    return [_with(found, left, s) for s in shortlist(scored, left.ids, 5)]
+
+
+def _removed(found: Problem, model: Model, k: int) -> Model:
+    """The model without its k-th form, refitted under the same noise."""
+    form = model.chosen[k]
+    rest = model.chosen[:k] + model.chosen[k + 1 :]
+    moved = sorted({*np.flatnonzero(found.own).tolist(), *_places(found, rest)})
+    values = without(found, model.at.values, form)
+    return Model(rest, model.white, refit(found, model.white, moved, values, 2 * ROUGH))
+
+
+def _pruned(found, used, baseline: Model, model: Model, tried: int) -> Model:
+    """Take out again what is no longer worth its place."""
+    while len(model.chosen) > 1:
+        rest = [_removed(found, model, k) for k in range(len(model.chosen))]
+        losses = [left.at.cost - model.at.cost for left in rest]
+        k = int(np.argmin(losses))
+        if _worth(baseline, losses[k], rest[k].excess, len(model.chosen[k].moves), tried):
+            break
+        model = settle(found, used, rest[k].chosen, rest[k].at.values)
+    return model
+
+
+def _name(found, model: Model, k: int, candidates) -> Name:
+    form = model.chosen[k]
+    left = _removed(found, model, k)
+    gain = left.at.cost - model.at.cost
+    trials = _replacements(found, left, form, candidates)
+    # The best rival gets every chance; the others are far enough behind it already.
+    ends = {m.chosen[-1].id: m for m in trials} | {m.chosen[-1].id: m for m in _finished(found, trials)}
+    rivals = {id: m.score - model.score for id, m in ends.items()}
+    # What is left unexplained shows how far off textbook forms are here: it blurs a comparison.
+    blur = 1 + model.excess / 8
+    weights = [np.exp(-0.5 * max(loss, 0.0) / blur) for loss in rivals.values()]
+    ties = [id for id, loss in rivals.items() if loss < TIE + TIE_SHARE * model.excess]
+    return Name(form.id, float(1 / (1 + sum(weights))), tuple(ties), float(gain), rivals)

@@ -1,0 +1,216 @@
+"""One recording before the whole library: every mechanism at its neutral value, one compiled program.
+
+A candidate is a choice of numbers that may move, so that every combination of mechanisms runs through
+the same two programs: what the bench shows, and how that changes with one number at a time.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from pamjax.infer.believed import stated, stated_mechanisms
+from pamjax.infer.fit import joint_space
+from pamjax.infer.member import CHANNELS, Member, counts, padded, sample_rows
+from pamjax.model.assembly import bench_law
+from pamjax.model.catalogue import meaning
+from pamjax.model.history import history
+from pamjax.model.library import MECHANISMS
+from pamjax.parameter import Meaning
+from pamjax.records.case import Case
+from pamjax.records.quantity import Measured
+
+#: Numbers in which one sweep takes derivatives, at most.
+SLOTS = 32
+
+#: A number that was measured stays within this many of its standard deviations: further off, the lab has
+#: not made an error of measurement, but the model one of physics.
+REACH = 3.0
+
+#: Factor within which the threads' stiffness stays of what the lab believes of it.
+STIFFNESS_REACH = 5.0
+
+#: A presliding distance is at least this many times the noise of length: the friction of a shorter one
+#: would answer to that noise, which stands in the residual as well.
+ABOVE_NOISE = 10.0
+
+#: How far a tube in a braid may be from its size as bought, where the lab says nothing of it: it is
+#: stretched or squeezed to fit.
+FITTED = 0.1
+
+#: The threads' compliance, of which an inelastic braid has none.
+COMPLIANCE = "braid_elasticity.compliance"
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A recording, its muscle with the whole library, and what is believed of every number.
+
+    Attributes:
+        case: the recording and what the lab says of it.
+        law: the baseline, "inelastic" or "elastic".
+        names: (p,) of all numbers.
+        meaning: (p,) their meanings.
+        neutral: (p,) the baseline's values with every mechanism switched off, SI.
+        start: (p,) where a number starts once it may move, SI.
+        low, high: (p,) limits, SI.
+        sd: (p,) of the prior around `start`, SI; infinite where there is none.
+        own: (p,) whether the baseline itself moves the number.
+        member: the compiled program's arrays.
+        measured: (2, n) force and diameter, SI; NaN where there is nothing to compare.
+    """
+
+    case: Case
+    law: str
+    names: tuple[str, ...]
+    meaning: tuple[Meaning, ...]
+    neutral: np.ndarray
+    start: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    sd: np.ndarray
+    own: np.ndarray
+    member: Member
+    measured: np.ndarray
+
+    @property
+    def log(self) -> np.ndarray:
+        """(p,) whether a number moves on a logarithmic scale."""
+        return np.array([m.scale == "log" for m in self.meaning])
+
+    @property
+    def n(self) -> int:
+        """How many rows there are."""
+        return self.case.recording.n
+
+    def place(self, name: str) -> int:
+        """Index of a number."""
+        return self.names.index(name)
+
+    def shows(self, values: np.ndarray) -> np.ndarray:
+        """What the bench shows at these values: force (N) and diameter (m), (2, n)."""
+        return self.slopes(values, ())[0]
+
+    def slopes(self, values: np.ndarray, places) -> tuple[np.ndarray, np.ndarray]:
+        """What the bench shows, (2, n), and its derivative by each of the numbers, (k, 2, n), SI."""
+        places, found = list(places), []
+        while True:
+            now, places = places[:SLOTS], places[SLOTS:]
+            slots = np.zeros(SLOTS, dtype=int)
+            slots[: len(now)] = now
+            shown, slopes = _sweep(
+                self.member, jnp.asarray(values), jnp.asarray(slots), jnp.asarray(len(now))
+            )
+            found.append(np.asarray(slopes)[: len(now), :, : self.n])
+            if not places:
+                return np.asarray(shown)[:, : self.n], np.concatenate(found)
+
+
+@eqx.filter_jit
+def _sweep(member: Member, values: Float[Array, " p"], slots: Array, many: Array) -> tuple[Array, Array]:
+    """What is shown, and its derivative by the first `many` of the numbers in `slots`."""
+
+    def shows(x):
+        reading = member.reading(x)
+        # A slack muscle pulls with nothing, while the ideal one would push: that is no misfit.
+        force = jnp.where(member.rows.slack, jnp.maximum(reading.force, 0.0), reading.force)
+        return jnp.stack([force, reading.diameter])
+
+    shown, along = jax.linearize(shows, values)
+
+    def fill(k, found):
+        tangent = along(jnp.zeros_like(values).at[slots[k]].set(1.0))
+        return found.at[k].set(tangent)
+
+    return shown, jax.lax.fori_loop(0, many, fill, jnp.zeros((SLOTS, *shown.shape)))
+
+
+def problem(case: Case, size: int | None = None) -> Problem:
+    """Put a recording before the whole library.
+
+    Args:
+        case: the recording and what the lab says of it; its baseline is inelastic or elastic.
+        size: rows to pad to, so that recordings of one call share one compiled program.
+
+    Raises:
+        BadInput: for a baseline that no bench has, or nothing to compare with.
+    """
+    law = bench_law(case.entry.baseline, ())
+    ids = tuple(kind.id for kind in MECHANISMS)
+    at, _ = joint_space([case], law, ())
+    believed = stated(case.entry, law) | _mechanisms(case, law, ids)
+    believed["bladder_elasticity.inner_diameter"] = _fitted(believed["bladder_elasticity.inner_diameter"])
+    rulers = {n: Measured(0.0, float(at.sd[i])) for i, n in enumerate(at.names) if n not in believed}
+    believed |= rulers
+    names = tuple(believed)
+    meanings = tuple(meaning(n) if n not in rulers else _ruler(at, n) for n in names)
+    start = np.array([m.value for m in believed.values()])
+    sd = np.array([m.sd if m.sd > 0 else math.inf for m in believed.values()])
+    own = np.isin(names, at.names)
+    neutral = np.array(
+        [v if m.neutral is None else m.neutral for v, m in zip(start, meanings, strict=True)]
+    )
+    low, high = _limits(names, meanings, start, sd, own)
+    k = names.index("braid_friction.presliding")
+    low[k] = max(low[k], ABOVE_NOISE * (case.entry.sensors.length or 0.0))
+    recording = case.recording
+    place = {n: i for i, n in enumerate(names)}
+    member = Member(
+        law=law,
+        mechanisms=ids,
+        owns=tuple((n, i) for n, i in place.items() if n not in rulers),
+        length_errors=tuple(place[n] for n in rulers),
+        known={},
+        rows=sample_rows(case, size or padded(recording.n)),
+        history=history(recording.time, recording.starts, size=size or padded(recording.n)),
+        trust=jnp.ones(2),
+    )
+    measured = np.stack([np.where(counts(case, c), getattr(recording, c), np.nan) for c in CHANNELS])
+    return Problem(case, law, names, meanings, neutral, start, low, high, sd, own, member, measured)
+
+
+def _mechanisms(case: Case, law: str, ids: tuple[str, ...]) -> dict[str, Measured]:
+    """The mechanisms' numbers; of an inelastic braid its compliance too, believed as its threads are."""
+    found = stated_mechanisms(case.entry, ids)
+    if law == "inelastic":
+        found[COMPLIANCE] = _compliance(case)
+    return found
+
+
+def _fitted(size: Measured) -> Measured:
+    return size if size.sd > 0 else Measured(size.value, FITTED * size.value)
+
+
+def _compliance(case: Case) -> Measured:
+    entry = case.entry
+    if entry.stiffness is not None:
+        return Measured(1 / entry.stiffness.value, entry.stiffness.sd / entry.stiffness.value**2)
+    if entry.modulus is not None and entry.threads and entry.thread_area is not None:
+        pull = entry.modulus.value * entry.threads * entry.thread_area.value
+        return Measured(1 / pull, entry.modulus.sd / entry.modulus.value / pull)
+    return Measured(1e-6, math.inf)
+
+
+def _ruler(at, name: str) -> Meaning:
+    sd = float(at.sd[at.names.index(name)])
+    about = "true minus written length of one setting"
+    return Meaning("m", "mm", -8 * sd, 8 * sd, "linear", about, "the ruler's own standard deviation")
+
+
+def _limits(names, meanings, start, sd, own) -> tuple[np.ndarray, np.ndarray]:
+    low = np.array([m.low for m in meanings])
+    high = np.array([m.high for m in meanings])
+    for k, name in enumerate(names):
+        if not own[k]:
+            continue
+        if name in ("thread.modulus", "thread.stiffness"):
+            low[k], high[k] = max(low[k], start[k] / STIFFNESS_REACH), min(high[k], start[k] * STIFFNESS_REACH)
+        elif math.isfinite(sd[k]):
+            low[k], high[k] = max(low[k], start[k] - REACH * sd[k]), min(high[k], start[k] + REACH * sd[k])
+    return low, high

@@ -1,0 +1,138 @@
+"""The most probable values of the numbers that may move, under correlated noise and their priors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from pamjax.study.problem import Problem
+from pamjax.study.whiten import Whitening
+
+#: Evaluations after which a refit ends.
+MOST = 40
+
+#: A logarithmic number without a prior is believed within its limits: they are this many sd apart.
+LIMITS_APART = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Refit:
+    """Where a refit ended.
+
+    Attributes:
+        moved: indices of the numbers that moved.
+        values: (p,) all numbers, SI.
+        cost: χ² of whitened residual and priors.
+        misfit: χ² of the whitened residual alone.
+        residual: (size,) whitened residual.
+        jacobian: (size, k) its derivative by the numbers that moved, in their coordinates, sign of the model.
+        prior: (k,) sd of the priors in those coordinates.
+        scale: (k,) derivative of value by coordinate.
+    """
+
+    moved: tuple[int, ...]
+    values: np.ndarray
+    cost: float
+    misfit: float
+    residual: np.ndarray
+    jacobian: np.ndarray
+    prior: np.ndarray
+    scale: np.ndarray
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Of the numbers that moved, SI, (k, k)."""
+        information = self.jacobian.T @ self.jacobian + np.diag(1 / self.prior**2)
+        return np.linalg.pinv(information, hermitian=True) * np.outer(self.scale, self.scale)
+
+    def sd(self, place: int) -> float:
+        """Standard deviation of a number, SI; NaN where it did not move."""
+        if place not in self.moved:
+            return float("nan")
+        k = self.moved.index(place)
+        return float(np.sqrt(max(self.covariance[k, k], 0.0)))
+
+
+def coordinates(found: Problem, places: Sequence[int], values: np.ndarray) -> np.ndarray:
+    """Values as coordinates: their logarithm where they move on a logarithmic scale."""
+    picked, log = values[list(places)], found.log[list(places)]
+    return np.where(log, np.log(np.where(log, picked, 1.0)), picked)
+
+
+def prior_sd(found: Problem, places: Sequence[int]) -> np.ndarray:
+    """Standard deviations of the priors in coordinates; infinite where there is none."""
+    places = list(places)
+    sd, log = found.sd[places], found.log[places]
+    low, high, start = found.low[places], found.high[places], found.start[places]
+    shape = np.array([found.meaning[k].neutral is None for k in places])
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        logarithmic = np.where(np.isfinite(sd), sd / start, np.log(high / np.maximum(low, 1e-300)) / LIMITS_APART)
+        straight = np.where(np.isfinite(sd) | ~shape, sd, (high - low) / LIMITS_APART)
+    return np.where(log, logarithmic, straight)
+
+
+def refit(
+    found: Problem, white: Whitening, moved: Sequence[int], values: np.ndarray, most: int = MOST
+) -> Refit:
+    """Let some numbers move, from where they are.
+
+    Args:
+        found: the recording before the library.
+        white: its noise.
+        moved: indices of the numbers that move; all others stay.
+        values: (p,) where everything starts, SI.
+        most: evaluations after which it ends.
+    """
+    moved = list(moved)
+    log = found.log[moved]
+    prior, mean = prior_sd(found, moved), coordinates(found, moved, found.start)
+    low, high = (coordinates(found, moved, edge) for edge in (found.low, found.high))
+    latest: dict[str, object] = {}
+
+    def at(x):
+        trial = values.copy()
+        trial[moved] = np.where(log, np.exp(np.where(log, x, 0.0)), x)
+        return trial
+
+    def look(x):
+        if latest.get("at") != x.tobytes():
+            trial = at(x)
+            shown, slopes = found.slopes(trial, moved)
+            scale = np.where(log, trial[moved], 1.0)
+            residual = np.nan_to_num(white(found.measured - shown), nan=1e3)
+            jacobian = np.nan_to_num(white(slopes)) * scale[:, None]
+            latest.update(at=x.tobytes(), residual=residual, jacobian=jacobian.T)
+        return latest
+
+    def of_prior(x):
+        return np.where(np.isfinite(prior), (x - mean) / prior, 0.0)
+
+    def residuals(x):
+        return np.concatenate([look(x)["residual"], of_prior(x)])
+
+    def jacobian(x):
+        return np.concatenate([-look(x)["jacobian"], np.diag(np.where(np.isfinite(prior), 1 / prior, 0.0))])
+
+    width = np.where(np.isfinite(prior), prior, 0.1 * (high - low))
+    inside = 1e-6 * (high - low)
+    start = np.clip(coordinates(found, moved, values), low + inside, high - inside)
+    end = least_squares(
+        residuals, start, jac=jacobian, bounds=(low, high), x_scale=width, ftol=1e-5, xtol=1e-7, gtol=1e-10,
+        max_nfev=most,
+    )  # fmt: skip
+    last = look(end.x)
+    residual = np.asarray(last["residual"])
+    finite = np.where(np.isfinite(prior), prior, 1e30)
+    return Refit(
+        moved=tuple(moved),
+        values=at(end.x),
+        cost=2 * float(end.cost),
+        misfit=float(residual @ residual),
+        residual=residual,
+        jacobian=np.asarray(last["jacobian"]),
+        prior=finite,
+        scale=np.where(log, at(end.x)[moved], 1.0),
+    )

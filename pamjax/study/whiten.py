@@ -1,0 +1,167 @@
+"""The noise of a recording, read off neighbouring samples, and a filter that makes it white.
+
+A misfit is smooth where noise is not: what neighbours differ by tells the noise before anything is known
+of the misfit. A channel's noise is taken as its sensor's, which may repeat itself from sample to sample,
+
+    cov(s_t, s_t+k) = A ρ^k,        k >= 1,        of the standardised residual s,
+
+on top of what pressure's and length's noise carry through the model, which does not: W = 1 − A. The
+steady Kalman filter of that process is e_t = s_t − ρ s_t−1 + ρ (1 − K) e_t−1, with K its gain; e / √S is
+white. Filtered alike, residual and derivatives meet as in generalised least squares.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+
+from pamjax.infer.member import CHANNELS, starting_sd
+from pamjax.infer.noise import sensitivities
+from pamjax.study.problem import Problem
+
+#: Largest correlation of neighbours. Beyond it noise cannot be told from misfit.
+MOST = 0.98
+
+#: Correlation of neighbours, in standard errors, below which samples count as independent.
+SEEN = 3.0
+
+
+@dataclass(frozen=True)
+class Colour:
+    """Noise of one channel.
+
+    Attributes:
+        sd: (n,) effective standard deviation of each sample, SI.
+        shared: A, the share of the variance that repeats itself.
+        correlation: ρ, of neighbouring samples of that share.
+        given: whether the sensor's noise was stated.
+    """
+
+    sd: np.ndarray
+    shared: float
+    correlation: float
+    given: bool
+
+    @property
+    def filter(self) -> tuple[float, float]:
+        """θ of the moving average, and the standard deviation √S of what is left of a unit sample."""
+        rho, white = self.correlation, 1 - self.shared
+        if rho == 0 or self.shared == 0:
+            return rho, 1.0
+        push = self.shared * (1 - rho**2)
+        # Steady Riccati equation p = ρ² p W / (p + W) + push, a quadratic.
+        b = white * (1 - rho**2) - push
+        p = (-b + math.sqrt(b * b + 4 * push * white)) / 2
+        return rho * white / (p + white), math.sqrt(p + white)
+
+
+@dataclass(frozen=True, eq=False)
+class Whitening:
+    """Makes (…, 2, n) residuals or derivatives, SI, into white ones of unit variance.
+
+    Attributes:
+        colours: by channel, None where nothing was measured.
+        rows: by channel, the rows that are looked at, in order.
+        runs: by channel, where in `rows` continuous runs begin and end.
+    """
+
+    colours: tuple[Colour | None, ...]
+    rows: tuple[np.ndarray, ...]
+    runs: tuple[np.ndarray, ...]
+
+    @property
+    def size(self) -> int:
+        """How many samples are looked at."""
+        return sum(r.size for r in self.rows)
+
+    def __call__(self, values: np.ndarray) -> np.ndarray:
+        """Standardised and filtered, (…, size): force first, then diameter."""
+        parts = [self._channel(values[..., c, :], c) for c in range(len(CHANNELS)) if self.rows[c].size]
+        return np.concatenate(parts, axis=-1)
+
+    def _channel(self, values: np.ndarray, c: int) -> np.ndarray:
+        colour, rows = self.colours[c], self.rows[c]
+        assert colour is not None
+        standard = values[..., rows] / colour.sd[rows]
+        theta, left = colour.filter
+        if colour.correlation == 0:
+            return standard
+        out = np.empty_like(standard)
+        for first, last in self.runs[c]:
+            run = lfilter([1.0, -colour.correlation], [1.0, -theta], standard[..., first:last], axis=-1)
+            out[..., first:last] = run / left
+            # Nothing is known before a run: its first sample has the variance of any.
+            out[..., first] = standard[..., first]
+        return out
+
+    def standard(self, values: np.ndarray, c: int) -> np.ndarray:
+        """One channel over its standard deviation, unfiltered, NaN where it is not looked at, (…, n)."""
+        out = np.full(values.shape[:-2] + values.shape[-1:], np.nan)
+        colour, rows = self.colours[c], self.rows[c]
+        if colour is not None:
+            out[..., rows] = values[..., c, rows] / colour.sd[rows]
+        return out
+
+
+def whitening(found: Problem, values: np.ndarray, used: np.ndarray) -> Whitening:
+    """The noise that the residual at these values shows.
+
+    Args:
+        found: the recording before the library.
+        values: (p,) numbers, SI.
+        used: (n,) the rows that may be looked at.
+    """
+    residual = found.measured - found.shows(values)
+    own, carried = _variances(found, values)
+    starts = np.cumsum(found.case.recording.starts)
+    sensors = found.case.entry.sensors
+    colours, rows, runs = [], [], []
+    for c, stated in enumerate((sensors.force, sensors.diameter)):
+        there = np.flatnonzero(np.isfinite(found.measured[c]) & used)
+        edges = np.flatnonzero(np.diff(starts[there])) + 1
+        bounds = np.concatenate([[0], edges, [there.size]]).astype(int)
+        rows.append(there)
+        runs.append(np.stack([bounds[:-1], bounds[1:]], axis=1) if there.size else np.zeros((0, 2), int))
+        colours.append(
+            _colour(residual[c], own[c], carried[c], there, starts, stated is not None) if there.size else None
+        )
+    return Whitening(tuple(colours), tuple(rows), tuple(runs))
+
+
+def _variances(found: Problem, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Variance of a channel's own noise, (2, 1), and of what pressure and length carry into it, (2, n)."""
+    sensors = found.case.entry.sensors
+    by_pressure, by_length = (np.asarray(s)[:, : found.n] for s in sensitivities(found.member, values))
+    length = 0.0 if sensors.length_per_setting else sensors.length or 0.0
+    carried = ((sensors.pressure or 0.0) * by_pressure) ** 2 + (length * by_length) ** 2
+    return np.square(np.array(starting_sd(found.case)))[:, None], np.nan_to_num(carried)
+
+
+def _colour(residual, own, carried, there, starts, given: bool) -> Colour:
+    if not given:
+        own = max(_roughness(residual, np.ones_like(residual), there, starts) - np.mean(carried[there]), 1e-18)
+    variance = np.broadcast_to(own + carried, residual.shape)
+    sd = np.sqrt(variance)
+    shared = float(np.mean(np.broadcast_to(own, residual.shape)[there] / variance[there]))
+    if not given or there.size < 30:
+        return Colour(sd, shared, 0.0, given)
+    # Half the mean square of neighbours' differences is W + A (1 − ρ).
+    rough = _roughness(residual, sd, there, starts)
+    rho = 1 - (rough - (1 - shared)) / shared
+    error = math.sqrt(1.5 / there.size) / shared
+    return Colour(sd, shared, min(rho, MOST) if rho > SEEN * error else 0.0, given)
+
+
+def _roughness(residual, sd, there, starts) -> float:
+    """Half the mean square of neighbours' differences, insensitive to the few that jump."""
+    standard = residual[there] / sd[there]
+    step = np.diff(standard)[np.diff(starts[there]) == 0]
+    if step.size < 3:
+        return float(np.var(standard)) if standard.size > 1 else 1.0
+    far = 3.5 * 1.4826 * np.median(np.abs(step)) + 1e-300
+    kept = step[np.abs(step) < far]
+    # Of a normal variable 0.046 % lies beyond 3.5 standard deviations, with 0.6 % of its square.
+    return 0.5 * float(np.mean(kept**2)) * 1.0061
