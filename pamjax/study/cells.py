@@ -1,0 +1,98 @@
+"""Where to look for a misfit that no mechanism in the library has: shifts of the mean over parts of a recording.
+
+A part is a range of pressure, of contraction, a direction, a stretch of time, or two of the first three
+together. In each, a constant shift in noise standard deviations is one more direction to look along.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pamjax.infer.member import CHANNELS
+from pamjax.study.problem import Problem
+from pamjax.study.whiten import Whitening
+
+#: Into how many ranges pressure and contraction are cut, and time.
+RANGES, STRETCHES = 5, 20
+
+#: Fewest samples of a part.
+FEW = 12
+
+#: Share of a channel's fastest usual speed above which the muscle moves.
+MOVING = 0.05
+
+SHORTENING, STILL, LENGTHENING = -1, 0, 1
+
+
+@dataclass(frozen=True, eq=False)
+class Axes:
+    """What a recording did, row by row.
+
+    Attributes:
+        pressure: (n,) Pa.
+        contraction: (n,) 1 − length / rest length.
+        time: (n,) s; the row's number in a static map.
+        direction: (n,) −1 shortening, 0 still, 1 lengthening.
+    """
+
+    pressure: np.ndarray
+    contraction: np.ndarray
+    time: np.ndarray
+    direction: np.ndarray
+
+
+def axes(found: Problem) -> Axes:
+    """The axes along which a misfit is located."""
+    recording = found.case.recording
+    rest = found.case.entry.rest_length.value
+    time = recording.time if recording.time is not None else np.arange(found.n, dtype=float)
+    rate = np.asarray(found.member.history.rate(found.member.rows.length))[: found.n]
+    noise = 3 * (found.case.entry.sensors.length or 0.0) / max(4 * float(np.median(np.diff(time))), 1e-9)
+    if found.case.entry.sensors.length_per_setting:
+        noise = 0.0
+    slow = max(MOVING * float(np.nanquantile(np.abs(rate), 0.95)), noise)
+    moving = np.abs(rate) > slow
+    direction = np.where(moving, np.sign(rate), STILL).astype(int)
+    return Axes(recording.pressure, 1 - recording.length / rest, time, direction)
+
+
+def parts(at: Axes) -> list[np.ndarray]:
+    """(n,) masks of the parts of a recording."""
+    pressures = _ranges(at.pressure, RANGES)
+    lengths = _ranges(at.contraction, RANGES)
+    ways = [at.direction == way for way in (SHORTENING, STILL, LENGTHENING)]
+    ways = [way for way in ways if way.any()]
+    stretches = _ranges(at.time, STRETCHES)
+    crossed = [a & b for one, other in _pairs(pressures, lengths, ways) for a in one for b in other]
+    return [*pressures, *lengths, *ways, *stretches, *crossed]
+
+
+def _pairs(*families):
+    return [(families[i], families[k]) for i in range(len(families)) for k in range(i + 1, len(families))]
+
+
+def _ranges(values: np.ndarray, many: int) -> list[np.ndarray]:
+    """Masks of equally wide ranges; one mask where the values hardly differ."""
+    low, high = np.nanmin(values), np.nanmax(values)
+    if not high > low:
+        return []
+    index = np.clip(((values - low) / (high - low) * many).astype(int), 0, many - 1)
+    return [index == k for k in range(many)]
+
+
+def shifts(found: Problem, white: Whitening) -> np.ndarray:
+    """(k, size) white directions: a shift of one standard deviation in each part and channel."""
+    masks = parts(axes(found))
+    out = []
+    for c in range(len(CHANNELS)):
+        colour = white.colours[c]
+        if colour is None:
+            continue
+        for mask in masks:
+            if np.count_nonzero(mask[white.rows[c]]) >= FEW:
+                pattern = np.zeros((2, found.n))
+                pattern[c] = np.where(mask, colour.sd, 0.0)
+                out.append(pattern)
+    return white(np.array(out)) if out else np.zeros((0, white.size))

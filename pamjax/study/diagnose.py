@@ -1,0 +1,132 @@
+"""Diagnose: locate the mismatch, name the missing physics, model it, show the gain. The verb of the study."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from pamjax.records.blocks import blocks
+from pamjax.records.case import Case
+from pamjax.study.diagnosis import Diagnosis, Moved, Number
+from pamjax.study.forms import forms
+from pamjax.study.gain import gain, held_out
+from pamjax.study.locate import locate_names, locate_rest
+from pamjax.study.naming import Model, name_mechanisms, settle
+from pamjax.study.problem import Problem, problem
+from pamjax.study.signature import signatures
+from pamjax.study.significance import DETECTED, Significance, significance
+
+#: A rest counts as unexplained from this rms, in noise standard deviations ...
+REST = 0.3
+#: ... and this share of the baseline's own: textbook forms leave a tenth of what they explain.
+REST_SHARE = 0.15
+
+Progress = Callable[[str, float], None]
+
+
+def diagnose(
+    case: Case,
+    *,
+    size: int | None = None,
+    seed: int = 0,
+    progress: Progress = lambda doing, share: None,
+) -> Diagnosis:
+    """Say what a recording's baseline leaves out.
+
+    Args:
+        case: the recording and what the lab believes of its muscle.
+        size: rows to pad to, so that several recordings share one compiled program.
+        seed: of the draws behind the p-values.
+        progress: called with what is being done and the share done.
+
+    Raises:
+        BadInput: for a baseline that no bench has, or a recording without force and diameter.
+    """
+    progress("compiling", 0.0)
+    found = problem(case, size)
+    laid = blocks(case.recording)
+    out = held_out(laid)
+    naming = name_mechanisms(found, ~out, progress)
+    progress("judging", 0.85)
+    mismatch = significance(found, naming.baseline.white, naming.baseline.at, list(naming.first), seed)
+    rest = mismatch if not naming.names else _rest(found, naming.model, seed)
+    score = gain(found, laid, out, naming.baseline, naming.model)
+    every = np.ones(found.n, dtype=bool)
+    baseline = settle(found, every, (), naming.baseline.at.values)
+    model = settle(found, every, naming.model.chosen, naming.model.at.values) if naming.names else baseline
+    detected = mismatch.p_value < DETECTED
+    unexplained = bool(detected and _left(mismatch, rest, bool(naming.names)))
+    progress("done", 1.0)
+    return Diagnosis(
+        found=found,
+        naming=naming,
+        model=model,
+        baseline=baseline,
+        mismatch=mismatch,
+        where=locate_names(found, baseline, model) if naming.names else locate_rest(found, baseline),
+        rest=rest,
+        unexplained=unexplained,
+        rest_where=locate_rest(found, model) if unexplained else [],
+        rest_share=_share(mismatch, rest),
+        blocks=laid,
+        gain=score,
+        parameters=_parameters(found, model),
+        moved=_moved(found, baseline, model) if naming.names else {},
+        undetermined=[],
+        experiments=[],
+    )  # fmt: skip
+
+
+def _rest(found: Problem, model: Model, seed: int) -> Significance:
+    seen = signatures(found, model.white, model.at, [f for f in forms(found) if f.id not in model.ids])
+    return significance(found, model.white, model.at, seen, seed)
+
+
+def _left(mismatch: Significance, rest: Significance, named: bool) -> bool:
+    """Whether what names leave is more than the rough edges of their forms."""
+    if not named:
+        return True
+    beyond, before = max(rest.square - 1, 0.0), max(mismatch.square - 1, 0.0)
+    return rest.p_value < DETECTED and beyond > max(REST**2, REST_SHARE**2 * before)
+
+
+def _share(mismatch: Significance, rest: Significance) -> float:
+    before = max(mismatch.square - 1, 0.0)
+    return float(np.clip(max(rest.square - 1, 0.0) / before, 0.0, 1.0)) if before > 0 else 0.0
+
+
+def _widened(model: Model) -> float:
+    """How much wider a standard deviation is where the model leaves more than noise."""
+    return float(np.sqrt(max(model.at.misfit / max(model.white.size, 1), 1.0)))
+
+
+def _parameters(found: Problem, model: Model) -> dict[str, dict[str, Number]]:
+    wider = _widened(model)
+    return {
+        form.id: {
+            name.rpartition(".")[2]: Number(
+                float(model.at.values[found.place(name)]),
+                wider * model.at.sd(found.place(name)),
+                found.meaning[found.place(name)],
+            )
+            for name in form.moves
+        }
+        for form in model.chosen
+    }
+
+
+def _moved(found: Problem, baseline: Model, model: Model) -> dict[str, Moved]:
+    wider = _widened(baseline)
+    out = {}
+    for k in baseline.at.moved:
+        before, after, sd = baseline.at.values[k], model.at.values[k], wider * baseline.at.sd(k)
+        shift = (after - before) / sd if sd > 0 else 0.0
+        out[found.names[k]] = Moved(float(before), float(after), float(shift), found.meaning[k])
+    return out
+
+
+def common_size(cases: Sequence[Case]) -> int:
+    """Rows to pad to, so that all of these share one compiled program."""
+    most = max(case.recording.n for case in cases)
+    return 512 * -(-most // 512)

@@ -1,0 +1,146 @@
+"""One p-value for everything that was looked at.
+
+Looked at are the signature of every form in the library and the shift of every part of the recording,
+each freed of what the baseline's numbers absorb: K unit directions, white. If the baseline is right, the
+residual along each is a standard normal variable, and all of them together are correlated as the
+directions themselves are. The chance that the largest comes out as large as seen is found by drawing
+them; beyond what can be drawn, as that of as many independent ones as have the same tail.
+
+Noise was read off the recording, and is known no better than that: each draw is made with a noise of its
+own, as wide as that knowledge. Beside the directions stands the mean square of the residual itself, for
+what none of them shows.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+
+from pamjax.study.cells import shifts
+from pamjax.study.problem import Problem
+from pamjax.study.refit import Refit
+from pamjax.study.signature import Absorbed, Signature
+from pamjax.study.whiten import Colour, Whitening
+
+#: Draws of the largest of all directions.
+DRAWS = 20000
+
+#: How well a lab knows its sensors' noise, as a share of its variance.
+SENSOR = 0.1
+
+#: p-value below which a mismatch counts as detected.
+DETECTED = 0.01
+
+
+@dataclass(frozen=True)
+class Significance:
+    """How far a residual is from noise.
+
+    Attributes:
+        p_value: of the largest deviation, over everything that was looked at.
+        largest: standard deviations of the largest direction.
+        looked: how many directions were looked along.
+        square: mean square of the residual over its noise variance, 1 when only noise is left.
+    """
+
+    p_value: float
+    largest: float
+    looked: int
+    square: float
+
+
+def significance(
+    found: Problem, white: Whitening, at: Refit, seen: list[Signature], seed: int = 0
+) -> Significance:
+    """Judge the residual of a refit.
+
+    Args:
+        found: the recording before the library.
+        white: its noise.
+        at: the refit.
+        seen: the signatures that were looked at.
+        seed: of the draws.
+    """
+    absorbed = Absorbed(at)
+    rows = [signature.directions for signature in seen if signature.directions.size]
+    rows.append(_unit(absorbed.out_of(shifts(found, white))))
+    directions = np.concatenate(rows)
+    directions = directions[np.linalg.norm(directions, axis=1) > 0.5]
+    along = directions[:, : at.residual.size] @ at.residual
+    largest = float(np.max(np.abs(along), initial=0.0))
+    p = _chance(directions @ directions.T, largest, _doubt(white), seed)
+    square, beyond = _square(found, white, at)
+    chance = min(1.0, 2 * min(p, float(norm.sf(beyond))))
+    return Significance(float(max(chance, 1e-300)), largest, len(directions), square)
+
+
+def _unit(rows: np.ndarray) -> np.ndarray:
+    norms = np.linalg.norm(rows, axis=1, keepdims=True)
+    # What is absorbed all but wholly has no direction of its own.
+    return np.where(norms > 1e-6, rows / np.where(norms > 0, norms, 1.0), 0.0)
+
+
+def _chance(gram: np.ndarray, largest: float, doubt: float, seed: int) -> float:
+    """Chance that the largest of correlated standard normal variables is as large as this."""
+    weights, vectors = np.linalg.eigh(gram)
+    root = vectors * np.sqrt(np.maximum(weights, 0.0))
+    rng = np.random.default_rng(seed)
+    most = np.empty(DRAWS)
+    for k in range(0, DRAWS, 2000):
+        drawn = np.abs(rng.standard_normal((2000, root.shape[1])) @ root.T).max(axis=1)
+        most[k : k + 2000] = drawn * np.exp(doubt * rng.standard_normal(2000))
+    above = np.count_nonzero(most >= largest)
+    if above >= 50:
+        return above / DRAWS
+    # As many independent variables as have the 50th largest draw at the same chance.
+    edge = np.partition(most, -50)[-50]
+    wider = largest * _drawn_in(doubt)
+    many = (50 / DRAWS) / (2 * norm.sf(edge * _drawn_in(doubt)))
+    return float(np.clip(many * 2 * norm.sf(wider), 1e-300, 1.0))
+
+
+def _drawn_in(doubt: float) -> float:
+    """By how much a far tail is drawn in, so that doubt about the noise stretches it."""
+    return 1 / (1 + 2 * doubt)
+
+
+def _doubt(white: Whitening) -> float:
+    """Relative doubt about the noise of a slow direction, of the channel that is least well known."""
+    return max(
+        (_slow_doubt(colour, rows.size) for colour, rows in zip(white.colours, white.rows, strict=True) if colour),
+        default=0.0,
+    )
+
+
+def _slow_doubt(colour: Colour, samples: int) -> float:
+    """d ln(noise of a mean) for a standard error of the correlation."""
+    own = 0.5 * math.sqrt(2 / samples)
+    if colour.correlation == 0:
+        return own
+    error = math.sqrt(1.5 / samples) / colour.shared
+    more = Colour(colour.sd, colour.shared, min(colour.correlation + error, 0.999), colour.given)
+    return own + abs(math.log(_of_a_mean(more) / _of_a_mean(colour)))
+
+
+def _of_a_mean(colour: Colour) -> float:
+    """Standard deviation of a slow sum, over that of independent samples."""
+    theta, left = colour.filter
+    return left * (1 - theta) / (1 - colour.correlation)
+
+
+def _square(found: Problem, white: Whitening, at: Refit) -> tuple[float, float]:
+    """Largest mean square of a channel's residual, and by how many standard errors it is above one."""
+    residual = found.measured - found.shows(at.values)
+    worst = (1.0, -math.inf)
+    for c, colour in enumerate(white.colours):
+        if colour is None or not colour.given:
+            continue
+        standard = white.standard(residual, c)[white.rows[c]]
+        mean = float(np.mean(standard**2))
+        repeated = 1 + 2 * colour.shared**2 * colour.correlation**2 / max(1 - colour.correlation**2, 1e-3)
+        error = math.sqrt(2 * repeated / standard.size + SENSOR**2)
+        worst = max(worst, (mean, (mean - 1) / error), key=lambda pair: pair[1])
+    return worst
