@@ -46,7 +46,10 @@ class Refit:
     def covariance(self) -> np.ndarray:
         """Of the numbers that moved, SI, (k, k)."""
         information = self.jacobian.T @ self.jacobian + np.diag(1 / self.prior**2)
-        return np.linalg.pinv(information, hermitian=True) * np.outer(self.scale, self.scale)
+        # Scaled to a unit diagonal: newtons and pascals are many orders of magnitude apart.
+        unit = np.sqrt(np.maximum(np.diag(information), 1e-300))
+        inverse = np.linalg.pinv(information / np.outer(unit, unit), rcond=1e-12, hermitian=True)
+        return inverse / np.outer(unit, unit) * np.outer(self.scale, self.scale)
 
     def sd(self, place: int) -> float:
         """Standard deviation of a number, SI; NaN where it did not move."""
