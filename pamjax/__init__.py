@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from pamjax.records.case import Case, read_case
     from pamjax.records.recording import Recording
     from pamjax.records.simulate import simulate
+    from pamjax.study.diagnose import diagnose
+    from pamjax.study.diagnosis import Diagnosis
 
 #: Where each public name lives. They load when first used, so that `pamjax --help` loads no JAX.
 _HOME = {
@@ -40,11 +42,14 @@ _HOME = {
     "sample": "pamjax.infer.sample",
     "save": "pamjax.infer.save",
     "save_posterior": "pamjax.infer.save_posterior",
+    "Diagnosis": "pamjax.study.diagnosis",
+    "diagnose": "pamjax.study.diagnose",
 }
 
 __all__ = [
     "BadInput",
     "Case",
+    "Diagnosis",
     "Fit",
     "InputWarning",
     "Muscle",
@@ -53,6 +58,7 @@ __all__ = [
     "assemble",
     "catalogue",
     "determine",
+    "diagnose",
     "fit",
     "load_muscle",
     "predict",

@@ -25,6 +25,7 @@ for word, about in {
     "fit": "Calibrate a muscle on its recording, or several muscles together.",
     "sample": "Draw from the posterior of a muscle's numbers: how sure they are.",
     "compare": "Compare posteriors by how they predict blocks they did not see.",
+    "diagnose": "Name the physics that a recording's model leaves out, and show the gain.",
     "simulate": "Make the case folder that a bench would have written.",
     "explain": "Say what a number or a mechanism means; without a name, list them all.",
 }.items():

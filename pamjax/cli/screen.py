@@ -47,7 +47,7 @@ def say(text: str) -> None:
     print(text)
 
 
-def say_json(document: dict[str, Any]) -> None:
+def say_json(document: Any) -> None:
     """Print for programs."""
     print(json.dumps(document, indent=2, allow_nan=False))
 

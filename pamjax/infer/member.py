@@ -123,7 +123,6 @@ def member(case: Case, law: str, at: Space, rename: dict[str, str], mechanisms: 
     free = [n.name for n in free_numbers(case, law, mechanisms)]
     place = {name: at.names.index(rename.get(name, name)) for name in free}
     numbers = stated(case.entry, law) | stated_mechanisms(case.entry, mechanisms)
-    recording = case.recording
     return Member(
         law=law,
         mechanisms=tuple(mechanisms),
@@ -131,15 +130,30 @@ def member(case: Case, law: str, at: Space, rename: dict[str, str], mechanisms: 
         length_errors=tuple(i for n, i in place.items() if is_ruler(n)),
         known={n: jnp.asarray(m.value) for n, m in numbers.items() if n not in place},
         rows=sample_rows(case),
-        history=history(
-            recording.time,
-            recording.starts,
-            restart=case.gaps == "anew",
-            settled=case.before == "settled",
-            size=padded(recording.n),
-        ),
+        history=case_history(case),
         trust=jnp.ones(2),
     )
+
+
+def case_history(case: Case, size: int | None = None) -> History:
+    """The order of a case's samples in time, padded to `size` (by itself: `padded`)."""
+    recording = case.recording
+    strokes = _in_range(recording.length) + _in_range(recording.pressure)
+    return history(
+        recording.time,
+        recording.starts,
+        restart=case.gaps == "anew",
+        settled=case.before == "settled",
+        turning=strokes,
+        size=size or padded(recording.n),
+    )
+
+
+def _in_range(channel: np.ndarray) -> np.ndarray:
+    """A channel over its range; zero where it was not measured, or hardly moves."""
+    there = channel[np.isfinite(channel)]
+    span = np.ptp(there) if there.size else 0.0
+    return np.nan_to_num((channel - np.min(there)) / span) if span > 0 else np.zeros(channel.size)
 
 
 @eqx.filter_jit

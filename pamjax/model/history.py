@@ -15,6 +15,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from pamjax.parameter import Scalar
 
+#: What turns has a corner where a straight line leaves this many times the usual of it.
+CORNER = 6.0
+
 #: A rate is the slope of a straight line through a sample and this many neighbours on each side.
 REACH = 2
 
@@ -96,6 +99,7 @@ def history(
     *,
     restart: bool = False,
     settled: bool = False,
+    turning: np.ndarray | None = None,
     size: int | None = None,
 ) -> History:
     """The history of a recording.
@@ -105,6 +109,7 @@ def history(
         starts: (n,) whether a continuous run begins at this sample.
         restart: whether memory begins anew at every run, rather than only at the first sample.
         settled: whether the muscle had been through the recording once before.
+        turning: (n,) what strokes, in any unit: a rate does not reach across its corners.
         size: length to pad to; padded samples repeat the last one.
     """
     n = starts.size
@@ -120,7 +125,7 @@ def history(
         time=jnp.asarray(_pad(clock, size, clock[-1] if n else 0.0)),
         step=jnp.asarray(_pad(np.diff(clock, prepend=clock[:1]), size, 0.0)),
         restart=jnp.asarray(_pad(anew, size, False)),
-        slope=jnp.asarray(_pad(_slopes(clock, run), size, 0.0)),
+        slope=jnp.asarray(_pad(_slopes(clock, run, turning), size, 0.0)),
         first=jnp.asarray(_pad(row if time is None else begin, size, max(n - 1, 0))),
         last=jnp.asarray(_pad(row if time is None else end - 1, size, max(n - 1, 0))),
         settled=settled,
@@ -132,11 +137,42 @@ def _once(values: Array) -> Array:
     return jax.lax.optimization_barrier(values)
 
 
-def _slopes(clock: np.ndarray, run: np.ndarray) -> np.ndarray:
-    """Weights of the least-squares slope through a sample and its neighbours of the same run."""
+def _slopes(clock: np.ndarray, run: np.ndarray, turning: np.ndarray | None = None) -> np.ndarray:
+    """Weights of the least-squares slope through a sample and its neighbours of the same run.
+
+    Beside a corner of what turns, only the neighbours on the sample's own side.
+    """
     n = clock.size
     near = np.clip(np.arange(n)[:, None] + np.arange(-REACH, REACH + 1), 0, max(n - 1, 0))
     same = (run[near] == run[:, None]) & (near == np.arange(n)[:, None] + np.arange(-REACH, REACH + 1))
+    both = _line(clock, near, same)
+    if turning is None or n <= 2 * REACH:
+        return both
+    sides = [same & reach for reach in (np.arange(-REACH, REACH + 1) <= 0, np.arange(-REACH, REACH + 1) >= 0)]
+    lines = [both, *(_line(clock, near, side) for side in sides)]
+    around = np.where(same, turning[near], 0.0)
+    off = np.stack([_off(clock, around, near, *pair) for pair in zip(lines, (same, *sides), strict=True)])
+    # A corner stands out of the noise of the straight lines, and a side of it is straight.
+    finite = off[0][np.isfinite(off[0])]
+    usual = np.median(finite) if finite.size else 0.0
+    side = 1 + np.argmin(off[1:], axis=0)
+    corner = (off[0] > CORNER * usual) & (np.take_along_axis(off, side[None], axis=0)[0] < off[0] / 2)
+    return np.where(corner[:, None], np.where((side == 1)[:, None], lines[1], lines[2]), both)
+
+
+def _off(clock, around, near, slope, there) -> np.ndarray:
+    """Rms of what a straight line leaves of the values, (n,); infinite where two points make the line."""
+    count = there.sum(axis=1)
+    safe = np.maximum(count, 1)[:, None]
+    moment = np.where(there, clock[near], 0.0)
+    values = np.where(there, around - around.sum(axis=1, keepdims=True, where=there) / safe, 0.0)
+    rate = (slope * around).sum(axis=1, keepdims=True)
+    left = values - rate * np.where(there, moment - moment.sum(axis=1, keepdims=True) / safe, 0.0)
+    rms = np.sqrt((left**2).sum(axis=1) / np.maximum(count - 2, 1))
+    return np.where(count > 2, rms, np.inf)
+
+
+def _line(clock: np.ndarray, near: np.ndarray, same: np.ndarray) -> np.ndarray:
     count = same.sum(axis=1, keepdims=True)
     centred = np.where(same, clock[near], 0.0)
     centred = np.where(same, centred - centred.sum(axis=1, keepdims=True) / np.maximum(count, 1), 0.0)

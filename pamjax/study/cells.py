@@ -1,4 +1,4 @@
-"""Where to look for a misfit that no mechanism in the library has: shifts of the mean over parts of a recording.
+"""Where to look for a misfit that no mechanism has: shifts of the mean over parts of a recording.
 
 A part is a range of pressure, of contraction, a direction, a stretch of time, or two of the first three
 together. In each, a constant shift in noise standard deviations is one more direction to look along.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -124,9 +124,3 @@ def _moved(found: Problem, baseline: Model, model: Model) -> dict[str, Moved]:
         shift = (after - before) / sd if sd > 0 else 0.0
         out[found.names[k]] = Moved(float(before), float(after), float(shift), found.meaning[k])
     return out
-
-
-def common_size(cases: Sequence[Case]) -> int:
-    """Rows to pad to, so that all of these share one compiled program."""
-    most = max(case.recording.n for case in cases)
-    return 512 * -(-most // 512)

@@ -226,7 +226,10 @@ def _rig(s: _Scales) -> list[Form]:
 
 
 def _drift(s: _Scales) -> list[Form]:
-    return [Form("force_drift", ("force_drift.rate",)), Form("force_drift", ("force_drift.rate", "force_drift.bend"))]
+    return [
+        Form("force_drift", ("force_drift.rate",)),
+        Form("force_drift", ("force_drift.rate", "force_drift.bend")),
+    ]
 
 
 _MAKERS = {

@@ -49,7 +49,11 @@ def gain(found: Problem, blocks: Blocks, out: np.ndarray, baseline: Model, model
     """Score a baseline and a model that were fitted without the rows in `out`."""
     before, after = found.shows(baseline.at.values), found.shows(model.at.values)
     names = [blocks.names[k] for k in np.unique(blocks.label[out]) if k >= 0]
-    words = f"{len(names)} of {len(blocks)} {blocks.kind}: {', '.join(names)}" if names else "none: too few blocks"
+    words = (
+        f"{len(names)} of {len(blocks)} {blocks.kind}: {', '.join(names)}"
+        if names
+        else "none: too few blocks"
+    )
     return Gain(words, out, before, after, _rmse(found, before, out), _rmse(found, after, out))
 
 

@@ -159,9 +159,11 @@ def _sentence(channel, direction, pressure, contraction, signed, inside, at: Axe
         )
     typical = _typical(signed[inside])
     told = f"{where}, {channel} is {_amount(typical or 0.0, scale, unit)} than the baseline says"
-    return f"{told} while the muscle {'shortens' if direction == 'shortening' else 'lengthens'}." if (
-        direction != "both"
-    ) else f"{told}."
+    return (
+        f"{told} while the muscle {'shortens' if direction == 'shortening' else 'lengthens'}."
+        if (direction != "both")
+        else f"{told}."
+    )
 
 
 def _typical(values: np.ndarray) -> float | None:

@@ -12,8 +12,9 @@ Whoever takes a name's place nearly as well shares its probability.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.stats import chi2
@@ -194,10 +195,10 @@ def _with(found: Problem, model: Model, signature: Signature) -> Model:
     return Model(chosen, model.white, refit(found, model.white, moved, values, ROUGH))
 
 
-def _finished(found: Problem, trials: Sequence[Model]) -> list[Model]:
+def _finished(found: Problem, trials: Sequence[Model], many: int = FINAL) -> list[Model]:
     """The most promising of some rough refits, refitted to the end; best first."""
-    rough = sorted(trials, key=lambda trial: trial.score)[:FINAL]
-    ends = [replace(m, at=refit(found, m.white, m.at.moved, m.at.values)) for m in rough]
+    rough = sorted(trials, key=lambda trial: trial.score)[:many]
+    ends = [dataclasses.replace(m, at=refit(found, m.white, m.at.moved, m.at.values)) for m in rough]
     return sorted(ends, key=lambda trial: trial.score)
 
 
@@ -220,29 +221,23 @@ def significant(gain: float, numbers: int, tried: int) -> bool:
 
 
 def _worth(baseline: Model, gain: float, excess: float, numbers: int, tried: int) -> bool:
-    """Whether χ² that a name takes away, of an excess without it, is significant, substantial and sizeable."""
+    """Whether what a name takes away of an excess is significant, substantial and sizeable."""
     alone, whole = gain / baseline.white.size, baseline.excess / baseline.white.size
     sizeable = alone > max(SIZEABLE**2 * whole, LEAST**2)
     return significant(gain, numbers, tried) and gain > SUBSTANTIAL * excess and sizeable
 
 
 def effect(found: Problem, model: Model, form: Form) -> np.ndarray:
-    """What a form does to the recording, beyond what the baseline's own numbers absorb of it, SI, (2, n)."""
-    with_it = found.shows(model.at.values)
-    difference = with_it - found.shows(without(found, model.at.values, form))
-    return beyond_baseline(found, model, difference)
-
-
-def beyond_baseline(found: Problem, model: Model, difference: np.ndarray) -> np.ndarray:
-    """A difference of predictions, less what the baseline's numbers absorb under their priors, (2, n)."""
+    """What a form alone does to the recording, beyond what a refitted baseline makes up for, SI, (2, n)."""
+    values = model.at.values
+    for other in model.chosen:
+        values = values if other is form else without(found, values, other)
+    alone = found.shows(values)
+    unmeasured = np.isnan(found.measured)
+    as_measured = dataclasses.replace(found, measured=np.where(unmeasured, np.nan, alone))
     own = np.flatnonzero(found.own).tolist()
-    columns = [model.at.moved.index(k) for k in own]
-    jacobian, prior = model.at.jacobian[:, columns], model.at.prior[columns]
-    scale = model.at.scale[columns]
-    information = jacobian.T @ jacobian + np.diag(1 / prior**2)
-    amount = np.linalg.lstsq(information, jacobian.T @ model.white(np.nan_to_num(difference)), rcond=None)[0]
-    _, slopes = found.slopes(model.at.values, own)
-    return difference - np.tensordot(amount * scale, slopes, axes=1)
+    bare = refit(as_measured, model.white, own, without(found, values, form))
+    return alone - found.shows(bare.values)
 
 
 def size_of(model: Model, difference: np.ndarray) -> tuple[float, ...]:
@@ -258,14 +253,16 @@ def size_of(model: Model, difference: np.ndarray) -> tuple[float, ...]:
 def _swapped(found, used, model: Model, candidates) -> Model:
     """Put another in the place of an earlier name where that fits better now."""
     for k in range(len(model.chosen) - 1):
-        trials = _finished(found, _replacements(found, _removed(found, model, k), model.chosen[k], candidates))
+        trials = _finished(
+            found, _replacements(found, _removed(found, model, k), model.chosen[k], candidates)
+        )
         if trials and trials[0].score < model.score - TIE:
             model = settle(found, used, trials[0].chosen, trials[0].at.values)
     return model
 
 
 def _replacements(found, left: Model, form: Form, candidates) -> list[Model]:
-    """Models in which another mechanism stands in the place of a form that was taken out, roughly refitted."""
+    """Models in which another mechanism stands in the place of a form, roughly refitted."""
     scored = signatures(found, left.white, left.at, [c for c in candidates if c.id != form.id])
     return [_with(found, left, s) for s in shortlist(scored, left.ids, 5)]
 
@@ -297,7 +294,7 @@ def _name(found, model: Model, k: int, candidates) -> Name:
     gain = left.at.cost - model.at.cost
     trials = _replacements(found, left, form, candidates)
     # The best rival gets every chance; the others are far enough behind it already.
-    ends = {m.chosen[-1].id: m for m in trials} | {m.chosen[-1].id: m for m in _finished(found, trials)}
+    ends = {m.chosen[-1].id: m for m in trials} | {m.chosen[-1].id: m for m in _finished(found, trials, 1)}
     rivals = {id: m.score - model.score for id, m in ends.items()}
     # What is left unexplained shows how far off textbook forms are here: it blurs a comparison.
     blur = 1 + model.excess / 8

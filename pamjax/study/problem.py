@@ -17,10 +17,9 @@ from jaxtyping import Array, Float
 
 from pamjax.infer.believed import stated, stated_mechanisms
 from pamjax.infer.fit import joint_space
-from pamjax.infer.member import CHANNELS, Member, counts, padded, sample_rows
+from pamjax.infer.member import CHANNELS, Member, case_history, counts, sample_rows
 from pamjax.model.assembly import bench_law
 from pamjax.model.catalogue import meaning
-from pamjax.model.history import history
 from pamjax.model.library import MECHANISMS
 from pamjax.parameter import Meaning
 from pamjax.records.case import Case
@@ -153,9 +152,7 @@ def problem(case: Case, size: int | None = None) -> Problem:
     start = np.array([m.value for m in believed.values()])
     sd = np.array([m.sd if m.sd > 0 else math.inf for m in believed.values()])
     own = np.isin(names, at.names)
-    neutral = np.array(
-        [v if m.neutral is None else m.neutral for v, m in zip(start, meanings, strict=True)]
-    )
+    neutral = np.array([v if m.neutral is None else m.neutral for v, m in zip(start, meanings, strict=True)])
     low, high = _limits(names, meanings, start, sd, own)
     k = names.index("braid_friction.presliding")
     low[k] = max(low[k], ABOVE_NOISE * (case.entry.sensors.length or 0.0))
@@ -167,8 +164,8 @@ def problem(case: Case, size: int | None = None) -> Problem:
         owns=tuple((n, i) for n, i in place.items() if n not in rulers),
         length_errors=tuple(place[n] for n in rulers),
         known={},
-        rows=sample_rows(case, size or padded(recording.n)),
-        history=history(recording.time, recording.starts, size=size or padded(recording.n)),
+        rows=sample_rows(case, size),
+        history=case_history(case, size),
         trust=jnp.ones(2),
     )
     measured = np.stack([np.where(counts(case, c), getattr(recording, c), np.nan) for c in CHANNELS])
@@ -210,7 +207,10 @@ def _limits(names, meanings, start, sd, own) -> tuple[np.ndarray, np.ndarray]:
         if not own[k]:
             continue
         if name in ("thread.modulus", "thread.stiffness"):
-            low[k], high[k] = max(low[k], start[k] / STIFFNESS_REACH), min(high[k], start[k] * STIFFNESS_REACH)
+            low[k], high[k] = (
+                max(low[k], start[k] / STIFFNESS_REACH),
+                min(high[k], start[k] * STIFFNESS_REACH),
+            )
         elif math.isfinite(sd[k]):
             low[k], high[k] = max(low[k], start[k] - REACH * sd[k]), min(high[k], start[k] + REACH * sd[k])
     return low, high

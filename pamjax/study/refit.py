@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -72,7 +73,9 @@ def prior_sd(found: Problem, places: Sequence[int]) -> np.ndarray:
     low, high, start = found.low[places], found.high[places], found.start[places]
     shape = np.array([found.meaning[k].neutral is None for k in places])
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        logarithmic = np.where(np.isfinite(sd), sd / start, np.log(high / np.maximum(low, 1e-300)) / LIMITS_APART)
+        logarithmic = np.where(
+            np.isfinite(sd), sd / start, np.log(high / np.maximum(low, 1e-300)) / LIMITS_APART
+        )
         straight = np.where(np.isfinite(sd) | ~shape, sd, (high - low) / LIMITS_APART)
     return np.where(log, logarithmic, straight)
 
@@ -90,52 +93,62 @@ def refit(
         most: evaluations after which it ends.
     """
     moved = list(moved)
-    log = found.log[moved]
     prior, mean = prior_sd(found, moved), coordinates(found, moved, found.start)
     low, high = (coordinates(found, moved, edge) for edge in (found.low, found.high))
-    latest: dict[str, object] = {}
-
-    def at(x):
-        trial = values.copy()
-        trial[moved] = np.where(log, np.exp(np.where(log, x, 0.0)), x)
-        return trial
-
-    def look(x):
-        if latest.get("at") != x.tobytes():
-            trial = at(x)
-            shown, slopes = found.slopes(trial, moved)
-            scale = np.where(log, trial[moved], 1.0)
-            residual = np.nan_to_num(white(found.measured - shown), nan=1e3)
-            jacobian = np.nan_to_num(white(slopes)) * scale[:, None]
-            latest.update(at=x.tobytes(), residual=residual, jacobian=jacobian.T)
-        return latest
-
-    def of_prior(x):
-        return np.where(np.isfinite(prior), (x - mean) / prior, 0.0)
+    look = _Look(found, white, moved, values)
 
     def residuals(x):
-        return np.concatenate([look(x)["residual"], of_prior(x)])
+        of_prior = np.where(np.isfinite(prior), (x - mean) / prior, 0.0)
+        return np.concatenate([look(x).residual, of_prior])
 
     def jacobian(x):
-        return np.concatenate([-look(x)["jacobian"], np.diag(np.where(np.isfinite(prior), 1 / prior, 0.0))])
+        return np.concatenate([-look(x).jacobian, np.diag(np.where(np.isfinite(prior), 1 / prior, 0.0))])
 
     width = np.where(np.isfinite(prior), prior, 0.1 * (high - low))
     inside = 1e-6 * (high - low)
     start = np.clip(coordinates(found, moved, values), low + inside, high - inside)
     end = least_squares(
-        residuals, start, jac=jacobian, bounds=(low, high), x_scale=width, ftol=1e-5, xtol=1e-7, gtol=1e-10,
-        max_nfev=most,
+        residuals, start, jac=cast(Any, jacobian), bounds=(low, high), x_scale=width,
+        ftol=1e-5, xtol=1e-7, gtol=1e-10, max_nfev=most,
     )  # fmt: skip
     last = look(end.x)
-    residual = np.asarray(last["residual"])
-    finite = np.where(np.isfinite(prior), prior, 1e30)
     return Refit(
         moved=tuple(moved),
-        values=at(end.x),
+        values=last.values,
         cost=2 * float(end.cost),
-        misfit=float(residual @ residual),
-        residual=residual,
-        jacobian=np.asarray(last["jacobian"]),
-        prior=finite,
-        scale=np.where(log, at(end.x)[moved], 1.0),
+        misfit=float(last.residual @ last.residual),
+        residual=last.residual,
+        jacobian=last.jacobian,
+        prior=np.where(np.isfinite(prior), prior, 1e30),
+        scale=last.scale,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    values: np.ndarray
+    scale: np.ndarray
+    residual: np.ndarray
+    jacobian: np.ndarray
+
+
+class _Look:
+    """Residual and derivative at a point; the minimiser asks for them one after the other."""
+
+    def __init__(self, found: Problem, white: Whitening, moved: Sequence[int], values: np.ndarray) -> None:
+        self.found, self.white, self.moved, self.values = found, white, list(moved), values
+        self.at: np.ndarray | None = None
+        self.seen: _Seen | None = None
+
+    def __call__(self, x: np.ndarray) -> _Seen:
+        if self.seen is None or self.at is None or not np.array_equal(self.at, x):
+            log = self.found.log[self.moved]
+            trial = self.values.copy()
+            trial[self.moved] = np.where(log, np.exp(np.where(log, x, 0.0)), x)
+            shown, slopes = self.found.slopes(trial, self.moved)
+            scale = np.where(log, trial[self.moved], 1.0)
+            # A state without an answer is as bad as far off, and has no slope.
+            residual = np.nan_to_num(self.white(self.found.measured - shown), nan=1e3)
+            jacobian = (np.nan_to_num(self.white(slopes)) * scale[:, None]).T
+            self.at, self.seen = x.copy(), _Seen(trial, scale, residual, jacobian)
+        return self.seen

@@ -49,9 +49,7 @@ class Absorbed:
         return extended - (extended @ self.basis) @ self.basis.T
 
 
-def signatures(
-    found: Problem, white: Whitening, at: Refit, candidates: Sequence[Form]
-) -> list[Signature]:
+def signatures(found: Problem, white: Whitening, at: Refit, candidates: Sequence[Form]) -> list[Signature]:
     """The signature of each form at a refit, and how much of its residual it would explain."""
     absorbed = Absorbed(at)
     residual = np.concatenate([at.residual, np.zeros(absorbed.basis.shape[0] - absorbed.size)])

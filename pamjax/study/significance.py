@@ -110,7 +110,11 @@ def _drawn_in(doubt: float) -> float:
 def _doubt(white: Whitening) -> float:
     """Relative doubt about the noise of a slow direction, of the channel that is least well known."""
     return max(
-        (_slow_doubt(colour, rows.size) for colour, rows in zip(white.colours, white.rows, strict=True) if colour),
+        (
+            _slow_doubt(colour, rows.size)
+            for colour, rows in zip(white.colours, white.rows, strict=True)
+            if colour
+        ),
         default=0.0,
     )
 

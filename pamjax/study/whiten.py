@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import jax.numpy as jnp
 import numpy as np
 from scipy.signal import lfilter
 
@@ -91,7 +92,9 @@ class Whitening:
             return standard
         out = np.empty_like(standard)
         for first, last in self.runs[c]:
-            run = lfilter([1.0, -colour.correlation], [1.0, -theta], standard[..., first:last], axis=-1)
+            run = np.asarray(
+                lfilter([1.0, -colour.correlation], [1.0, -theta], standard[..., first:last], axis=-1)
+            )
             out[..., first:last] = run / left
             # Nothing is known before a run: its first sample has the variance of any.
             out[..., first] = standard[..., first]
@@ -126,7 +129,9 @@ def whitening(found: Problem, values: np.ndarray, used: np.ndarray) -> Whitening
         rows.append(there)
         runs.append(np.stack([bounds[:-1], bounds[1:]], axis=1) if there.size else np.zeros((0, 2), int))
         colours.append(
-            _colour(residual[c], own[c], carried[c], there, starts, stated is not None) if there.size else None
+            _colour(residual[c], own[c], carried[c], there, starts, stated is not None)
+            if there.size
+            else None
         )
     return Whitening(tuple(colours), tuple(rows), tuple(runs))
 
@@ -134,7 +139,9 @@ def whitening(found: Problem, values: np.ndarray, used: np.ndarray) -> Whitening
 def _variances(found: Problem, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Variance of a channel's own noise, (2, 1), and of what pressure and length carry into it, (2, n)."""
     sensors = found.case.entry.sensors
-    by_pressure, by_length = (np.asarray(s)[:, : found.n] for s in sensitivities(found.member, values))
+    by_pressure, by_length = (
+        np.asarray(s)[:, : found.n] for s in sensitivities(found.member, jnp.asarray(values))
+    )
     length = 0.0 if sensors.length_per_setting else sensors.length or 0.0
     carried = ((sensors.pressure or 0.0) * by_pressure) ** 2 + (length * by_length) ** 2
     return np.square(np.array(starting_sd(found.case)))[:, None], np.nan_to_num(carried)
@@ -142,7 +149,9 @@ def _variances(found: Problem, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 def _colour(residual, own, carried, there, starts, given: bool) -> Colour:
     if not given:
-        own = max(_roughness(residual, np.ones_like(residual), there, starts) - np.mean(carried[there]), 1e-18)
+        own = max(
+            _roughness(residual, np.ones_like(residual), there, starts) - np.mean(carried[there]), 1e-18
+        )
     variance = np.broadcast_to(own + carried, residual.shape)
     sd = np.sqrt(variance)
     shared = float(np.mean(np.broadcast_to(own, residual.shape)[there] / variance[there]))

@@ -30,17 +30,17 @@ class ContactPressure(AbstractLine):
         Pt   threshold  Pa   of a tube stretched far
         c    fill       1    cos θ at which the braid is as wide as the tube was made
 
-    The muscle's potential becomes −φ(P) V(L, B): conservative at any P, since φ does not depend on where
-    the muscle is. Above the knee φ' = 1, and with c = 0 ∂F/∂P|L = −∂V/∂L|P holds with the muscle's own volume;
-    below it the air is in a bladder that stands off the braid, whose volume no diameter shows. An energy
-    Pc V(L, B) is the same thing above the knee, but has nothing that holds the bladder below it.
+    The threshold is that of a thin neo-Hookean tube widened at its own length, μ t/r [1 − (r/R)⁴]; with
+    c = 0 it is a constant, the popular dead band. Then the muscle's potential is −φ(P) V(L, B): conservative
+    at any P, and above the knee, where φ' = 1, ∂F/∂P|L = −∂V/∂L|P holds with the muscle's own volume;
+    below it the air is in a bladder that stands off the braid, whose volume no diameter shows. A threshold
+    that depends on length is no exact potential.
 
     It is for a muscle of whose bladder nothing is known: `bladder_elasticity` has a threshold of its own,
-    whose growth with contraction follows from its energy, and gives the diameter below it. A threshold that depends on length is no exact potential. Neutral: Pt = 0, where the
-    derivative is −∂/∂P of the muscle. What it leaves out: the axial half of the rubber; the free bladder.
-    The threshold is that of a thin neo-Hookean tube that is widened at its own length, μ t/r [1 − (r/R)⁴].
-    Source: derived here; the effective pressure of Tondu, J. Intell. Mater. Syst. Struct. 23, 225 (2012), as a
-    constant; the knee is ours.
+    which follows from its energy, and gives the diameter below it. Neutral: Pt = 0, where the derivative
+    is −∂/∂P of the muscle. What it leaves out: the axial half of the rubber; the free bladder.
+    Source: derived here; the effective pressure of Tondu, J. Intell. Mater. Syst. Struct. 23, 225 (2012),
+    as a constant; the knee is ours.
     """
 
     id: ClassVar[str] = "contact_pressure"

@@ -16,7 +16,7 @@ from pamjax.parameter import Scalar, parameter
 
 
 class ViscoelasticCreep(AbstractMemory):
-    """Two Maxwell branches beside the wall (a Prony series), on the stresses of the wall, or on the whole force:
+    """Two Maxwell branches beside the wall (a Prony series), on the stresses of the wall or on the force:
 
         dq_i/dt = −q_i / τ_i + V μ_i dS/dt,   S = ½ ∂(I1 − 3)/∂(λz, λc)
         μ_1 = μ g,   μ_2 = μ (1 − g)

@@ -19,7 +19,8 @@ class ViscousDamping(AbstractMemory):
         c  coefficient  N s/m     force at unit speed, at any pressure
         b  pressed      N s/m/Pa  what a pascal adds to it, where the air presses what moves
 
-    Neutral: c = b = 0. What it leaves out: damping that differs between the directions; speeds that change within five samples, over which the rate is taken.
+    Neutral: c = b = 0. What it leaves out: damping that differs between the directions; powers
+    of speed; speeds that change within five samples, over which the rate is taken.
     Source: Newton's damper; in muscles, Reynolds, Repperger, Phillips & Bandry, Ann. Biomed. Eng. 31,
     310, 2003.
     """
