@@ -67,10 +67,6 @@ class ViscoelasticCreep(AbstractMemory):
         "Pa", show="MPa", low=0.0, high=2e6, neutral=0.0, about="shear modulus that relaxes",
         source="5 to 25 % of the rubber's own in gum rubber, more in filled rubber", default=0.0,
     )  # fmt: skip
-    force: Scalar = parameter(
-        "1", show="%", low=0.0, high=0.5, neutral=0.0, about="share of the whole force that relaxes",
-        source="some percent in the first minutes", default=0.0,
-    )  # fmt: skip
     share: Scalar = parameter(
         "1", low=0.0, high=1.0, about="share of what relaxes in the short time",
         source="two terms for two decades of time", default=0.5,
@@ -82,6 +78,10 @@ class ViscoelasticCreep(AbstractMemory):
     time_long: Scalar = parameter(
         "s", low=10.0, high=1e4, scale="log", about="longer time of relaxation",
         source="from a stroke to hours", default=200.0,
+    )  # fmt: skip
+    force: Scalar = parameter(
+        "1", show="%", low=0.0, high=0.5, neutral=0.0, about="share of the whole force that relaxes",
+        source="some percent in the first minutes", default=0.0,
     )  # fmt: skip
     inner_diameter: Scalar = wall.inner_diameter()
     thickness: Scalar = wall.thickness()
