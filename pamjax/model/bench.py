@@ -140,10 +140,18 @@ class Bench(eqx.Module):
         def look(pressure, extension, frozen):
             return _each(self.instant, pressure, length, extension, frozen)
 
-        first, status = look(pressure, nothing, (nothing, nothing))
+        without_memory = pressure, nothing, (nothing, nothing)
         if not any(self.of(kind) for kind in (AbstractMemory, AbstractSlip, AbstractLine)):
-            return first, status
-        return look(*self._remembered(first, history))
+            return look(*without_memory)
+
+        def passes(given, last):
+            past, status = look(*given)
+            kept = jax.lax.cond(last, lambda _: given, lambda seen: self._remembered(seen, history), past)
+            return kept, (past, status)
+
+        # A loop, so that the balance is compiled once for both passes.
+        _, both = jax.lax.scan(passes, without_memory, jnp.array([False, True]))
+        return jax.tree.map(lambda of_passes: of_passes[-1], both)
 
     def _remembered(self, first: Past, history: History) -> tuple[Samples, Samples, Pair]:
         """Pressure inside, extension and what memories pull with, from what happened without them."""
@@ -173,6 +181,7 @@ class Bench(eqx.Module):
             frozen: what memories add to the force and to the pull of the threads, N.
         """
         rest = self.thread_length * (1 + extension)
+        here = self._near(length, rest)
         hoop = braid.hoop_pull(1.0, length, rest, self.turns)
         # Suction closes no braid: below zero a gauge is off, or the tube is flat, and no longer round.
         inflating = jnp.where(pressure > 0, pressure, 0.0)
@@ -187,7 +196,7 @@ class Bench(eqx.Module):
             return jnp.where(x < 0, HOLD / NATURAL, 1.0) * x
 
         def free(thread, at):
-            stored, volume = _slope(lambda b: self._works(at, b), thread)
+            stored, volume = _slope(lambda b: here._works(at, b), thread)
             return inflating * volume - stored
 
         at_contact = free(rest, length)
@@ -197,7 +206,7 @@ class Bench(eqx.Module):
             return of_all + jnp.maximum(frozen[1], jnp.minimum(at_contact, 0.0) - jnp.maximum(of_all, 0.0))
 
         def force(thread, at):
-            stored, volume = _slope(lambda a: self._works(a, thread), at)
+            stored, volume = _slope(lambda a: here._works(a, thread), at)
             return stored - pressure * volume + frozen[0]
 
         def residual(unknown):
@@ -211,10 +220,15 @@ class Bench(eqx.Module):
         solved = jnp.abs(off_load) < TOLERANCE * jnp.maximum(jnp.abs(x), 1.0)
         solved &= jnp.abs(off_length) < TOLERANCE * length
         stretched = thread(x, at)
-        state = self._state(at, stretched)
+        state = here._state(at, stretched)
         status = jnp.where(solved, int(Status.OK), int(Status.NOT_CONVERGED))
         status = jnp.where(state.thread > state.length, status, int(Status.STRAIGHT))
         return Past(state, pressure, jnp.where(x < 0, 0.0, x), force(stretched, at)), status
+
+    def _near(self, length: Scalar, thread: Scalar) -> Bench:
+        """The same bench, with its shapes as they are needed around one state."""
+        mechanisms = (m.near(length, thread) if isinstance(m, AbstractShape) else m for m in self.mechanisms)
+        return Bench(self.thread_length, self.turns, tuple(mechanisms))
 
     def _state(self, length: Scalar, thread: Scalar) -> State:
         state = Cylinder()(length, thread, self.turns)
@@ -230,8 +244,10 @@ class Bench(eqx.Module):
     def _frozen(self, past: Past, stresses: list[Float[Array, " k"]]) -> Pair:
         """What frozen stresses add to the force, and to the pull of the threads, N."""
 
+        here = self._near(past.state.length, past.state.thread)
+
         def work(length, thread):
-            state = self._state(length, thread)
+            state = here._state(length, thread)
             strains = (m.strains(state, past.pressure) for m in self.of(AbstractMemory))
             return sum((jnp.sum(s * e) for s, e in zip(stresses, strains, strict=True)), jnp.zeros(()))
 

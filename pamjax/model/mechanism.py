@@ -86,6 +86,10 @@ class AbstractShape(AbstractMechanism):
         """The same for one braid, with what all its states share worked out once."""
         return self
 
+    def near(self, length: Scalar, thread: Scalar) -> AbstractShape:
+        """The shape as it is needed around one length (m) and thread length (m)."""
+        return self
+
     @abc.abstractmethod
     def shape(self, state: State) -> State:
         """The state with its volume, radius and diameter changed."""

@@ -14,11 +14,12 @@ than at rest. There the muscle goes over into a cylinder with a constant piece o
 
 from __future__ import annotations
 
+import math
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
 
 from pamjax.model.net import Net, length_at, net
@@ -39,8 +40,10 @@ LEAST, MOST = 0.75, 1.02
 #: Share of the range, at either end, over which the polynomial is left.
 MARGIN = 0.04
 
-#: From the coefficients of a series to those of its slope, in x and y.
-_SLOPE = tuple(np.pad(np.polynomial.chebyshev.chebder(np.eye(size)), ((0, 1), (0, 0))) for size in SIZE)
+
+#: Nodes at which the table is looked up, and how far beyond its ends they reach, in halves of its width:
+#: there the polynomial has been left, and what is missing is constant.
+NODES, BEYOND = 96, 0.35
 
 
 class NetTable(eqx.Module):
@@ -49,27 +52,77 @@ class NetTable(eqx.Module):
     Attributes:
         thread: B0, m.
         turns: N.
-        low: least x.
-        volume, mean_radius, mid_radius: Chebyshev coefficients in x and y.
+        low: x of the first node.
+        step: from one node to the next, in x.
+        terms: at each node, for volume, mean and mid radius (third index): coefficients of the powers of
+            x from there, up to the third, and of those of y − 1.
     """
 
     thread: Scalar
     turns: Scalar
     low: Scalar
-    volume: Float[Array, "i j"]
-    mean_radius: Float[Array, "i j"]
-    mid_radius: Float[Array, "i j"]
+    step: Scalar
+    terms: Float[Array, "m 4 3 j"]
+
+    def near(self, length: Scalar, thread: Scalar) -> NearNet:
+        """The table around the node that is nearest to a length (m), to third order."""
+        along = (_wide(length, thread) - self.low) / self.step
+        node = jnp.clip(jnp.round(jax.lax.stop_gradient(along)).astype(int), 0, NODES - 1)
+        return NearNet(self.thread, self.turns, self.low + self.step * node, self.terms[node])
+
+
+class NearNet(eqx.Module):
+    """What a net has more than a cylinder around one node: a cubic, so that a balance and its derivatives
+    are cheap.
+
+    Attributes:
+        thread: B0, m.
+        turns: N.
+        x: of the node.
+        terms: of volume, mean and mid radius (middle index): coefficients of the powers of x from there,
+            and of y − 1.
+    """
+
+    thread: Scalar
+    turns: Scalar
+    x: Scalar
+    terms: Float[Array, "4 3 5"]
 
     def __call__(self, length: Scalar, thread: Scalar) -> Net:
         """More than a cylinder has, at a length (m) and a thread length (m)."""
-        squared = (thread - length) * (thread + length) / thread**2
-        there = squared > 0
-        x = jnp.where(there, jnp.sqrt(jnp.where(there, squared, 1.0)), 0.0)
-        at = _inside(_to_unit(x, self.low, WIDEST)), _inside(_to_unit(self.thread / thread, LEAST, MOST))
+        dx, dy = _wide(length, thread) - self.x, self.thread / thread - 1
         unit = thread / (2 * jnp.pi * self.turns)
         scales = (jnp.pi * unit**2 * thread, unit, unit)
-        tables = (self.volume, self.mean_radius, self.mid_radius)
-        return Net(*(scale * _series(table, *at) for scale, table in zip(scales, tables, strict=True)))
+        return Net(*(scale * _cubic(self.terms[:, k], dx, dy) for k, scale in enumerate(scales)))
+
+
+def _cubic(c: Float[Array, "4 5"], x: Scalar, y: Scalar) -> Array:
+    rows = [_horner([row[j] for j in range(SIZE[1])], y) for row in c]
+    return _horner(rows, x)
+
+
+def _horner(coefficients: list[Array], x: Scalar) -> Array:
+    *rest, value = coefficients
+    for coefficient in reversed(rest):
+        value = coefficient + x * value
+    return value
+
+
+def _wide(length: Scalar, thread: Scalar) -> Array:
+    """√(1 − (L/B)²), zero for a straight muscle."""
+    squared = (thread - length) * (thread + length) / thread**2
+    there = squared > 0
+    return jnp.where(there, jnp.sqrt(jnp.where(there, squared, 1.0)), 0.0)
+
+
+#: p out of k, what the p-th derivative of the k-th power over p! is a multiple of.
+_WAYS = np.array([[math.comb(k, p) for k in range(SIZE[0])] for p in range(4)], dtype=float)
+
+
+def _taylor(x: np.ndarray, size: int) -> np.ndarray:
+    """(n, 4, size): the powers of each x and their first three derivatives, over p!."""
+    k, p = np.arange(size), np.arange(4)[:, None]
+    return _WAYS[:, :size] * np.where(k >= p, x[:, None, None] ** np.maximum(k - p, 0), 0.0)
 
 
 def tabulate(thread: Scalar, turns: Scalar, fitting: Scalar) -> NetTable:
@@ -93,28 +146,22 @@ def tabulate(thread: Scalar, turns: Scalar, fitting: Scalar) -> NetTable:
         )
 
     found = jax.vmap(lambda x: jax.vmap(lambda y: more(x, y))(y))(x)
-    return NetTable(thread, turns, low, *(jnp.asarray(to_x) @ found[..., k] @ to_y.T for k in range(3)))
+    in_x, in_y = _of_powers(SIZE[0]) @ to_x, _of_powers(SIZE[1], LEAST, MOST) @ to_y
+    powers = jnp.stack([in_x @ found[..., k] @ in_y.T for k in range(3)], axis=1)
+    unit = np.linspace(-1 - BEYOND, 1 + BEYOND, NODES)
+    held, slope = _inside(unit)
+    to_unit = 2 / (WIDEST - low)
+    around = jnp.asarray(_taylor(held, SIZE[0]) * slope[:, None, None] ** np.arange(4)[:, None])
+    terms = jnp.einsum("npi,ikj->npkj", around, powers) * to_unit ** jnp.arange(4)[:, None, None]
+    first, step = low + (unit[0] + 1) / to_unit, (unit[1] - unit[0]) / to_unit
+    return NetTable(thread, turns, first, step, terms)
 
 
-@jax.custom_jvp
-def _series(table: Float[Array, "i j"], x: Scalar, y: Scalar) -> Array:
-    """Σ table_ij T_i(x) T_j(y)."""
-    in_x, in_y = jax.lax.optimization_barrier((_chebyshev(x, SIZE[0]), _chebyshev(y, SIZE[1])))
-    return in_x @ table @ in_y
-
-
-def _series_jvp(primals, tangents):
-    """The slope of a series is a series: so no derivative is ever taken through the recurrence."""
-    table, x, y = primals
-    slopes = lambda: _series(_SLOPE[0] @ table, x, y), lambda: _series(table @ _SLOPE[1].T, x, y)
-    of_table, of_x, of_y = (None if isinstance(t, SymbolicZero) else t for t in tangents)
-    parts = [slope() * t for slope, t in zip(slopes, (of_x, of_y), strict=True) if t is not None]
-    if of_table is not None:
-        parts.append(_series(of_table, x, y))
-    return _series(table, x, y), sum(parts, jnp.zeros(()))
-
-
-_series.defjvp(_series_jvp, symbolic_zeros=True)
+def _of_powers(size: int, least: float = 0.0, most: float = 2.0) -> np.ndarray:
+    """From Chebyshev coefficients between two ends to those of the powers of the distance from one."""
+    unit = np.polynomial.Polynomial([2 * (1 - least) / (most - least) - 1, 2 / (most - least)])
+    columns = [np.polynomial.Chebyshev.basis(k)(unit).coef for k in range(size)]
+    return np.stack([np.pad(c, (0, size - c.size)) for c in columns], axis=1)
 
 
 def _nodes(size: int) -> tuple[np.ndarray, np.ndarray]:
@@ -123,18 +170,8 @@ def _nodes(size: int) -> tuple[np.ndarray, np.ndarray]:
     return points, np.linalg.inv(np.polynomial.chebyshev.chebvander(points, size - 1))
 
 
-def _to_unit(x: Scalar, low: Scalar | float, high: float) -> Array:
-    return 2 * (x - low) / (high - low) - 1
-
-
-def _inside(x: Array) -> Array:
-    """x, held between −1 and 1 by an exponential that takes over smoothly at either end."""
-    past = jnp.maximum(jnp.abs(x) - (1 - 2 * MARGIN), 0.0)
-    return x - jnp.sign(x) * (past + 2 * MARGIN * jnp.expm1(-past / (2 * MARGIN)))
-
-
-def _chebyshev(x: Array, size: int) -> Array:
-    found = [jnp.ones_like(x), x]
-    for _ in range(size - 2):
-        found.append(2 * x * found[-1] - found[-2])
-    return jnp.stack(found)
+def _inside(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """x, held between −1 and 1 by an exponential that takes over smoothly at either end, and its slope."""
+    past = np.maximum(np.abs(x) - (1 - 2 * MARGIN), 0.0)
+    less = np.expm1(-past / (2 * MARGIN))
+    return x - np.sign(x) * (past + 2 * MARGIN * less), 1 + less

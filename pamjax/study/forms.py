@@ -83,6 +83,8 @@ class _Scales:
     pressure: float
     force: float
     bore: float
+    fitting: float
+    spacing: float
     width: float
     rest: float
     isometric: bool
@@ -104,6 +106,8 @@ class _Scales:
             load=max(load, 1.0),
             pressure=max(float(np.ptp(pressure)), 1e3),
             force=max(float(np.nanmax(np.abs(recording.force), initial=0.0)), 10.0),
+            fitting=float(found.start[found.place("end_taper.radius")]),
+            spacing=float(found.start[found.place("braid_locking.width")]),
             bore=float(found.start[found.place("bladder_elasticity.inner_diameter")]),
             rest=found.case.entry.rest_length.value,
             width=float(np.sqrt(max(1 - (found.case.entry.rest_length.value / thread) ** 2, 1e-3))),
@@ -204,7 +208,8 @@ def _slip(s: _Scales) -> list[Form]:
 
 
 def _viscous(s: _Scales) -> list[Form]:
-    return [Form("viscous_damping", ("viscous_damping.coefficient", "viscous_damping.pressed"))]
+    amplitudes = ("viscous_damping.coefficient", "viscous_damping.pressed")
+    return [Form("viscous_damping", amplitudes, {"viscous_damping.power": power}) for power in (0.5, 0.95)]
 
 
 def _contact(s: _Scales) -> list[Form]:
@@ -222,6 +227,20 @@ def _rig(s: _Scales) -> list[Form]:
             ("rig_compliance.compliance", "rig_compliance.seat"),
             {"rig_compliance.seat_force": 0.3 * s.force},
         ),
+    ]
+
+
+def _taper(s: _Scales) -> list[Form]:
+    return [
+        Form("end_taper", ("end_taper.share",), {"end_taper.radius": share * s.fitting})
+        for share in (0.94, 1.0)
+    ]
+
+
+def _locking(s: _Scales) -> list[Form]:
+    return [
+        Form("braid_locking", ("braid_locking.stiffness",), {"braid_locking.width": share * s.spacing})
+        for share in (0.9, 1.1)
     ]
 
 
@@ -243,4 +262,6 @@ _MAKERS = {
     "viscous_damping": _viscous,
     "contact_pressure": _contact,
     "rig_compliance": _rig,
+    "end_taper": _taper,
+    "braid_locking": _locking,
 }

@@ -6,6 +6,7 @@ the same two programs: what the bench shows, and how that changes with one numbe
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -28,6 +29,9 @@ from pamjax.records.quantity import Measured
 #: Numbers in which one sweep takes derivatives, at most.
 SLOTS = 32
 
+#: How many of them are taken side by side.
+TOGETHER = 4
+
 #: A number that was measured stays within this many of its standard deviations: further off, the lab has
 #: not made an error of measurement, but the model one of physics.
 REACH = 3.0
@@ -42,6 +46,9 @@ ABOVE_NOISE = 10.0
 #: How far a tube in a braid may be from its size as bought, where the lab says nothing of it: it is
 #: stretched or squeezed to fit.
 FITTED = 0.1
+
+#: The mechanism that costs as much as all others together: left out of the program while it has no share.
+COSTLY = "end_taper"
 
 #: The threads' compliance, of which an inelastic braid has none.
 COMPLIANCE = "braid_elasticity.compliance"
@@ -62,6 +69,7 @@ class Problem:
         sd: (p,) of the prior around `start`, SI; infinite where there is none.
         own: (p,) whether the baseline itself moves the number.
         member: the compiled program's arrays.
+        lighter: the same without the costliest mechanism, for as long as that is switched off.
         measured: (2, n) force and diameter, SI; NaN where there is nothing to compare.
     """
 
@@ -76,6 +84,7 @@ class Problem:
     sd: np.ndarray
     own: np.ndarray
     member: Member
+    lighter: Member
     measured: np.ndarray
 
     @property
@@ -99,13 +108,13 @@ class Problem:
     def slopes(self, values: np.ndarray, places) -> tuple[np.ndarray, np.ndarray]:
         """What the bench shows, (2, n), and its derivative by each of the numbers, (k, 2, n), SI."""
         places, found = list(places), []
+        costly = self.place(f"{COSTLY}.share")
+        member = self.member if values[costly] != 0 or costly in places else self.lighter
         while True:
             now, places = places[:SLOTS], places[SLOTS:]
             slots = np.zeros(SLOTS, dtype=int)
             slots[: len(now)] = now
-            shown, slopes = _sweep(
-                self.member, jnp.asarray(values), jnp.asarray(slots), jnp.asarray(len(now))
-            )
+            shown, slopes = _sweep(member, jnp.asarray(values), jnp.asarray(slots), jnp.asarray(len(now)))
             found.append(np.asarray(slopes)[: len(now), :, : self.n])
             if not places:
                 return np.asarray(shown)[:, : self.n], np.concatenate(found)
@@ -121,13 +130,17 @@ def _sweep(member: Member, values: Float[Array, " p"], slots: Array, many: Array
         force = jnp.where(member.rows.slack, jnp.maximum(reading.force, 0.0), reading.force)
         return jnp.stack([force, reading.diameter])
 
-    shown, along = jax.linearize(shows, values)
+    def fill(k, carry):
+        _, found = carry
+        now = jax.lax.dynamic_slice_in_dim(slots, k * TOGETHER, TOGETHER)
+        tangents = jax.nn.one_hot(now, values.size, dtype=values.dtype)
+        # Side by side: what all directions share is worked out once for them, while it is in the cache.
+        shown, along = jax.vmap(lambda t: jax.jvp(shows, (values,), (t,)), out_axes=(None, 0))(tangents)
+        return shown, jax.lax.dynamic_update_slice_in_dim(found, along, k * TOGETHER, 0)
 
-    def fill(k, found):
-        tangent = along(jnp.zeros_like(values).at[slots[k]].set(1.0))
-        return found.at[k].set(tangent)
-
-    return shown, jax.lax.fori_loop(0, many, fill, jnp.zeros((SLOTS, *shown.shape)))
+    nothing = jnp.zeros((2, member.rows.pressure.size))
+    rounds = jnp.maximum(-(-many // TOGETHER), 1)
+    return jax.lax.fori_loop(0, rounds, fill, (nothing, jnp.zeros((SLOTS, *nothing.shape))))
 
 
 def problem(case: Case, size: int | None = None) -> Problem:
@@ -169,7 +182,8 @@ def problem(case: Case, size: int | None = None) -> Problem:
         trust=jnp.ones(2),
     )
     measured = np.stack([np.where(counts(case, c), getattr(recording, c), np.nan) for c in CHANNELS])
-    return Problem(case, law, names, meanings, neutral, start, low, high, sd, own, member, measured)
+    lighter = dataclasses.replace(member, mechanisms=tuple(id for id in ids if id != COSTLY))
+    return Problem(case, law, names, meanings, neutral, start, low, high, sd, own, member, lighter, measured)
 
 
 def _mechanisms(case: Case, law: str, ids: tuple[str, ...]) -> dict[str, Measured]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
@@ -65,5 +64,6 @@ class BraidLocking(AbstractStore):
         there = squared > 0
         around = 2 * jnp.pi * turns * jnp.sqrt(jnp.where(there, squared, 1.0))
         spacing = jnp.where(there, 2 * length * around / (thread * turns), 0.0)
-        closer = ROUND * jax.nn.softplus((1 - spacing / self.width) / ROUND)
+        closer = 1 - spacing / self.width
+        closer = 0.5 * (closer + jnp.sqrt(closer**2 + ROUND**2))
         return self.stiffness * thread**3 / (8 * jnp.pi * turns**2) * closer**2

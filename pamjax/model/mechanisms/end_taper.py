@@ -7,7 +7,7 @@ from typing import ClassVar
 import equinox as eqx
 
 from pamjax.model.mechanism import About, AbstractShape
-from pamjax.model.net_table import NetTable, tabulate
+from pamjax.model.net_table import NearNet, NetTable, tabulate
 from pamjax.model.state import State
 from pamjax.parameter import Scalar, parameter
 
@@ -55,14 +55,20 @@ class EndTaper(AbstractShape):
         source="as wide as the muscle at rest, or a little less", default=12.67e-3,
     )  # fmt: skip
 
-    table: NetTable | None = None
+    table: NetTable | NearNet | None = None
 
     def prepared(self, thread_length: Scalar, turns: Scalar) -> EndTaper:
         return EndTaper(self.share, self.radius, tabulate(thread_length, turns, self.radius))
 
+    def near(self, length: Scalar, thread: Scalar) -> EndTaper:
+        if isinstance(self.table, NetTable):
+            return EndTaper(self.share, self.radius, self.table.near(length, thread))
+        return self
+
     def shape(self, state: State) -> State:
         table = self.table if self.table is not None else tabulate(state.thread, state.turns, self.radius)
-        more = table(state.length, state.thread)
+        near = table.near(state.length, state.thread) if isinstance(table, NetTable) else table
+        more = near(state.length, state.thread)
         return eqx.tree_at(
             lambda s: (s.radius, s.diameter, s.volume),
             state,

@@ -123,7 +123,7 @@ def slopes(length, thread):
     table = tabulate(THREAD, TURNS, 0.0121)
 
     def by_table(z):
-        return table(z, thread).volume + z * (thread**2 - z**2) / (4 * jnp.pi * TURNS**2)
+        return table.near(z, thread)(z, thread).volume + z * (thread**2 - z**2) / (4 * jnp.pi * TURNS**2)
 
     exact = jax.vmap(jax.grad(lambda z: net(z, thread, TURNS, 0.0121).volume))(length)
     return jax.vmap(jax.grad(by_table))(length), exact
