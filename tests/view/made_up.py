@@ -1,0 +1,142 @@
+"""Diagnoses without a diagnosis: the parts that figures and reports read, made up in microseconds."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+
+from pamjax.model.catalogue import meaning
+from pamjax.records.blocks import blocks
+from pamjax.records.case import Case
+from pamjax.records.entry import entry_from
+from pamjax.records.recording import Recording
+from pamjax.study.cells import axes
+from pamjax.study.diagnosis import Diagnosis, Moved, Number
+from pamjax.study.experiment import Experiment
+from pamjax.study.gain import gain, held_out
+from pamjax.study.locate import Box
+from pamjax.study.naming import Name, Naming
+from pamjax.study.significance import Significance
+from pamjax.study.whiten import Colour, Whitening
+
+SD = np.array([2.0, 5e-5])
+NAMES = ("thread.modulus", "muscle.turns", "braid_friction.coefficient")
+
+
+def strokes():
+    """Four isobars, each stroked up and down."""
+    phase = np.linspace(0, 2 * np.pi, 200)
+    length = np.tile(0.19 + 0.01 * np.cos(phase), 4)
+    return np.repeat([1e5, 2e5, 3e5, 4e5], 200), length, np.arange(800.0)
+
+
+def lengths():
+    """Three lengths, at each of which the pressure climbs and falls."""
+    ramp = np.concatenate([np.linspace(2e4, 4e5, 100), np.linspace(4e5, 2e4, 100)])
+    return np.tile(ramp, 3), np.repeat([0.18, 0.19, 0.2], 200), np.arange(600.0)
+
+
+def holds():
+    """Pressure and length set in turns and held."""
+    pressure = np.repeat([1e5, 3e5, 3e5, 2e5, 2e5, 1e5], 50)
+    return pressure, np.repeat([0.2, 0.2, 0.18, 0.18, 0.19, 0.19], 50), np.arange(300.0)
+
+
+def table():
+    """Five readings at one length."""
+    return np.linspace(1e5, 7e5, 5), np.full(5, 0.2), None
+
+
+def diagnosis(
+    protocol=strokes, named=True, detected=True, unexplained=False, ties=(), experiments=(), diameter=True
+):
+    """A diagnosis of friction: force is 20 N higher while lengthening and as much lower while shortening."""
+    pressure, length, time = protocol()
+    n = len(pressure)
+    noise = np.random.default_rng(4).normal(size=(2, n)) * SD[:, None]
+    before = np.stack([pressure * 1e-3, np.full(n, 0.02)])
+    rate = np.gradient(length) if time is not None else np.zeros(n)
+    effect = np.zeros((2, n))
+    # At fixed length friction is not seen: there the force is higher by a tenth instead.
+    effect[0] = 20 * np.sign(rate) if np.abs(rate).max() and protocol is strokes else 0.1 * before[0]
+    after = before + effect * (named or not detected)
+    measured = before + effect * detected + noise
+    if not diameter:
+        measured[1] = np.nan
+    entry = entry_from(
+        {
+            "muscle": {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.2},
+            "sensors": {"force": "2 N", "diameter": "0.05 mm"},
+        }
+    )
+    recording = Recording.from_arrays(
+        pressure=pressure, length=length, time=time, force=measured[0], diameter=measured[1]
+    )
+    models = [_model(v, measured) for v in ([80e9, 1.2, 0.0], [92e9, 1.2, 0.21])]
+    shown = {id(models[0].at.values): before, id(models[1].at.values): after}
+    found = SimpleNamespace(
+        case=Case("bench", Path("lab") / "my bench", entry, recording, "c0ffee"),
+        law="elastic",
+        names=NAMES,
+        meaning=tuple(meaning(name) for name in NAMES),
+        start=np.array([85e9, 1.2, 0.3]),
+        low=np.array([17e9, 1.1, 0.0]),
+        high=np.array([400e9, 1.3, 3.0]),
+        sd=np.array([np.inf, 0.01, np.inf]),
+        own=np.array([True, True, False]),
+        n=n,
+        measured=measured,
+        member=SimpleNamespace(
+            history=SimpleNamespace(rate=lambda _: rate), rows=SimpleNamespace(length=None)
+        ),
+        shows=lambda values: shown[id(values)],
+        place=NAMES.index,
+    )
+    laid = blocks(recording)
+    names = [Name("braid_friction", 0.98, tuple(ties), 5e4, {"viscous_damping": 640.0, "channel_lag": -3.0})]
+    box = _box(axes(found))
+    return Diagnosis(
+        found=found,
+        naming=Naming(models[0], models[1], tuple(names) if named and detected else (), ()),
+        model=models[1] if named and detected else models[0],
+        baseline=models[0],
+        mismatch=Significance(1e-40 if detected else 0.43, 30.0, 258, 90.0),
+        where=[box],
+        rest=Significance(1e-6 if unexplained else 0.2, 3.0, 258, 1.1),
+        unexplained=unexplained,
+        rest_where=[box],
+        rest_share=0.12,
+        blocks=laid,
+        gain=gain(found, laid, held_out(laid), models[0], models[1]),
+        parameters={"braid_friction": {"coefficient": Number(0.21, 0.01, meaning(NAMES[2]))}},
+        moved={NAMES[0]: Moved(80e9, 92e9, 8.9, meaning(NAMES[0])),
+               NAMES[1]: Moved(1.2, 1.2, -0.2, meaning(NAMES[1]))} if named and detected else {},
+        undetermined=["turns and thread length only together"],
+        experiments=list(experiments),
+    )  # fmt: skip
+
+
+def planned():
+    """An experiment that separates two names."""
+    return Experiment("stroke at 1 and at 50 mm/s", ("viscous_damping", "braid_friction"), 0.97)
+
+
+def _model(values, measured):
+    values = np.array(values)
+    n = measured.shape[1]
+    rows = tuple(np.flatnonzero(np.isfinite(channel)) for channel in measured)
+    colours = tuple(
+        Colour(np.full(n, sd), 1.0, 0.3, True) if row.size else None for sd, row in zip(SD, rows, strict=True)
+    )
+    at = SimpleNamespace(values=values, moved=(0, 1), sd=lambda k: [1.2e9, 0.003, 0.01][k])
+    return SimpleNamespace(
+        white=Whitening(colours, rows, tuple(np.zeros((0, 2), int) for _ in rows)), at=at, excess=0.0
+    )
+
+
+def _box(at):
+    pressure, contraction, time = (
+        (float(v.min()), float(v.max())) for v in (at.pressure, at.contraction, at.time)
+    )
+    says = "Above 100 kPa, force is about 20 N higher while the muscle lengthens."
+    return Box("force", "lengthening", pressure, contraction, time, 0.63, says)

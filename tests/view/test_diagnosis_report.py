@@ -1,0 +1,205 @@
+"""The report of a diagnosis: one whole file, readable by anyone, saying what diagnosis.json says."""
+
+import re
+from functools import cache
+from html.parser import HTMLParser
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import pytest
+
+from pamjax.cli.main import main
+from pamjax.view.diagnosis_figures import moved_figure
+from pamjax.view.diagnosis_report import answer, headline, save_report
+from pamjax.view.page import svg
+from tests.view.made_up import diagnosis, holds, lengths, planned, table
+
+VOID = {"meta", "br", "hr", "img", "link", "input"}
+
+
+class Page(HTMLParser):
+    """What a page holds; unbalanced tags raise."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.elements, self.tables, self.words = [], [], [], []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+        if tag == "table":
+            self.tables.append([])
+        if tag == "tr":
+            self.tables[-1].append([])
+        if tag in ("td", "th"):
+            self.tables[-1][-1].append("")
+
+    def handle_startendtag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] in ("td", "th"):
+            self.tables[-1][-1][-1] += data
+        if "svg" not in self.open and "style" not in self.open:
+            self.words.append(data)
+
+    @property
+    def text(self):
+        return " ".join(" ".join(self.words).split())
+
+    def every(self, tag):
+        return [attrs for name, attrs in self.elements if name == tag]
+
+    def table(self, first):
+        """The rows of the table whose head begins with a word, by their first cell."""
+        (found,) = (rows for rows in self.tables if rows[0][:2] == first)
+        return {row[0]: row[1:] for row in found[1:]}
+
+
+VARIANTS = {
+    "friction": {},
+    "tied": {"ties": ("channel_lag",), "experiments": (planned(),), "protocol": table},
+    "nothing": {"detected": False, "protocol": holds},
+    "unknown": {"named": False, "unexplained": True, "diameter": False, "protocol": lengths},
+}
+
+
+@cache
+def written(variant):
+    """The report of a variant; drawn once for all tests."""
+    with TemporaryDirectory() as folder:
+        path = save_report(diagnosis(**VARIANTS[variant]), Path(folder) / "report.html")
+        assert [file.name for file in path.parent.iterdir()] == ["report.html"]
+        return path.read_text("utf-8")
+
+
+@pytest.fixture
+def page():
+    return Page(written("friction"))
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_it_is_whole_offline_and_has_words_for_every_picture(variant):
+    text = written(variant)
+    found = Page(text)
+    # Nothing is loaded: all that is pointed at is in the file itself.
+    assert not re.search(
+        r"""(?:src|href)\s*=\s*["'](?!#|data:)|url\((?!#)|@import|https?://(?!www\.w3)""", text
+    )
+    assert found.every("script") == []
+    pictures = found.every("svg")
+    assert len(pictures) >= 4
+    assert all(p["role"] == "img" and len(p["aria-label"]) > 20 for p in pictures)
+    names = [attrs["id"] for _, attrs in found.elements if "id" in attrs]
+    assert len(names) == len(set(names))
+    links = set(re.findall(r'href="#([^"]+)"|url\(#([^)]+)\)', text))
+    assert {one or other for one, other in links} <= set(names)
+    heads = [tag for tag, _ in found.elements if tag in ("h1", "h2", "h3")]
+    assert heads.count("h1") == 1
+    assert not re.search(r"\bnan\b|\bNone\b|\binf\b", found.text)
+
+
+def test_it_says_what_the_verdict_says(page):
+    told = diagnosis().as_dict()
+    held = page.table(["channel", "baseline"])
+    for channel, unit in (("force", "N"), ("diameter", "mm")):
+        score = told["improvement"]["held_out"][channel]
+        wanted = (score["rmse_before"], score["rmse_after"], told["noise"][channel]["sd"])
+        assert [float(cell.removesuffix(unit)) for cell in held[channel]] == pytest.approx(wanted, rel=1e-3)
+    (name,) = told["missing_physics"]
+    number = name["parameters"]["coefficient"]
+    assert page.table(["number", "value"])["coefficient"][0] == f"{number['value']:.3f} ± {number['sd']:.3f}"
+    moved = page.table(["number", "baseline alone"])["thread.modulus"]
+    assert moved == ["80.0 ± 1.2 GPa", "92.0 ± 1.2 GPa", "+8.9 sd"]
+    (box,) = told["mismatch"]["where"]
+    row = page.table(["box", "channel"])["1"]
+    assert row[:3] == ["force", "lengthening", "100 to 400 kPa"]
+    assert row[-1] == f"{100 * box['share']:.0f} %"
+    assert box["says"] in page.text
+    assert "probability 0.98" in page.text
+
+
+def test_the_first_screen_answers_in_two_sentences():
+    one = diagnosis()
+    assert headline(one) == "Left out: friction between braid threads"
+    first, second = answer(one)
+    assert first.startswith("The elastic baseline misses something (p\u00a0<\u00a01e-12): above 100 kPa")
+    before, after = (s["force"] for s in (one.gain.rmse_before, one.gain.rmse_after))
+    assert f"held-out force is missed by {after:.3g} instead of {before:.3g} N" in second
+    assert "diameter" not in second
+
+
+@pytest.mark.parametrize(
+    ("more", "title", "words"),
+    [
+        ({"detected": False}, "Nothing is missing that this recording could show", "to its noise (p = 0.43)"),
+        (
+            {"named": False, "unexplained": True},
+            "Something is missing, and it is nothing that pamjax knows",
+            "No mechanism in pamjax's library explains it",
+        ),
+        (
+            {"unexplained": True},
+            "Left out: friction between braid threads, and something that pamjax does not know",
+            "12% of the misfit is left unexplained.",
+        ),
+    ],
+    ids=["null", "unknown", "partly"],
+)
+def test_other_answers(more, title, words):
+    one = diagnosis(**more)
+    assert headline(one) == title
+    assert words in " ".join(answer(one)).replace("\u00a0", " ")
+
+
+def test_ties_and_the_next_experiment_are_told():
+    page = Page(written("tied"))
+    assert "This recording cannot tell it from channel_lag" in page.text
+    assert page.table(["protocol", "separates"])["stroke at 1 and at 50 mm/s"] == [
+        "viscous_damping and braid_friction",
+        "0.97",
+    ]
+
+
+def test_it_ends_with_how_to_repeat_it(page):
+    assert "pamjax diagnose 'lab/my bench'" in page.text
+    assert "SHA-256 c0ffee" in page.text
+    assert re.search(r"pamjax \d+\.\d+\.\d+, jax ", page.text)
+    assert "turns and thread length only together" in page.text
+
+
+def test_the_same_figure_gives_the_same_element():
+    drawn = [svg(moved_figure(diagnosis()), "moved", "<as told>") for _ in range(2)]
+    assert drawn[0] == drawn[1]
+    assert 'aria-label="&lt;as told&gt;"' in drawn[0]
+
+
+PLAN = """\
+[protocol]
+kind = "strokes"
+pressures = ["100 kPa", "250 kPa", "450 kPa"]
+contractions = [0.2]
+speed = "1.57 mm/s"
+cycles = 1
+"""
+
+
+@pytest.mark.slow
+def test_the_command_writes_it_beside_the_verdict(tmp_path, monkeypatch, capsys):
+    """A recording with friction, through the words a user types."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "plan.toml").write_text(PLAN)
+    assert main(["new", "stated"]) == 0
+    friction = ["--with", "braid_friction.coefficient=0.4"]
+    assert main(["simulate", "stated", "plan.toml", "--out", "made", *friction, "--seed", "3"]) == 0
+    assert main(["diagnose", "made"]) == 0
+    assert "report.html" in capsys.readouterr().err
+    page = Page((tmp_path / "out" / "made" / "report.html").read_text("utf-8"))
+    assert "pamjax diagnose made --out out --seed 0" in page.text
+    assert "braid_friction" in page.text
