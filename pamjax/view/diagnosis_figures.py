@@ -3,8 +3,8 @@
 | figure              | question                                                             |
 |---------------------|----------------------------------------------------------------------|
 | `map_figure`        | where is the baseline wrong? (in `mismatch_map`)                     |
-| `loops_figure`      | do the loops lie on the measured ones once something is named?       |
-| `left_out_figure`   | is what the baseline leaves shaped as what the names add?            |
+| `loops_figure`      | do loops lie on the measured ones with names? (in `diagnosis_loops`) |
+| `left_out_figure`   | is what the baseline leaves what the names add? (there too)          |
 | `held_out_figure`   | are blocks that no fit has seen predicted down to their noise?       |
 | `candidates_figure` | how much worse does another mechanism fit in a name's place?         |
 | `moved_figure`      | which of the baseline's numbers had swallowed the effect?            |
@@ -23,122 +23,15 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from pamjax.infer.member import CHANNELS
 from pamjax.study.diagnosis import PER_SI, UNIT, Diagnosis
 from pamjax.study.naming import TIE, TIE_SHARE, Name
-from pamjax.view.layout import Layout, key, layout, lines, mark
-from pamjax.view.mismatch_map import main_channel
+from pamjax.view.diagnosis_loops import rms, told
+from pamjax.view.layout import mark
 from pamjax.view.theme import DOUBLE, OKABE_ITO, QUIET, SINGLE, figure, theme
 
-#: Loops are drawn at this many settings at most, each with this many measured points at most.
-LOOPS, POINTS = 4, 120
 #: Most rivals of a name, and most baseline numbers, in a figure.
 RIVALS, NUMBERS = 7, 12
 #: Scores that differ by more than this factor stand on a logarithmic axis.
 WIDE = 8.0
 BEFORE, AFTER = OKABE_ITO["vermilion"], OKABE_ITO["blue"]
-
-
-def loops_figure(one: Diagnosis, narrow: bool = False) -> Figure:
-    """Measured beside predicted at a few settings, without and with what was named.
-
-    A held-out setting is among them where there is one; every prediction is by fits that never saw it.
-    """
-    form, c = _some(one), main_channel(one)
-    shown = [("the baseline", one.gain.before)]
-    if one.names:
-        shown.append((f"with {', '.join(name.id for name in one.names)}", one.gain.after))
-    down = narrow and len(shown) > 1
-    with theme():
-        made = figure(SINGLE if narrow else DOUBLE, 5.6 if down else 3.4)
-        shape = (len(shown), 1) if narrow else (1, len(shown))
-        panels = list(made.subplots(*shape, sharex=True, sharey=True, squeeze=False).flat)
-        for panel, (words, prediction) in zip(panels, shown, strict=True):
-            _loops(panel, one, form, c, prediction[c])
-            missed = _told(_rms(one.found.measured[c] - prediction[c]), CHANNELS[c])
-            title = f"{words[0].upper()}{words[1:]}: {CHANNELS[c]} missed by {missed}"
-            panel.set(xlabel=form.xlabel, ylabel=f"{CHANNELS[c]} [{UNIT[CHANNELS[c]]}]")
-            panel.set_title(textwrap.fill(title, 46))
-            panel.label_outer()
-        key(made, panels, form, mark("measured", marker="o", ms=3), mark("predicted", ls="-"))
-    return made
-
-
-def _some(one: Diagnosis) -> Layout:
-    """The layout of a few settings: the outer ones, some between, and a held-out one."""
-    form = layout(one.found.case)
-    many = len(form.names)
-    if many <= LOOPS:
-        return form
-    chosen = np.unique(np.linspace(0, many - 1, LOOPS).round().astype(int))
-    unseen = np.unique(form.group[one.gain.held_out & (form.group >= 0)])
-    if unseen.size and not np.isin(unseen, chosen).any():
-        inner = chosen[1:-1]
-        chosen[1 + np.argmin(np.abs(inner - unseen[0]))] = unseen[0]
-    number = np.full(many + 1, -1)
-    number[chosen] = np.arange(len(chosen))
-    return Layout(
-        form.x,
-        form.xlabel,
-        number[form.group],
-        tuple(form.names[k] for k in chosen),
-        tuple(form.colours[k] for k in chosen),
-        tuple(form.isobars[k] for k in chosen) if form.isobars else (),
-        form.connected,
-    )
-
-
-def _loops(panel: Panel, one: Diagnosis, form: Layout, c: int, prediction: np.ndarray) -> None:
-    channel = CHANNELS[c]
-    measured, predicted = one.found.measured[c] * PER_SI[channel], prediction * PER_SI[channel]
-    there = np.isfinite(measured)
-    for group, colour in enumerate(form.colours):
-        rows = np.flatnonzero((form.group == group) & there)
-        rows = rows[:: max(1, math.ceil(rows.size / POINTS))]
-        panel.plot(form.x[rows], measured[rows], "o", ms=2.6, mew=0, alpha=0.55, color=colour, gid="measured")
-        if not form.connected:
-            panel.plot(form.x[rows], predicted[rows], "x", color=colour, gid="predicted")
-            continue
-        for run in lines(one.found.case, form, group, there):
-            panel.plot(form.x[run], predicted[run], color=colour, lw=1.0, zorder=3, gid="predicted")
-
-
-def left_out_figure(one: Diagnosis, narrow: bool = False) -> Figure | None:
-    """Measured − baseline as points, named − baseline as a line, a panel a setting; None without a name."""
-    if not one.names:
-        return None
-    form, c = _some(one), main_channel(one)
-    channel = CHANNELS[c]
-    left = (one.found.measured[c] - one.gain.before[c]) * PER_SI[channel]
-    added = (one.gain.after[c] - one.gain.before[c]) * PER_SI[channel]
-    many = len(form.names)
-    columns = min(2, many) if narrow else many
-    with theme():
-        made = figure(SINGLE if narrow else DOUBLE, 1.4 + 1.5 * math.ceil(many / columns))
-        grid = made.subplots(-(-many // columns), columns, sharex=True, sharey=True, squeeze=False)
-        for k, panel in enumerate(grid.flat):
-            if k >= many:
-                panel.set_visible(False)
-                continue
-            panel.axhline(0, color=QUIET, lw=0.6)
-            rows = np.flatnonzero((form.group == k) & np.isfinite(left))
-            rows = rows[:: max(1, math.ceil(rows.size / POINTS))]
-            panel.plot(form.x[rows], left[rows], "o", ms=2.6, mew=0, alpha=0.55, color=QUIET, gid="left")
-            for run in lines(one.found.case, form, k, np.isfinite(left)):
-                panel.plot(form.x[run], added[run], color=AFTER, lw=1.2, zorder=3, gid="added")
-            panel.set(
-                xlabel=form.xlabel, ylabel=f"{channel} − baseline [{UNIT[channel]}]", title=form.names[k]
-            )
-            panel.label_outer()
-        made.suptitle(textwrap.fill(resembles(one, left, added), 52 if narrow else 104), x=0.01, ha="left")
-        handles = [mark("measured", marker="o", ms=3), mark("with names", ls="-", color=AFTER)]
-        made.legend(handles=handles, loc="outside lower center", ncols=2)
-    return made
-
-
-def resembles(one: Diagnosis, left: np.ndarray, added: np.ndarray) -> str:
-    """The finding: how much of what the baseline leaves is what the names add."""
-    share = 1 - np.nanmean((left - added) ** 2) / np.nanmean(left**2)
-    names = " and ".join(name.id for name in one.names)
-    verb = "adds" if len(one.names) == 1 else "add"
-    return f"{100 * max(share, 0.0):.0f} % of the square of what the baseline leaves is what {names} {verb}"
 
 
 def held_out_figure(one: Diagnosis, narrow: bool = False) -> Figure | None:
@@ -157,15 +50,10 @@ def held_out_figure(one: Diagnosis, narrow: bool = False) -> Figure | None:
             _scores(panel, one, channel, names)
         panels[0].set_yticks(range(len(rows)), rows)
         panels[0].set_ylim(len(rows) - 0.5, -0.5)
-        made.legend(
-            handles=[
-                mark("baseline", marker="D", color=BEFORE, mfc="none"),
-                mark("with names", marker="o", color=AFTER),
-                mark("noise", ls="--"),
-            ],
-            loc="outside lower center",
-            ncols=3,
-        )
+        before = [mark("baseline", marker="D", color=BEFORE, mfc="none")]
+        after = [mark("with names", marker="o", color=AFTER)] if one.names else []
+        handles = [*before, *after, mark("noise", ls="--")]
+        made.legend(handles=handles, loc="outside lower center", ncols=len(handles))
     return made
 
 
@@ -175,13 +63,14 @@ def _scores(panel: Panel, one: Diagnosis, channel: str, names: list[str]) -> Non
     for kind, prediction in (("before", one.gain.before), ("after", one.gain.after)):
         misfit = np.where(one.gain.held_out, one.found.measured[c] - prediction[c], np.nan)
         masks = [one.blocks.mask(one.blocks.names.index(name)) for name in names]
-        together = [_rms(misfit)] if len(names) > 1 else []
-        found[kind] = per * np.array([_rms(misfit[m]) for m in masks] + together)
+        together = [rms(misfit)] if len(names) > 1 else []
+        found[kind] = per * np.array([rms(misfit[m]) for m in masks] + together)
     at = np.arange(len(found["before"]))
     noise = one.as_dict()["noise"][channel]["sd"]
-    panel.hlines(at, found["before"], found["after"], color=QUIET, lw=0.8)
     panel.plot(found["before"], at, "D", color=BEFORE, mfc="none", ms=5.5, gid="before")
-    panel.plot(found["after"], at, "o", color=AFTER, gid="after")
+    if one.names:
+        panel.hlines(at, found["before"], found["after"], color=QUIET, lw=0.8)
+        panel.plot(found["after"], at, "o", color=AFTER, gid="after")
     panel.axvline(noise, color=QUIET, ls="--", lw=0.8, gid="noise")
     if np.nanmax(found["before"]) > WIDE * min(noise, np.nanmin(found["after"])):
         panel.set_xscale("log")
@@ -190,8 +79,9 @@ def _scores(panel: Panel, one: Diagnosis, channel: str, names: list[str]) -> Non
         panel.xaxis.set_minor_formatter(NullFormatter())
     else:
         panel.set_xlim(0, 1.08 * max(noise, *found["before"], *found["after"]))
-    before, after = (_told(score[channel], channel) for score in (one.gain.rmse_before, one.gain.rmse_after))
-    title = f"Held-out {channel}: {before} → {after};\nits noise is {_told(noise / per, channel)}"
+    before, after = (told(score[channel], channel) for score in (one.gain.rmse_before, one.gain.rmse_after))
+    change = f"{before} → {after}" if one.names else before
+    title = f"Held-out {channel}: {change};\nits noise is {told(noise / per, channel)}"
     panel.set(xlabel=f"rmse of {channel} [{UNIT[channel]}]", title=title)
 
 
@@ -262,15 +152,6 @@ def swallowed(one: Diagnosis) -> str:
     worst = max(far, key=lambda name: abs(one.moved[name].shift))
     shift = f"{one.moved[worst].shift:+.1f}".replace("-", "−")
     return f"{len(far)} of {len(one.moved)} numbers moved by more than 1 sd; {worst} most, by {shift} sd"
-
-
-def _rms(misfit: np.ndarray) -> float:
-    misfit = misfit[np.isfinite(misfit)]
-    return float(np.sqrt(np.mean(misfit**2))) if misfit.size else math.nan
-
-
-def _told(value: float, channel: str) -> str:
-    return f"{value * PER_SI[channel]:.3g} {UNIT[channel]}"
 
 
 def _round(value: float) -> str:

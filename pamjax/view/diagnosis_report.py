@@ -18,6 +18,7 @@ from pamjax.study.diagnosis import Diagnosis, baseline_numbers
 from pamjax.study.significance import DETECTED
 from pamjax.units import show
 from pamjax.view import diagnosis_figures as figures
+from pamjax.view.diagnosis_loops import left_out_figure, loops_figure
 from pamjax.view.mismatch_map import map_figure, other_channels
 from pamjax.view.page import Picture, picture, write_page
 
@@ -48,8 +49,8 @@ def save_report(one: Diagnosis, path: str | Path, command: str = "") -> Path:
         boxes=[box | {"percent": _percent(box["share"])} for box in told["mismatch"]["where"]],
         box_rows=[_box(one, k, box) for k, box in enumerate(told["mismatch"]["where"], 1)],
         names=[_name(one, k) for k in range(len(one.names))],
-        loops=_drawn(one, partial(figures.loops_figure, one), "loops"),
-        left_out=_drawn(one, partial(figures.left_out_figure, one), "left-out"),
+        loops=_drawn(one, partial(loops_figure, one), "loops"),
+        left_out=_drawn(one, partial(left_out_figure, one), "left-out"),
         held_out=_drawn(one, partial(figures.held_out_figure, one), "held-out"),
         scores=list(_scores(told)),
         moved=_drawn(one, partial(figures.moved_figure, one), "moved"),
@@ -84,7 +85,11 @@ def answer(one: Diagnosis) -> tuple[str, str]:
     law = one.found.law
     if not one.detected:
         first = f"The {law} baseline explains this recording to its noise ({chance(one.mismatch.p_value)})."
-        return first, f"What it misses held-out blocks by: {_gained(one) or 'no block was held out'}."
+        gained = _gained(one)
+        return (
+            first,
+            f"Blocks that no fit has seen are missed by {gained}." if gained else "Nothing was held out.",
+        )
     where = one.where[0].says if one.where else "It shows in no one place."
     first = f"The {law} baseline misses something ({chance(one.mismatch.p_value)}): {_lower(where)}"
     if not one.names:
@@ -118,12 +123,12 @@ def _gained(one: Diagnosis) -> str:
         before, after, unit = score["rmse_before"], score["rmse_after"], score["unit"]
         floor = f"where noise is {told['noise'][channel]['sd']:.3g} {unit}"
         if not one.names:
-            parts.append(f"{channel} by {before:.3g} {unit}, {floor}")
+            parts.append(f"{before:.3g} {unit} of {channel}, {floor},")
         elif not 0.9 < after / before < 1.1:
             parts.append(
                 f"held-out {channel} is missed by {after:.3g} instead of {before:.3g} {unit}, {floor}"
             )
-    return _and(parts)
+    return _and(parts).rstrip(",")
 
 
 def _and(parts: list[str]) -> str:
@@ -177,7 +182,8 @@ def _quantity(value: float, sd: float | None, meaning: Meaning) -> str:
 def _scores(told: dict[str, Any]) -> Iterator[list[str]]:
     for channel, score in told["improvement"]["held_out"].items():
         if channel != "blocks":
-            numbers = score["rmse_before"], score["rmse_after"], told["noise"][channel]["sd"]
+            kinds = ["rmse_before", "rmse_after"] if told["missing_physics"] else ["rmse_before"]
+            numbers = [*(score[kind] for kind in kinds), told["noise"][channel]["sd"]]
             yield [channel, *(f"{number:.4g} {score['unit']}" for number in numbers)]
 
 

@@ -3,13 +3,8 @@
 import numpy as np
 import pytest
 
-from pamjax.view.diagnosis_figures import (
-    candidates_figure,
-    held_out_figure,
-    left_out_figure,
-    loops_figure,
-    moved_figure,
-)
+from pamjax.view.diagnosis_figures import candidates_figure, held_out_figure, moved_figure
+from pamjax.view.diagnosis_loops import left_out_figure, loops_figure
 from pamjax.view.mismatch_map import map_figure
 from tests.view.made_up import diagnosis, holds, lengths, strokes, table
 

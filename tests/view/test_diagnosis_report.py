@@ -167,6 +167,14 @@ def test_ties_and_the_next_experiment_are_told():
     ]
 
 
+def test_without_a_name_nothing_stands_after():
+    found = Page(written("nothing"))
+    (score,) = (row for name, row in found.table(["channel", "baseline"]).items() if name == "force")
+    assert len(score) == 2
+    assert "Which numbers had swallowed the effect" not in found.text
+    assert found.table(["number", "value"])["thread.modulus"][0] == "80.0 ± 1.2 GPa"
+
+
 def test_it_ends_with_how_to_repeat_it(page):
     assert "pamjax diagnose 'lab/my bench'" in page.text
     assert "SHA-256 c0ffee" in page.text
