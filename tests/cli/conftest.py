@@ -44,6 +44,16 @@ def fitted(bench):
     return bench / "out"
 
 
+@pytest.fixture(scope="session")
+def diagnosed(bench):
+    """The folder that `pamjax diagnose` wrote for a recording whose baseline leaves out friction."""
+    friction = ["--with", "braid_friction.coefficient=0.4", "--seed", "3"]
+    arguments = [str(bench / "stated"), str(bench / "plan.toml"), "--out", str(bench / "rubbed")]
+    assert main(["simulate", *arguments, *friction]) == 0
+    assert main(["diagnose", str(bench / "rubbed"), "--out", str(bench / "verdicts")]) == 0
+    return bench / "verdicts" / "rubbed"
+
+
 @pytest.fixture
 def case(bench, tmp_path):
     """Write the simulated case with one text put in place of another, and return its folder."""

@@ -2,65 +2,16 @@
 
 import re
 from functools import cache
-from html.parser import HTMLParser
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
 
-from pamjax.cli.main import main
 from pamjax.view.diagnosis_figures import moved_figure
 from pamjax.view.diagnosis_report import answer, headline, save_report
 from pamjax.view.page import svg
+from tests.view.html_page import Page
 from tests.view.made_up import diagnosis, holds, lengths, planned, table
-
-VOID = {"meta", "br", "hr", "img", "link", "input"}
-
-
-class Page(HTMLParser):
-    """What a page holds; unbalanced tags raise."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.open, self.elements, self.tables, self.words = [], [], [], []
-        self.feed(text)
-        assert self.open == []
-
-    def handle_starttag(self, tag, attrs):
-        self.elements.append((tag, dict(attrs)))
-        if tag not in VOID:
-            self.open.append(tag)
-        if tag == "table":
-            self.tables.append([])
-        if tag == "tr":
-            self.tables[-1].append([])
-        if tag in ("td", "th"):
-            self.tables[-1][-1].append("")
-
-    def handle_startendtag(self, tag, attrs):
-        self.elements.append((tag, dict(attrs)))
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        if self.open and self.open[-1] in ("td", "th"):
-            self.tables[-1][-1][-1] += data
-        if "svg" not in self.open and "style" not in self.open:
-            self.words.append(data)
-
-    @property
-    def text(self):
-        return " ".join(" ".join(self.words).split())
-
-    def every(self, tag):
-        return [attrs for name, attrs in self.elements if name == tag]
-
-    def table(self, first):
-        """The rows of the table whose head begins with a word, by their first cell."""
-        (found,) = (rows for rows in self.tables if rows[0][:2] == first)
-        return {row[0]: row[1:] for row in found[1:]}
-
 
 VARIANTS = {
     "friction": {},
@@ -186,28 +137,3 @@ def test_the_same_figure_gives_the_same_element():
     drawn = [svg(moved_figure(diagnosis()), "moved", "<as told>") for _ in range(2)]
     assert drawn[0] == drawn[1]
     assert 'aria-label="&lt;as told&gt;"' in drawn[0]
-
-
-PLAN = """\
-[protocol]
-kind = "strokes"
-pressures = ["100 kPa", "250 kPa", "450 kPa"]
-contractions = [0.2]
-speed = "1.57 mm/s"
-cycles = 1
-"""
-
-
-@pytest.mark.slow
-def test_the_command_writes_it_beside_the_verdict(tmp_path, monkeypatch, capsys):
-    """A recording with friction, through the words a user types."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "plan.toml").write_text(PLAN)
-    assert main(["new", "stated"]) == 0
-    friction = ["--with", "braid_friction.coefficient=0.4"]
-    assert main(["simulate", "stated", "plan.toml", "--out", "made", *friction, "--seed", "3"]) == 0
-    assert main(["diagnose", "made"]) == 0
-    assert "report.html" in capsys.readouterr().err
-    page = Page((tmp_path / "out" / "made" / "report.html").read_text("utf-8"))
-    assert "pamjax diagnose made --out out --seed 0" in page.text
-    assert "braid_friction" in page.text

@@ -1,0 +1,48 @@
+"""`pamjax diagnose`: what it writes, and that its files say the same."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pamjax.cli.main import main
+from tests.view.html_page import Page
+from tests.view.made_up import diagnosis
+
+
+@pytest.mark.slow
+def test_friction_is_named_and_the_report_says_so(diagnosed):
+    told = json.loads((diagnosed / "diagnosis.json").read_text())
+    assert [name["id"] for name in told["missing_physics"]] == ["braid_friction"]
+    page = Page((diagnosed / "report.html").read_text("utf-8"))
+    assert "Left out: friction between braid threads" in page.text
+    coefficient = told["missing_physics"][0]["parameters"]["coefficient"]
+    value, sd = page.table(["number", "value"])["coefficient"][0].split(" ± ")
+    assert float(value) == pytest.approx(coefficient["value"], abs=0.06 * coefficient["sd"])
+    assert float(sd) == pytest.approx(coefficient["sd"], rel=0.05)
+    assert f"pamjax diagnose {diagnosed.parents[1] / 'rubbed'} --out" in page.text
+
+
+@pytest.mark.slow
+def test_anyone_can_recompute_the_claim(diagnosed):
+    told = json.loads((diagnosed / "diagnosis.json").read_text())["improvement"]["held_out"]["force"]
+    predicted = pd.read_csv(diagnosed / "prediction.csv")
+    measured = pd.read_csv(diagnosed.parents[1] / "rubbed" / "recording.csv")["force [N]"]
+    out = predicted["held_out"].to_numpy(bool)
+    assert 0 < out.sum() < len(out)
+    for when in ("before", "after"):
+        misfit = (measured - predicted[f"force_{when} [N]"])[out]
+        assert np.sqrt(np.mean(misfit**2)) == pytest.approx(told[f"rmse_{when}"], rel=1e-3)
+    assert told["rmse_after"] < 0.5 * told["rmse_before"]
+
+
+@pytest.mark.parametrize("wanted", [True, False])
+def test_the_report_is_written_unless_it_is_not_wanted(wanted, bench, tmp_path, monkeypatch, capsys):
+    found = diagnosis()
+    monkeypatch.setattr("pamjax.study.batch.diagnose_all", lambda cases, **_: [(found.found.case, found)])
+    option = [] if wanted else ["--no-report"]
+    assert main(["diagnose", str(bench / "made"), "--out", str(tmp_path), *option]) == 0
+    names = ["diagnosis.json", "prediction.csv"] + ["report.html"] * wanted
+    assert sorted(path.name for path in (tmp_path / "bench").iterdir()) == names
+    assert f"wrote {tmp_path}/bench/: {', '.join(names)}" in capsys.readouterr().err

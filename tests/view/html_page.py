@@ -1,0 +1,50 @@
+"""An HTML page as a test reads it: elements, tables, words; unbalanced tags raise."""
+
+from html.parser import HTMLParser
+
+VOID = {"meta", "br", "hr", "img", "link", "input"}
+
+
+class Page(HTMLParser):
+    """What a page holds; unbalanced tags raise."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.elements, self.tables, self.words = [], [], [], []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+        if tag == "table":
+            self.tables.append([])
+        if tag == "tr":
+            self.tables[-1].append([])
+        if tag in ("td", "th"):
+            self.tables[-1][-1].append("")
+
+    def handle_startendtag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] in ("td", "th"):
+            self.tables[-1][-1][-1] += data
+        if "svg" not in self.open and "style" not in self.open:
+            self.words.append(data)
+
+    @property
+    def text(self):
+        return " ".join(" ".join(self.words).split())
+
+    def every(self, tag):
+        return [attrs for name, attrs in self.elements if name == tag]
+
+    def table(self, first):
+        """The rows of the table whose head begins with a word, by their first cell."""
+        (found,) = (rows for rows in self.tables if rows[0][:2] == first)
+        return {row[0]: row[1:] for row in found[1:]}
