@@ -106,7 +106,7 @@ def candidates_figure(one: Diagnosis, name: Name, narrow: bool = False) -> Figur
         panel.set_yticks(at, words)
         panel.set_ylim(len(words) - 0.5, -0.5)
         panel.set_ylabel("in its place")
-        made.suptitle(textwrap.fill(rivalry(name), 52 if narrow else 80), x=0.01, ha="left")
+        made.suptitle(textwrap.fill(rivalry(name), 48 if narrow else 80), x=0.01, ha="left")
         made.legend(handles=[mark("not told apart", marker="s", ms=7, alpha=0.3)], loc="outside lower center")
     return made
 
@@ -139,7 +139,7 @@ def moved_figure(one: Diagnosis, narrow: bool = False) -> Figure | None:
         panel.set_ylim(len(numbers) - 0.5, -0.5)
         reach = 1.15 * max(2.0, *map(abs, shifts))
         panel.set(xlim=(-reach, reach), xlabel="moved by [its sd before]")
-        made.suptitle(textwrap.fill(swallowed(one), 52 if narrow else 80), x=0.01, ha="left")
+        made.suptitle(textwrap.fill(swallowed(one), 48 if narrow else 80), x=0.01, ha="left")
         made.legend(handles=[mark("± 1 sd before", marker="s", ms=7, alpha=0.3)], loc="outside lower center")
     return made
 

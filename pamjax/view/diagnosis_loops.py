@@ -110,7 +110,7 @@ def left_out_figure(one: Diagnosis, narrow: bool = False) -> Figure | None:
                 xlabel=form.xlabel, ylabel=f"{channel} − baseline [{UNIT[channel]}]", title=form.names[k]
             )
             panel.label_outer()
-        made.suptitle(textwrap.fill(resembles(one, left, added), 52 if narrow else 104), x=0.01, ha="left")
+        made.suptitle(textwrap.fill(resembles(one, left, added), 48 if narrow else 104), x=0.01, ha="left")
         handles = [mark("measured", marker="o", ms=3), mark("with names", ls="-", color=OKABE_ITO["blue"])]
         made.legend(handles=handles, loc="outside lower center", ncols=2)
     return made

@@ -106,7 +106,7 @@ def map_figure(one: Diagnosis, channel: int | None = None, narrow: bool = False)
         bar = made.colorbar(mesh, ax=panels, **where)
         bar.set_label(f"{CHANNELS[c]}: measured − baseline [noise sd]")
         bar.outline.set_visible(False)
-        made.suptitle(textwrap.fill(finding(one, CHANNELS[c]), 52 if narrow else 104), x=0.01, ha="left")
+        made.suptitle(textwrap.fill(finding(one, CHANNELS[c]), 48 if narrow else 104), x=0.01, ha="left")
     return made
 
 
