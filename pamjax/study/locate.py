@@ -23,6 +23,9 @@ MOST = 5
 #: Neighbours over which the square of a residual is averaged, so that noise is told from misfit.
 GROUP = 7
 
+#: Mean of a departure over its rms from which it has one sign.
+ONE_SIDED = 0.4
+
 #: Unit and scale in which a person reads a channel.
 SHOWN = {"force": ("N", 1.0), "diameter": ("mm", 1e3)}
 
@@ -157,8 +160,13 @@ def _sentence(channel, direction, pressure, contraction, signed, inside, at: Axe
             f"{where}, {channel} is {_amount(lengthens, scale, unit)} while the muscle lengthens and"
             f" {_amount(shortens, scale, unit)} while it shortens."
         )
-    typical = _typical(signed[inside])
-    told = f"{where}, {channel} is {_amount(typical or 0.0, scale, unit)} than the baseline says"
+    values = signed[inside]
+    typical = _typical(values) or 0.0
+    told = f"{where}, {channel} is {_amount(typical, scale, unit)} than the baseline says"
+    if abs(float(np.mean(values))) < ONE_SIDED * abs(typical):
+        told = (
+            f"{where}, {channel} departs from the baseline by about {_size(typical, scale, unit)} either way"
+        )
     return (
         f"{told} while the muscle {'shortens' if direction == 'shortening' else 'lengthens'}."
         if (direction != "both")
@@ -174,7 +182,12 @@ def _typical(values: np.ndarray) -> float | None:
 
 
 def _amount(value: float, scale: float, unit: str) -> str:
-    return f"about {abs(value) * scale:.2g} {unit} {'higher' if value > 0 else 'lower'}"
+    return f"about {_size(value, scale, unit)} {'higher' if value > 0 else 'lower'}"
+
+
+def _size(value: float, scale: float, unit: str) -> str:
+    shown = abs(value) * scale
+    return f"{shown:.0f} {unit}" if shown >= 100 else f"{shown:.2g} {unit}"
 
 
 def covered(boxes: Sequence[Box]) -> float:
