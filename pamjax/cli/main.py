@@ -26,6 +26,8 @@ for word, about in {
     "sample": "Draw from the posterior of a muscle's numbers: how sure they are.",
     "compare": "Compare posteriors by how they predict blocks they did not see.",
     "diagnose": "Name the physics that a recording's model leaves out, and show the gain.",
+    "validate": "Hold a model against a recording that it never saw.",
+    "prove": "Conceal known physics in simulated recordings, diagnose them, and score.",
     "simulate": "Make the case folder that a bench would have written.",
     "explain": "Say what a number or a mechanism means; without a name, list them all.",
 }.items():

@@ -41,9 +41,9 @@ LEAST, MOST = 0.75, 1.02
 MARGIN = 0.04
 
 
-#: Nodes at which the table is looked up, and how far beyond its ends they reach, in halves of its width:
-#: there the polynomial has been left, and what is missing is constant.
-NODES, BEYOND = 96, 0.35
+#: Into how many pieces the table is cut for looking up, and how far beyond the polynomial they reach, in
+#: halves of its width: there it has been left, and what is missing is constant.
+PIECES, BEYOND = 48, 0.35
 
 
 class NetTable(eqx.Module):
@@ -52,51 +52,53 @@ class NetTable(eqx.Module):
     Attributes:
         thread: B0, m.
         turns: N.
-        low: x of the first node.
-        step: from one node to the next, in x.
-        terms: at each node, for volume, mean and mid radius (third index): coefficients of the powers of
-            x from there, up to the third, and of those of y − 1.
+        low: x where the first piece begins.
+        step: width of a piece, in x.
+        terms: of each piece, for volume, mean and mid radius (third index): coefficients of the powers of
+            x from its begin to its end, 0 to 1, and of those of y − 1.
     """
 
     thread: Scalar
     turns: Scalar
     low: Scalar
     step: Scalar
-    terms: Float[Array, "m 4 3 j"]
+    terms: Float[Array, "m 6 3 j"]
 
     def near(self, length: Scalar, thread: Scalar) -> NearNet:
-        """The table around the node that is nearest to a length (m), to third order."""
+        """The piece of the table that a length (m) lies in."""
         along = (_wide(length, thread) - self.low) / self.step
-        node = jnp.clip(jnp.round(jax.lax.stop_gradient(along)).astype(int), 0, NODES - 1)
-        return NearNet(self.thread, self.turns, self.low + self.step * node, self.terms[node])
+        piece = jnp.clip(jax.lax.stop_gradient(along).astype(int), 0, PIECES - 1)
+        begin = self.low + self.step * piece
+        return NearNet(self.thread, self.turns, begin, self.step, self.terms[piece])
 
 
 class NearNet(eqx.Module):
-    """What a net has more than a cylinder around one node: a cubic, so that a balance and its derivatives
-    are cheap.
+    """What a net has more than a cylinder in one piece of its table: a quintic, so that a balance and its
+    derivatives are cheap.
 
     Attributes:
         thread: B0, m.
         turns: N.
-        x: of the node.
-        terms: of volume, mean and mid radius (middle index): coefficients of the powers of x from there,
-            and of y − 1.
+        begin, step: where the piece begins and how wide it is, in x.
+        terms: of volume, mean and mid radius (middle index): coefficients of the powers of x from begin
+            to end, 0 to 1, and of y − 1.
     """
 
     thread: Scalar
     turns: Scalar
-    x: Scalar
-    terms: Float[Array, "4 3 5"]
+    begin: Scalar
+    step: Scalar
+    terms: Float[Array, "6 3 5"]
 
     def __call__(self, length: Scalar, thread: Scalar) -> Net:
         """More than a cylinder has, at a length (m) and a thread length (m)."""
-        dx, dy = _wide(length, thread) - self.x, self.thread / thread - 1
+        x, y = (_wide(length, thread) - self.begin) / self.step, self.thread / thread - 1
         unit = thread / (2 * jnp.pi * self.turns)
         scales = (jnp.pi * unit**2 * thread, unit, unit)
-        return Net(*(scale * _cubic(self.terms[:, k], dx, dy) for k, scale in enumerate(scales)))
+        return Net(*(scale * _quintic(self.terms[:, k], x, y) for k, scale in enumerate(scales)))
 
 
-def _cubic(c: Float[Array, "4 5"], x: Scalar, y: Scalar) -> Array:
+def _quintic(c: Float[Array, "6 5"], x: Scalar, y: Scalar) -> Array:
     rows = [_horner([row[j] for j in range(SIZE[1])], y) for row in c]
     return _horner(rows, x)
 
@@ -113,16 +115,6 @@ def _wide(length: Scalar, thread: Scalar) -> Array:
     squared = (thread - length) * (thread + length) / thread**2
     there = squared > 0
     return jnp.where(there, jnp.sqrt(jnp.where(there, squared, 1.0)), 0.0)
-
-
-#: p out of k, what the p-th derivative of the k-th power over p! is a multiple of.
-_WAYS = np.array([[math.comb(k, p) for k in range(SIZE[0])] for p in range(4)], dtype=float)
-
-
-def _taylor(x: np.ndarray, size: int) -> np.ndarray:
-    """(n, 4, size): the powers of each x and their first three derivatives, over p!."""
-    k, p = np.arange(size), np.arange(4)[:, None]
-    return _WAYS[:, :size] * np.where(k >= p, x[:, None, None] ** np.maximum(k - p, 0), 0.0)
 
 
 def tabulate(thread: Scalar, turns: Scalar, fitting: Scalar) -> NetTable:
@@ -148,13 +140,43 @@ def tabulate(thread: Scalar, turns: Scalar, fitting: Scalar) -> NetTable:
     found = jax.vmap(lambda x: jax.vmap(lambda y: more(x, y))(y))(x)
     in_x, in_y = _of_powers(SIZE[0]) @ to_x, _of_powers(SIZE[1], LEAST, MOST) @ to_y
     powers = jnp.stack([in_x @ found[..., k] @ in_y.T for k in range(3)], axis=1)
-    unit = np.linspace(-1 - BEYOND, 1 + BEYOND, NODES)
-    held, slope = _inside(unit)
+    unit = np.linspace(-1 - BEYOND, 1 + BEYOND, PIECES + 1)
+    terms = jnp.einsum("pqi,ikj->pqkj", jnp.asarray(_quintics(unit)), powers)
     to_unit = 2 / (WIDEST - low)
-    around = jnp.asarray(_taylor(held, SIZE[0]) * slope[:, None, None] ** np.arange(4)[:, None])
-    terms = jnp.einsum("npi,ikj->npkj", around, powers) * to_unit ** jnp.arange(4)[:, None, None]
     first, step = low + (unit[0] + 1) / to_unit, (unit[1] - unit[0]) / to_unit
     return NetTable(thread, turns, first, step, terms)
+
+
+def _quintics(ends: np.ndarray) -> np.ndarray:
+    """(pieces, 6, size): from coefficients of the powers of x to those of a quintic in each piece.
+
+    A quintic is fixed by value, slope and curvature at both ends of its piece, so that neighbours agree
+    in all three.
+    """
+    held, slope, bend = _inside(ends)
+    value, first, second = np.moveaxis(_powers(held), 1, 0)
+    wide = ends[1] - ends[0]
+    at = np.stack(
+        [
+            value,
+            wide * first * slope[:, None],
+            wide**2 * (second * slope[:, None] ** 2 + first * bend[:, None]),
+        ],
+        axis=1,
+    )
+    power = np.arange(6)
+    conditions = [[math.factorial(k) * (p == k) for p in power] for k in range(3)]
+    conditions += [[math.perm(int(p), k) for p in power] for k in range(3)]
+    return np.linalg.inv(np.array(conditions, dtype=float)) @ np.concatenate([at[:-1], at[1:]], axis=1)
+
+
+def _powers(x: np.ndarray) -> np.ndarray:
+    """(n, 3, size): the powers of each x, their slopes and curvatures."""
+    k = np.arange(SIZE[0])
+    return np.stack(
+        [np.array([math.perm(int(i), d) for i in k]) * x[:, None] ** np.maximum(k - d, 0) for d in range(3)],
+        axis=1,
+    )
 
 
 def _of_powers(size: int, least: float = 0.0, most: float = 2.0) -> np.ndarray:
@@ -170,8 +192,9 @@ def _nodes(size: int) -> tuple[np.ndarray, np.ndarray]:
     return points, np.linalg.inv(np.polynomial.chebyshev.chebvander(points, size - 1))
 
 
-def _inside(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """x, held between −1 and 1 by an exponential that takes over smoothly at either end, and its slope."""
+def _inside(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """x, held between −1 and 1 by an exponential that takes over smoothly at either end."""
     past = np.maximum(np.abs(x) - (1 - 2 * MARGIN), 0.0)
     less = np.expm1(-past / (2 * MARGIN))
-    return x - np.sign(x) * (past + 2 * MARGIN * less), 1 + less
+    bend = np.where(past > 0, -np.sign(x) * (1 + less) / (2 * MARGIN), 0.0)
+    return x - np.sign(x) * (past + 2 * MARGIN * less), 1 + less, bend

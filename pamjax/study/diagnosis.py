@@ -19,6 +19,7 @@ from pamjax.records.blocks import Blocks
 from pamjax.records.files import write_beside
 from pamjax.study.experiment import Experiment
 from pamjax.study.gain import Gain
+from pamjax.study.keep import improved
 from pamjax.study.locate import Box
 from pamjax.study.naming import Model, Name, Naming
 from pamjax.study.problem import COMPLIANCE, Problem
@@ -149,12 +150,13 @@ class Diagnosis:
 
 
 def save(diagnosis: Diagnosis, folder: Path) -> list[Path]:
-    """Write diagnosis.json and prediction.csv, each beside and then renamed."""
+    """Write diagnosis.json, prediction.csv and the improved model, each beside and then renamed."""
     folder.mkdir(parents=True, exist_ok=True)
     document = json.dumps(diagnosis.as_dict(), indent=1, allow_nan=False) + "\n"
     table = io.StringIO()
     diagnosis.predictions().to_csv(table, index=False, float_format="%.6g")
-    files = {"diagnosis.json": document, "prediction.csv": table.getvalue()}
+    model = json.dumps(improved(diagnosis.found, diagnosis.model), indent=1, allow_nan=False) + "\n"
+    files = {"diagnosis.json": document, "prediction.csv": table.getvalue(), "model.json": model}
     for name, text in files.items():
         with write_beside(folder / name) as beside:
             beside.write_text(text)

@@ -167,7 +167,7 @@ def rubbing(threads):
 def test_no_path_of_pressure_and_length_gives_work(seed, share, presliding, give, exponent):
     """∫ q du from a relaxed state, for a strength that changes all the time."""
     pressure, length = path(seed, ROWS)
-    friction = BraidFriction(1.0 - share, 20 * share, exponent, presliding, give)
+    friction = BraidFriction(1.0 - share, 20 * share, exponent, presliding=presliding, give=give)
     rubbed, bare = rubbing(())(friction, pressure, length)
     force = np.asarray(rubbed.force - bare.force)
     # ∮ F dL − V dP, where the stress also moves the volume force × give.

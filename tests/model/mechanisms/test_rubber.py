@@ -15,6 +15,7 @@ from pamjax.model import wall
 from pamjax.model.balance import Status
 from pamjax.model.bench import Bench, record
 from pamjax.model.history import history
+from pamjax.model.mechanism import Past
 from pamjax.model.mechanisms.bladder_elasticity import BladderElasticity
 from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
 from pamjax.model.mechanisms.contact_pressure import ContactPressure
@@ -343,7 +344,7 @@ def test_uneven_steps_tell_the_same_of_a_straight_stretch():
 
     def stress(rows):
         past = history(fine[rows], fine[rows] == 0)
-        return rubber.stresses(past, jnp.asarray(stretches[rows]), None)
+        return relaxing(rubber, jnp.asarray(stretches[rows]), past)
 
     # Stress is straight in time, not stretch: the steps matter by their curvature only.
     agree(stress(coarse)[-1], stress(np.arange(2001))[-1], 1e-5)
@@ -379,14 +380,14 @@ def returning(walk, fine=400):
 def test_relaxation_only_loses_energy(walk):
     time, path = returning(walk)
     rubber = ViscoelasticCreep(1e6, 0.4, 8.0, 60.0, **SIZE)
-    stress = np.asarray(RELAXING(rubber, jnp.asarray(path), history(time, time == 0)))
+    stress = np.asarray(relaxing(rubber, jnp.asarray(path), history(time, time == 0)))
     done = 0.5 * (stress[1:] + stress[:-1]) * np.diff(path, axis=0)
     # The rule of trapezoids is off by the square of a step.
     assert done.sum() > -1e-3 * np.abs(done).sum()
 
 
 @settings(max_examples=30)
-@given(WALKS, st.floats(0.02, 1.0))
+@given(WALKS, st.floats(0.1, 1.0))
 def test_softening_only_loses_energy(walk, width):
     time, path = returning(walk)
     energy = path[:, :1] ** 2 + path[:, 1:] ** 2 + (path[:, :1] * path[:, 1:]) ** -2 - 3
@@ -398,7 +399,14 @@ def test_softening_only_loses_energy(walk, width):
     assert done.sum() > -1e-2 * np.abs(done).sum()
 
 
-RELAXING = jax.jit(lambda m, strains, past: m.stresses(past, strains, None))
+@jax.jit
+def relaxing(rubber, stretches, past):
+    """Stress on the stretches of the wall, of a muscle without a force."""
+    nothing = jnp.zeros(stretches.shape[0])
+    bare = Past(None, nothing, nothing, nothing)
+    return rubber.stresses(past, jnp.column_stack([stretches, nothing]), bare)[:, :2]
+
+
 SOFTENING = jax.jit(lambda m, strains, past: m.stresses(past, strains, None))
 
 

@@ -1,0 +1,26 @@
+"""`pamjax validate`: hold a model against a recording that it never saw."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pamjax.cli.screen import say
+
+
+def validate(model: Path, cases: list[Path], /, *, case: str | None = None) -> None:
+    """Hold a model against recordings that it never saw, and say where it still fits.
+
+    Args:
+        model: a model.json of `pamjax diagnose`, or a fit.json.
+        cases: case folders.
+        case: which case of a fit.json with several.
+    """
+    from pamjax.infer.cache import keep_compiled
+    from pamjax.infer.load import load_muscle
+    from pamjax.records.case import read_case
+    from pamjax.study.validate import validate as judge
+
+    keep_compiled()
+    loaded = load_muscle(model, case=case)
+    for folder in cases:
+        say(str(judge(loaded, read_case(folder))))

@@ -1,0 +1,127 @@
+"""Hold a model against a recording that it never saw, and say where it still fits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+
+from pamjax.infer.load import Loaded
+from pamjax.infer.member import CHANNELS, case_history, counts, shown, starting_sd
+from pamjax.model.balance import Status
+from pamjax.model.bench import Bench, record
+from pamjax.model.muscle import predict
+from pamjax.records.blocks import blocks
+from pamjax.records.case import Case
+
+#: Rmse over the channel's noise up to which a block counts as fitted: a quarter more than noise.
+FITS = 1.25
+
+#: Units in which a channel is told, and how many of them an SI unit is.
+UNIT = {"force": ("N", 1.0), "diameter": ("mm", 1e3)}
+
+
+@dataclass(frozen=True)
+class Block:
+    """How one block is predicted: rmse by channel, SI."""
+
+    name: str
+    rmse: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Validation:
+    """A model against a recording that it never saw.
+
+    Attributes:
+        case: name of the recording.
+        rmse: by channel, SI, over all rows that count.
+        noise: standard deviation of a sample by channel, SI: the sensor's, or one percent of the range
+            where none is stated.
+        blocks: the recording's blocks.
+        failed: rows where the model has no answer.
+        outside: sentences on pressures and lengths beyond those it was calibrated on.
+    """
+
+    case: str
+    rmse: dict[str, float]
+    noise: dict[str, float]
+    blocks: tuple[Block, ...]
+    failed: int
+    outside: tuple[str, ...]
+
+    def fits(self, block: Block) -> bool:
+        """Whether a block is predicted as well as noise allows."""
+        return all(rmse <= FITS * self.noise[channel] for channel, rmse in block.rmse.items())
+
+    def __str__(self) -> str:
+        lines = [f"{self.case}: a model that never saw it"]
+        for channel, rmse in self.rmse.items():
+            unit, per = UNIT[channel]
+            noise = self.noise[channel] * per
+            lines.append(f"  {channel}: rmse {rmse * per:.3g} {unit}, noise {noise:.3g} {unit}")
+        good = [block.name for block in self.blocks if self.fits(block)]
+        lines.append(
+            f"  fits {len(good)} of {len(self.blocks)} blocks" + (f": {', '.join(good)}" if good else "")
+        )
+        if self.failed:
+            lines.append(f"  no answer in {self.failed} rows")
+        return "\n".join(lines + [f"  {sentence}" for sentence in self.outside])
+
+
+def validate(model: Loaded, case: Case) -> Validation:
+    """Predict a recording with a model as it is.
+
+    Args:
+        model: as `load_muscle` reads it from a fit.json or a model.json.
+        case: the recording.
+    """
+    recording = case.recording
+    good = recording.usable
+    rest = case.entry.rest_length.value
+    pressure = np.where(good, recording.pressure, 0.0)
+    length = np.where(good, recording.length, rest)
+    if isinstance(model.muscle, Bench):
+        reading = record(
+            model.muscle, jnp.asarray(pressure), jnp.asarray(length), case_history(case, recording.n)
+        )
+    else:
+        reading = predict(model.muscle, jnp.asarray(pressure), jnp.asarray(length))
+    found, misfit, noise = blocks(recording), {}, {}
+    for channel, sd in zip(CHANNELS, starting_sd(case), strict=True):
+        there = counts(case, channel)
+        if there.any():
+            off = getattr(recording, channel) - shown(case, channel, np.asarray(getattr(reading, channel)))
+            misfit[channel], noise[channel] = np.where(there, off, np.nan), sd
+    failed = good & (np.asarray(reading.status) != Status.OK)
+    return Validation(
+        case=case.name,
+        rmse={c: _rms(v) for c, v in misfit.items()},
+        noise=noise,
+        blocks=tuple(
+            Block(
+                name,
+                {c: _rms(v[found.mask(k)]) for c, v in misfit.items() if np.isfinite(v[found.mask(k)]).any()},
+            )
+            for k, name in enumerate(found.names)
+        ),
+        failed=int(np.count_nonzero(failed)),
+        outside=tuple(_outside(model.calibrated, pressure[good], length[good])),
+    )
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.nanmean(values**2)))
+
+
+def _outside(calibrated: dict[str, tuple[float, float]], pressure, length) -> list[str]:
+    said = []
+    for name, values, unit, per in (("pressure", pressure, "kPa", 1e-3), ("length", length, "mm", 1e3)):
+        if name not in calibrated or not values.size:
+            continue
+        low, high = calibrated[name]
+        far = max(low - values.min(), values.max() - high)
+        if far > 0.01 * max(high - low, 1e-12):
+            said.append(f"{name} goes {far * per:.3g} {unit} beyond what the model was calibrated on")
+    return said

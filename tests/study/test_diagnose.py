@@ -1,0 +1,122 @@
+"""What is concealed is named, where nothing is nothing is said, and the files say what was found."""
+
+import json
+from functools import cache
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pamjax.records.blocks import Blocks
+from pamjax.study.batch import common_sizes
+from pamjax.study.conceal import MUSCLE, _plan, conceal
+from pamjax.study.diagnose import diagnose
+from pamjax.study.diagnosis import save
+from pamjax.study.gain import held_out
+from pamjax.study.locate import _direction, _middle
+from pamjax.study.prove import Trial, rate, read_trials, table
+
+
+def test_a_box_holds_the_middle_of_the_weight():
+    values = np.linspace(0, 1, 1001)
+    low, high = _middle(values, np.where((values > 0.2) & (values < 0.6), 1.0, 0.0))
+    assert (low, high) == (pytest.approx(0.22, abs=0.01), pytest.approx(0.58, abs=0.01))
+
+
+@pytest.mark.parametrize(
+    ("short", "long", "still", "word"),
+    [(1, 1, 0, "both"), (1, 0.1, 0, "shortening"), (0.1, 1, 0, "lengthening"), (1, 0, 5, "both")],
+)
+def test_a_direction_counts_from_fifteen_percent(short, long, still, word):
+    assert _direction(np.array([-1, 1, 0]), np.array([short, long, still], float)) == word
+
+
+@pytest.mark.parametrize(("many", "out"), [(1, 0), (2, 0), (3, 1), (4, 1), (6, 1), (10, 2)])
+def test_whole_blocks_inside_the_range_are_held_out(many, out):
+    found = Blocks(np.repeat(np.arange(many), 7), tuple(f"b{k}" for k in range(many)), "isobars")
+    rows = held_out(found)
+    labels = set(found.label[rows].tolist())
+    assert len(labels) == out
+    assert not labels & {0, many - 1}
+    assert rows.sum() == 7 * out
+
+
+def test_recordings_of_like_length_share_a_program():
+    assert common_sizes([100]) == [512]
+    assert len(set(common_sizes([3000, 3300, 4000, 4100]))) == 1
+    assert all(size >= n for n, size in zip([10, 9000, 700], common_sizes([10, 9000, 700]), strict=True))
+
+
+def test_a_rate_has_its_interval():
+    assert rate(0, 100)[2] == pytest.approx(0.0362, abs=1e-3)
+    assert rate(100, 100)[1] == pytest.approx(0.9638, abs=1e-3)
+
+
+def test_trials_are_read_as_they_were_written(tmp_path):
+    one = Trial("pair", 3, 0.5, ("end_taper", "force_offset"), (4.0, 5.0), ("end_taper", "force_gain"),
+                ((), ("pressure_gain",)), (1.0, 0.6), 1e-9, False, 1.02)  # fmt: skip
+    assert (one.found, one.invented, one.alarm) == (1, 1, True)
+    from dataclasses import asdict
+
+    (tmp_path / "prove.json").write_text(json.dumps([asdict(one)]))
+    assert read_trials(tmp_path / "prove.json") == [one]
+    assert "named 1 of 2" in table([one])
+
+
+@cache
+def verdict(kind):
+    """The diagnosis of an envelope; both share one program."""
+    many = {"nothing": 0, "friction": 1}[kind]
+    rng = np.random.default_rng({"nothing": 5, "friction": 0}[kind])
+    envelope = conceal(many, rng, only="braid_friction" if many else None, smallest=6.0, largest=6.0)
+    return envelope, diagnose(envelope.case)
+
+
+@pytest.mark.slow
+def test_nothing_is_said_where_nothing_is():
+    _, found = verdict("nothing")
+    assert not found.detected
+    assert found.names == ()
+    assert not found.unexplained
+
+
+@pytest.mark.slow
+def test_concealed_friction_is_named_and_its_loop_gone(tmp_path):
+    envelope, found = verdict("friction")
+    assert envelope.sizes[0] == pytest.approx(6.0, rel=0.2)
+    assert [name.id for name in found.names] == ["braid_friction"]
+    assert found.names[0].probability > 0.9
+    noise = MUSCLE.sensors.force
+    assert found.gain.rmse_before["force"] > 3 * noise
+    assert found.gain.rmse_after["force"] < 1.4 * noise
+    save(found, tmp_path)
+    document = json.loads((tmp_path / "diagnosis.json").read_text())
+    assert document["missing_physics"][0]["id"] == "braid_friction"
+    rows = pd.read_csv(tmp_path / "prediction.csv")
+    held = rows["held_out"] == 1
+    misfit = envelope.case.recording.force[held] - rows["force_after [N]"][held]
+    stated = document["improvement"]["held_out"]["force"]["rmse_after"]
+    assert np.sqrt(np.mean(misfit**2)) == pytest.approx(stated, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_the_improved_model_is_read_again_and_shows_the_same(tmp_path):
+    from pamjax.infer.load import load_muscle
+    from pamjax.study.validate import validate
+
+    envelope, found = verdict("friction")
+    save(found, tmp_path)
+    document = json.loads((tmp_path / "model.json").read_text())
+    name = envelope.case.name
+    toml = '[muscle]\nrest_length = "235.7 mm"\nthread_length = "251.2 mm"\nturns = 1.09\n'
+    document["cases"][name]["muscle_toml"] = toml
+    (tmp_path / "model.json").write_text(json.dumps(document))
+    judged = validate(load_muscle(tmp_path / "model.json"), envelope.case)
+    assert judged.rmse["force"] < 1.3 * MUSCLE.sensors.force
+    assert not judged.outside
+
+
+def test_the_plan_has_blocks_to_hold_out():
+    from pamjax.records.blocks import blocks
+
+    assert held_out(blocks(_plan())).any()

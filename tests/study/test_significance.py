@@ -1,0 +1,42 @@
+"""One p-value for the largest of many correlated directions."""
+
+import numpy as np
+import pytest
+
+from pamjax.study.significance import _chance
+
+
+def directions(many, size, seed=0):
+    """Unit directions that are correlated: neighbours overlap."""
+    rng = np.random.default_rng(seed)
+    raw = np.cumsum(rng.standard_normal((many, size)), axis=0)
+    return raw / np.linalg.norm(raw, axis=1, keepdims=True)
+
+
+def test_p_values_are_uniform_where_nothing_is():
+    rows = directions(40, 300)
+    rng = np.random.default_rng(1)
+    largest = np.abs(rows @ rng.standard_normal((300, 600))).max(axis=0)
+    p = np.array([_chance(rows @ rows.T, x, 0.0, seed=2) for x in largest[:200]])
+    # Kolmogorov and Smirnov's distance of 200 uniform numbers is above 0.115 in one of a hundred.
+    assert np.max(np.abs(np.sort(p) - (np.arange(200) + 0.5) / 200)) < 0.115
+
+
+def test_the_tail_beyond_the_draws_goes_on_where_they_end():
+    rows = directions(40, 300)
+    gram = rows @ rows.T
+    chances = [_chance(gram, x, 0.0, seed=2) for x in np.linspace(3.0, 6.0, 13)]
+    steps = np.diff(np.log(chances))
+    assert np.all(steps < 0)
+    # Nowhere does it jump: each step is steeper than the last, and by little.
+    assert np.all(np.abs(np.diff(steps)) < 1.0)
+
+
+def test_a_single_direction_has_the_chance_of_one():
+    assert _chance(np.eye(1), 1.96, 0.0, seed=0) == pytest.approx(0.05, abs=0.01)
+    assert _chance(np.eye(1), 5.0, 0.0, seed=0) == pytest.approx(5.7e-7, rel=0.5)
+
+
+def test_doubt_about_the_noise_makes_large_deviations_less_surprising():
+    sure, doubtful = (_chance(np.eye(5), 4.0, doubt, seed=0) for doubt in (0.0, 0.2))
+    assert doubtful > 3 * sure
