@@ -27,7 +27,7 @@ def diagnose(
 ) -> None:
     """Locate the mismatch of a recording, name the missing physics, model it, show the gain.
 
-    Writes diagnosis.json, prediction.csv and report.html for each case, in a folder of its name;
+    Writes diagnosis.json, prediction.csv, model.json and report.html for each case, in a folder of its name;
     prints the verdict. A bad case is told in one sentence; the good ones are still answered.
 
     Args:
@@ -70,7 +70,7 @@ def diagnose(
         say_json([found.as_dict() for found in answered])
     else:
         say("\n\n".join(str(found) for found in answered))
-    files = ["diagnosis.json", "prediction.csv", *(["report.html"] if report else [])]
+    files = ["diagnosis.json", "prediction.csv", "model.json", *(["report.html"] if report else [])]
     say_written([out / found.found.case.name / name for found in answered for name in files])
     if bad:
         for error in bad[:-1]:

@@ -43,6 +43,6 @@ def test_the_report_is_written_unless_it_is_not_wanted(wanted, bench, tmp_path, 
     monkeypatch.setattr("pamjax.study.batch.diagnose_all", lambda cases, **_: [(found.found.case, found)])
     option = [] if wanted else ["--no-report"]
     assert main(["diagnose", str(bench / "made"), "--out", str(tmp_path), *option]) == 0
-    names = ["diagnosis.json", "prediction.csv"] + ["report.html"] * wanted
-    assert sorted(path.name for path in (tmp_path / "bench").iterdir()) == names
+    names = ["diagnosis.json", "prediction.csv", "model.json"] + ["report.html"] * wanted
+    assert {path.name for path in (tmp_path / "bench").iterdir()} == set(names)
     assert f"wrote {tmp_path}/bench/: {', '.join(names)}" in capsys.readouterr().err

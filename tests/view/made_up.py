@@ -130,7 +130,10 @@ def _model(values, measured):
     )
     at = SimpleNamespace(values=values, moved=(0, 1), sd=lambda k: [1.2e9, 0.003, 0.01][k])
     return SimpleNamespace(
-        white=Whitening(colours, rows, tuple(np.zeros((0, 2), int) for _ in rows)), at=at, excess=0.0
+        white=Whitening(colours, rows, tuple(np.zeros((0, 2), int) for _ in rows)),
+        at=at,
+        chosen=(),
+        excess=0.0,
     )
 
 
