@@ -92,6 +92,7 @@ def test_every_state_within_the_limits_has_a_number(kind):
         assert np.all(np.isfinite(p.shown(*found))), found
 
 
+@pytest.mark.slow
 @every
 def test_derivatives_are_those_of_differences(kind):
     p = program()
@@ -104,6 +105,7 @@ def test_derivatives_are_those_of_differences(kind):
         agree(exact[:, :, p.names.index(name)] * abs(value), by_difference, BY_DIFFERENCE, 1e-2 * SCALE)
 
 
+@pytest.mark.slow
 @every
 def test_forward_and_reverse_mode_agree(kind):
     p = program()
@@ -121,6 +123,7 @@ def test_compiled_and_mapped_agree(kind):
     agree(p.shown(found)[0], p.slopes(p.numbers(found))[1], SOLVED, SCALE)
 
 
+@pytest.mark.slow
 def test_compiled_and_plain_agree():
     p = program()
     found = {k: v for kind in MECHANISMS for k, v in usual(p.bench, kind, 2e-3).items()}
@@ -208,6 +211,7 @@ def maxwell(numbers):
     return np.asarray(force), -np.asarray(volume), (np.asarray(load) > 1.0) & (np.asarray(status) == 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [k for k in MECHANISMS if issubclass(k, CONSERVATIVE)], ids=lambda k: k.id)
 def test_force_follows_pressure_as_volume_follows_length(kind):
     force, volume, there = maxwell(usual(conservative()[1], kind))
