@@ -33,7 +33,9 @@ def registry() -> pint.UnitRegistry:
     """The one unit registry; built at the first conversion, because it takes a third of a second."""
     import pint
 
-    return pint.UnitRegistry(cache_folder=":auto:")
+    # Not cached on disk: pint's cache keeps paths into the environment that wrote it, and every later
+    # environment of the same user fails once that one is deleted.
+    return pint.UnitRegistry()
 
 
 @cache

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from pamjax.check import BadInput
-from pamjax.units import SI, example, factor, in_unit, parse, show
+from pamjax.units import SI, example, factor, in_unit, parse, registry, show
 from tests.agreement import ROUNDING, agree
 
 # By definition: the inch is 25.4 mm, the pound 0.45359237 kg, standard gravity 9.80665 m/s².
@@ -68,3 +68,8 @@ def test_a_bad_unit_is_told(text, kind, complaint):
     with pytest.raises(BadInput) as told:
         parse(text, kind, "muscle.toml")
     assert str(told.value) == complaint
+
+
+def test_units_outlive_the_environment_that_read_them_first():
+    # A cache on disk is shared by all environments, and keeps paths into the first.
+    assert registry()._diskcache is None
