@@ -47,7 +47,9 @@ def test_arviz_reads_it(written):
         read = arviz.from_netcdf(written / "posterior.nc")
         found = arviz.summary(read, var_names=["thread.modulus"], fmt="long", kind="diagnostics")
         ess = arviz.ess(read.posterior)["thread.modulus"].item()
-    assert set(read.groups()) == GROUPS
+    # Before ArviZ 1.0 a method that gives names; from then on paths, the root's among them.
+    names = read.groups() if callable(read.groups) else read.groups
+    assert {name.strip("/") for name in names} - {""} == GROUPS
     assert found is not None
     # Its own count of effective samples is of the same size as ours.
     assert 0.7 < ess / drawn().health.ess[2] < 1.4
