@@ -5,9 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 import equinox as eqx
-import jax.numpy as jnp
 
-from pamjax.model import braid
 from pamjax.model.mechanism import About, AbstractShape
 from pamjax.model.net_table import NearNet, NetTable, tabulate
 from pamjax.model.state import State
@@ -22,33 +20,22 @@ class EndTaper(AbstractShape):
         s   share   1   of the net: 0 is a cylinder from end to end, 1 the frictionless net
         Rf  radius  m   on which the braid is clamped
 
-    and beside it the two that are usual, for comparison:
+    Force and thread load follow from the volume, so that F = −P ∂V/∂L as for any conservative muscle. The
+    diameter is the mean one along the axis, which the recording's is; the radius that the bladder and the
+    friction of the braid see is that of the middle, where the wall is stretched most.
 
-        V −= (2π/3) κ (R − Rf)² (2R + Rf)         cones of height κ (R − Rf): ΔF = −κ P (R − Rf) L / (πN²)
-        V += V_cyl(L0 − k (L0 − L)) / k − V_cyl   Tondu's factor: the force at k times the contraction
-
-        κ    cone    1   height of the cones over what their radius grows by
-        k−1  excess  1   by which contraction counts for more; the same as a gain of the length channel
-        L0   length  m   at rest
-
-    One of the three is meant at a time. Force and thread load follow from the volume, so that
-    F = −P ∂V/∂L as for any conservative muscle. The diameter is the mean one along the axis, which the
-    recording's is; the radius that the bladder and the friction of the braid see is that of the middle,
-    where the wall is stretched most.
-
-    No radius makes a cylinder at every contraction, hence the share. Neutral: s = κ = k − 1 = 0. What it
-    leaves out: friction of the crossings; muscles shorter than tan²θ diameters, for which it is an
-    approximation; threads clamped at an angle, or over a length; the axial pull of the bladder, which
-    straightens the meridian; the shorter distance over which the bladder is stretched at the ends.
-    Source: derived here, as the largest volume of a pin-jointed net; compared with a net of rings. Cones:
-    Tsagarakis & Caldwell, ICRA 2000; factor: Tondu & Lopez, IEEE Control Syst. Mag. 20, 15 (2000).
+    No radius makes a cylinder at every contraction, hence the share. Neutral: s = 0. What it leaves out:
+    friction of the crossings; muscles shorter than tan²θ diameters, for which
+    it is an approximation; threads clamped at an angle, or over a length; the axial pull of the bladder,
+    which straightens the meridian; the shorter distance over which the bladder is stretched at the ends.
+    Source: derived here, as the largest volume of a pin-jointed net; compared with a net of rings.
     """
 
     id: ClassVar[str] = "end_taper"
     about: ClassVar[About] = About(
         title="the muscle is no cylinder near its fittings",
         equation="dV = 0 at given L for a pin-jointed net with r = Rf at both ends;"
-        "   V = V_cyl + s (V_net - V_cyl),   F = -P dV/dL;   or cones, or Tondu's k",
+        "   V = V_cyl + s (V_net - V_cyl),   F = -P dV/dL",
         signature="Force is lost in proportion to pressure: nothing at rest if the fittings are as wide as"
         " the muscle, most at mid-stroke (a tenth to a fifth of the force), little at free contraction. Mean"
         " diameter is smaller than a cylinder's, the middle is wider.",
@@ -68,46 +55,26 @@ class EndTaper(AbstractShape):
         source="as wide as the muscle at rest, or a little less", default=12.67e-3,
     )  # fmt: skip
 
-    cone: Scalar = parameter(
-        "1", low=0.0, high=5.0, neutral=0.0, about="height of conical ends over what their radius grows by",
-        source="about one in the literature; no thread lies on such a cone", default=0.0,
-    )  # fmt: skip
-    excess: Scalar = parameter(
-        "1", low=0.0, high=0.5, neutral=0.0, about="Tondu's factor less one: contraction counts for more",
-        source="factors of 1.0 to 1.3 in the literature", default=0.0,
-    )  # fmt: skip
-    length: Scalar = parameter(
-        "m", show="mm", low=1e-3, high=20.0, scale="log", about="length of the muscle at rest",
-        source="from which contraction counts", default=0.2,
-    )  # fmt: skip
-
     table: NetTable | NearNet | None = None
 
     def prepared(self, thread_length: Scalar, turns: Scalar) -> EndTaper:
-        return self._with(tabulate(thread_length, turns, self.radius))
+        return EndTaper(self.share, self.radius, tabulate(thread_length, turns, self.radius))
 
     def near(self, length: Scalar, thread: Scalar) -> EndTaper:
-        return self._with(self.table.near(length, thread)) if isinstance(self.table, NetTable) else self
-
-    def _with(self, table: NetTable | NearNet) -> EndTaper:
-        return eqx.tree_at(lambda m: m.table, self, table, is_leaf=lambda x: x is None)
+        if isinstance(self.table, NetTable):
+            return EndTaper(self.share, self.radius, self.table.near(length, thread))
+        return self
 
     def shape(self, state: State) -> State:
         table = self.table if self.table is not None else tabulate(state.thread, state.turns, self.radius)
         near = table.near(state.length, state.thread) if isinstance(table, NetTable) else table
         more = near(state.length, state.thread)
-        wider = jnp.maximum(state.radius - self.radius, 0.0)
-        cones = 2 * jnp.pi / 3 * self.cone * wider**2 * (2 * state.radius + self.radius)
-        factor = 1 + self.excess
-        stroked = self.length - factor * (self.length - state.length)
-        beyond = braid.volume(stroked, state.thread, state.turns) / factor
-        beyond = beyond - braid.volume(state.length, state.thread, state.turns)
         return eqx.tree_at(
             lambda s: (s.radius, s.diameter, s.volume),
             state,
             (
                 state.radius + self.share * more.mid_radius,
-                state.diameter + self.share * 2 * more.mean_radius - 2 * self.cone * wider**2 / state.length,
-                state.volume + self.share * more.volume - cones + beyond,
+                state.diameter + self.share * 2 * more.mean_radius,
+                state.volume + self.share * more.volume,
             ),
         )

@@ -112,25 +112,6 @@ def test_fittings_as_wide_as_the_muscle_take_nothing_away_at_rest():
     assert abs(mid - 2 * REST) < 1e-8
 
 
-def force(**numbers):
-    found = record(bench(EndTaper(**numbers)), np.full(8, PRESSURE), LENGTH * (1 - CONTRACTION), STILL)
-    return np.asarray(found.force), np.asarray(found.diameter)
-
-
-def test_cones_and_tondu_s_factor_are_their_closed_forms():
-    length = LENGTH * (1 - CONTRACTION)
-    bare, wide = force(length=LENGTH)
-    fitting, half = 0.012, wide / 2
-    coned, mean = force(length=LENGTH, cone=0.3, radius=fitting)
-    lost = -0.3 * PRESSURE * np.maximum(half - fitting, 0) * length / (np.pi * TURNS**2)
-    agree(coned - bare, lost, 1e-9, 1e3)
-    agree(mean - wide, -0.6 * np.maximum(half - fitting, 0) ** 2 / length, 1e-9, 0.03)
-    stroked = LENGTH * (1 - 1.05 * CONTRACTION)
-    tondu, same = force(length=LENGTH, excess=0.05)
-    agree(tondu, PRESSURE * (3 * stroked**2 - THREAD**2) / (4 * np.pi * TURNS**2), 1e-9, 1e3)
-    agree(same, wide, 1e-12, 0.03)
-
-
 def test_the_share_is_straight_in_force():
     half, full, none = (np.asarray(shown(s).force) for s in (0.5, 1.0, 0.0))
     agree(half, 0.5 * (full + none), 1e-9, 1e3)
