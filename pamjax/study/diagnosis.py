@@ -22,7 +22,7 @@ from pamjax.study.gain import Gain
 from pamjax.study.keep import improved
 from pamjax.study.locate import Box
 from pamjax.study.naming import Model, Name, Naming
-from pamjax.study.problem import COMPLIANCE, Problem
+from pamjax.study.problem import Problem
 from pamjax.study.significance import DETECTED, Significance
 from pamjax.units import in_unit
 
@@ -300,6 +300,3 @@ def told(name: str, number: Number) -> str:
     scale, unit = _scale(number.meaning)
     spread = f" ± {number.sd / scale:.1g}" if math.isfinite(number.sd) else ""
     return f"{name} {number.value / scale:.4g}{spread}{'' if unit == '1' else ' ' + unit}"
-
-
-__all__ = ["COMPLIANCE", "Diagnosis", "Moved", "Number", "baseline_numbers", "save", "told"]

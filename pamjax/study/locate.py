@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -188,8 +187,3 @@ def _amount(value: float, scale: float, unit: str) -> str:
 def _size(value: float, scale: float, unit: str) -> str:
     shown = abs(value) * scale
     return f"{shown:.0f} {unit}" if shown >= 100 else f"{shown:.2g} {unit}"
-
-
-def covered(boxes: Sequence[Box]) -> float:
-    """Share of the excess misfit in all boxes, at most one."""
-    return min(1.0, sum(box.share for box in boxes))

@@ -240,16 +240,6 @@ def effect(found: Problem, model: Model, form: Form) -> np.ndarray:
     return alone - found.shows(bare.values)
 
 
-def size_of(model: Model, difference: np.ndarray) -> tuple[float, ...]:
-    """Rms of a difference in noise standard deviations, by channel; zero where nothing was measured."""
-    out = []
-    for c in range(2):
-        standard = model.white.standard(difference, c)
-        there = np.isfinite(standard)
-        out.append(float(np.sqrt(np.mean(standard[there] ** 2))) if there.any() else 0.0)
-    return tuple(out)
-
-
 def _swapped(found, used, model: Model, candidates) -> Model:
     """Put another in the place of an earlier name where that fits better now."""
     for k in range(len(model.chosen) - 1):
