@@ -1,0 +1,1 @@
+"""What to build, what to command, what to measure next."""
