@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from importlib.metadata import version
+from keyword import iskeyword
 
 from cyclopts import App, CycloptsError
 
@@ -21,6 +22,7 @@ app = App(
 )
 for word, about in {
     "new": "Write a commented case folder to fill in.",
+    "import": "Make a case folder from a rig's files, CSV or MAT, one a test or a channel.",
     "check": "Say whether a case is fit to be fitted, without fitting it.",
     "fit": "Calibrate a muscle on its recording, or several muscles together.",
     "sample": "Draw from the posterior of a muscle's numbers: how sure they are.",
@@ -32,7 +34,8 @@ for word, about in {
     "explain": "Say what a number or a mechanism means; without a name, list them all.",
 }.items():
     # Named by path: a subcommand's module, and what it imports, is loaded when it is run.
-    app.command(f"pamjax.cli.{word}:{word}", name=word, help=about)
+    own = f"{word}_" if iskeyword(word) else word
+    app.command(f"pamjax.cli.{own}:{own}", name=word, help=about)
 
 
 def main(arguments: list[str] | None = None) -> int:
