@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from pamjax.model.catalogue import catalogue
     from pamjax.model.muscle import Muscle, predict
     from pamjax.records.case import Case, read_case
+    from pamjax.records.frame import case_from
     from pamjax.records.recording import Recording
+    from pamjax.records.rig import import_case
     from pamjax.records.simulate import simulate
     from pamjax.study.diagnose import diagnose
     from pamjax.study.diagnosis import Diagnosis
@@ -32,6 +34,8 @@ _HOME = {
     "catalogue": "pamjax.model.catalogue",
     "Case": "pamjax.records.case",
     "read_case": "pamjax.records.case",
+    "case_from": "pamjax.records.frame",
+    "import_case": "pamjax.records.rig",
     "Recording": "pamjax.records.recording",
     "simulate": "pamjax.records.simulate",
     "Fit": "pamjax.infer.result",
@@ -56,10 +60,12 @@ __all__ = [
     "Posterior",
     "Recording",
     "assemble",
+    "case_from",
     "catalogue",
     "determine",
     "diagnose",
     "fit",
+    "import_case",
     "load_muscle",
     "predict",
     "read_case",

@@ -4,26 +4,39 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
+from typing import Annotated, Any
 
-from pamjax.cli.screen import say, say_written, writable
+from cyclopts import Parameter
+
+from pamjax.cli.screen import say, say_json, say_written, writable
 
 WIDTH = 96
 
 
-def explain(name: str | None = None, /, *, figure: Path | None = None) -> None:
+def explain(
+    name: str | None = None,
+    /,
+    *,
+    figure: Path | None = None,
+    json: Annotated[bool, Parameter(negative="")] = False,
+) -> None:
     """Say what a number or a mechanism means; without a name, list them all.
 
     Args:
         name: a number as it stands in muscle.toml and in reports, for instance thread.modulus, or a
             mechanism, for instance braid_friction.
         figure: a PNG file to write: what the mechanism does to the force and diameter of a muscle.
+        json: print for programs.
     """
     from pamjax.model.library import library
 
     if figure is not None:
         _drawn(name, figure)
-    if name is None:
+    if json:
+        say_json(_document(name))
+    elif name is None:
         say("\n".join(_everything()))
     elif name in library():
         say("\n".join(_mechanism(library()[name])))
@@ -49,6 +62,25 @@ def _drawn(name: str | None, file: Path) -> None:
 
     keep_compiled()
     say_written([save_png(mechanism_figure(kind), file.with_suffix(""))])
+
+
+def _document(name: str | None) -> dict[str, Any]:
+    """Numbers (SI) and mechanisms by name: all of them, or one."""
+    from pamjax.check import nearest, refuse
+    from pamjax.model.catalogue import catalogue
+    from pamjax.model.library import library
+
+    numbers, mechanisms = catalogue(), library()
+    if name is not None:
+        if name not in numbers and name not in mechanisms:
+            hint = nearest(name, [*numbers, *mechanisms])
+            raise refuse(f"{name!r} is no number and no mechanism pamjax knows", remedy=hint)
+        numbers = {n: m for n, m in numbers.items() if n == name or n.startswith(f"{name}.")}
+        mechanisms = {n: kind for n, kind in mechanisms.items() if n == name}
+    return {
+        "numbers": {n: asdict(m) for n, m in numbers.items()},
+        "mechanisms": {n: asdict(kind.about) for n, kind in mechanisms.items()},
+    }
 
 
 def _everything() -> Iterator[str]:

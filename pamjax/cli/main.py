@@ -36,6 +36,9 @@ for word, about in {
     # Named by path: a subcommand's module, and what it imports, is loaded when it is run.
     own = f"{word}_" if iskeyword(word) else word
     app.command(f"pamjax.cli.{own}:{own}", name=word, help=about)
+app.register_install_completion_command(
+    help="Let the shell (bash, zsh or fish) complete the words of pamjax."
+)
 
 
 def main(arguments: list[str] | None = None) -> int:

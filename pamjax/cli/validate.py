@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
-from pamjax.cli.screen import say
+from cyclopts import Parameter
+
+from pamjax.cli.screen import say, say_json
 
 
-def validate(model: Path, cases: list[Path], /, *, case: str | None = None) -> None:
+def validate(
+    model: Path,
+    cases: list[Path],
+    /,
+    *,
+    case: str | None = None,
+    json: Annotated[bool, Parameter(negative="")] = False,
+) -> None:
     """Hold a model against recordings that it never saw, and say where it still fits.
 
     Args:
         model: a model.json of `pamjax diagnose`, or a fit.json.
         cases: case folders.
         case: which case of a fit.json with several.
+        json: print for programs, one document a case in a list.
     """
     from pamjax.infer.cache import keep_compiled
     from pamjax.infer.load import load_muscle
@@ -22,5 +33,8 @@ def validate(model: Path, cases: list[Path], /, *, case: str | None = None) -> N
 
     keep_compiled()
     loaded = load_muscle(model, case=case)
-    for folder in cases:
-        say(str(judge(loaded, read_case(folder))))
+    found = [judge(loaded, read_case(folder)) for folder in cases]
+    if json:
+        say_json([one.as_dict() for one in found])
+    else:
+        say("\n".join(str(one) for one in found))

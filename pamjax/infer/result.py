@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from pamjax.model.balance import Status
 from pamjax.model.muscle import Muscle
 from pamjax.parameter import Meaning
 from pamjax.records.case import Case
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @dataclass(frozen=True)
@@ -107,6 +111,12 @@ class CaseFit:
             name: (float(values[used].min()), float(values[used].max()))
             for name, values in (("pressure", recording.pressure), ("length", recording.length))
         }
+
+    def to_dataset(self) -> xr.Dataset:
+        """Every row: measured, predicted and left over, SI, with units (xarray); what fit.nc holds."""
+        from pamjax.infer.save import as_dataset
+
+        return as_dataset(self)
 
 
 @dataclass(frozen=True, eq=False)

@@ -68,7 +68,7 @@ def _case(one: CaseFit, law: str, mechanisms: tuple[str, ...]) -> dict[str, Any]
         "calibrated": {name: {"low": low, "high": high} for name, (low, high) in one.calibrated.items()},
         "memory": {"gaps": one.case.gaps, "before": one.case.before},
         "muscle": {"law": law, "mechanisms": list(mechanisms), "numbers": one.numbers},
-        "muscle_toml": (one.case.folder / "muscle.toml").read_text(encoding="utf-8-sig"),
+        "muscle_toml": one.case.text,
         "failed": {status.name: rows.tolist() for status, rows in one.failed.items()},
         "set_aside": [str(aside) for aside in recording.aside],
         "warnings": list(one.case.warnings),

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from pamjax.check import nearest, refuse
 from pamjax.records.entry import Entry, Measured, read_entry
-from pamjax.records.files import read_bytes
+from pamjax.records.files import decode, read_bytes
 from pamjax.records.recording import SHOWN, Recording
 from pamjax.records.slips import no_slip
 from pamjax.records.table import parse_table
@@ -38,6 +38,7 @@ class Case:
         before: what it had gone through before the first sample: one of `BEFORE`.
         checksum: SHA-256 over the bytes of recording.csv, then muscle.toml: the same data, the same sum.
         warnings: what its owner should know, one sentence each; the reader of a case shows them.
+        text: of muscle.toml.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Case:
     warnings: tuple[str, ...] = ()
     gaps: str = "carry"
     before: str = "relaxed"
+    text: str = field(default="", repr=False)
 
     def __str__(self) -> str:
         recording = self.recording
@@ -80,13 +82,28 @@ def read_case(folder: str | Path, *, gaps: str = "carry", before: str = "relaxed
         raise refuse(
             f"a case is a folder with {RECORDING} and {MUSCLE}", f"{folder}, which is none", remedy=remedy
         )
+    said, measured = read_bytes(folder / MUSCLE), read_bytes(folder / RECORDING)
+    return case_of(said, measured, folder, gaps, before)
+
+
+def case_of(
+    said: bytes, measured: bytes, folder: Path, gaps: str, before: str, file: str = RECORDING
+) -> Case:
+    """A case from the bytes of its two files.
+
+    Args:
+        said: of muscle.toml.
+        measured: of recording.csv.
+        folder: where they lie, or would lie.
+        gaps, before: as for `read_case`.
+        file: what the recording is called in error texts.
+    """
     _one_of("gaps", gaps, GAPS)
     _one_of("before", before, BEFORE)
-    said, measured = read_bytes(folder / MUSCLE), read_bytes(folder / RECORDING)
     entry = read_entry(said, MUSCLE)
-    recording, notes, units = parse_table(measured, RECORDING, entry.columns, entry.length)
-    notes += no_slip(recording, entry, units, RECORDING)
-    _within_thread(recording, entry, units.get("length", SHOWN["length"]))
+    recording, notes, units = parse_table(measured, file, entry.columns, entry.length)
+    notes += no_slip(recording, entry, units, file)
+    _within_thread(recording, entry, units.get("length", SHOWN["length"]), file)
     return Case(
         name=folder.resolve().name,
         folder=folder,
@@ -96,6 +113,7 @@ def read_case(folder: str | Path, *, gaps: str = "carry", before: str = "relaxed
         warnings=tuple(notes),
         gaps=gaps,
         before=before,
+        text=decode(said, MUSCLE),
     )
 
 
@@ -104,7 +122,7 @@ def _one_of(name: str, got: str, known: tuple[str, ...]) -> None:
         raise refuse(f"`{name}` is {' or '.join(known)}", f"{got!r}", remedy=nearest(got, known))
 
 
-def _within_thread(recording: Recording, entry: Entry, unit: str) -> None:
+def _within_thread(recording: Recording, entry: Entry, unit: str, file: str) -> None:
     """No length beyond the thread's, but for its stretch and what the thread's length may be wrong by."""
     thread = _thread(entry)
     beyond = recording.length > thread.value + max(4.0 * thread.sd, 0.02 * thread.value)
@@ -112,7 +130,7 @@ def _within_thread(recording: Recording, entry: Entry, unit: str) -> None:
         i = int(np.argmax(beyond))
         rule = f"`length` must be shorter than the thread ({show(thread.value, unit)})"
         remedy = "Check the unit in its header and `thread_length`."
-        raise refuse(rule, show(recording.length[i], unit), f"row {recording.row[i]} of {RECORDING}", remedy)
+        raise refuse(rule, show(recording.length[i], unit), f"row {recording.row[i]} of {file}", remedy)
 
 
 def _thread(entry: Entry) -> Measured:

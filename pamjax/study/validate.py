@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -68,6 +69,18 @@ class Validation:
         if self.failed:
             lines.append(f"  no answer in {self.failed} rows")
         return "\n".join(lines + [f"  {sentence}" for sentence in self.outside])
+
+    def as_dict(self) -> dict[str, Any]:
+        """For programs, SI."""
+        blocks = [{"name": b.name, "rmse": b.rmse, "fits": self.fits(b)} for b in self.blocks]
+        return {
+            "case": self.case,
+            "rmse": self.rmse,
+            "noise": self.noise,
+            "blocks": blocks,
+            "failed": self.failed,
+            "outside": list(self.outside),
+        }
 
 
 def validate(model: Loaded, case: Case) -> Validation:

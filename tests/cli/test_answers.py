@@ -117,6 +117,29 @@ def test_explain(words, texts, capsys):
     assert all(text in said for text in texts)
 
 
+@pytest.mark.parametrize(
+    ("words", "numbers", "mechanisms"),
+    [
+        (["muscle.turns"], ["muscle.turns"], []),
+        (["end_taper"], None, ["end_taper"]),
+    ],
+)
+def test_explain_speaks_json(words, numbers, mechanisms, capsys):
+    assert main(["explain", *words, "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert list(said["mechanisms"]) == mechanisms
+    assert numbers is None or list(said["numbers"]) == numbers
+    assert all(number["about"] for number in said["numbers"].values())
+
+
+def test_validate_speaks_json(fitted, bench, capsys):
+    assert main(["validate", str(fitted / "fit.json"), str(bench / "made"), "--json"]) == 0
+    (said,) = json.loads(capsys.readouterr().out)
+    assert said["case"] == "made"
+    assert len(said["blocks"]) == 3
+    assert 0 < said["rmse"]["force"] < 2 * said["noise"]["force"]
+
+
 def test_version(capsys):
     assert main(["--version"]) == 0
     assert capsys.readouterr().out.strip().count(".") >= 2

@@ -1,0 +1,100 @@
+"""What is handed out: a wheel from an sdist does, where there is no checkout, what the checkout does."""
+
+import json
+import os
+import subprocess
+import sys
+import sysconfig
+import tomllib
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    """Built from the sdist, so that the sdist holds all that is needed."""
+    folder = tmp_path_factory.mktemp("dist")
+    words = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(folder), str(ROOT)]
+    subprocess.run(words, check=True, capture_output=True, timeout=300)
+    (sdist,) = folder.glob("*.tar.gz")
+    assert sdist.stat().st_size < 20e6
+    (found,) = folder.glob("*.whl")
+    return found
+
+
+@pytest.fixture(scope="module")
+def installed(wheel, tmp_path_factory):
+    """Run `pamjax` as installed in an environment of its own, from a folder of its own.
+
+    The dependencies are those of the environment that runs the tests; pamjax is the wheel's.
+    """
+    folder = tmp_path_factory.mktemp("elsewhere")
+    venv.create(folder / "env", with_pip=False)
+    scheme = "nt" if os.name == "nt" else "posix_prefix"
+    paths = sysconfig.get_paths(scheme, {"base": str(folder / "env"), "platbase": str(folder / "env")})
+    python = Path(paths["scripts"]) / "python"
+    (Path(paths["purelib"]) / "zz_dependencies.pth").write_text(sysconfig.get_paths()["purelib"])
+    words = ["install", "--no-deps", "--no-index", "--quiet", "--disable-pip-version-check", str(wheel)]
+    subprocess.run([sys.executable, "-m", "pip", "--python", str(python), *words], check=True, timeout=120)
+
+    def _run(*words, module=False):
+        program = (
+            [str(python), "-c", words[0]] if module else [str(Path(paths["scripts"]) / "pamjax"), *words]
+        )
+        environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"} | {"HOME": str(folder)}
+        done = subprocess.run(
+            program, cwd=folder, env=environment, capture_output=True, text=True, timeout=300, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    _run.folder = folder
+    return _run
+
+
+@pytest.mark.slow
+def test_the_wheel_holds_types_data_and_pages(wheel):
+    names = zipfile.ZipFile(wheel).namelist()
+    assert {
+        "pamjax/py.typed",
+        "pamjax/data/chambers_wereley_2022/table1.csv",
+        "pamjax/view/pages/report.html.jinja",
+    } <= set(names)
+    assert not [name for name in names if name.startswith(("tests", "fits", "docs"))]
+
+
+@pytest.mark.slow
+def test_it_runs_where_there_is_no_checkout(installed):
+    where = installed("import pamjax; print(pamjax.__file__)", module=True)
+    assert str(installed.folder) in where
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["version"]
+    assert installed("--version").strip() == version
+    assert "diagnose" in installed("--help")
+    assert "unit      GPa" in installed("explain", "thread.modulus")
+    shipped = "from pamjax.records.tables import shipped; print(len(shipped()))"
+    assert int(installed(shipped, module=True)) >= 6
+    installed("new", "mine")
+    said = json.loads(installed("fit", "mine", "--starts", "1", "--folds", "2", "--json"))
+    assert said["converged"]
+    assert (installed.folder / "out" / "fit.json").exists()
+
+
+def test_the_shell_completes(tmp_path):
+    words = "from pamjax.cli.main import main; main(['--install-completion', '--shell', 'bash'])"
+    environment = os.environ | {"HOME": str(tmp_path), "PYTHONPATH": str(ROOT)}
+    subprocess.run(
+        [sys.executable, "-c", words], env=environment, check=True, capture_output=True, timeout=60
+    )
+    (script,) = [path for path in tmp_path.rglob("*pamjax*") if path.is_file()]
+    assert "diagnose" in script.read_text("utf-8")
+
+
+def test_version_and_citation_agree():
+    text = (ROOT / "CITATION.cff").read_text("utf-8")
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["version"]
+    assert f"\nversion: {version}\n" in text
