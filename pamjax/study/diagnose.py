@@ -9,6 +9,7 @@ import numpy as np
 from pamjax.records.blocks import blocks
 from pamjax.records.case import Case
 from pamjax.study.diagnosis import Diagnosis, Moved, Number
+from pamjax.study.experiment import experiments
 from pamjax.study.forms import forms
 from pamjax.study.gain import gain, held_out
 from pamjax.study.locate import locate_names, locate_rest
@@ -74,7 +75,7 @@ def diagnose(
         parameters=_parameters(found, model),
         moved=_moved(found, baseline, model) if naming.names else {},
         undetermined=[],
-        experiments=[],
+        experiments=experiments(found, model, naming.names),
     )  # fmt: skip
 
 

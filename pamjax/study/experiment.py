@@ -2,24 +2,130 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
+
+from pamjax.study.forms import Form, forms
+from pamjax.study.naming import Model, Name, begun, without
+from pamjax.study.power import power
+from pamjax.study.problem import Problem
+from pamjax.study.protocols import MENU
+from pamjax.study.refit import refit
+from pamjax.study.signature import signatures
+from pamjax.study.stage import Stage, contrast
+
+#: Power with which a protocol is enough.
+ENOUGH = 0.9
+
+#: Most rivals of one name, and most pairs, for which a protocol is sought.
+RIVALS, PAIRS = 2, 4
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """A protocol that separates two names.
+    """A protocol that separates names.
 
     Attributes:
         protocol: what to do, one sentence.
         separates: the ids.
         power: chance that it settles which, at a false alarm of one in twenty.
+        minutes: what it costs.
+        id: of the protocol in the menu.
     """
 
     protocol: str
     separates: tuple[str, ...]
     power: float
+    minutes: float = 0.0
+    id: str = ""
 
     def as_dict(self) -> dict[str, Any]:
         """As it stands in diagnosis.json."""
         return {"protocol": self.protocol, "separates": list(self.separates), "power": self.power}
+
+
+def experiments(found: Problem, model: Model, names: Sequence[Name]) -> list[Experiment]:
+    """For each name that is tied, the cheapest protocol that separates it from its rivals, or the best.
+
+    Args:
+        found: the recording before the library.
+        model: the named model, refitted.
+        names: what was named, with its ties.
+
+    Returns:
+        an experiment for each protocol that is chosen; none where nothing is tied.
+    """
+    pairs = [
+        (name.id, rival)
+        for name in names
+        for rival in sorted(name.ties, key=lambda id, name=name: name.rivals.get(id, np.inf))[:RIVALS]
+    ]
+    pairs = list({frozenset(pair): pair for pair in reversed(pairs)}.values())[::-1][:PAIRS]
+    if not pairs:
+        return []
+    stage = Stage.of(found, model)
+    best = {}
+    for name, rival in pairs:
+        other = stand_in(found, model, name, rival)
+        if other is not None:
+            best[name, rival] = choose(table(stage, model, other, (name, rival)))
+    return _together(list(best.values()))
+
+
+def _together(single: list[Experiment]) -> list[Experiment]:
+    """One entry for each protocol: what it separates, at the least of the powers."""
+    out: dict[str, Experiment] = {}
+    for one in single:
+        known = out.get(one.protocol)
+        if known is not None:
+            ids = tuple(dict.fromkeys((*known.separates, *one.separates)))
+            one = dataclasses.replace(one, separates=ids, power=min(one.power, known.power))
+        out[one.protocol] = one
+    return list(out.values())
+
+
+def choose(of_menu: Sequence[Experiment]) -> Experiment:
+    """The cheapest that is powerful enough, else the most powerful."""
+    enough = [one for one in of_menu if one.power >= ENOUGH]
+    return min(enough, key=lambda e: e.minutes) if enough else max(of_menu, key=lambda e: e.power)
+
+
+def table(stage: Stage, model: Model, other: Model, ids: tuple[str, str]) -> list[Experiment]:
+    """Every protocol of the menu with its power to separate two models."""
+    return [
+        Experiment(
+            f"{protocol.says(stage.rig)} ({_duration(protocol.minutes(stage.rig))}).",
+            ids,
+            round(power(*contrast(stage, protocol, model, other)), 3),
+            protocol.minutes(stage.rig),
+            protocol.id,
+        )
+        for protocol in MENU
+    ]
+
+
+def _duration(minutes: float) -> str:
+    return f"{minutes:.0f} min" if minutes < 90 else f"{minutes / 60:.0f} h"
+
+
+def stand_in(found: Problem, model: Model, name: str, rival: str) -> Model | None:
+    """The model with a rival in the place of a name, refitted; None where no form of it shows."""
+    form = next((f for f in model.chosen if f.id == name), None)
+    candidates = [f for f in forms(found) if f.id == rival]
+    if form is None or not candidates:
+        return None
+    rest = tuple(f for f in model.chosen if f is not form)
+    bare = refit(found, model.white, _moved(found, rest), without(found, model.at.values, form))
+    best = max(signatures(found, model.white, bare, candidates), key=lambda s: s.gain)
+    values = begun(found, bare.values, best.form, best.amplitudes)
+    chosen = (*rest, best.form)
+    return Model(chosen, model.white, refit(found, model.white, _moved(found, chosen), values))
+
+
+def _moved(found: Problem, chosen: Sequence[Form]) -> list[int]:
+    places = {found.place(name) for form in chosen for name in form.moves}
+    return sorted({*np.flatnonzero(found.own).tolist(), *places})
