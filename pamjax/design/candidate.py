@@ -52,10 +52,10 @@ BULGE = 3.5
 BATCH = 64
 
 #: What is told of each place, and of the muscle as a whole.
-EACH = ("force", "diameter", "tension", "fit", "mesh", "stretch", "burst")
+EACH = ("force", "diameter", "tension", "used", "fit", "mesh", "strain", "burst")
 WHOLE = (
     "length", "angle", "rest_diameter", "wall", "pressure", "thread_length", "turns", "bore", "slenderness",
-    "mass", "air", "cost", "unsolved", "widest",
+    "mass", "air", "cost", "unsolved", "widest", "bundle",
 )  # fmt: skip
 
 COORDINATES = ("rest_length", "braid_angle", "diameter", "wall", "pressure")
@@ -66,10 +66,10 @@ class Made(NamedTuple):
 
     Attributes:
         threads: of both families together.
-        thread_diameter: m; thread_area: m², solid; modulus: Pa; density: kg/m³; price: of a kg.
+        thread_diameter: m; thread_area: m², solid; modulus, strength: Pa; density: kg/m³; price: of a kg.
         elastic: 1, or 0 for threads that do not stretch.
-        shear, mooney: of the rubber, Pa and 1; rubber_density, rubber_price alike.
-        parallel: muscles side by side.
+        shear, mooney, elongation: of the rubber, Pa, 1 and 1; rubber_density, rubber_price alike.
+        parallel: muscles side by side; packing: of the circle around them, over the diameter of one.
         off_length, off_thread, off_turns, off_wall: how far it is built from its drawing, m, m, 1, m.
         off_force: what the model misses of the force, as a share of the blocked force at that pressure.
     """
@@ -78,14 +78,17 @@ class Made(NamedTuple):
     thread_diameter: float = 0.0
     thread_area: float = 0.0
     modulus: float = 0.0
+    strength: float = 0.0
     density: float = 0.0
     price: float = 0.0
     elastic: float = 1.0
     shear: float = 0.0
     mooney: float = 0.0
+    elongation: float = 1.0
     rubber_density: float = 0.0
     rubber_price: float = 0.0
     parallel: float = 1.0
+    packing: float = 1.0
     off_length: float = 0.0
     off_thread: float = 0.0
     off_turns: float = 0.0
@@ -156,9 +159,9 @@ def outputs(
 ) -> Float[Array, " m"]:
     """Everything that a requirement can be about, in the order of `names`.
 
-    force (N, all muscles), diameter (outside, m), tension (one thread, N), fit (spacing over width),
-    mesh (pressure over that of bulging), stretch (of the rubber, around), burst (pull over stiffness) at
-    each place; then of the whole muscle what `WHOLE` names, SI.
+    force (N, all muscles), diameter (outside, m), tension (one thread, N) and its share of the strength,
+    fit (spacing over width), mesh (pressure over that of bulging), strain (of the rubber around, over its
+    elongation at break), burst (pull over stiffness) at each place; then what `WHOLE` names, SI.
     """
     rest, t, working = jnp.exp(c[0]), jnp.exp(c[3]), jnp.exp(c[4])
     one = bench(c, made, ids, numbers).prepared()
@@ -176,7 +179,11 @@ def outputs(
     pull = braid.hoop_pull(pressure, length, one.thread_length, one.turns)
     burst = pull / (n * made.thread_area * made.modulus)
     outside = 2 * radius + 2 * made.thread_diameter
-    each = (force, outside, past.load / n, spacing / made.thread_diameter, mesh, stretched[:, 1], burst)
+    tension = past.load / n
+    each = (
+        force, outside, tension, tension / (made.thread_area * made.strength), spacing / made.thread_diameter,
+        mesh, (stretched[:, 1] - 1) / made.elongation, burst,
+    )  # fmt: skip
 
     solid = wall.rubber(rubber)
     empty = braid.volume(rest, one.thread_length, one.turns) - solid
@@ -191,6 +198,7 @@ def outputs(
     whole = (
         rest, c[1], rest_diameter, t, working, one.thread_length, one.turns, 1 - 2 * t / rest_diameter,
         rest / widest, mass, air, cost, jnp.sum(status != int(Status.OK)).astype(float), widest,
+        widest * made.packing,
     )  # fmt: skip
     return jnp.concatenate([jnp.stack(each).ravel(), jnp.stack(whole)])
 
