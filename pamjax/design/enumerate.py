@@ -14,13 +14,17 @@ from pamjax.design.optimise import Answer, relax, search
 from pamjax.design.problem import OUTPUT, Problem
 
 #: Candidates by which each choice is looked at first; a power of two.
-LOOKS = 32
+LOOKS = 128
+#: Starts of a choice, of which the first that keeps everything ends its search.
+FIRST = 3
+#: Largest broken margin from which a search for the best is worth its while.
+NEARLY = 1e-3
 #: Choices that are searched, the most promising first; what is left out is said.
 SEARCHED = 60
 #: Choices that are searched from many starts.
 FINAL = 3
 #: How much a broken margin weighs against the objective when choices are ranked.
-WEIGH = 3.0
+WEIGH = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +56,7 @@ def look(problems: Sequence[Problem], seed: int) -> list[np.ndarray]:
     y = many(c, made, one.numbers, one.asked.places, one.ids).reshape(len(problems), LOOKS, -1)
     found = []
     for p, rows, at in zip(problems, y, c.reshape(len(problems), LOOKS, 5), strict=True):
-        margins = p.sense * (rows[:, p.rows] - p.bounds) / p.scale - p.kept
-        broken = np.maximum(-np.min(margins, axis=1), 0.0)
+        broken = np.maximum(-np.min(p.margins(rows), axis=1), 0.0)
         merit = np.log(np.maximum(rows[:, index(OUTPUT[p.objective])], 1e-12)) + WEIGH * broken
         merit = np.where(rows[:, index("unsolved")] > 0, np.inf, np.where(np.isfinite(merit), merit, np.inf))
         found.append(np.array([p.scaled(at[k]) for k in np.argsort(merit, kind="stable")]))
@@ -84,7 +87,7 @@ def best_of(
     tried = []
     for rank, k in enumerate(order[:SEARCHED]):
         progress(f"choice {rank + 1} of {min(len(order), SEARCHED)}", rank / min(len(order), SEARCHED))
-        tried.append(_one(problems[k], begin[k][:1]))
+        tried.append(_one(problems[k], begin[k][:FIRST], enough=1))
     tried.sort(key=_rank)
     for place, one in enumerate(tried[:FINAL]):
         if one.answer is not None:
@@ -105,22 +108,30 @@ def _rank(one: Tried) -> tuple[int, float]:
     return (0, one.answer.value) if one.answer is not None else (1, one.broken)
 
 
-def _one(problem: Problem, starts: np.ndarray, method: str = "slsqp") -> Tried:
-    """The best of several searches of one choice; where none keeps everything, what is least broken."""
+def _one(problem: Problem, starts: np.ndarray, method: str = "slsqp", enough: int = 1000) -> Tried:
+    """The best of several searches of one choice; where none keeps everything, what is least broken.
+
+    Args:
+        enough: answers after which no further start is tried.
+    """
     best: Answer | None = None
     ends: list[float] = []
     least, where = np.inf, starts[0]
     for start in starts:
-        answer = search(problem, start, method)
-        if not answer.kept:
-            z, s, _ = relax(problem, start)
+        if float(np.min(problem.at(start)[2])) < 0:
+            # From where something is broken a search for the best runs off to the smallest muscle there is.
+            start, s, _ = relax(problem, start)
             if s < least:
-                least, where = s, z
-            answer = search(problem, z, method) if s <= 1e-3 else answer
+                least, where = s, start
+            if s > NEARLY:
+                continue
+        answer = search(problem, start, method)
         if answer.kept and problem.outputs(answer.z)[index("unsolved")] == 0:
             ends.append(answer.value)
             least = 0.0
             if best is None or answer.value < best.value:
                 best, where = answer, answer.z
+            if len(ends) >= enough:
+                break
     agreeing = sum(abs(value - best.value) < 1e-4 for value in ends) if best is not None else 0
     return Tried(problem, best, where, float(least), agreeing, len(starts))

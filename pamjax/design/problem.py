@@ -13,7 +13,7 @@ from pamjax.check import refuse
 from pamjax.design.calibration import Handed
 from pamjax.design.candidate import COORDINATES, Made, curved, index, shown
 from pamjax.design.materials import BladderKind, ThreadKind
-from pamjax.design.requirements import Asked
+from pamjax.design.requirements import TENTH, Asked, room, steep
 from pamjax.design.spec import PACKING, Spec
 from pamjax.units import show
 
@@ -163,6 +163,10 @@ class Problem:
             self.scale, self.kept = np.append(self.scale, cap), np.append(self.kept, 0.0)
         self._at: tuple[bytes, tuple] = (b"", ())
 
+    def margins(self, y: np.ndarray) -> np.ndarray:
+        """(..., rows) of outputs (..., m), less what is kept back."""
+        return room(y[..., self.rows], self.bounds, self.sense, self.scale) - self.kept
+
     def coordinates(self, z: np.ndarray) -> np.ndarray:
         """(5,) from the (free,) scaled ones."""
         c = self.low.copy()
@@ -185,8 +189,8 @@ class Problem:
                 y, slope = np.where(np.isfinite(y), y, 1e9), np.where(np.isfinite(slope), slope, 0.0)
             goal = index(OUTPUT[self.objective])
             best = max(float(y[goal]), 1e-12)
-            margins = self.sense * (y[self.rows] - self.bounds) / self.scale - self.kept
-            slopes = (self.sense / self.scale)[:, None] * slope[self.rows]
+            margins = self.margins(y)
+            slopes = (self.sense * steep(y[self.rows], self.bounds, self.scale))[:, None] * slope[self.rows]
             self._at = key, (math.log(best), slope[goal] / best, margins, slopes, y)
         return self._at[1][:4]
 
@@ -200,14 +204,16 @@ class Problem:
         c, y = self.coordinates(z), self.outputs(z)
         goal = index(OUTPUT[self.objective])
         by_row = np.zeros(y.size)
-        np.add.at(by_row, self.rows, weights * self.sense / self.scale)
+        slant = self.sense * steep(y[self.rows], self.bounds, self.scale)
+        np.add.at(by_row, self.rows, weights * slant)
         by_row[goal] += objective / y[goal]
         whole = curved(c, by_row, self.made, self.numbers, self.asked.places, self.ids)
         span = (self.high - self.low)[self.free]
         found = whole[np.ix_(self.free, self.free)] * np.outer(span, span)
-        # ln y has −y'y'ᵀ/y² beside y''/y.
-        slope = self.at(z)[1]
-        return found - objective * np.outer(slope, slope)
+        # ln y has −y'y'ᵀ/y² beside y''/y, in the objective and in every room that is a ratio.
+        _, slope, _, slopes = self.at(z)
+        by_ratio = weights * self.sense * ((self.bounds > 0) & (y[self.rows] > TENTH * self.bounds))
+        return found - objective * np.outer(slope, slope) - (slopes.T * by_ratio) @ slopes
 
     def with_(self, **changes) -> Problem:
         """A copy with some attributes changed."""

@@ -17,6 +17,25 @@ MOST_BURST = 0.5
 LEAST_BORE = 0.3
 
 
+#: Share of its bound below which the room to it is no longer a logarithm: a force may be negative.
+TENTH = 0.1
+
+
+def room(y, bounds, sense, scale):
+    """Room between outputs and bounds: ±ln(y / bound), nearly linear in logarithmic coordinates.
+
+    Below a tenth of the bound the logarithm goes on as its tangent; for a bound of zero it is ±y / scale.
+    """
+    share = y / np.where(bounds > 0, bounds, 1.0)
+    logarithm = np.log(np.maximum(share, TENTH)) + np.minimum(share / TENTH - 1, 0.0)
+    return sense * np.where(bounds > 0, logarithm, y / scale)
+
+
+def steep(y, bounds, scale):
+    """Slope of the room in the output, but for its sense."""
+    return np.where(bounds > 0, 1 / np.maximum(y, TENTH * np.where(bounds > 0, bounds, 1.0)), 1 / scale)
+
+
 @dataclass(frozen=True)
 class Requirement:
     """What must hold, at one place or at several.
@@ -27,7 +46,7 @@ class Requirement:
         rows: outputs that it is about.
         bounds: of each, SI.
         sense: +1 where the output must be at least its bound, −1 where at most.
-        scale: SI; a margin of one is this much room.
+        scale: SI; where the bound is zero a margin of one is this much room.
         unit: in which a person reads it.
         stated: whether the spec says so, or pamjax assumes it.
         factor: whether it is a safety factor: 1 / bound is what the spec states.
@@ -44,8 +63,8 @@ class Requirement:
     factor: bool = False
 
     def margins(self, y: np.ndarray) -> np.ndarray:
-        """(rows,) or (k, rows): room to each bound, in units of the scale; negative where it is broken."""
-        return self.sense * (y[..., list(self.rows)] - np.array(self.bounds)) / self.scale
+        """(rows,) or (k, rows): room to each bound, see `room`; negative where it is broken."""
+        return room(y[..., list(self.rows)], np.array(self.bounds), self.sense, self.scale)
 
     def shown(self, amount: float) -> str:
         """An amount of it, as a person reads it."""
