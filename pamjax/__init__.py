@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pamjax.check import BadInput, InputWarning
+    from pamjax.design.result import Design
+    from pamjax.design.size import size
     from pamjax.infer.determine import determine
     from pamjax.infer.fit import fit
     from pamjax.infer.load import load_muscle
@@ -46,6 +48,8 @@ _HOME = {
     "sample": "pamjax.infer.sample",
     "save": "pamjax.infer.save",
     "save_posterior": "pamjax.infer.save_posterior",
+    "Design": "pamjax.design.result",
+    "size": "pamjax.design.size",
     "Diagnosis": "pamjax.study.diagnosis",
     "diagnose": "pamjax.study.diagnose",
 }
@@ -53,6 +57,7 @@ _HOME = {
 __all__ = [
     "BadInput",
     "Case",
+    "Design",
     "Diagnosis",
     "Fit",
     "InputWarning",
@@ -73,6 +78,7 @@ __all__ = [
     "save",
     "save_posterior",
     "simulate",
+    "size",
 ]
 
 

@@ -46,7 +46,7 @@ class Handed:
         thread, bladder: names of the materials it speaks for; "" for none.
         thread_modulus: Pa, None where it was not calibrated.
         shear, mooney: of the rubber, None where it was not calibrated.
-        draws: posterior draws by name: "thread" as a ratio to its mean, "shear" likewise, numbers as they are.
+        draws: posterior draws by name: "thread" and "shear" as ratios to their means, numbers as they are.
         discrepancy: what is left of the force, as a share of the blocked force.
         says: what came from where, a sentence each.
     """
@@ -186,7 +186,7 @@ def _rest_radius(muscle: Bench) -> float:
 
 
 def _left_over(path: Path) -> float | None:
-    """Force that the improved model misses beyond noise, as a share of the blocked force it was measured at."""
+    """Force that the improved model misses beyond noise, as a share of the specimen's blocked force."""
     beside = path.parent / "diagnosis.json"
     if path.name != "model.json" or not beside.exists():
         return None

@@ -74,26 +74,26 @@ class Made(NamedTuple):
         off_force: what the model misses of the force, as a share of the blocked force at that pressure.
     """
 
-    threads: float = 0.0
-    thread_diameter: float = 0.0
-    thread_area: float = 0.0
-    modulus: float = 0.0
-    strength: float = 0.0
-    density: float = 0.0
-    price: float = 0.0
-    elastic: float = 1.0
-    shear: float = 0.0
-    mooney: float = 0.0
-    elongation: float = 1.0
-    rubber_density: float = 0.0
-    rubber_price: float = 0.0
-    parallel: float = 1.0
-    packing: float = 1.0
-    off_length: float = 0.0
-    off_thread: float = 0.0
-    off_turns: float = 0.0
-    off_wall: float = 0.0
-    off_force: float = 0.0
+    threads: Any = 0.0
+    thread_diameter: Any = 0.0
+    thread_area: Any = 0.0
+    modulus: Any = 0.0
+    strength: Any = 0.0
+    density: Any = 0.0
+    price: Any = 0.0
+    elastic: Any = 1.0
+    shear: Any = 0.0
+    mooney: Any = 0.0
+    elongation: Any = 1.0
+    rubber_density: Any = 0.0
+    rubber_price: Any = 0.0
+    parallel: Any = 1.0
+    packing: Any = 1.0
+    off_length: Any = 0.0
+    off_thread: Any = 0.0
+    off_turns: Any = 0.0
+    off_wall: Any = 0.0
+    off_force: Any = 0.0
 
 
 class Places(NamedTuple):
@@ -108,10 +108,11 @@ class Places(NamedTuple):
     pressure: Float[Array, " k"] | np.ndarray
 
 
-Numbers = Mapping[str, float]
+#: Numbers of mechanisms by "id.field"; in a batch each an array.
+Numbers = Mapping[str, Any]
 
 
-def bench(c: Float[Array, " 5"], made: Made, ids: tuple[str, ...], numbers: Numbers) -> Bench:
+def bench(c: Array | np.ndarray, made: Made, ids: tuple[str, ...], numbers: Numbers) -> Bench:
     """The candidate as a bench without sensors.
 
     Args:
@@ -165,8 +166,8 @@ def outputs(
     """
     rest, t, working = jnp.exp(c[0]), jnp.exp(c[3]), jnp.exp(c[4])
     one = bench(c, made, ids, numbers).prepared()
-    pressure = places.share * working + places.pressure
-    length = (rest + made.off_length) * (1 - places.contraction) - places.shortening
+    pressure = jnp.asarray(places.share * working + places.pressure)
+    length = jnp.asarray((rest + made.off_length) * (1 - places.contraction) - places.shortening)
     past, status = _passed(one, pressure, length, rest + made.off_length)
     state, n = past.state, made.threads
     blocked = braid.gaylord_force(pressure, rest, one.thread_length, one.turns)

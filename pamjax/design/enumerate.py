@@ -20,7 +20,7 @@ FIRST = 3
 #: Largest broken margin from which a search for the best is worth its while.
 NEARLY = 1e-3
 #: Choices that are searched, the most promising first; what is left out is said.
-SEARCHED = 60
+SEARCHED = 300
 #: Choices that are searched from many starts.
 FINAL = 3
 #: How much a broken margin weighs against the objective when choices are ranked.
@@ -49,7 +49,7 @@ class Tried:
 
 def look(problems: Sequence[Problem], seed: int) -> list[np.ndarray]:
     """The most promising starts of each choice, (LOOKS, free) best first, by one batched program."""
-    points = qmc.Sobol(5, seed=np.random.default_rng(seed)).random(LOOKS)
+    points = qmc.Sobol(5, rng=np.random.default_rng(seed)).random(LOOKS)
     c = np.concatenate([p.low + points * (p.usual - p.low) for p in problems])
     made = jax.tree.map(lambda *x: np.repeat(np.array(x, float), LOOKS), *[p.made for p in problems])
     one = problems[0]

@@ -93,7 +93,8 @@ def _trust(problem: Problem, start: np.ndarray) -> tuple[np.ndarray, int]:
         lambda z: problem.at(z)[2].copy(),
         0.0,
         np.inf,
-        jac=lambda z: problem.at(z)[3].copy(),
+        # SciPy's types know only its names for finite differences.
+        jac=lambda z: problem.at(z)[3].copy(),  # pyright: ignore[reportArgumentType]
         hess=lambda z, weights: problem.curvature(z, np.asarray(weights)),
     )
     with warnings.catch_warnings(), np.errstate(all="ignore"):
@@ -157,7 +158,7 @@ def relax(
             lambda x: x[n],
             np.append(z0, first),
             jac=lambda x: only,
-            bounds=Bounds(np.zeros(n + 1), np.append(np.ones(n), np.inf)),
+            bounds=[(0.0, 1.0)] * n + [(0.0, None)],
             constraints=[{"type": "ineq", "fun": margins, "jac": slopes}],
             method="SLSQP",
             options={"maxiter": STEPS, "ftol": 1e-12},

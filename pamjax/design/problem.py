@@ -1,4 +1,4 @@
-"""One choice of thread, count, bladder and number of muscles, as a smooth constrained problem in five numbers."""
+"""One choice of thread, count, bladder and parallel muscles, as a smooth problem in five numbers."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ BEYOND = 4.0
 #: Smallest and largest muscles, m: length, diameter.
 LENGTHS, DIAMETERS = (5e-3, 5.0), (0.5e-3, 0.3)
 
-OUTPUT = {"diameter": "widest", "mass": "mass", "air": "air", "pressure": "pressure", "cost": "cost", "length": "length"}  # fmt: skip
+#: The output that each objective is.
+OUTPUT = {"diameter": "widest"} | {name: name for name in ("mass", "air", "pressure", "cost", "length")}
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,8 @@ class Choice:
         )
 
     def __str__(self) -> str:
-        one = f"{self.threads} threads of {self.thread.name}, {show(self.diameter, 'mm')}, on {self.bladder.name}"
+        thread = f"{self.threads} threads of {self.thread.name}, {show(self.diameter, 'mm')}"
+        one = f"{thread}, on {self.bladder.name}"
         return one if self.parallel == 1 else f"{self.parallel} muscles of {one}"
 
 
@@ -114,8 +116,8 @@ def boxes(spec: Spec, asked: Asked, choice: Choice) -> tuple[np.ndarray, np.ndar
     wall = limits.wall or choice.bladder.walls
     pressure = (0.02 * spec.supply, BEYOND * spec.supply)
     angle = limits.braid_angle or ANGLES
-    low, high = (np.array([np.log(rest[k]), angle[k], np.log(across[k]), np.log(wall[k]), np.log(pressure[k])])
-                 for k in (0, 1))  # fmt: skip
+    logs = [np.log(pair) for pair in (rest, across, wall, pressure)]
+    low, high = (np.array([logs[0][k], angle[k], *(pair[k] for pair in logs[1:])]) for k in (0, 1))
     usual = np.log([free, 1.0, max(0.9 * wide, across[0]), wall[1], spec.supply])
     usual[1] = high[1]
     return low, high, np.clip(usual, low, high)

@@ -200,39 +200,42 @@ def _stated(spec: Spec, used: int) -> list[Requirement]:
         unit = "mm" if name == "thread_length" else "1"
         if limits is not None:
             low, high = limits
-            word, row = name.replace("_", " "), (index(name),)
-            found.append(
-                Requirement(
-                    f"least {word}", f"have a {word} of {show(low, unit)} at least", row, (low,), 1, low, unit
-                )
-            )
-            found.append(
-                _most(f"most {word}", f"have a {word} of {show(high, unit)} at most", name, high, unit)
-            )
+            word = name.replace("_", " ")
+            says = f"have a {word} of {{}} at {{}}"
+            least, most = says.format(show(low, unit), "least"), says.format(show(high, unit), "most")
+            found.append(_least(f"least {word}", least, name, low, unit, True))
+            found.append(_most(f"most {word}", most, name, high, unit))
     return found
 
 
 def _assumed(spec: Spec, used: int) -> list[Requirement]:
     """What holds for every muscle: safety factors, and where the model itself holds."""
-    safety, words = spec.words.safety, spec.words
-    every = range(used)
+    safety, limits = spec.words.safety, spec.words.limits
 
-    def factor(key: str, says: str, name: str, times: float, stated: bool) -> Requirement:
-        rows = tuple(index(name, k) for k in every)
-        bounds = (1 / times,) * used
-        return Requirement(key, says, rows, bounds, -1, 1 / times, "1", stated, factor=True)
+    def factor(key: str, says: str, name: str) -> Requirement:
+        times, said = getattr(safety, key), key in safety.model_fields_set
+        return _each(key, says.format(f"{times:g}"), name, used, 1 / times, -1, said, True)
 
-    given = words.safety.model_fields_set
-    fit = tuple(index("fit", k) for k in every)
-    burst = tuple(index("burst", k) for k in every)
-    slender = words.limits.slenderness
+    slender = limits.slenderness
     return [
-        factor("thread", f"threads {safety.thread:g} times as strong as their load", "used", safety.thread, "thread" in given),
-        factor("mesh", f"bladder {safety.mesh:g} times from bulging through", "mesh", safety.mesh, "mesh" in given),
-        factor("rubber", f"rubber stretched to 1/{safety.rubber:g} of its break", "strain", safety.rubber, "rubber" in given),
-        Requirement("fit", "threads fit side by side", fit, (1.0,) * used, 1, 1.0, "1", False),
-        Requirement("burst", "threads far from stretching without end", burst, (MOST_BURST,) * used, -1, MOST_BURST, "1", False),
-        Requirement("bore", f"bore at least {LEAST_BORE:g} of the bladder's outside", (index("bore"),), (LEAST_BORE,), 1, LEAST_BORE, "1", False),
-        Requirement("slenderness", f"at least {slender:g} times as long as wide", (index("slenderness"),), (slender,), 1, slender, "1",
-                    "slenderness" in words.limits.model_fields_set),
+        factor("thread", "threads {} times as strong as their load", "used"),
+        factor("mesh", "bladder {} times from bulging through", "mesh"),
+        factor("rubber", "rubber stretched to 1/{} of its break", "strain"),
+        _each("fit", "threads fit side by side", "fit", used, 1.0, 1),
+        _each("burst", "threads far from stretching without end", "burst", used, MOST_BURST, -1),
+        _least("bore", f"bore at least {LEAST_BORE:g} of the bladder's outside", "bore", LEAST_BORE),
+        _least("slenderness", f"at least {slender:g} times as long as wide", "slenderness", slender,
+               stated="slenderness" in limits.model_fields_set),
     ]  # fmt: skip
+
+
+def _each(key, says, name, used, bound, sense, stated=False, factor=False) -> Requirement:
+    """The same bound at every place."""
+    rows = tuple(index(name, k) for k in range(used))
+    return Requirement(key, says, rows, (bound,) * used, sense, bound, "1", stated, factor)
+
+
+def _least(
+    key: str, says: str, name: str, bound: float, unit: str = "1", stated: bool = False
+) -> Requirement:
+    return Requirement(key, says, (index(name),), (bound,), 1, bound, unit, stated)

@@ -18,11 +18,26 @@ NAMES = (
     "martens_boblan_2017/dmsp-10-250",
     "martens_boblan_2017/dmsp-20-300",
 )
+OURS = ("materials/bladders", "materials/threads")
 KINDS = {"pressure": "pressure", "modulus": "pressure", "force": "force", "diameter": "length"}
 
 
 def test_the_shipped_tables_are_these():
-    assert shipped() == list(NAMES)
+    assert shipped() == sorted((*NAMES, *OURS))
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_each_row_of_our_own_tables_names_its_sources(name):
+    table, about = read_shipped(name), sidecar(name)
+    assert list(about["columns"]) == list(table.columns)
+    assert about["source"]["licence"]
+    for keys in table["source"]:
+        assert set(keys.split(";")) <= set(about["sources"])
+    for header in table.columns:
+        low = header.replace(" [", " low [")
+        if low in table:
+            assert (table[low] <= table[header]).all()
+            assert (table[header] <= table[header.replace(" [", " high [")]).all()
 
 
 @pytest.mark.parametrize("name", NAMES)

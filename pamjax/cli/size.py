@@ -1,0 +1,48 @@
+"""`pamjax size`: the muscle that does what a spec wants."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from pamjax.cli.screen import say, say_json, say_written, working, writable
+
+
+def size(
+    spec: Path,
+    /,
+    *,
+    out: Path = Path("out"),
+    starts: int = 8,
+    method: Literal["slsqp", "trust-constr"] = "slsqp",
+    seed: int = 0,
+    json: Annotated[bool, Parameter(negative="")] = False,
+) -> None:
+    """Choose a muscle: geometry and material that do what a spec wants, at the least of what it says.
+
+    Writes design.json, and of a muscle that was found model.json and
+    muscle/muscle.toml, which `pamjax simulate` takes; prints a lab note. A spec that cannot be met is an
+    answer: what binds, and by how much it would have to give.
+
+    Args:
+        spec: a TOML file: what the muscle must do, the room, the supply, the catalogue, what to minimise.
+        out: folder to write to.
+        starts: searches of each of the best choices of threads and bladder.
+        method: of the search; trust-constr also takes exact curvature, and compiles longer.
+        seed: of the first look, and of the draws.
+        json: print design.json instead of the note.
+    """
+    writable(out)
+    from pamjax.infer.cache import keep_compiled
+
+    keep_compiled()
+    from pamjax.design.save import as_dict, save
+    from pamjax.design.size import size as choose
+
+    with working(quiet=json) as progress:
+        design = choose(spec, starts=starts, method=method, seed=seed, progress=progress)
+    written = save(design, out)
+    say_json(as_dict(design)) if json else say(str(design))
+    say_written(written)

@@ -1,0 +1,106 @@
+"""A design as a lab note: the muscle, its margins, what is dear and what is doubtful, in a screenful."""
+
+from __future__ import annotations
+
+import math
+
+from pamjax.design.result import UNITS, Design
+from pamjax.units import in_unit, show
+
+#: Rows of the parts of a note.
+DEAREST, GIVING = 3, 6
+
+
+def note(design: Design) -> str:
+    """The note, less than 25 lines."""
+    words = design.spec.words
+    head = f"{design.spec.name}: {design.choice}"
+    if not design.feasible:
+        return "\n".join(
+            [f"{design.spec.name}: no muscle of this catalogue does all of it", "", *_giving(design)]
+        )
+    least = f"{words.minimise} {objective(design)}, the least of {len(design.tried)} choices"
+    lines = [f"{head}; {least}", "", *_muscle(design), "", *_work(design), ""]
+    lines += _dear(design) + _sure(design) + _inelastic(design)
+    return "\n".join(lines)
+
+
+def objective(design: Design) -> str:
+    """What was minimised, with its unit."""
+    return show(design.objective, UNITS[design.spec.words.minimise], 4)
+
+
+def _muscle(design: Design) -> list[str]:
+    n = design.numbers
+    angle = math.degrees(n["braid_angle"])
+    limits = f" ({', '.join(design.limits)})" if design.limits else ""
+    return [
+        f"  rest length {show(n['rest_length'], 'mm')}, thread length {show(n['thread_length'], 'mm')},"
+        f" {n['turns']:.4g} turns (braid angle {angle:.1f} deg)",
+        f"  bladder {show(n['diameter'], 'mm')} outside, wall {show(n['wall'], 'mm', 3)}{limits}",
+        f"  {show(n['pressure'], 'kPa')}, at most {show(design.output('widest'), 'mm')} wide,"
+        f" {show(design.output('mass'), 'g', 3)}, {show(design.output('air'), 'L', 3)} of air a stroke",
+    ]
+
+
+def _work(design: Design) -> list[str]:
+    lines = []
+    for one in design.asked.requirements:
+        if not one.stated or one.key in ("supply",):
+            continue
+        room = float(one.margins(design.outputs).min())
+        lines.append(f"  {one.says:<52} {_room(room, one)}")
+    return lines
+
+
+def _room(room: float, one) -> str:
+    if abs(room) < 1e-4:
+        return "just"
+    if one.bounds[-1] > 0 and one.bounds[0] > 0:
+        return f"{100 * math.expm1(room):.3g} % to spare"
+    return f"{show(room * one.scale, one.unit, 3)} to spare"
+
+
+def _dear(design: Design) -> list[str]:
+    if not design.prices:
+        return []
+    what = design.spec.words.minimise
+    parts = [f"{price.requirement.says} ({price.share:.2g} %)" for price in design.prices[:DEAREST]]
+    return [f"  what buys most, {what} per 1 % given: " + "; ".join(parts)]
+
+
+def _sure(design: Design) -> list[str]:
+    wanted = design.spec.words.probability
+    if design.unsure:
+        return [f"  no choice holds with probability {wanted:g}; this one does with {design.probability:.2f}"]
+    tail = f", wanted {wanted:g}" if wanted else " (no probability was wanted)"
+    weak = min(design.held, key=lambda key: design.held[key])
+    worst = "" if design.held[weak] > 0.995 else f"; weakest: {weak}, {design.held[weak]:.2f}"
+    return [f"  all of it holds with probability {design.probability:.2f} over all draws{tail}{worst}"]
+
+
+def _inelastic(design: Design) -> list[str]:
+    lines = []
+    for cost in design.costs:
+        if cost.choice is None:
+            lines.append(f"    {cost.thread}: not even with threads that do not stretch")
+            continue
+        short = f"{show(cost.shortfall, 'N', 3)} short ({100 * cost.share:.2g} %) {cost.place}"
+        wider = f"{show(cost.overrun, 'mm', 2)} ({100 * cost.wider:.2g} %) wider"
+        lines.append(f"    {cost.thread:<8} {short}, {wider}")
+    return ["  sized as if threads did not stretch, it would have been", *lines] if lines else []
+
+
+def _giving(design: Design) -> list[str]:
+    lines = [f"  nearest: {design.choice}"]
+    lines += ["  what is in each other's way, and what would do if it alone gave:"]
+    lines += [f"    {give.says}" for give in design.gives[:GIVING]]
+    return lines
+
+
+def slope_words(design: Design, slope: float, requirement) -> str:
+    """A price as a person reads it: the objective's unit per unit of the requirement."""
+    unit = UNITS[design.spec.words.minimise]
+    per = 1.0 if requirement.factor else in_unit(requirement.unit)
+    tail = "" if requirement.unit == "1" or requirement.factor else f"/{requirement.unit}"
+    return f"{slope / in_unit(unit) * per:+.3g} {unit}{tail}"

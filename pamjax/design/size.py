@@ -1,0 +1,129 @@
+"""The verb: from what a muscle must do to the muscle that does it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pamjax.check import nearest, refuse
+from pamjax.design import chance, sensitivity
+from pamjax.design.calibration import Handed, hand_on
+from pamjax.design.enumerate import Tried, best_of
+from pamjax.design.inelastic import inelastic_costs
+from pamjax.design.infeasible import conflict
+from pamjax.design.optimise import METHODS
+from pamjax.design.pareto import front, other
+from pamjax.design.problem import choices, problem
+from pamjax.design.requirements import Asked, ask
+from pamjax.design.result import Design
+from pamjax.design.spec import Spec, read_spec
+
+#: Choices, the best first, that are made to hold with a probability.
+MADE_SURE = 6
+
+
+def size(
+    spec: str | Path | Mapping[str, Any],
+    *,
+    starts: int = 8,
+    method: str = "slsqp",
+    seed: int = 0,
+    margins: bool = True,
+    progress: Callable[[str, float], None] = lambda doing, share: None,
+) -> Design:
+    """Find the geometry and the material of a muscle that does what a spec wants.
+
+    Args:
+        spec: a TOML file, or its words as a mapping.
+        starts: searches of each of the best choices.
+        method: "slsqp", or "trust-constr", which also takes exact curvature.
+        seed: of the first look, and of the draws.
+        margins: whether to find the cost of the inelastic assumption, and the front of two objectives.
+        progress: told what is being done, and the share of it that is.
+
+    Raises:
+        BadInput: in one sentence, if the spec cannot be read. A spec that cannot be met is an answer.
+
+    >>> design = size(
+    ...     {
+    ...         "supply": {"pressure": "6 bar"},
+    ...         "force": [{"at_least": "300 N", "contraction": 0.1}],
+    ...         "envelope": {"length": "250 mm"},
+    ...         "threads": {"kinds": "aramid", "counts": 48, "diameters": "0.3 mm"},
+    ...         "bladders": {"kinds": "latex"},
+    ...     },
+    ...     margins=False,
+    ... )
+    >>> design.feasible, round(design.output("force", 1))
+    (True, 300)
+    """
+    if method not in METHODS:
+        raise refuse(f"a search is {' or '.join(METHODS)}", f"{method!r}", remedy=nearest(method, METHODS))
+    if starts < 1:
+        raise refuse("`starts` must be at least 1", f"{starts}")
+    read = read_spec(spec)
+    asked = ask(read)
+    handed = hand_on(read.words.calibration, read.folder, read.file, read.threads, read.bladders)
+    every = [problem(read, asked, choice, handed) for choice in choices(read)]
+    tried, left = best_of(every, starts=starts, seed=seed, method=method, progress=progress)
+    if tried[0].answer is None:
+        return _not_met(read, asked, handed, tried, left, seed, method)
+    return _met(read, asked, handed, tried, left, seed, method, margins, progress)
+
+
+def _not_met(
+    spec: Spec, asked: Asked, handed: Handed, tried: Sequence[Tried], left: int, seed: int, method: str
+) -> Design:
+    nearest_one, gives = conflict(tried)
+    return Design(
+        spec, asked, handed, tuple(tried), nearest_one, gives=tuple(gives), left_out=left, seed=seed,
+        method=method,
+    )  # fmt: skip
+
+
+def _met(spec, asked, handed, tried, left, seed, method, margins, progress) -> Design:
+    words = spec.words
+    chosen, unsure = tried[0], False
+    if words.probability:
+        progress("probability", 0.0)
+        sure = []
+        for one in [one for one in tried if one.answer is not None][:MADE_SURE]:
+            doubt = chance.draw(one.problem, handed, words.tolerance, chance.DRAWS, seed)
+            held = chance.hold(one, doubt, words.probability)
+            sure += [held] if held is not None else []
+        sure.sort(key=lambda one: one.answer.value)
+        unsure = not sure
+        chosen = sure[0] if sure else chosen
+    z = chosen.answer.z
+    told = chance.draw(chosen.problem, handed, words.tolerance, chance.TOLD, seed + 1)
+    design = Design(
+        spec,
+        asked,
+        handed,
+        tuple(tried),
+        chosen,
+        probability=chance.probability(chosen.problem, z, told),
+        held=chance.by_requirement(chosen.problem, z, told),
+        prices=tuple(sensitivity.prices(chosen.problem, chosen.answer)),
+        properties=sensitivity.properties(chosen.problem, chosen.answer),
+        limits=tuple(sensitivity.at_limits(chosen.problem, chosen.answer)),
+        left_out=left,
+        seed=seed,
+        method=method,
+        unsure=unsure,
+    )
+    if not margins:
+        return design
+    from dataclasses import replace
+
+    progress("inelastic threads", 0.5)
+    costs = inelastic_costs(spec, asked, handed, design.choice, seed)
+    progress("two objectives", 0.9)
+    others = [one for one in tried if one.problem.choice != chosen.problem.choice]
+    # Every point of the front keeps back what the chosen one does.
+    same = [
+        Tried(o.problem.with_(back_off=chosen.problem.back_off), o.answer, o.start, o.broken) for o in others
+    ]
+    found = front([chosen, *same], other(words.minimise, words.against))
+    return replace(design, costs=tuple(costs), front=found)
