@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 from pamjax.cli.screen import say, say_written, working, writable
+
+#: What `--quick` conceals, at noise of no, some and much correlation together.
+QUICK = {"nothing": 1, "single": 3, "pair": 1, "triple": 0, "outside": 1}
+QUICK_NOISE = (0.0, 0.9)
 
 
 def prove(
@@ -15,43 +20,82 @@ def prove(
     pair: int = 0,
     triple: int = 0,
     outside: int = 1,
-    correlation: float = 0.0,
+    correlation: list[float] | None = None,
+    stage: Literal["all", "score"] = "all",
+    rivals: bool = True,
+    quick: bool = False,
+    workers: int = 1,
     seed: int = 0,
 ) -> None:
     """Conceal known physics in simulated recordings, diagnose them, open the envelopes, score.
 
-    Writes prove.json after every recording: a run that was stopped goes on where it was.
+    Muscle, bench, noise and effects are drawn for every recording. Writes trials.jsonl after every
+    recording, so that a run that was stopped goes on where it was; at the end table.md, table.csv,
+    table.json and figures of all trials in the folder.
 
     Args:
         out: folder to write to.
-        nothing: how many recordings with nothing concealed.
+        nothing: how many recordings with nothing concealed, at each correlation.
         single: with one effect.
         pair: with two.
         triple: with three.
         outside: with something that is in no catalogue.
-        correlation: of neighbouring samples of noise, 0 to 0.95.
+        correlation: of neighbouring samples of noise, 0 to 0.95; may be given several times. Without it 0.
+        stage: "score" ends with the p-value of the baseline, before anything is named, and conceals nothing.
+        rivals: ask common practice as well.
+        quick: a small proof of two minutes on two cores: counts and correlations are its own.
+        workers: processes; each compiles, or reads what was compiled, and holds some gigabytes.
         seed: of everything that is drawn.
     """
     from pamjax.check import refuse
 
     counts = {"nothing": nothing, "single": single, "pair": pair, "triple": triple, "outside": outside}
+    noise = tuple(correlation) if correlation else (0.0,)
+    if quick:
+        counts, noise, workers = QUICK, QUICK_NOISE, max(workers, 2)
+    if stage == "score":
+        counts = {"nothing": counts["nothing"]}
     for name, count in counts.items():
         if count < 0:
             raise refuse(f"`{name}` must be at least 0", f"{count}")
-    if not 0 <= correlation <= 0.95:
-        raise refuse("`correlation` must lie between 0 and 0.95", f"{correlation:g}")
+    for one in noise:
+        if not 0 <= one <= 0.95:
+            raise refuse("`correlation` must lie between 0 and 0.95", f"{one:g}")
+    if workers < 1:
+        raise refuse("`workers` must be at least 1", f"{workers}")
     writable(out)
     out.mkdir(parents=True, exist_ok=True)
     from pamjax.infer.cache import keep_compiled
     from pamjax.study.prove import prove as run
-    from pamjax.study.prove import table
+    from pamjax.study.prove import read_trials, tasks_of
+    from pamjax.study.rates import as_text
+    from pamjax.study.tally import table
 
     keep_compiled()
+    file = out / "trials.jsonl"
+    tasks = tasks_of(counts, noise, stage=stage, seed=seed, rivals=rivals and stage == "all")
     with working() as progress:
-        trials = run(counts, out / "prove.json", correlation=correlation, seed=seed, progress=progress)
-    say(table(trials))
-    for trial in trials:
-        if trial.kind != "nothing":
-            said = ", ".join(trial.named) or ("unexplained" if trial.unexplained else "nothing")
-            say(f"  {trial.kind} {trial.number + 1}: {', '.join(trial.concealed)} -> {said}")
-    say_written([out / "prove.json"])
+        trials = run(tasks, file, workers=workers, progress=progress)
+    say(as_text(table(trials)))
+    for trial in [t for t in trials if t.kind != "nothing"][:20]:
+        said = ", ".join(trial.named) or ("unexplained" if trial.unexplained else "nothing")
+        say(f"  {trial.kind} {trial.number + 1}: {', '.join(trial.concealed)} -> {said}")
+    say_written([file, *_tables(out, read_trials(file))])
+
+
+def _tables(out: Path, trials: list) -> list[Path]:
+    """The tables and figures of all trials in a folder."""
+    from pamjax.records.files import write_beside
+    from pamjax.study.rates import documents
+    from pamjax.study.tally import table
+    from pamjax.view.proof_figures import null_figure, proof_figure
+    from pamjax.view.theme import save
+
+    files = []
+    for name, document in documents(table(trials)).items():
+        with write_beside(out / name) as beside:
+            beside.write_text(document, encoding="utf-8")
+        files.append(out / name)
+    for name, made in (("nothing", null_figure(trials)), ("recovery", proof_figure(trials))):
+        files += save(made, out / name) if made else []
+    return files

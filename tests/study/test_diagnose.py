@@ -9,12 +9,12 @@ import pytest
 
 from pamjax.records.blocks import Blocks
 from pamjax.study.batch import common_sizes
-from pamjax.study.conceal import MUSCLE, _plan, conceal
+from pamjax.study.conceal import conceal
 from pamjax.study.diagnose import diagnose
 from pamjax.study.diagnosis import save
 from pamjax.study.gain import held_out
 from pamjax.study.locate import _direction, _middle
-from pamjax.study.prove import Trial, rate, read_trials, table
+from pamjax.study.setups import known
 
 
 def test_a_box_holds_the_middle_of_the_weight():
@@ -47,22 +47,6 @@ def test_recordings_of_like_length_share_a_program():
     assert all(size >= n for n, size in zip([10, 9000, 700], common_sizes([10, 9000, 700]), strict=True))
 
 
-def test_a_rate_has_its_interval():
-    assert rate(0, 100)[2] == pytest.approx(0.0362, abs=1e-3)
-    assert rate(100, 100)[1] == pytest.approx(0.9638, abs=1e-3)
-
-
-def test_trials_are_read_as_they_were_written(tmp_path):
-    one = Trial("pair", 3, 0.5, ("end_taper", "force_offset"), (4.0, 5.0), ("end_taper", "force_gain"),
-                ((), ("pressure_gain",)), (1.0, 0.6), 1e-9, False, 1.02)  # fmt: skip
-    assert (one.found, one.invented, one.alarm) == (1, 1, True)
-    from dataclasses import asdict
-
-    (tmp_path / "prove.json").write_text(json.dumps([asdict(one)]))
-    assert read_trials(tmp_path / "prove.json") == [one]
-    assert "named 1 of 2" in table([one])
-
-
 @cache
 def verdict(kind):
     """The diagnosis of an envelope; both share one program."""
@@ -86,7 +70,7 @@ def test_concealed_friction_is_named_and_its_loop_gone(tmp_path):
     assert envelope.sizes[0] == pytest.approx(6.0, rel=0.2)
     assert [name.id for name in found.names] == ["braid_friction"]
     assert found.names[0].probability > 0.9
-    noise = MUSCLE.sensors.force
+    noise = known().entry.sensors.force
     assert found.gain.rmse_before["force"] > 3 * noise
     assert found.gain.rmse_after["force"] < 1.4 * noise
     save(found, tmp_path)
@@ -112,11 +96,11 @@ def test_the_improved_model_is_read_again_and_shows_the_same(tmp_path):
     document["cases"][name]["muscle_toml"] = toml
     (tmp_path / "model.json").write_text(json.dumps(document))
     judged = validate(load_muscle(tmp_path / "model.json"), envelope.case)
-    assert judged.rmse["force"] < 1.3 * MUSCLE.sensors.force
+    assert judged.rmse["force"] < 1.3 * known().entry.sensors.force
     assert not judged.outside
 
 
 def test_the_plan_has_blocks_to_hold_out():
     from pamjax.records.blocks import blocks
 
-    assert held_out(blocks(_plan())).any()
+    assert held_out(blocks(known().plan)).any()
