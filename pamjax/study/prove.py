@@ -10,8 +10,9 @@ from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from pathlib import Path
 
+import pamjax.study.trial
 from pamjax.check import refuse
-from pamjax.study.trial import Task, Trial, attempt, read_line
+from pamjax.study.trial import Task, Trial, read_line
 
 #: One thread a process: two processes with two threads each are slower than with one. (Not the compiler's
 #: flags: programs compiled under other flags would not be found in the cache.)
@@ -27,7 +28,7 @@ def prove(
     *,
     workers: int = 1,
     progress: Progress = lambda doing, share: None,
-    attempt: Attempt = attempt,
+    attempt: Attempt | None = None,
 ) -> list[Trial]:
     """Diagnose envelopes that are not in the file yet.
 
@@ -36,14 +37,15 @@ def prove(
         file: of trials, one line each; every trial is added as soon as it is there.
         workers: processes.
         progress: called with what is being done and the share done.
-        attempt: what turns a task into a trial; importable by name where there are several workers.
+        attempt: what turns a task into a trial, `trial.attempt` by itself; importable by name where there are
+            several workers.
 
     Returns:
         the trials of these tasks, in their order.
     """
     have = {trial.key: trial for trial in read_trials(file)} if file.exists() else {}
     wanted = [task for task in tasks if task.key not in have]
-    for done, trial in enumerate(_attempts(wanted, workers, attempt), start=1):
+    for done, trial in enumerate(_attempts(wanted, workers, attempt or pamjax.study.trial.attempt), start=1):
         _add(file, trial)
         have[trial.key] = trial
         progress(f"{done} of {len(wanted)}", done / len(wanted))
