@@ -22,6 +22,7 @@ from scipy.signal import lfilter
 from pamjax.infer.member import CHANNELS, starting_sd
 from pamjax.infer.noise import sensitivities
 from pamjax.study.problem import Problem
+from pamjax.study.table_noise import table_variance
 
 #: Largest correlation of neighbours. Beyond it noise cannot be told from misfit.
 MOST = 0.98
@@ -39,12 +40,14 @@ class Colour:
         shared: A, the share of the variance that repeats itself.
         correlation: ρ, of neighbouring samples of that share.
         given: whether the sensor's noise was stated.
+        freedom: how many independent squares tell the noise; infinite where it was stated.
     """
 
     sd: np.ndarray
     shared: float
     correlation: float
     given: bool
+    freedom: float = math.inf
 
     @property
     def filter(self) -> tuple[float, float]:
@@ -122,6 +125,7 @@ def whitening(found: Problem, values: np.ndarray, used: np.ndarray) -> Whitening
     starts = np.cumsum(found.case.recording.starts)
     sensors = found.case.entry.sensors
     colours, rows, runs = [], [], []
+    tables = _table_variances(found, used)
     for c, stated in enumerate((sensors.force, sensors.diameter)):
         there = np.flatnonzero(np.isfinite(found.measured[c]) & used)
         edges = np.flatnonzero(np.diff(starts[there])) + 1
@@ -129,7 +133,7 @@ def whitening(found: Problem, values: np.ndarray, used: np.ndarray) -> Whitening
         rows.append(there)
         runs.append(np.stack([bounds[:-1], bounds[1:]], axis=1) if there.size else np.zeros((0, 2), int))
         colours.append(
-            _colour(residual[c], own[c], carried[c], there, starts, stated is not None)
+            _colour(residual[c], own[c], carried[c], there, starts, stated is not None, tables[c])
             if there.size
             else None
         )
@@ -147,7 +151,27 @@ def _variances(found: Problem, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return np.square(np.array(starting_sd(found.case)))[:, None], np.nan_to_num(carried)
 
 
-def _colour(residual, own, carried, there, starts, given: bool) -> Colour:
+def _table_variances(found: Problem, used: np.ndarray) -> list[tuple[float, float]]:
+    """By channel, the variance of a reading of a static table and how well it is known; NaN in a history.
+
+    Of the neutral muscle's misfit, so that no model that bends to few rows makes its own noise small.
+    """
+    recording = found.case.recording
+    if recording.has_time:
+        return [(math.nan, 0.0)] * len(CHANNELS)
+    misfit = found.measured - found.shows(found.neutral)
+    there = [np.isfinite(misfit[c]) & used for c in range(len(CHANNELS))]
+    return [
+        table_variance(recording.pressure[rows], recording.length[rows], misfit[c, rows])
+        for c, rows in enumerate(there)
+    ]
+
+
+def _colour(residual, own, carried, there, starts, given: bool, table=(math.nan, 0.0)) -> Colour:
+    variance, freedom = table
+    if not given and freedom > 0:
+        sd = np.sqrt(np.maximum(variance, carried))
+        return Colour(sd, 1.0, 0.0, given, freedom)
     if not given:
         own = max(
             _roughness(residual, np.ones_like(residual), there, starts) - np.mean(carried[there]), 1e-18
