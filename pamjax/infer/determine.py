@@ -17,7 +17,7 @@ import numpy as np
 
 from pamjax.infer.believed import is_ruler
 from pamjax.infer.fit import joint_space, spread, weigh_all
-from pamjax.infer.least_squares import Solution, linearise
+from pamjax.infer.least_squares import linearise
 from pamjax.infer.member import member
 from pamjax.infer.space import Space
 from pamjax.model.catalogue import meaning
@@ -71,7 +71,9 @@ def determine(case: Case, law: str | None = None) -> tuple[list[Determination], 
         for k, name in enumerate(at.names)
         if not is_ruler(name)
     ]
-    return found, _sentences(found, _unnoticed(at, solution, scale))
+    slope = np.asarray(solution.slope)
+    known = np.asarray(solution.information) / np.outer(slope, slope)
+    return found, _sentences(found, unnoticed(at.names, known, scale))
 
 
 def _scale(at: Space) -> np.ndarray:
@@ -80,14 +82,18 @@ def _scale(at: Space) -> np.ndarray:
     return np.where(np.isfinite(sd), sd, USEFUL * np.abs(mean))
 
 
-def _unnoticed(at: Space, solution: Solution, scale: np.ndarray) -> list[dict[str, float]]:
-    """Combinations that the recording does not settle, each as moves of its numbers, SI."""
-    slope = np.asarray(solution.slope)
-    # From the plain numbers u to steps of the prior: d(data) / d(value / scale).
-    known = np.asarray(solution.information) * np.outer(scale / slope, scale / slope)
-    own = np.array([not is_ruler(name) for name in at.names])
+def unnoticed(names: Sequence[str], information: np.ndarray, scale: np.ndarray) -> list[dict[str, float]]:
+    """Combinations that a recording does not settle, each as moves of its numbers, SI.
+
+    Args:
+        names: (p,) of the numbers; the ruler's errors among them are given all the freedom of their prior.
+        information: (p, p) what the data alone know of the numbers, 1/SI².
+        scale: (p,) the step in which each number is measured, SI.
+    """
+    known = information * np.outer(scale, scale)
+    own = np.array([not is_ruler(name) for name in names])
     eigenvalues, directions = np.linalg.eigh(_without_rulers(known, own))
-    names = [name for name, keep in zip(at.names, own, strict=True) if keep]
+    names = [name for name, keep in zip(names, own, strict=True) if keep]
     # One step of the prior and n of the data leave 1 / sqrt(1 + n²) of the step.
     weak = 1 / np.sqrt(1 + np.maximum(eigenvalues, 0)) > DETERMINED
     moves = (dict(zip(names, column * scale[own], strict=True)) for column in directions.T[weak])
@@ -105,19 +111,21 @@ def _without_rulers(known: np.ndarray, own: np.ndarray) -> np.ndarray:
     return known[np.ix_(own, own)] - across @ np.linalg.solve(ruler, across.T)
 
 
-def _sentences(found: Sequence[Determination], unnoticed: Sequence[dict[str, float]]) -> list[str]:
+def _sentences(found: Sequence[Determination], combinations: Sequence[dict[str, float]]) -> list[str]:
     said = []
     settled = [f"`{d.name}`" for d in found if d.determined]
     if settled:
         said.append(f"This recording can determine {_list(settled)}.")
-    for moves in unnoticed:
-        if len(moves) == 1:
-            (name,) = moves
-            said.append(f"It says little about `{name}`: the stated sd will still speak after a fit.")
-        else:
-            together = _list([_move(*m) for m in moves.items()])
-            said.append(f"It knows some numbers only together: {together} would go unnoticed.")
-    return said
+    return said + [words(moves) for moves in combinations]
+
+
+def words(moves: dict[str, float]) -> str:
+    """One combination that goes unnoticed, as a sentence."""
+    if len(moves) == 1:
+        (name,) = moves
+        return f"It says little about `{name}`: the stated sd will still speak after a fit."
+    together = _list([_move(*m) for m in moves.items()])
+    return f"It knows some numbers only together: {together} would go unnoticed."
 
 
 def _move(name: str, by: float) -> str:

@@ -17,6 +17,7 @@ from pamjax.study.naming import Model, name_mechanisms, settle
 from pamjax.study.problem import Problem, problem
 from pamjax.study.signature import signatures
 from pamjax.study.significance import DETECTED, Significance, significance
+from pamjax.study.undetermined import undetermined
 
 #: A rest counts as unexplained from this rms, in noise standard deviations ...
 REST = 0.3
@@ -74,7 +75,7 @@ def diagnose(
         gain=score,
         parameters=_parameters(found, model),
         moved=_moved(found, baseline, model) if naming.names else {},
-        undetermined=[],
+        undetermined=undetermined(found, baseline),
         experiments=experiments(found, model, naming.names),
     )  # fmt: skip
 

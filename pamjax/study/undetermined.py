@@ -1,0 +1,32 @@
+"""What a recording cannot determine of its baseline, in words.
+
+The baseline's refit already holds all that is needed: how each whitened sample answers to each number
+(its Jacobian J) and what was believed of the number. A combination of numbers of which JᵀJ knows less
+than the belief does would move without anyone noticing, and so could hide missing physics, or feign it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pamjax.infer.determine import USEFUL, unnoticed, words
+from pamjax.study.naming import Model
+from pamjax.study.problem import Problem
+
+
+def undetermined(found: Problem, baseline: Model) -> list[str]:
+    """Sentences, one for each combination of the baseline's numbers that its refit leaves open.
+
+    Args:
+        found: the recording before the library.
+        baseline: the baseline, refitted; samples count as its noise lets them.
+    """
+    at = baseline.at
+    moved = list(at.moved)
+    if not moved:
+        return []
+    scale = np.where(np.isfinite(found.sd[moved]), found.sd[moved], USEFUL * np.abs(found.start[moved]))
+    # From the refit's coordinates (a logarithm for some) to SI.
+    by_value = at.jacobian / np.where(at.scale != 0, at.scale, 1.0)
+    information = by_value.T @ by_value
+    return [words(moves) for moves in unnoticed([found.names[k] for k in moved], information, scale)]

@@ -1,0 +1,32 @@
+"""What a baseline's refit leaves open is told, and what it settles is not."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from pamjax.study.undetermined import undetermined
+
+NAMES = ("muscle.thread_length", "muscle.turns")
+
+
+def refitted(jacobian):
+    found = SimpleNamespace(names=NAMES, sd=np.array([1e-3, 5e-3]), start=np.array([0.25, 1.1]))
+    at = SimpleNamespace(moved=(0, 1), jacobian=np.array(jacobian), scale=np.ones(2))
+    return found, SimpleNamespace(at=at)
+
+
+def test_a_number_that_moves_nothing_is_told():
+    (said,) = undetermined(*refitted([[1e5, 0.0]]))
+    assert "little about `muscle.turns`" in said
+
+
+def test_two_numbers_that_undo_each_other_are_told_together():
+    # One sample sees only their sum, in steps of what was believed of each.
+    (said,) = undetermined(*refitted([[1e5, 2e4]]))
+    assert "together" in said
+    assert "thread_length" in said
+    assert "turns" in said
+
+
+def test_what_the_recording_settles_is_not_told():
+    assert undetermined(*refitted([[1e5, 0.0], [0.0, 2e4]])) == []
