@@ -13,6 +13,7 @@ from pamjax.check import BadInput, refuse
 from pamjax.cli.screen import say, say_json, say_written, working, writable
 
 if TYPE_CHECKING:
+    from pamjax.study.contest import Contest
     from pamjax.study.diagnosis import Diagnosis
 
 
@@ -23,18 +24,21 @@ def diagnose(
     out: Path = Path("out"),
     seed: int = 0,
     report: bool = True,
+    beside: bool = True,
     json: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
     """Locate the mismatch of a recording, name the missing physics, model it, show the gain.
 
-    Writes diagnosis.json, prediction.csv, model.json and report.html for each case, in a folder of its name;
-    prints the verdict. A bad case is told in one sentence; the good ones are still answered.
+    Writes diagnosis.json, prediction.csv, model.json, gain.json and report.html for each case, in a folder of
+    its name; prints the verdict. A bad case is told in one sentence; the good ones are still answered.
 
     Args:
         cases: case folders, each with recording.csv and muscle.toml.
         out: folder to write to.
         seed: of the draws behind the p-values.
         report: whether to write the report, which opens in any browser.
+        beside: whether to score Sárosi's formula and a Gaussian process on the same held-out rows, and all of
+            them beyond what was fitted: a few seconds a case.
         json: print the verdicts as JSON, one document a case in a list.
     """
     from pamjax.records.case import read_case
@@ -50,10 +54,11 @@ def diagnose(
     for name in names:
         if names.count(name) > 1:
             raise refuse("cases of one call need names of their own", f"{name!r} twice", "", "Rename one.")
-    answered = []
+    answered, told = [], []
     if read:
         from pamjax.infer.cache import keep_compiled
         from pamjax.study.batch import diagnose_all
+        from pamjax.study.contest import contest, save_contest
         from pamjax.study.diagnosis import save
 
         keep_compiled()
@@ -63,14 +68,19 @@ def diagnose(
                     bad.append(found)
                     continue
                 save(found, out / case.name)
+                held = contest(found, seed) if beside else None
+                if held:
+                    save_contest(held, out / case.name)
                 if report:
-                    _report(found, out, seed)
+                    _report(found, held, out, seed)
                 answered.append(found)
+                told.append(_told(found, held))
     if json:
         say_json([found.as_dict() for found in answered])
     else:
-        say("\n\n".join(str(found) for found in answered))
-    files = ["diagnosis.json", "prediction.csv", "model.json", *(["report.html"] if report else [])]
+        say("\n\n".join(told))
+    more = [*(["gain.json"] if beside else []), *(["report.html"] if report else [])]
+    files = ["diagnosis.json", "prediction.csv", "model.json", *more]
     say_written([out / found.found.case.name / name for found in answered for name in files])
     if bad:
         for error in bad[:-1]:
@@ -78,9 +88,17 @@ def diagnose(
         raise bad[-1]
 
 
-def _report(found: Diagnosis, out: Path, seed: int) -> None:
+def _told(found: Diagnosis, held: Contest | None) -> str:
+    """The verdict, with the rivals' scores, in no more lines than the verdict alone may have."""
+    from pamjax.study.diagnosis import LINES
+
+    beside = str(held).splitlines() if held else []
+    return "\n".join([*str(found).splitlines()[: LINES - len(beside)], *beside])
+
+
+def _report(found: Diagnosis, held: Contest | None, out: Path, seed: int) -> None:
     from pamjax.view.diagnosis_report import save_report
 
     case = found.found.case
     words = ["pamjax", "diagnose", str(case.folder), "--out", str(out), "--seed", str(seed)]
-    save_report(found, out / case.name / "report.html", shlex.join(words))
+    save_report(found, out / case.name / "report.html", shlex.join(words), held)

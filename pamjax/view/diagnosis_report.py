@@ -14,6 +14,7 @@ import numpy as np
 from pamjax.infer.note import quantity
 from pamjax.model.library import mechanism
 from pamjax.parameter import Meaning
+from pamjax.study.contest import BASELINE, TITLE, Contest
 from pamjax.study.diagnosis import Diagnosis, baseline_numbers
 from pamjax.study.significance import DETECTED
 from pamjax.units import show
@@ -26,13 +27,14 @@ from pamjax.view.page import Picture, picture, write_page
 TINY = 1e-12
 
 
-def save_report(one: Diagnosis, path: str | Path, command: str = "") -> Path:
+def save_report(one: Diagnosis, path: str | Path, command: str = "", held: Contest | None = None) -> Path:
     """Write the report of a diagnosis.
 
     Args:
         one: the diagnosis.
         path: the HTML file; its folder must exist.
         command: what repeats it, in a shell; the plain command if left out.
+        held: the gain beside a formula and a Gaussian process, where it was asked for.
     """
     told = one.as_dict()
     return write_page(
@@ -53,6 +55,7 @@ def save_report(one: Diagnosis, path: str | Path, command: str = "") -> Path:
         left_out=_drawn(one, partial(left_out_figure, one), "left-out"),
         held_out=_drawn(one, partial(figures.held_out_figure, one), "held-out"),
         scores=list(_scores(told)),
+        contest=_contest(held) if held and held.splits else None,
         moved=_drawn(one, partial(figures.moved_figure, one), "moved"),
         moves=list(_moves(one)),
         ties=any(name.ties for name in one.names),
@@ -185,6 +188,25 @@ def _scores(told: dict[str, Any]) -> Iterator[list[str]]:
             kinds = ["rmse_before", "rmse_after"] if told["missing_physics"] else ["rmse_before"]
             numbers = [*(score[kind] for kind in kinds), told["noise"][channel]["sd"]]
             yield [channel, *(f"{number:.4g} {score['unit']}" for number in numbers)]
+
+
+def _contest(held: Contest) -> dict[str, Any]:
+    """A row for each split and channel, a column for each model."""
+    models = list(dict.fromkeys(model for split in held.splits for model in split.rmse))
+    rows, remarks = [], []
+    for split in held.splits:
+        for channel, noise in held.noise.items():
+            if channel in split.rmse[BASELINE]:
+                cells = [split.rmse.get(model, {}).get(channel) for model in models]
+                starred = ["*" if model in split.remarks else "" for model in models]
+                told = [
+                    "–" if value is None else f"{figures.told(value, channel)}{star}"
+                    for value, star in zip(cells, starred, strict=True)
+                ]
+                rows.append([f"{split.name}: {split.rows}", channel, *told, figures.told(noise, channel)])
+        remarks += [f"{TITLE[model]}, {split.name}: {remark}" for model, remark in split.remarks.items()]
+    head = ["held out", "channel", *(TITLE[model] for model in models), "noise"]
+    return {"head": head, "rows": rows, "remarks": remarks}
 
 
 def _moves(one: Diagnosis) -> Iterator[list[str]]:

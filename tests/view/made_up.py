@@ -87,7 +87,10 @@ def diagnosis(
         n=n,
         measured=measured,
         member=SimpleNamespace(
-            history=SimpleNamespace(rate=lambda _: rate), rows=SimpleNamespace(length=None)
+            history=SimpleNamespace(
+                rate=lambda values: np.gradient(values) if time is not None else 0 * values
+            ),
+            rows=SimpleNamespace(length=length, pressure=pressure),
         ),
         shows=lambda values: shown[id(values)],
         place=NAMES.index,

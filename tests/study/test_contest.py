@@ -1,0 +1,46 @@
+"""Rivals beside a gain: a curve learns what it saw, and knows nothing beyond."""
+
+import numpy as np
+import pytest
+
+from pamjax.study.contest import BASELINE, NAMED, PROCESS, SAROSI, beyond, contest
+from pamjax.study.discrepancy import discrepancy
+from tests.view.made_up import diagnosis, lengths
+
+
+def test_a_gaussian_process_learns_between_and_returns_to_the_baseline_beyond():
+    rng = np.random.default_rng(2)
+    x = np.linspace(-2, 6, 400)[:, None]
+    left = np.where(x[:, 0] < 2, 5 * np.sin(2 * x[:, 0]), 0.0) + 0.1 * rng.standard_normal(400)
+    told = (x[:, 0] < 2) & (np.abs(x[:, 0]) > 0.2)
+    found = discrepancy(x, left, told)
+    inside, beyond_it = np.abs(x[:, 0]) <= 0.2, x[:, 0] > 5
+    assert np.abs(found - 5 * np.sin(2 * x[:, 0]))[inside].max() < 0.3
+    assert np.abs(found[beyond_it]).max() < 1.0
+    # Able to fail: what it never saw it does not know.
+    assert np.abs(found - 5 * np.sin(2 * x[:, 0]))[x[:, 0] > 3].max() > 3
+
+
+def test_on_the_same_rows_the_curve_beats_the_baseline_and_the_names_beat_the_curve(monkeypatch):
+    one = diagnosis()
+    # A made-up diagnosis has no model to refit: what it showed before stands for the fit without the rows.
+    monkeypatch.setattr("pamjax.study.contest._refitted", lambda one, out: (one.gain.before, one.gain.after))
+    held = contest(one)
+    first = held.splits[0]
+    assert list(first.rmse) == [BASELINE, NAMED, SAROSI, PROCESS]
+    force = {model: by["force"] for model, by in first.rmse.items()}
+    assert force[NAMED] < 1.1 * held.noise["force"] < force[PROCESS] < force[BASELINE]
+    assert "diameter" not in first.rmse[SAROSI]
+    document = held.as_dict()
+    assert document["splits"][0]["rmse"][NAMED]["force"]["value"] == pytest.approx(force[NAMED])
+    assert "Sárosi" in str(held)
+
+
+@pytest.mark.parametrize(("made", "words"), [({}, "isobar, 400 kPa"), ({"protocol": lengths}, "180 mm")])
+def test_beyond_is_the_highest_pressure_or_the_most_contracted_length(made, words):
+    found = diagnosis(**made).found
+    out, said = beyond(found)
+    assert words in said
+    recording = found.case.recording
+    edge = recording.pressure == recording.pressure.max() if not made else recording.length < 0.185
+    assert np.array_equal(out, edge)
