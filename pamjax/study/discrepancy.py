@@ -12,6 +12,7 @@ its own, and the two are not inferred together.
 from __future__ import annotations
 
 import warnings
+from typing import Any, cast
 
 import numpy as np
 
@@ -70,7 +71,7 @@ def discrepancy(x: np.ndarray, left: np.ndarray, told: np.ndarray, seed: int = 0
     rows = rows[np.unique(np.linspace(0, rows.size - 1, min(LEARNT, rows.size)).astype(int))]
     out = np.full(left.size, np.nan)
     size = float(np.sqrt(np.mean(left[rows] ** 2))) or 1.0
-    kernel = ConstantKernel(1.0, (1e-4, 1e4)) * RBF(np.ones(x.shape[1]), (0.03, 100.0))
+    kernel = ConstantKernel(1.0, (1e-4, 1e4)) * RBF(cast(Any, np.ones(x.shape[1])), (0.03, 100.0))
     process = GaussianProcessRegressor(
         kernel + WhiteKernel(0.01, (1e-8, 10.0)), n_restarts_optimizer=1, random_state=seed
     )
@@ -78,5 +79,5 @@ def discrepancy(x: np.ndarray, left: np.ndarray, told: np.ndarray, seed: int = 0
         # A length scale at its limit says that an input does not matter, or matters from row to row.
         warnings.simplefilter("ignore", ConvergenceWarning)
         process.fit(x[rows], left[rows] / size)
-    out[known] = size * process.predict(x[known])
+    out[known] = size * np.asarray(process.predict(x[known]))
     return out
