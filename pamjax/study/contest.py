@@ -149,7 +149,7 @@ def beyond(found: Problem) -> tuple[np.ndarray, str]:
         if settings.size >= ENOUGH:
             last = end(settings.tolist())
             kind = "the highest isobar" if what == "kPa" else "the most contracted length"
-            return label == last, f"{kind}, {show(levels[last], what, 3)}"
+            return label == last, f"{kind}, {show(float(levels[last]), what, 3)}"
     low, high = np.nanquantile(recording.length[seen], [0.0, 1.0]) if seen.any() else (0.0, 0.0)
     short = seen & (recording.length < low + BEYOND * (high - low))
     return short, f"lengths below {show(low + BEYOND * (high - low), 'mm', 3)}"
