@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from pamjax.cli.screen import say, say_json, say_written, working, writable
+from pamjax.cli.screen import command, say, say_json, say_written, working, writable
 
 
 def fit(
@@ -25,11 +25,12 @@ def fit(
     folds: int = 5,
     seed: int = 0,
     figures: bool = True,
+    report: bool = True,
     json: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
     """Calibrate a muscle on its recording, or several muscles together.
 
-    Writes fit.json, a netCDF of prediction and residual, and figures; prints a lab note.
+    Writes fit.json, a netCDF of prediction and residual, figures and report.html; prints a lab note.
 
     Args:
         cases: case folders, each with recording.csv and muscle.toml.
@@ -47,6 +48,7 @@ def fit(
         folds: into how many parts the blocks are dealt for the held-out score.
         seed: of the starts and the deal.
         figures: whether to draw.
+        report: whether to write report.html, which opens in any browser.
         json: print fit.json instead of the note.
     """
     from pamjax.cli.settings import of_each
@@ -83,5 +85,9 @@ def fit(
         from pamjax.view.fit_figures import save_figures
 
         written += save_figures(found, out)
+    if report:
+        from pamjax.view.fit_report import save_report
+
+        written.append(save_report(found, out / "report.html", command()))
     say_json(as_dict(found)) if json else say(str(found))
     say_written(written)

@@ -51,6 +51,9 @@ def main(arguments: list[str] | None = None) -> int:
     Returns:
         the exit code: 0 for an answer, 2 for a bad input, 130 if interrupted.
     """
+    from pamjax.cli.screen import heard
+
+    heard(sys.argv[1:] if arguments is None else arguments)
     try:
         app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
     except (BadInput, CycloptsError) as error:

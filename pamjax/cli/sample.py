@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from pamjax.cli.screen import say, say_json, say_written, working, writable
+from pamjax.cli.screen import command, say, say_json, say_written, working, writable
 
 
 def sample(
@@ -25,13 +25,14 @@ def sample(
     max_draws: int = 20_000,
     seed: int = 0,
     figures: bool = True,
+    report: bool = True,
     json: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
     """Draw from the posterior of a muscle's numbers and of the noise's.
 
-    Writes posterior.nc (for ArviZ), posterior.json and figures; prints a lab note with a verdict for
-    each number. The chain is kept in the folder: a run that was stopped or killed goes on where it was
-    when the same words are said again, and one that is finished is not walked further.
+    Writes posterior.nc (for ArviZ), posterior.json, figures and report.html; prints a lab note with
+    a verdict for each number. The chain is kept in the folder: a run that was stopped or killed goes on
+    where it was when the same words are said again, and one that is finished is not walked further.
 
     Args:
         cases: case folders, each with recording.csv and muscle.toml.
@@ -47,6 +48,7 @@ def sample(
         max_draws: draws of one walker or chain, at most.
         seed: of the sampler and of the fit.
         figures: whether to draw.
+        report: whether to write report.html, which opens in any browser.
         json: print posterior.json instead of the note.
     """
     from pamjax.records.case import read_case
@@ -80,5 +82,9 @@ def sample(
         from pamjax.view.posterior_figures import save_posterior_figures
 
         written += save_posterior_figures(post, out)
+    if report:
+        from pamjax.view.posterior_report import save_report
+
+        written.append(save_report(post, out / "report.html", command()))
     say_json(posterior_dict(post)) if json else say(str(post))
     say_written(written)

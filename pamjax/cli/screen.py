@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,19 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from pamjax.check import refuse
+
+#: The words of the command that runs, for reports that say how to repeat them.
+_said: list[str] = []
+
+
+def heard(words: Sequence[str]) -> None:
+    """Remember the words of a command."""
+    _said[:] = words
+
+
+def command() -> str:
+    """What repeats the command that runs, in a shell."""
+    return shlex.join(["pamjax", *_said])
 
 
 @contextmanager

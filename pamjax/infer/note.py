@@ -23,10 +23,10 @@ UNIT = {"force": "N", "diameter": "mm"}
 
 def note(fit: Fit) -> str:
     """The whole note, plain text."""
-    lines = [_title(fit), "", *_estimates(fit), "", *_correlations(fit)]
+    lines = [_title(fit), "", *_estimates(fit), "", *correlations(fit)]
     for one in fit.cases:
         lines += ["", *_case(one, len(fit.cases) > 1)]
-    return "\n".join([*lines, "", *_trust(fit)])
+    return "\n".join([*lines, "", *trust(fit)])
 
 
 def quantity(value: float, sd: float | None, unit: str) -> str:
@@ -54,7 +54,7 @@ def _estimates(fit: Fit) -> Iterator[str]:
     shown = {n: e for n, e in fit.estimates.items() if not is_ruler(n)}
     width = max(map(len, shown), default=0)
     for name, e in shown.items():
-        yield f"  {name:<{width}}  {quantity(e.value, e.sd, e.meaning.show):<24} {_origin(e)}"
+        yield f"  {name:<{width}}  {quantity(e.value, e.sd, e.meaning.show):<24} {origin(e)}"
     errors = [e for n, e in fit.estimates.items() if is_ruler(n)]
     if errors:
         worst = max(errors, key=lambda e: abs(e.value))
@@ -65,7 +65,8 @@ def _estimates(fit: Fit) -> Iterator[str]:
         )
 
 
-def _origin(e: Estimate) -> str:
+def origin(e: Estimate) -> str:
+    """Where a number comes from: the recording, mostly its prior, or a limit."""
     if e.at_limit:
         low, high = (x / in_unit(e.meaning.show) for x in (e.meaning.low, e.meaning.high))
         unit = "" if e.meaning.show == "1" else f" {e.meaning.show}"
@@ -82,7 +83,8 @@ def _origin(e: Estimate) -> str:
     return f"{kind}; before {before}, moved {shift:+.1f} sd{against}"
 
 
-def _correlations(fit: Fit) -> Iterator[str]:
+def correlations(fit: Fit) -> Iterator[str]:
+    """Which numbers move together."""
     names = list(fit.estimates)
     pairs = [
         (abs(fit.correlation[i, j]), names[j], names[i], fit.correlation[i, j])
@@ -144,7 +146,8 @@ def _rows(rows: np.ndarray) -> str:
     return head + (", …" if len(rows) > 5 else "")
 
 
-def _trust(fit: Fit) -> Iterator[str]:
+def trust(fit: Fit) -> Iterator[str]:
+    """Did the minimiser arrive, and always at the same place?"""
     state = "converged" if fit.converged else "DID NOT CONVERGE"
     yield f"  {state} in {fit.steps} steps; {fit.agreeing} of {fit.starts} starts agree"
     if fit.loss == "soft":

@@ -15,8 +15,8 @@ from pamjax.units import in_unit, show
 
 def posterior_note(post: Posterior) -> str:
     """The whole note, plain text."""
-    lines = [_title(post), "", *_numbers(post), "", *_priors(post), "", *_ridges(post), *_noise(post), ""]
-    return "\n".join([*lines, *_trust(post)])
+    lines = [_title(post), "", *_numbers(post), "", *priors(post), "", *ridges(post), *repeats(post), ""]
+    return "\n".join([*lines, *trust(post)])
 
 
 def _title(post: Posterior) -> str:
@@ -31,7 +31,8 @@ def _shown(post: Posterior) -> list[str]:
     return [name for name in post.names if not is_ruler(name)]
 
 
-def _about(post: Posterior, name: str):
+def unit_of(post: Posterior, name: str) -> str:
+    """In which unit a person reads a number."""
     if name in post.fit.estimates:
         return post.fit.estimates[name].meaning.show
     return {"force": "N", "diameter": "mm"}.get(name.rpartition(".")[2], "1")
@@ -40,7 +41,7 @@ def _about(post: Posterior, name: str):
 def _numbers(post: Posterior) -> Iterator[str]:
     width = max(map(len, _shown(post)))
     for name in _shown(post):
-        m, unit = post.marginals[name], _about(post, name)
+        m, unit = post.marginals[name], unit_of(post, name)
         scale, digits = in_unit(unit), _digits(m.sd / in_unit(unit))
         interval = f"{m.low / scale:.{digits}f} to {m.high / scale:.{digits}f}"
         verdict = str(post.verdicts[name]) if name in post.verdicts else "noise"
@@ -51,13 +52,14 @@ def _digits(sd: float) -> int:
     return max(0, 1 - math.floor(math.log10(sd))) if sd > 0 else 3
 
 
-def _priors(post: Posterior) -> Iterator[str]:
+def priors(post: Posterior) -> Iterator[str]:
+    """What was believed before."""
     at = post.density.at
     yield "  believed before:"
     for k, name in enumerate(at.names):
         if is_ruler(name):
             continue
-        unit = _about(post, name)
+        unit = unit_of(post, name)
         low, high = show(float(at.low[k]), unit, 3), show(float(at.high[k]), unit, 3)
         if np.isfinite(at.sd[k]):
             belief = quantity(float(at.mean[k]), float(at.sd[k]), unit)
@@ -67,7 +69,8 @@ def _priors(post: Posterior) -> Iterator[str]:
         yield f"    {name}: {belief}{told}"
 
 
-def _ridges(post: Posterior) -> Iterator[str]:
+def ridges(post: Posterior) -> Iterator[str]:
+    """Which numbers move together."""
     names = post.names
     pairs = [
         (abs(post.correlation[i, j]), names[j], names[i], post.correlation[i, j])
@@ -79,7 +82,8 @@ def _ridges(post: Posterior) -> Iterator[str]:
         yield f"  {first} and {second} move together (correlation {value:+.2f})"
 
 
-def _noise(post: Posterior) -> Iterator[str]:
+def repeats(post: Posterior) -> Iterator[str]:
+    """Where noise has more than one memory."""
     for one, streams, powers in zip(post.fit.cases, post.density.streams, post.density.powers, strict=True):
         for stream, power in zip(streams, powers, strict=True):
             if power < 1:
@@ -90,7 +94,8 @@ def _noise(post: Posterior) -> Iterator[str]:
                 )
 
 
-def _trust(post: Posterior) -> Iterator[str]:
+def trust(post: Posterior) -> Iterator[str]:
+    """Are the draws good enough, and were there accidents?"""
     health = post.health
     n, chains, _ = post.draws.shape
     ess, rhat = post.wanted

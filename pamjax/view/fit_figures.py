@@ -11,6 +11,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from pamjax.infer.note import UNIT, quantity
 from pamjax.infer.result import CaseFit, Estimate, Fit
 from pamjax.units import in_unit, show
 from pamjax.view.layout import Layout, axes_of, key, layout, lines, mark, thin
-from pamjax.view.theme import DOUBLE, OKABE_ITO, QUIET, figure, save_png, theme
+from pamjax.view.theme import DOUBLE, OKABE_ITO, QUIET, SINGLE, figure, save_png, theme
 
 #: A misfit above this many times the noise is a miss; as in the note.
 MISS = 1.5
@@ -34,12 +35,11 @@ NAMED_BLOCKS = 30
 FEW = 200
 
 
-def prediction_figure(one: CaseFit) -> Figure:
-    """Measured points beside the fitted muscle's lines, a panel a channel."""
+def prediction_figure(one: CaseFit, narrow: bool = False) -> Figure:
+    """Measured points beside the fitted muscle's lines, a panel a channel; one below another if narrow."""
     form, channels = layout(one.case), one.case.recording.channels
     with theme():
-        made = figure(DOUBLE if len(channels) > 1 else 4.8, 3.4)
-        panels = list(made.subplots(1, len(channels), squeeze=False)[0])
+        made, panels = panels_of(len(channels), narrow)
         for panel, channel in zip(panels, channels, strict=True):
             _points_and_lines(panel, one, form, channel)
             panel.set(xlabel=form.xlabel, ylabel=f"{channel} [{UNIT[channel]}]", title=missed(one, channel))
@@ -67,6 +67,15 @@ def _points_and_lines(panel: Axes, one: CaseFit, form: Layout, channel: str) -> 
             panel.plot(form.x[rows], model[rows], color=colour, zorder=3, gid="model")
 
 
+def panels_of(count: int, narrow: bool, height: float = 3.4, **shared: Any) -> tuple[Figure, list[Axes]]:
+    """Panels beside one another, or one below another where there is no room."""
+    if narrow:
+        made = figure(SINGLE, 0.4 + 0.85 * height * count)
+        return made, list(made.subplots(count, 1, squeeze=False, **shared)[:, 0])
+    made = figure(DOUBLE if count > 1 else 4.8, height)
+    return made, list(made.subplots(1, count, squeeze=False, **shared)[0])
+
+
 def _point(there: np.ndarray) -> dict[str, Any]:
     """How a measured point looks: firm and above the lines where there are few, else part of a cloud."""
     few = there.sum() <= FEW
@@ -91,11 +100,14 @@ def _size(value: float, channel: str) -> str:
     return f"{value / in_unit(UNIT[channel]):.3g} {UNIT[channel]}"
 
 
-def residual_figure(one: CaseFit) -> Figure:
+def residual_figure(one: CaseFit, narrow: bool = False) -> Figure:
     """Measured − model over contraction, pressure and time, beside the band that noise would fill."""
     form, channels, columns = layout(one.case), one.case.recording.channels, axes_of(one.case)
+    if narrow:  # what a phone has room for
+        columns = dict(list(columns.items())[:1])
     with theme():
-        made = figure(DOUBLE if len(columns) > 1 else 4.8, 1.0 + 2.1 * len(channels))
+        width = SINGLE if narrow else DOUBLE if len(columns) > 1 else 4.8
+        made = figure(width, 1.0 + 2.1 * len(channels))
         grid = made.subplots(len(channels), len(columns), sharey="row", sharex="col", squeeze=False)
         for row, channel in zip(grid, channels, strict=True):
             for panel, x in zip(row, columns.values(), strict=True):
@@ -103,7 +115,9 @@ def residual_figure(one: CaseFit) -> Figure:
             row[0].set_ylabel(f"{channel}: measured − model [{UNIT[channel]}]")
         for panel, label in zip(grid[-1], columns, strict=True):
             panel.set_xlabel(label)
-        made.suptitle("\n".join(outside(one, channel) for channel in channels), x=0.01, ha="left")
+        said = [outside(one, channel) for channel in channels]
+        said = [textwrap.fill(text, 52) for text in said] if narrow else said
+        made.suptitle("\n".join(said), x=0.01, ha="left")
         stated = all(one.noise[channel].given for channel in channels)
         whose = "its noise" if stated else "noise, or of the residual where none was stated"
         band = mark(f"± 2 sd of {whose}", marker="s", ms=7, alpha=0.3)
@@ -140,7 +154,7 @@ def outside(one: CaseFit, channel: str) -> str:
     return f"{channel.capitalize()}: {far:.0f} % of samples outside ± 2 sd of its noise, where 5 % belong"
 
 
-def held_out_figure(one: CaseFit) -> Figure:
+def held_out_figure(one: CaseFit, narrow: bool = False) -> Figure:
     """Misfit of every block, in the fit that saw it and in the one that did not.
 
     Raises:
@@ -152,8 +166,7 @@ def held_out_figure(one: CaseFit) -> Figure:
     names = _in_order(one)
     with theme():
         height = 1.4 + 0.16 * min(max(len(names), 6), NAMED_BLOCKS)
-        made = figure(DOUBLE if len(channels) > 1 else 4.8, height)
-        panels = list(made.subplots(1, len(channels), sharey=True, squeeze=False)[0])
+        made, panels = panels_of(len(channels), narrow, height, sharey=True)
         for panel, channel in zip(panels, channels, strict=True):
             _blocks(panel, one, channel, names)
         every = math.ceil(len(names) / NAMED_BLOCKS)
@@ -213,11 +226,11 @@ def generalises(one: CaseFit, channel: str) -> str:
     )
 
 
-def prior_figure(fit: Fit) -> Figure:
+def prior_figure(fit: Fit, narrow: bool = False) -> Figure:
     """What was known before and what the fit says, each number on the scale of its prior."""
     names = list(fit.estimates)
     with theme():
-        made = figure(DOUBLE, 1.3 + 0.22 * max(len(names), 3))
+        made = figure(SINGLE if narrow else DOUBLE, 1.3 + 0.22 * max(len(names), 3))
         panel = made.subplots()
         panel.axvspan(-1, 1, color=QUIET, alpha=0.3, lw=0, gid="prior")
         panel.axvline(0, color=QUIET, lw=0.6)

@@ -28,8 +28,9 @@ from pamjax.infer.profile import SURE
 from pamjax.infer.result import CaseFit
 from pamjax.infer.save_posterior import shown_unit
 from pamjax.units import in_unit
+from pamjax.view.fit_figures import panels_of
 from pamjax.view.layout import key, layout, lines, mark, thin
-from pamjax.view.theme import DOUBLE, OKABE_ITO, QUIET, figure, save_png, theme
+from pamjax.view.theme import DOUBLE, OKABE_ITO, QUIET, SINGLE, figure, save_png, theme
 
 BLUE, RED = OKABE_ITO["blue"], OKABE_ITO["vermilion"]
 #: A corner plot of more numbers than this is a wall: the noise's numbers go first.
@@ -114,14 +115,14 @@ def _together(post: Posterior, chosen: list[int]) -> str:
     return f"{post.names[a]} and {post.names[b]} move together most (correlation {value})"
 
 
-def belief_figure(post: Posterior) -> Figure:
+def belief_figure(post: Posterior, narrow: bool = False) -> Figure:
     """Prior against posterior, a panel a number."""
     chosen = _shown(post)
     before = prior_draws(post.density, 4000, post.seed)
-    columns = min(3, len(chosen))
+    columns = min(1 if narrow else 3, len(chosen))
     with theme():
         rows = math.ceil(len(chosen) / columns)
-        made = figure(DOUBLE, 0.8 + 1.5 * rows)
+        made = figure(SINGLE if narrow else DOUBLE, 0.8 + (1.2 if narrow else 1.5) * rows)
         panels = made.subplots(rows, columns, squeeze=False).ravel()
         for panel, k in zip(panels, chosen, strict=False):
             _beside(
@@ -196,26 +197,27 @@ def trace_figure(post: Posterior) -> Figure:
             for chain in range(min(chains, WALKERS)):
                 trace = _in_unit(post, post.draws[::every, chain], k)
                 panel.plot(np.arange(n)[::every], trace, lw=0.5, alpha=0.7, gid="trace")
-            text = f"R̂ {post.health.rhat[k]:.3f}, ESS {post.health.ess[k]:.0f}"
+            text = f"R-hat {post.health.rhat[k]:.3f}, ESS {post.health.ess[k]:.0f}"
             panel.text(1.01, 0.5, text, transform=panel.transAxes, fontsize=6, va="center")
             panel.set_ylabel(_label(post, k), fontsize=5.5)
             panel.tick_params(labelsize=6)
         panels[-1].set_xlabel("draw, after the first fifth")
         state = "The chains agree" if post.reached else "The chains are NOT yet good enough"
-        found = f"at least {post.health.ess.min():.0f} effective samples, R̂ ≤ {post.health.rhat.max():.3f}"
+        found = (
+            f"at least {post.health.ess.min():.0f} effective samples, R-hat ≤ {post.health.rhat.max():.3f}"
+        )
         made.suptitle(f"{state}: {found}", x=0.01, ha="left")
     return made
 
 
-def band_figure(post: Posterior, k: int = 0) -> Figure:
+def band_figure(post: Posterior, k: int = 0, narrow: bool = False) -> Figure:
     """Measured points on the bands in which 90 % of new samples are expected, a panel a channel."""
     one = post.fit.cases[k]
     form, values = layout(one.case), post.draw(BAND)
     smooth = predictions(post.density, values, k)
     with theme():
         streams = post.density.streams[k]
-        made = figure(DOUBLE if len(streams) > 1 else 4.8, 3.4)
-        panels = list(made.subplots(1, len(streams), squeeze=False)[0])
+        made, panels = panels_of(len(streams), narrow)
         for panel, stream in zip(panels, streams, strict=True):
             channel = CHANNELS[stream.channel]
             rows = with_noise(one, stream, smooth[channel], values, post.seed) / in_unit(UNIT[channel])
@@ -252,7 +254,7 @@ def _band(panel: Axes, one: CaseFit, form, channel: str, rows: np.ndarray) -> No
                 )
     inside = (measured >= low) & (measured <= high)
     share = 100 * inside[there].mean()
-    panel.set_title(f"{channel.capitalize()}: {share:.0f} % of samples in the band that is to hold 90 %")
+    panel.set_title(f"{channel.capitalize()}: {share:.0f} % of samples\nin the band that is to hold 90 %")
 
 
 def save_posterior_figures(post: Posterior, folder: Path) -> list[Path]:

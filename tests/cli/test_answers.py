@@ -55,7 +55,7 @@ def test_fit_speaks_json_alone(bench, fitted, tmp_path, capsys):
     document = json.loads(said.out)
     # The same words, the same answer.
     assert document == json.loads((fitted / "fit.json").read_text())
-    assert said.err == f"wrote {tmp_path / 'out'}/: fit.json, fit.nc\n"
+    assert said.err == f"wrote {tmp_path / 'out'}/: fit.json, fit.nc, report.html\n"
 
 
 def test_a_calibrated_muscle_is_simulated_and_read(fitted, bench, tmp_path, capsys):

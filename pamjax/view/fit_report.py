@@ -1,0 +1,181 @@
+"""The report of a fit: does the muscle meet its recording, and what are its numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from pamjax.infer.believed import is_ruler
+from pamjax.infer.note import UNIT, correlations, origin, quantity, trust
+from pamjax.infer.result import CaseFit, Estimate, Fit
+from pamjax.units import in_unit, show
+from pamjax.view import fit_figures as figures
+from pamjax.view.page import Picture, picture, write_page
+
+#: How many numbers the first screen names.
+NAMED = 3
+
+
+def save_report(fit: Fit, path: str | Path, command: str = "pamjax fit") -> Path:
+    """Write the report of a fit.
+
+    Args:
+        fit: the fit.
+        path: the HTML file; its folder must exist.
+        command: what repeats it, in a shell.
+    """
+    shown = {name: e for name, e in fit.estimates.items() if not is_ruler(name)}
+    return write_page(
+        path,
+        "fit.html.jinja",
+        title=headline(fit),
+        kicker=f"Fit of {words([one.case.name for one in fit.cases])} · {model_of(fit)}",
+        answer=(met(fit), numbers_say(shown)),
+        cases=[_case(fit, one, k) for k, one in enumerate(fit.cases)],
+        rows=[
+            [n, quantity(e.value, e.sd, e.meaning.show), origin(e), e.meaning.about] for n, e in shown.items()
+        ],
+        together=[line.strip() for line in correlations(fit)],
+        prior=drawn(partial(figures.prior_figure, fit), "prior"),
+        assumed=list(_assumed(fit)),
+        command=command,
+    )
+
+
+def model_of(fit: Fit) -> str:
+    """The model in words."""
+    return f"{fit.law} threads" + (f" with {words(list(fit.mechanisms))}" if fit.mechanisms else "")
+
+
+def words(parts: list[str]) -> str:
+    """One, two and three.
+
+    >>> words(["force", "diameter", "time"])
+    'force, diameter and time'
+    """
+    return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1] if parts else ""
+
+
+def drawn(draw: Any, name: str) -> Picture | None:
+    """A figure for a page, wide and narrow."""
+    return picture(lambda narrow: draw(narrow=narrow), name)
+
+
+def _worst(fit: Fit) -> tuple[CaseFit, str]:
+    """The channel whose misfit is the largest multiple of its noise."""
+    pairs = [(one, channel) for one in fit.cases for channel in one.rmse]
+    return max(pairs, key=lambda pair: pair[0].noise[pair[1]].excess if pair[0].noise[pair[1]].given else 0.0)
+
+
+def headline(fit: Fit) -> str:
+    """The answer in a line."""
+    one, channel = _worst(fit)
+    noise = one.noise[channel]
+    if not fit.converged:
+        return "The fit did not converge"
+    if noise.given and noise.excess > figures.MISS:
+        return f"The model misses {channel} by {noise.excess:.2g} times its noise"
+    if noise.given:
+        return "The calibrated muscle meets its recording to the noise"
+    return f"Calibrated: {channel} is met to {_told(one.rmse[channel], channel)}"
+
+
+def met(fit: Fit) -> str:
+    """How well the recording is met, where seen and where not, in one sentence."""
+    one, channel = _worst(fit)
+    noise = one.noise[channel]
+    kind = "its noise is" if noise.given else "the residual's own noise is"
+    seen = _told(one.rmse[channel], channel)
+    text = f"{channel.capitalize()} is met to {seen}, where {kind} {_told(noise.sd, channel)}"
+    if len(fit.cases) > 1:
+        text = f"In {one.case.name}, the worst of {len(fit.cases)}, {text[:1].lower()}{text[1:]}"
+    if one.held_out is None or channel not in one.held_out.rmse:
+        return f"{text}; nothing could be held out."
+    unseen = _told(one.held_out.rmse[channel], channel)
+    return f"{text}; {one.held_out.kind} that the fit never saw are missed by {unseen}."
+
+
+def numbers_say(shown: dict[str, Estimate]) -> str:
+    """What the recording taught, in one sentence."""
+    limits = [name for name, e in shown.items() if e.at_limit]
+    found = [
+        f"{n} {quantity(e.value, e.sd, e.meaning.show)}"
+        for n, e in shown.items()
+        if e.learned >= 0.5 and n not in limits
+    ]
+    rest = [n for n, e in shown.items() if e.learned < 0.5 and n not in limits]
+    parts = [f"It determines {words(_some(found))}"] if found else ["It determines no number by itself"]
+    if limits:
+        parts.append(f"{words(_some(limits))} {'sits' if len(limits) == 1 else 'sit'} at a limit")
+    if rest:
+        parts.append(
+            f"{words(_some(rest))} {'is' if len(rest) == 1 else 'are'} mostly what was believed before"
+        )
+    return "; ".join(parts) + "."
+
+
+def _some(names: list[str]) -> list[str]:
+    return names if len(names) <= NAMED else [*names[:NAMED], f"{len(names) - NAMED} more"]
+
+
+def _told(value: float, channel: str) -> str:
+    return f"{value / in_unit(UNIT[channel]):.3g} {UNIT[channel]}"
+
+
+def _case(fit: Fit, one: CaseFit, k: int) -> dict[str, Any]:
+    several = len(fit.cases) > 1
+    return {
+        "name": one.case.name,
+        "heading": f"{one.case.name}: {one.case.entry.name}" if several else "Where it misses",
+        "prediction": drawn(partial(figures.prediction_figure, one), f"prediction-{k}"),
+        "residual": drawn(partial(figures.residual_figure, one), f"residual-{k}"),
+        "held_out": drawn(partial(figures.held_out_figure, one), f"held-out-{k}") if one.held_out else None,
+        "scores": [_score(one, channel) for channel in one.rmse],
+        "range": ", ".join(
+            f"{name} {show(low, unit)} to {show(high, unit)}"
+            for (name, (low, high)), unit in zip(one.calibrated.items(), ("kPa", "mm"), strict=True)
+        ),
+        "checksum": one.case.checksum,
+    }
+
+
+def _score(one: CaseFit, channel: str) -> list[str]:
+    noise = one.noise[channel]
+    unseen = one.held_out.rmse.get(channel, math.nan) if one.held_out else math.nan
+    return [
+        channel,
+        _told(one.rmse[channel], channel),
+        _told(unseen, channel) if math.isfinite(unseen) else "–",
+        f"{_told(noise.sd, channel)}, {'stated' if noise.given else 'estimated'}",
+        f"{noise.samples} ({noise.samples / noise.inflation:.0f})",
+    ]
+
+
+def _assumed(fit: Fit) -> Iterator[str]:
+    yield f"The model is a braid of {model_of(fit)}; the others of the library are left out."
+    if fit.loss == "soft":
+        yield "Samples far off pull less (soft loss)."
+    for line in trust(fit):
+        yield line.strip()[:1].upper() + line.strip()[1:] + "."
+    for one in fit.cases:
+        name = f"{one.case.name}: " if len(fit.cases) > 1 else ""
+        begun = "was at rest" if one.case.before == "relaxed" else "had been through the same recording once"
+        if fit.mechanisms:
+            gaps = "goes on" if one.case.gaps == "carry" else "begins anew"
+            yield f"{name}before its first sample the muscle {begun}; memory {gaps} at a jump."
+        if one.held_out is not None:
+            parts = " | ".join("; ".join(fold) for fold in one.held_out.folds)
+            yield f"{name}held out in turn: {parts}."
+        for status, rows in one.failed.items():
+            yield f"{name}{len(rows)} rows failed: {status.says}."
+        for aside in one.case.recording.aside:
+            yield f"{name}{aside}."
+        for warning in one.case.warnings:
+            yield f"{name}{warning}"
+    yield (
+        "Standard deviations widen with the misfit and with its correlation; a wrong model can still be"
+        " surely wrong."
+    )

@@ -1,0 +1,101 @@
+"""Reports: whole, offline, said in words; and in a browser without an error, on a desk and on a phone."""
+
+import json
+import re
+import shutil
+import subprocess
+
+import pytest
+
+from pamjax.cli.main import main
+from tests.view.html_page import Page
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+#: Put at the end of a copy: how wide the page is, where everybody can read it.
+MEASURE = "<script>document.title = `wide ${document.documentElement.scrollWidth}`</script></body>"
+
+
+@pytest.fixture(scope="session")
+def sampled(bench, tmp_path_factory):
+    """The folder that `pamjax sample` wrote of a few rows."""
+    out = tmp_path_factory.mktemp("posterior")
+    folder = out / "few"
+    shutil.copytree(bench / "made", folder)
+    rows = (folder / "recording.csv").read_text().splitlines()
+    (folder / "recording.csv").write_text("\n".join([rows[0], *rows[1::12]]) + "\n")
+    words = ["--out", str(out / "out"), "--ess", "60", "--rhat", "1.3", "--no-figures"]
+    assert main(["sample", str(folder), *words]) == 0
+    return out / "out"
+
+
+@pytest.fixture(params=["fitted", "sampled", "diagnosed"])
+def report(request):
+    return request.getfixturevalue(request.param) / "report.html"
+
+
+@pytest.mark.slow
+def test_it_is_whole_offline_and_has_words_for_every_picture(report):
+    text = report.read_text("utf-8")
+    page = Page(text)
+    outside = r"""(?:src|href)\s*=\s*["'](?!#|data:)|url\((?!#)|@import|https?://(?!www\.w3)"""
+    assert not re.search(outside, text)
+    assert page.every("script") == []
+    pictures = page.every("svg")
+    assert len(pictures) >= 4
+    assert all(p["role"] == "img" and len(p["aria-label"]) > 10 for p in pictures)
+    names = [attrs["id"] for _, attrs in page.elements if "id" in attrs]
+    assert len(names) == len(set(names))
+    assert [tag for tag, _ in page.elements].count("h1") == 1
+    assert not re.search(r"\bnan\b|\bNone\b|\binf\b", page.text)
+    assert re.search(r"pamjax (fit|sample|diagnose) ", page.text)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium")
+@pytest.mark.parametrize("width", [500, 1200])
+def test_it_opens_in_a_browser(report, width, tmp_path):
+    copy = tmp_path / "report.html"
+    copy.write_text(report.read_text("utf-8").replace("</body>", MEASURE), "utf-8")
+    words = [
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--enable-logging=stderr",
+        f"--window-size={width},900",
+    ]
+    done = subprocess.run(
+        [BROWSER, *words, f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", copy.as_uri()],
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "CONSOLE" not in done.stderr
+    wide = re.search(r"<title>wide (\d+)</title>", done.stdout)
+    assert wide, "the page's end was not reached"
+    # Nothing sticks out: no sideways scrolling.
+    assert int(wide[1]) <= width
+
+
+@pytest.mark.slow
+def test_a_fits_report_says_what_its_json_says(fitted):
+    page = Page((fitted / "report.html").read_text("utf-8"))
+    said = json.loads((fitted / "fit.json").read_text())
+    table = page.table(["number", "value"])
+    for name, number in said["parameters"].items():
+        value, sd = (float(text) for text in re.findall(r"[\d.]+", table[name][0])[:2])
+        assert value == pytest.approx(number["value"], rel=1e-3)
+        assert sd == pytest.approx(number["sd"], rel=0.06)
+    (case,) = said["cases"].values()
+    scores = page.table(["channel", "seen"])
+    assert float(scores["force"][0].split()[0]) == pytest.approx(case["rmse"]["force"]["value"], rel=1e-2)
+    assert f"{case['rmse']['force']['value']:.3g} N" in page.text
+
+
+@pytest.mark.slow
+def test_a_posteriors_report_says_what_its_json_says(sampled):
+    page = Page((sampled / "report.html").read_text("utf-8"))
+    said = json.loads((sampled / "posterior.json").read_text())
+    table = page.table(["number", "value"])
+    assert set(said["parameters"]) <= set(table)
+    for name, number in said["parameters"].items():
+        if "verdict" in number:
+            assert number["verdict"] in table[name][-1]

@@ -1,0 +1,86 @@
+"""The documentation: it builds without a warning, and what its pages show is what happens."""
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pamjax.cli.main import main
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+FENCE = re.compile(r"^```(\{code-block\} )?(\w+)\n((?::\w+: [^\n]*\n)*)(.*?)^```", re.S | re.M)
+CAPTION = re.compile(r":caption: (\S+)")
+
+
+def steps(page):
+    """(kind, text) of what a reader would do with a page: write a file, run a command, run Python."""
+    for _, language, options, body in FENCE.findall((DOCS / page).read_text("utf-8")):
+        named = CAPTION.search(options)
+        if named:
+            yield named[1], body
+        elif language == "console":
+            yield from (("$", line[2:]) for line in body.splitlines() if line.startswith("$ "))
+        elif language == "python":
+            yield "python", body
+
+
+PAGES = sorted(page.name for page in DOCS.glob("*.md") if page.name != "write-a-mechanism.md")
+RUN = [page for page in PAGES if any(kind in ("$", "python") for kind, _ in steps(page))]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", RUN)
+def test_what_a_page_shows_happens(page, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "fits").symlink_to(ROOT / "fits")
+    names = {"__name__": page}
+    for kind, text in steps(page):
+        if kind == "$":
+            word, *rest = shlex.split(text)
+            assert word == "pamjax", text
+            assert main(rest) == 0, (text, capsys.readouterr().err)
+        elif kind == "python":
+            exec(compile(text, page, "exec"), names)
+        else:
+            (tmp_path / kind).write_text(text, "utf-8")
+
+
+def test_the_pages_are_run():
+    assert {"tutorial.md", "how-to.md", "index.md", "physics.md"} <= set(RUN)
+    assert sum(kind == "$" for page in RUN for kind, _ in steps(page)) >= 15
+
+
+@pytest.mark.slow
+def test_the_site_builds_without_a_warning(tmp_path):
+    words = [
+        sys.executable,
+        "-m",
+        "sphinx",
+        "-W",
+        "-q",
+        "-E",
+        "-b",
+        "html",
+        str(DOCS),
+        str(tmp_path / "site"),
+    ]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    pages = {path.name for path in (tmp_path / "site").rglob("*.html")}
+    assert {"index.html", "mechanisms.html", "commands.html", "reference.html"} <= pages
+    for page in (tmp_path / "site").rglob("*.html"):
+        assert not re.search(r"/tmp/|/home/|/root/", page.read_text("utf-8")), page.name
+
+
+def test_a_page_that_is_wrong_is_told(tmp_path):
+    for name in ("conf.py", "errata.md"):
+        (tmp_path / name).write_bytes((DOCS / name).read_bytes())
+    (tmp_path / "conf.py").write_text('extensions = ["myst_parser"]\n')
+    (tmp_path / "index.md").write_text("# Home\n\n[nowhere](nowhere.md)\n")
+    words = [sys.executable, "-m", "sphinx", "-W", "-q", "-b", "html", str(tmp_path), str(tmp_path / "site")]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode != 0
