@@ -58,7 +58,7 @@ def diagnose(
     baseline = settle(found, every, (), naming.baseline.at.values)
     model = settle(found, every, naming.model.chosen, naming.model.at.values) if naming.names else baseline
     detected = mismatch.p_value < DETECTED
-    unexplained = bool(detected and _left(mismatch, rest, bool(naming.names)))
+    unexplained = detected and _left(mismatch, rest)
     progress("done", 1.0)
     return Diagnosis(
         found=found,
@@ -85,12 +85,14 @@ def _rest(found: Problem, model: Model, seed: int) -> Significance:
     return significance(found, model.white, model.at, seen, seed)
 
 
-def _left(mismatch: Significance, rest: Significance, named: bool) -> bool:
-    """Whether what names leave is more than the rough edges of their forms."""
-    if not named:
-        return True
+def _left(mismatch: Significance, rest: Significance) -> bool:
+    """Whether what the names leave, or all of it where there is none, is more than the rough edges of forms.
+
+    A mismatch that only thousands of samples together show is detected, and too faint to be called none
+    of what is known: some textbook form would come as near.
+    """
     beyond, before = max(rest.square - 1, 0.0), max(mismatch.square - 1, 0.0)
-    return rest.p_value < DETECTED and beyond > max(REST**2, REST_SHARE**2 * before)
+    return bool(rest.p_value < DETECTED and beyond > max(REST**2, REST_SHARE**2 * before))
 
 
 def _share(mismatch: Significance, rest: Significance) -> float:

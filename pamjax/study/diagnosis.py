@@ -104,6 +104,11 @@ class Diagnosis:
         """Whether there is a mismatch beyond noise."""
         return bool(self.mismatch.p_value < DETECTED)
 
+    @property
+    def faint(self) -> bool:
+        """Whether the mismatch is beyond noise, and yet too small to be named or called unexplained."""
+        return self.detected and not self.names and not self.unexplained
+
     def as_dict(self) -> dict[str, Any]:
         """The verdict as `pamjax.diagnosis/1`."""
         return {
@@ -278,6 +283,9 @@ def _lines(one: Diagnosis) -> list[str]:
         lines.append("    " + ", ".join(told(n, v) for n, v in list(one.parameters[name.id].items())[:3]))
         if name.ties:
             lines.append(f"    this recording cannot tell it from {', '.join(name.ties)}")
+    if one.faint:
+        share = math.sqrt(max(one.mismatch.square - 1, 0.0))
+        lines.append(f"  too faint to be named: {share:.2f} of the noise in rms, seen only over many samples")
     if one.unexplained:
         lines.append(f"  unexplained: {one.rest_share:.0%} of the misfit is none of what pamjax knows")
         lines += [f"    {box.says}" for box in one.rest_where[:2]]

@@ -76,6 +76,8 @@ def headline(one: Diagnosis) -> str:
     """The answer in a line."""
     if not one.detected:
         return "Nothing is missing that this recording could show"
+    if one.faint:
+        return "Something is missing, too faint to be named"
     if not one.names:
         return "Something is missing, and it is nothing that pamjax knows"
     told = _and([mechanism(name.id).about.title for name in one.names])
@@ -95,6 +97,8 @@ def answer(one: Diagnosis) -> tuple[str, str]:
         )
     where = one.where[0].says if one.where else "It shows in no one place."
     first = f"The {law} baseline misses something ({chance(one.mismatch.p_value)}): {_lower(where)}"
+    if one.faint:
+        return first, "It is so far below the noise of a sample that a name would be a guess."
     if not one.names:
         return first, "No mechanism in pamjax's library explains it well enough to be named."
     named = _and([f"{name.id} ({_sure(name.probability)})" for name in one.names])

@@ -10,11 +10,12 @@ import pytest
 from pamjax.records.blocks import Blocks
 from pamjax.study.batch import common_sizes
 from pamjax.study.conceal import conceal
-from pamjax.study.diagnose import diagnose
+from pamjax.study.diagnose import _left, diagnose
 from pamjax.study.diagnosis import save
 from pamjax.study.gain import held_out
 from pamjax.study.locate import _direction, _middle
 from pamjax.study.setups import known
+from pamjax.study.significance import Significance
 
 
 def test_a_box_holds_the_middle_of_the_weight():
@@ -45,6 +46,12 @@ def test_recordings_of_like_length_share_a_program():
     assert common_sizes([100]) == [512]
     assert len(set(common_sizes([3000, 3300, 4000, 4100]))) == 1
     assert all(size >= n for n, size in zip([10, 9000, 700], common_sizes([10, 9000, 700]), strict=True))
+
+
+@pytest.mark.parametrize(("square", "left"), [(1.05, False), (1.5, True)])
+def test_a_mismatch_below_the_rough_edges_of_forms_is_not_called_unknown(square, left):
+    faint = Significance(p_value=1e-9, largest=8.0, looked=100, square=square)
+    assert _left(faint, faint) is left
 
 
 @cache

@@ -95,13 +95,14 @@ def test_the_first_screen_answers_in_two_sentences():
             "Something is missing, and it is nothing that pamjax knows",
             "No mechanism in pamjax's library explains it",
         ),
+        ({"named": False}, "Something is missing, too faint to be named", "a name would be a guess"),
         (
             {"unexplained": True},
             "Left out: friction between braid threads, and something that pamjax does not know",
             "12% of the misfit is left unexplained.",
         ),
     ],
-    ids=["null", "unknown", "partly"],
+    ids=["null", "unknown", "faint", "partly"],
 )
 def test_other_answers(more, title, words):
     one = diagnosis(**more)
