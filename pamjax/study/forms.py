@@ -7,9 +7,11 @@ recording can show stand for all of them; the refit then moves the shape too.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.special import expit
 
 from pamjax.model.library import MECHANISMS
 from pamjax.study.problem import COMPLIANCE, Problem
@@ -41,6 +43,27 @@ class Form:
     def moves(self) -> tuple[str, ...]:
         """Names of all numbers that a refit moves."""
         return self.amplitudes + tuple(self.shape)
+
+
+@dataclass(frozen=True)
+class Course:
+    """How an effect goes with time, where that is all that its shape does to it.
+
+    Attributes:
+        at: from times, s, and a shape to a factor of the effect, (n,).
+        everywhere: a shape in which the factor is nowhere small.
+    """
+
+    at: Callable[[np.ndarray, dict[str, float]], np.ndarray]
+    everywhere: dict[str, float]
+
+
+def _slipped(time: np.ndarray, shape: dict[str, float]) -> np.ndarray:
+    return expit((time - shape["thread_slip.when"]) / shape["thread_slip.during"])
+
+
+#: By amplitude. Where a memory is in the model already it is approximate, and good enough to choose by.
+COURSES = {"thread_slip.step": Course(_slipped, {"thread_slip.when": 0.0, "thread_slip.during": 1e5})}
 
 
 def forms(found: Problem) -> list[Form]:

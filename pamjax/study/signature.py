@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamjax.study.forms import Form
-from pamjax.study.problem import Problem
+from pamjax.study.forms import COURSES, Form
+from pamjax.study.problem import COSTLY, Problem
 from pamjax.study.refit import Refit
 from pamjax.study.whiten import Whitening
 
@@ -53,16 +53,66 @@ def signatures(found: Problem, white: Whitening, at: Refit, candidates: Sequence
     """The signature of each form at a refit, and how much of its residual it would explain."""
     absorbed = Absorbed(at)
     residual = np.concatenate([at.residual, np.zeros(absorbed.basis.shape[0] - absorbed.size)])
-    return [_signature(found, white, at, form, absorbed, residual) for form in candidates]
+    slopes = _slopes(found, at, candidates)
+    return [
+        _signature(found, white, at, form, slopes[k], absorbed, residual) for k, form in enumerate(candidates)
+    ]
 
 
-def _signature(found, white, at, form, absorbed, residual) -> Signature:
+def _slopes(found: Problem, at: Refit, candidates: Sequence[Form]) -> dict[int, np.ndarray]:
+    """Derivative of what the bench shows by each form's amplitudes, (k, 2, n), in few sweeps."""
+    out = {}
+    for together in _together(found, at, candidates):
+        values = at.values.copy()
+        for k in together:
+            for name, value in _swept(candidates[k]).items():
+                place = found.place(name)
+                values[place] = np.clip(value, found.low[place], found.high[place])
+        names = sorted({name for k in together for name in candidates[k].amplitudes})
+        slopes = dict(zip(names, found.slopes(values, map(found.place, names))[1], strict=True))
+        for k in together:
+            out[k] = np.stack([slopes[name] for name in candidates[k].amplitudes]) * _course(
+                found, candidates[k]
+            )
+    return out
+
+
+def _together(found: Problem, at: Refit, candidates: Sequence[Form]) -> list[list[int]]:
+    """Which forms' derivatives are taken at one point: what is switched off has no shape for others."""
+    on = found.neutral != at.values
+    on &= np.array([meaning.neutral is not None for meaning in found.meaning])
+    active = {name.partition(".")[0] for name, there in zip(found.names, on, strict=True) if there}
+    alone, points = [], []
+    for k, form in enumerate(candidates):
+        shape = _swept(form)
+        if form.id == COSTLY or (shape and form.id in active):
+            alone.append([k])
+            continue
+        fits = (p for p in points if all(p[1].get(name, value) == value for name, value in shape.items()))
+        members, shapes = next(fits, ([], {}))
+        if not members:
+            points.append((members, shapes))
+        members.append(k)
+        shapes.update(shape)
+    return alone + [members for members, _ in points]
+
+
+def _swept(form: Form) -> dict[str, float]:
+    """The shape at which a form's derivative is taken."""
+    course = COURSES.get(form.amplitudes[0])
+    return course.everywhere if course else form.shape
+
+
+def _course(found: Problem, form: Form) -> np.ndarray | float:
+    """What the derivative there is to be multiplied with for this form's own shape."""
+    course, time = COURSES.get(form.amplitudes[0]), found.case.recording.time
+    if course is None or time is None:
+        return 1.0
+    return course.at(time, form.shape) / course.at(time, course.everywhere)
+
+
+def _signature(found, white, at, form, slopes, absorbed, residual) -> Signature:
     places = [found.place(name) for name in form.amplitudes]
-    values = at.values.copy()
-    for name, value in form.shape.items():
-        k = found.place(name)
-        values[k] = np.clip(value, found.low[k], found.high[k])
-    _, slopes = found.slopes(values, places)
     free = absorbed.out_of(np.nan_to_num(white(slopes)))
     amplitudes, gain = _best(free, residual, found.low[places] - at.values[places] < 0)
     norm = np.linalg.norm(free, axis=1, keepdims=True)
