@@ -85,7 +85,7 @@ def _document(name: str | None) -> dict[str, Any]:
 
 def _everything() -> Iterator[str]:
     from pamjax.model.catalogue import catalogue
-    from pamjax.model.library import MECHANISMS
+    from pamjax.model.library import ALTERNATIVES, MECHANISMS
 
     numbers = catalogue()
     yield "Numbers of a muscle:"
@@ -93,8 +93,15 @@ def _everything() -> Iterator[str]:
         yield _line(name, numbers[name])
     yield "Mechanisms, what a model may leave out:"
     for kind in MECHANISMS:
-        yield f"  {kind.id}: {kind.about.title}"
-        yield from (_line(n, numbers[n], "    ") for n in numbers if n.startswith(f"{kind.id}."))
+        yield from _listed(kind, numbers)
+    yield "Textbook forms, to compare with:"
+    for kind in ALTERNATIVES:
+        yield from _listed(kind, numbers)
+
+
+def _listed(kind, numbers) -> Iterator[str]:
+    yield f"  {kind.id}: {kind.about.title}"
+    yield from (_line(n, numbers[n], "    ") for n in numbers if n.startswith(f"{kind.id}."))
 
 
 def _line(name: str, meaning, indent: str = "  ") -> str:

@@ -107,7 +107,8 @@ def sizes(entry: Entry) -> dict[str, Measured]:
     # The threads just touch at rest: sin 2θ B / N, from which a fit finds whether they do.
     touching = 2 * math.pi * rest * outer / thread
     found["braid_locking.width"] = Measured(touching, math.inf)
-    found["end_taper.radius"] = Measured(fitting.value / 2, fitting.sd / 2)
+    for ends in ("end_taper", "end_cones"):
+        found[f"{ends}.radius"] = Measured(fitting.value / 2, fitting.sd / 2)
     return found
 
 

@@ -15,6 +15,7 @@ from pamjax.infer.save import SCHEMA
 from pamjax.model.assembly import assemble, assemble_bench, bench_law, mechanism_numbers
 from pamjax.model.bench import Bench
 from pamjax.model.catalogue import meaning
+from pamjax.model.library import not_twice
 from pamjax.model.muscle import Muscle
 from pamjax.records.entry import Entry, read_entry
 from pamjax.records.files import read_bytes
@@ -77,6 +78,7 @@ def _with_mechanisms(law, ids, numbers, known, settings: Mapping[str, float]) ->
     named = dict.fromkeys((*ids, *(_owner(name) for name in settings)))
     if not named:
         return assemble(law, numbers)
+    not_twice(named)
     law = bench_law(law, named)
     own = mechanism_numbers(named)
     by_field = {name: known[field] for name, (_, field) in own.items() if field in known}

@@ -8,7 +8,7 @@ diameter instead of thread length and turns). `assembly.py` turns named numbers 
 from __future__ import annotations
 
 from pamjax.check import nearest, refuse
-from pamjax.model.library import MECHANISMS
+from pamjax.model.library import library
 from pamjax.model.muscle import Muscle
 from pamjax.model.thread import (
     AbstractThread,
@@ -65,7 +65,7 @@ def catalogue() -> dict[str, Meaning]:
     named = {f"muscle.{name}": meaning for name, meaning in field_meanings(Muscle).items()}
     for law in LAWS.values():
         named |= {f"thread.{name}": meaning for name, meaning in field_meanings(law).items()}
-    for kind in MECHANISMS:
+    for kind in library().values():
         named |= {f"{kind.id}.{name}": meaning for name, meaning in field_meanings(kind).items()}
     return named | _STATED
 

@@ -12,7 +12,9 @@ from pamjax.model.mechanisms.braid_friction import BraidFriction
 from pamjax.model.mechanisms.braid_locking import BraidLocking
 from pamjax.model.mechanisms.channel_lag import ChannelLag
 from pamjax.model.mechanisms.contact_pressure import ContactPressure
+from pamjax.model.mechanisms.contraction_factor import ContractionFactor
 from pamjax.model.mechanisms.diameter_offset import DiameterOffset
+from pamjax.model.mechanisms.end_cones import EndCones
 from pamjax.model.mechanisms.end_taper import EndTaper
 from pamjax.model.mechanisms.force_drift import ForceDrift
 from pamjax.model.mechanisms.force_gain import ForceGain
@@ -54,6 +56,12 @@ MECHANISMS: tuple[type[AbstractMechanism], ...] = (
     ChannelLag,
 )
 
+#: Textbook forms that stand in for one of the mechanisms: to fit and to compare, never beside it. A
+#: diagnosis does not give their names, and the bench that holds everything is without them.
+ALTERNATIVES: tuple[type[AbstractMechanism], ...] = (EndCones, ContractionFactor)
+
+_ENDS = "both stand for the same loss of force at the ends"
+
 #: Pairs that are the same thing twice, and why.
 TWICE: dict[frozenset[str], str] = {
     frozenset({"force_gain", "pressure_gain"}): "force is in proportion to pressure, and to its own gain, so"
@@ -61,12 +69,15 @@ TWICE: dict[frozenset[str], str] = {
     frozenset({"pressure_offset", "contact_pressure"}): "above the threshold both take away one pressure",
     frozenset({"bladder_elasticity", "contact_pressure"}): "a constant dead band is the hoop half of the"
     " bladder's own threshold",
+    frozenset({"end_taper", "end_cones"}): _ENDS,
+    frozenset({"end_taper", "contraction_factor"}): _ENDS,
+    frozenset({"end_cones", "contraction_factor"}): _ENDS,
 }
 
 
 def library() -> dict[str, type[AbstractMechanism]]:
-    """The mechanisms by id."""
-    return {kind.id: kind for kind in MECHANISMS}
+    """The mechanisms and their alternatives by id."""
+    return {kind.id: kind for kind in MECHANISMS + ALTERNATIVES}
 
 
 def mechanism(id: str) -> type[AbstractMechanism]:
@@ -88,7 +99,7 @@ def in_order(ids: Iterable[str]) -> tuple[type[AbstractMechanism], ...]:
         BadInput: if one is unknown.
     """
     wanted = {mechanism(id) for id in ids}
-    return tuple(kind for kind in MECHANISMS if kind in wanted)
+    return tuple(kind for kind in MECHANISMS + ALTERNATIVES if kind in wanted)
 
 
 def not_twice(ids: Iterable[str]) -> None:

@@ -55,6 +55,8 @@ SIZES: dict[str, dict[str, float]] = {
     "length_offset": {"offset": 0.5e-3},
     "channel_lag": {"lag": 0.5},
     "braid_locking": {"stiffness": 0.2e6},
+    "end_cones": {"height": 1.0},
+    "contraction_factor": {"excess": 0.1},
 }
 
 
@@ -91,7 +93,7 @@ def trial(kind: type[AbstractMechanism]) -> tuple[list[Run], list[Run]]:
     pressure, length, _ = _schedule()
     mine = {f"{kind.id}.{name}": value for name, value in sizes(kind).items()}
     stiff = {} if kind is BraidElasticity else {f"{BraidElasticity.id}.compliance": COMPLIANCE}
-    (force, diameter), bare = _shown(stiff | mine), _shown(stiff)
+    (force, diameter), bare = _shown(kind, stiff | mine), _shown(kind, stiff)
     columns = (pressure, length, _rising(), force, diameter, *bare)
     runs = [Run(*parts) for parts in zip(*(np.split(c, _count()) for c in columns), strict=True)]
     return runs[: len(PRESSURES)], runs[len(PRESSURES) :]
@@ -117,20 +119,21 @@ def _rising() -> np.ndarray:
     return np.concatenate([np.tile(~out, len(PRESSURES)), np.tile(out, len(CONTRACTIONS))])
 
 
-def _shown(numbers: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
+def _shown(kind: type[AbstractMechanism], numbers: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
     pressure, length, past = _schedule()
-    seen = record(replace(_bench(), _sized() | numbers), jnp.asarray(pressure), jnp.asarray(length), past)
+    bench = _bench(() if kind in MECHANISMS else (kind,))
+    seen = record(replace(bench, _sized(bench) | numbers), jnp.asarray(pressure), jnp.asarray(length), past)
     solved = np.asarray(seen.status) == Status.OK
     force, diameter = (np.where(solved, np.asarray(x), np.nan) for x in (seen.force, seen.diameter))
     return force, diameter
 
 
 @cache
-def _bench() -> Bench:
-    kinds: tuple[Any, ...] = MECHANISMS
+def _bench(besides: tuple[type[AbstractMechanism], ...]) -> Bench:
+    kinds: tuple[Any, ...] = MECHANISMS + besides
     return Bench(jnp.asarray(THREAD), jnp.asarray(TURNS), tuple(kind() for kind in kinds))
 
 
-def _sized() -> dict[str, float]:
+def _sized(bench: Bench) -> dict[str, float]:
     """Every bladder is as long as the muscle at rest."""
-    return {path: REST for path in meanings(_bench()) if path.endswith(".length")}
+    return {path: REST for path in meanings(bench) if path.endswith(".length")}

@@ -58,6 +58,14 @@ def test_every_panel_has_its_paths_and_room_for_its_title(id):
     assert len(made.legends[0].get_texts()) == len(PRESSURES) + len(CONTRACTIONS) + 3
 
 
+@pytest.mark.slow
+def test_an_alternative_has_a_bench_of_its_own():
+    strokes, _ = trial(library()["end_cones"])
+    force, solved = changed("force", strokes)
+    assert solved == 1
+    assert 50 < force < 1000
+
+
 def test_titles_say_what_is_found():
     titles = [panel.get_title("left") for panel in mechanism_figure(library()["force_offset"]).axes]
     assert ["+5.0 N" in t for t in titles] == [True, False, False, True]

@@ -28,6 +28,7 @@ class EndTaper(AbstractShape):
     friction of the crossings; muscles shorter than tan²θ diameters, for which
     it is an approximation; threads clamped at an angle, or over a length; the axial pull of the bladder,
     which straightens the meridian; the shorter distance over which the bladder is stretched at the ends.
+    For comparison there are the textbook's `end_cones` and `contraction_factor`.
     Source: derived here, as the largest volume of a pin-jointed net; compared with a net of rings.
     """
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from pamjax.model.bench import record
 from pamjax.model.history import history
-from pamjax.model.library import MECHANISMS, TWICE, library
+from pamjax.model.library import ALTERNATIVES, MECHANISMS, TWICE, library
 from pamjax.model.mechanism import (
     AbstractMemory,
     AbstractRig,
@@ -27,7 +27,9 @@ from pamjax.parameter import field_meanings, replace, values
 from tests.agreement import BY_DIFFERENCE, ROUNDING, SOLVED, agree
 from tests.model.mechanisms.typical import anywhere, bench, full, own, strokes, usual
 
-every = pytest.mark.parametrize("kind", MECHANISMS, ids=lambda kind: kind.id)
+EVERY = MECHANISMS + ALTERNATIVES
+
+every = pytest.mark.parametrize("kind", EVERY, ids=lambda kind: kind.id)
 
 CONSERVATIVE = (AbstractYielding, AbstractStore, AbstractShape, AbstractRig)
 
@@ -48,7 +50,7 @@ class Program:
     """One bench with every mechanism, compiled once; a test sets the numbers of one of them."""
 
     def __init__(self):
-        self.bench, self.at = full(), strokes()
+        self.bench, self.at = full(*(kind() for kind in ALTERNATIVES)), strokes()
         self.names = list(values(self.bench))
         self.neutral = np.array([float(v) for v in values(self.bench).values()])
         self.many = jax.jit(jax.vmap(self.plain))
@@ -126,7 +128,7 @@ def test_compiled_and_mapped_agree(kind):
 @pytest.mark.slow
 def test_compiled_and_plain_agree():
     p = program()
-    found = {k: v for kind in MECHANISMS for k, v in usual(p.bench, kind, 2e-3).items()}
+    found = {k: v for kind in EVERY for k, v in usual(p.bench, kind, 2e-3).items()}
     agree(p.plain(p.numbers(found)), p.shown(found)[0], SOLVED, SCALE)
 
 
@@ -157,7 +159,8 @@ def test_it_says_what_it_is(kind):
     )
     assert about.equation.isascii()
     assert importlib.import_module(f"pamjax.model.mechanisms.{kind.id}").__dict__[kind.__name__] is kind
-    assert {kind.id, *about.confusable} <= WORDS
+    assert kind.id in WORDS or kind in ALTERNATIVES
+    assert set(about.confusable) <= WORDS
     assert kind.id not in about.confusable
     assert "Neutral" in kind.__doc__
     assert "leaves out" in " ".join(kind.__doc__.split())
@@ -173,6 +176,11 @@ def test_it_says_what_it_is(kind):
         assert meaning.about
 
 
+def test_alternatives_are_never_beside_what_they_stand_for():
+    for kind in ALTERNATIVES:
+        assert any({kind.id, other} in TWICE for other in WORDS), kind.id
+
+
 def test_what_is_the_same_twice_is_known():
     assert all(len(pair) == 2 and pair <= set(library()) and why for pair, why in TWICE.items())
 
@@ -182,7 +190,7 @@ def test_what_is_the_same_twice_is_known():
 
 @cache
 def conservative():
-    kinds = [kind for kind in MECHANISMS if issubclass(kind, CONSERVATIVE)]
+    kinds = [kind for kind in EVERY if issubclass(kind, CONSERVATIVE)]
     model = bench(*(kind() for kind in kinds))
     names, zero = list(values(model)), jnp.zeros(())
 
@@ -212,7 +220,7 @@ def maxwell(numbers):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [k for k in MECHANISMS if issubclass(k, CONSERVATIVE)], ids=lambda k: k.id)
+@pytest.mark.parametrize("kind", [k for k in EVERY if issubclass(k, CONSERVATIVE)], ids=lambda k: k.id)
 def test_force_follows_pressure_as_volume_follows_length(kind):
     force, volume, there = maxwell(usual(conservative()[1], kind))
     assert np.mean(there) > 0.5

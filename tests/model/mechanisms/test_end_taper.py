@@ -81,15 +81,6 @@ def test_net_is_that_of_rings(contraction, fitting):
     assert abs(of_mid - mid) < 0.03e-3
 
 
-def test_a_cone_is_not_the_net():
-    """The volume-only cone of height κ (R − Rf), ΔF = −κ P (R − Rf) L / (πN²), at its best κ."""
-    lost = np.array([net_at(float(z), REST)[0] for z in LENGTH * (1 - CONTRACTION)]) - GAYLORD
-    length = LENGTH * (1 - CONTRACTION)
-    cone = -PRESSURE * (np.sqrt(THREAD**2 - length**2) / NU - REST) * length / (np.pi * TURNS**2)
-    best = cone @ lost / (cone @ cone)
-    assert np.sqrt(np.mean((lost - best * cone) ** 2)) > 50.0
-
-
 @cache
 def shown(share, radius=REST):
     return record(bench(EndTaper(share, radius)), np.full(8, PRESSURE), LENGTH * (1 - CONTRACTION), STILL)

@@ -30,9 +30,9 @@ def strokes(rows=300, top=0.15):
     return jnp.asarray(pressure), jnp.asarray(length), history(t, starts)
 
 
-def full():
+def full(*besides):
     """A bench with every mechanism at its neutral value."""
-    return bench(*(kind() for kind in MECHANISMS))
+    return bench(*(kind() for kind in MECHANISMS), *besides)
 
 
 def own(model, kind):

@@ -1,0 +1,93 @@
+"""Cones and Tondu's factor: their closed forms, and how far they are from the net of the ends."""
+
+import jax
+import numpy as np
+import pytest
+
+from pamjax.check import BadInput
+from pamjax.model import braid
+from pamjax.model.bench import record
+from pamjax.model.history import history
+from pamjax.model.library import not_twice
+from pamjax.model.mechanisms.contraction_factor import ContractionFactor
+from pamjax.model.mechanisms.end_cones import EndCones
+from pamjax.model.net import net
+from pamjax.model.state import Cylinder
+from tests.agreement import ROUNDING, SOLVED, agree
+from tests.model.mechanisms.test_end_taper import rings
+from tests.model.mechanisms.typical import LENGTH, PRESSURE, THREAD, TURNS, bench
+
+CONTRACTION = np.array([0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.37])
+AT = LENGTH * (1 - CONTRACTION)
+RADIUS = np.sqrt(THREAD**2 - AT**2) / (2 * np.pi * TURNS)
+FORCE = PRESSURE * (3 * AT**2 - THREAD**2) / (4 * np.pi * TURNS**2)
+STILL = history(None, np.arange(AT.size) == 0)
+
+
+def shown(mechanism):
+    found = record(bench(mechanism), np.full(AT.size, PRESSURE), AT, STILL)
+    return np.asarray(found.force), np.asarray(found.diameter)
+
+
+@pytest.mark.parametrize("fitting", [0.011, RADIUS[0], 0.0135])
+def test_cones_take_the_force_and_diameter_of_their_closed_form(fitting):
+    """Narrower than the muscle, as wide, and wider: no corner anywhere."""
+    force, mean = shown(EndCones(0.3, fitting))
+    agree(force, FORCE - 0.3 * PRESSURE * (RADIUS - fitting) * AT / (np.pi * TURNS**2), SOLVED)
+    agree(mean, 2 * RADIUS - 0.6 * (RADIUS - fitting) ** 2 / AT, ROUNDING)
+
+
+def test_cones_take_the_volume_of_frusta():
+    """Against slices: a cylinder between two frusta, added up along the axis."""
+    state = Cylinder()(AT[5], THREAD, TURNS)
+    high, fitting = 0.8 * (RADIUS[5] - 0.012), 0.012
+    z = np.linspace(0, high, 2001)
+    profile = fitting + (RADIUS[5] - fitting) * z / high
+    ends = 2 * np.pi * np.trapezoid(profile**2, z)
+    whole = ends + np.pi * RADIUS[5] ** 2 * (AT[5] - 2 * high)
+    coned = EndCones(0.8, fitting).shape(state)
+    agree(coned.volume, whole, 1e-7)
+    mean = (2 * np.trapezoid(profile, z) + RADIUS[5] * (AT[5] - 2 * high)) / AT[5]
+    agree(coned.diameter, 2 * mean, SOLVED)
+    with pytest.raises(AssertionError):
+        agree(EndCones(0.8, 0.0121).shape(state).volume, whole, 1e-7)
+
+
+def test_tondu_s_factor_is_the_force_at_k_times_the_contraction():
+    force, wide = shown(ContractionFactor(0.05, LENGTH))
+    counted = LENGTH * (1 - 1.05 * CONTRACTION)
+    agree(force, np.asarray(braid.gaylord_force(PRESSURE, counted, THREAD, TURNS)), SOLVED, 1e3)
+    agree(wide, 2 * RADIUS, ROUNDING)
+    # A factor on the force, which is another law, is told apart.
+    with pytest.raises(AssertionError):
+        agree(force, FORCE * force[1] / FORCE[1], SOLVED, 1e3)
+
+
+def best(share, of):
+    """What is left of a loss of force when a shape takes as much of it as it can, N rms."""
+    return np.sqrt(np.mean((of - share * (share @ of) / (share @ share)) ** 2))
+
+
+@pytest.mark.slow
+def test_the_net_fits_a_net_of_rings_and_neither_alternative_comes_near():
+    """To 7 % of a noise of 5 N, without a number of its own; the alternatives with their best one."""
+    noise, fitting = 5.0, RADIUS[0]
+    slope = jax.jit(jax.grad(lambda z: net(z, THREAD, TURNS, fitting).volume))
+    at = LENGTH * (1 - np.array([0.02, 0.05, 0.1, 0.15, 0.2, 0.3]))
+    # Rings are asked for a length at a force; the force is the net's, so that the lengths are nearly these.
+    force = np.array([-PRESSURE * float(slope(z)) for z in at])
+    found = [[rings(f, fitting, count)[0] for f in force] for count in (100, 200)]
+    length = np.array(found[1]) + (np.array(found[1]) - np.array(found[0])) / 3
+    by_net = np.array([-PRESSURE * float(slope(z)) for z in length])
+    assert np.sqrt(np.mean((by_net - force) ** 2)) < 0.07 * noise
+
+    radius = np.sqrt(THREAD**2 - length**2) / (2 * np.pi * TURNS)
+    lost = force - PRESSURE * (3 * length**2 - THREAD**2) / (4 * np.pi * TURNS**2)
+    assert best((radius - fitting) * length, lost) > 10 * noise
+    assert best(length * (LENGTH - length), lost) > 10 * noise
+
+
+def test_ends_are_not_taken_twice():
+    with pytest.raises(BadInput, match="both stand for the same loss of force at the ends"):
+        not_twice(["end_cones", "end_taper"])
+    not_twice(["end_cones", "bladder_elasticity"])
