@@ -1,0 +1,79 @@
+"""Softening: only virgin stretch is stiffer, and no closed path gains from it."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pamjax.model import wall
+from pamjax.model.history import history
+from pamjax.model.mechanisms.bladder_elasticity import BladderElasticity
+from pamjax.model.mechanisms.mullins_softening import MullinsSoftening
+from pamjax.parameter import field_meanings
+from tests.agreement import ROUNDING, SOLVED, agree
+from tests.model.mechanisms.rubber import REST, SIZE, WALKS, returning, shown
+
+#: Rows of a walk: a twentieth of the narrowest width from one to the next, along its longest piece.
+FINE = 20_000
+
+NARROW, WIDE = (getattr(field_meanings(MullinsSoftening)["width"], end) for end in ("low", "high"))
+
+stresses = jax.jit(lambda m, strains, past: m.stresses(past, strains, None))
+
+
+def test_only_virgin_stretch_meets_the_extra_stiffness():
+    half = np.linspace(0, 1, 60)
+    length = REST * (1 - np.concatenate([0.2 * half, 0.2 * half[::-1], 0.3 * half, 0.3 * half[::-1]]))
+    lost = np.asarray(
+        shown([MullinsSoftening(0.1e6, 0.02, **SIZE)], 4e5, length).force - shown([], 4e5, length).force
+    )
+    elastic = np.asarray(
+        shown([BladderElasticity(0.1e6, **SIZE)], 4e5, length).force - shown([], 4e5, length).force
+    )
+    agree(lost[:60], elastic[:60], SOLVED, scale=1.0)
+    second, beyond = length[120:180] > 0.82 * REST, length[120:180] < 0.799 * REST
+    assert np.all(np.abs(lost[120:180][second]) < 1e-3)
+    agree(lost[120:180][beyond], elastic[120:180][beyond], SOLVED, scale=1.0)
+    assert np.all(np.abs(lost[180:][length[180:] > 0.75 * REST]) < 1e-3)
+
+
+def test_softening_outlasts_a_gap_and_has_no_place_in_a_static_map():
+    length = REST * np.array([1.0, 0.8, 1.0, 0.9, 0.8])
+    soft, starts = [MullinsSoftening(0.1e6, 0.05, **SIZE)], np.array([1, 0, 0, 1, 0], bool)
+    still = shown([], 4e5, length).force
+    gap = history(np.array([0, 10.0, 20, 5000, 5010]), starts)
+    lost = shown(soft, 4e5, length, gap).force - still
+    assert abs(lost[3]) < 1e-3
+    assert lost[4] < -10.0
+    agree(shown(soft, 4e5, length, history(None, starts)).force, still, ROUNDING)
+    anew = history(np.array([0, 10.0, 20, 5000, 5010]), starts, restart=True)
+    assert (shown(soft, 4e5, length, anew).force - still)[3] < -10.0
+
+
+def gained(walk, width, law=lambda stress: stress):
+    """Work that comes back on a closed walk, over all that went to and fro."""
+    time, path = returning(walk, FINE)
+    along, around = path[:, :1], path[:, 1:]
+    energy = along**2 + around**2 + (along * around) ** -2 - 3
+    energy[-1] = energy[0]
+    rubber = MullinsSoftening(1e6, width, **SIZE)
+    energy = np.asarray(0.5 * wall.rubber(rubber) * energy)
+    stress = law(np.asarray(stresses(rubber, jnp.asarray(energy), history(time, time == 0))))
+    done = 0.5 * (stress[1:] + stress[:-1]) * np.diff(energy, axis=0)
+    return -done.sum() / np.abs(done).sum()
+
+
+@settings(max_examples=30)
+@given(WALKS, st.floats(NARROW, WIDE))
+def test_softening_only_loses_energy(walk, width):
+    # The rule of trapezoids is off by the square of a step.
+    assert gained(walk, width) < 1e-3
+
+
+@pytest.mark.parametrize("width", [NARROW, WIDE])
+def test_a_rubber_that_hardens_would_gain(width):
+    there_and_back = [(0.8, 2.0, 10.0)]
+    assert gained(there_and_back, width) < -0.1
+    assert gained(there_and_back, width, lambda stress: stress.max() - stress) > 0.1

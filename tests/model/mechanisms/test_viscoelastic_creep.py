@@ -1,0 +1,117 @@
+"""Relaxation: between nothing and a spring, from both sides, and never a gain."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from pamjax.model import wall
+from pamjax.model.balance import Status
+from pamjax.model.history import history
+from pamjax.model.mechanism import Past
+from pamjax.model.mechanisms.bladder_elasticity import BladderElasticity
+from pamjax.model.mechanisms.viscoelastic_creep import ViscoelasticCreep
+from tests.agreement import SOLVED, agree
+from tests.model.mechanisms.rubber import (
+    LATEX,
+    REST,
+    SIZE,
+    WALKS,
+    added,
+    cylinder,
+    returning,
+    shown,
+    strokes,
+)
+
+
+@jax.jit
+def relaxing(rubber, stretches, past):
+    """Stress on the stretches of the wall, of a muscle without a force."""
+    nothing = jnp.zeros(stretches.shape[0])
+    bare = Past(None, nothing, nothing, nothing)
+    return rubber.stresses(past, jnp.column_stack([stretches, nothing]), bare)[:, :2]
+
+
+def test_fast_relaxation_leaves_nothing_and_slow_one_a_spring():
+    _, length = strokes(0.3, cycles=1)
+    still = shown([], 4e5, length).force
+    fast = ViscoelasticCreep(LATEX, 0.5, 1e-5, 1e-5, **SIZE)
+    agree(shown([fast], 4e5, length).force, still, to=1e-3, scale=1.0)
+
+    # One more wall, less the stress with which it began.
+    slow = ViscoelasticCreep(LATEX, 0.5, 1e12, 1e12, **SIZE)
+    of_wall = jax.grad(lambda x: BladderElasticity(LATEX, **SIZE).energy(cylinder(x)))
+    axial, hoop, radial = wall.stretch(slow, cylinder(length[0]))
+    begun = [LATEX * wall.rubber(slow) * s for s in wall.springs(wall.Stretch(axial, hoop, radial))]
+
+    def of_stretch(x):
+        axial, hoop, _ = wall.stretch(slow, cylinder(x))
+        return begun[0] * axial + begun[1] * hoop
+
+    want = jax.vmap(lambda x: of_wall(x) - jax.grad(of_stretch)(x))(jnp.asarray(length))
+    agree(shown([slow], 4e5, length).force - still, want, to=1e-9, scale=1000.0)
+
+
+def test_holds_end_on_the_resting_curve_from_both_sides():
+    rubber = ViscoelasticCreep(0.08e6, 0.5, 5.0, 40.0, **SIZE)
+    time = np.concatenate([np.arange(0, 400, 4.0), np.arange(400, 4000, 40.0)])
+    shortened = np.interp(time, [0, 50, 4000], [REST, 0.85 * REST, 0.85 * REST])
+    lengthened = np.interp(time, [0, 50, 2000, 2050, 4000], np.array([1, 0.7, 0.7, 0.85, 0.85]) * REST)
+    past = history(time, time == 0)
+    drift = {}
+    for name, length in (("after shortening", shortened), ("after lengthening", lengthened)):
+        drift[name] = np.asarray(
+            shown([rubber], 4e5, length, past).force - shown([], 4e5, length, past).force
+        )
+    up, down = drift["after shortening"][time >= 50], drift["after lengthening"][time >= 2080]
+    assert np.all(np.diff(up) >= -1e-9)
+    assert np.all(np.diff(down) <= 1e-9)
+    assert up[0] < -5.0
+    assert down[0] > 2.0
+    assert abs(up[-1]) + abs(down[-1]) < 1e-6
+
+
+def test_uneven_steps_tell_the_same_of_a_straight_stretch():
+    rubber = ViscoelasticCreep(1.0, 0.3, 4.0, 90.0, **SIZE)
+    fine = np.linspace(0, 100, 2001)
+    stretches = np.stack([1 - 0.3 * fine / 100, 1.2 + 0.6 * fine / 100], axis=1)
+    coarse = np.sort(np.random.default_rng(1).choice(np.arange(1, 2000), 400, replace=False))
+    coarse = np.concatenate([[0], coarse, [2000]])
+
+    def stress(rows):
+        past = history(fine[rows], fine[rows] == 0)
+        return relaxing(rubber, jnp.asarray(stretches[rows]), past)
+
+    # Stress is straight in time, not stretch: the steps matter by their curvature only.
+    agree(stress(coarse)[-1], stress(np.arange(2001))[-1], 1e-5)
+
+
+@pytest.mark.parametrize(("pressure", "contraction", "loop"), [(138e3, 0.23, 10), (689e3, 0.356, 13)])
+def test_loop_of_a_relaxing_bladder(pressure, contraction, loop):
+    time, length = strokes(contraction)
+    rubber = ViscoelasticCreep(0.08e6, 0.5, 10.0, 200.0, **SIZE)
+    force = added(rubber, pressure, length, history(time, time == 0))
+    half = REST * contraction / 1e-3
+    middle = 0.15 * REST / 1e-3
+    down, up = np.interp([4 * half + middle, 6 * half - middle], time, force)
+    assert abs((up - down) - loop) < 0.5
+
+
+def test_memory_pulls_no_bladder_off_a_braid_without_rubber():
+    _, length = strokes(0.3, cycles=1)
+    seen = shown([ViscoelasticCreep(0.1e6, **SIZE)], 0.0, length)
+    agree(seen.diameter, jax.vmap(cylinder)(jnp.asarray(length)).diameter, SOLVED)
+    assert np.all(np.asarray(seen.status) == int(Status.OK))
+
+
+@settings(max_examples=30)
+@given(WALKS)
+def test_relaxation_only_loses_energy(walk):
+    time, path = returning(walk)
+    rubber = ViscoelasticCreep(1e6, 0.4, 8.0, 60.0, **SIZE)
+    stress = np.asarray(relaxing(rubber, jnp.asarray(path), history(time, time == 0)))
+    done = 0.5 * (stress[1:] + stress[:-1]) * np.diff(path, axis=0)
+    # The rule of trapezoids is off by the square of a step.
+    assert done.sum() > -1e-3 * np.abs(done).sum()
