@@ -122,7 +122,7 @@ class Bench(eqx.Module):
         past, status = self.prepared().passed(pressure, length, history)
         force, diameter = past.force, past.state.diameter
         for sensor in self.of(AbstractSensor):
-            force, diameter = sensor.read(force, diameter, history)
+            force, diameter = sensor.read(force, diameter, past, history)
         return Shown(force, diameter, past, status)
 
     def prepared(self) -> Bench:

@@ -150,8 +150,10 @@ class AbstractSensor(AbstractMechanism):
         """True pressure (Pa) and length (m) from the recorded ones."""
         return pressure, length
 
-    def read(self, force: Samples, diameter: Samples, history: History) -> tuple[Samples, Samples]:
-        """Recorded force (N) and diameter (m) from the true ones."""
+    def read(
+        self, force: Samples, diameter: Samples, past: Past, history: History
+    ) -> tuple[Samples, Samples]:
+        """Recorded force (N) and diameter (m) from the true ones, and what the muscle went through."""
         return force, diameter
 
 

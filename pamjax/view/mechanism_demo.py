@@ -41,7 +41,7 @@ SIZES: dict[str, dict[str, float]] = {
     "contact_pressure": {"threshold": 40e3},
     "viscoelastic_creep": {"modulus": 0.08e6},
     "mullins_softening": {"modulus": 0.1e6},
-    "diameter_offset": {"offset": 0.6e-3},
+    "diameter_offset": {"offset": 0.6e-3, "compaction": 0.1e-3},
     "end_taper": {"share": 1.0},
     "braid_friction": {"coefficient": 0.2, "presliding": 2e-3, "give": 2e-9},
     "viscous_damping": {"coefficient": 5e3},

@@ -56,7 +56,9 @@ class BraidFriction(AbstractMemory):
     With `give` the stress also moves some volume, −∂(q u)/∂P = q γ: ∮ (F dL − V dP) counts it.
 
     Neutral: Fc = μ = 0. As d → 0 it is Coulomb's force. What it leaves out: sliding that grows weaker
-    with speed (Stribeck), loops that are wider in one direction.
+    with speed (Stribeck), loops that are wider in one direction; and friction on the lateral area, in
+    proportion to R L (Tondu & Lopez 2000), which p near −0.6 only follows within 7 % rms over the paper's
+    stroke, 26 % at rest.
     Source: the stop operator of Prandtl and Ishlinskii; strength derived here; Davis & Caldwell, Int. J.
     Robot. Res. 25, 359, 2006 (patches); Vo-Minh et al., IEEE/ASME Trans. Mechatron. 16, 177, 2011
     (Maxwell slip in a muscle).

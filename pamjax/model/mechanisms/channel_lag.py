@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from pamjax.model.history import History
-from pamjax.model.mechanism import About, AbstractSensor, Samples
+from pamjax.model.mechanism import About, AbstractSensor, Past, Samples
 from pamjax.parameter import Scalar, parameter
 
 
@@ -36,5 +36,7 @@ class ChannelLag(AbstractSensor):
         source="filters and loggers, a second at most as a rule", default=0.0,
     )  # fmt: skip
 
-    def read(self, force: Samples, diameter: Samples, history: History) -> tuple[Samples, Samples]:
+    def read(
+        self, force: Samples, diameter: Samples, past: Past, history: History
+    ) -> tuple[Samples, Samples]:
         return history.late(force, self.lag), diameter

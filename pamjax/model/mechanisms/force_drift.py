@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from pamjax.model.history import History
-from pamjax.model.mechanism import About, AbstractSensor, Samples
+from pamjax.model.mechanism import About, AbstractSensor, Past, Samples
 from pamjax.parameter import Scalar, parameter
 
 
@@ -40,6 +40,8 @@ class ForceDrift(AbstractSensor):
         source="as the rate, over some minutes", default=0.0,
     )  # fmt: skip
 
-    def read(self, force: Samples, diameter: Samples, history: History) -> tuple[Samples, Samples]:
+    def read(
+        self, force: Samples, diameter: Samples, past: Past, history: History
+    ) -> tuple[Samples, Samples]:
         since = history.time - history.time[0]
         return force + since * (self.rate + self.bend * since), diameter

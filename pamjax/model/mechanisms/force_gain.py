@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from pamjax.model.history import History
-from pamjax.model.mechanism import About, AbstractSensor, Samples
+from pamjax.model.mechanism import About, AbstractSensor, Past, Samples
 from pamjax.parameter import Scalar, parameter
 
 
@@ -35,5 +35,7 @@ class ForceGain(AbstractSensor):
         source="1 % of a cell, more of an amplifier set by hand", default=0.0,
     )  # fmt: skip
 
-    def read(self, force: Samples, diameter: Samples, history: History) -> tuple[Samples, Samples]:
+    def read(
+        self, force: Samples, diameter: Samples, past: Past, history: History
+    ) -> tuple[Samples, Samples]:
         return (1 + self.gain) * force, diameter

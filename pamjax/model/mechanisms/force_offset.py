@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from pamjax.model.history import History
-from pamjax.model.mechanism import About, AbstractSensor, Samples
+from pamjax.model.mechanism import About, AbstractSensor, Past, Samples
 from pamjax.parameter import Scalar, parameter
 
 
@@ -34,5 +34,7 @@ class ForceOffset(AbstractSensor):
         source="up to some percent of full scale, and dead weights", default=0.0,
     )  # fmt: skip
 
-    def read(self, force: Samples, diameter: Samples, history: History) -> tuple[Samples, Samples]:
+    def read(
+        self, force: Samples, diameter: Samples, past: Past, history: History
+    ) -> tuple[Samples, Samples]:
         return force + self.offset, diameter

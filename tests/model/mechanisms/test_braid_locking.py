@@ -1,4 +1,4 @@
-"""Threads that jam at either end of the stroke, and a diameter that is read from outside."""
+"""Threads that jam at either end of the stroke."""
 
 from functools import cache
 
@@ -8,7 +8,6 @@ import pytest
 from pamjax.model.bench import record
 from pamjax.model.history import history
 from pamjax.model.mechanisms.braid_locking import BraidLocking
-from pamjax.model.mechanisms.diameter_offset import DiameterOffset
 from pamjax.model.state import Cylinder
 from tests.agreement import ROUNDING, agree, printed
 from tests.model.mechanisms.typical import LENGTH, THREAD, TURNS, bench
@@ -57,10 +56,3 @@ def test_spacing_of_the_kevlar_muscle(contraction, spacing):
     energy = float(BraidLocking(1.0, width).energy(state))
     full = 0.5 * THREAD**3 / (4 * np.pi * TURNS**2)
     printed(1e3 * width * (1 - np.sqrt(energy / full)) / N, spacing)
-
-
-def test_outer_diameter_is_wider_by_the_offset_alone():
-    level = np.full(ANGLE.size, 4e5)
-    seen, true = (record(bench(DiameterOffset(d)), level, AT, STILL) for d in (0.6e-3, 0.0))
-    agree(seen.diameter - true.diameter, 0.6e-3, 1e-10)
-    agree(seen.force, true.force, ROUNDING)

@@ -1,0 +1,35 @@
+"""A diameter that is read from outside: wider by the braid, and by less where pressure flattens its yarns."""
+
+import numpy as np
+import pytest
+
+from pamjax.model.bench import record
+from pamjax.model.history import history
+from pamjax.model.mechanisms.diameter_offset import DiameterOffset
+from tests.agreement import ROUNDING, agree
+from tests.model.mechanisms.typical import LENGTH, bench
+
+PRESSURE = np.array([-2e3, 0.0, 5e4, 1e5, 4e5, 7e5])
+AT = LENGTH * (1 - np.array([0.0, 0.1, 0.2, 0.05, 0.3, 0.0]))
+STILL = history(None, np.arange(AT.size) == 0)
+
+
+def seen(*numbers):
+    found = record(bench(DiameterOffset(*numbers)), PRESSURE, AT, STILL)
+    return np.asarray(found.diameter), np.asarray(found.force)
+
+
+def test_outer_diameter_is_wider_by_the_offset_alone():
+    (outer, force), (bare, same) = seen(0.6e-3), seen()
+    agree(outer - bare, 0.6e-3, 1e-10)
+    agree(force, same, ROUNDING)
+
+
+def test_yarns_flatten_by_half_at_the_half_pressure_and_not_under_suction():
+    (outer, force), (bare, same) = seen(0.6e-3, 0.1e-3, 1e5), seen()
+    flatter = 0.1e-3 * np.array([0.0, 0.0, 1 / 3, 1 / 2, 4 / 5, 7 / 8])
+    agree(outer - bare, 0.6e-3 - flatter, 1e-10)
+    agree(force, same, ROUNDING)
+    # In proportion to pressure it would be another law.
+    with pytest.raises(AssertionError):
+        agree(outer - bare, 0.6e-3 - 0.1e-3 * PRESSURE.clip(0) / 8e5, 1e-3)
