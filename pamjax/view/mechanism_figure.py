@@ -82,7 +82,15 @@ def _itself(panel: Axes, strokes: Sequence[Run], colours: Sequence[ColorType]) -
     """Force against length in a cycle at constant pressure, with and without the mechanism."""
     for run, colour in zip(strokes, colours, strict=True):
         length = run.length / 1e-3
-        panel.plot(length[:HALF], run.bare_force[:HALF], color=QUIET, ls=":", lw=1.6, zorder=3, gid="without")
+        panel.plot(
+            length[: HALF + 1],
+            run.bare_force[: HALF + 1],
+            color=QUIET,
+            ls=":",
+            lw=1.6,
+            zorder=3,
+            gid="without",
+        )
         _path(panel, length, run.force, run.rising, colour)
     most = max(np.nanmax(np.abs(_change(run, "force"))) for run in strokes)
     share = most / max(np.nanmax(np.abs(run.bare_force)) for run in strokes)
@@ -104,12 +112,24 @@ def _ramps(panel: Axes, ramps: Sequence[Run]) -> None:
 
 
 def _path(panel: Axes, x, y, rising: np.ndarray, colour: ColorType) -> None:
-    """A line a half-cycle: dashed one way, drawn the other."""
+    """A line a half-cycle: dashed one way, drawn the other.
+
+    What comes again is drawn once, the last time: dashes would fill each other's gaps.
+    """
     for begin in range(0, x.size, HALF):
+        if _again(y, begin):
+            continue
         # One point of the next half, so that the halves meet.
         rows = slice(begin, min(begin + HALF + 1, x.size))
         style = "-" if rising[begin] else "--"
         panel.plot(x[rows], y[rows], style, color=colour, lw=1.1, gid="path")
+
+
+def _again(y: np.ndarray, begin: int) -> bool:
+    """Whether a half-cycle is the same a cycle later, but for the samples beside its turns."""
+    now, later = (y[at + 2 : at + HALF - 1] for at in (begin, begin + 2 * HALF))
+    near = 2e-3 * (np.nanmax(y) - np.nanmin(y)) if np.any(np.isfinite(y)) else 0.0
+    return later.size == now.size and np.allclose(now, later, rtol=0, atol=near, equal_nan=True)
 
 
 def _finding(changes: Sequence[np.ndarray], channel: str) -> str:
