@@ -4,28 +4,25 @@ import json
 import re
 import shutil
 import subprocess
+from pathlib import Path
 
 import pytest
 
 from pamjax.cli.main import main
 from tests.view.html_page import Page
 
+PAPER = str(Path(__file__).parents[2] / "fits" / "chambers_wereley_2022")
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 #: Put at the end of a copy: how wide the page is, where everybody can read it.
 MEASURE = "<script>document.title = `wide ${document.documentElement.scrollWidth}`</script></body>"
 
 
 @pytest.fixture(scope="session")
-def sampled(bench, tmp_path_factory):
-    """The folder that `pamjax sample` wrote of a few rows."""
+def sampled(tmp_path_factory):
+    """The folder that `pamjax sample` wrote of the paper's five rows."""
     out = tmp_path_factory.mktemp("posterior")
-    folder = out / "few"
-    shutil.copytree(bench / "made", folder)
-    rows = (folder / "recording.csv").read_text().splitlines()
-    (folder / "recording.csv").write_text("\n".join([rows[0], *rows[1::12]]) + "\n")
-    words = ["--out", str(out / "out"), "--ess", "60", "--rhat", "1.3", "--no-figures"]
-    assert main(["sample", str(folder), *words]) == 0
-    return out / "out"
+    assert main(["sample", PAPER, "--out", str(out), "--ess", "60", "--rhat", "1.3", "--no-figures"]) == 0
+    return out
 
 
 @pytest.fixture(params=["fitted", "sampled", "diagnosed"])
