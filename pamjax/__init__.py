@@ -7,6 +7,7 @@ if TYPE_CHECKING:
     from pamjax.check import BadInput, InputWarning
     from pamjax.design.result import Design
     from pamjax.design.size import size
+    from pamjax.infer.cache import keep_compiled
     from pamjax.infer.determine import determine
     from pamjax.infer.fit import fit
     from pamjax.infer.load import load_muscle
@@ -42,6 +43,7 @@ _HOME = {
     "simulate": "pamjax.records.simulate",
     "Fit": "pamjax.infer.result",
     "determine": "pamjax.infer.determine",
+    "keep_compiled": "pamjax.infer.cache",
     "fit": "pamjax.infer.fit",
     "load_muscle": "pamjax.infer.load",
     "Posterior": "pamjax.infer.posterior",
@@ -71,6 +73,7 @@ __all__ = [
     "diagnose",
     "fit",
     "import_case",
+    "keep_compiled",
     "load_muscle",
     "predict",
     "read_case",
