@@ -57,14 +57,16 @@ def _points_and_lines(panel: Axes, one: CaseFit, form: Layout, channel: str) -> 
     style = _point(there)
     for group, colour in enumerate(form.colours):
         rows = kept[form.group[kept] == group]
-        panel.plot(form.x[rows], measured[rows], color=colour, gid="measured", **style)
+        panel.plot(form.x[rows], measured[rows], color=colour, gid=f"measured group-{group}", **style)
         if not form.connected:
-            panel.plot(form.x[rows], model[rows], "x", color=colour, gid="model")
+            panel.plot(form.x[rows], model[rows], "x", color=colour, gid=f"model group-{group}")
             continue
         for rows in lines(one.case, form, group, there):
             # White below every line parts it from its points, and hides no other line.
-            panel.plot(form.x[rows], model[rows], color="white", lw=2.4, zorder=2.5, gid="casing")
-            panel.plot(form.x[rows], model[rows], color=colour, zorder=3, gid="model")
+            panel.plot(
+                form.x[rows], model[rows], color="white", lw=2.4, zorder=2.5, gid=f"casing group-{group}"
+            )
+            panel.plot(form.x[rows], model[rows], color=colour, zorder=3, gid=f"model group-{group}")
 
 
 def panels_of(count: int, narrow: bool, height: float = 3.4, **shared: Any) -> tuple[Figure, list[Axes]]:
@@ -139,7 +141,7 @@ def _residuals(panel: Axes, one: CaseFit, form: Layout, channel: str, x: np.ndar
     style = _point(np.isfinite(misfit))
     for group, colour in enumerate(form.colours):
         rows = kept[form.group[kept] == group]
-        panel.plot(x[rows], misfit[rows], color=colour, gid="residual", **style)
+        panel.plot(x[rows], misfit[rows], color=colour, gid=f"residual group-{group}", **style)
 
 
 def outside(one: CaseFit, channel: str) -> str:

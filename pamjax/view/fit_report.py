@@ -13,10 +13,13 @@ from pamjax.infer.note import UNIT, correlations, origin, quantity, trust
 from pamjax.infer.result import CaseFit, Estimate, Fit
 from pamjax.units import in_unit, show
 from pamjax.view import fit_figures as figures
+from pamjax.view.layout import layout
 from pamjax.view.page import Picture, picture, write_page
 
 #: How many numbers the first screen names.
 NAMED = 3
+#: Isobars or lengths, at most, that the page offers to show alone.
+CHOICES = 12
 
 
 def save_report(fit: Fit, path: str | Path, command: str = "pamjax fit") -> Path:
@@ -35,6 +38,7 @@ def save_report(fit: Fit, path: str | Path, command: str = "pamjax fit") -> Path
         kicker=f"Fit of {words([one.case.name for one in fit.cases])} · {model_of(fit)}",
         answer=(met(fit), numbers_say(shown)),
         cases=[_case(fit, one, k) for k, one in enumerate(fit.cases)],
+        groups=_groups(fit),
         rows=[
             [n, quantity(e.value, e.sd, e.meaning.show), origin(e), e.meaning.about] for n, e in shown.items()
         ],
@@ -62,6 +66,12 @@ def words(parts: list[str]) -> str:
 def drawn(draw: Any, name: str) -> Picture | None:
     """A figure for a page, wide and narrow."""
     return picture(lambda narrow: draw(narrow=narrow), name)
+
+
+def _groups(fit: Fit) -> list[str]:
+    """Isobars or lengths that a reader can choose among; none where that would not help."""
+    names = list(layout(fit.cases[0].case).names)
+    return names if len(fit.cases) == 1 and 1 < len(names) <= CHOICES else []
 
 
 def _worst(fit: Fit) -> tuple[CaseFit, str]:

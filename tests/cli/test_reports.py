@@ -47,29 +47,27 @@ def test_it_is_whole_offline_and_has_words_for_every_picture(report):
     assert re.search(r"pamjax (fit|sample|diagnose) ", page.text)
 
 
+def opened(report, script, width, folder):
+    """Title that a script at the end of a copy of the page leaves, and what the browser complained of."""
+    copy = folder / "report.html"
+    copy.write_text(report.read_text("utf-8").replace("</body>", script), "utf-8")
+    words = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--dump-dom"]
+    words += [f"--window-size={width},900", f"--user-data-dir={folder / 'profile'}", copy.as_uri()]
+    done = subprocess.run([BROWSER, *words], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    title = re.search(r"<title>(.*?)</title>", done.stdout)
+    assert title, "the page's end was not reached"
+    return title[1], [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium")
 @pytest.mark.parametrize("width", [500, 1200])
 def test_it_opens_in_a_browser(report, width, tmp_path):
-    copy = tmp_path / "report.html"
-    copy.write_text(report.read_text("utf-8").replace("</body>", MEASURE), "utf-8")
-    words = [
-        "--headless",
-        "--no-sandbox",
-        "--disable-gpu",
-        "--enable-logging=stderr",
-        f"--window-size={width},900",
-    ]
-    done = subprocess.run(
-        [BROWSER, *words, f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", copy.as_uri()],
-        capture_output=True, text=True, timeout=120, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert "CONSOLE" not in done.stderr
-    wide = re.search(r"<title>wide (\d+)</title>", done.stdout)
-    assert wide, "the page's end was not reached"
+    title, complaints = opened(report, MEASURE, width, tmp_path)
+    assert complaints == []
     # Nothing sticks out: no sideways scrolling.
-    assert int(wide[1]) <= width
+    assert int(title.removeprefix("wide ")) <= width
 
 
 @pytest.mark.slow
@@ -96,3 +94,20 @@ def test_a_posteriors_report_says_what_its_json_says(sampled):
     for name, number in said["parameters"].items():
         if "verdict" in number:
             assert number["verdict"] in table[name][-1]
+
+
+#: Chooses the second isobar, and says how much the first is still seen, and the second.
+CHOOSE = """<script>
+document.querySelector("#group-1").click();
+const seen = (k) => getComputedStyle(document.querySelector(`.wide svg .group-${k}`)).opacity;
+document.title = `seen ${seen(0)} ${seen(1)}`;
+</script></body>"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium")
+def test_an_isobar_can_be_chosen(fitted, tmp_path):
+    title, _ = opened(fitted / "report.html", CHOOSE, 1200, tmp_path)
+    first, second = map(float, re.fullmatch(r"seen ([\d.]+) ([\d.]+)", title).groups())
+    assert first < 0.1
+    assert second == 1

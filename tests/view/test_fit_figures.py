@@ -85,7 +85,9 @@ def table(**more):
 
 def drawn(figure, kind):
     """The lines of a kind, panel by panel."""
-    return [[line for line in panel.lines if line.get_gid() == kind] for panel in panels(figure)]
+    return [
+        [line for line in panel.lines if str(line.get_gid()).split()[0] == kind] for panel in panels(figure)
+    ]
 
 
 def panels(figure):
