@@ -181,7 +181,7 @@ class Bench(eqx.Module):
             frozen: what memories add to the force and to the pull of the threads, N.
         """
         rest = self.thread_length * (1 + extension)
-        here = self._near(length, rest)
+        begin = self._near(length, rest)
         hoop = braid.hoop_pull(1.0, length, rest, self.turns)
         # Suction closes no braid: below zero a gauge is off, or the tube is flat, and no longer round.
         inflating = jnp.where(pressure > 0, pressure, 0.0)
@@ -195,14 +195,17 @@ class Bench(eqx.Module):
         def load(x):
             return jnp.where(x < 0, HOLD / NATURAL, 1.0) * x
 
-        def free(thread, at):
-            stored, volume = _slope(lambda b: here._works(at, b), thread)
+        def free(bench, thread, at):
+            stored, volume = _slope(lambda b: bench._works(at, b), thread)
             return inflating * volume - stored
 
-        at_contact = free(rest, length)
+        at_contact = free(begin, rest, length)
+        # Threads that stretch by a hundredth widen a slender muscle by a tenth: what holds near a state must
+        # be that of the state which the balance will find, not of the threads at rest.
+        here = self._near(length, jax.lax.stop_gradient(thread(at_contact + frozen[1], length)))
 
         def pull(thread, at):
-            of_all = free(thread, at)
+            of_all = free(here, thread, at)
             return of_all + jnp.maximum(frozen[1], jnp.minimum(at_contact, 0.0) - jnp.maximum(of_all, 0.0))
 
         def force(thread, at):

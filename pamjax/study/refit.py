@@ -15,6 +15,9 @@ from pamjax.study.whiten import Whitening
 #: Evaluations after which a refit ends.
 MOST = 40
 
+#: Share of a number's range that the baseline's own start away from its ends.
+OFF_LIMIT = 0.15
+
 #: A logarithmic number without a prior is believed within its limits: they are this many sd apart.
 LIMITS_APART = 4.0
 
@@ -105,7 +108,9 @@ def refit(
         return np.concatenate([-look(x).jacobian, np.diag(np.where(np.isfinite(prior), 1 / prior, 0.0))])
 
     width = np.where(np.isfinite(prior), prior, 0.1 * (high - low))
-    inside = 1e-6 * (high - low)
+    # The minimiser creeps away from a limit at which it starts: the baseline's numbers are often strained
+    # to theirs by what is missing, and free again once that is named.
+    inside = np.where(found.own[moved], OFF_LIMIT, 1e-6) * (high - low)
     start = np.clip(coordinates(found, moved, values), low + inside, high - inside)
     end = least_squares(
         residuals, start, jac=cast(Any, jacobian), bounds=(low, high), x_scale=width,

@@ -6,10 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.optimize import minimize
+from scipy.optimize import brentq, minimize
 
 from pamjax.model.bench import record
 from pamjax.model.history import history
+from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
 from pamjax.model.mechanisms.end_taper import EndTaper
 from pamjax.model.net import net
 from pamjax.model.net_table import tabulate
@@ -125,6 +126,27 @@ def test_table_is_the_net(stretched):
     thread = THREAD * stretched
     found, exact = slopes(jnp.linspace(0.6, 0.93, 12) * thread, thread)
     assert np.max(np.abs(found - exact)) * PRESSURE < 0.1
+
+
+@pytest.mark.slow
+def test_threads_that_stretch_by_hundredths_are_looked_up_where_they_end():
+    compliance, fitting = 6e-6, 0.0121
+    slopes_of = jax.jit(jax.grad(lambda z, b: net(z, b, TURNS, fitting).volume, argnums=(0, 1)))
+
+    def force(length):
+        def pull(b):
+            return PRESSURE * float(slopes_of(length, b)[1]) - (b / THREAD - 1) / compliance
+
+        return -PRESSURE * float(slopes_of(length, brentq(pull, THREAD, 1.08 * THREAD))[0])
+
+    soft = bench(BraidElasticity(compliance), EndTaper(1.0, fitting))
+    length = LENGTH * (1 - CONTRACTION)
+    found = np.asarray(record(soft, np.full(length.size, PRESSURE), length, STILL).force)
+    agree(found, [force(z) for z in length], 2e-4, 1e3)
+    unstretched = np.asarray(
+        record(bench(EndTaper(1.0, fitting)), np.full(length.size, PRESSURE), length, STILL).force
+    )
+    assert np.max(np.abs(found - unstretched)) > 20.0
 
 
 def test_beyond_its_ends_the_table_goes_over_into_a_cylinder():
