@@ -14,9 +14,10 @@ from pamjax.records.blocks import blocks
 from pamjax.records.case import Case
 from pamjax.study.cells import axes
 from pamjax.study.conceal import Envelope, conceal
-from pamjax.study.customary import discrepancy, select
+from pamjax.study.customary import select
 from pamjax.study.diagnose import diagnose
 from pamjax.study.diagnosis import Diagnosis
+from pamjax.study.discrepancy import discrepancy, inputs
 from pamjax.study.forms import forms
 from pamjax.study.gain import held_out
 from pamjax.study.naming import settle
@@ -291,7 +292,8 @@ def _rivals(one: Diagnosis, noise: np.ndarray) -> dict[str, Any]:
     found, used, out = one.found, ~one.gain.held_out, {}
     selection = select(found, used)
     out["selected"] = selection.ids
-    curve = discrepancy(found, one.gain.before[0], used)
+    before = one.gain.before[0]
+    curve = before + discrepancy(inputs(found), found.measured[0] - before, used)
     rows = one.gain.held_out & np.isfinite(found.measured[0])
     if rows.any():
         floor = float(np.sqrt(np.mean(noise[0][rows] ** 2)))
