@@ -28,6 +28,7 @@ from pamjax.study.discrepancy import discrepancy, inputs
 from pamjax.study.naming import settle
 from pamjax.study.problem import Problem
 from pamjax.study.rivals import fit_sarosi
+from pamjax.study.temper import tempered
 from pamjax.units import show
 
 SCHEMA = "pamjax.gain/1"
@@ -162,7 +163,7 @@ def _refitted(one: Diagnosis, out: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     shown = found.shows(before.at.values)
     if not one.names:
         return shown, shown
-    after = settle(found, ~out, one.model.chosen, one.naming.model.at.values)
+    after = tempered(found, settle(found, ~out, one.model.chosen, one.naming.model.at.values))
     return shown, found.shows(after.at.values)
 
 

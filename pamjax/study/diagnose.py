@@ -17,6 +17,7 @@ from pamjax.study.naming import Model, name_mechanisms, settle
 from pamjax.study.problem import Problem, problem
 from pamjax.study.signature import signatures
 from pamjax.study.significance import DETECTED, Significance, significance
+from pamjax.study.temper import tempered
 from pamjax.study.undetermined import undetermined
 
 #: A rest counts as unexplained from this rms, in noise standard deviations ...
@@ -53,10 +54,12 @@ def diagnose(
     progress("judging", 0.85)
     mismatch = significance(found, naming.baseline.white, naming.baseline.at, list(naming.first), seed)
     rest = mismatch if not naming.names else _rest(found, naming.model, seed)
-    score = gain(found, laid, out, naming.baseline, naming.model)
+    score = gain(found, laid, out, naming.baseline, _weighed(found, naming.model))
     every = np.ones(found.n, dtype=bool)
     baseline = settle(found, every, (), naming.baseline.at.values)
-    model = settle(found, every, naming.model.chosen, naming.model.at.values) if naming.names else baseline
+    model = baseline
+    if naming.names:
+        model = _weighed(found, settle(found, every, naming.model.chosen, naming.model.at.values))
     detected = mismatch.p_value < DETECTED
     unexplained = detected and _left(mismatch, rest)
     progress("done", 1.0)
@@ -78,6 +81,11 @@ def diagnose(
         undetermined=undetermined(found, baseline),
         experiments=experiments(found, model, naming.names),
     )  # fmt: skip
+
+
+def _weighed(found: Problem, model: Model) -> Model:
+    """A named model weighed by its own misfit; a baseline without names stays as it was judged."""
+    return tempered(found, model) if model.chosen else model
 
 
 def _rest(found: Problem, model: Model, seed: int) -> Significance:

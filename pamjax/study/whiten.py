@@ -70,11 +70,13 @@ class Whitening:
         colours: by channel, None where nothing was measured.
         rows: by channel, the rows that are looked at, in order.
         runs: by channel, where in `rows` continuous runs begin and end.
+        trust: factor on everything white; below one where the model is wrong by more than noise.
     """
 
     colours: tuple[Colour | None, ...]
     rows: tuple[np.ndarray, ...]
     runs: tuple[np.ndarray, ...]
+    trust: float = 1.0
 
     @property
     def size(self) -> int:
@@ -84,7 +86,7 @@ class Whitening:
     def __call__(self, values: np.ndarray) -> np.ndarray:
         """Standardised and filtered, (…, size): force first, then diameter."""
         parts = [self._channel(values[..., c, :], c) for c in range(len(CHANNELS)) if self.rows[c].size]
-        return np.concatenate(parts, axis=-1)
+        return self.trust * np.concatenate(parts, axis=-1)
 
     def _channel(self, values: np.ndarray, c: int) -> np.ndarray:
         colour, rows = self.colours[c], self.rows[c]
