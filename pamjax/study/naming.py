@@ -36,6 +36,8 @@ SIZEABLE = 0.1
 LEAST = 0.25
 #: How many mechanisms are refitted roughly at each step, how many of them to the end, and what is rough.
 SHORTLIST, FINAL, ROUGH = 6, 2, 7
+#: A baseline's number farther from what the lab believes than this, in sd, was driven there.
+STRAINED = 2.5
 #: Most names.
 MOST = 4
 #: Rivals whose fit is worse by less than this, and a share of what is left unexplained, are not told apart.
@@ -192,11 +194,26 @@ def shortlist(scored: Sequence[Signature], chosen: Sequence[str], many: int = SH
 
 
 def _with(found: Problem, model: Model, signature: Signature) -> Model:
-    """The model with one more form, roughly refitted under the model's noise."""
-    values = begun(found, model.at.values, signature.form, signature.amplitudes)
+    """The model with one more form, roughly refitted under the model's noise.
+
+    A baseline whose numbers were driven to their limits is a bad place to begin from: what drove them there
+    may be this form. Then it begins once more from what the lab believes.
+    """
+    begins = [model.at.values]
+    if not model.chosen and _strained(found, model):
+        begins.append(found.neutral)
     chosen = (*model.chosen, signature.form)
     moved = sorted({*np.flatnonzero(found.own).tolist(), *_places(found, chosen)})
-    return Model(chosen, model.white, refit(found, model.white, moved, values, ROUGH))
+    ends = []
+    for begin in begins:
+        values = begun(found, begin, signature.form, signature.amplitudes)
+        ends.append(Model(chosen, model.white, refit(found, model.white, moved, values, ROUGH)))
+    return min(ends, key=lambda trial: trial.at.cost)
+
+
+def _strained(found: Problem, model: Model) -> bool:
+    own = np.flatnonzero(found.own & np.isfinite(found.sd))
+    return bool(np.any(np.abs(model.at.values[own] - found.start[own]) > STRAINED * found.sd[own]))
 
 
 def _finished(found: Problem, trials: Sequence[Model], many: int = FINAL) -> list[Model]:
