@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import norm
+from scipy.stats import t as student
 
 from pamjax.study.cells import shifts
 from pamjax.study.problem import Problem
@@ -71,7 +72,7 @@ def significance(
     directions = directions[np.linalg.norm(directions, axis=1) > 0.5]
     along = directions[:, : at.residual.size] @ at.residual
     largest = float(np.max(np.abs(along), initial=0.0))
-    p = _chance(directions @ directions.T, largest, _doubt(white), seed)
+    p = _chance(directions @ directions.T, largest, _doubt(white), _freedom(white), seed)
     square, beyond = _square(found, white, at)
     chance = min(1.0, 2 * min(p, float(norm.sf(beyond))))
     return Significance(float(max(chance, 1e-300)), largest, len(directions), square)
@@ -83,8 +84,13 @@ def _unit(rows: np.ndarray) -> np.ndarray:
     return np.where(norms > 1e-6, rows / np.where(norms > 0, norms, 1.0), 0.0)
 
 
-def _chance(gram: np.ndarray, largest: float, doubt: float, seed: int) -> float:
-    """Chance that the largest of correlated standard normal variables is as large as this."""
+def _chance(
+    gram: np.ndarray, largest: float, doubt: float, freedom: float = math.inf, seed: int = 0
+) -> float:
+    """Chance that the largest of correlated standard normal variables is as large as this.
+
+    Where the noise itself was found from few squares, of correlated variables of Student.
+    """
     weights, vectors = np.linalg.eigh(gram)
     root = vectors * np.sqrt(np.maximum(weights, 0.0))
     rng = np.random.default_rng(seed)
@@ -92,14 +98,17 @@ def _chance(gram: np.ndarray, largest: float, doubt: float, seed: int) -> float:
     for k in range(0, DRAWS, 2000):
         drawn = np.abs(rng.standard_normal((2000, root.shape[1])) @ root.T).max(axis=1)
         most[k : k + 2000] = drawn * np.exp(doubt * rng.standard_normal(2000))
+        if math.isfinite(freedom):
+            most[k : k + 2000] /= np.sqrt(rng.chisquare(freedom, 2000) / freedom)
     above = np.count_nonzero(most >= largest)
     if above >= 50:
         return above / DRAWS
     # As many independent variables as have the 50th largest draw at the same chance.
     edge = np.partition(most, -50)[-50]
     wider = largest * _drawn_in(doubt)
-    many = (50 / DRAWS) / (2 * norm.sf(edge * _drawn_in(doubt)))
-    return float(np.clip(many * 2 * norm.sf(wider), 1e-300, 1.0))
+    tail = student(freedom).sf if math.isfinite(freedom) else norm.sf
+    many = (50 / DRAWS) / (2 * tail(edge * _drawn_in(doubt)))
+    return float(np.clip(many * 2 * tail(wider), 1e-300, 1.0))
 
 
 def _drawn_in(doubt: float) -> float:
@@ -119,8 +128,15 @@ def _doubt(white: Whitening) -> float:
     )
 
 
+def _freedom(white: Whitening) -> float:
+    """Fewest independent squares that told the noise of a channel; infinite where it was stated."""
+    return min((colour.freedom for colour in white.colours if colour), default=math.inf)
+
+
 def _slow_doubt(colour: Colour, samples: int) -> float:
     """d ln(noise of a mean) for a standard error of the correlation."""
+    if math.isfinite(colour.freedom):
+        return 0.0
     own = 0.5 * math.sqrt(2 / samples)
     if colour.correlation == 0:
         return own

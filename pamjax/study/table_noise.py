@@ -5,7 +5,8 @@ pressure) a muscle is smooth, and so is a misfit: a reading off the line through
 
     d = y₂ − (1 − w) y₁ − w y₃,     w = (x₂ − x₁) / (x₃ − x₁),     E d² = σ² [1 + (1 − w)² + w²],
 
-tells the noise before anything is known of the misfit. Curvature is taken for noise, which is careful.
+tells the noise before anything is known of the misfit; of a line of few readings, all of them are held
+against one straight line. Curvature is taken for noise, which is careful.
 
 Source: second differences as T. Gasser, L. Sroka, C. Jennen-Steinmetz, Biometrika 73, 625 (1986).
 """
@@ -16,6 +17,9 @@ import numpy as np
 
 #: Two settings are one if they differ by less than this share of the largest.
 SAME = 2e-3
+
+#: A line of at most this many readings is taken for straight.
+STRAIGHT = 5
 
 #: Independent squares that m second differences of a line are worth, over m: 18/35 of long lines.
 WORTH = 18 / 35
@@ -36,10 +40,23 @@ def table_variance(pressure: np.ndarray, length: np.ndarray, values: np.ndarray)
     if not values.size:
         return float("nan"), 0.0
     for fixed, along in ((length, pressure), (pressure, length)):
-        squares = np.concatenate([_second(along[rows], values[rows]) for rows in _lines(fixed)])
-        if squares.size:
-            return float(np.mean(squares)), WORTH * squares.size + 2 / 7
+        found = [_line(along[rows], values[rows]) for rows in _lines(fixed)]
+        freedom = sum(worth for _, worth in found)
+        if freedom > 0:
+            return sum(variance * worth for variance, worth in found) / freedom, freedom
     return float("nan"), 0.0
+
+
+def _line(along: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+    """Variance along one line, and how many independent squares it was found from."""
+    if np.unique(along).size < 3:
+        return 0.0, 0.0
+    if along.size <= STRAIGHT:
+        x = along / np.max(np.abs(along))
+        off = values - np.polyval(np.polyfit(x, values, 1), x)
+        return float(off @ off) / (along.size - 2), float(along.size - 2)
+    squares = _second(along, values)
+    return float(np.mean(squares)), WORTH * squares.size + 2 / 7
 
 
 def _lines(fixed: np.ndarray) -> list[np.ndarray]:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import t
 
 from pamjax.study.significance import _chance
 
@@ -40,3 +41,13 @@ def test_a_single_direction_has_the_chance_of_one():
 def test_doubt_about_the_noise_makes_large_deviations_less_surprising():
     sure, doubtful = (_chance(np.eye(5), 4.0, doubt, seed=0) for doubt in (0.0, 0.2))
     assert doubtful > 3 * sure
+
+
+def test_noise_found_from_few_squares_makes_a_deviation_less_surprising():
+    """One direction under Student's noise: the closed form."""
+    gram = np.eye(1)
+    for seen, freedom in ((3.0, 3.0), (25.0, 3.0), (25.0, 2.0)):
+        want = 2 * t.sf(seen, freedom)
+        assert _chance(gram, seen, 0.0, freedom, 0) == pytest.approx(want, rel=0.25)
+    # Able to fail: known noise calls the same deviation impossible.
+    assert _chance(gram, 25.0, 0.0, np.inf, 0) < 1e-100
