@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -13,7 +14,7 @@ from pamjax.study.experiment import experiments
 from pamjax.study.forms import forms
 from pamjax.study.gain import gain, held_out
 from pamjax.study.locate import locate_names, locate_rest
-from pamjax.study.naming import Model, name_mechanisms, settle
+from pamjax.study.naming import Model, Naming, name_mechanisms, settle
 from pamjax.study.problem import Problem, problem
 from pamjax.study.signature import signatures
 from pamjax.study.significance import DETECTED, Significance, significance
@@ -52,7 +53,7 @@ def diagnose(
     out = held_out(laid)
     naming = name_mechanisms(found, ~out, progress)
     progress("judging", 0.85)
-    mismatch = significance(found, naming.baseline.white, naming.baseline.at, list(naming.first), seed)
+    mismatch = _mismatch(found, naming, seed)
     rest = mismatch if not naming.names else _rest(found, naming.model, seed)
     score = gain(found, laid, out, naming.baseline, _weighed(found, naming.model))
     every = np.ones(found.n, dtype=bool)
@@ -81,6 +82,15 @@ def diagnose(
         undetermined=undetermined(found, baseline),
         experiments=experiments(found, model, naming.names),
     )  # fmt: skip
+
+
+def _mismatch(found: Problem, naming: Naming, seed: int) -> Significance:
+    """The baseline's residual, judged; of a table of unknown noise every row, since each tells the noise."""
+    judged, seen = naming.baseline, list(naming.first)
+    if any(colour and math.isfinite(colour.freedom) for colour in judged.white.colours):
+        judged = settle(found, np.ones(found.n, dtype=bool), (), judged.at.values)
+        seen = signatures(found, judged.white, judged.at, forms(found))
+    return significance(found, judged.white, judged.at, seen, seed)
 
 
 def _weighed(found: Problem, model: Model) -> Model:
