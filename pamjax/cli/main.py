@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from importlib.metadata import version
 from keyword import iskeyword
@@ -53,6 +54,8 @@ def main(arguments: list[str] | None = None) -> int:
     """
     from pamjax.cli.screen import heard
 
+    # A busy machine draws a compilation out, and XLA shouts about it; what fails raises all the same.
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     heard(sys.argv[1:] if arguments is None else arguments)
     try:
         app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
