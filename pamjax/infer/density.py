@@ -85,6 +85,11 @@ def log_densities(density: Density, u: Float[Array, "w p"]) -> Float[Array, " w"
     return jax.vmap(density)(u)
 
 
+@eqx.filter_jit
+def _innovations(density: Density, u: Float[Array, " p"]) -> list[list[Array]]:
+    return density.innovations(u)
+
+
 def density_of(fit: Fit, beliefs: Mapping[str, Mapping[str, Any]] | None = None) -> tuple[Density, Array]:
     """The posterior that belongs to a fit, and the fit's place in it.
 
@@ -123,7 +128,8 @@ def density_of(fit: Fit, beliefs: Mapping[str, Mapping[str, Any]] | None = None)
 def tempered(density: Density, u: Array, fit: Fit) -> Density:
     """The density with each channel counting for what its innovations at a point are worth."""
     powers = []
-    for one, channels, innovations in zip(fit.cases, density.streams, density.innovations(u), strict=True):
+    found = _innovations(density, u)
+    for one, channels, innovations in zip(fit.cases, density.streams, found, strict=True):
         said = [worth(np.asarray(w), s, one.case) for s, w in zip(channels, innovations, strict=True)]
         powers.append(tuple(jnp.asarray(1 / w if w > REPEATS else 1.0) for w in said))
     return eqx.tree_at(lambda d: d.powers, density, tuple(powers))

@@ -11,17 +11,16 @@ Comput. 16, 239 (2006).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import emcee
 import jax.numpy as jnp
 import numpy as np
 
-from pamjax.infer.density import Density, log_densities
-from pamjax.infer.laplace import Ball
+from pamjax.infer.checkpoint import Arrays
+from pamjax.infer.density import log_densities
+from pamjax.infer.walk import Walk
 
-#: Steps between two looks at the chain; saved together.
-CHUNK = 50
 #: Wide tails of the drawn-anew moves: degrees of freedom, and sds of the Gaussian.
 TAILS, WIDER = 5.0, 1.1
 #: Share of the moves that draw anew.
@@ -29,20 +28,16 @@ ANEW = 0.5
 
 
 @dataclass(frozen=True)
-class Ensemble:
-    """Walks in the coordinates of a ball; its state is positions, their log-density and random numbers."""
+class Ensemble(Walk):
+    """Walkers whose state is positions, their log-density and random numbers."""
 
-    density: Density
-    ball: Ball
-    chunk: int = CHUNK
-    #: emcee's advice on autocorrelation times is heeded.
-    long: bool = True
+    long: ClassVar[bool] = True
 
     @property
     def walkers(self) -> int:
         return max(32, 4 * (self.density.at.size // 2 + 1))
 
-    def begin(self, seed: int) -> dict[str, np.ndarray]:
+    def begin(self, seed: int) -> Arrays:
         """Walkers drawn from the ball."""
         random = np.random.RandomState(np.random.MT19937(np.random.SeedSequence([seed, 5])))
         x = random.standard_normal((self.walkers, self.density.at.size))
@@ -54,7 +49,7 @@ class Ensemble:
             x[lost] *= 0.7
         return {"x": x, "logp": self._log_density(x), **_packed(random.get_state())}
 
-    def advance(self, state: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    def advance(self, state: Arrays) -> tuple[Arrays, Arrays]:
         """`chunk` steps on: draws (n, chains, p), "logp" and "accepted" (n, chains); and the new state."""
         walkers, size = state["x"].shape
         moves: Any = [(_Anew(), ANEW), (emcee.moves.DEMove(), 1 - ANEW)]

@@ -38,6 +38,10 @@ SETTLED = 0.02
 Progress = Callable[[str, float], None]
 
 
+def silent(doing: str, share: float) -> None:
+    """Tell nobody what is being done, and the share done."""
+
+
 def fit(
     cases: Case | Sequence[Case],
     law: str | None = None,
@@ -48,7 +52,7 @@ def fit(
     starts: int = 4,
     fold_count: int = 5,
     seed: int = 0,
-    progress: Progress = lambda doing, share: None,
+    progress: Progress = silent,
 ) -> Fit:
     """Calibrate a muscle on a recording, or several muscles on several at once.
 
@@ -83,7 +87,8 @@ def fit(
         progress("weighing the noise", 0.3 + 0.2 * k / REWEIGH)
         before = members
         members, _ = weigh_all(cases, members, at, solution, loss)
-        solution = solve(members, at, _off_limits(at, solution.u), loss)
+        # Before the noise is weighed a misfit can drive a number to a limit.
+        solution = solve(members, at, at.inside(solution.u), loss)
         if k and _settled(before, members):
             break
     progress("other starts", 0.5)
@@ -206,16 +211,6 @@ def weigh_all(cases, members, at, solution, loss: Loss = "square", trusting=Fals
     """Every member with its samples weighed by their noise, and that noise; see `weigh`."""
     pairs = [weigh(case, one, at, solution, loss, trusting) for case, one in zip(cases, members, strict=True)]
     return tuple(one for one, _ in pairs), [noise for _, noise in pairs]
-
-
-def _off_limits(at: Space, u: jnp.ndarray) -> jnp.ndarray:
-    """A point to start from: a number at a limit goes back to where it began.
-
-    Before the noise is weighed a misfit can drive a number there, where the map is so flat that
-    nothing would bring it back.
-    """
-    stuck = np.isin(at.names, at.at_limit(u))
-    return jnp.where(stuck, 0.0, u)
 
 
 def _restart(

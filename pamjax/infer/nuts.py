@@ -9,7 +9,7 @@ Source: Hoffman & Gelman, J. Mach. Learn. Res. 15, 1593 (2014).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -18,27 +18,24 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from pamjax.check import refuse
+from pamjax.infer.checkpoint import Arrays
 from pamjax.infer.density import Density
 from pamjax.infer.laplace import Ball
+from pamjax.infer.walk import Walk
 
-#: Draws between two looks at the chains; saved together.
-CHUNK = 50
 CHAINS = 4
 #: Draws that find the step size, and the acceptance it aims at.
 WARMUP, ACCEPTANCE = 200, 0.8
 
 
 @dataclass(frozen=True)
-class Nuts:
+class Nuts(Walk):
     """Chains whose state is positions, step size, random key and the number of draws so far."""
 
-    density: Density
-    ball: Ball
-    chunk: int = CHUNK
     #: R̂ and ESS of independent chains suffice.
-    long: bool = False
+    long: ClassVar[bool] = False
 
-    def begin(self, seed: int) -> dict[str, np.ndarray]:
+    def begin(self, seed: int) -> Arrays:
         """Chains drawn from the ball, and a step size for each."""
         keys = jax.random.split(jax.random.key(seed), 3)
         x = jax.random.normal(keys[0], (CHAINS, self.density.at.size))
@@ -51,7 +48,7 @@ class Nuts:
             "n": np.array(0),
         }
 
-    def advance(self, state: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    def advance(self, state: Arrays) -> tuple[Arrays, Arrays]:
         """`chunk` draws on: the draws (n, chains, p) with their statistics, and the new state."""
         base = jax.random.wrap_key_data(jnp.asarray(state["key"]))
         # A key for each draw by its number: chunks of any size give the same chain.

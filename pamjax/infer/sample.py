@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,27 +11,24 @@ import jax.numpy as jnp
 import numpy as np
 
 from pamjax.check import nearest, refuse
-from pamjax.infer.chains import TRUSTED, Health, health, kept
+from pamjax.infer.chains import kept
 from pamjax.infer.checkpoint import Arrays, Checkpoint, identity
 from pamjax.infer.density import Density, density_of, tempered
 from pamjax.infer.ensemble import Ensemble
+from pamjax.infer.fit import Progress, silent
 from pamjax.infer.fit import fit as calibrate
 from pamjax.infer.laplace import Ball, laplace
 from pamjax.infer.nuts import Nuts
 from pamjax.infer.posterior import Posterior
 from pamjax.infer.result import Fit
+from pamjax.infer.walk import Walk, together, walk_on
 from pamjax.records.case import Case
 
 Sampler = Literal["emcee", "nuts"]
-SAMPLERS = {"emcee": Ensemble, "nuts": Nuts}
-
-#: The chain is looked at when it has grown by this factor.
-GROWN = 1.2
+SAMPLERS: dict[str, type[Walk]] = {"emcee": Ensemble, "nuts": Nuts}
 
 #: Steps of the walk that shapes the ball.
 PILOT = 400
-
-Progress = Callable[[str, float], None]
 
 
 def sample(
@@ -48,7 +44,7 @@ def sample(
     max_draws: int = 20_000,
     seed: int = 0,
     checkpoint: Path | None = None,
-    progress: Progress = lambda doing, share: None,
+    progress: Progress = silent,
 ) -> Posterior:
     """How sure the numbers are: draws of the muscle's numbers and of the noise's together.
 
@@ -85,9 +81,9 @@ def sample(
         fit=fit,
         density=density,
         ball=ball,
-        draws=_values(density, ball, kept(_together(draws, "x"))),
-        log_density=kept(_together(draws, "logp")),
-        stats={k: kept(_together(draws, k)) for k in draws[0] if k not in ("x", "logp")},
+        draws=_values(density, ball, kept(together(draws, "x"))),
+        log_density=kept(together(draws, "logp")),
+        stats={k: kept(together(draws, k)) for k in draws[0] if k not in ("x", "logp")},
         health=found,
         reached=found.good(ess, rhat, SAMPLERS[sampler].long),
         wanted=(ess, rhat),
@@ -95,45 +91,6 @@ def sample(
         seed=seed,
         beliefs={name: dict(belief) for name, belief in (beliefs or {}).items()},
     )
-
-
-def walk_on(
-    walk, store: Checkpoint, state: Arrays, wanted: tuple[float, float, int], progress: Progress
-) -> tuple[list[Arrays], Health]:
-    """Walk on from what is saved until the chain is good enough, or as long as allowed."""
-    ess, rhat, longest = wanted
-    draws, last = store.draws()
-    state = last or state
-    while True:
-        if len(draws) in _looks(longest) or len(draws) * walk.chunk >= longest:
-            found = health(_flat(walk, kept(_together(draws, "x"))))
-            if found.good(ess, rhat, walk.long) or len(draws) * walk.chunk >= longest:
-                return draws, found
-            share = min(
-                found.ess.min() / ess, found.draws / (TRUSTED * found.time.max()) if walk.long else 1.0
-            )
-            progress(f"ESS {found.ess.min():.0f} of {ess:.0f}", 0.3 + 0.7 * min(share, 1.0))
-        new, state = walk.advance(state)
-        store.save(len(draws), new, state)
-        draws.append(new)
-
-
-@functools.cache
-def _looks(longest: int) -> frozenset[int]:
-    """After how many chunks the chain is looked at: always the same, so that a resumed run ends alike."""
-    looks = [2]
-    while looks[-1] < longest:
-        looks.append(max(looks[-1] + 1, int(GROWN * looks[-1])))
-    return frozenset(looks)
-
-
-def _together(draws: list[Arrays], name: str) -> np.ndarray:
-    return np.concatenate([chunk[name] for chunk in draws])
-
-
-def _flat(walk, x: np.ndarray) -> np.ndarray:
-    """The draws in the plain coordinates of the numbers, (n, chains, p)."""
-    return np.asarray(walk.ball(jnp.asarray(x)))
 
 
 def _values(density: Density, ball: Ball, x: np.ndarray) -> np.ndarray:
@@ -163,16 +120,16 @@ def _begun(
     powers = np.array([float(p) for ps in density.powers for p in ps])
     if (powers < 1).any():
         ball = laplace(density, ball.centre)
-    ball = shaped(density, ball, seed)
+    ball = shaped(Ensemble(density, ball, PILOT), seed)
     state = SAMPLERS[sampler](density, ball).begin(seed)
     store.begin({"centre": np.asarray(ball.centre), "root": np.asarray(ball.root), "powers": powers, **state})
     return density, ball, state
 
 
-def shaped(density: Density, ball: Ball, seed: int) -> Ball:
-    """The ball of a first walk: where the posterior is skew, its middle is not its top."""
-    walk = Ensemble(density, ball, PILOT)
-    x = walk.advance(walk.begin(seed))[0]["x"][PILOT // 2 :].reshape(-1, ball.centre.size)
+def shaped(walk: Walk, seed: int) -> Ball:
+    """The ball of one chunk of a first walk: where the posterior is skew, its middle is not its top."""
+    ball = walk.ball
+    x = walk.advance(walk.begin(seed))[0]["x"][walk.chunk // 2 :].reshape(-1, ball.centre.size)
     return Ball(
         ball(jnp.asarray(x.mean(0))), ball.root @ jnp.linalg.cholesky(jnp.asarray(np.cov(x, rowvar=False)))
     )

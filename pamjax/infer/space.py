@@ -127,6 +127,18 @@ class Space(eqx.Module):
         gaussian = -0.5 * ((value - self.mean) / sd) ** 2 - jnp.log(sd) - 0.5 * jnp.log(2 * jnp.pi)
         return jnp.sum(jnp.where(known, gaussian + log_slope, log_share))
 
+    def first(self, count: int) -> Space:
+        """The first numbers alone."""
+        arrays = (a[:count] for a in (self.low, self.high, self.mean, self.sd, self.origin, self.width))
+        return Space(self.names[:count], self.log[:count], *arrays)
+
+    def inside(self, u: Float[Array, " p"]) -> Float[Array, " p"]:
+        """A point to start from: a number at, or beyond, a limit goes back to where it began.
+
+        There the map is so flat that nothing would bring it back.
+        """
+        return jnp.where(np.isin(self.names, self.at_limit(u)), 0.0, u)
+
     def at_limit(self, u: Float[Array, " p"]) -> list[str]:
         """Names that sit at one of their limits."""
         share = np.asarray(self._position(self.values(u)))
