@@ -2,7 +2,8 @@
 
     χ²(v) = min over the others of Σ (misfit / sd)² + Σ (their distance from their priors)²
 
-The number's own prior is left out: what remains is what the recording (and what is known of the others)
+The others' priors are those of the posterior, `--priors` among them, and samples weigh as in its fit. The
+number's own prior is left out: what remains is what the recording (and what is known of the others)
 says of it. Two numbers that only act together give a flat profile, whatever the shape of the posterior.
 """
 
@@ -16,7 +17,8 @@ import numpy as np
 from jaxtyping import Array
 
 from pamjax.infer.fit import spread
-from pamjax.infer.least_squares import solve
+from pamjax.infer.least_squares import Loss, Solution, solve
+from pamjax.infer.member import Member
 from pamjax.infer.result import Fit
 from pamjax.infer.space import Space
 
@@ -44,19 +46,55 @@ class Profile:
     high: float | None
 
 
-def profile(fit: Fit, name: str) -> Profile:
-    """Follow one number from the fit to both sides."""
-    at, k = fit.space, fit.space.names.index(name)
-    step = float(min(spread_in_u(fit)[k], 1.0))
-    found = {0.0: _held(fit, k, fit.solution.u)}
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A fit's least squares under a posterior's priors.
+
+    Attributes:
+        members: the recordings, weighed as in the fit.
+        at: the muscle's numbers.
+        loss: the fit's.
+        solution: where it ends.
+    """
+
+    members: tuple[Member, ...]
+    at: Space
+    loss: Loss
+    solution: Solution
+
+    @property
+    def values(self) -> np.ndarray:
+        """(p,) the numbers where it ends, SI."""
+        return np.asarray(self.at.values(self.solution.u))
+
+
+def believing(fit: Fit, at: Space) -> Problem:
+    """The fit's problem under the priors of a posterior, whose first numbers are the fit's."""
+    own = at.first(fit.space.size)
+    if all(np.array_equal(getattr(own, a), getattr(fit.space, a)) for a in ("low", "high", "mean", "sd")):
+        return Problem(fit.members, fit.space, fit.loss, fit.solution)
+    values = dict(zip(own.names, np.asarray(fit.space.values(fit.solution.u)), strict=True))
+    ended = solve(fit.members, own, own.inside(own.point(values)), fit.loss)
+    return Problem(fit.members, own, fit.loss, ended)
+
+
+def profile(problem: Problem, name: str) -> Profile:
+    """Follow one number from the best fit to both sides."""
+    at, k, top = problem.at, problem.at.names.index(name), problem.solution.u
+    step = float(min(spread_in_u(problem.solution)[k], 1.0))
+    found = {0.0: _held(problem, k, top)}
     for side in (-1.0, 1.0):
-        u, far = fit.solution.u, 0.5
+        u, far = top, 0.5
         while True:
             far *= 2
-            wanted = float(fit.solution.u[k]) + side * far * step
+            wanted = float(top[k]) + side * far * step
             if not EDGE < _share(at, k, wanted) < 1 - EDGE:
                 break
-            cost, u = found[side * far] = _held(fit, k, u.at[k].set(wanted))
+            cost, near = _held(problem, k, u.at[k].set(wanted))
+            # Beyond lies a muscle without a solution, which is no evidence against the number.
+            if not np.isfinite(cost):
+                break
+            found[side * far], u = (cost, near), near
             if 2 * (cost - found[0.0][0]) > FAR:
                 break
     places = sorted(found)
@@ -68,22 +106,21 @@ def profile(fit: Fit, name: str) -> Profile:
     return Profile(values, rise, low, _crossing(values[best:], rise[best:]))
 
 
-def spread_in_u(fit: Fit) -> np.ndarray:
-    """Standard deviations of the plain numbers u at the fit."""
-    sd, _ = spread(fit.solution)
-    slope = np.maximum(np.abs(np.asarray(fit.solution.slope)), 1e-300)
+def spread_in_u(solution: Solution) -> np.ndarray:
+    """Standard deviations of the plain numbers u at a solution."""
+    sd, _ = spread(solution)
+    slope = np.maximum(np.abs(np.asarray(solution.slope)), 1e-300)
     return np.where(np.isfinite(sd), sd / slope, 1.0)
 
 
-def _held(fit: Fit, k: int, u: Array) -> tuple[float, Array]:
+def _held(problem: Problem, k: int, u: Array) -> tuple[float, Array]:
     """Half χ² with number k held at u[k], and where the others went."""
-    value = fit.space.values(u)[k]
-    sd = HELD * fit.space.sd[k] if jnp.isfinite(fit.space.sd[k]) else HELD * jnp.abs(fit.solution.slope[k])
-    sd = jnp.minimum(sd, HELD * spread_in_u(fit)[k] * jnp.maximum(jnp.abs(fit.solution.slope[k]), 1e-300))
-    held = eqx.tree_at(
-        lambda s: (s.mean, s.sd), fit.space, (fit.space.mean.at[k].set(value), fit.space.sd.at[k].set(sd))
-    )
-    found = solve(fit.members, held, u, fit.loss)
+    at, solution = problem.at, problem.solution
+    value, slope = at.values(u)[k], jnp.abs(solution.slope[k])
+    sd = HELD * at.sd[k] if jnp.isfinite(at.sd[k]) else HELD * slope
+    sd = jnp.minimum(sd, HELD * spread_in_u(solution)[k] * jnp.maximum(slope, 1e-300))
+    held = eqx.tree_at(lambda s: (s.mean, s.sd), at, (at.mean.at[k].set(value), at.sd.at[k].set(sd)))
+    found = solve(problem.members, held, u, problem.loss)
     return float(found.cost), found.u
 
 

@@ -8,20 +8,21 @@
 | only in combination     | it would be determined if the others were known, and is not                      |
 | not determined          | else                                                                             |
 
-Without a profile (a muscle with mechanisms takes too long) the posterior's sd stands for it.
+What was believed is what the posterior was drawn with, `--priors` among it. Not determined means that its
+sd is more than `DETERMINED` of that.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pamjax.infer.believed import is_ruler
-from pamjax.infer.profile import SURE, Profile, profile
-from pamjax.infer.result import Estimate, Fit
+from pamjax.infer.profile import SURE, Problem, Profile, believing, profile
+from pamjax.infer.result import Fit
 from pamjax.infer.space import Space
 from pamjax.units import show
 
@@ -41,69 +42,94 @@ class Verdict:
     Attributes:
         kind: "at a limit", "determined", "one-sided", "only in combination" or "not determined".
         says: the rest of the sentence, or nothing.
-        profile: its profile likelihood, or None where that would take too long.
+        profile: its profile likelihood.
     """
 
     kind: str
     says: str
-    profile: Profile | None
+    profile: Profile
 
     def __str__(self) -> str:
         return f"{self.kind}: {self.says}" if self.says else self.kind
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """One number as the posterior believed it.
+
+    Attributes:
+        low, high: limits, SI.
+        log: whether it moves by its logarithm.
+        unit: in which a person reads it.
+        value: best fit, SI.
+        believed: the prior's sd, SI; where any value is as likely, that of the whole range.
+        alone: whether the recording would determine it if it knew all others.
+    """
+
+    low: float
+    high: float
+    log: bool
+    unit: str
+    value: float
+    believed: float
+    alone: bool
+
+    def share(self, draws: np.ndarray) -> np.ndarray:
+        """Where draws lie between the limits, on the number's own scale."""
+        if self.log:
+            return np.log(draws / self.low) / np.log(self.high / self.low)
+        return (draws - self.low) / (self.high - self.low)
+
+
+def _told(problem: Problem, name: str, unit: str) -> Told:
+    at, k = problem.at, problem.at.names.index(name)
+    low, high, sd, value = (float(a[k]) for a in (at.low, at.high, at.sd, problem.values))
+    reach = value * math.log(high / low) if at.log[k] else high - low
+    believed = sd if math.isfinite(sd) else reach / math.sqrt(12)
+    known = max(float(problem.solution.information[k, k]), 1e-300)
+    alone = abs(float(problem.solution.slope[k])) / math.sqrt(known) < DETERMINED * believed
+    return Told(low, high, at.log[k], unit, value, believed, alone)
 
 
 def verdicts(fit: Fit, at: Space, draws: np.ndarray) -> dict[str, Verdict]:
     """A verdict for each of the muscle's numbers.
 
     Args:
-        fit: the fit, of which the profiles are taken.
+        fit: the fit from which the posterior began.
         at: the posterior's numbers; the fit's come first.
         draws: (n, p) values, SI.
     """
+    problem = believing(fit, at)
     names = [n for n in fit.estimates if not is_ruler(n)]
-    profiles = {n: None if fit.mechanisms else profile(fit, n) for n in names}
-    kinds = {n: _kind(fit, at, n, draws[:, at.names.index(n)], profiles[n]) for n in names}
+    profiles = {n: profile(problem, n) for n in names}
+    told = {n: _told(problem, n, fit.estimates[n].meaning.show) for n in names}
+    kinds = {n: _kind(told[n], draws[:, at.names.index(n)], profiles[n]) for n in names}
     loose = [n for n in names if kinds[n][0] in ("not determined", "one-sided")]
     together = draws[:, [at.names.index(n) for n in loose]]
     said = {}
     for name, (kind, says) in kinds.items():
-        if name in loose and _alone(fit, name) and (partners := _partners(name, loose, together)):
-            kind, says = "only in combination", combination(fit, name, partners, loose, together)
+        if name in loose and told[name].alone and (partners := _partners(name, loose, together)):
+            kind, says = "only in combination", combination(told, name, partners, loose, together)
         elif kind == "not determined":
-            left = draws[:, at.names.index(name)].std() / _believed(fit.estimates[name])
+            left = draws[:, at.names.index(name)].std() / told[name].believed
             says = f"{100 * min(left, 1.0):.0f} % of what was open stays open"
         said[name] = Verdict(kind, says, profiles[name])
     return said
 
 
-def _kind(fit: Fit, at: Space, name: str, draws: np.ndarray, along: Profile | None) -> tuple[str, str]:
-    e = fit.estimates[name]
-    low, high = (float(a[at.names.index(name)]) for a in (at.low, at.high))
-    for end, near in (
-        (low, _share(draws, low, high, e) < OUTER),
-        (high, _share(draws, low, high, e) > 1 - OUTER),
-    ):
+def _kind(told: Told, draws: np.ndarray, along: Profile) -> tuple[str, str]:
+    share = told.share(draws)
+    for end, near in ((told.low, share < OUTER), (told.high, share > 1 - OUTER)):
         if near.mean() > AT_LIMIT:
-            return "at a limit", show(end, e.meaning.show)
-    before = _believed(e)
-    if along is None:
-        if draws.std() < DETERMINED * before:
-            return "determined", ""
-    elif along.low is not None and along.high is not None:
-        if (along.high - along.low) / (2 * math.sqrt(SURE)) < DETERMINED * before:
+            return "at a limit", show(end, told.unit)
+    if along.low is not None and along.high is not None:
+        if (along.high - along.low) / (2 * math.sqrt(SURE)) < DETERMINED * told.believed:
             return "determined", ""
     elif along.low is not None or along.high is not None:
         end = along.low if along.low is not None else along.high
         assert end is not None
-        return "one-sided", f"{'above' if along.low is not None else 'below'} {show(end, e.meaning.show, 3)}"
+        return "one-sided", f"{'above' if along.low is not None else 'below'} {show(end, told.unit, 3)}"
     return "not determined", ""
-
-
-def _alone(fit: Fit, name: str) -> bool:
-    """Whether the recording would determine a number if it knew all others."""
-    k = fit.space.names.index(name)
-    sd = abs(float(fit.solution.slope[k])) / math.sqrt(max(float(fit.solution.information[k, k]), 1e-300))
-    return sd < DETERMINED * _believed(fit.estimates[name])
 
 
 def _partners(name: str, loose: Sequence[str], draws: np.ndarray) -> list[int]:
@@ -116,35 +142,22 @@ def _partners(name: str, loose: Sequence[str], draws: np.ndarray) -> list[int]:
     return found if len(found) > 1 else []
 
 
-def _share(draws: np.ndarray, low: float, high: float, e: Estimate) -> np.ndarray:
-    """Where draws lie between the limits, on the number's own scale."""
-    if e.meaning.scale == "log":
-        return np.log(draws / low) / np.log(high / low)
-    return (draws - low) / (high - low)
-
-
-def _believed(e: Estimate) -> float:
-    """The prior's sd, SI; where any value is as likely, that of the whole range."""
-    if math.isfinite(e.prior_sd):
-        return e.prior_sd
-    about = e.meaning
-    reach = e.value * math.log(about.high / about.low) if about.scale == "log" else about.high - about.low
-    return reach / math.sqrt(12)
-
-
-def combination(fit: Fit, name: str, partners: Sequence[int], loose: Sequence[str], draws: np.ndarray) -> str:
+def combination(
+    told: Mapping[str, Told], name: str, partners: Sequence[int], loose: Sequence[str], draws: np.ndarray
+) -> str:
     """Which combination with others the recording knows, or how they move unnoticed.
 
     Args:
+        told: each number as it was believed.
         partners: places among `loose` of the numbers that combine.
         loose: names that are not determined by themselves, `name` among them.
         draws: (n, len(loose)) values, SI.
     """
     here = loose.index(name)
-    chosen = [fit.estimates[loose[k]] for k in partners]
+    chosen = [told[loose[k]] for k in partners]
     x = draws[:, partners]
-    if (x > 0).all() and all(e.meaning.low > 0 for e in chosen):
-        believed = np.array([_believed(e) / e.value for e in chosen])
+    if (x > 0).all() and all(t.low > 0 for t in chosen):
+        believed = np.array([t.believed / t.value for t in chosen])
         _, axes = np.linalg.eigh(np.cov(np.log(x) / believed, rowvar=False))
         power = axes[:, 0] / believed
         power = power / power[partners.index(here)]
@@ -152,12 +165,12 @@ def combination(fit: Fit, name: str, partners: Sequence[int], loose: Sequence[st
             known = np.exp(np.log(x) @ power)
             share = f"{100 * known.std() / known.mean():.2g} %"
             return f"{_product([loose[k] for k in partners], power)}, known to {share}"
-    believed = np.array([_believed(e) for e in chosen])
+    believed = np.array([t.believed for t in chosen])
     _, axes = np.linalg.eigh(np.cov(x / believed, rowvar=False))
     moves = axes[:, -1] * np.sign(axes[partners.index(here), -1]) * believed
     words = [
-        f"{loose[k]} {'+' if m > 0 else ''}{show(m, e.meaning.show, 2)}"
-        for k, m, e in zip(partners, moves, chosen, strict=True)
+        f"{loose[k]} {'+' if m > 0 else ''}{show(m, t.unit, 2)}"
+        for k, m, t in zip(partners, moves, chosen, strict=True)
     ]
     return ", ".join(words[:-1]) + " and " + words[-1] + " go unnoticed together"
 

@@ -5,7 +5,7 @@ import pytest
 
 import pamjax
 from pamjax.infer.verdict import _product
-from tests.infer.test_sample import drawn
+from tests.infer.test_sample import drawn, fitted
 
 MUSCLE = """\
 [muscle]
@@ -87,3 +87,19 @@ def test_a_profile_of_a_parabola_ends_where_least_squares_says():
 def test_a_product_is_written_as_one():
     assert _product(["a", "b"], np.array([1.0, -1.02])) == "a / b"
     assert _product(["a", "b", "c"], np.array([1.0, 0.5, 0.95])) == "a × b^0.5 × c"
+
+
+def test_a_verdict_compares_with_what_was_told():
+    # Five diameters know the modulus to 4 GPa, as well as they who say so.
+    told = {"thread.modulus": {"value": 84e9, "sd": 3e9}}
+    found = pamjax.sample(fitted(), beliefs=told, ess=200, rhat=1.1, seed=1).verdicts["thread.modulus"]
+    assert found.kind == "not determined"
+    assert drawn().verdicts["thread.modulus"].kind == "determined"
+
+
+def test_a_profile_believes_what_was_told_of_the_others():
+    # With the turns known, the length that five diameters tell is known much better.
+    told = {"muscle.turns": {"value": 1.09, "sd": 1e-5}}
+    post = pamjax.sample(fitted(), beliefs=told, ess=200, rhat=1.1, seed=1)
+    loose, held = (p.verdicts["muscle.thread_length"].profile for p in (drawn(), post))
+    assert held.high - held.low < 0.5 * (loose.high - loose.low)
