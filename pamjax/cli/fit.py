@@ -51,18 +51,11 @@ def fit(
         report: whether to write report.html, which opens in any browser.
         json: print fit.json instead of the note.
     """
-    from pamjax.cli.settings import of_each
-    from pamjax.records.case import read_case
+    from pamjax.cli.settings import read_each
 
     # A fit whose answer cannot be written is not begun.
     writable(out)
-    read = [
-        read_case(folder, gaps=at_gaps, before=begun)
-        for folder, at_gaps, begun in zip(
-            cases, of_each(cases, gaps, "carry", "--gaps"), of_each(cases, before, "relaxed", "--before"),
-            strict=True,
-        )
-    ]  # fmt: skip
+    read = read_each(cases, gaps, before)
     from pamjax.infer.cache import keep_compiled
     from pamjax.infer.fit import fit as calibrate
     from pamjax.infer.save import as_dict, save

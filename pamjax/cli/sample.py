@@ -18,6 +18,8 @@ def sample(
     law: str | None = None,
     share: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
     with_: Annotated[list[str] | None, Parameter(name="--with", consume_multiple=True, negative="")] = None,
+    gaps: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
+    before: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
     priors: Path | None = None,
     sampler: Literal["emcee", "nuts"] = "emcee",
     ess: float = 1000.0,
@@ -40,6 +42,8 @@ def sample(
         law: thread law, as for fit; the case's baseline if left out.
         share: numbers that several cases have in common, as thread.modulus.
         with_: mechanisms that act beside the threads, as bladder_elasticity.
+        gaps: what becomes of memory where the recording jumps, as for fit.
+        before: what the muscle had been through before its first sample, as for fit.
         priors: TOML file of what to believe instead: a table for each number, as
             ["thread.modulus"] with value, sd, low and high.
         sampler: emcee, an ensemble of walkers, or nuts, which needs blackjax.
@@ -51,10 +55,10 @@ def sample(
         report: whether to write report.html, which opens in any browser.
         json: print posterior.json instead of the note.
     """
-    from pamjax.records.case import read_case
+    from pamjax.cli.settings import read_each
 
     writable(out)
-    read = [read_case(folder) for folder in cases]
+    read = read_each(cases, gaps, before)
     from pamjax.infer.beliefs import read_beliefs
     from pamjax.infer.cache import keep_compiled
     from pamjax.infer.sample import sample as walk
@@ -77,6 +81,8 @@ def sample(
             checkpoint=out / "chain",
             progress=progress,
         )
+        progress("profiles", 1.0)
+        _ = post.verdicts
     written = save_posterior(post, out)
     if figures:
         from pamjax.view.posterior_figures import save_posterior_figures

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pamjax.check import nearest, refuse
 from pamjax.units import number_in, show
+
+if TYPE_CHECKING:
+    from pamjax.records.case import Case
 
 
 def settings(written: Iterable[str]) -> dict[str, float]:
@@ -33,6 +37,19 @@ def _one(text: str) -> tuple[str, float]:
         rule = f"`{name}` lies between {show(about.low, about.show)} and {show(about.high, about.show)}"
         raise refuse(rule, show(value, about.show), "--with")
     return name.strip(), value
+
+
+def read_each(cases: Sequence[Path], gaps: Sequence[str] | None, before: Sequence[str] | None) -> list[Case]:
+    """Read case folders, with what `--gaps` and `--before` say of each.
+
+    Raises:
+        BadInput: as `read_case` and `of_each`.
+    """
+    from pamjax.records.case import read_case
+
+    jumps = of_each(cases, gaps, "carry", "--gaps")
+    begins = of_each(cases, before, "relaxed", "--before")
+    return [read_case(f, gaps=g, before=b) for f, g, b in zip(cases, jumps, begins, strict=True)]
 
 
 def of_each(cases: Sequence[Path], said: Sequence[str] | None, usual: str, option: str) -> list[str]:

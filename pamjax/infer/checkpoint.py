@@ -42,7 +42,12 @@ def identity(
         "schema": SCHEMA,
         "pamjax": version("pamjax"),
         "data": {case.name: case.checksum for case in cases},
-        "model": {"law": law, "mechanisms": list(mechanisms), "numbers": list(at.names)},
+        "model": {
+            "law": law,
+            "mechanisms": list(mechanisms),
+            "numbers": list(at.names),
+            "memory": {case.name: [case.gaps, case.before] for case in cases},
+        },
         "priors": hashlib.sha256(json.dumps([priors, beliefs], sort_keys=True).encode()).hexdigest(),
         "sampler": sampler,
         "seed": seed,

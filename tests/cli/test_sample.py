@@ -50,3 +50,9 @@ def test_what_is_no_prior_is_told(tmp_path, capsys, text, told):
     words = ["sample", PAPER, "--out", str(tmp_path / "out"), "--priors", str(tmp_path / "priors.toml")]
     assert main(words) == 2
     assert told in capsys.readouterr().err
+
+
+def test_memory_is_told_as_for_a_fit(tmp_path, capsys):
+    words = ["sample", PAPER, "--out", str(tmp_path / "out"), "--gaps", "never"]
+    assert main(words) == 2
+    assert "`gaps` is carry or anew; got 'never'" in capsys.readouterr().err

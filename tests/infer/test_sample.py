@@ -146,8 +146,16 @@ def test_another_chain_is_refused(tmp_path):
         (tmp_path / "identity.json").write_text(json.dumps(document))
     with pytest.raises(BadInput, match=r"begun with \(priors\)"):
         sample(fitted(), seed=1, checkpoint=tmp_path, beliefs={"thread.modulus": {"sd": 1e9}})
+    with pytest.raises(BadInput, match=r"begun with \(model\); got another model"):
+        sample(_with_memory(fitted(), gaps="anew"), seed=1, checkpoint=tmp_path)
     with pytest.raises(BadInput, match=r"begun with \(seed\); got 1, not 2"):
         sample(fitted(), seed=2, checkpoint=tmp_path)
+
+
+def _with_memory(found, **said):
+    (one,) = found.cases
+    case = dataclasses.replace(one.case, **said)
+    return dataclasses.replace(found, cases=(dataclasses.replace(one, case=case),))
 
 
 CHILD = """
