@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from pamjax.check import nearest, refuse
+from pamjax.infer.streams import noise_units
 from pamjax.model.catalogue import meaning
 from pamjax.parameter import Meaning
 from pamjax.records.files import decode, read_bytes
@@ -53,6 +54,5 @@ def _about(name: str) -> Meaning:
     """The number's meaning; of noise only the unit."""
     bare = name.rpartition("/")[2]
     if bare.startswith("noise."):
-        unit = {"noise.force": "N", "noise.diameter": "m"}.get(bare, "1")
-        return Meaning(unit, unit, 0.0, 1.0, "linear", "", "")
+        return Meaning(*noise_units(bare), 0.0, 1.0, "linear", "", "")
     return meaning(bare)

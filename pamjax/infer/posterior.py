@@ -12,6 +12,7 @@ from pamjax.infer.chains import Health
 from pamjax.infer.density import Density
 from pamjax.infer.laplace import Ball
 from pamjax.infer.result import Fit
+from pamjax.infer.streams import noise_units
 from pamjax.infer.verdict import Verdict, verdicts
 
 
@@ -61,6 +62,13 @@ class Posterior:
     def names(self) -> tuple[str, ...]:
         """The numbers, the muscle's first."""
         return self.density.at.names
+
+    def units(self, name: str) -> tuple[str, str]:
+        """SI unit of a number, and the unit in which a person reads it."""
+        if name in self.fit.estimates:
+            about = self.fit.estimates[name].meaning
+            return about.unit, about.show
+        return noise_units(name)
 
     @cached_property
     def flat(self) -> np.ndarray:

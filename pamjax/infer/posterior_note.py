@@ -31,17 +31,10 @@ def _shown(post: Posterior) -> list[str]:
     return [name for name in post.names if not is_ruler(name)]
 
 
-def unit_of(post: Posterior, name: str) -> str:
-    """In which unit a person reads a number."""
-    if name in post.fit.estimates:
-        return post.fit.estimates[name].meaning.show
-    return {"force": "N", "diameter": "mm"}.get(name.rpartition(".")[2], "1")
-
-
 def _numbers(post: Posterior) -> Iterator[str]:
     width = max(map(len, _shown(post)))
     for name in _shown(post):
-        m, unit = post.marginals[name], unit_of(post, name)
+        m, (_, unit) = post.marginals[name], post.units(name)
         scale, digits = in_unit(unit), _digits(m.sd / in_unit(unit))
         interval = f"{m.low / scale:.{digits}f} to {m.high / scale:.{digits}f}"
         verdict = str(post.verdicts[name]) if name in post.verdicts else "noise"
@@ -59,7 +52,7 @@ def priors(post: Posterior) -> Iterator[str]:
     for k, name in enumerate(at.names):
         if is_ruler(name):
             continue
-        unit = unit_of(post, name)
+        _, unit = post.units(name)
         low, high = show(float(at.low[k]), unit, 3), show(float(at.high[k]), unit, 3)
         if np.isfinite(at.sd[k]):
             belief = quantity(float(at.mean[k]), float(at.sd[k]), unit)

@@ -83,6 +83,7 @@ def attributes(post: Posterior) -> dict[str, Any]:
         "law": post.fit.law,
         "mechanisms": json.dumps(list(post.fit.mechanisms)),
         "sampler": post.sampler,
+        "memory": json.dumps({case.name: [case.gaps, case.before] for case in cases}),
         "seed": post.seed,
         "reached": int(post.reached),
         "beliefs": json.dumps(post.beliefs),
@@ -94,10 +95,9 @@ def attributes(post: Posterior) -> dict[str, Any]:
 
 
 def _unit(post: Posterior, name: str) -> dict[str, str]:
+    unit, _ = post.units(name)
     if name in post.fit.estimates:
-        meaning = post.fit.estimates[name].meaning
-        return {"units": meaning.unit, "long_name": meaning.about}
-    unit = {"force": "N", "diameter": "m"}.get(name.rpartition(".")[2], "1")
+        return {"units": unit, "long_name": post.fit.estimates[name].meaning.about}
     return {
         "units": unit,
         "long_name": "noise: " + ("sd of a sample" if unit != "1" else "lag-one correlation"),
@@ -166,7 +166,7 @@ def posterior_dict(post: Posterior) -> dict[str, Any]:
     at = post.density.at
     numbers = {}
     for k, name in enumerate(post.names):
-        unit = shown_unit(post, name)
+        _, unit = post.units(name)
         m = {key: value / in_unit(unit) for key, value in vars(post.marginals[name]).items()}
         trust = {"ess": float(health.ess[k]), "rhat": float(health.rhat[k])}
         known = bool(np.isfinite(at.sd[k]))
@@ -187,12 +187,6 @@ def posterior_dict(post: Posterior) -> dict[str, Any]:
         "parameters": numbers,
         "correlation": {"names": list(post.names), "matrix": np.round(post.correlation, 6).tolist()},
     }
-
-
-def shown_unit(post: Posterior, name: str) -> str:
-    if name in post.fit.estimates:
-        return post.fit.estimates[name].meaning.show
-    return {"force": "N", "diameter": "mm"}.get(name.rpartition(".")[2], "1")
 
 
 def save_posterior(post: Posterior, folder: Path) -> list[Path]:

@@ -39,6 +39,11 @@ CORRELATION = (-0.5, 0.9995)
 _UNIT = {"force": ("N", "N"), "diameter": ("m", "mm")}
 
 
+def noise_units(name: str) -> tuple[str, str]:
+    """SI unit of a number of the noise, and the unit in which a person reads it."""
+    return _UNIT.get(name.rpartition(".")[2], ("1", "1"))
+
+
 class Stream(eqx.Module):
     """One channel of one member, its samples in the order of time.
 

@@ -18,7 +18,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pamjax.check import refuse
 from pamjax.infer.believed import is_ruler
 from pamjax.infer.member import CHANNELS
 from pamjax.infer.note import UNIT
@@ -26,7 +25,6 @@ from pamjax.infer.posterior import Posterior
 from pamjax.infer.predictive import predictions, prior_draws, with_noise
 from pamjax.infer.profile import SURE
 from pamjax.infer.result import CaseFit
-from pamjax.infer.save_posterior import shown_unit
 from pamjax.units import in_unit
 from pamjax.view.fit_figures import panels_of
 from pamjax.view.layout import key, layout, lines, mark, thin
@@ -49,13 +47,13 @@ def _shown(post: Posterior) -> list[int]:
 
 
 def _label(post: Posterior, k: int) -> str:
-    unit = shown_unit(post, post.names[k])
+    _, unit = post.units(post.names[k])
     head, _, tail = post.names[k].rpartition(".")
     return f"{head}.\n{tail}" + ("" if unit == "1" else f" [{unit}]")
 
 
 def _in_unit(post: Posterior, values: np.ndarray, k: int) -> np.ndarray:
-    return values[..., k] / in_unit(shown_unit(post, post.names[k]))
+    return values[..., k] / in_unit(post.units(post.names[k])[1])
 
 
 def corner_figure(post: Posterior) -> Figure:
@@ -155,14 +153,8 @@ def _beside(panel: Axes, before: np.ndarray, after: np.ndarray, log: bool) -> No
 
 
 def profile_figure(post: Posterior) -> Figure:
-    """χ² above its least along every number, the others following.
-
-    Raises:
-        BadInput: if no profile was followed, as for a muscle with mechanisms.
-    """
-    found = {n: v for n, v in post.verdicts.items() if v.profile is not None}
-    if not found:
-        raise refuse("this figure needs profiles, which a muscle with mechanisms has not")
+    """χ² above its least along every number, the others following."""
+    found = post.verdicts
     columns = min(3, len(found))
     with theme():
         rows = math.ceil(len(found) / columns)
@@ -170,9 +162,8 @@ def profile_figure(post: Posterior) -> Figure:
         panels = made.subplots(rows, columns, squeeze=False, sharey=True).ravel()
         for panel, (name, verdict) in zip(panels, found.items(), strict=False):
             along = verdict.profile
-            assert along is not None
             k = post.names.index(name)
-            scale = in_unit(shown_unit(post, name))
+            scale = in_unit(post.units(name)[1])
             panel.plot(along.values / scale, along.rise, "o-", color=BLUE, ms=3, gid="profile")
             panel.axhline(SURE, color=QUIET, ls="--", lw=0.8, gid="sure")
             panel.set_xlabel(_label(post, k).replace("\n", ""), fontsize=7)
@@ -264,9 +255,9 @@ def save_posterior_figures(post: Posterior, folder: Path) -> list[Path]:
         the files.
     """
     made = {"corner": corner_figure, "belief": belief_figure, "trace": trace_figure}
+    if post.verdicts:
+        made["profile"] = profile_figure
     written = [save_png(draw(post), folder / name) for name, draw in made.items()]
-    if any(v.profile is not None for v in post.verdicts.values()):
-        written.append(save_png(profile_figure(post), folder / "profile"))
     for k, one in enumerate(post.fit.cases):
         head = "" if len(post.fit.cases) == 1 else f"{one.case.name}-"
         written.append(save_png(band_figure(post, k), folder / f"{head}band"))

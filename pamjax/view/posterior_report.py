@@ -8,7 +8,7 @@ from pathlib import Path
 from pamjax.infer.believed import is_ruler
 from pamjax.infer.note import quantity
 from pamjax.infer.posterior import Posterior
-from pamjax.infer.posterior_note import priors, repeats, ridges, trust, unit_of
+from pamjax.infer.posterior_note import priors, repeats, ridges, trust
 from pamjax.units import in_unit
 from pamjax.view import posterior_figures as figures
 from pamjax.view.fit_report import NAMED, drawn, model_of, words
@@ -24,7 +24,6 @@ def save_report(post: Posterior, path: str | Path, command: str = "pamjax sample
         command: what repeats it, in a shell.
     """
     shown = [name for name in post.names if not is_ruler(name)]
-    profiled = any(v.profile is not None for v in post.verdicts.values())
     fit = post.fit
     return write_page(
         path,
@@ -36,7 +35,7 @@ def save_report(post: Posterior, path: str | Path, command: str = "pamjax sample
         rows=[_row(post, name) for name in shown],
         together=[line.strip() for line in ridges(post)],
         corner=drawn(lambda narrow: figures.corner_figure(post), "corner"),
-        profile=drawn(lambda narrow: figures.profile_figure(post), "profile") if profiled else None,
+        profile=drawn(lambda narrow: figures.profile_figure(post), "profile") if post.verdicts else None,
         bands=[
             (one.case.name, drawn(partial(figures.band_figure, post, k), f"band-{k}"))
             for k, one in enumerate(fit.cases)
@@ -74,14 +73,14 @@ def answer(post: Posterior) -> tuple[str, str]:
 
 
 def _value(post: Posterior, name: str) -> str:
-    m, unit = post.marginals[name], unit_of(post, name)
+    m, (_, unit) = post.marginals[name], post.units(name)
     scale = in_unit(unit)
     tail = "" if unit == "1" else f" {unit}"
     return f"{quantity(m.mean, m.sd, unit)} (90 %: {m.low / scale:.4g} to {m.high / scale:.4g}{tail})"
 
 
 def _row(post: Posterior, name: str) -> list[str]:
-    m, unit = post.marginals[name], unit_of(post, name)
+    m, (_, unit) = post.marginals[name], post.units(name)
     scale = in_unit(unit)
     verdict = str(post.verdicts[name]) if name in post.verdicts else "noise"
     return [
