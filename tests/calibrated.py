@@ -45,7 +45,7 @@ class Bench:
         self.density, _ = density_of(self.fit, NOISE | (TOE if law == "toe" else {}))
         self.true = prior_draws(self.density, count, seed)
         self.starts = case.recording.starts
-        self.random = np.random.default_rng([seed, 3])
+        self.seed = seed
 
     def recording(self, k: int):
         """The density of recording k (the same rows, other measurements), and where a fit of it ends."""
@@ -54,8 +54,9 @@ class Bench:
             lambda m: (m.rows.force, m.rows.diameter), one, (jnp.zeros_like(one.rows.force),) * 2
         )
         shown = [-np.asarray(channel) for channel in model(nothing, jnp.asarray(values))]
+        random = np.random.default_rng([self.seed, 3, k])
         for stream in self.density.streams[0]:
-            noise = self._noise(shown[stream.channel].size, values[stream.correlation])
+            noise = self._noise(random, shown[stream.channel].size, values[stream.correlation])
             shown[stream.channel] += noise * values[stream.sd] * np.asarray(stream.there)
         (member,) = self.fit.members
         end = solve((_measured(member, shown),), self.fit.space, jnp.zeros(self.fit.space.size))
@@ -65,9 +66,9 @@ class Bench:
         start |= dict(zip(self.fit.space.names, np.asarray(self.fit.space.values(end.u)), strict=True))
         return density, at.point(start)
 
-    def _noise(self, size: int, memory: float) -> np.ndarray:
+    def _noise(self, random: np.random.Generator, size: int, memory: float) -> np.ndarray:
         """Noise of unit sd with a memory that every run begins anew."""
-        new = self.random.standard_normal(size)
+        new = random.standard_normal(size)
         edges = [*np.flatnonzero(self.starts), size]
         edges[0] = 0
         runs = []

@@ -5,9 +5,18 @@
 "white" is the elastic bench read with a likelihood that takes correlated samples for independent: it must
 be caught. Ranks of the truth among `DRAWS` draws fall into `BINS` bins; a number passes if the χ² of their
 counts has p > `CAUGHT` over the number of numbers tested (Bonferroni).
+
+A recording that is done is a line of out/calibration/WORD.jsonl, with which the next run goes on.
 """
 
+from __future__ import annotations
+
+import json
 import sys
+import threading
+import time
+from pathlib import Path
+from queue import Empty, SimpleQueue
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,44 +24,96 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import chi2
 
+from pamjax.infer.cache import keep_compiled
+from pamjax.infer.chains import kept
 from pamjax.infer.checkpoint import Checkpoint
 from pamjax.infer.density import tempered
-from pamjax.infer.ensemble import Ensemble
 from pamjax.infer.laplace import laplace
-from pamjax.infer.sample import shaped, walk_on
+from pamjax.infer.sample import PILOT, shaped
+from pamjax.infer.walk import together, walk_on
+from tests.benchmarks.together import Desk, Seated
 from tests.calibrated import Bench, believing_white
 
 DRAWS, BINS, CAUGHT = 99, 20, 0.01
 LEVELS = (0.5, 0.8, 0.9, 0.95)
 #: What each chain has to reach: 99 draws of it are then nearly independent.
 ESS, RHAT, LONGEST = 400.0, 1.05, 10_000
+#: Recordings at once, and what one asks at once: half of the ensemble's 32 walkers.
+SEATS, POINTS = 16, 16
 
 
-def draws_of(bench: Bench, k: int, white: bool) -> tuple[np.ndarray, bool]:
-    """(DRAWS, p) posterior draws of recording k, and whether its chain was good enough."""
+def draws_of(bench: Bench, k: int, white: bool, desk: Desk, place: int) -> tuple[np.ndarray, float, float]:
+    """(DRAWS, p) posterior draws of recording k, and its chain's least ESS and largest split-R̂."""
     density, start = bench.recording(k)
     density = believing_white(density) if white else density
     ball = laplace(density, start)
     if not white:
         density = tempered(density, ball.centre, bench.fit)
-    ball = shaped(density, ball, k)
-    walk = Ensemble(density, ball)
-    chunks, found = walk_on(walk, Checkpoint(None, {}), walk.begin(k), (ESS, RHAT, LONGEST), lambda *_: None)
-    x = np.concatenate([chunk["x"] for chunk in chunks])
-    x = x[len(x) // 5 :].reshape(-1, x.shape[2])
-    chosen = x[np.linspace(0, len(x) - 1, DRAWS).astype(int)]
-    values = np.stack([np.asarray(density.at.values(ball(jnp.asarray(row)))) for row in chosen])
-    return values, found.good(ESS, RHAT, long=True)
+    with desk.seat(place, density):
+        ball = shaped(Seated(density, ball, PILOT, desk=desk, place=place), k)
+        walk = Seated(density, ball, desk=desk, place=place)
+        wanted = (ESS, RHAT, LONGEST)
+        chunks, found = walk_on(walk, Checkpoint(None, {}), walk.begin(k), wanted, lambda *_: None)
+    x = kept(together(chunks, "x"))
+    x = x.reshape(-1, x.shape[2])[np.linspace(0, x.shape[0] * x.shape[1] - 1, DRAWS).astype(int)]
+    return np.asarray(density.at.values(ball(jnp.asarray(x)))), found.ess.min(), found.rhat.max()
 
 
-def ranks(law: str, count: int, white: bool) -> tuple[tuple[str, ...], np.ndarray, int]:
-    """Names, (count, p) ranks of the truth, and how many chains fell short."""
-    bench, found, short = Bench(law, count), [], 0
-    for k in range(count):
-        values, good = draws_of(bench, k, white)
-        short += not good
-        found.append((values < bench.true[k]).sum(axis=0))
-    return bench.density.at.names, np.array(found), short
+class Ledger:
+    """One line a recording: its number, the ranks, and how good its chain was."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.lock = path, threading.Lock()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.lines: dict[int, dict] = {}
+        for text in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
+            # A run that was killed may have left half a line.
+            if text.endswith("}"):
+                line = json.loads(text)
+                self.lines[line["recording"]] = line
+
+    def add(self, recording: int, ranks: np.ndarray, ess: float, rhat: float) -> None:
+        line = {"recording": recording, "ranks": ranks.tolist(), "ess": float(ess), "rhat": float(rhat)}
+        with self.lock:
+            self.lines[recording] = line
+            with self.path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(line) + "\n")
+
+
+def read_all(word: str, count: int, console: Console) -> tuple[tuple[str, ...], list[dict]]:
+    """Names of the numbers, and the lines of all recordings: those on disk, and the rest worked out."""
+    white = word == "white"
+    ledger = Ledger(Path("out/calibration") / f"{word}.jsonl")
+    bench = Bench("elastic" if white else word, count)
+    wanting: SimpleQueue[int] = SimpleQueue()
+    for k in sorted(set(range(count)) - set(ledger.lines)):
+        wanting.put(k)
+    first = bench.recording(0)[0]
+    desk = Desk(believing_white(first) if white else first, SEATS, POINTS)
+    broken: list[Exception] = []
+
+    def work(place: int) -> None:
+        try:
+            while not broken:
+                k = wanting.get_nowait()
+                values, ess, rhat = draws_of(bench, k, white, desk, place)
+                ledger.add(k, (values < bench.true[k]).sum(axis=0), ess, rhat)
+                if len(ledger.lines) % 25 == 0:
+                    busy = time.process_time()
+                    console.print(f"{word}: {len(ledger.lines)} recordings, {busy:.0f} s of processor")
+        except Empty:
+            pass
+        except Exception as error:
+            broken.append(error)
+
+    threads = [threading.Thread(target=work, args=(k,), daemon=True) for k in range(SEATS)]
+    for one in threads:
+        one.start()
+    for one in threads:
+        one.join()
+    if broken:
+        raise broken[0]
+    return bench.density.at.names, [ledger.lines[k] for k in range(count)]
 
 
 def p_value(rank: np.ndarray) -> float:
@@ -68,13 +129,16 @@ def covered(rank: np.ndarray, level: float) -> float:
     return float(np.mean((rank + 0.5 > tail) & (rank + 0.5 < DRAWS + 1 - tail)))
 
 
-def report(console: Console, law: str, count: int, white: bool = False) -> None:
-    names, found, short = ranks(law, count, white)
-    title = f"{law}{', believing that samples are independent' if white else ''}: {count} recordings"
+def report(console: Console, word: str, count: int) -> None:
+    names, lines = read_all(word, count, console)
+    found = np.array([line["ranks"] for line in lines])
+    short = sum(line["ess"] < ESS or line["rhat"] > RHAT for line in lines)
+    title = "elastic, believing that samples are independent" if word == "white" else word
     table = Table(
-        "number", "p", *(f"in {100 * level:.0f} %" for level in LEVELS), f"ranks in {BINS} bins", title=title
-    )
-    tested = [k for k, name in enumerate(names) if not (white and name.endswith("_correlation"))]
+        "number", "p", *(f"in {100 * level:.0f} %" for level in LEVELS), f"ranks in {BINS} bins",
+        title=f"{title}: {count} recordings",
+    )  # fmt: skip
+    tested = [k for k, name in enumerate(names) if not (word == "white" and name.endswith("_correlation"))]
     worst = 1.0
     for k in tested:
         p = p_value(found[:, k])
@@ -92,9 +156,10 @@ def report(console: Console, law: str, count: int, white: bool = False) -> None:
 def main() -> None:
     words = sys.argv[1:]
     count = int(words.pop(0)) if words and words[0].isdigit() else 300
+    keep_compiled()
     console = Console(width=150)
     for word in words or ["elastic", "toe", "white"]:
-        report(console, "elastic" if word == "white" else word, count, word == "white")
+        report(console, word, count)
 
 
 if __name__ == "__main__":
