@@ -1,0 +1,98 @@
+"""The posterior of the speed benchmark as one would write it in numpyro, without pamjax.
+
+Plain numbers with their priors, the balance of toe threads by Newton's steps, noise with a memory; NUTS
+finds its own step and its own diagonal of masses. numpyro is no dependency: `pip install numpyro`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+from numpyro.infer import MCMC, NUTS, init_to_value
+from numpyro.infer.util import log_density
+
+from pamjax.infer.density import Density
+from tests.infer.made import TRUE
+
+#: Newton steps of the toe; as in the twin in NumPy.
+STEPS = 12
+
+
+class ByNumpyro:
+    """The model of one recording with toe threads, and its walk.
+
+    Args:
+        density: whose data and priors it takes; none of its code.
+    """
+
+    def __init__(self, density: Density) -> None:
+        (one,), (streams,) = density.members, density.streams
+        n = int(one.rows.used.sum())
+        self.at = density.at
+        self.pressure, self.length = (a[:n] for a in (one.rows.pressure, one.rows.length))
+        self.measured = {"force": one.rows.force[:n], "diameter": one.rows.diameter[:n]}
+        self.there = {c: s.there[:n] > 0 for c, s in zip(self.measured, streams, strict=True)}
+        self.linked = {c: s.linked[:n] for c, s in zip(self.measured, streams, strict=True)}
+
+    def priors(self) -> dict[str, Any]:
+        """A distribution for every number, SI."""
+        found = {}
+        for k, name in enumerate(self.at.names):
+            low, high, mean, sd = (float(a[k]) for a in (self.at.low, self.at.high, self.at.mean, self.at.sd))
+            if np.isfinite(sd):
+                found[name] = dist.TruncatedNormal(mean, sd, low=low, high=high)
+            else:
+                found[name] = dist.LogUniform(low, high) if self.at.log[k] else dist.Uniform(low, high)
+        return found
+
+    def shown(self, now: Mapping[str, Any]) -> dict[str, jax.Array]:
+        """Force, N, and diameter, m, at every row."""
+        stiffness = now["thread.modulus"] * now["muscle.threads"] * now["muscle.thread_area"]
+        rest, turns = now["muscle.thread_length"], now["muscle.turns"]
+        ratio, crimp, width = now["thread.toe_ratio"], now["thread.crimp"], now["thread.width"]
+        pull = self.pressure * self.length * rest / (2 * jnp.pi * turns**2) / stiffness
+        begin, strain = jnp.hypot(crimp, width), pull / (1 - pull) + crimp
+        for _ in range(STEPS):
+            root = jnp.hypot(strain - crimp, width)
+            load = ratio * strain + (1 - ratio) * 0.5 * (strain + root - begin)
+            slope = ratio + (1 - ratio) * 0.5 * (1 + (strain - crimp) / root)
+            strain = strain - (load - pull * (1 + strain)) / (slope - pull)
+        thread = rest * (1 + strain)
+        force = self.pressure * (3 * self.length**2 - thread**2) / (4 * jnp.pi * turns**2)
+        return {"force": force, "diameter": jnp.sqrt(thread**2 - self.length**2) / (jnp.pi * turns)}
+
+    def __call__(self) -> None:
+        now = TRUE | {name: numpyro.sample(name, prior) for name, prior in self.priors().items()}
+        for channel, smooth in self.shown(now).items():
+            measured, sd = self.measured[channel], now[f"noise.{channel}"]
+            memory = now[f"noise.{channel}_correlation"] * self.linked[channel]
+            mean = smooth + memory * jnp.roll(measured - smooth, 1)
+            noise = dist.Normal(mean, sd * jnp.sqrt(1 - memory**2))
+            numpyro.sample(channel, noise.mask(self.there[channel]), obs=measured)
+
+    def off(self, density: Density, u: np.ndarray) -> float:
+        """Largest difference to pamjax's log-density along points u, (n, p), but for a constant."""
+        gaps = []
+        for point in map(jnp.asarray, u):
+            slope = jax.jvp(self.at.values, (point,), (jnp.ones_like(point),))[1]
+            mine = log_density(self, (), {}, self.at.named(point))[0] + jnp.sum(jnp.log(slope))
+            gaps.append(float(mine - density(point)))
+        return float(np.ptp(gaps))
+
+    def walk(self, start: np.ndarray, warmup: int, draws: int, seed: int = 1) -> Callable[[], np.ndarray]:
+        """A call for (draws, 1, p) numbers, SI, after a warm-up; compiled once."""
+        kernel = NUTS(self, init_strategy=init_to_value(values=self.at.named(jnp.asarray(start))))
+        walk = MCMC(kernel, num_warmup=warmup, num_samples=draws, progress_bar=False)
+
+        def call() -> np.ndarray:
+            walk.run(jax.random.key(seed))
+            found = walk.get_samples()
+            return np.stack([np.asarray(found[name]) for name in self.at.names], axis=1)[:, None]
+
+        return call
