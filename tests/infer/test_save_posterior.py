@@ -92,7 +92,7 @@ def test_figures_show_every_number():
     assert sum(axes.axison for axes in corner.axes) == 10
     assert "move together most (correlation +0.9" in corner.get_suptitle()
     (panel,) = (axes for axes in band_figure(drawn()).axes)
-    assert "of samples in the band that is to hold 90 %" in panel.get_title("left")
+    assert "of samples in the band that is to hold 90 %" in panel.get_title("left").replace("\n", " ")
     points = [line for line in panel.lines if line.get_gid() == "measured"]
     assert sum(line.get_xdata().size for line in points) == 5
     lines = [
