@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -18,11 +19,12 @@ def size(
     starts: int = 8,
     method: Literal["slsqp", "trust-constr"] = "slsqp",
     seed: int = 0,
+    report: bool = True,
     json: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
     """Choose a muscle: geometry and material that do what a spec wants, at the least of what it says.
 
-    Writes design.json, and of a muscle that was found model.json and
+    Writes design.json, report.html and figures, and of a muscle that was found model.json and
     muscle/muscle.toml, which `pamjax simulate` takes; prints a lab note. A spec that cannot be met is an
     answer: what binds, and by how much it would have to give.
 
@@ -32,6 +34,7 @@ def size(
         starts: searches of each of the best choices of threads and bladder.
         method: of the search; trust-constr also takes exact curvature, and compiles longer.
         seed: of the first look, and of the draws.
+        report: whether to write the report and the figures.
         json: print design.json instead of the note.
     """
     writable(out)
@@ -44,5 +47,12 @@ def size(
     with working(quiet=json) as progress:
         design = choose(spec, starts=starts, method=method, seed=seed, progress=progress)
     written = save(design, out)
+    if report:
+        from pamjax.view.design_figures import save_figures
+        from pamjax.view.design_report import save_report
+
+        words = ["pamjax", "size", str(spec), "--out", str(out), "--seed", str(seed)]
+        written += save_figures(design, out)
+        written.append(save_report(design, out / "report.html", shlex.join(words)))
     say_json(as_dict(design)) if json else say(str(design))
     say_written(written)

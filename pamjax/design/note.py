@@ -9,6 +9,8 @@ from pamjax.units import in_unit, show
 
 #: Rows of the parts of a note.
 DEAREST, GIVING = 3, 6
+#: Room that counts as none.
+TIGHT = 1e-4
 
 
 def note(design: Design) -> str:
@@ -54,11 +56,15 @@ def _work(design: Design) -> list[str]:
 
 
 def _room(room: float, one) -> str:
-    if abs(room) < 1e-4:
-        return "just"
-    if one.bounds[-1] > 0 and one.bounds[0] > 0:
-        return f"{100 * math.expm1(room):.3g} % to spare"
-    return f"{show(room * one.scale, one.unit, 3)} to spare"
+    return "just" if abs(room) < TIGHT else f"{room_words(room, one)} to spare"
+
+
+def room_words(room: float, one) -> str:
+    """Room to a requirement, as a share of it, or in its unit where it is measured from nothing."""
+    if min(one.bounds) <= 0:
+        return show(room * one.scale, one.unit, 3)
+    share = math.expm1(room)
+    return f"{100 * share:+.3g} %" if share < 2 else f"{share + 1:.3g} times"
 
 
 def _dear(design: Design) -> list[str]:

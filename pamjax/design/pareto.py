@@ -58,8 +58,10 @@ def front(tried: Sequence[Tried], second: str) -> Front:
 
 
 def _of_choice(one: Tried, first: str, second: str) -> list[tuple[float, float, Choice]]:
-    problem, answer = one.problem, one.answer
-    assert answer is not None
+    # Not the answer of the search: what uncertainty takes may have been added since.
+    problem, answer = one.problem, search(one.problem, one.start)
+    if not answer.kept:
+        return []
     rows = [index(OUTPUT[first]), index(OUTPUT[second])]
 
     def point(z):
@@ -67,7 +69,6 @@ def _of_choice(one: Tried, first: str, second: str) -> list[tuple[float, float, 
         return float(a), float(b), problem.choice
 
     found = [point(answer.z)]
-    # A cap on the first keeps what the second does not care about from running away.
     least = search(problem.with_(objective=second), answer.z)
     if not least.kept:
         return found

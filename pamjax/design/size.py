@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -84,17 +85,12 @@ def _not_met(
 
 def _met(spec, asked, handed, tried, left, seed, method, margins, progress) -> Design:
     words = spec.words
-    chosen, unsure = tried[0], False
+    best, unsure = [one for one in tried if one.answer is not None], False
     if words.probability:
         progress("probability", 0.0)
-        sure = []
-        for one in [one for one in tried if one.answer is not None][:MADE_SURE]:
-            doubt = chance.draw(one.problem, handed, words.tolerance, chance.DRAWS, seed)
-            held = chance.hold(one, doubt, words.probability)
-            sure += [held] if held is not None else []
-        sure.sort(key=lambda one: one.answer.value)
-        unsure = not sure
-        chosen = sure[0] if sure else chosen
+        sure = _sure(best[:MADE_SURE], handed, spec, seed)
+        unsure, best = not sure, sure or best
+    chosen = best[0]
     z = chosen.answer.z
     told = chance.draw(chosen.problem, handed, words.tolerance, chance.TOLD, seed + 1)
     design = Design(
@@ -115,15 +111,21 @@ def _met(spec, asked, handed, tried, left, seed, method, margins, progress) -> D
     )
     if not margins:
         return design
-    from dataclasses import replace
-
     progress("inelastic threads", 0.5)
     costs = inelastic_costs(spec, asked, handed, design.choice, seed)
     progress("two objectives", 0.9)
-    others = [one for one in tried if one.problem.choice != chosen.problem.choice]
-    # Every point of the front keeps back what the chosen one does.
-    same = [
-        Tried(o.problem.with_(back_off=chosen.problem.back_off), o.answer, o.start, o.broken) for o in others
-    ]
-    found = front([chosen, *same], other(words.minimise, words.against))
+    found = front(best, other(words.minimise, words.against))
     return replace(design, costs=tuple(costs), front=found)
+
+
+def _sure(best: Sequence[Tried], handed: Handed, spec: Spec, seed: int) -> list[Tried]:
+    """Those that can be made to hold with the probability that is wanted, the best first."""
+    wanted = spec.words.probability
+    assert wanted is not None
+    found = []
+    for one in best:
+        doubt = chance.draw(one.problem, handed, spec.words.tolerance, chance.DRAWS, seed)
+        held = chance.hold(one, doubt, wanted)
+        if held is not None and held.answer is not None:
+            found.append(held)
+    return sorted(found, key=lambda one: one.answer.value)
