@@ -13,6 +13,10 @@ RECOVERED = 4.0
 #: A mean of a chain: standard errors, for an effective sample size of at least `ENOUGH`.
 SAMPLED = 5.0
 ENOUGH = 100
+#: A requirement that binds: the share of it by which a search may end on its wrong side.
+KEPT = 1e-5
+#: The best of a grid that closes in on its best, as a share: it may end beside the optimum.
+ZOOMED = 0.03
 
 
 def agree(got, want, to, scale=0.0):

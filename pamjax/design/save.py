@@ -180,7 +180,7 @@ rest_length = "{1e3 * n["rest_length"]:.6g} mm"
 thread_length = "{1e3 * n["thread_length"]:.8g} mm"
 turns = {n["turns"]:.8g}
 threads = {design.choice.threads}
-thread_area = "{1e6 * n["thread_area"]:.6g} mm^2"
+thread_area = "{1e6 * n["thread_area"]:.12g} mm^2"
 
 [thread]
 modulus = "{made.modulus / 1e9:.6g} GPa"

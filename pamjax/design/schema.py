@@ -266,7 +266,8 @@ def read_words(said: Mapping[str, Any] | bytes, file: str) -> Words:
 
 def _told(error: ValidationError, file: str) -> BadInput:
     """The first complaint of pydantic in our wording."""
-    first = error.errors()[0]
+    # A misspelt entry also shows as one that is missing: the misspelling is what to mend.
+    first = sorted(error.errors(), key=lambda one: one["type"] != "extra_forbidden")[0]
     own = first.get("ctx", {}).get("error")
     if isinstance(own, BadInput):
         return own

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -90,8 +91,9 @@ def _met(spec, asked, handed, tried, left, seed, method, margins, progress) -> D
         progress("probability", 0.0)
         sure = _sure(best[:MADE_SURE], handed, spec, seed)
         unsure, best = not sure, sure or best
-    chosen = best[0]
-    z = chosen.answer.z
+    chosen, answer = best[0], best[0].answer
+    assert answer is not None
+    z = answer.z
     told = chance.draw(chosen.problem, handed, words.tolerance, chance.TOLD, seed + 1)
     design = Design(
         spec,
@@ -101,9 +103,9 @@ def _met(spec, asked, handed, tried, left, seed, method, margins, progress) -> D
         chosen,
         probability=chance.probability(chosen.problem, z, told),
         held=chance.by_requirement(chosen.problem, z, told),
-        prices=tuple(sensitivity.prices(chosen.problem, chosen.answer)),
-        properties=sensitivity.properties(chosen.problem, chosen.answer),
-        limits=tuple(sensitivity.at_limits(chosen.problem, chosen.answer)),
+        prices=tuple(sensitivity.prices(chosen.problem, answer)),
+        properties=sensitivity.properties(chosen.problem, answer),
+        limits=tuple(sensitivity.at_limits(chosen.problem, answer)),
         left_out=left,
         seed=seed,
         method=method,
@@ -128,4 +130,5 @@ def _sure(best: Sequence[Tried], handed: Handed, spec: Spec, seed: int) -> list[
         held = chance.hold(one, doubt, wanted)
         if held is not None and held.answer is not None:
             found.append(held)
-    return sorted(found, key=lambda one: one.answer.value)
+    found.sort(key=lambda one: one.answer.value if one.answer is not None else math.inf)
+    return found
