@@ -18,14 +18,16 @@ import numpy as np
 from pamjax.design.calibration import Handed
 from pamjax.design.candidate import Made, many
 from pamjax.design.enumerate import Tried
-from pamjax.design.optimise import KEPT, relax, search
+from pamjax.design.optimise import KEPT, Answer, relax, search
 from pamjax.design.problem import Problem
 from pamjax.design.schema import Tolerance
 
 #: Draws while searching, and for the probability that is told.
 DRAWS, TOLD = 256, 1024
-#: Times that a margin is found again.
-ROUNDS = 6
+#: Times that margins are found again, at most.
+ROUNDS = 12
+#: Rounds after which the draws follow the candidate no more.
+SETTLED = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,28 +107,40 @@ def hold(tried: Tried, doubt: Doubt, wanted: float) -> Tried | None:
         None where none was found.
     """
     problem, answer = tried.problem, tried.answer
-    if answer is None:
+    if answer is None or tried.answer is None:
         return None
     keys = [one.key for one in problem.asked.requirements]
-    z, back = answer.z, np.zeros(len(keys))
-    for _ in range(ROUNDS):
+    z, back, aim = answer.z, np.zeros(len(keys)), wanted
+    for turn in range(ROUNDS):
         drawn = margins(problem, z, doubt)
-        if np.mean(np.all(drawn >= -KEPT, axis=1)) >= wanted and back.any():
-            break
+        together = float(np.mean(np.all(drawn >= -KEPT, axis=1)))
+        if back.any():
+            if together >= wanted:
+                break
+            if turn >= SETTLED:
+                # What the shift of the draws with the candidate takes for good, by a draw's worth.
+                aim = min(aim + 1 / doubt.count, 1 - 1 / doubt.count)
         y = problem.outputs(z)
         own = np.array([float(np.min(one.margins(y))) for one in problem.asked.requirements])
-        back = _kept_back(drawn - own, own, wanted)
+        back = _kept_back(drawn - own, own, aim)
         problem = tried.problem.with_(back_off=dict(zip(keys, back, strict=True)))
-        answer = search(problem, z)
-        if not answer.kept:
-            start, s, _ = relax(problem, z)
-            answer = search(problem, start)
-            if s > 1e-3 or not answer.kept:
-                return None
+        answer = _again(problem, (z, tried.answer.z, tried.start))
+        if answer is None:
+            return None
         z = answer.z
     if np.mean(np.all(margins(problem, z, doubt) >= -KEPT, axis=1)) < wanted:
         return None
     return Tried(problem, answer, z, 0.0, tried.agreeing, tried.starts)
+
+
+def _again(problem: Problem, starts: tuple[np.ndarray, ...]) -> Answer | None:
+    """The first search that keeps everything."""
+    for start in starts:
+        for begin in (start, relax(problem, start)[0]):
+            answer = search(problem, begin)
+            if answer.kept:
+                return answer
+    return None
 
 
 def _kept_back(off: np.ndarray, own: np.ndarray, wanted: float) -> np.ndarray:
@@ -134,7 +148,7 @@ def _kept_back(off: np.ndarray, own: np.ndarray, wanted: float) -> np.ndarray:
     low, high = 0.0, 1 - wanted
     for _ in range(30):
         level = 0.5 * (low + high)
-        back = np.maximum(-np.quantile(off, level, axis=0), 0.0)
+        back = np.maximum(-np.quantile(off, level, axis=0, method="lower"), 0.0)
         together = np.mean(np.all(np.maximum(own, back) + off >= -KEPT, axis=1))
         low, high = (level, high) if together >= wanted else (low, level)
-    return np.maximum(-np.quantile(off, low, axis=0), 0.0) * (1 + 1e-6)
+    return np.maximum(-np.quantile(off, low, axis=0, method="lower"), 0.0) * (1 + 1e-6)

@@ -1,0 +1,59 @@
+"""`pamjax size`: its files, its note, an answer also where nothing fits, one sentence for a bad spec."""
+
+import json
+
+import pytest
+
+from pamjax.cli.main import main
+from tests.view.html_page import Page
+
+SPEC = """\
+name = "small"
+minimise = "mass"
+[supply]
+pressure = "5 bar"
+[[force]]
+at_least = "{force}"
+contraction = 0.1
+[envelope]
+length = "200 mm"
+diameter = "30 mm"
+[threads]
+kinds = "aramid"
+counts = [48, 72]
+diameters = "0.3 mm"
+[bladders]
+kinds = "latex"
+"""
+
+
+@pytest.mark.slow
+def test_a_muscle_is_chosen_and_can_be_simulated(tmp_path, capsys):
+    (tmp_path / "spec.toml").write_text(SPEC.format(force="200 N"))
+    out = tmp_path / "out"
+    assert main(["size", str(tmp_path / "spec.toml"), "--out", str(out)]) == 0
+    note = capsys.readouterr().out
+    assert note.startswith("small: ")
+    assert len(note.splitlines()) < 25
+    told = json.loads((out / "design.json").read_text())
+    assert told["feasible"]
+    page = Page((out / "report.html").read_text("utf-8"))
+    assert sum(tag == "svg" for tag, _ in page.elements) >= 4
+    assert {"chart.png", "prices.png"} <= {path.name for path in out.iterdir()}
+    assert main(["simulate", str(out / "muscle"), "--out", str(tmp_path / "stated")]) == 0
+    assert main(["simulate", str(out / "model.json"), "--out", str(tmp_path / "whole")]) == 0
+
+    (tmp_path / "spec.toml").write_text(SPEC.format(force="200 kN"))
+    assert main(["size", str(tmp_path / "spec.toml"), "--out", str(tmp_path / "no")]) == 0
+    assert "no muscle of this catalogue does all of it" in capsys.readouterr().out
+    assert not (tmp_path / "no" / "model.json").exists()
+    assert json.loads((tmp_path / "no" / "design.json").read_text())["would_have_to_give"]
+
+
+def test_a_bad_spec_is_told_in_a_sentence(tmp_path, capsys):
+    (tmp_path / "spec.toml").write_text(SPEC.format(force="200 kg"))
+    assert main(["size", str(tmp_path / "spec.toml"), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr()
+    (line,) = said.err.splitlines()
+    assert "a force must have a unit of force; got 'kg' in [force] at_least of spec.toml" in line
+    assert not (tmp_path / "out").exists()
