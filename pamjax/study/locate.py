@@ -25,6 +25,9 @@ GROUP = 7
 #: Mean of a departure over its rms from which it has one sign.
 ONE_SIDED = 0.4
 
+#: Correlation with pressure or contraction from which a departure that changes sign has a trend.
+TREND = 0.9
+
 #: Unit and scale in which a person reads a channel.
 SHOWN = {"force": ("N", 1.0), "diameter": ("mm", 1e3)}
 
@@ -163,7 +166,7 @@ def _sentence(channel, direction, pressure, contraction, signed, inside, at: Axe
     typical = _typical(values) or 0.0
     told = f"{where}, {channel} is {_amount(typical, scale, unit)} than the baseline says"
     if abs(float(np.mean(values))) < ONE_SIDED * abs(typical):
-        told = (
+        told = _trend(where, channel, values, inside, at, scale, unit) or (
             f"{where}, {channel} departs from the baseline by about {_size(typical, scale, unit)} either way"
         )
     return (
@@ -171,6 +174,18 @@ def _sentence(channel, direction, pressure, contraction, signed, inside, at: Axe
         if (direction != "both")
         else f"{told}."
     )
+
+
+def _trend(where, channel, values, inside, at: Axes, scale, unit) -> str:
+    """What a departure that changes sign does along pressure, or contraction; empty where it has no trend."""
+    for name, along in (("pressure", at.pressure), ("contraction", at.contraction)):
+        x = along[inside]
+        if np.ptp(x) > 0 and abs(float(np.corrcoef(x, values)[0, 1])) > TREND:
+            low, high = (float(np.mean(values[x == end])) for end in (x.min(), x.max()))
+            way = "grows" if high > low else "falls"
+            first, last = (_amount(v, scale, unit) for v in (low, high))
+            return f"{where}, {channel} {way} with {name} against the baseline, from {first} to {last}"
+    return ""
 
 
 def _typical(values: np.ndarray) -> float | None:
