@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pamjax.check import BadInput, InputWarning
+    from pamjax.design.plan import Plan, plan
     from pamjax.design.result import Design
     from pamjax.design.size import size
     from pamjax.infer.cache import keep_compiled
@@ -53,6 +54,8 @@ _HOME = {
     "Design": "pamjax.design.result",
     "size": "pamjax.design.size",
     "Diagnosis": "pamjax.study.diagnosis",
+    "Plan": "pamjax.design.plan",
+    "plan": "pamjax.design.plan",
     "diagnose": "pamjax.study.diagnose",
 }
 
@@ -64,6 +67,7 @@ __all__ = [
     "Fit",
     "InputWarning",
     "Muscle",
+    "Plan",
     "Posterior",
     "Recording",
     "assemble",
@@ -75,6 +79,7 @@ __all__ = [
     "import_case",
     "keep_compiled",
     "load_muscle",
+    "plan",
     "predict",
     "read_case",
     "sample",

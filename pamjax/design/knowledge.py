@@ -1,0 +1,218 @@
+"""Knowledge: what a muscle's numbers are believed to be, and what runs would add to it.
+
+The information of a run is Σ Jᵀ J over its samples, J the exact derivatives of force and diameter by every
+number, over the noise of a sample (that of pressure and length carried through the model). Zeros and
+gains of the channels, and what the rig gives, count as numbers beside the muscle's. It is taken at several
+truths drawn from what is believed, because a stiff thread is told less well than a soft one.
+Samples are equilibria of the bare muscle: rubber, ends and whatever remembers take no part.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from pamjax.design.means import Means
+from pamjax.design.runs import Run
+from pamjax.infer.believed import free_numbers, is_ruler
+from pamjax.infer.fit import joint_space
+from pamjax.infer.least_squares import solve
+from pamjax.infer.member import Member, member
+from pamjax.infer.space import Free, Space, space
+from pamjax.model.catalogue import meaning
+from pamjax.records.case import Case
+from pamjax.records.entry import Entry
+from pamjax.records.recording import Recording
+
+#: Truths at which information is taken.
+TRUTHS = 9
+
+#: No truth is drawn beyond this many standard deviations: there the fit itself would ask questions.
+FAR = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Knowledge:
+    """What is believed before the next run.
+
+    Attributes:
+        entry: what muscle.toml says.
+        means: what the rig can do.
+        law: thread law.
+        at: every number that a fit would move, the rig's zeros and gains among them, with its prior.
+        free: the same numbers as they are declared, the muscle's first.
+        mean: (p,) where they are believed to be, SI.
+        scale: (p,) the step in which each is measured, SI: its prior's sd, or a share of its limits.
+        before: (p, p) information of priors and of the recording at hand, in those steps.
+    """
+
+    entry: Entry
+    means: Means
+    law: str
+    at: Space
+    free: tuple[Free, ...]
+    mean: np.ndarray
+    scale: np.ndarray
+    before: np.ndarray
+
+    def place(self, name: str) -> int:
+        """Index of a number."""
+        return self.at.names.index(name)
+
+    @property
+    def own(self) -> list[int]:
+        """Indices of the muscle's numbers, without the rig's."""
+        return [k for k, name in enumerate(self.at.names) if name not in self.means.off]
+
+    def truths(self, many: int = TRUTHS, seed: int = 0) -> np.ndarray:
+        """Values that the numbers may truly have, (many, p), SI; the first are the believed ones."""
+        # A number that nothing is known of is drawn within its step, and not over all its limits.
+        inverse = np.linalg.inv(self.before + np.diag(1.0 * ~np.isfinite(np.asarray(self.at.sd))))
+        draws = np.random.default_rng(seed).standard_normal((many, self.mean.size))
+        draws = np.clip(_spread_evenly(draws), -FAR, FAR)
+        draws[0] = 0.0
+        values = self.mean + draws @ np.linalg.cholesky(inverse).T * self.scale
+        low, high = np.asarray(self.at.low), np.asarray(self.at.high)
+        inside = 1e-3 * (high - low)
+        return np.clip(values, np.minimum(low + inside, self.mean), np.maximum(high - inside, self.mean))
+
+    def information(self, case: Case, label: np.ndarray, count: int, values: np.ndarray) -> np.ndarray:
+        """What the samples of a case tell, (count, p, p), summed by label."""
+        n = label.size
+        own = self.at.names[: len(self.own)]
+        one = member(case, self.law, space(self.free[: len(own)]), {})
+        at, rows = jnp.asarray(values[: len(own)]), one.rows
+        slopes, shown, by_set = (np.asarray(x)[..., :n] for x in _slopes(one, at))
+        slopes = np.concatenate([slopes, self._off(by_set, shown, np.asarray(rows.pressure)[:n])])
+        noise = [x**2 if x else math.inf for x in (self.means.force, self.means.diameter)]
+        carried = (self.means.gauge * by_set[0]) ** 2 + (self.means.ruler * by_set[1]) ** 2
+        variance = np.array(noise)[:, None] + carried
+        # A slack muscle tells nothing, and one without an answer less.
+        there = np.isfinite(variance) & np.isfinite(slopes).all(axis=0) & (shown[0] > 0)
+        weight = np.where(there, self.means.worth / np.where(there, variance, 1.0), 0.0)
+        by = np.nan_to_num(slopes) * self.scale[:, None, None]
+        out = np.zeros((count, by.shape[0], by.shape[0]))
+        for k in range(count):
+            mine = by[:, :, label == k]
+            out[k] = np.einsum("icn,jcn,cn->ij", mine, mine, weight[:, label == k])
+        return out
+
+    def _off(self, by_set: np.ndarray, shown: np.ndarray, pressure: np.ndarray) -> np.ndarray:
+        """Derivatives of force and diameter by what the rig may be off by, (q, 2, n); near zero of each."""
+        (by_pressure, by_length), one = by_set, np.ones_like(pressure)
+        columns = {
+            "force_offset.offset": np.stack([one, 0 * one]),
+            "force_gain.gain": np.stack([shown[0], 0 * one]),
+            "pressure_offset.offset": -by_pressure,
+            "pressure_gain.gain": -pressure * by_pressure,
+            "length_offset.offset": -by_length,
+            "diameter_offset.offset": np.stack([0 * one, one]),
+            "rig_compliance.compliance": -by_length * shown[0],
+        }
+        return np.array([columns[name] for name in self.at.names if name in columns]).reshape(-1, 2, one.size)
+
+    def of_runs(self, offered: Sequence[Run], values: np.ndarray) -> np.ndarray:
+        """What each run tells at some values, (r, p, p)."""
+        label = np.concatenate([np.full(run.pressure.size, k) for k, run in enumerate(offered)])
+        found = self.information(self.case(offered), label, len(offered), values)
+        for k, run in enumerate(offered):
+            for name, sd in run.direct.items():
+                if name in self.at.names:
+                    i = self.place(name)
+                    found[k, i, i] += (self.scale[i] / sd) ** 2
+        return found
+
+    def case(self, offered: Sequence[Run]) -> Case:
+        """Runs as a recording, with nothing measured in it yet."""
+        pressure = np.concatenate([run.pressure for run in offered])
+        length = np.concatenate([run.length for run in offered])
+        return map_case(self.entry, pressure, length)
+
+
+def map_case(entry: Entry, pressure: np.ndarray, length: np.ndarray, **measured: np.ndarray) -> Case:
+    """A static map as a case."""
+    measured = measured or {"force": np.full(pressure.size, 1e3)}
+    recording = Recording.from_arrays(pressure=pressure, length=length, **measured)
+    return Case("plan", Path(), entry, recording, "")
+
+
+@eqx.filter_jit
+def _slopes(one: Member, values: Array) -> tuple[Array, Array, Array]:
+    """Derivatives of force and diameter by every number, (p, 2, n); what is shown, (2, n); and its
+    derivatives by pressure and by length, (2, 2, n)."""
+
+    def instant(x, pressure, length):
+        reading = one.muscle(x)(pressure, length)
+        return jnp.stack([reading.force, reading.diameter])
+
+    def everything(pressure, length):
+        slopes = jax.jacfwd(instant, argnums=(0, 1, 2))(values, pressure, length)
+        return slopes[0].T, instant(values, pressure, length), jnp.stack(slopes[1:])
+
+    return jax.vmap(everything, out_axes=-1)(one.rows.pressure, one.rows.length)
+
+
+def _spread_evenly(draws: np.ndarray) -> np.ndarray:
+    """Draws with their ranks put at even shares of a normal: few of them then stand for many."""
+    from scipy.stats import norm
+
+    many = draws.shape[0] - 1
+    rank = np.argsort(np.argsort(draws[1:], axis=0), axis=0)
+    return np.concatenate([draws[:1], norm.ppf((rank + 0.5) / many)])
+
+
+def knowledge(entry: Entry, means: Means, law: str | None = None, case: Case | None = None) -> Knowledge:
+    """What is believed of a muscle, by muscle.toml and, where there is one, by its recording.
+
+    Args:
+        entry: what muscle.toml says.
+        means: what the rig can do.
+        law: thread law; None takes the baseline's.
+        case: a recording made already.
+
+    Raises:
+        BadInput: where nothing may move.
+    """
+    law = law or entry.baseline
+    bare = case or map_case(entry, np.array([0.0, 1e5]), np.full(2, entry.rest_length.value))
+    joint_space([bare], law, ())
+    free = [n for n in free_numbers(bare, law) if not is_ruler(n.name)]
+    means = replace(means, off={n: sd for n, sd in means.off.items() if _read(n, means)})
+    free += [Free(n, meaning(n), max(0.0, sd * (meaning(n).low >= 0)), sd) for n, sd in means.off.items()]
+    at = space(free)
+    mean, sd = np.asarray(at.mean), np.asarray(at.sd)
+    reach = np.where(at.log, 0.5 * np.abs(mean), (np.asarray(at.high) - np.asarray(at.low)) / math.sqrt(12))
+    scale = np.where(np.isfinite(sd), sd, reach)
+    prior = np.diag(np.where(np.isfinite(sd), 1.0, 1e-6))
+    found = Knowledge(entry, means, law, at, tuple(free), mean, scale, prior)
+    return found if case is None else _learned(found, case)
+
+
+def _read(name: str, means: Means) -> bool:
+    """Whether a zero or gain belongs to a channel that the rig has."""
+    channel = name.partition("_")[0]
+    return channel in ("pressure", "length", "rig", *means.channels)
+
+
+def _learned(found: Knowledge, case: Case) -> Knowledge:
+    """Knowledge after a recording: where a fit of it ends, and what it tells there."""
+    own = space(found.free[: len(found.own)])
+    u = solve((member(case, found.law, own, {}),), own, jnp.zeros(own.size)).u
+    values = np.concatenate([np.asarray(own.values(u)), found.mean[own.size :]])
+    sensors, usual = case.entry.sensors, found.means
+    seen = replace(
+        usual,
+        force=sensors.force or usual.force if "force" in case.recording.channels else None,
+        diameter=sensors.diameter or usual.diameter if "diameter" in case.recording.channels else None,
+    )
+    label = np.zeros(case.recording.n, dtype=int)
+    told = replace(found, means=replace(seen, off=found.means.off)).information(case, label, 1, values)[0]
+    return replace(found, mean=values, before=found.before + told)

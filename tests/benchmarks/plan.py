@@ -1,0 +1,232 @@
+"""Does a plan keep its promise: simulated muscles are measured as planned, fitted, held against the truth.
+
+    python -m tests.benchmarks.plan [muscles] [minutes]
+
+Each muscle is another: length, slenderness, angle, threads, how well it is known, and how good the rig is.
+Its truth, zeros, gains and give of the rig included, is drawn from what is believed. The planned runs, and
+ten isobars in the same time, are simulated with noise and fitted by least squares with the same priors and
+without the approximations of the plan (another program than the one that planned). Reported:
+
+promised    mean of (fitted sd / promised sd)², and rms of (estimate − truth) / promised sd: both 1 if true
+isobars     rms error after ten isobars over rms error after the plan, both relative to the promise
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, cast
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import least_squares
+
+from pamjax.design.knowledge import Knowledge, knowledge
+from pamjax.design.means import USUAL, Means
+from pamjax.design.plan import Plan, plan
+from pamjax.design.runs import Run, isobars
+from pamjax.infer.cache import keep_compiled
+from pamjax.model import braid
+from pamjax.model.assembly import assemble
+from pamjax.records.entry import Entry, Sensors
+from pamjax.records.quantity import Measured
+
+GOAL = "thread.modulus"
+
+
+def a_muscle(rng: np.random.Generator, minutes: float) -> tuple[Entry, Means]:
+    """A muscle as a lab states it, and a rig."""
+    rest, angle = math.exp(rng.uniform(math.log(0.1), math.log(0.4))), math.radians(rng.uniform(62, 72))
+    thread = rest / math.sin(angle)
+    width = rest * rng.uniform(0.07, 0.14)
+    turns = thread * math.cos(angle) / (math.pi * width)
+    pressure, modulus, threads = rng.uniform(400e3, 800e3), rng.uniform(20e9, 110e9), 144
+    pull = float(braid.hoop_pull(pressure, rest, thread, turns))
+    area = pull / (modulus * threads * rng.uniform(0.004, 0.012))
+    force = pressure * (3 * rest**2 - thread**2) / (4 * math.pi * turns**2)
+    sensors = Sensors(
+        force=force * rng.uniform(5e-4, 2e-3), diameter=rng.uniform(0.05e-3, 0.15e-3),
+        pressure=1e-3 * pressure, length=2e-5,
+    )  # fmt: skip
+    entry = Entry(
+        name="a muscle", rest_length=Measured(rest), thread_length=Measured(thread, 0.003 * thread),
+        turns=Measured(turns, 0.005 * turns), threads=threads, thread_area=Measured(area),
+        modulus=Measured(modulus, 0.2 * modulus), sensors=sensors, baseline="elastic",
+    )  # fmt: skip
+    off = {
+        "force_offset.offset": 2e-3 * force, "force_gain.gain": 0.01,
+        "pressure_offset.offset": 5e-3 * pressure,
+        "pressure_gain.gain": 0.01, "length_offset.offset": 1e-3 * rest, "diameter_offset.offset": 2e-4,
+        "rig_compliance.compliance": rng.uniform(0.05e-3, 0.2e-3) / force,
+    }  # fmt: skip
+    given = {"force": sensors.force, "diameter": sensors.diameter, "gauge": sensors.pressure}
+    given = {name: sd for name, sd in given.items() if sd}
+    means = Means(pressure=pressure, contraction=0.25, minutes=minutes, off=off, **given)
+    return entry, means
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one number: its estimate, the fit's sd and the truth, SI."""
+
+    value: float
+    sd: float
+    true: float
+
+
+#: Rounds in which the length of a muscle on a rig that gives is found; each leaves some thousandths.
+ROUNDS = 6
+
+#: Rows that every recording is padded to: one compiled program.
+ROWS = 4096
+
+
+@partial(jax.jit, static_argnames=("law", "names"))
+def shown(law: str, names: tuple[str, ...], fixed, values, pressure, length):
+    """Force and diameter that a rig shows, (2, n): zeros, gains and give of the rig without approximation."""
+    number = dict(zip(names, values, strict=True)) | fixed
+    muscle = assemble(law, number)
+    off = {name: number.get(name, 0.0) for name in USUAL}
+    pressure = (pressure - off["pressure_offset.offset"]) / (1 + off["pressure_gain.gain"])
+    recorded = at = length - off["length_offset.offset"]
+    for _ in range(ROUNDS):
+        at = recorded - off["rig_compliance.compliance"] * jax.vmap(muscle)(pressure, at).force
+    reading = jax.vmap(muscle)(pressure, at)
+    force = reading.force * (1 + off["force_gain.gain"]) + off["force_offset.offset"]
+    return jnp.stack([force, reading.diameter + off["diameter_offset.offset"]])
+
+
+slopes = jax.jit(jax.jacfwd(shown, argnums=3), static_argnames=("law", "names"))
+
+
+def outcome(known: Knowledge, done: list[Run], true: np.ndarray, rng: np.random.Generator) -> Outcome:
+    """Make runs on a muscle and fit them."""
+    mean, sd, names = known.mean.copy(), known.scale.copy(), known.at.names
+    for run in done:
+        for name, reading in run.direct.items():
+            if name in names:
+                k = names.index(name)
+                weight = sd[k] ** -2 + reading**-2
+                seen = true[k] + reading * rng.standard_normal()
+                mean[k], sd[k] = (mean[k] * sd[k] ** -2 + seen * reading**-2) / weight, weight**-0.5
+    moving = [run for run in done if run.pressure.size]
+    pressure, length = (np.concatenate([getattr(r, c) for r in moving]) for c in ("pressure", "length"))
+    n, means, entry = pressure.size, known.means, known.entry
+    assert n <= ROWS
+    fixed = {"muscle.rest_length": entry.rest_length.value, "muscle.threads": float(entry.threads or 0)}
+    fixed |= {"muscle.thread_area": entry.thread_area.value} if entry.thread_area else {}
+
+    def padded(values):
+        return np.concatenate([values, np.full(ROWS - n, values[-1])])
+
+    truth = np.asarray(shown(known.law, names, fixed, true, padded(pressure), padded(length)))[:, :n]
+    noise = rng.standard_normal((4, n))
+    measured = truth + np.array([[means.force], [means.diameter]]) * noise[:2]
+    pressure, length = padded(pressure + means.gauge * noise[2]), padded(length + means.ruler * noise[3])
+    at = known.law, names, fixed
+    step = np.array([1e-3 * pressure.max(), 1e-4 * length.max()])
+    by_set = [
+        (shown(*at, mean, pressure + step[0], length) - shown(*at, mean, pressure, length)) / step[0],
+        (shown(*at, mean, pressure, length + step[1]) - shown(*at, mean, pressure, length)) / step[1],
+    ]
+    carried = (means.gauge * by_set[0]) ** 2 + (means.ruler * by_set[1]) ** 2
+    noise_sd = np.sqrt(np.array([[means.force], [means.diameter]]) ** 2 + np.asarray(carried)[:, :n])
+    used = np.broadcast_to(truth[0] > 0, (2, n)).ravel()
+
+    def residual(u):
+        misfit = (np.asarray(shown(*at, mean + sd * u, pressure, length))[:, :n] - measured) / noise_sd
+        return np.concatenate([misfit.ravel()[used], u])
+
+    def jacobian(u):
+        by = np.asarray(slopes(*at, mean + sd * u, pressure, length))[:, :n] / noise_sd[..., None] * sd
+        return np.concatenate([by.reshape(-1, u.size)[used], np.eye(u.size)])
+
+    end = least_squares(residual, np.zeros(mean.size), jac=cast(Any, jacobian), xtol=1e-10)
+    k = known.place(GOAL)
+    after = np.sqrt(np.linalg.inv(end.jac.T @ end.jac)[k, k]) * sd[k]
+    return Outcome(float(mean[k] + sd[k] * end.x[k]), float(after), float(true[k]))
+
+
+def in_minutes(known: Knowledge, minutes: float) -> list[Run]:
+    """Ten isobars with as many samples as so many minutes allow."""
+    usual = isobars(known.means, known.entry.rest_length.value)
+    share = minutes / sum(run.minutes for run in usual)
+    pressure, length = (np.concatenate([getattr(r, c) for r in usual]) for c in ("pressure", "length"))
+    picked = np.linspace(0, pressure.size - 1, round(share * pressure.size)).round().astype(int)
+    return [Run("ten isobars", pressure[picked], length[picked], minutes, {})]
+
+
+def trial(seed: int, minutes: float) -> tuple[Plan, Outcome, Outcome]:
+    """One muscle: its plan, what that gave, and what ten isobars gave."""
+    rng = np.random.default_rng([20, seed])
+    entry, means = a_muscle(rng, minutes)
+    found = plan(entry, means, GOAL, to="5 %")
+    known = knowledge(entry, means)
+    drawn = known.mean + known.scale * np.clip(rng.standard_normal(known.mean.size), -2, 2)
+    true = np.clip(drawn, np.asarray(known.at.low) + 1e-9 * known.scale, np.asarray(known.at.high))
+    planned = [run for count, run in found.chosen for _ in range(count)]
+    return (
+        found,
+        outcome(known, planned, true, rng),
+        outcome(known, in_minutes(known, found.minutes), true, rng),
+    )
+
+
+def interval(values: np.ndarray, function, rng=None) -> str:
+    """A statistic with its 95 % interval, by bootstrap."""
+    rng = rng or np.random.default_rng(0)
+    again = [function(values[rng.integers(len(values), size=len(values))]) for _ in range(1000)]
+    low, high = np.quantile(again, [0.025, 0.975])
+    return f"{function(values):.3f} ({low:.3f} to {high:.3f})"
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def report(trials: list[tuple[Plan, Outcome, Outcome]]) -> str:
+    promised = np.array([found.sd for found, _, _ in trials])
+    true = np.array([p.true for _, p, _ in trials])
+    by_plan = np.array([(p.value - p.true) for _, p, _ in trials]) / promised
+    by_isobars = np.array([(i.value - i.true) for _, _, i in trials]) / promised
+    fitted = np.array([p.sd for _, p, _ in trials]) / promised
+    both = np.stack([by_plan, by_isobars], axis=1)
+    planned = np.array([found.isobars / found.sd for found, _, _ in trials])
+    lines = [
+        f"{len(trials)} muscles, goal {GOAL} to 5 %",
+        f"  plans: {np.mean([f.reached for f, _, _ in trials]):.0%} expected to reach it, "
+        f"{np.median([f.minutes for f, _, _ in trials]):.0f} min in the middle",
+        f"  fitted sd over promised sd, rms       {interval(fitted, rms)}",
+        f"  error over promised sd, rms           {interval(by_plan, rms)}",
+        f"  error over the true value, rms        {interval(by_plan * promised / true, rms)}",
+        f"  error of ten isobars over plan's, rms {interval(both, lambda b: rms(b[:, 1]) / rms(b[:, 0]))}",
+        f"  the same as promised, median          {np.median(planned):.2f}",
+        "  diameter or force alone is enough in "
+        + ", ".join(
+            f"{c} {np.mean([f.alone[c][0] <= f.wanted * (1 + 1e-9) for f, _, _ in trials]):.0%}"
+            for c in ("force", "diameter")
+        ),
+    ]
+    return "\n".join(lines)
+
+
+def main(muscles: int = 200, minutes: float = 60.0) -> None:
+    keep_compiled()
+    trials = []
+    for seed in range(muscles):
+        trials.append(trial(seed, minutes))
+        found, planned, usual = trials[-1]
+        print(
+            f"{seed:4d} {found.minutes:5.1f} min, GPa: promised {found.sd / 1e9:6.2f}, "
+            f"fitted {planned.sd / 1e9:6.2f}, error {(planned.value - planned.true) / 1e9:+7.2f}, "
+            f"of isobars {(usual.value - usual.true) / 1e9:+7.2f}",
+            flush=True,
+        )
+    print(report(trials))
+
+
+if __name__ == "__main__":
+    main(*(kind(word) for kind, word in zip((int, float), sys.argv[1:], strict=False)))

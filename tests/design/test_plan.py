@@ -1,0 +1,97 @@
+"""A plan's information is that of the model's own derivatives, and what it promises is kept."""
+
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from pamjax.check import BadInput
+from pamjax.design.knowledge import knowledge, map_case
+from pamjax.design.means import Means, means_of
+from pamjax.design.plan import plan
+from pamjax.design.runs import runs
+from pamjax.records.entry import read_entry
+from tests.agreement import agree, difference
+from tests.benchmarks.plan import report, rms, shown, trial
+
+KEVLAR = Path(__file__).parents[2] / "fits" / "chambers_wereley_2022" / "muscle.toml"
+
+
+@pytest.fixture(scope="module")
+def entry():
+    return read_entry(KEVLAR.read_bytes())
+
+
+def test_information_is_that_of_differences_through_the_whole_rig(entry):
+    known = knowledge(entry, Means(pressure=690e3, gauge=0.0, ruler=0.0))
+    pressure, length = np.array([200e3, 400e3, 690e3]), np.array([0.2357, 0.21, 0.19])
+    values, label = known.mean.copy(), np.zeros(3, int)
+    rig = [k for k in range(values.size) if k not in known.own]
+    values[rig] = 0.0  # where the plan's derivatives are taken
+    got = known.information(map_case(entry, pressure, length), label, 1, values)[0]
+    fixed = {"muscle.rest_length": 0.2357, "muscle.threads": 144.0, "muscle.thread_area": 0.0858e-6}
+
+    def show(k):
+        def at(step):
+            moved = jnp.asarray(values).at[k].add(step * known.scale[k])
+            return shown("elastic", known.at.names, fixed, moved, jnp.asarray(pressure), jnp.asarray(length))
+
+        return difference(at, 0.0, 1e-3)
+
+    slopes = np.stack([show(k) for k in range(values.size)])
+    weight = 1 / np.array([known.means.force, known.means.diameter]) ** 2
+    want = np.einsum("icn,jcn,c->ij", slopes, slopes, weight)
+    root = np.sqrt(np.diag(want))
+    agree(got / np.outer(root, root), want / np.outer(root, root), 1e-5, scale=1.0)
+
+
+def test_direct_readings_and_repeats_add_up(entry):
+    known = knowledge(entry, Means(pressure=690e3))
+    offered = runs(known.means, 0.2357)
+    each = known.of_runs(offered, known.mean)
+    vent = next(k for k, run in enumerate(offered) if "vented" in run.says)
+    k = known.place("force_offset.offset")
+    agree(each[vent, k, k], (known.scale[k] / offered[vent].direct["force_offset.offset"]) ** 2, 1e-12)
+    assert np.count_nonzero(each[vent]) == 2
+    assert np.all(np.linalg.eigvalsh(each) > -1e-6 * np.abs(each).max())
+
+
+def test_diameter_tells_the_threads_modulus_and_force_alone_does_not(entry):
+    found = plan(entry, means_of(entry, pressure="690 kPa", minutes=60))
+    assert found.goal == "thread.modulus"
+    assert found.reached
+    assert found.minutes < 30
+    force, diameter = found.alone["force"], found.alone["diameter"]
+    assert diameter[0] <= found.wanted
+    assert force[1] > 1.5 * diameter[1]
+    assert found.isobars > found.sd
+    note = str(found)
+    assert "force alone" in note
+    assert "thread.modulus to ±" in note
+    assert len(found.schedule()) == found.rows
+
+
+def test_a_rig_is_read_and_a_wrong_one_refused(entry, tmp_path):
+    file = tmp_path / "rig.toml"
+    file.write_text('[rig]\npressure = "100 psi"\nforce = "none"\nforce_zero = "1 lbf"\ngive = "0.1 mm/kN"\n')
+    means = means_of(entry, file)
+    assert means.pressure == pytest.approx(689_476, rel=1e-5)
+    assert means.channels == ("diameter",)
+    assert means.off["rig_compliance.compliance"] == pytest.approx(1e-7)
+    file.write_text('[rig]\npresure = "1 bar"\n')
+    with pytest.raises(BadInput, match="Did you mean `pressure`"):
+        means_of(entry, file)
+    with pytest.raises(BadInput, match=r"no number that a fit of this muscle moves.*thread\.modulus"):
+        plan(entry, Means(), "thread.modulu")
+
+
+@pytest.mark.slow
+def test_promises_are_kept_on_a_few_muscles():
+    trials = [trial(seed, 40.0) for seed in range(8)]
+    fitted = np.array([p.sd / found.sd for found, p, _ in trials])
+    errors = np.array([(p.value - p.true) / found.sd for found, p, _ in trials])
+    assert 0.85 < rms(fitted) < 1.15
+    # Eight squares of a normal lie within this all but once in a thousand times.
+    assert 0.33 < rms(errors) < 1.8
+    assert "8 muscles" in report(trials)
