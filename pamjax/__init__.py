@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pamjax.check import BadInput, InputWarning
+    from pamjax.design.export import export
+    from pamjax.design.inverse import Inverse, inverse
     from pamjax.design.plan import Plan, plan
     from pamjax.design.result import Design
     from pamjax.design.size import size
@@ -54,6 +56,9 @@ _HOME = {
     "Design": "pamjax.design.result",
     "size": "pamjax.design.size",
     "Diagnosis": "pamjax.study.diagnosis",
+    "Inverse": "pamjax.design.inverse",
+    "inverse": "pamjax.design.inverse",
+    "export": "pamjax.design.export",
     "Plan": "pamjax.design.plan",
     "plan": "pamjax.design.plan",
     "diagnose": "pamjax.study.diagnose",
@@ -66,6 +71,7 @@ __all__ = [
     "Diagnosis",
     "Fit",
     "InputWarning",
+    "Inverse",
     "Muscle",
     "Plan",
     "Posterior",
@@ -75,8 +81,10 @@ __all__ = [
     "catalogue",
     "determine",
     "diagnose",
+    "export",
     "fit",
     "import_case",
+    "inverse",
     "keep_compiled",
     "load_muscle",
     "plan",

@@ -32,6 +32,7 @@ for word, about in {
     "validate": "Hold a model against a recording that it never saw.",
     "prove": "Conceal known physics in simulated recordings, diagnose them, and score.",
     "size": "Choose a muscle that does what a spec wants, at the least diameter, mass, air or cost.",
+    "inverse": "Say which pressure or length gives a wanted force; export that for a robot.",
     "plan": "Choose the next runs: for a number, or to tell two mechanisms apart.",
     "simulate": "Make the case folder that a bench would have written.",
     "explain": "Say what a number or a mechanism means; without a name, list them all.",

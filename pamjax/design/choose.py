@@ -105,7 +105,7 @@ class Menu:
         """Take one or two runs out and fill up again, for as long as that helps."""
         for _ in range(EXCHANGES):
             # On the way to a goal an exchange may not cost minutes: there may be no need of them.
-            room = counts @ self.minutes if self.value(counts) <= self.goal else self.budget
+            room = float(counts @ self.minutes) if self.value(counts) <= self.goal else self.budget
             trials = [self._filled(less, room) for less in self._less(counts)]
             best = min(trials, key=self.value, default=counts)
             if self.value(best) >= self.value(counts) * (1 - GAIN):

@@ -137,10 +137,10 @@ class Knowledge:
         return map_case(self.entry, pressure, length)
 
 
-def map_case(entry: Entry, pressure: np.ndarray, length: np.ndarray, **measured: np.ndarray) -> Case:
-    """A static map as a case."""
-    measured = measured or {"force": np.full(pressure.size, 1e3)}
-    recording = Recording.from_arrays(pressure=pressure, length=length, **measured)
+def map_case(entry: Entry, pressure: np.ndarray, length: np.ndarray) -> Case:
+    """A static map as a case, with nothing of it known but that the muscle pulls."""
+    force = np.full(pressure.size, 1e3)
+    recording = Recording.from_arrays(pressure=pressure, length=length, force=force)
     return Case("plan", Path(), entry, recording, "")
 
 

@@ -1,0 +1,164 @@
+"""Export: a muscle's inverse as Chebyshev sums, with the error that was measured, for a robot without JAX."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.polynomial.chebyshev import chebfit, chebvander
+
+from pamjax.check import refuse
+from pamjax.design import standalone
+from pamjax.design.inverse import Inverse, Limit
+from pamjax.records.files import write_beside
+from pamjax.units import show
+
+#: Degrees that are tried, in turn, until the error is small enough.
+DEGREES = (8, 12, 16, 24, 32, 48)
+
+#: Error that is small enough, as a share of the range.
+ENOUGH = 1e-5
+
+#: Random points at which the error is measured, and the factor between the largest found and the stated one.
+POINTS, MARGIN = 20_000, 2.0
+
+#: The least share of the highest pressure at which a length can be commanded: without pressure, no stiffness.
+LEAST = 0.05
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What was written.
+
+    Attributes:
+        files: the table and the module that reads it.
+        degree: of the sums.
+        error: stated error by name, SI: twice the largest that was met.
+        share: the largest of them, as a share of its range.
+    """
+
+    files: tuple[Path, Path]
+    degree: int
+    error: dict[str, float]
+    share: float
+
+    def __str__(self) -> str:
+        units = {"pressure": "Pa", "length": "um", "force": "N", "stiffness": "N/m"}
+        told = ", ".join(f"{n} {show(self.error[n], u, 2)}" for n, u in units.items())
+        return f"sums of degree {self.degree}; off by less than {told}"
+
+
+def export(of: Inverse, folder: Path, *, seed: int = 0) -> Exported:
+    """Write controller.npz and controller.py.
+
+    Args:
+        of: the inverse of a muscle. Its range is narrowed to where every wish between the least and the
+            most force has an answer.
+        folder: where to.
+        seed: of the random points at which the error is measured.
+
+    Raises:
+        BadInput: where there is no such range.
+    """
+    of = narrowed(of)
+    folder.mkdir(parents=True, exist_ok=True)
+    table, share, degree = {}, np.inf, 0
+    for degree in DEGREES:
+        trial = _table(of, degree)
+        found = _measured(of, trial, folder, seed)
+        if max(found[1].values()) < share:
+            table, share, error = trial, max(found[1].values()), found[0]
+        if share < ENOUGH:
+            break
+    stated = {name: MARGIN * value for name, value in error.items()}
+    files = folder / "controller.npz", folder / "controller.py"
+    _write(files[0], table | {f"error_{name}": np.array(value) for name, value in stated.items()})
+    with write_beside(files[1]) as beside:
+        shutil.copyfile(standalone.__file__, beside)
+    return Exported(files, degree, stated, MARGIN * share)
+
+
+def narrowed(of: Inverse) -> Inverse:
+    """The part of the range in which every force between the ends' has an answer."""
+    low, high = of.pressures
+    low = max(low, LEAST * high)
+    lengths = np.linspace(*of.lengths, 201)
+    good = np.ones(lengths.size, dtype=bool)
+    for pressure in np.linspace(low, high, 9):
+        force, stiffness = of.force(pressure, lengths)
+        command = of.pressure(force, lengths)
+        good &= (np.asarray(command.status) == Limit.OK) & (stiffness > 0) & np.isfinite(force)
+    # From the longest length down to the first that has none.
+    bad = np.flatnonzero(~good)
+    first = bad.max() + 1 if bad.size else 0
+    if first > lengths.size - 20:
+        rule = "a controller needs a range of pressure and length in which pressure pulls"
+        raise refuse(rule, "hardly any length", remedy="Give a longer one, or a higher pressure.")
+    return Inverse(of.muscle, (low, high), (float(lengths[first]), float(lengths[-1])))
+
+
+def _nodes(degree: int) -> np.ndarray:
+    """Chebyshev points, ends included."""
+    return -np.cos(np.pi * np.arange(degree + 1) / degree)
+
+
+def _to(x: np.ndarray, ends: tuple[float, float]) -> np.ndarray:
+    return (ends[0] + ends[1]) / 2 + x * (ends[1] - ends[0]) / 2
+
+
+def _fitted(values: np.ndarray, degree: int) -> np.ndarray:
+    """(i, j) coefficients of values at Chebyshev points in both directions."""
+    inverse = np.linalg.inv(chebvander(_nodes(degree), degree))
+    return inverse @ values @ inverse.T
+
+
+def _table(of: Inverse, degree: int) -> dict[str, np.ndarray]:
+    x = _nodes(degree)
+    p, l = (g.ravel() for g in np.meshgrid(_to(x, of.pressures), _to(x, of.lengths), indexing="ij"))
+    force, stiffness = of.force(p, l)
+    square = degree + 1, degree + 1
+    table = {
+        "pressures": np.array(of.pressures),
+        "lengths": np.array(of.lengths),
+        "force": _fitted(force.reshape(square), degree),
+        "stiffness": _fitted(stiffness.reshape(square), degree),
+    }
+    inverses: list[tuple[str, Callable, tuple[float, float], tuple[float, float]]] = [
+        ("pressure", of.pressure, of.lengths, of.pressures),
+        ("length", of.length, of.pressures, of.lengths),
+    ]
+    for name, solve, range_, into in inverses:
+        other = _to(x, range_)
+        ends = [of.force(e, other)[0] if name == "pressure" else of.force(other, e)[0] for e in into]
+        for end, values in zip(("least", "most"), ends, strict=True):
+            table[f"{name}_{end}"] = chebfit(x, values, degree)
+        wanted = ends[0] + (x[:, None] + 1) / 2 * (ends[1] - ends[0])
+        asked = np.broadcast_to(other, square)
+        solved = np.asarray(solve(wanted.ravel(), asked.ravel()).value)
+        table[name] = _fitted(solved.reshape(square), degree)
+    return table
+
+
+def _measured(of: Inverse, table, folder: Path, seed: int) -> tuple[dict[str, float], dict[str, float]]:
+    """Largest errors at random points, SI and as shares of the range, of the code that is handed over."""
+    _write(folder / "controller.npz", table)
+    robot = standalone.Controller(folder / "controller.npz")
+    rng = np.random.default_rng(seed)
+    p, l = (rng.uniform(*ends, POINTS) for ends in (of.pressures, of.lengths))
+    force, stiffness = of.force(p, l)
+    pairs = {
+        "force": (robot.force(p, l), force, np.ptp(force)),
+        "stiffness": (robot.stiffness(p, l), stiffness, np.ptp(stiffness)),
+        "pressure": (robot.pressure(force, l)[0], p, np.ptp(of.pressures)),
+        "length": (robot.length(force, p)[0], l, np.ptp(of.lengths)),
+    }
+    errors = {name: float(np.max(np.abs(got - want))) for name, (got, want, _) in pairs.items()}
+    return errors, {name: errors[name] / float(span) for name, (_, _, span) in pairs.items()}
+
+
+def _write(path: Path, table: dict[str, np.ndarray]) -> None:
+    with write_beside(path) as beside, beside.open("wb") as file:
+        np.savez(file, **table)  # pyright: ignore[reportArgumentType]

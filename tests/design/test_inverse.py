@@ -1,0 +1,186 @@
+"""What is commanded gives what was wanted, derivatives are those of differences, a table keeps its word."""
+
+import subprocess
+import sys
+import time
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from pamjax.check import BadInput
+from pamjax.design.export import Exported, export, narrowed
+from pamjax.design.inverse import Inverse, Limit, inverse, static_force
+from pamjax.design.standalone import LIMITS, Controller
+from pamjax.model.bench import Bench
+from pamjax.model.mechanisms.bladder_elasticity import BladderElasticity
+from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
+from pamjax.model.muscle import Muscle, predict
+from pamjax.model.thread import LinearThread
+from tests.agreement import BY_DIFFERENCE, SOLVED, agree, difference
+
+#: The paper's muscle with soft threads.
+MUSCLE = Muscle(0.2357, 0.2512, 1.09, LinearThread(144 * 0.0858e-6 * 20e9))
+
+
+@pytest.fixture(scope="module")
+def of():
+    return inverse(MUSCLE, (20e3, 650e3), (0.17, 0.2357))
+
+
+@pytest.fixture(scope="module")
+def states(of):
+    """Random pressures and lengths, and the force of another program at them."""
+    rng = np.random.default_rng(1)
+    pressure, length = (rng.uniform(*ends, 500) for ends in (of.pressures, of.lengths))
+    return pressure, length, np.asarray(predict(MUSCLE, jnp.asarray(pressure), jnp.asarray(length)).force)
+
+
+def test_the_pressure_that_gives_a_force_is_the_one_that_gave_it(of, states):
+    pressure, length, force = states
+    found = of.pressure(force, length)
+    assert np.all(np.asarray(found.status) == Limit.OK)
+    agree(found.value, pressure, SOLVED, scale=650e3)
+
+
+def test_the_length_that_gives_a_force_is_the_one_that_gave_it(of, states):
+    pressure, length, force = states
+    found = of.length(force, pressure)
+    assert np.all(np.asarray(found.status) == Limit.OK)
+    agree(found.value, length, SOLVED)
+
+
+def test_derivatives_are_those_of_differences(of):
+    force, length, pressure = 800.0, 0.2, 300e3
+    by_pressure, by_length = of.pressure(force, length), of.length(force, pressure)
+    agree(by_pressure.by_force, difference(lambda f: of.pressure(f, length).value, force, 1.0), BY_DIFFERENCE)
+    agree(
+        by_pressure.by_other, difference(lambda l: of.pressure(force, l).value, length, 1e-4), BY_DIFFERENCE
+    )
+    agree(by_length.by_force, difference(lambda f: of.length(f, pressure).value, force, 1.0), BY_DIFFERENCE)
+    agree(by_length.by_other, difference(lambda p: of.length(force, p).value, pressure, 1e3), BY_DIFFERENCE)
+    at = float(by_length.value[0])
+    agree(by_length.stiffness, difference(lambda l: of.force(pressure, l)[0], at, 1e-4), BY_DIFFERENCE)
+    # With the other sign they would not be.
+    wrong = -np.asarray(by_pressure.by_other)
+    with pytest.raises(AssertionError):
+        agree(wrong, difference(lambda l: of.pressure(force, l).value, length, 1e-4), BY_DIFFERENCE)
+
+
+def test_a_command_is_differentiable_in_the_muscles_own_numbers(of):
+    def command(stiffness):
+        soft = Muscle(0.2357, 0.2512, 1.09, LinearThread(stiffness))
+        return Inverse(soft, of.pressures, of.lengths).pressure(800.0, 0.2).value[0]
+
+    stiffness = 144 * 0.0858e-6 * 20e9
+    slope = jax.grad(lambda s: _implicit(s))(stiffness)
+    agree(slope, difference(command, stiffness, 1e-3 * stiffness), BY_DIFFERENCE)
+
+
+def _implicit(stiffness):
+    from pamjax.design.inverse import _root
+
+    soft = Muscle(0.2357, 0.2512, 1.09, LinearThread(stiffness))
+    low, high = jnp.asarray(20e3), jnp.asarray(650e3)
+    return _root(lambda p: static_force(soft, p, jnp.asarray(0.2))[0] - 800.0, low, high)
+
+
+@pytest.mark.parametrize(
+    ("force", "length", "limit", "value"),
+    [
+        (9000.0, 0.22, Limit.TOO_STRONG, 650e3),
+        (-50.0, 0.22, Limit.TOO_WEAK, 20e3),
+        (500.0, 0.25, Limit.OUTSIDE, None),
+        (500.0, 0.16, Limit.OUTSIDE, None),
+    ],
+)
+def test_what_cannot_be_met_says_which_limit_binds(of, force, length, limit, value):
+    found = of.pressure(force, length)
+    assert Limit(int(found.status[0])) == limit
+    assert np.isfinite(found.value[0])
+    if value is not None:
+        agree(found.value, [value], SOLVED)
+
+
+def test_beyond_the_locking_angle_pressure_commands_nothing():
+    below = inverse(MUSCLE, (20e3, 650e3), (0.13, 0.2357))
+    # 3 L² < B²: more pressure pushes.
+    assert Limit(int(below.pressure(100.0, 0.14).status[0])) != Limit.OK
+    kept = narrowed(below)
+    assert 0.145 < kept.lengths[0] < 0.17
+    with pytest.raises(BadInput, match="range of pressure and length in which pressure pulls"):
+        narrowed(inverse(MUSCLE, (20e3, 650e3), (0.13, 0.14)))
+
+
+@pytest.fixture(scope="module")
+def written(of, tmp_path_factory) -> Exported:
+    return export(of, tmp_path_factory.mktemp("robot"))
+
+
+def worst(robot, of, seed):
+    """Largest errors at other random points than those at which the stated ones were measured."""
+    rng = np.random.default_rng(seed)
+    pressure, length = (rng.uniform(*ends, 3000) for ends in (robot.pressures, robot.lengths))
+    force, stiffness = of.force(pressure, length)
+    return {
+        "force": np.abs(robot.force(pressure, length) - force).max(),
+        "stiffness": np.abs(robot.stiffness(pressure, length) - stiffness).max(),
+        "pressure": np.abs(robot.pressure(force, length)[0] - pressure).max(),
+        "length": np.abs(robot.length(force, pressure)[0] - length).max(),
+    }
+
+
+def test_a_table_is_as_good_as_it_says_and_a_wrong_one_is_caught(written, of):
+    robot = Controller(written.files[0])
+    assert robot.error["pressure"] < 1e-3 * 650e3
+    assert robot.error["length"] < 1e-5
+    found = worst(robot, of, seed=99)
+    assert all(found[name] <= robot.error[name] for name in found)
+    robot._table["pressure"] = robot._table["pressure"] + 2 * robot.error["pressure"] * (
+        np.indices(robot._table["pressure"].shape).sum(axis=0) == 1
+    )
+    assert worst(robot, of, seed=99)["pressure"] > robot.error["pressure"]
+
+
+def test_a_table_says_which_limit_binds(written):
+    robot = Controller(written.files[0])
+    _, status = robot.pressure(np.array([500.0, 1e5, -1e3, 500.0]), np.array([0.2, 0.2, 0.2, 0.3]))
+    assert status.tolist() == [0, 1, 2, 3]
+    assert [LIMITS[k] for k in (1, 2, 3)] == [Limit(k).says for k in (1, 2, 3)]
+
+
+def test_the_table_needs_numpy_alone(written):
+    program = (
+        "import sys; sys.path.insert(0, '.'); from controller import Controller;"
+        "c = Controller('controller.npz'); print(c.pressure(500.0, 0.2)[0]);"
+        "assert not {'jax', 'pamjax', 'scipy'} & set(sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=written.files[0].parent,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert 20e3 < float(done.stdout) < 650e3
+
+
+@pytest.mark.slow
+def test_a_bench_is_inverted_without_its_memory():
+    bench = Bench(0.2512, 1.09, (BraidElasticity(4e-6), BladderElasticity(3e5, 0.1, 0.019, 0.0016, 0.2357)))
+    of = inverse(bench, (100e3, 650e3), (0.19, 0.23))
+    force, _ = of.force([200e3, 500e3], [0.2, 0.22])
+    agree(of.pressure(force, [0.2, 0.22]).value, [200e3, 500e3], SOLVED)
+
+
+if __name__ == "__main__":
+    # python -m tests.design.test_inverse FOLDER: microseconds a point of an exported table.
+    robot = Controller(f"{sys.argv[1]}/controller.npz")
+    rng = np.random.default_rng(0)
+    many = 100_000
+    length = rng.uniform(*robot.lengths, many)
+    force = robot.force(rng.uniform(*robot.pressures, many), length)
+    begin = time.perf_counter()
+    robot.pressure(force, length)
+    print(f"{1e6 * (time.perf_counter() - begin) / many:.2f} us a point")
