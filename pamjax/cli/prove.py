@@ -43,7 +43,7 @@ def prove(
         correlation: of neighbouring samples of noise, 0 to 0.95; may be given several times. Without it 0.
         stage: "score" ends with the p-value of the baseline, before anything is named, and conceals nothing.
         rivals: ask common practice as well.
-        quick: a small proof of two minutes on two cores: counts and correlations are its own.
+        quick: a small proof on two cores: counts and correlations are its own.
         workers: processes; each compiles, or reads what was compiled, and holds some gigabytes.
         seed: of everything that is drawn.
     """
