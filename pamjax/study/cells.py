@@ -23,6 +23,9 @@ FEW = 12
 #: Share of a channel's fastest usual speed above which the muscle moves.
 MOVING = 0.05
 
+#: Standard deviations of a rate by the noise of length alone, above which the muscle moves.
+STEADY = 4.5
+
 SHORTENING, STILL, LENGTHENING = -1, 0, 1
 
 
@@ -49,10 +52,11 @@ def axes(found: Problem) -> Axes:
     rest = found.case.entry.rest_length.value
     time = recording.time if recording.time is not None else np.arange(found.n, dtype=float)
     rate = np.asarray(found.member.history.rate(found.member.rows.length))[: found.n]
-    noise = 3 * (found.case.entry.sensors.length or 0.0) / max(4 * float(np.median(np.diff(time))), 1e-9)
-    if found.case.entry.sensors.length_per_setting:
-        noise = 0.0
-    slow = max(MOVING * float(np.nanquantile(np.abs(rate), 0.95)), noise)
+    # A muscle that is held must not seem to move by the noise of its length: the residual has that noise too.
+    by_noise = np.sqrt(np.sum(np.square(np.asarray(found.member.history.slope)), axis=1))[: found.n]
+    sensor = found.case.entry.sensors
+    noise = 0.0 if sensor.length_per_setting else STEADY * (sensor.length or 0.0) * by_noise
+    slow = np.maximum(MOVING * float(np.nanquantile(np.abs(rate), 0.95)), noise)
     moving = np.abs(rate) > slow
     direction = np.where(moving, np.sign(rate), STILL).astype(int)
     return Axes(recording.pressure, 1 - recording.length / rest, time, direction)
