@@ -61,9 +61,13 @@ def main(arguments: list[str] | None = None) -> int:
     heard(sys.argv[1:] if arguments is None else arguments)
     try:
         app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+        sys.stdout.flush()
     except (BadInput, CycloptsError) as error:
         print(f"pamjax: {error}", file=sys.stderr)
         return REFUSED
+    except BrokenPipeError:
+        # The reader had enough, as `head` has; nor is there anything left to flush at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except KeyboardInterrupt:
         print("pamjax: interrupted; nothing was written half", file=sys.stderr)
         return INTERRUPTED

@@ -165,6 +165,21 @@ def test_a_wrong_folder_is_told_before_anything_heavy_loads(tmp_path):
     assert loaded("fit", str(tmp_path / "nowhere")).split() == ["2"]
 
 
+@pytest.mark.skipif(os.name == "nt", reason="pipes")
+@pytest.mark.parametrize("words", [["explain"], ["explain", "muscle.turns"]])
+def test_a_reader_may_have_enough(words):
+    code = f"import sys; from pamjax.cli.main import main; sys.exit(main({words}))"
+    running = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert running.stdout
+    assert running.stderr
+    running.stdout.close()
+    said = running.stderr.read()
+    running.stderr.close()
+    assert running.wait(timeout=60) == 0, said
+    assert b"Traceback" not in said
+    assert b"BrokenPipe" not in said
+
+
 @pytest.mark.skipif(os.name == "nt", reason="signals")
 @pytest.mark.slow
 def test_ctrl_c_at_any_time(bench, tmp_path):
