@@ -41,8 +41,14 @@ def test_anyone_can_recompute_the_claim(diagnosed):
 def test_the_report_is_written_unless_it_is_not_wanted(wanted, bench, tmp_path, monkeypatch, capsys):
     found = diagnosis()
     monkeypatch.setattr("pamjax.study.batch.diagnose_all", lambda cases, **_: [(found.found.case, found)])
+    # A made-up diagnosis has no model to refit: what it showed before stands for the fit without some rows.
+    monkeypatch.setattr("pamjax.study.contest._refitted", lambda one, out: (one.gain.before, one.gain.after))
     option = [] if wanted else ["--no-report"]
     assert main(["diagnose", str(bench / "made"), "--out", str(tmp_path), *option]) == 0
-    names = ["diagnosis.json", "prediction.csv", "model.json"] + ["report.html"] * wanted
+    names = ["diagnosis.json", "prediction.csv", "model.json", "gain.json"] + ["report.html"] * wanted
     assert {path.name for path in (tmp_path / "bench").iterdir()} == set(names)
-    assert f"wrote {tmp_path}/bench/: {', '.join(names)}" in capsys.readouterr().err
+    shown = capsys.readouterr()
+    assert f"wrote {tmp_path}/bench/: {', '.join(names)}" in shown.err
+    assert "Sárosi" in shown.out
+    if wanted:
+        assert "a flexible curve" in (tmp_path / "bench" / "report.html").read_text("utf-8")
