@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -54,6 +55,9 @@ def diagnose(
     naming = name_mechanisms(found, ~out, progress)
     progress("judging", 0.85)
     mismatch = _mismatch(found, naming, seed)
+    detected = mismatch.p_value < DETECTED
+    if not detected:
+        naming = replace(naming, model=naming.baseline, names=())
     rest = mismatch if not naming.names else _rest(found, naming.model, seed)
     score = gain(found, laid, out, naming.baseline, _weighed(found, naming.model))
     every = np.ones(found.n, dtype=bool)
@@ -61,7 +65,6 @@ def diagnose(
     model = baseline
     if naming.names:
         model = _weighed(found, settle(found, every, naming.model.chosen, naming.model.at.values))
-    detected = mismatch.p_value < DETECTED
     unexplained = detected and _left(mismatch, rest)
     progress("done", 1.0)
     return Diagnosis(

@@ -22,12 +22,14 @@ class Signature:
         gain: χ² that its best amplitudes would take away, in the linear limit.
         amplitudes: those, SI.
         directions: (k, size) unit vectors, white, freed of what the numbers that move absorb.
+        either_sign: (k,) whether an amplitude may be negative: friction drives nothing.
     """
 
     form: Form
     gain: float
     amplitudes: np.ndarray
     directions: np.ndarray
+    either_sign: np.ndarray
 
 
 class Absorbed:
@@ -114,9 +116,10 @@ def _course(found: Problem, form: Form) -> np.ndarray | float:
 def _signature(found, white, at, form, slopes, absorbed, residual) -> Signature:
     places = [found.place(name) for name in form.amplitudes]
     free = absorbed.out_of(np.nan_to_num(white(slopes)))
-    amplitudes, gain = _best(free, residual, found.low[places] - at.values[places] < 0)
+    either_sign = found.low[places] - at.values[places] < 0
+    amplitudes, gain = _best(free, residual, either_sign)
     norm = np.linalg.norm(free, axis=1, keepdims=True)
-    return Signature(form, gain, amplitudes, free / np.where(norm > 0, norm, 1.0))
+    return Signature(form, gain, amplitudes, free / np.where(norm > 0, norm, 1.0), either_sign)
 
 
 def _best(free: np.ndarray, residual: np.ndarray, either_sign: np.ndarray) -> tuple[np.ndarray, float]:

@@ -3,8 +3,9 @@
 Looked at are the signature of every form in the library and the shift of every part of the recording,
 each freed of what the baseline's numbers absorb: K unit directions, white. If the baseline is right, the
 residual along each is a standard normal variable, and all of them together are correlated as the
-directions themselves are. The chance that the largest comes out as large as seen is found by drawing
-them; beyond what can be drawn, as that of as many independent ones as have the same tail.
+directions themselves are; of an amplitude that cannot be negative only the positive side counts. The
+chance that the largest comes out as large as seen is found by drawing them; beyond what can be drawn, as
+that of as many independent ones as have the same tail.
 
 Noise was read off the recording, and is known no better than that: each draw is made with a noise of its
 own, as wide as that knowledge. Beside the directions stands the mean square of the residual itself, for
@@ -66,13 +67,15 @@ def significance(
         seed: of the draws.
     """
     absorbed = Absorbed(at)
-    rows = [signature.directions for signature in seen if signature.directions.size]
-    rows.append(_unit(absorbed.out_of(shifts(found, white))))
-    directions = np.concatenate(rows)
-    directions = directions[np.linalg.norm(directions, axis=1) > 0.5]
+    seen = [signature for signature in seen if signature.directions.size]
+    shifted = _unit(absorbed.out_of(shifts(found, white)))
+    directions = np.concatenate([*(signature.directions for signature in seen), shifted])
+    either = np.concatenate([*(s.either_sign for s in seen), np.ones(len(shifted), dtype=bool)])
+    there = np.linalg.norm(directions, axis=1) > 0.5
+    directions, either = directions[there], either[there]
     along = directions[:, : at.residual.size] @ at.residual
-    largest = float(np.max(np.abs(along), initial=0.0))
-    p = _chance(directions @ directions.T, largest, _doubt(white), _freedom(white), seed)
+    largest = float(np.max(_deviation(along, either), initial=0.0))
+    p = _chance(directions @ directions.T, largest, _doubt(white), _freedom(white), seed, either)
     square, beyond = _square(found, white, at)
     chance = min(1.0, 2 * min(p, float(norm.sf(beyond))))
     return Significance(float(max(chance, 1e-300)), largest, len(directions), square)
@@ -84,8 +87,18 @@ def _unit(rows: np.ndarray) -> np.ndarray:
     return np.where(norms > 1e-6, rows / np.where(norms > 0, norms, 1.0), 0.0)
 
 
+def _deviation(along: np.ndarray, either: np.ndarray | bool) -> np.ndarray:
+    """Along what has one sign only, the other sign is no deviation towards it."""
+    return np.where(either, np.abs(along), along)
+
+
 def _chance(
-    gram: np.ndarray, largest: float, doubt: float, freedom: float = math.inf, seed: int = 0
+    gram: np.ndarray,
+    largest: float,
+    doubt: float,
+    freedom: float = math.inf,
+    seed: int = 0,
+    either: np.ndarray | bool = True,
 ) -> float:
     """Chance that the largest of correlated standard normal variables is as large as this.
 
@@ -96,7 +109,7 @@ def _chance(
     rng = np.random.default_rng(seed)
     most = np.empty(DRAWS)
     for k in range(0, DRAWS, 2000):
-        drawn = np.abs(rng.standard_normal((2000, root.shape[1])) @ root.T).max(axis=1)
+        drawn = _deviation(rng.standard_normal((2000, root.shape[1])) @ root.T, either).max(axis=1)
         most[k : k + 2000] = drawn * np.exp(doubt * rng.standard_normal(2000))
         if math.isfinite(freedom):
             most[k : k + 2000] /= np.sqrt(rng.chisquare(freedom, 2000) / freedom)
