@@ -28,7 +28,8 @@ def line(smooth):
 
     found = SimpleNamespace(
         start=np.array([3.0, 0.0]), sd=np.array([0.3, np.inf]), low=np.full(2, -50.0), high=np.full(2, 50.0),
-        meaning=(SimpleNamespace(neutral=None, scale="linear"),) * 2, log=np.zeros(2, bool), n=ROWS,
+        meaning=(SimpleNamespace(neutral=None, scale="linear"),) * 2, log=np.zeros(2, bool),
+        own=np.ones(2, bool), n=ROWS,
         measured=measured, slopes=slopes, shows=lambda values: slopes(values, [0])[0],
     )  # fmt: skip
     colours = (Colour(np.ones(ROWS), 1.0, 0.0, True), None)

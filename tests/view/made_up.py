@@ -88,7 +88,8 @@ def diagnosis(
         measured=measured,
         member=SimpleNamespace(
             history=SimpleNamespace(
-                rate=lambda values: np.gradient(values) if time is not None else 0 * values
+                rate=lambda values: np.gradient(values) if time is not None else 0 * values,
+                slope=np.zeros((n, 5)),
             ),
             rows=SimpleNamespace(length=length, pressure=pressure),
         ),
