@@ -8,13 +8,10 @@ from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 
 from pamjax.check import BadInput
 from pamjax.records.case import Case
-from pamjax.study.diagnose import diagnose
+from pamjax.study.diagnose import STEP, diagnose
 from pamjax.study.diagnosis import Diagnosis
 
 Progress = Callable[[str, float], None]
-
-#: Recordings are padded to a multiple of so many rows, so that those of one call share a program.
-STEP = 512
 
 
 def diagnose_all(

@@ -22,6 +22,8 @@ from pamjax.study.significance import DETECTED, Significance, significance
 from pamjax.study.temper import tempered
 from pamjax.study.undetermined import undetermined
 
+#: Recordings are padded to a multiple of so many rows, so that those of like length share a program.
+STEP = 512
 #: A rest counts as unexplained from this rms, in noise standard deviations ...
 REST = 0.3
 #: ... and this share of the baseline's own: textbook forms leave a tenth of what they explain.
@@ -41,7 +43,7 @@ def diagnose(
 
     Args:
         case: the recording and what the lab believes of its muscle.
-        size: rows to pad to, so that several recordings share one compiled program.
+        size: rows to pad to, so that several recordings share one compiled program; None for `STEP`'s next.
         seed: of the draws behind the p-values.
         progress: called with what is being done and the share done.
 
@@ -49,7 +51,7 @@ def diagnose(
         BadInput: for a baseline that no bench has, or a recording without force and diameter.
     """
     progress("compiling", 0.0)
-    found = problem(case, size)
+    found = problem(case, size or STEP * -(-case.recording.n // STEP))
     laid = blocks(case.recording)
     out = held_out(laid)
     naming = name_mechanisms(found, ~out, progress)

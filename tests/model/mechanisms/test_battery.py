@@ -86,6 +86,7 @@ def program():
     return Program()
 
 
+@pytest.mark.slow
 @every
 def test_every_state_within_the_limits_has_a_number(kind):
     p, rng = program(), np.random.default_rng(1)
@@ -118,6 +119,7 @@ def test_forward_and_reverse_mode_agree(kind):
     agree(p.pull(x, weight), forward, SOLVED, np.einsum("kn,kni->i", np.abs(weight), np.abs(slopes)))
 
 
+@pytest.mark.slow
 @every
 def test_compiled_and_mapped_agree(kind):
     p = program()
@@ -227,6 +229,7 @@ def test_force_follows_pressure_as_volume_follows_length(kind):
     agree(force[there], volume[there], 1e-7, 1e-3)
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 10**6))
 @settings(max_examples=20)
 def test_force_and_volume_belong_together_in_every_combination(seed):
