@@ -25,6 +25,7 @@ from pamjax.records.files import write_beside
 from pamjax.records.levels import find_levels, on_levels
 from pamjax.study.diagnosis import PER_SI, UNIT, Diagnosis
 from pamjax.study.discrepancy import discrepancy, inputs
+from pamjax.study.gain import rmse
 from pamjax.study.naming import settle
 from pamjax.study.problem import Problem
 from pamjax.study.rivals import fit_sarosi
@@ -184,7 +185,7 @@ def _split(one: Diagnosis, name, rows: str, out: np.ndarray, before, after, seed
         discrepancy(x, left[c], ~out, seed) if _enough(left[c], ~out) else left[c] * np.nan for c in (0, 1)
     ]
     shown[PROCESS] = before + np.stack(learnt)
-    return Split(name, rows, out, {m: _rmse(found, v, out) for m, v in shown.items()}, remarks)
+    return Split(name, rows, out, {m: rmse(found, v, out) for m, v in shown.items()}, remarks)
 
 
 def _enough(left: np.ndarray, told: np.ndarray) -> bool:
@@ -199,16 +200,6 @@ def _sarosi(found: Problem, told: np.ndarray) -> tuple[np.ndarray, str]:
     return law.force(recording.pressure, contraction), (
         "its exponent ran to an end of its range" if law.at_limit else ""
     )
-
-
-def _rmse(found: Problem, prediction: np.ndarray, rows: np.ndarray) -> dict[str, float]:
-    scores = {}
-    for c, channel in enumerate(CHANNELS):
-        misfit = (found.measured[c] - prediction[c])[rows]
-        misfit = misfit[np.isfinite(misfit)]
-        if misfit.size:
-            scores[channel] = float(np.sqrt(np.mean(misfit**2)))
-    return scores
 
 
 def save_contest(held: Contest, folder: Path) -> Path:

@@ -15,13 +15,12 @@ leaves, is in `discrepancy.py`.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from pamjax.model.library import TWICE
 from pamjax.study.forms import Form, forms
+from pamjax.study.naming import begun, shortlist
 from pamjax.study.problem import Problem
 from pamjax.study.refit import Refit, refit
 from pamjax.study.signature import Signature, signatures
@@ -60,9 +59,8 @@ def select(found: Problem, used: np.ndarray) -> Selection:
     chosen: list[Form] = []
     while len(chosen) < MOST:
         scored = signatures(found, white, at, candidates)
-        trials = [
-            (s.form, _with(found, white, at, own, chosen, s)) for s in _promising(scored, chosen)[:TRIED]
-        ]
+        promising = shortlist(scored, [form.id for form in chosen], TRIED)
+        trials = [(s.form, _with(found, white, at, own, chosen, s)) for s in promising]
         form, best = min(trials, key=lambda pair: pair[1].misfit)
         if bic(best.misfit, white.size, len(best.moved)) >= bic(at.misfit, white.size, len(at.moved)):
             break
@@ -80,26 +78,8 @@ def _independent(white: Whitening) -> Whitening:
     return dataclasses.replace(white, colours=colours)
 
 
-def _promising(scored: Sequence[Signature], chosen: Sequence[Form]) -> list[Signature]:
-    """The best form of each mechanism that may join, the most promising first."""
-    ids = {form.id for form in chosen}
-    barred = ids | {id for pair in TWICE if pair & ids for id in pair}
-    best: dict[str, Signature] = {}
-    for one in sorted(scored, key=lambda s: -s.gain):
-        if one.form.id not in barred:
-            best.setdefault(one.form.id, one)
-    return list(best.values())
-
-
 def _with(found: Problem, white: Whitening, at: Refit, own, chosen, signature: Signature) -> Refit:
-    form, start = signature.form, at.values.copy()
-    for name, value in form.shape.items():
-        k = found.place(name)
-        start[k] = np.clip(value, found.low[k], found.high[k])
-    for name, amplitude in zip(form.amplitudes, signature.amplitudes, strict=True):
-        k = found.place(name)
-        inside = 1e-3 * (found.high[k] - found.low[k])
-        start[k] = np.clip(found.neutral[k] + amplitude, found.low[k] + 1e-3 * inside, found.high[k] - inside)
-    names = [name for one in (*chosen, form) for name in one.moves]
+    start = begun(found, at.values, signature.form, signature.amplitudes)
+    names = [name for one in (*chosen, signature.form) for name in one.moves]
     moved = sorted({*own, *(found.place(name) for name in names)})
     return refit(found, white, moved, start, EVALUATIONS)

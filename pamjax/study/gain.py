@@ -56,10 +56,11 @@ def gain(found: Problem, blocks: Blocks, out: np.ndarray, baseline: Model, model
         if names
         else "none: too few blocks"
     )
-    return Gain(words, out, before, after, _rmse(found, before, out), _rmse(found, after, out))
+    return Gain(words, out, before, after, rmse(found, before, out), rmse(found, after, out))
 
 
-def _rmse(found: Problem, prediction: np.ndarray, rows: np.ndarray) -> dict[str, float]:
+def rmse(found: Problem, prediction: np.ndarray, rows: np.ndarray) -> dict[str, float]:
+    """Rms misfit of a prediction, (2, n), over some rows, by channel that was measured there, SI."""
     scores = {}
     for c, channel in enumerate(CHANNELS):
         misfit = (found.measured[c] - prediction[c])[rows]
