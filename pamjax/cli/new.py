@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
-from pamjax.cli.screen import say
+from cyclopts import Parameter
+
+from pamjax.cli.screen import say, say_json
 
 
-def new(folder: Path, /) -> None:
+def new(folder: Path, /, *, json: Annotated[bool, Parameter(negative="")] = False) -> None:
     """Write a case folder to fill in; each entry says how it is measured.
 
     Args:
         folder: a folder that does not exist yet, or is empty.
+        json: print for programs.
     """
     from pamjax.check import refuse
     from pamjax.records.template import write_template
 
     if folder.is_dir() and any(folder.iterdir()):
         raise refuse("a new case needs an empty folder", f"{folder}, which is not", remedy="Name another.")
-    write_template(folder)
-    say(f"wrote {folder}/muscle.toml and {folder}/recording.csv: put your own numbers in")
+    recording, muscle = write_template(folder)
+    if json:
+        say_json({"case": str(folder), "files": [muscle.name, recording.name]})
+        return
+    say(f"wrote {muscle} and {recording}: put your own numbers in")
     say(f"then: pamjax check {folder}")

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
-from pamjax.cli.screen import say, say_written, working, writable
+from cyclopts import Parameter
+
+from pamjax.cli.screen import say, say_json, say_written, working, writable
 
 #: What `--quick` conceals, at noise of no, some and much correlation together.
 QUICK = {"nothing": 1, "single": 3, "pair": 1, "triple": 0, "outside": 1}
@@ -26,6 +29,7 @@ def prove(
     quick: bool = False,
     workers: int = 1,
     seed: int = 0,
+    json: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
     """Conceal known physics in simulated recordings, diagnose them, open the envelopes, score.
 
@@ -46,6 +50,7 @@ def prove(
         quick: a small proof on two cores: counts and correlations are its own.
         workers: processes; each compiles, or reads what was compiled, and holds some gigabytes.
         seed: of everything that is drawn.
+        json: print the table as JSON.
     """
     from pamjax.check import refuse
 
@@ -68,19 +73,24 @@ def prove(
     from pamjax.infer.cache import keep_compiled
     from pamjax.study.prove import prove as run
     from pamjax.study.prove import read_trials, tasks_of
-    from pamjax.study.rates import as_text
+    from pamjax.study.rates import as_rows, as_text
     from pamjax.study.tally import table
 
     keep_compiled()
     file = out / "trials.jsonl"
     tasks = tasks_of(counts, noise, stage=stage, seed=seed, rivals=rivals and stage == "all")
-    with working() as progress:
+    with working(quiet=json) as progress:
         trials = run(tasks, file, workers=workers, progress=progress)
-    say(as_text(table(trials)))
+    found = table(trials)
+    say_json(as_rows(found)) if json else say("\n".join([as_text(found), *_each(trials)]))
+    say_written([file, *_tables(out, read_trials(file))])
+
+
+def _each(trials: list) -> Iterator[str]:
+    """What was concealed and what was named, of the first twenty."""
     for trial in [t for t in trials if t.kind != "nothing"][:20]:
         said = ", ".join(trial.named) or ("unexplained" if trial.unexplained else "nothing")
-        say(f"  {trial.kind} {trial.number + 1}: {', '.join(trial.concealed)} -> {said}")
-    say_written([file, *_tables(out, read_trials(file))])
+        yield f"  {trial.kind} {trial.number + 1}: {', '.join(trial.concealed)} -> {said}"
 
 
 def _tables(out: Path, trials: list) -> list[Path]:

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from pamjax.cli.screen import say
+from pamjax.cli.screen import say, say_json
 
 
 def simulate(
@@ -24,6 +24,7 @@ def simulate(
     noise: bool = True,
     correlation_time: str = "0 s",
     seed: int = 0,
+    json: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
     """Make the case folder that a bench would have written.
 
@@ -39,6 +40,7 @@ def simulate(
         noise: whether the sensors of muscle.toml add their noise.
         correlation_time: of the noise of force and diameter.
         seed: of the noise.
+        json: print for programs.
     """
     from pamjax.check import refuse
     from pamjax.cli.settings import settings
@@ -55,7 +57,8 @@ def simulate(
     loaded = load_muscle(muscle, law, case, settings(with_ or ()))
     plan = read_protocol(protocol) if protocol else PAPER
     schedule = plan.schedule(loaded.entry.rest_length.value)
-    for sentence in outside(loaded.calibrated, schedule) if loaded.calibrated else ():
+    warnings = list(outside(loaded.calibrated, schedule)) if loaded.calibrated else []
+    for sentence in warnings:
         print(f"pamjax: warning: {sentence}", file=sys.stderr)
     sensors = loaded.entry.sensors if noise else Sensors()
     pause = parse(correlation_time, "time", "--correlation-time")
@@ -68,4 +71,8 @@ def simulate(
         settled=before == "settled",
     )
     write_case(out, recording, loaded.text)
+    if json:
+        channels = list(recording.channels)
+        say_json({"case": str(out), "rows": recording.n, "channels": channels, "warnings": warnings})
+        return
     say(f"wrote {out}/: {recording.n} rows of {' and '.join(recording.channels)}")

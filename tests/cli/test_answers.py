@@ -18,6 +18,15 @@ def test_new_makes_a_case_that_reads(bench, tmp_path, capsys):
     assert read_case(tmp_path / "mine").recording.n == 3
 
 
+def test_new_speaks_json_alone(tmp_path, capsys):
+    assert main(["new", str(tmp_path / "mine"), "--json"]) == 0
+    said = capsys.readouterr()
+    document = json.loads(said.out)
+    assert document["case"] == str(tmp_path / "mine")
+    assert {path.name for path in (tmp_path / "mine").iterdir()} == set(document["files"])
+    assert said.err == ""
+
+
 def test_check_says_what_could_be_known(bench, capsys):
     assert main(["check", str(bench / "made")]) == 0
     said = capsys.readouterr()
@@ -77,8 +86,13 @@ def test_leaving_the_calibrated_range_is_told(fitted, bench, tmp_path, capsys):
     plan = (bench / "plan.toml").read_text().replace("450 kPa", "600 kPa").replace("[0.2]", "[0.25]")
     (tmp_path / "far.toml").write_text(plan)
     words = [str(fitted / "fit.json"), str(tmp_path / "far.toml"), "--out", str(tmp_path / "far")]
-    assert main(["simulate", *words]) == 0
-    pressure, length = capsys.readouterr().err.splitlines()
+    assert main(["simulate", *words, "--json"]) == 0
+    said = capsys.readouterr()
+    document = json.loads(said.out)
+    assert document["rows"] == read_case(tmp_path / "far").recording.n
+    assert document["channels"] == ["force", "diameter"]
+    pressure, length = said.err.splitlines()
+    assert [f"pamjax: warning: {sentence}" for sentence in document["warnings"]] == [pressure, length]
     assert pressure.startswith("pamjax: warning: pressure goes 1")
     assert "kPa above the calibrated 45" in pressure
     assert length.startswith("pamjax: warning: length goes 9.9")

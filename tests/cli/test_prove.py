@@ -37,6 +37,7 @@ def test_a_proof_writes_trials_a_table_and_figures(capsys, tmp_path, monkeypatch
     assert all({"what", "pamjax", "common_practice", "aim"} <= row.keys() for row in told)
     assert {"table.md", "table.csv", "nothing.png", "recovery.png"} <= {p.name for p in tmp_path.iterdir()}
     # Asked again for less, nothing is done again, and the table is still of all there is.
-    assert main([*words[:3], "--single", "1", "--outside", "0", "--correlation", "0.9"]) == 0
+    assert main([*words[:3], "--single", "1", "--outside", "0", "--correlation", "0.9", "--json"]) == 0
     assert len(asked) == 11
+    assert {row["what"]: row["of"] for row in json.loads(capsys.readouterr().out) if "of" in row}
     assert json.loads((tmp_path / "table.json").read_text()) == told
