@@ -5,6 +5,7 @@ from __future__ import annotations
 import glob
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,11 +17,11 @@ from pamjax.records.case import Case, read_case
 from pamjax.records.entry import read_entry
 from pamjax.records.files import decode, read_bytes
 from pamjax.records.header import KINDS
-from pamjax.records.recording import Recording
+from pamjax.records.recording import SHOWN, Recording
 from pamjax.records.rig_entry import Rig, Test, read_rig
 from pamjax.records.rig_file import RigFile
 from pamjax.records.write import write_case
-from pamjax.units import parse
+from pamjax.units import parse, show
 
 #: The order in which channels are looked for; the first that a test has gives the clock.
 CHANNELS = ("force", "pressure", "length", "diameter", "cycle")
@@ -34,14 +35,24 @@ class Imported:
         case: the case folder, as it reads.
         tests: names of each test's files, in the order of `cycle`.
         samples: how many there were before thinning.
+        tare: what each channel read where it is known, lowest and highest of all tests, and what it is; SI.
     """
 
     case: Case
     tests: tuple[str, ...]
     samples: int
+    tare: dict[str, tuple[float, float, float]]
 
     def __str__(self) -> str:
-        return f"{self.case}\n  from {len(self.tests)} tests with {self.samples} samples"
+        lines = [f"{self.case}", f"  from {len(self.tests)} tests with {self.samples} samples"]
+        for name, (low, high, true) in self.tare.items():
+            low, high, true = (show(value, SHOWN[name]) for value in (low, high, true))
+            lines.append(f"  tare: {name} read {low} to {high} where it is {true}")
+        recording = self.case.recording
+        for name in recording.channels:
+            if blank := int(np.isnan(getattr(recording, name)).sum()):
+                lines.append(f"  {blank} rows without {name}")
+        return "\n".join(lines)
 
     def as_dict(self) -> dict:
         """For programs."""
@@ -50,6 +61,7 @@ class Imported:
             "rows": self.case.recording.n,
             "samples": self.samples,
             "tests": list(self.tests),
+            "tare": {n: dict(zip(("low", "high", "true"), v, strict=True)) for n, v in self.tare.items()},
             "warnings": list(self.case.warnings),
         }
 
@@ -66,10 +78,13 @@ def import_case(rig: str | Path, folder: str | Path) -> Imported:
     """
     rig, folder = Path(rig), Path(folder)
     said, home = read_rig(rig), rig.absolute().parent
+    if not (home / said.muscle).is_file():
+        remedy = "`pamjax new` makes one to fill in."
+        raise refuse("`muscle` must be the path of a muscle.toml", said.muscle, rig.name, remedy)
     muscle = read_bytes(home / said.muscle)
     read_entry(muscle, Path(said.muscle).name)
     tests = [(files, test) for test in said.tests for files in _found(test, home)]
-    pieces = [_piece(said, files, test) for files, test in tests]
+    pieces, read = zip(*(_piece(said, files, test) for files, test in tests), strict=True)
     recording = _glued(pieces, said)
     text = decode(muscle, Path(said.muscle).name)
     # What cannot be used is not written: read it where nobody sees it first.
@@ -83,7 +98,14 @@ def import_case(rig: str | Path, folder: str | Path) -> Imported:
             ) from error
     write_case(folder, recording, text)
     names = tuple(" + ".join(dict.fromkeys(path.name for path in files.values())) for files, _ in tests)
-    return Imported(read_case(folder), names, sum(len(piece["pressure"]) for piece in pieces))
+    samples = sum(len(piece["pressure"]) for piece in pieces)
+    return Imported(read_case(folder), names, samples, _tares(said, read))
+
+
+def _tares(rig: Rig, read: Sequence[dict[str, float]]) -> dict[str, tuple[float, float, float]]:
+    """Lowest and highest reading of all tests, and the truth, by channel."""
+    true = rig.tare.true() if rig.tare else {}
+    return {n: (min(r[n] for r in read), max(r[n] for r in read), value) for n, value in true.items()}
 
 
 def _found(test: Test, home: Path) -> list[dict[str, Path]]:
@@ -113,8 +135,8 @@ def _natural(text: str) -> list:
     return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", text)]
 
 
-def _piece(rig: Rig, paths: dict[str, Path], test: Test) -> dict[str, np.ndarray]:
-    """One test: its channels in SI on one clock that starts at zero, with its zeros taken off."""
+def _piece(rig: Rig, paths: dict[str, Path], test: Test) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+    """One test: its channels in SI on one clock that starts at zero, zeros taken off; and what was taken."""
     opened = {channel: RigFile(path, rig.files) for channel, path in paths.items()}
     columns: dict[str, np.ndarray] = {}
     clock: np.ndarray | None = None
@@ -164,24 +186,29 @@ def _clock(rig: Rig, file: RigFile) -> np.ndarray | None:
     return np.arange(len(file[first])) / rate
 
 
-def _zeroed(columns: dict[str, np.ndarray], rig: Rig, file: str) -> dict[str, np.ndarray]:
+def _zeroed(
+    columns: dict[str, np.ndarray], rig: Rig, file: str
+) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+    """The channels with their zeros taken off, and what each known channel had read."""
     if rig.tare is None:
-        return columns
+        return columns, {}
     if "time" not in columns:
         raise refuse("[tare] needs a clock", "none", file, "Name the column of `time`, or state the `rate`.")
     start, end = rig.tare.span()
     inside = (columns["time"] >= start) & (columns["time"] <= end)
     if not inside.any():
         raise refuse("[tare] must hold samples of each test", f"none from {start:g} to {end:g} s", file)
+    read: dict[str, float] = {}
     for name, true in rig.tare.true().items():
         if name not in columns:
             raise refuse(f"[tare] `{name}` must be a column", "none", "[columns]")
-        columns[name] = columns[name] - np.nanmedian(columns[name][inside]) + true
+        read[name] = float(np.nanmedian(columns[name][inside]))
+        columns[name] = columns[name] - read[name] + true
     if not rig.tare.cut:
-        return columns
+        return columns, read
     if inside.all():
         raise refuse("a test must go on after its [tare]", f"{columns['time'][-1]:g} s in all", file)
-    return {name: values[~inside] for name, values in columns.items()}
+    return {name: values[~inside] for name, values in columns.items()}, read
 
 
 def _thinned(columns: dict[str, np.ndarray], block: float) -> dict[str, np.ndarray]:
@@ -193,7 +220,7 @@ def _thinned(columns: dict[str, np.ndarray], block: float) -> dict[str, np.ndarr
     return {str(name): table[name].to_numpy() for name in table.columns}
 
 
-def _glued(pieces: list[dict[str, np.ndarray]], rig: Rig) -> Recording:
+def _glued(pieces: Sequence[dict[str, np.ndarray]], rig: Rig) -> Recording:
     """All tests, one after another, numbered in `cycle` where no column does."""
     gap = parse(rig.gap, "time", "`gap`")
     timed = {"time" in piece for piece in pieces} == {True}

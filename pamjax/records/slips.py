@@ -24,6 +24,8 @@ FORCE = (0.3, 2.5)
 DIAMETER = (0.6, 1.75)
 #: Ratio of the longest length to the rest length: a muscle shortens by 40 % at most, and hardly lengthens.
 LENGTH = (0.5, 1.6)
+#: What goes down to less than this share of its largest value is no length but a way.
+WAY = 0.4
 
 #: Share of the rest length from which on a row counts as near rest.
 NEAR_REST = 0.97
@@ -70,6 +72,12 @@ def _length(recording: Recording, entry: Entry, shown: dict[str, str], file: str
     got, at_rest = show(longest, shown["length"]), show(rest, shown["length"])
     if not LENGTH[0] < ratio < LENGTH[1]:
         rule = f"the longest `length` must be near the rest length ({at_rest})"
+        if np.nanmin(recording.length) < WAY * longest:
+            remedy = (
+                "If it is the way of the muscle's end, take it from the rest length: `pamjax import` with a "
+                "`scale` of -1 and the rest length as [tare]."
+            )
+            raise refuse(rule, got, file, remedy)
         raise refuse(rule, got, file, _remedy(ratio, _swapped("length", shown["length"])))
     if abs(ratio - 1.0) > 0.15:
         return [f"the longest `length` in {file} is {got}, rest length {at_rest}: no row is near rest."]

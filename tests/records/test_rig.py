@@ -137,11 +137,12 @@ def rig(tmp_path):
         files="",
         columns="",
         more="",
+        muscle="muscle.toml",
     ):
         (tmp_path / "muscle.toml").write_text(MUSCLE)
         (tmp_path / name).write_text(text)
         said = RIG.format(files=files, columns=columns, more=more, file=file, length=length)
-        (tmp_path / "rig.toml").write_text(said)
+        (tmp_path / "rig.toml").write_text(said.replace("muscle.toml", muscle))
         return import_case(tmp_path / "rig.toml", tmp_path / "case").case.recording
 
     return _rig
@@ -181,6 +182,24 @@ def test_the_zero_is_read_where_it_is_known(rig):
     got = rig(text, columns=columns, more=tare)
     np.testing.assert_allclose(got.force, [10 * LF] * 4, atol=1e-4)
     np.testing.assert_allclose(got.pressure, [20 * 6894.757] * 4, atol=0.1)
+
+
+def test_a_way_becomes_a_length(rig, tmp_path):
+    """A sensor of the way reads up while the muscle shortens, from a zero of its own, with a cell blank."""
+    way = np.linspace(0, 20, 9)
+    rows = [f"{k},{40 + 2 * k},{50 if k < 3 else ''},{12.35 + x}" for k, x in enumerate([0, 0, 0, *way])]
+    columns = PLAIN + '\ntime = {column = "t", unit = "s"}'
+    columns += '\nlength = {column = "way", unit = "mm", scale = -1}'
+    text = "t,P,Load [lbf],way\n" + "\n".join([*rows, "12,66,200,32.35"])
+    got = rig(text, columns=columns, length="", more='[tare]\nend = "2 s"\nlength = "130 mm"')
+    np.testing.assert_allclose(got.length, 0.13 - 1e-3 * np.r_[way, 20], atol=1e-6)
+    (tmp_path / "case" / "recording.csv").unlink()
+    (tmp_path / "case" / "muscle.toml").unlink()
+    said = str(import_case(tmp_path / "rig.toml", tmp_path / "case"))
+    assert "tare: length read -12.35 mm to -12.35 mm where it is 130 mm" in said
+    assert "9 rows without force" in said
+    with pytest.raises(BadInput, match="with a `scale` of -1 and the rest length as"):
+        rig(text, columns=columns.replace(", scale = -1", ""), length="")
 
 
 def test_a_file_for_each_channel_on_clocks_of_their_own(rig, tmp_path):
@@ -262,6 +281,10 @@ def test_a_mat_file_of_the_new_kind(rig, tmp_path):
         ({"length": 'pressure = "1 bar"'}, "stated for the test; got both in test 1"),
         ({"length": 'lenght = "1 mm"'}, "Did you mean `length`?"),
         ({"file": '"nothing*.csv"'}, "got nothing that is called nothing*.csv"),
+        (
+            {"muscle": "mine.toml"},
+            "path of a muscle.toml; got mine.toml in rig.toml. `pamjax new`",
+        ),
         ({"files": "header = maybe"}, "rig.toml must be TOML"),
         ({"files": 'separator = "|"'}, "`files.separator` is wrong"),
         ({"files": 'rate = "500 N"'}, "[files] rate"),
