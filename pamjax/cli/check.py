@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
-
+from pamjax.cli.options import Json
 from pamjax.cli.screen import say, say_json
 
 
-def check(
-    case: Path, /, *, law: str | None = None, json: Annotated[bool, Parameter(negative="")] = False
-) -> None:
+def check(case: Path, /, *, law: str | None = None, json: Json = False) -> None:
     """Say whether a case is fit to be fitted, without fitting it.
 
     Rows, units, ranges, outliers, blocks; which numbers the recording can determine, which only

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
-
+from pamjax.cli.options import Json
 from pamjax.cli.screen import say, say_json
 
 
-def compare(posteriors: list[Path], /, *, json: Annotated[bool, Parameter(negative="")] = False) -> None:
+def compare(posteriors: list[Path], /, *, json: Json = False) -> None:
     """Compare posteriors of the same recording by how they predict whole blocks they did not see.
 
     Args:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-from cyclopts import Parameter
+from typing import TYPE_CHECKING
 
 from pamjax.check import BadInput, refuse
+from pamjax.cli.options import Json
 from pamjax.cli.screen import say, say_json, say_written, working, writable
 
 if TYPE_CHECKING:
@@ -25,7 +24,7 @@ def diagnose(
     seed: int = 0,
     report: bool = True,
     beside: bool = True,
-    json: Annotated[bool, Parameter(negative="")] = False,
+    json: Json = False,
 ) -> None:
     """Locate the mismatch of a recording, name the missing physics, model it, show the gain.
 

@@ -6,10 +6,9 @@ import textwrap
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-from cyclopts import Parameter
-
+from pamjax.cli.options import Json
 from pamjax.cli.screen import say, say_json, say_written, writable
 
 WIDTH = 96
@@ -20,7 +19,7 @@ def explain(
     /,
     *,
     figure: Path | None = None,
-    json: Annotated[bool, Parameter(negative="")] = False,
+    json: Json = False,
 ) -> None:
     """Say what a number or a mechanism means; without a name, list them all.
 

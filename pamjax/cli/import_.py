@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
-
+from pamjax.cli.options import Json
 from pamjax.cli.screen import say, say_json
 
 
-def import_(rig: Path, /, *, out: Path, json: Annotated[bool, Parameter(negative="")] = False) -> None:
+def import_(rig: Path, /, *, out: Path, json: Json = False) -> None:
     """Make a case folder from a rig's files, CSV or MAT, one file a test or a channel.
 
     Args:

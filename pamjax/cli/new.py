@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
-
+from pamjax.cli.options import Json
 from pamjax.cli.screen import say, say_json
 
 
-def new(folder: Path, /, *, json: Annotated[bool, Parameter(negative="")] = False) -> None:
+def new(folder: Path, /, *, json: Json = False) -> None:
     """Write a case folder to fill in; each entry says how it is measured.
 
     Args:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from cyclopts import Parameter
-
+from pamjax.cli.options import Json
 from pamjax.cli.screen import say, say_json, say_written, working, writable
 
 #: What `--quick` conceals, at noise of no, some and much correlation together.
@@ -29,7 +28,7 @@ def prove(
     quick: bool = False,
     workers: int = 1,
     seed: int = 0,
-    json: Annotated[bool, Parameter(negative="")] = False,
+    json: Json = False,
 ) -> None:
     """Conceal known physics in simulated recordings, diagnose them, open the envelopes, score.
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from cyclopts import Parameter
-
+from pamjax.cli.options import Json, With, Words
 from pamjax.cli.screen import command, say, say_json, say_written, working, writable
 
 
@@ -16,10 +15,10 @@ def sample(
     *,
     out: Path = Path("out"),
     law: str | None = None,
-    share: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
-    with_: Annotated[list[str] | None, Parameter(name="--with", consume_multiple=True, negative="")] = None,
-    gaps: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
-    before: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
+    share: Words = None,
+    with_: With = None,
+    gaps: Words = None,
+    before: Words = None,
     priors: Path | None = None,
     sampler: Literal["emcee", "nuts"] = "emcee",
     ess: float = 1000.0,
@@ -28,7 +27,7 @@ def sample(
     seed: int = 0,
     figures: bool = True,
     report: bool = True,
-    json: Annotated[bool, Parameter(negative="")] = False,
+    json: Json = False,
 ) -> None:
     """Draw from the posterior of a muscle's numbers and of the noise's.
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from cyclopts import Parameter
-
+from pamjax.cli.options import Json, With
 from pamjax.cli.screen import say, say_json
 
 
@@ -19,12 +18,12 @@ def simulate(
     out: Path,
     law: str | None = None,
     case: str | None = None,
-    with_: Annotated[list[str] | None, Parameter(name="--with", consume_multiple=True, negative="")] = None,
+    with_: With = None,
     before: Literal["relaxed", "settled"] = "relaxed",
     noise: bool = True,
     correlation_time: str = "0 s",
     seed: int = 0,
-    json: Annotated[bool, Parameter(negative="")] = False,
+    json: Json = False,
 ) -> None:
     """Make the case folder that a bench would have written.
 

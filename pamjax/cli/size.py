@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from cyclopts import Parameter
-
+from pamjax.cli.options import Json
 from pamjax.cli.screen import say, say_json, say_written, working, writable
 
 
@@ -20,7 +19,7 @@ def size(
     method: Literal["slsqp", "trust-constr"] = "slsqp",
     seed: int = 0,
     report: bool = True,
-    json: Annotated[bool, Parameter(negative="")] = False,
+    json: Json = False,
 ) -> None:
     """Choose a muscle: geometry and material that do what a spec wants, at the least of what it says.
 

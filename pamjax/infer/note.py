@@ -44,6 +44,15 @@ def quantity(value: float, sd: float | None, unit: str) -> str:
     return f"{value:.{digits}f} ± {sd:.{digits}f}{tail}"
 
 
+def told(value: float, channel: str) -> str:
+    """A value of a channel, SI, in the unit in which the channel is reported.
+
+    >>> told(2.21e-5, "diameter")
+    '0.0221 mm'
+    """
+    return f"{value / in_unit(UNIT[channel]):.3g} {UNIT[channel]}"
+
+
 def _title(fit: Fit) -> str:
     rows = sum(int(one.case.recording.usable.sum()) for one in fit.cases)
     cases = ", ".join(one.case.name for one in fit.cases)
@@ -80,7 +89,8 @@ def origin(e: Estimate) -> str:
     kind = "mostly the prior's" if e.learned < 0.5 else "fitted"
     shift = (e.value - e.prior) / e.prior_sd
     against = ", AGAINST ITS MEASUREMENT" if abs(shift) > FAR else ""
-    return f"{kind}; before {before}, moved {shift:+.1f} sd{against}"
+    moved = f"moved {shift:+.1f} sd" if abs(shift) >= 0.05 else "not moved"
+    return f"{kind}; before {before}, {moved}{against}"
 
 
 def correlations(fit: Fit) -> Iterator[str]:
@@ -102,13 +112,11 @@ def _case(one: CaseFit, several: bool) -> Iterator[str]:
     if several:
         yield f"{one.case.name}"
     for channel, value in one.rmse.items():
-        unit = UNIT[channel]
-        scale = in_unit(unit)
         noise = one.noise[channel]
         kind = "its noise" if noise.given else "residual noise, no sensor given"
-        line = f"  {channel}: rmse {value / scale:.3g} {unit}, {kind} {noise.sd / scale:.3g} {unit}"
+        line = f"  {channel}: rmse {told(value, channel)}, {kind} {told(noise.sd, channel)}"
         if one.held_out and channel in one.held_out.rmse:
-            line += f", on held-out {one.held_out.kind} {one.held_out.rmse[channel] / scale:.3g} {unit}"
+            line += f", on held-out {one.held_out.kind} {told(one.held_out.rmse[channel], channel)}"
         yield line
         if noise.inflation > 1.5:
             clock = f" over {_seconds(noise.time)}" if noise.time else ""
@@ -118,13 +126,16 @@ def _case(one: CaseFit, several: bool) -> Iterator[str]:
             )
         if noise.given and noise.excess > 1.5:
             yield f"    misfit is {noise.excess:.1f} times the noise: the model misses something"
-    yield f"  {_held_out(one)}"
+    yield from (f"  {line}" for line in remarks(one))
+
+
+def remarks(one: CaseFit) -> Iterator[str]:
+    """What was held out, what failed, what was set aside, and what the owner should know."""
+    yield _held_out(one)
     for status, rows in one.failed.items():
-        yield f"  {len(rows)} rows failed, {status.says} (rows {_rows(rows)})"
-    for aside in one.case.recording.aside:
-        yield f"  {aside}"
-    for warning in one.case.warnings:
-        yield f"  note: {warning}"
+        yield f"{len(rows)} rows failed, {status.says} (rows {_rows(rows)})"
+    yield from map(str, one.case.recording.aside)
+    yield from (f"note: {warning}" for warning in one.case.warnings)
 
 
 def _seconds(time: float) -> str:

@@ -298,7 +298,8 @@ def _lines(one: Diagnosis) -> list[str]:
     for n, m in sorted(one.moved.items(), key=lambda pair: -abs(pair[1].shift))[:2]:
         scale, unit = _scale(m.meaning)
         if one.names and abs(m.shift) > 1:
-            lines.append(f"  {n} moved from {m.before / scale:.4g} to {m.after / scale:.4g} {unit}")
+            unit = "" if unit == "1" else f" {unit}"
+            lines.append(f"  {n} moved from {m.before / scale:.4g} to {m.after / scale:.4g}{unit}")
     lines += [f"  next: {e.protocol} (power {e.power:.2f})" for e in one.experiments[:2]]
     return lines + [f"  note: {words}" for words in one.undetermined[:2]]
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from pamjax.infer.believed import is_ruler
-from pamjax.infer.note import UNIT, correlations, origin, quantity, trust
+from pamjax.infer.note import correlations, origin, quantity, remarks, told, trust
 from pamjax.infer.result import CaseFit, Estimate, Fit
-from pamjax.units import in_unit, show
+from pamjax.units import show
 from pamjax.view import fit_figures as figures
 from pamjax.view.layout import layout
 from pamjax.view.page import Picture, picture, write_page
@@ -44,6 +44,8 @@ def save_report(fit: Fit, path: str | Path, command: str = "pamjax fit") -> Path
         ],
         together=[line.strip() for line in correlations(fit)],
         prior=drawn(partial(figures.prior_figure, fit), "prior"),
+        misses=_misses(fit),
+        unlearned=[name for name, e in shown.items() if e.learned < 0.5],
         assumed=list(_assumed(fit)),
         command=command,
     )
@@ -80,17 +82,23 @@ def _worst(fit: Fit) -> tuple[CaseFit, str]:
     return max(pairs, key=lambda pair: pair[0].noise[pair[1]].excess if pair[0].noise[pair[1]].given else 0.0)
 
 
+def _misses(fit: Fit) -> bool:
+    """Whether a channel is off by more than its sensor explains."""
+    one, channel = _worst(fit)
+    return one.noise[channel].given and one.noise[channel].excess > figures.MISS
+
+
 def headline(fit: Fit) -> str:
     """The answer in a line."""
     one, channel = _worst(fit)
     noise = one.noise[channel]
     if not fit.converged:
         return "The fit did not converge"
-    if noise.given and noise.excess > figures.MISS:
+    if _misses(fit):
         return f"The model misses {channel} by {noise.excess:.2g} times its noise"
     if noise.given:
         return "The calibrated muscle meets its recording to the noise"
-    return f"Calibrated: {channel} is met to {_told(one.rmse[channel], channel)}"
+    return f"Calibrated: {channel} is met to {told(one.rmse[channel], channel)}"
 
 
 def met(fit: Fit) -> str:
@@ -98,13 +106,13 @@ def met(fit: Fit) -> str:
     one, channel = _worst(fit)
     noise = one.noise[channel]
     kind = "its noise is" if noise.given else "the residual's own noise is"
-    seen = _told(one.rmse[channel], channel)
-    text = f"{channel.capitalize()} is met to {seen}, where {kind} {_told(noise.sd, channel)}"
+    seen = told(one.rmse[channel], channel)
+    text = f"{channel.capitalize()} is met to {seen}, where {kind} {told(noise.sd, channel)}"
     if len(fit.cases) > 1:
         text = f"In {one.case.name}, the worst of {len(fit.cases)}, {text[:1].lower()}{text[1:]}"
     if one.held_out is None or channel not in one.held_out.rmse:
         return f"{text}; nothing could be held out."
-    unseen = _told(one.held_out.rmse[channel], channel)
+    unseen = told(one.held_out.rmse[channel], channel)
     return f"{text}; {one.held_out.kind} that the fit never saw are missed by {unseen}."
 
 
@@ -131,10 +139,6 @@ def _some(names: list[str]) -> list[str]:
     return names if len(names) <= NAMED else [*names[:NAMED], f"{len(names) - NAMED} more"]
 
 
-def _told(value: float, channel: str) -> str:
-    return f"{value / in_unit(UNIT[channel]):.3g} {UNIT[channel]}"
-
-
 def _case(fit: Fit, one: CaseFit, k: int) -> dict[str, Any]:
     several = len(fit.cases) > 1
     return {
@@ -152,39 +156,34 @@ def _case(fit: Fit, one: CaseFit, k: int) -> dict[str, Any]:
     }
 
 
+def _sentence(line: str, of: str = "") -> str:
+    """A line of the note as a sentence, with the case that it is of."""
+    line = line.strip().rstrip(".")
+    return f"{of}: {line}." if of else f"{line[:1].upper()}{line[1:]}."
+
+
 def _score(one: CaseFit, channel: str) -> list[str]:
     noise = one.noise[channel]
     unseen = one.held_out.rmse.get(channel, math.nan) if one.held_out else math.nan
     return [
         channel,
-        _told(one.rmse[channel], channel),
-        _told(unseen, channel) if math.isfinite(unseen) else "–",
-        f"{_told(noise.sd, channel)}, {'stated' if noise.given else 'estimated'}",
+        told(one.rmse[channel], channel),
+        told(unseen, channel) if math.isfinite(unseen) else "–",
+        f"{told(noise.sd, channel)}, {'stated' if noise.given else 'estimated'}",
         f"{noise.samples} ({noise.samples / noise.inflation:.0f})",
     ]
 
 
 def _assumed(fit: Fit) -> Iterator[str]:
     yield f"The model is a braid of {model_of(fit)}; the others of the library are left out."
-    if fit.loss == "soft":
-        yield "Samples far off pull less (soft loss)."
-    for line in trust(fit):
-        yield line.strip()[:1].upper() + line.strip()[1:] + "."
+    yield from map(_sentence, trust(fit))
     for one in fit.cases:
-        name = f"{one.case.name}: " if len(fit.cases) > 1 else ""
+        name = one.case.name if len(fit.cases) > 1 else ""
         begun = "was at rest" if one.case.before == "relaxed" else "had been through the same recording once"
         if fit.mechanisms:
             gaps = "goes on" if one.case.gaps == "carry" else "begins anew"
-            yield f"{name}before its first sample the muscle {begun}; memory {gaps} at a jump."
-        if one.held_out is not None:
-            parts = " | ".join("; ".join(fold) for fold in one.held_out.folds)
-            yield f"{name}held out in turn: {parts}."
-        for status, rows in one.failed.items():
-            yield f"{name}{len(rows)} rows failed: {status.says}."
-        for aside in one.case.recording.aside:
-            yield f"{name}{aside}."
-        for warning in one.case.warnings:
-            yield f"{name}{warning}"
+            yield _sentence(f"before its first sample the muscle {begun}; memory {gaps} at a jump", name)
+        yield from (_sentence(line, name) for line in remarks(one))
     yield (
         "Standard deviations widen with the misfit and with its correlation; a wrong model can still be"
         " surely wrong."
