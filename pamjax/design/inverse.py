@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import IntEnum
 
 import equinox as eqx
 import jax
@@ -25,10 +24,12 @@ from jaxtyping import Array
 from numpy.typing import ArrayLike
 
 from pamjax.check import refuse
+from pamjax.design.standalone import LIMITS
 from pamjax.infer.load import Loaded
 from pamjax.model.balance import Status
 from pamjax.model.bench import Bench
 from pamjax.model.muscle import Muscle
+from pamjax.model.outcome import Outcome
 
 #: Most Newton steps, or halvings of the bracket where a step would leave it; and the share of the range
 #: below which a step is the last.
@@ -44,24 +45,14 @@ PRESSURES, CONTRACTIONS = (0.0, 600e3), (0.0, 0.35)
 PULLS = 0.02
 
 
-class Limit(IntEnum):
-    """What keeps a wish from being met. The texts are for reports."""
+class Limit(Outcome):
+    """What keeps a wish from being met: of a table for a robot the same."""
 
-    OK = 0
-    TOO_STRONG = 1
-    TOO_WEAK = 2
-    OUTSIDE = 3
-    NO_ANSWER = 4
-
-    @property
-    def says(self) -> str:
-        return {
-            Limit.OK: "met",
-            Limit.TOO_STRONG: "more force than there is at the highest pressure, or at the longest length",
-            Limit.TOO_WEAK: "less force than there is at the lowest pressure, or at the shortest length",
-            Limit.OUTSIDE: "a pressure or length outside the range",
-            Limit.NO_ANSWER: "no balance there: threads too soft or straight, or pressure does not pull",
-        }[self]
+    OK = 0, LIMITS[0]
+    TOO_STRONG = 1, LIMITS[1]
+    TOO_WEAK = 2, LIMITS[2]
+    OUTSIDE = 3, LIMITS[3]
+    NO_ANSWER = 4, "no balance there: threads too soft or straight, or pressure does not pull"
 
 
 class Command(eqx.Module):

@@ -30,34 +30,25 @@ stretch before it, never NaN.
 from __future__ import annotations
 
 from collections.abc import Callable
-from enum import IntEnum
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
 from pamjax.model.braid import Real
+from pamjax.model.outcome import Outcome
 
 #: Share of the bursting load up to which a stretch is returned. At 0.98 threads are 50 times as long.
 BURST = 0.98
 
 
-class Status(IntEnum):
-    """What became of a state. The texts are for reports."""
+class Status(Outcome):
+    """What became of a state."""
 
-    OK = 0
-    UNSTABLE = 1
-    STRAIGHT = 2
-    NOT_CONVERGED = 3
-
-    @property
-    def says(self) -> str:
-        return {
-            Status.OK: "solved",
-            Status.UNSTABLE: "no equilibrium: threads too soft for this pressure stretch without end",
-            Status.STRAIGHT: "no radius: the muscle is longer than its threads",
-            Status.NOT_CONVERGED: "the thread balance was not solved to its tolerance",
-        }[self]
+    OK = 0, "solved"
+    UNSTABLE = 1, "no equilibrium: threads too soft for this pressure stretch without end"
+    STRAIGHT = 2, "no radius: the muscle is longer than its threads"
+    NOT_CONVERGED = 3, "the thread balance was not solved to its tolerance"
 
 
 def stretch_linear(pull: Real, stiffness: Real) -> tuple[Array, Array]:
