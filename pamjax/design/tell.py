@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,7 +45,7 @@ class Contest:
             "tell": list(self.ids),
             "chi2_worse": self.worse,
             "next_experiment": self.chosen.as_dict(),
-            "menu": [e.as_dict() | {"id": e.id, "minutes": e.minutes} for e in self.menu],
+            "menu": [e.as_dict() | _more(e) for e in self.menu],
         }
 
     def __str__(self) -> str:
@@ -62,6 +63,11 @@ class Contest:
         return "\n".join(lines + [f"  {e.power:5.2f}  {e.id:<4} {e.protocol}" for e in best[:6]])
 
 
+def _more(one: Experiment) -> dict[str, Any]:
+    limit = one.limit if math.isfinite(one.limit) else None
+    return {"id": one.id, "minutes": one.minutes, "limit": limit}
+
+
 def tell(case: Case, first: str, second: str) -> Contest:
     """Which protocol of the menu settles which of two mechanisms a recording shows.
 
@@ -77,12 +83,18 @@ def tell(case: Case, first: str, second: str) -> Contest:
     if first == second:
         raise refuse("two mechanisms are told apart", f"{first!r} twice", remedy=nearest("", library()))
     found = problem(case)
+    model, other = contenders(found, first, second)
+    menu = table(Stage.of(found, model), model, other, (first, second))
+    return Contest(case.name, (first, second), other.at.cost - model.at.cost, tuple(menu), choose(menu))
+
+
+def contenders(found: Problem, first: str, second: str) -> tuple[Model, Model]:
+    """The baseline with either mechanism, both refitted under one noise."""
     model = _with(found, first)
     other = stand_in(found, model, first, second)
     if other is None:
         raise _unseen(second)
-    menu = table(Stage.of(found, model), model, other, (first, second))
-    return Contest(case.name, (first, second), other.at.cost - model.at.cost, tuple(menu), choose(menu))
+    return model, other
 
 
 def _with(found: Problem, id: str) -> Model:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 
 from pamjax.study.forms import Form, forms
 from pamjax.study.naming import Model, Name, begun, without
-from pamjax.study.power import power
+from pamjax.study.power import prospect
 from pamjax.study.problem import Problem
 from pamjax.study.protocols import MENU
 from pamjax.study.refit import refit
@@ -35,6 +36,7 @@ class Experiment:
         power: chance that it settles which, at a false alarm of one in twenty.
         minutes: what it costs.
         id: of the protocol in the menu.
+        limit: χ² by which the second must fit worse than it did before, to be given up.
     """
 
     protocol: str
@@ -42,6 +44,7 @@ class Experiment:
     power: float
     minutes: float = 0.0
     id: str = ""
+    limit: float = math.inf
 
     def as_dict(self) -> dict[str, Any]:
         """As it stands in diagnosis.json."""
@@ -96,16 +99,13 @@ def choose(of_menu: Sequence[Experiment]) -> Experiment:
 
 def table(stage: Stage, model: Model, other: Model, ids: tuple[str, str]) -> list[Experiment]:
     """Every protocol of the menu with its power to separate two models."""
-    return [
-        Experiment(
-            f"{protocol.says(stage.rig)} ({_duration(protocol.minutes(stage.rig))}).",
-            ids,
-            round(power(*contrast(stage, protocol, model, other)), 3),
-            protocol.minutes(stage.rig),
-            protocol.id,
-        )
-        for protocol in MENU
-    ]
+    out = []
+    for protocol in MENU:
+        chance, limit = prospect(*contrast(stage, protocol, model, other))
+        minutes = protocol.minutes(stage.rig)
+        says = f"{protocol.says(stage.rig)} ({_duration(minutes)})."
+        out.append(Experiment(says, ids, round(chance, 3), minutes, protocol.id, limit))
+    return out
 
 
 def _duration(minutes: float) -> str:

@@ -14,6 +14,7 @@ than it is in one of twenty draws with B true; the power is how often that happe
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,6 +55,11 @@ class Side:
 
 
 def power(delta: np.ndarray, a: Side, b: Side, draws: int = DRAWS, seed: int = 0) -> float:
+    """Chance that A is preferred where it is true; see `prospect`."""
+    return prospect(delta, a, b, draws, seed)[0]
+
+
+def prospect(delta: np.ndarray, a: Side, b: Side, draws: int = DRAWS, seed: int = 0) -> tuple[float, float]:
     """Chance that A is preferred where it is true, if B is given up only at a false alarm of `FALSE_ALARM`.
 
     Args:
@@ -61,9 +67,12 @@ def power(delta: np.ndarray, a: Side, b: Side, draws: int = DRAWS, seed: int = 0
         a, b: the models.
         draws: simulated protocols for each truth.
         seed: of the draws.
+
+    Returns:
+        power, and the χ² by which B must fit worse, beyond what it did before, to be given up.
     """
     if not delta.size or not np.any(delta):
-        return FALSE_ALARM
+        return FALSE_ALARM, math.inf
     # Noise beyond the span of δ and the derivatives is the same to both models.
     basis = np.linalg.qr(np.concatenate([delta[None], a.slopes, b.slopes]).T)[0]
     delta, a, b = delta @ basis, Side(a.slopes @ basis, a.known), Side(b.slopes @ basis, b.known)
@@ -73,5 +82,5 @@ def power(delta: np.ndarray, a: Side, b: Side, draws: int = DRAWS, seed: int = 0
         seen = truth + side.drawn(rng, draws) + rng.standard_normal((draws, delta.size))
         return b.left(seen) - a.left(seen - delta)
 
-    limit = np.quantile(gain(np.zeros_like(delta), b), 1 - FALSE_ALARM)
-    return float(np.mean(gain(delta, a) > limit))
+    limit = float(np.quantile(gain(np.zeros_like(delta), b), 1 - FALSE_ALARM))
+    return float(np.mean(gain(delta, a) > limit)), limit

@@ -147,12 +147,7 @@ def contrast(stage: Stage, protocol: Protocol, a: Model, b: Model) -> tuple[np.n
             delta.append(white(np.nan_to_num(shown_a - shown_b)))
             for k, (model, by) in enumerate(((a, by_a), (b, by_b))):
                 slopes[k].append(white(np.nan_to_num(by)) * model.at.scale[:, None])
-    for name, sd in protocol.direct(stage.rig).items():
-        if name not in found.names:
-            continue
-        k = found.place(name)
-        if sd < 0:
-            sd *= -max(abs(a.at.values[k]), abs(b.at.values[k]), 1e-12)
+    for k, sd in readings(stage, protocol, a, b).items():
         delta.append(np.array([(a.at.values[k] - b.at.values[k]) / sd]))
         for j, model in enumerate((a, b)):
             own = np.array([float(place == k) for place in model.at.moved])
@@ -163,6 +158,17 @@ def contrast(stage: Stage, protocol: Protocol, a: Model, b: Model) -> tuple[np.n
         Side(np.concatenate(by, axis=1), _known(found, m)) for m, by in zip((a, b), slopes, strict=True)
     )
     return np.concatenate(delta), first, second
+
+
+def readings(stage: Stage, protocol: Protocol, a: Model, b: Model) -> dict[int, float]:
+    """Which numbers a protocol reads directly, by their place, with the standard deviations, SI."""
+    found, out = stage.found, {}
+    for name, sd in protocol.direct(stage.rig).items():
+        if name in found.names:
+            k = found.place(name)
+            own = max(abs(a.at.values[k]), abs(b.at.values[k]), 1e-12)
+            out[k] = sd if sd >= 0 else -sd * own
+    return out
 
 
 def _known(found: Problem, model: Model) -> np.ndarray:

@@ -1,0 +1,258 @@
+"""Does a promised power hold: concealed muscles are measured as told, both rivals refitted, one given up.
+
+    python -m tests.benchmarks.tell [muscles] [repeats]
+
+Each muscle, bench and noise is another (`study.setups`), and conceals one mechanism, faintly: an effect of
+0.3 to 3 noise standard deviations. The rival is the mechanism that fits the recording best in its place;
+muscles whose recording settles it already (by the χ² of a tie) are drawn again. The protocol that is told,
+and the one of middling promise, are made on the true muscle, `repeats` times with fresh noise of all four
+channels; both models are then refitted to recording and protocol together, without the approximations of the
+promise. B is given up where its χ² has grown by more than the limit that the promise gives.
+
+power        share of protocols after which the true one is preferred, and the share that was promised
+false alarm  share after which the false one is, where 1 in 20 is promised
+
+End tapers, the costliest to compute, stay out. A muscle that is done is a line of out/tell.jsonl.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from pamjax.design.tell import contenders
+from pamjax.infer.cache import keep_compiled
+from pamjax.records.protocol import Schedule
+from pamjax.study.conceal import Envelope, conceal
+from pamjax.study.experiment import Experiment, choose, table
+from pamjax.study.forms import forms
+from pamjax.study.naming import TIE, Model, settle, shortlist
+from pamjax.study.problem import COSTLY, Problem, problem
+from pamjax.study.protocols import MENU
+from pamjax.study.refit import Refit, refit
+from pamjax.study.setups import SIZE, draw
+from pamjax.study.signature import signatures
+from pamjax.study.stage import Stage, readings
+from pamjax.study.whiten import Whitening
+
+#: Effects that are concealed, rms in noise standard deviations, and rivals that are tried.
+SMALLEST, LARGEST, RIVALS = 0.3, 3.0, 3
+
+#: Promises that test a promise: neither nothing nor certain; and the one that tests it best.
+MIDDLING, BEST = (0.15, 0.9), 0.6
+
+
+@dataclass(frozen=True, eq=False)
+class Both:
+    """A recording, a protocol after it, and readings of numbers, as one problem of a refit.
+
+    Attributes:
+        first: the recording; everything that is not said here is its.
+        second: the protocol; None where the muscle is not moved.
+        places, read: of the numbers that are read directly, and what was read, SI.
+    """
+
+    first: Problem
+    second: Problem | None
+    places: tuple[int, ...]
+    read: np.ndarray
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.first, name)
+
+    @property
+    def measured(self) -> np.ndarray:
+        moved = [self.first.measured] + ([self.second.measured] if self.second else [])
+        return np.concatenate([*moved, np.tile(self.read, (2, 1))], axis=1)
+
+    def slopes(self, values: np.ndarray, places) -> tuple[np.ndarray, np.ndarray]:
+        places = list(places)
+        seen = [one.slopes(values, places) for one in (self.first, self.second) if one]
+        own = np.equal.outer(places, self.places).astype(float)
+        shown = [s for s, _ in seen] + [np.tile(values[list(self.places)], (2, 1))]
+        return np.concatenate(shown, axis=1), np.concatenate(
+            [by for _, by in seen] + [np.stack([own, own], axis=1)], axis=2
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class White:
+    """The noise of `Both`."""
+
+    first: Whitening
+    rows: int
+    second: Whitening | None
+    more: int
+    sd: np.ndarray
+
+    def __call__(self, values: np.ndarray) -> np.ndarray:
+        parts = [self.first(values[..., : self.rows])]
+        if self.second is not None and self.second.size:
+            parts.append(self.second(values[..., self.rows : self.rows + self.more]))
+        return np.concatenate([*parts, values[..., 0, self.rows + self.more :] / self.sd], axis=-1)
+
+
+def made(
+    stage: Stage, id: str, a: Model, b: Model, true: np.ndarray, rng: np.random.Generator
+) -> tuple[Both, White]:
+    """A protocol, made on the true muscle."""
+    (protocol,) = (p for p in MENU if p.id == id)
+    found, schedule = stage.found, protocol.schedule(stage.rig, stage.begin)
+    sds = readings(stage, protocol, a, b)
+    places, sd = tuple(sds), np.array(list(sds.values()))
+    read = true[list(places)] + sd * rng.standard_normal(len(places))
+    second = white = None
+    if schedule is not None:
+        second, white = _moved(stage, schedule, a, true, rng)
+    more = second.n if second else 0
+    return Both(found, second, places, read), White(a.white, found.n, white, more, sd)
+
+
+def _moved(stage: Stage, schedule: Schedule, a: Model, true, rng) -> tuple[Problem, Whitening]:
+    """The muscle is moved and recorded, with noise of all four channels."""
+    n, sensors = schedule.time.size, stage.found.case.entry.sensors
+    shown = stage.play(schedule).shows(true)
+    seen = dataclasses.replace(
+        schedule,
+        pressure=schedule.pressure + (sensors.pressure or 0.0) * rng.standard_normal(n),
+        length=schedule.length + (sensors.length or 0.0) * rng.standard_normal(n),
+    )
+    # A slack muscle pulls with nothing: a lab leaves it out.
+    there = np.isfinite(shown) & (shown[0] > 0)
+    there[1] &= schedule.optical
+    noisy = shown + np.array([[stage.own[0]], [stage.own[1]]]) * rng.standard_normal((2, n))
+    on = dataclasses.replace(stage.play(seen), measured=np.where(there, noisy, np.nan))
+    return on, stage.white(on, a.at.values, there)
+
+
+def settled(both: Both, white: White, model: Model) -> Refit:
+    """A model refitted to everything."""
+    on, noise = cast(Problem, both), cast(Whitening, white)
+    return refit(on, noise, model.at.moved, model.at.values)
+
+
+def a_tie(seed: int) -> tuple[Envelope, Problem, Model, Model, int]:
+    """A recording of a muscle, what it truly conceals, the best rival, and how many were settled already."""
+    for again in range(50):
+        rng = np.random.default_rng([61, seed, again])
+        envelope = conceal(
+            1, rng, setup=draw(rng, law="elastic"), size=SIZE, smallest=SMALLEST, largest=LARGEST, number=seed
+        )
+        if not envelope.concealed or envelope.concealed[0] == COSTLY:
+            continue
+        found = problem(envelope.case, SIZE)
+        bare = settle(found, np.ones(found.n, dtype=bool), (), found.neutral)
+        offered = [form for form in forms(found) if form.id != COSTLY]
+        scored = signatures(found, bare.white, bare.at, offered)
+        (true,) = envelope.concealed
+        best = None
+        for one in shortlist(scored, [true], RIVALS):
+            a, b = contenders(found, true, one.form.id)
+            if best is None or b.at.cost < best[1].at.cost:
+                best = a, b
+        if best is not None and abs(best[1].at.cost - best[0].at.cost) < TIE:
+            return envelope, found, *best, again
+    raise RuntimeError(f"no tie in muscle {seed}")
+
+
+def trial(seed: int, repeats: int) -> dict[str, Any]:
+    """One muscle: what was promised for two protocols, and what came of them."""
+    envelope, found, a, b, again = a_tie(seed)
+    true = np.array([envelope.true[name] for name in found.names])
+    stage, first, second = Stage.of(found, a), a.ids[-1], b.ids[-1]
+    menu = table(stage, a, b, (first, second))
+    back = {e.id: e for e in table(stage, b, a, (second, first))}
+    worse = b.at.cost - a.at.cost
+    rng = np.random.default_rng([62, seed])
+    done = []
+    for told, one in picked(menu).items():
+        moves = []
+        for _ in range(repeats):
+            both, white = made(stage, one.id, a, b, true, rng)
+            ends = [settled(both, white, model) for model in (a, b)]
+            moves.append(ends[1].cost - ends[0].cost - worse)
+        done.append(
+            {"told": told, "protocol": one.id, "power": one.power, "limit": _plain(one.limit),
+             "back": back[one.id].power, "back_limit": _plain(back[one.id].limit), "worse": moves}
+        )  # fmt: skip
+    return {
+        "muscle": seed,
+        "again": again,
+        "tell": (first, second),
+        "tie": worse,
+        "size": envelope.sizes[0],
+        "made": done,
+    }
+
+
+def picked(menu: list[Experiment]) -> dict[str, Experiment]:
+    """The protocol that is told, and another of middling promise."""
+    told = choose(menu)
+    rest = [e for e in menu if e is not told and MIDDLING[0] < e.power < MIDDLING[1]]
+    return {"chosen": told} | ({"middling": min(rest, key=lambda e: abs(e.power - BEST))} if rest else {})
+
+
+def _plain(limit: float) -> float | None:
+    return limit if np.isfinite(limit) else None
+
+
+def report(lines: list[dict[str, Any]]) -> str:
+    """Promised and reached, over muscles, with intervals by bootstrap of whole muscles."""
+    out = [f"{len(lines)} muscles, {np.mean([x['again'] for x in lines]):.1f} settled before each"]
+    for told in ("chosen", "middling"):
+        done = [one for line in lines for one in line["made"] if one["told"] == told]
+        out.append(f"{told} protocols: {len(done)}")
+        out += [f"  {words}" for words in _rates(done)]
+    every = [one for line in lines for one in line["made"]]
+    for low, high in ((0.0, 0.3), (0.3, 0.7), (0.7, 0.9), (0.9, 0.99), (0.99, 1.01)):
+        there = [one for one in every if low <= one["power"] < high]
+        if there:
+            out.append(f"promised {low:.2f} to {min(high, 1):.2f}: {len(there)}; {_rates(there)[0]}")
+    return "\n".join(out)
+
+
+def _rates(done: list[dict[str, Any]]) -> list[str]:
+    promised = np.array([one["power"] for one in done])
+    reached = np.array([np.mean(np.array(one["worse"]) > _limit(one["limit"])) for one in done])
+    alarms = np.array([np.mean(-np.array(one["worse"]) > _limit(one["back_limit"])) for one in done])
+    rng = np.random.default_rng(0)
+    again = rng.integers(len(done), size=(2000, len(done)))
+
+    def told(values: np.ndarray) -> str:
+        low, high = np.quantile(values[again].mean(axis=1), [0.025, 0.975])
+        return f"{values.mean():.3f} ({low:.3f} to {high:.3f})"
+
+    return [
+        f"power promised {promised.mean():.3f}, reached {told(reached)}, "
+        f"more than promised {told(reached - promised)}",
+        f"false alarms, 0.05 promised: {told(alarms)}",
+    ]
+
+
+def _limit(limit: float | None) -> float:
+    return np.inf if limit is None else limit
+
+
+def main(muscles: int = 100, repeats: int = 3) -> None:
+    keep_compiled()
+    file = Path("out/tell.jsonl")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    # A run that was killed may have left half a line.
+    whole = [t for t in file.read_text("utf-8").splitlines() if t.endswith("]}")] if file.exists() else []
+    done = {line["muscle"]: line for line in map(json.loads, whole)}
+    for seed in range(muscles):
+        if seed not in done:
+            done[seed] = trial(seed, repeats)
+            with file.open("a", encoding="utf-8") as out:
+                out.write(json.dumps(done[seed]) + "\n")
+    print(report([done[seed] for seed in range(muscles)]))
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))
