@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from pamjax.cli.screen import say, say_json, say_written, working, writable
+from pamjax.cli.screen import command, say, say_json, say_written, working, writable
 
 
 def plan(
@@ -21,13 +21,15 @@ def plan(
     minutes: float | None = None,
     law: str | None = None,
     out: Path = Path("out"),
-    figure: bool = True,
+    figures: bool = True,
+    report: bool = True,
     seed: int = 0,
     json: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
     """Choose the next runs of a muscle on a rig: for a number, or to tell two mechanisms apart.
 
-    Writes plan.json, schedule.csv (what to command) and a figure. Needs no recording: a muscle.toml will do.
+    Writes plan.json, schedule.csv (what to command), figures and report.html; with `--tell` contest.json and
+    report.html. Needs no recording, but for `--tell`: a muscle.toml will do.
 
     Args:
         muscle: a case folder, or a muscle.toml.
@@ -35,45 +37,74 @@ def plan(
             diameter ("none" where there is no sensor), what zeros and gains may be off by.
         goal: the number to be known, as thread.modulus, or "all"; the threads' stiffness if left out.
         to: its wanted standard deviation, as "5 %" or "4 GPa".
-        tell: two mechanisms to tell apart, as braid_friction viscous_damping; needs a recording.
+        tell: two mechanisms to tell apart, as braid_friction viscous_damping; the rig is the recording's.
         minutes: that there are.
         law: thread law; the baseline's if left out.
         out: folder to write to.
-        figure: whether to draw it.
+        figures: whether to draw.
+        report: whether to write report.html, which opens in any browser.
         seed: of the truths over which a promise is averaged.
         json: print the plan as JSON.
     """
     from pamjax.check import refuse
     from pamjax.infer.cache import keep_compiled
-    from pamjax.records.case import RECORDING, read_case
+    from pamjax.records.case import MUSCLE, RECORDING
 
     writable(out)
     recorded = muscle.is_dir() and (muscle / RECORDING).exists()
-    keep_compiled()
     if tell is not None:
         if len(tell) != 2 or not recorded:
-            got = f"{len(tell)} and {'a' if recorded else 'no'} recording"
+            got = f"{len(tell)} and {'' if recorded else 'no '}{muscle / RECORDING}"
             raise refuse("`--tell` takes two mechanisms and a case folder with a recording", got)
-        from pamjax.design.tell import tell as settle
-
-        contest = settle(read_case(muscle), *tell)
-        say_json(contest.as_dict()) if json else say(str(contest))
+        if other := [f"`--{n}`" for n, v in (("goal", goal), ("to", to), ("minutes", minutes)) if v]:
+            raise refuse("`--tell` plans for a tie, not for a number", ", ".join(other))
+        if rig is not None:
+            raise refuse("`--tell` takes the rig that made the recording", f"{rig.name} besides")
+        keep_compiled()
+        _tell(muscle, tell[0], tell[1], out, report, json)
         return
+    keep_compiled()
     from pamjax.design.plan import plan as choose
     from pamjax.design.plan import save_plan
+    from pamjax.records.case import read_case
     from pamjax.records.entry import read_entry
     from pamjax.records.files import read_bytes
 
-    file = muscle / "muscle.toml" if muscle.is_dir() else muscle
+    file = muscle / MUSCLE if muscle.is_dir() else muscle
     said = read_case(muscle) if recorded else read_entry(read_bytes(file), file.name)
     with working(quiet=json) as progress:
         progress("choosing runs", 0.0)
         found = choose(said, rig, goal, to, minutes=minutes, law=law, seed=seed)
     files = save_plan(found, out)
-    if figure:
-        from pamjax.view.plan_figure import plan_figure
-        from pamjax.view.theme import save_png
+    if figures or report:
+        from hashlib import sha256
 
-        files.append(save_png(plan_figure(found), out / "plan"))
+        from pamjax.view.plan_figure import Course, save_figures
+        from pamjax.view.plan_report import save_report
+
+        course = Course.of(found)
+        if figures:
+            files += save_figures(found, course, out)
+        if report:
+            checksum = sha256(read_bytes(muscle / RECORDING if recorded else file))
+            if recorded:
+                checksum.update(read_bytes(file))
+            files.append(save_report(found, course, out / "report.html", command(), checksum.hexdigest()))
     say_json(found.as_dict()) if json else say(str(found))
+    say_written(files)
+
+
+def _tell(muscle: Path, first: str, second: str, out: Path, report: bool, json: bool) -> None:
+    from pamjax.design.tell import save_contest
+    from pamjax.design.tell import tell as settle
+    from pamjax.records.case import read_case
+
+    with working(quiet=json) as progress:
+        contest = settle(read_case(muscle), first, second, progress)
+    files = save_contest(contest, out)
+    if report:
+        from pamjax.view.contest_report import save_report
+
+        files.append(save_report(contest, out / "report.html", command()))
+    say_json(contest.as_dict()) if json else say(str(contest))
     say_written(files)

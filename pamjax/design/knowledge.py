@@ -35,6 +35,9 @@ from pamjax.records.recording import Recording
 #: Truths at which information is taken.
 TRUTHS = 9
 
+#: Samples of a run at which its information is taken; more of them tell so much more, in proportion.
+MOST = 200
+
 #: No truth is drawn beyond this many standard deviations: there the fit itself would ask questions.
 FAR = 2.0
 
@@ -121,9 +124,11 @@ class Knowledge:
 
     def of_runs(self, offered: Sequence[Run], values: np.ndarray) -> np.ndarray:
         """What each run tells at some values, (r, p, p)."""
-        label = np.concatenate([np.full(run.pressure.size, k) for k, run in enumerate(offered)])
-        found = self.information(self.case(offered), label, len(offered), values)
+        kept = [run.thinned(MOST) for run in offered]
+        label = np.concatenate([np.full(run.pressure.size, k) for k, run in enumerate(kept)])
+        found = self.information(self.case(kept), label, len(offered), values)
         for k, run in enumerate(offered):
+            found[k] *= run.pressure.size / max(kept[k].pressure.size, 1)
             for name, sd in run.direct.items():
                 if name in self.at.names:
                     i = self.place(name)

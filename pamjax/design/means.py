@@ -43,6 +43,10 @@ KINDS = {
 }  # fmt: skip
 
 
+#: No muscle contracts so far.
+DEEPEST = 0.9
+
+
 @dataclass(frozen=True)
 class Means:
     """What a rig can do.
@@ -115,6 +119,8 @@ def means_of(entry: Entry, rig: Path | None = None, **said: Any) -> Means:
     for name, value in written.items():
         if name in WORDS:
             number, unit = WORDS[name]
+            if unit != "1" and not isinstance(value, str):
+                raise refuse(f"`{name}` of a rig needs a unit", str(value), file, f'Write "{value} {unit}".')
             off[number] = number_in(str(value), unit, f"{name} of {file}")
         elif name in KINDS:
             plain[name] = _plain(name, value, file)
@@ -130,6 +136,8 @@ def _plain(name: str, value: Any, file: str) -> float | None:
     if name in ("force", "diameter") and value == "none":
         return None
     number = parse(value, KINDS[name], f"{name} of {file}")
+    if name == "contraction" and number >= DEEPEST:
+        raise refuse(f"`contraction` of a rig is a share below {DEEPEST:g}", f"{value}", file)
     if number < 0 or (number == 0 and name not in ("setup", "correlation_time")):
         raise refuse(f"`{name}` of a rig must be positive", f"{value}", file)
     return number

@@ -190,6 +190,10 @@ def plan(
 
 def _menu(known: Knowledge, goal: str, wanted: float, seed: int) -> tuple[Menu, list[Run]]:
     offered = runs(known.means, known.entry.rest_length.value)
+    shortest = min(run.minutes for run in offered if run.pressure.size)
+    if known.means.minutes < shortest:
+        rule = f"the shortest run of this rig takes {shortest:.2g} min"
+        raise refuse(rule, f"{known.means.minutes:g} min for all", remedy="Give it more minutes.")
     truths = known.truths(seed=seed)
     each = np.stack([known.of_runs(offered, values) for values in truths], axis=1)
     k = 0 if goal == ALL else known.place(goal)
@@ -231,16 +235,17 @@ def _goal(known: Knowledge, goal: str | None) -> str:
 
 def _wanted(known: Knowledge, goal: str, to: str | float | None) -> float:
     if goal == ALL:
+        if to is not None:
+            raise refuse("all numbers together have no wanted standard deviation", f"{to} in --to")
         return 0.0
     value = abs(float(known.mean[known.place(goal)]))
     if to is None:
         return SHARE * value
-    if isinstance(to, (int, float)):
-        return float(to)
-    if to.strip().endswith("%"):
-        return float(number_in(to.strip()[:-1], "1", "--to")) / 100 * value
-    wanted = number_in(to, meaning(goal).unit, "--to")
-    if wanted <= 0:
+    if isinstance(to, str) and to.strip().endswith("%"):
+        wanted = float(number_in(to.strip()[:-1], "1", "--to")) / 100 * value
+    else:
+        wanted = number_in(str(to), meaning(goal).unit, "--to")
+    if not 0 < wanted < math.inf:
         raise refuse("a wanted standard deviation is positive", show(wanted, meaning(goal).show), "--to")
     return wanted
 

@@ -18,24 +18,30 @@ def note(plan: Plan) -> str:
     lines += [f"  {n} × {run.says}" for n, run in plan.chosen]
     lines.append("")
     lines += [f"  {name:<24} {_settled(name, one)}" for name, one in plan.settled.items()]
-    lines += ["", *(f"  {words}" for words in [*_alone(plan), _isobars(plan)])]
+    lines += ["", *(f"  {words}" for words in [*alone_words(plan), isobars_words(plan)])]
     off = ", ".join(f"{n} {show(sd, meaning(n).show, 2)}" for n, sd in plan.known.means.off.items())
-    lines += ["", f"  taken as not better known than: {off}"]
-    lines.append("  left out: rubber, friction, tapered ends; what they would mimic is not promised away")
+    lines += ["", f"  taken as not better known than: {off}", f"  left out: {left_out(plan)}"]
     return "\n".join(lines)
+
+
+def left_out(plan: Plan) -> str:
+    """What a plan does not reckon with."""
+    same = "" if plan.known.means.correlation_time > 0 else "; samples count as independent"
+    return f"rubber, friction, tapered ends: what they would mimic is not promised away{same}"
 
 
 def _sentence(plan: Plan) -> str:
     cost = f"{plan.minutes:.0f} min and {plan.rows} rows"
     if plan.goal == "all":
         return f"{cost} for all numbers together"
-    words = _known_to(plan, plan.sd)
+    words = known_to(plan, plan.sd)
     if plan.reached:
         return f"{cost} will tell {plan.goal} {words}"
     return f"no plan of {plan.known.means.minutes:.0f} min tells {plan.goal} as wanted; {cost} will, {words}"
 
 
-def _known_to(plan: Plan, sd: float) -> str:
+def known_to(plan: Plan, sd: float) -> str:
+    """How well the goal is known at a standard deviation, SI."""
     one = plan.settled[plan.goal]
     return f"to ± {show(sd, meaning(plan.goal).show, 2)} ({sd / abs(one.value):.1%})"
 
@@ -46,16 +52,18 @@ def _settled(name: str, one: Settled) -> str:
     return f"{show(one.value, unit)}, {before} now, ± {show(one.after, unit, 2)} after"
 
 
-def _alone(plan: Plan) -> list[str]:
+def alone_words(plan: Plan) -> list[str]:
+    """What each channel could do by itself."""
     said = []
     for channel, (sd, minutes) in plan.alone.items():
         can = sd <= plan.wanted * (1 + 1e-9)
         after = "is enough after" if can else "is not enough, even after"
-        said.append(f"{channel} alone {after} {minutes:.0f} min: {_known_to(plan, sd)}")
+        said.append(f"{channel} alone {after} {minutes:.0f} min: {known_to(plan, sd)}")
     return said
 
 
-def _isobars(plan: Plan) -> str:
+def isobars_words(plan: Plan) -> str:
+    """What the usual protocol would leave."""
     first = next(iter(plan.settled))
     words = f"± {show(plan.isobars, meaning(first).show, 2)}"
     times = plan.isobars / plan.settled[first].after

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,6 +43,14 @@ class Run:
     minutes: float
     direct: dict[str, float]
     again: bool = True
+
+    def thinned(self, most: int) -> Run:
+        """The same path in so many samples at most, evenly."""
+        n = self.pressure.size
+        if n <= most:
+            return self
+        at = ((np.arange(most) + 0.5) * n / most).astype(int)
+        return replace(self, pressure=self.pressure[at], length=self.length[at])
 
 
 def runs(means: Means, rest: float) -> list[Run]:

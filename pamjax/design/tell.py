@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import json
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pamjax.check import nearest, refuse
-from pamjax.model.library import library, mechanism
+from pamjax.check import BadInput, refuse
+from pamjax.model.library import mechanism
 from pamjax.records.case import Case
+from pamjax.records.files import write_beside
 from pamjax.study.experiment import ENOUGH, Experiment, choose, stand_in, table
-from pamjax.study.forms import forms
+from pamjax.study.forms import NEEDS_TIME, forms
 from pamjax.study.naming import Model, begun, settle
 from pamjax.study.problem import Problem, problem
 from pamjax.study.signature import signatures
 from pamjax.study.stage import Stage
+
+#: Protocols in a note.
+TOLD = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,24 +31,31 @@ class Contest:
     """Two mechanisms before a recording, and what would tell them apart.
 
     Attributes:
-        case: name of the recording.
+        case: the recording.
         ids: the two.
         worse: χ² by which the second fits the recording worse than the first.
+        stage: the rig and the noise that the recording shows, on which protocols are played.
         menu: every protocol with its power.
         chosen: the cheapest that is powerful enough, else the most powerful.
     """
 
-    case: str
+    case: Case
     ids: tuple[str, str]
     worse: float
+    stage: Stage
     menu: tuple[Experiment, ...]
     chosen: Experiment
+
+    @property
+    def best(self) -> list[Experiment]:
+        """The menu, what is most powerful first and of that the shortest."""
+        return sorted(self.menu, key=lambda e: (-round(e.power, 2), e.minutes))
 
     def as_dict(self) -> dict[str, Any]:
         """As plain numbers."""
         return {
             "schema": "pamjax.contest/1",
-            "case": self.case,
+            "case": self.case.name,
             "tell": list(self.ids),
             "chi2_worse": self.worse,
             "next_experiment": self.chosen.as_dict(),
@@ -49,18 +63,21 @@ class Contest:
         }
 
     def __str__(self) -> str:
-        first, second = self.ids
-        by = abs(self.worse)
-        better = first if self.worse > 0 else second
         lines = [
-            f"{self.case}: {first} or {second}; here {better} fits better by a χ² of {by:.3g}",
+            f"{self.case.name}: {self.standing}",
             f"  next: {self.chosen.protocol}",
             f"  power {self.chosen.power:.2f} at a false alarm of one in twenty"
             + ("" if self.chosen.power >= ENOUGH else ", which may not be enough"),
             "",
         ]
-        best = sorted(self.menu, key=lambda e: (-round(e.power, 2), e.minutes))
-        return "\n".join(lines + [f"  {e.power:5.2f}  {e.id:<4} {e.protocol}" for e in best[:6]])
+        return "\n".join(lines + [f"  {e.power:5.2f}  {e.id:<4} {e.protocol}" for e in self.best[:TOLD]])
+
+    @property
+    def standing(self) -> str:
+        """Which fits the recording better, and by how much."""
+        first, second = self.ids
+        better = first if self.worse > 0 else second
+        return f"{first} or {second}; here {better} fits better by a χ² of {abs(self.worse):.3g}"
 
 
 def _more(one: Experiment) -> dict[str, Any]:
@@ -68,12 +85,15 @@ def _more(one: Experiment) -> dict[str, Any]:
     return {"id": one.id, "minutes": one.minutes, "limit": limit}
 
 
-def tell(case: Case, first: str, second: str) -> Contest:
+def tell(
+    case: Case, first: str, second: str, progress: Callable[[str, float], None] = lambda doing, share: None
+) -> Contest:
     """Which protocol of the menu settles which of two mechanisms a recording shows.
 
     Args:
         case: the recording.
         first, second: ids of the mechanisms.
+        progress: called with what is being done and the share done.
 
     Raises:
         BadInput: for an unknown id, or one that this recording cannot show at all.
@@ -81,32 +101,44 @@ def tell(case: Case, first: str, second: str) -> Contest:
     for id in (first, second):
         mechanism(id)
     if first == second:
-        raise refuse("two mechanisms are told apart", f"{first!r} twice", remedy=nearest("", library()))
+        raise refuse("two mechanisms are told apart", f"{first!r} twice")
     found = problem(case)
+    shown = {form.id for form in forms(found)}
+    for id in (first, second):
+        if id not in shown:
+            raise _unseen(id, case)
+    progress("fitting both", 0.1)
     model, other = contenders(found, first, second)
-    menu = table(Stage.of(found, model), model, other, (first, second))
-    return Contest(case.name, (first, second), other.at.cost - model.at.cost, tuple(menu), choose(menu))
+    progress("playing protocols", 0.4)
+    stage = Stage.of(found, model)
+    menu = table(stage, model, other, (first, second))
+    return Contest(case, (first, second), other.at.cost - model.at.cost, stage, tuple(menu), choose(menu))
 
 
 def contenders(found: Problem, first: str, second: str) -> tuple[Model, Model]:
-    """The baseline with either mechanism, both refitted under one noise."""
-    model = _with(found, first)
+    """The baseline with either mechanism in its best form, both refitted under one noise."""
+    used = np.ones(found.n, dtype=bool)
+    bare = settle(found, used, (), found.neutral)
+    candidates = [form for form in forms(found) if form.id == first]
+    best = max(signatures(found, bare.white, bare.at, candidates), key=lambda s: s.gain)
+    model = settle(found, used, (best.form,), begun(found, bare.at.values, best.form, best.amplitudes))
     other = stand_in(found, model, first, second)
-    if other is None:
-        raise _unseen(second)
+    assert other is not None
     return model, other
 
 
-def _with(found: Problem, id: str) -> Model:
-    """The baseline with a mechanism in its best form, refitted."""
-    used = np.ones(found.n, dtype=bool)
-    bare = settle(found, used, (), found.neutral)
-    candidates = [form for form in forms(found) if form.id == id]
-    if not candidates:
-        raise _unseen(id)
-    best = max(signatures(found, bare.white, bare.at, candidates), key=lambda s: s.gain)
-    return settle(found, used, (best.form,), begun(found, bare.at.values, best.form, best.amplitudes))
+def _unseen(id: str, case: Case) -> BadInput:
+    if id in NEEDS_TIME and not case.recording.has_time:
+        rule = f"two mechanisms are told apart after a recording that could show them, and {id!r} needs time"
+        remedy = "Record strokes first: `pamjax plan` without `--tell` chooses some."
+        return refuse(rule, "a table without time", case.name, remedy)
+    rule = "two mechanisms are told apart that a recording could show beside its baseline"
+    return refuse(rule, f"{id!r}, which this one cannot", case.name)
 
 
-def _unseen(id: str):
-    return refuse(f"{id!r} must be able to show in the recording", "a map without time, or its own baseline")
+def save_contest(found: Contest, folder: Path) -> list[Path]:
+    """Write contest.json, beside and then renamed."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with write_beside(folder / "contest.json") as beside:
+        beside.write_text(json.dumps(found.as_dict(), indent=1, allow_nan=False) + "\n")
+    return [folder / "contest.json"]

@@ -221,7 +221,7 @@ MENU = (
     Protocol(
         "X9",
         lambda rig: (
-            f"Put a steel bar of known length and width in the grips; pull it to {rig.pull:.3g} N in steps"
+            f"Put a steel bar of known length and width in the grips; pull it to {rig.pull:.0f} N in steps"
         ),
         direct=_bar,
         effort=20.0,

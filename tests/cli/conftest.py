@@ -54,6 +54,18 @@ def diagnosed(bench):
     return bench / "verdicts" / "rubbed"
 
 
+@pytest.fixture(scope="session")
+def planned(bench, tmp_path_factory):
+    """The folder that `pamjax plan` wrote for a muscle.toml alone."""
+    folder = tmp_path_factory.mktemp("plan")
+    rig = folder / "rig.toml"
+    rig.write_text('[rig]\npressure = "6 bar"\nforce = "2 N"\ndiameter = "0.1 mm"\n')
+    words = [str(bench / "stated" / "muscle.toml"), str(rig), "--goal", "thread.modulus", "--to", "6 %"]
+    arguments = ["plan", *words, "--minutes", "40", "--out", str(folder / "out")]
+    assert main(arguments) == 0
+    return folder / "out"
+
+
 @pytest.fixture
 def case(bench, tmp_path):
     """Write the simulated case with one text put in place of another, and return its folder."""

@@ -25,7 +25,7 @@ def sampled(tmp_path_factory):
     return out
 
 
-@pytest.fixture(params=["fitted", "sampled", "diagnosed"])
+@pytest.fixture(params=["fitted", "sampled", "diagnosed", "planned"])
 def report(request):
     return request.getfixturevalue(request.param) / "report.html"
 
@@ -44,7 +44,7 @@ def test_it_is_whole_offline_and_has_words_for_every_picture(report):
     assert len(names) == len(set(names))
     assert [tag for tag, _ in page.elements].count("h1") == 1
     assert not re.search(r"\bnan\b|\bNone\b|\binf\b", page.text)
-    assert re.search(r"pamjax (fit|sample|diagnose) ", page.text)
+    assert re.search(r"pamjax (fit|sample|diagnose|plan) ", page.text)
 
 
 def opened(report, script, width, folder):

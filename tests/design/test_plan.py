@@ -1,5 +1,6 @@
 """A plan's information is that of the model's own derivatives, and what it promises is kept."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -55,6 +56,16 @@ def test_direct_readings_and_repeats_add_up(entry):
     agree(each[vent, k, k], (known.scale[k] / offered[vent].direct["force_offset.offset"]) ** 2, 1e-12)
     assert np.count_nonzero(each[vent]) == 2
     assert np.all(np.linalg.eigvalsh(each) > -1e-6 * np.abs(each).max())
+
+
+def test_a_fast_rig_tells_as_much_more_as_it_samples(entry):
+    means = Means(pressure=690e3)
+    slow, fast = (knowledge(entry, replace(means, rate=rate)) for rate in (1.0, 50.0))
+    told = [one.of_runs(runs(one.means, 0.2357)[:6], one.mean) for one in (slow, fast)]
+    root = np.sqrt(np.einsum("rii->ri", told[0]) + 1e-300)
+    unit = root[:, :, None] * root[:, None, :]
+    # Of 7,000 samples two hundred are looked at: the path between them is straight.
+    agree(told[1] / 50 / unit, told[0] / unit, 5e-3, scale=1.0)
 
 
 def test_diameter_tells_the_threads_modulus_and_force_alone_does_not(entry):

@@ -1,0 +1,107 @@
+"""The report of a plan: what to do and what it settles first, then every run, then what was assumed."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from pathlib import Path
+
+from pamjax.design.plan import ALL, Plan, Settled
+from pamjax.design.plan_note import alone_words, isobars_words, known_to, left_out
+from pamjax.model.catalogue import meaning
+from pamjax.units import show
+from pamjax.view.page import picture, write_page
+from pamjax.view.plan_figure import Course, command_figure, known_figure
+
+
+def save_report(plan: Plan, course: Course, path: str | Path, command: str = "", checksum: str = "") -> Path:
+    """Write the report of a plan.
+
+    Args:
+        plan: the plan.
+        course: of its goal, as it is drawn.
+        path: the HTML file; its folder must exist.
+        command: what repeats it, in a shell.
+        checksum: SHA-256 of what the muscle was read from.
+    """
+    return write_page(
+        path,
+        "plan.html.jinja",
+        title=headline(plan),
+        kicker=f"Plan for {plan.known.entry.name} · {plan.known.law} threads",
+        answer=answer(plan),
+        known=picture(partial(known_figure, plan, course), "known"),
+        commands=picture(partial(command_figure, plan), "commands"),
+        runs=[[run.says, str(count), f"{count * run.minutes:.0f} min"] for count, run in plan.chosen],
+        settles=[_settled(name, one) for name, one in plan.settled.items()],
+        beside=[*alone_words(plan), isobars_words(plan)],
+        rig=_rig(plan),
+        off=[_off(name, sd) for name, sd in plan.known.means.off.items()],
+        left_out=f"{_upper(left_out(plan))}.",
+        checksum=checksum,
+        command=command or "pamjax.plan(...)",
+    )
+
+
+def headline(plan: Plan) -> str:
+    """The answer in a line."""
+    if plan.goal == ALL:
+        return f"{plan.minutes:.0f} min for all numbers together"
+    if not plan.reached:
+        return f"No {plan.known.means.minutes:.0f} min on this rig tell {plan.goal} as wanted"
+    return f"{plan.minutes:.0f} min tell {plan.goal} {known_to(plan, plan.sd)}"
+
+
+def answer(plan: Plan) -> tuple[str, str]:
+    """What to do and what it will settle; what less would do."""
+    runs = sum(count for count, run in plan.chosen if run.pressure.size)
+    checks = sum(count for count, run in plan.chosen if not run.pressure.size)
+    what = f"Make {_many(runs, 'run')}" + (f" and {_many(checks, 'check')} of the rig" if checks else "")
+    cost = f"{plan.minutes:.0f} min, {plan.rows} rows"
+    if plan.goal == ALL:
+        return f"{what} ({cost}).", f"{_upper(isobars_words(plan))}."
+    one, unit = plan.settled[plan.goal], meaning(plan.goal).show
+    before = f"± {show(one.before, unit, 2)}" if math.isfinite(one.before) else "unknown"
+    first = f"{what} ({cost}): {plan.goal}, now {before}, is then known {known_to(plan, plan.sd)}."
+    return first, f"{_upper('; '.join(alone_words(plan)) or isobars_words(plan))}."
+
+
+def _many(count: int, word: str) -> str:
+    return f"{count} {word}{'' if count == 1 else 's'}"
+
+
+def _upper(words: str) -> str:
+    return words[:1].upper() + words[1:]
+
+
+def _settled(name: str, one: Settled) -> list[str]:
+    about = meaning(name)
+    before = f"± {show(one.before, about.show, 2)}" if math.isfinite(one.before) else "unknown"
+    return [name, show(one.value, about.show), before, f"± {show(one.after, about.show, 2)}", about.about]
+
+
+def _rig(plan: Plan) -> list[list[str]]:
+    means = plan.known.means
+    noise = {"force": (means.force, "N"), "diameter": (means.diameter, "mm")}
+    rows = [
+        ["highest pressure", show(means.pressure, "kPa", 3)],
+        ["largest contraction", f"{means.contraction:.0%}"],
+        ["speed of a stroke", f"{1e3 * means.speed:.3g} mm/s"],
+        ["samples a second", f"{means.rate:.3g}"],
+        ["between two runs", f"{means.setup:.3g} s"],
+        ["minutes there are", f"{means.minutes:.0f}"],
+    ]
+    rows += [
+        [f"noise of {name}, a sample", show(sd, unit, 2) if sd is not None else "not measured"]
+        for name, (sd, unit) in noise.items()
+    ]
+    rows += [
+        ["noise of pressure, a sample", show(means.gauge, "kPa", 2)],
+        ["noise of length, a sample", show(means.ruler, "mm", 2)],
+    ]
+    return rows
+
+
+def _off(name: str, sd: float) -> list[str]:
+    about = meaning(name)
+    return [name, f"± {show(sd, about.show, 2)}", about.about]
