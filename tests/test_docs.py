@@ -31,6 +31,13 @@ def test_readme_shows_the_note_that_fit_prints():
     assert _first_numbers(note) == _first_numbers(shown)
 
 
+def test_readme_shows_the_verdict_that_the_tutorial_prints():
+    (shown,) = (b for b in blocks("README.md", "text") if "baseline misses" in b)
+    beyond = "  the highest isobar"  # the tutorial stops before
+    lines = [line for line in shown.splitlines() if not line.startswith(beyond)]
+    assert set(lines) <= set("".join(blocks("docs/tutorial.md", "text")).splitlines())
+
+
 def _first_numbers(note):
     """Names with value and sd; the last digit of an rmse may differ between machines."""
     return re.findall(r"^  (\S+\.\S+)\s+([\d.]+ ± [\d.]+)", note, re.M)

@@ -17,15 +17,15 @@ CAPTION = re.compile(r":caption: (\S+)")
 
 
 def steps(page):
-    """(kind, text) of what a reader would do with a page: write a file, run a command, run Python."""
+    """(kind, text): write a file, run a command, read what it printed, run Python, as a reader would."""
     for _, language, options, body in FENCE.findall((DOCS / page).read_text("utf-8")):
         named = CAPTION.search(options)
         if named:
             yield named[1], body
         elif language == "console":
             yield from (("$", line[2:]) for line in body.splitlines() if line.startswith("$ "))
-        elif language == "python":
-            yield "python", body
+        elif language in ("python", "text"):
+            yield language, body
 
 
 PAGES = sorted(page.name for page in DOCS.glob("*.md") if page.name != "write-a-mechanism.md")
@@ -37,16 +37,48 @@ RUN = [page for page in PAGES if any(kind in ("$", "python") for kind, _ in step
 def test_what_a_page_shows_happens(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "fits").symlink_to(ROOT / "fits")
-    names = {"__name__": page}
+    names, printed = {"__name__": page}, ""
     for kind, text in steps(page):
         if kind == "$":
             word, *rest = shlex.split(text)
             assert word == "pamjax", text
             assert main(rest) == 0, (text, capsys.readouterr().err)
+            printed = capsys.readouterr().out or printed
+        elif kind == "text":
+            for line in text.splitlines():
+                assert any(_alike(line, other) for other in printed.splitlines()), (line, printed)
         elif kind == "python":
             exec(compile(text, page, "exec"), names)
         else:
             (tmp_path / kind).write_text(text, "utf-8")
+
+
+NUMBER = re.compile(r"(?<![a-z])\d+\.?\d*(?:e[+-]\d+)?")
+
+
+def _alike(line, other, rel=0.05):
+    """The same words, and numbers that differ no more than two machines do."""
+    if NUMBER.sub("#", line).split() != NUMBER.sub("#", other).split():
+        return False
+    pairs = zip(NUMBER.findall(line), NUMBER.findall(other), strict=True)
+    return all(float(a) == pytest.approx(float(b), rel=rel, abs=0.01) for a, b in pairs)
+
+
+def test_two_lines_are_alike_by_words_and_numbers():
+    line = "  force: rmse 6.78 N, its noise 2.51 N"
+    assert _alike(line, "force:   rmse 6.79 N, its noise 2.51 N")
+    assert not _alike(line, "  force: rmse 7.78 N, its noise 2.51 N")
+    assert not _alike(line, "  diameter: rmse 6.78 N, its noise 2.51 N")
+
+
+def test_the_front_shows_what_other_pages_print():
+    """What stands there without being run is an answer of the tutorial or a recipe, whose commands run."""
+    answers = [body for page in RUN for kind, body in steps(page) if kind == "text"]
+    printed = {line for body in answers for line in body.splitlines()}
+    shown = re.findall(r"^```none\n(.*?)^```", (DOCS / "index.md").read_text("utf-8"), re.S | re.M)
+    assert len(shown) == 2
+    for body in shown:
+        assert set(body.splitlines()) <= printed
 
 
 def test_the_pages_are_run():

@@ -11,8 +11,8 @@ import numpy as np
 from pamjax.infer.load import Loaded
 from pamjax.infer.member import CHANNELS, case_history, counts, shown, starting_sd
 from pamjax.model.balance import Status
-from pamjax.model.bench import Bench, record
-from pamjax.model.muscle import predict
+from pamjax.model.bench import Bench, Shown, record
+from pamjax.model.muscle import Reading, predict
 from pamjax.records.blocks import blocks
 from pamjax.records.case import Case
 
@@ -25,10 +25,11 @@ UNIT = {"force": ("N", 1.0), "diameter": ("mm", 1e3)}
 
 @dataclass(frozen=True)
 class Block:
-    """How one block is predicted: rmse by channel, SI."""
+    """How one block is predicted: rmse and noise by channel, SI."""
 
     name: str
     rmse: dict[str, float]
+    noise: dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -38,8 +39,8 @@ class Validation:
     Attributes:
         case: name of the recording.
         rmse: by channel, SI, over all rows that count.
-        noise: standard deviation of a sample by channel, SI: the sensor's, or one percent of the range
-            where none is stated.
+        noise: standard deviation of a sample by channel, SI: the sensor's (one percent of the range where
+            none is stated), with what the noise of pressure and length does to the prediction.
         blocks: the recording's blocks.
         failed: rows where the model has no answer.
         outside: sentences on pressures and lengths beyond those it was calibrated on.
@@ -54,7 +55,7 @@ class Validation:
 
     def fits(self, block: Block) -> bool:
         """Whether a block is predicted as well as noise allows."""
-        return all(rmse <= FITS * self.noise[channel] for channel, rmse in block.rmse.items())
+        return all(rmse <= FITS * block.noise[channel] for channel, rmse in block.rmse.items())
 
     def __str__(self) -> str:
         lines = [f"{self.case}: a model that never saw it"]
@@ -72,7 +73,9 @@ class Validation:
 
     def as_dict(self) -> dict[str, Any]:
         """For programs, SI."""
-        blocks = [{"name": b.name, "rmse": b.rmse, "fits": self.fits(b)} for b in self.blocks]
+        blocks = [
+            {"name": b.name, "rmse": b.rmse, "noise": b.noise, "fits": self.fits(b)} for b in self.blocks
+        ]
         return {
             "case": self.case,
             "rmse": self.rmse,
@@ -95,33 +98,45 @@ def validate(model: Loaded, case: Case) -> Validation:
     rest = case.entry.rest_length.value
     pressure = np.where(good, recording.pressure, 0.0)
     length = np.where(good, recording.length, rest)
-    if isinstance(model.muscle, Bench):
-        reading = record(
-            model.muscle, jnp.asarray(pressure), jnp.asarray(length), case_history(case, recording.n)
-        )
-    else:
-        reading = predict(model.muscle, jnp.asarray(pressure), jnp.asarray(length))
+    reading = _read(model, case, pressure, length)
+    sensors = case.entry.sensors
+    # A reading at another pressure or length by one sd: what that channel's noise does to it.
+    moved = [
+        _read(model, case, pressure + by_pressure, length + by_length)
+        for by_pressure, by_length in ((sensors.pressure or 0.0, 0.0), (0.0, sensors.length or 0.0))
+    ]
     found, misfit, noise = blocks(recording), {}, {}
     for channel, sd in zip(CHANNELS, starting_sd(case), strict=True):
-        there = counts(case, channel)
+        there, said = counts(case, channel), np.asarray(getattr(reading, channel))
         if there.any():
-            off = getattr(recording, channel) - shown(case, channel, np.asarray(getattr(reading, channel)))
-            misfit[channel], noise[channel] = np.where(there, off, np.nan), sd
+            off = getattr(recording, channel) - shown(case, channel, said)
+            carried = [np.asarray(getattr(other, channel)) - said for other in moved]
+            misfit[channel] = np.where(there, off, np.nan)
+            noise[channel] = np.where(there, np.sqrt(sd**2 + sum(x**2 for x in carried)), np.nan)
     failed = good & (np.asarray(reading.status) != Status.OK)
     return Validation(
         case=case.name,
         rmse={c: _rms(v) for c, v in misfit.items()},
-        noise=noise,
+        noise={c: _rms(v) for c, v in noise.items()},
         blocks=tuple(
-            Block(
-                name,
-                {c: _rms(v[found.mask(k)]) for c, v in misfit.items() if np.isfinite(v[found.mask(k)]).any()},
-            )
+            Block(name, *(_of(values, found.mask(k)) for values in (misfit, noise)))
             for k, name in enumerate(found.names)
         ),
         failed=int(np.count_nonzero(failed)),
         outside=tuple(_outside(model.calibrated, pressure[good], length[good])),
     )
+
+
+def _read(model: Loaded, case: Case, pressure: np.ndarray, length: np.ndarray) -> Reading | Shown:
+    if isinstance(model.muscle, Bench):
+        history = case_history(case, case.recording.n)
+        return record(model.muscle, jnp.asarray(pressure), jnp.asarray(length), history)
+    return predict(model.muscle, jnp.asarray(pressure), jnp.asarray(length))
+
+
+def _of(values: dict[str, np.ndarray], rows: np.ndarray) -> dict[str, float]:
+    """Rms over some rows of every channel that was measured there."""
+    return {c: _rms(v[rows]) for c, v in values.items() if np.isfinite(v[rows]).any()}
 
 
 def _rms(values: np.ndarray) -> float:
