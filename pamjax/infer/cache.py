@@ -12,7 +12,11 @@ def keep_compiled(folder: Path | None = None) -> Path:
     """Turn on JAX's persistent compilation cache; a folder already configured in JAX stays.
 
     Args:
-        folder: where to keep compiled programs; None for `PAMJAX_CACHE_DIR`, or the user's cache folder.
+        folder: where to keep compiled programs; None for `compiled` in `PAMJAX_CACHE_DIR`, or in the user's
+            cache folder.
+
+    Returns:
+        the folder in use.
     """
     configured = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
     if configured:

@@ -55,8 +55,15 @@ def determine(case: Case, law: str | None = None) -> tuple[list[Determination], 
     Uses the sensitivities at the stated values and the stated sensor noise; where no sensor is
     stated, a hundredth of the channel's range. Samples count as independent: this is the best case.
 
+    Args:
+        case: the recording and what is believed of its muscle.
+        law: thread law; None takes the case's baseline.
+
     Returns:
-        one entry for each number, and sentences.
+        one entry for each number with its standard deviation before and after, SI; and sentences.
+
+    Raises:
+        BadInput: for an unknown law, or a number that the law needs and muscle.toml does not have.
     """
     law = law or case.entry.baseline
     at, (rename,) = joint_space([case], law, ())

@@ -40,12 +40,12 @@ class Loaded:
 
 
 def load_muscle(
-    source: Path,
+    source: str | Path,
     law: str | None = None,
     case: str | None = None,
     settings: Mapping[str, float] | None = None,
 ) -> Loaded:
-    """Read a muscle from a case folder, a muscle.toml or a fit.json.
+    """Read a muscle from a case folder, a muscle.toml, a fit.json, or a model.json of a diagnosis.
 
     Args:
         source: the folder or file.
@@ -53,9 +53,14 @@ def load_muscle(
         case: which case of a fit.json that holds several.
         settings: numbers of mechanisms to add or to change, SI, as {"braid_friction.coefficient": 0.2}.
 
+    Returns:
+        a `Loaded`: its `muscle` (a bench where mechanisms act), and the pressures, Pa, and lengths, m, that
+        it was `calibrated` on.
+
     Raises:
         BadInput: if it cannot be read.
     """
+    source = Path(source)
     if source.suffix == ".json":
         if law is not None:
             remedy = "Leave `--law` out, or name the case folder."

@@ -119,12 +119,17 @@ def as_dataset(one: CaseFit):
     )
 
 
-def save(fit: Fit, folder: Path) -> list[Path]:
-    """Write fit.json, and fit.nc (with the case's name before it where there are several).
+def save(fit: Fit, folder: str | Path) -> list[Path]:
+    """Write fit.json, and fit.nc (under the case's name where there are several), each whole or not at all.
+
+    Args:
+        fit: the fit.
+        folder: where to; made if it is not there.
 
     Returns:
         the files written.
     """
+    folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     written = [folder / "fit.json"]
     with write_beside(written[0]) as path:

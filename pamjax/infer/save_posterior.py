@@ -189,14 +189,19 @@ def posterior_dict(post: Posterior) -> dict[str, Any]:
     }
 
 
-def save_posterior(post: Posterior, folder: Path) -> list[Path]:
+def save_posterior(post: Posterior, folder: str | Path) -> list[Path]:
     """Write posterior.json and posterior.nc, each whole or not at all.
+
+    Args:
+        post: the posterior.
+        folder: where to; made if it is not there.
 
     Returns:
         the files written.
     """
     import xarray as xr
 
+    folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     document, groups = folder / "posterior.json", folder / "posterior.nc"
     with write_beside(document) as path:

@@ -30,9 +30,21 @@ def assemble(law: str, numbers: Mapping[str, Array]) -> Muscle:
         numbers: "muscle.rest_length"; "muscle.thread_length" and "muscle.turns", or
             "muscle.braid_angle" and "muscle.diameter"; for a law that stretches "thread.stiffness",
             or "thread.modulus" with "muscle.threads" and "muscle.thread_area"; the law's own.
+
+    Raises:
+        BadInput: for an unknown law, or a number that is missing.
+
+    >>> numbers = {"muscle.rest_length": 0.2, "muscle.thread_length": 0.214, "muscle.turns": 1.2}
+    >>> muscle = assemble("elastic", numbers | {"thread.stiffness": 0.59e6})
+    >>> print(f"{float(muscle(200e3, 0.2).force):.0f} N")
+    819 N
     """
-    length, turns = _braid(numbers)
-    return Muscle(numbers["muscle.rest_length"], length, turns, _thread(law, numbers))
+    known = law_numbers(law)
+    try:
+        length, turns = _braid(numbers)
+        return Muscle(numbers["muscle.rest_length"], length, turns, _thread(law, known, numbers))
+    except KeyError as error:
+        raise refuse(f"a muscle needs the number `{error.args[0]}`", ", ".join(numbers)) from error
 
 
 def _braid(numbers: Mapping[str, Array]) -> tuple[Array, Array]:
@@ -43,11 +55,11 @@ def _braid(numbers: Mapping[str, Array]) -> tuple[Array, Array]:
     return numbers["muscle.thread_length"], numbers["muscle.turns"]
 
 
-def _thread(law: str, numbers: Mapping[str, Array]) -> AbstractThread | Inextensible:
+def _thread(law: str, known: Iterable[str], numbers: Mapping[str, Array]) -> AbstractThread | Inextensible:
     kind = LAWS[law]
     if issubclass(kind, Inextensible):
         return Inextensible()
-    own = {name.removeprefix("thread."): numbers[name] for name in law_numbers(law)}
+    own = {name.removeprefix("thread."): numbers[name] for name in known}
     return kind(**{"stiffness": stiffness(numbers), **own})
 
 

@@ -61,7 +61,12 @@ _STATED = {
 
 
 def catalogue() -> dict[str, Meaning]:
-    """The meaning of every number a muscle can have, by name."""
+    """The meaning of every number a muscle can have, by name: unit, limits, source.
+
+    >>> modulus = catalogue()["thread.modulus"]
+    >>> modulus.unit, modulus.show, modulus.low
+    ('Pa', 'GPa', 300000000.0)
+    """
     named = {f"muscle.{name}": meaning for name, meaning in field_meanings(Muscle).items()}
     for law in LAWS.values():
         named |= {f"thread.{name}": meaning for name, meaning in field_meanings(law).items()}

@@ -154,14 +154,15 @@ def contraction(muscle: Muscle, length: braid.Real) -> Array:
 
 @eqx.filter_jit
 def predict(muscle: Muscle, pressure: Float[Array, " n"], length: Float[Array, " n"]) -> Reading:
-    """What the muscle shows at each of many instants.
+    """What the muscle shows at each of many instants; an instant without an equilibrium is told in `status`.
 
     Args:
+        muscle: as `assemble` or `load_muscle` makes it.
         pressure: (n,) gauge pressure, Pa.
         length: (n,) length between the fittings, m.
 
     Returns:
-        a `Reading` whose fields have shape (n,).
+        a `Reading` whose fields have shape (n,): force N, diameter m, thread length m, status.
     """
     at = jnp.asarray(pressure, float), jnp.asarray(length, float)
     if len(at[0]) < 4 * BLOCK or jax.default_backend() != "cpu":

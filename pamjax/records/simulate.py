@@ -37,6 +37,9 @@ def simulate(
         seed: of the noise.
         correlation_time: of the noise of force and diameter, s.
         settled: whether the muscle had been through the schedule once before.
+
+    Returns:
+        a recording of the schedule's rows.
     """
     rng = np.random.default_rng(seed)
     n = schedule.time.size
