@@ -1,8 +1,12 @@
-"""Every test: the checkout's own `tests` package, double precision, the same random examples each time."""
+"""Every test: the checkout's own `tests`, the same random examples each time, one cache of programs."""
 
+import os
+import shutil
 import sys
+import tempfile
 from pathlib import Path
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -17,3 +21,18 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("pamjax")
+
+
+def pytest_configure(config):
+    """All workers, and all that they start, keep what they compile in one folder; never in the user's own."""
+    if "PAMJAX_CACHE_DIR" not in os.environ:
+        folder = os.environ["PAMJAX_CACHE_DIR"] = tempfile.mkdtemp(prefix="pamjax-tests-")
+        config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def kept_programs():
+    """What one test compiled, no other compiles."""
+    from pamjax.infer.cache import keep_compiled
+
+    keep_compiled()

@@ -66,8 +66,8 @@ def known() -> Setup:
         contractions=[0.1, 0.17, 0.24, 0.27, 0.29],
         cycles=2,
         speed="1.2 mm/s",
-        rate="2 Hz",
-        diameter_every=4,
+        rate="0.5 Hz",
+        diameter_every=1,
     )
     return Setup(entry, _plan(protocol, entry.rest_length.value))
 

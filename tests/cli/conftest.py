@@ -1,7 +1,5 @@
 """A case folder made and fitted once by the words themselves."""
 
-import os
-
 import pytest
 
 from pamjax.cli.main import main
@@ -14,15 +12,6 @@ contractions = [0.2]
 speed = "1.57 mm/s"
 cycles = 1
 """
-
-
-@pytest.fixture(scope="session", autouse=True)
-def own_cache(tmp_path_factory):
-    """Compiled programs go where the tests' other files go, unless the caller says where."""
-    with pytest.MonkeyPatch.context() as patch:
-        if "PAMJAX_CACHE_DIR" not in os.environ:
-            patch.setenv("PAMJAX_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
-        yield
 
 
 @pytest.fixture(scope="session")

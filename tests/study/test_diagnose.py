@@ -10,7 +10,7 @@ import pytest
 from pamjax.records.blocks import Blocks
 from pamjax.study.batch import common_sizes
 from pamjax.study.conceal import conceal
-from pamjax.study.diagnose import _left, diagnose
+from pamjax.study.diagnose import STEP, _left, diagnose
 from pamjax.study.diagnosis import save
 from pamjax.study.gain import held_out
 from pamjax.study.locate import _direction, _middle
@@ -56,10 +56,11 @@ def test_a_mismatch_below_the_rough_edges_of_forms_is_not_called_unknown(square,
 
 @cache
 def verdict(kind):
-    """The diagnosis of an envelope; both share one program."""
+    """The diagnosis of an envelope; both share one program, with every other recording of so few rows."""
     many = {"nothing": 0, "friction": 1}[kind]
     rng = np.random.default_rng({"nothing": 5, "friction": 0}[kind])
-    envelope = conceal(many, rng, only="braid_friction" if many else None, smallest=6.0, largest=6.0)
+    only = "braid_friction" if many else None
+    envelope = conceal(many, rng, size=STEP, only=only, smallest=6.0, largest=6.0)
     return envelope, diagnose(envelope.case)
 
 
