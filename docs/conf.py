@@ -50,6 +50,8 @@ def commands():
         said = inspect.getdoc(about.default_command) or about.help
         lines += [f"## pamjax {word}", "", *said.split("Args:")[0].strip().splitlines(), ""]
         for argument in about.assemble_argument_collection(parse_docstring=True):
+            if argument.name == "*":  # several options told one by one below
+                continue
             help = " ".join((argument.parameter.help or "").split())
             lines += [f"- `{argument.name}`: {help}"]
         lines += [""]

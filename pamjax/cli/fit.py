@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from pamjax.cli.options import Json, With, Words
+from pamjax.cli.options import PLAIN, Json, Model
 from pamjax.cli.screen import command, say, say_json, say_written, working, writable
 
 
@@ -14,11 +14,7 @@ def fit(
     /,
     *,
     out: Path = Path("out"),
-    law: str | None = None,
-    share: Words = None,
-    with_: With = None,
-    gaps: Words = None,
-    before: Words = None,
+    model: Model = PLAIN,
     loss: Literal["square", "soft"] = "square",
     starts: int = 4,
     folds: int = 5,
@@ -34,14 +30,6 @@ def fit(
     Args:
         cases: case folders, each with recording.csv and muscle.toml.
         out: folder to write to.
-        law: thread law: inelastic, elastic, toe, exponential-toe or recruitment-toe; the case's
-            baseline if left out.
-        share: numbers that several cases have in common, as thread.modulus.
-        with_: mechanisms that act beside the threads, as bladder_elasticity; `pamjax explain` lists them.
-        gaps: where the recording jumps, memory goes on ("carry", taken if left out) or begins "anew": a new
-            specimen, or a long rest. For one of several cases: name=anew.
-        before: before its first sample the muscle was at rest ("relaxed", taken if left out), or "settled":
-            it had been through the same once. For one of several cases: name=settled.
         loss: "soft" bounds the pull of a sample that is far off.
         starts: from how many places the minimiser starts.
         folds: into how many parts the blocks are dealt for the held-out score.
@@ -50,11 +38,9 @@ def fit(
         report: whether to write report.html, which opens in any browser.
         json: print fit.json instead of the note.
     """
-    from pamjax.cli.settings import read_each
-
     # A fit whose answer cannot be written is not begun.
     writable(out)
-    read = read_each(cases, gaps, before)
+    read = model.read(cases)
     from pamjax.infer.cache import keep_compiled
     from pamjax.infer.fit import fit as calibrate
     from pamjax.infer.save import as_dict, save
@@ -63,9 +49,7 @@ def fit(
     with working(quiet=json) as progress:
         found = calibrate(
             read,
-            law,
-            share or (),
-            with_ or (),
+            *model.asked,
             loss=loss,
             starts=starts,
             fold_count=folds,

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from pamjax.records.case import Case
 
 #: Answer as one JSON document.
 Json = Annotated[bool, Parameter(negative="")]
@@ -14,3 +19,45 @@ Words = Annotated[list[str] | None, Parameter(consume_multiple=True, negative=""
 
 #: The same as `--with`, which is no name in Python.
 With = Annotated[list[str] | None, Parameter(name="--with", consume_multiple=True, negative="")]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Model:
+    """What is held against recordings, and what became of the muscle between and before their samples.
+
+    Attributes:
+        law: thread law: inelastic, elastic, toe, exponential-toe or recruitment-toe; the case's
+            baseline if left out.
+        share: numbers that several cases have in common, as thread.modulus.
+        with_: mechanisms that act beside the threads, as bladder_elasticity; `pamjax explain` lists them.
+        gaps: where the recording jumps, memory goes on ("carry", taken if left out) or begins "anew": a new
+            specimen, or a long rest. For one of several cases: name=anew.
+        before: before its first sample the muscle was at rest ("relaxed", taken if left out), or "settled":
+            it had been through the same once. For one of several cases: name=settled.
+    """
+
+    law: str | None = None
+    share: Words = None
+    with_: With = None
+    gaps: Words = None
+    before: Words = None
+
+    def read(self, cases: list[Path]) -> list[Case]:
+        """The cases, with what is said of their memory.
+
+        Raises:
+            BadInput: as `settings.read_each`.
+        """
+        from pamjax.cli.settings import read_each
+
+        return read_each(cases, self.gaps, self.before)
+
+    @property
+    def asked(self) -> tuple[str | None, list[str], list[str]]:
+        """Law, shared numbers, mechanisms: what a fit begins with."""
+        return self.law, self.share or [], self.with_ or []
+
+
+#: Nothing asked: each case's own baseline.
+PLAIN = Model()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from pamjax.cli.options import Json, With, Words
+from pamjax.cli.options import PLAIN, Json, Model
 from pamjax.cli.screen import command, say, say_json, say_written, working, writable
 
 
@@ -14,11 +14,7 @@ def sample(
     /,
     *,
     out: Path = Path("out"),
-    law: str | None = None,
-    share: Words = None,
-    with_: With = None,
-    gaps: Words = None,
-    before: Words = None,
+    model: Model = PLAIN,
     priors: Path | None = None,
     sampler: Literal["emcee", "nuts"] = "emcee",
     ess: float = 1000.0,
@@ -38,11 +34,6 @@ def sample(
     Args:
         cases: case folders, each with recording.csv and muscle.toml.
         out: folder to write to.
-        law: thread law, as for fit; the case's baseline if left out.
-        share: numbers that several cases have in common, as thread.modulus.
-        with_: mechanisms that act beside the threads, as bladder_elasticity.
-        gaps: what becomes of memory where the recording jumps, as for fit.
-        before: what the muscle had been through before its first sample, as for fit.
         priors: TOML file of what to believe instead: a table for each number, as
             ["thread.modulus"] with value, sd, low and high.
         sampler: emcee, an ensemble of walkers, or nuts, which needs blackjax.
@@ -54,10 +45,8 @@ def sample(
         report: whether to write report.html, which opens in any browser.
         json: print posterior.json instead of the note.
     """
-    from pamjax.cli.settings import read_each
-
     writable(out)
-    read = read_each(cases, gaps, before)
+    read = model.read(cases)
     from pamjax.infer.beliefs import read_beliefs
     from pamjax.infer.cache import keep_compiled
     from pamjax.infer.sample import sample as walk
@@ -68,9 +57,7 @@ def sample(
     with working(quiet=json) as progress:
         post = walk(
             read,
-            law,
-            share or (),
-            with_ or (),
+            *model.asked,
             beliefs=beliefs,
             sampler=sampler,
             ess=ess,
