@@ -17,6 +17,7 @@ def inverse(
     force: str | None = None,
     length: str | None = None,
     pressure: str | None = None,
+    posterior: Path | None = None,
     highest: str | None = None,
     export: Path | None = None,
     law: str | None = None,
@@ -31,6 +32,7 @@ def inverse(
         force: wanted, as "300 N"; with `--length` the pressure is found, with `--pressure` the length.
         length: at which, as "210 mm".
         pressure: at which, as "400 kPa".
+        posterior: a posterior.nc of the same recording: how sure the answer is, draw by draw, at their mean.
         highest: pressure there is; the highest calibrated one, or 600 kPa, if left out.
         export: folder for controller.npz and controller.py, which need NumPy alone.
         law: thread law of a muscle as stated; its baseline if left out.
@@ -54,7 +56,12 @@ def inverse(
     from pamjax.design.inverse import inverse as invert
     from pamjax.infer.load import load_muscle
 
-    loaded = load_muscle(muscle, law, case)
+    loaded, draws = load_muscle(muscle, law, case), None
+    if posterior is not None:
+        from pamjax.design.draws import draws_of
+
+        draws = draws_of(posterior, loaded)
+        loaded = draws.loaded
     known = loaded.calibrated.get("pressure", PRESSURES)
     top = parse(highest, "pressure", "--highest") if highest else known[1]
     of = invert(loaded, (min(known[0], 0.0), top))
@@ -66,6 +73,7 @@ def inverse(
             pressure=parse(pressure, "pressure", "--pressure") if pressure else None,
             file=muscle if muscle.suffix == ".json" else None,
             case=case,
+            draws=draws,
         )
         say_json(found.as_dict()) if json else say(str(found))
     if export is not None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from pamjax.design.doubt import force_sd
+from pamjax.design.draws import MIDDLE, Draws, Spread
 from pamjax.design.inverse import Inverse, Limit
 from pamjax.units import show
 
@@ -22,6 +23,7 @@ class Answer:
         what: "pressure" or "length".
         value: Pa or m; where the wish cannot be met, the nearest there is.
         sd: of it, from what the calibration does not know; NaN where no covariance is kept.
+        spread: what posterior draws make of it, where there are any.
         force: wanted, N.
         other: the given length, m, or pressure, Pa.
         by_force, by_other: derivatives of the value.
@@ -38,14 +40,20 @@ class Answer:
     by_other: float
     stiffness: float
     limit: Limit
+    spread: Spread | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """As plain numbers, SI."""
-        return {
-            "command": self.what, "value": self.value, "sd": self.sd if math.isfinite(self.sd) else None,
-            "force": self.force, "given": self.other, "by_force": self.by_force, "by_given": self.by_other,
-            "stiffness": self.stiffness, "limit": self.limit.name, "says": self.limit.says,
+        """As plain numbers, SI; None where there is none."""
+        numbers = {
+            "value": self.value, "sd": self.sd, "force": self.force, "given": self.other,
+            "by_force": self.by_force, "by_given": self.by_other, "stiffness": self.stiffness,
         }  # fmt: skip
+        found: dict[str, Any] = {"command": self.what} | {n: _finite(x) for n, x in numbers.items()}
+        found |= {"limit": self.limit.name, "says": self.limit.says}
+        if self.spread is not None:
+            ends = {"low": _finite(self.spread.low), "high": _finite(self.spread.high)}
+            found["draws"] = ends | {"middle": MIDDLE, "met": self.spread.met}
+        return found
 
     def __str__(self) -> str:
         unit, given = ("kPa", "mm") if self.what == "pressure" else ("mm", "kPa")
@@ -53,17 +61,26 @@ class Answer:
             lines = [f"cannot be met: {self.limit.says}", f"  nearest {self.what} {show(self.value, unit)}"]
         else:
             sure = f" ± {show(self.sd, unit, 2)}" if math.isfinite(self.sd) else ""
+            if self.spread is not None and math.isfinite(self.spread.low):
+                low, high = show(self.spread.low, unit).partition(" ")[0], show(self.spread.high, unit)
+                sure += f" ({MIDDLE:.0%} of draws: {low} to {high})"
             lines = [f"{self.what} {show(self.value, unit)}{sure}"]
             by, other = (1e-3, 1e3) if self.what == "pressure" else (1e3, 1e-3)
             lines.append(f"  {by * self.by_force:+.4g} {unit} for a newton more")
             lines.append(f"  {self.by_other * by / other:+.4g} {unit} for a {given} more")
+        if self.spread is not None and self.spread.met < 1:
+            lines.append(f"  {self.spread.met:.0%} of the draws can meet it")
         lines.append(f"  stiffness there {self.stiffness / 1e3:.4g} N/mm")
         return "\n".join(lines)
 
 
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
 def answer(
     of: Inverse, force: float, *, length: float | None = None, pressure: float | None = None,
-    file: Path | None = None, case: str | None = None,
+    file: Path | None = None, case: str | None = None, draws: Draws | None = None,
 ) -> Answer:  # fmt: skip
     """Answer one wish.
 
@@ -74,6 +91,7 @@ def answer(
         pressure: at which the length is sought, Pa.
         file: the fit.json that knows how sure the muscle's numbers are.
         case: which case of it.
+        draws: what a posterior knows of the muscle, instead of that file.
     """
     what, other = ("pressure", length) if length is not None else ("length", pressure)
     assert other is not None
@@ -83,6 +101,11 @@ def answer(
         for x in (command.value, command.by_force, command.by_other, command.stiffness)
     )
     p, l = (value, other) if length is not None else (other, value)
-    off = float(force_sd(file, np.array([p]), np.array([l]), case)[0]) if file else math.nan
+    spread = draws.spread(of, force, length=length, pressure=pressure) if draws else None
+    if spread is not None:
+        sd = spread.sd
+    else:
+        off = force_sd(file, np.array([p]), np.array([l]), case)[0] if file else math.nan
+        sd = abs(by_force) * float(off)
     limit = Limit(int(np.asarray(command.status)[0]))
-    return Answer(what, value, abs(by_force) * off, force, other, by_force, by_other, stiffness, limit)
+    return Answer(what, value, sd, force, other, by_force, by_other, stiffness, limit, spread)

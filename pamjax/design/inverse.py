@@ -134,12 +134,12 @@ class Inverse:
     def pressure(self, force: ArrayLike, length: ArrayLike) -> Command:
         """The pressure at which the muscle pulls with a force (n,), N, at a length (n,), m."""
         ends = jnp.array(self.pressures), jnp.array(self.lengths)
-        return _in_parts(lambda f, l: _pressures(self.muscle, *ends, f, l), force, length)
+        return _in_parts(lambda f, l: pressures_of(self.muscle, *ends, f, l), force, length)
 
     def length(self, force: ArrayLike, pressure: ArrayLike) -> Command:
         """The length at which the muscle pulls with a force (n,), N, at a pressure (n,), Pa."""
         ends = jnp.array(self.pressures), jnp.array(self.lengths)
-        return _in_parts(lambda f, p: _lengths(self.muscle, *ends, f, p), force, pressure)
+        return _in_parts(lambda f, p: lengths_of(self.muscle, *ends, f, p), force, pressure)
 
 
 def _in_parts(function: Callable, one: ArrayLike, other: ArrayLike):
@@ -173,7 +173,8 @@ def _around(muscle, pressure, length):
 
 
 @eqx.filter_jit
-def _pressures(muscle, pressures, lengths, force, length) -> Command:
+def pressures_of(muscle, pressures, lengths, force, length) -> Command:
+    """Pressures for forces at lengths, each (n,), within the ends (2,) of a range."""
     (low, high), (short, long) = pressures, lengths
 
     def one(wanted, at):
@@ -194,7 +195,8 @@ def _pressures(muscle, pressures, lengths, force, length) -> Command:
 
 
 @eqx.filter_jit
-def _lengths(muscle, pressures, lengths, force, pressure) -> Command:
+def lengths_of(muscle, pressures, lengths, force, pressure) -> Command:
+    """Lengths for forces at pressures, each (n,), within the ends (2,) of a range."""
     (low, high), (short, long) = pressures, lengths
 
     def one(wanted, at):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from pamjax.check import nearest, refuse
 from pamjax.infer.believed import sizes, stated
@@ -17,6 +19,7 @@ from pamjax.model.bench import Bench
 from pamjax.model.catalogue import meaning
 from pamjax.model.library import not_twice
 from pamjax.model.muscle import Muscle
+from pamjax.records.case import MUSCLE, RECORDING
 from pamjax.records.entry import Entry, read_entry
 from pamjax.records.files import read_bytes
 
@@ -31,12 +34,18 @@ class Loaded:
         text: the text of its muscle.toml.
         calibrated: lowest and highest calibrated "pressure" (Pa) and "length" (m); empty if it was
             not calibrated.
+        law, mechanisms, numbers: from which it is assembled; numbers in SI.
+        checksum: of the recording and muscle.toml that it stands for; "" where there is no recording.
     """
 
     muscle: Muscle | Bench
     entry: Entry
     text: str
     calibrated: dict[str, tuple[float, float]]
+    law: str
+    mechanisms: tuple[str, ...]
+    numbers: Mapping[str, Array]
+    checksum: str = ""
 
 
 def load_muscle(
@@ -68,28 +77,36 @@ def load_muscle(
         return _calibrated(source, case, settings or {})
     if case is not None:
         raise refuse("`--case` names a case of a fit.json", str(source), remedy="Leave it out.")
-    file = source / "muscle.toml" if source.is_dir() else source
+    file = source / MUSCLE if source.is_dir() else source
     raw = read_bytes(file)
     entry = read_entry(raw, file.name)
     law = law or entry.baseline
     numbers = {name: jnp.asarray(m.value) for name, m in stated(entry, law).items()}
     known = {name: jnp.asarray(m.value) for name, m in sizes(entry).items()}
-    muscle = _with_mechanisms(law, (), numbers, known, settings or {})
-    return Loaded(muscle, entry, raw.decode("utf-8-sig"), {})
+    made = _with_mechanisms(law, (), numbers, known, settings or {})
+    recording = source / RECORDING if source.is_dir() else None
+    beside = recording is not None and recording.exists()
+    same = hashlib.sha256(read_bytes(recording) + raw).hexdigest() if recording and beside else ""
+    return Loaded(build(*made), entry, raw.decode("utf-8-sig"), {}, *made, same)
 
 
-def _with_mechanisms(law, ids, numbers, known, settings: Mapping[str, float]) -> Muscle | Bench:
+def build(law: str, ids: tuple[str, ...], numbers: Mapping[str, Array]) -> Muscle | Bench:
     """The muscle, or the bench if anything acts beside its threads."""
+    return assemble_bench(law, ids, numbers) if ids else assemble(law, numbers)
+
+
+def _with_mechanisms(law, ids, numbers, known, settings: Mapping[str, float]):
+    """Law, mechanisms and numbers with the settings among them."""
     named = dict.fromkeys((*ids, *(_owner(name) for name in settings)))
     if not named:
-        return assemble(law, numbers)
+        return law, (), numbers
     not_twice(named)
     law = bench_law(law, named)
     own = mechanism_numbers(named)
     by_field = {name: known[field] for name, (_, field) in own.items() if field in known}
     usual = by_field | {name: known[name] for name in own if name in known}
     new = {name: jnp.asarray(value) for name, value in settings.items()}
-    return assemble_bench(law, tuple(named), usual | numbers | new)
+    return law, tuple(named), usual | numbers | new
 
 
 def _owner(name: str) -> str:
@@ -129,9 +146,6 @@ def _chosen(cases: dict, file: Path, case: str | None, settings: Mapping[str, fl
     entry = read_entry(one["muscle_toml"].encode(), "muscle.toml")
     known = {key: jnp.asarray(m.value) for key, m in sizes(entry).items()}
     muscle = one["muscle"]
-    return Loaded(
-        _with_mechanisms(muscle["law"], muscle["mechanisms"], numbers, known, settings),
-        entry,
-        one["muscle_toml"],
-        {key: (ends["low"], ends["high"]) for key, ends in one["calibrated"].items()},
-    )
+    made = _with_mechanisms(muscle["law"], muscle["mechanisms"], numbers, known, settings)
+    ends = {key: (ends["low"], ends["high"]) for key, ends in one["calibrated"].items()}
+    return Loaded(build(*made), entry, one["muscle_toml"], ends, *made, one.get("checksum", ""))

@@ -4,11 +4,14 @@ import json
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from pamjax.cli.main import main
 from pamjax.design.doubt import force_sd
+from pamjax.design.draws import MANY
 from pamjax.design.standalone import Controller
 from pamjax.infer.load import load_muscle
+from pamjax.units import in_unit
 
 
 def test_a_fitted_muscle_is_commanded_with_its_doubt(fitted, capsys):
@@ -66,3 +69,75 @@ def test_an_export_says_how_far_it_is_off(fitted, tmp_path, capsys):
 def test_half_a_wish_is_refused(fitted, capsys, words):
     assert main(["inverse", str(fitted / "fit.json"), *words]) == 2
     assert "`--force` with `--length` or with `--pressure`" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def drawn(fitted, tmp_path_factory):
+    """Write a posterior.nc that is the fit's own normal distribution, so many times as wide."""
+    document = json.loads((fitted / "fit.json").read_text())
+    names = document["correlation"]["names"]
+    ((case, one),) = document["cases"].items()
+    value = np.array([one["muscle"]["numbers"][n] for n in names])
+    told = [document["parameters"][n] for n in names]
+    sd = np.array([t["sd"] * in_unit(t["unit"]) for t in told])
+    raw = np.random.default_rng(5).standard_normal((MANY, sd.size))
+    # Exactly of mean nothing and covariance one: what is left of a difference is no chance.
+    raw -= raw.mean(axis=0)
+    unit = raw @ np.linalg.inv(np.linalg.cholesky(np.cov(raw.T))).T
+    steps = unit @ np.linalg.cholesky(np.array(document["correlation"]["matrix"]) + 1e-9 * np.eye(sd.size)).T
+    about = {"law": one["muscle"]["law"], "mechanisms": "[]", "checksum": json.dumps({case: one["checksum"]})}
+
+    def _drawn(wide, **other):
+        values = value + wide * steps * sd
+        data = {n: (("chain", "draw"), values[None, :, k]) for k, n in enumerate(names)}
+        tree = xr.DataTree.from_dict({"posterior": xr.Dataset(data)})
+        tree.attrs = about | other
+        file = tmp_path_factory.mktemp("drawn") / "posterior.nc"
+        tree.to_netcdf(file, engine="h5netcdf")
+        return file
+
+    return _drawn
+
+
+@pytest.mark.parametrize("words", [["--length", "180 mm"], ["--pressure", "300 kPa"]])
+def test_draws_of_a_normal_posterior_say_what_its_covariance_says(fitted, drawn, capsys, words):
+    force = float(load_muscle(fitted / "fit.json").muscle(300e3, 0.18).force)
+    words = ["inverse", str(fitted / "fit.json"), "--force", f"{force:.3f} N", *words, "--json"]
+
+    def told(*more):
+        assert main([*words, *more]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    straight = told()
+    near, far = (told("--posterior", str(drawn(wide))) for wide in (0.2, 0.4))
+    # What is left is curvature.
+    assert near["sd"] / 0.2 == pytest.approx(straight["sd"], rel=5e-3)
+    assert far["sd"] / near["sd"] == pytest.approx(2.0, rel=5e-3)
+    assert near["value"] == pytest.approx(straight["value"], rel=1e-4)
+    assert near["draws"]["met"] == 1.0
+    width = near["draws"]["high"] - near["draws"]["low"]
+    assert width == pytest.approx(2 * 1.645 * near["sd"], rel=0.15)
+
+
+def test_draws_say_how_likely_a_wish_can_be_met(fitted, drawn, capsys):
+    muscle = load_muscle(fitted / "fit.json").muscle
+    top = load_muscle(fitted / "fit.json").calibrated["pressure"][1]
+    most = float(muscle(top, 0.18).force)
+    words = ["inverse", str(fitted / "fit.json"), "--force", f"{most:.9g} N", "--length", "180 mm"]
+    assert main([*words, "--posterior", str(drawn(1.0)), "--json"]) == 0
+    # The most that the middle of the draws can do is too much for half of them.
+    assert json.loads(capsys.readouterr().out)["draws"]["met"] == pytest.approx(0.5, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("other", "told"),
+    [
+        ({"law": "toe"}, "belongs to its own model (elastic here); got toe"),
+        ({"mechanisms": '["braid_friction"]'}, "got elastic + braid_friction"),
+        ({"checksum": '{"other": "0"}'}, "belongs to the recording that it was drawn for; got other"),
+    ],
+)
+def test_a_posterior_of_another_muscle_is_refused(fitted, drawn, capsys, other, told):
+    words = ["inverse", str(fitted / "fit.json"), "--force", "300 N", "--length", "180 mm"]
+    assert main([*words, "--posterior", str(drawn(1.0, **other))]) == 2
+    assert told in capsys.readouterr().err
