@@ -15,11 +15,10 @@ from pamjax.check import BadInput, refuse
 from pamjax.model.library import mechanism
 from pamjax.records.case import Case
 from pamjax.records.files import write_beside
-from pamjax.study.experiment import ENOUGH, Experiment, choose, stand_in, table
+from pamjax.study.experiment import ENOUGH, Experiment, choose, joined, stand_in, table
 from pamjax.study.forms import NEEDS_TIME, forms
-from pamjax.study.naming import Model, begun, settle
+from pamjax.study.naming import Model, settle
 from pamjax.study.problem import Problem, problem
-from pamjax.study.signature import signatures
 from pamjax.study.stage import Stage
 
 #: Protocols in a note.
@@ -108,23 +107,24 @@ def tell(
         if id not in shown:
             raise _unseen(id, case)
     progress("fitting both", 0.1)
-    model, other = contenders(found, first, second)
+    model = alone(found, bare(found), first)
+    other = stand_in(found, model, first, second)
+    assert other is not None
     progress("playing protocols", 0.4)
     stage = Stage.of(found, model)
     menu = table(stage, model, other, (first, second))
     return Contest(case, (first, second), other.at.cost - model.at.cost, stage, tuple(menu), choose(menu))
 
 
-def contenders(found: Problem, first: str, second: str) -> tuple[Model, Model]:
-    """The baseline with either mechanism in its best form, both refitted under one noise."""
-    used = np.ones(found.n, dtype=bool)
-    bare = settle(found, used, (), found.neutral)
-    candidates = [form for form in forms(found) if form.id == first]
-    best = max(signatures(found, bare.white, bare.at, candidates), key=lambda s: s.gain)
-    model = settle(found, used, (best.form,), begun(found, bare.at.values, best.form, best.amplitudes))
-    other = stand_in(found, model, first, second)
-    assert other is not None
-    return model, other
+def bare(found: Problem) -> Model:
+    """The baseline by itself, refitted under the noise that it leaves."""
+    return settle(found, np.ones(found.n, dtype=bool), (), found.neutral)
+
+
+def alone(found: Problem, baseline: Model, id: str) -> Model:
+    """The baseline with one mechanism in its best form, refitted under the noise that this leaves."""
+    begin = joined(found, baseline, [form for form in forms(found) if form.id == id])
+    return settle(found, np.ones(found.n, dtype=bool), begin.chosen, begin.at.values)
 
 
 def _unseen(id: str, case: Case) -> BadInput:

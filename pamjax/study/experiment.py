@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pamjax.study.forms import Form, forms
-from pamjax.study.naming import Model, Name, begun, without
+from pamjax.study.naming import FINAL, ROUGH, Model, Name, begun, without
 from pamjax.study.power import prospect
 from pamjax.study.problem import Problem
 from pamjax.study.protocols import MENU
@@ -21,6 +21,9 @@ from pamjax.study.stage import Stage, contrast
 
 #: Power with which a protocol is enough.
 ENOUGH = 0.9
+
+#: Forms of a mechanism that are refitted, and the shares of their linear amplitudes from which they begin.
+FORMS, SHARES = 3, (1.0, 0.1)
 
 #: Most rivals of one name, and most pairs, for which a protocol is sought.
 RIVALS, PAIRS = 2, 4
@@ -120,10 +123,26 @@ def stand_in(found: Problem, model: Model, name: str, rival: str) -> Model | Non
         return None
     rest = tuple(f for f in model.chosen if f is not form)
     bare = refit(found, model.white, _moved(found, rest), without(found, model.at.values, form))
-    best = max(signatures(found, model.white, bare, candidates), key=lambda s: s.gain)
-    values = begun(found, bare.values, best.form, best.amplitudes)
-    chosen = (*rest, best.form)
-    return Model(chosen, model.white, refit(found, model.white, _moved(found, chosen), values))
+    return joined(found, Model(rest, model.white, bare), candidates)
+
+
+def joined(found: Problem, bare: Model, candidates: Sequence[Form]) -> Model:
+    """A model with one more form, the best of some after a refit of each.
+
+    The amplitude that is best in the linear limit may lie far beyond the best one, at its limit, where a
+    refit stays: it begins from a part of it as well.
+    """
+    scored = sorted(signatures(found, bare.white, bare.at, candidates), key=lambda s: -s.gain)[:FORMS]
+    rough = []
+    for one in scored:
+        chosen = (*bare.chosen, one.form)
+        for share in SHARES:
+            values = begun(found, bare.at.values, one.form, share * one.amplitudes)
+            at = refit(found, bare.white, _moved(found, chosen), values, ROUGH)
+            rough.append(Model(chosen, bare.white, at))
+    best = sorted(rough, key=lambda m: m.at.cost)[:FINAL]
+    ends = [dataclasses.replace(m, at=refit(found, m.white, m.at.moved, m.at.values)) for m in best]
+    return min(ends, key=lambda m: m.at.cost)
 
 
 def _moved(found: Problem, chosen: Sequence[Form]) -> list[int]:
