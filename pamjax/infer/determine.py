@@ -122,7 +122,7 @@ def _sentences(found: Sequence[Determination], combinations: Sequence[dict[str, 
     said = []
     settled = [f"`{d.name}`" for d in found if d.determined]
     if settled:
-        said.append(f"This recording can determine {_list(settled)}.")
+        said.append(f"This recording can determine {_list(settled)}, if the model lacks nothing.")
     return said + [words(moves) for moves in combinations]
 
 

@@ -29,7 +29,8 @@ def test_a_whole_recording_determines_everything():
     found, said = determine(made())
     assert all(d.determined for d in found)
     assert said == [
-        "This recording can determine `muscle.thread_length`, `muscle.turns` and `thread.modulus`."
+        "This recording can determine `muscle.thread_length`, `muscle.turns` and `thread.modulus`, "
+        "if the model lacks nothing."
     ]
 
 
