@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from pamjax.check import refuse
 from pamjax.model import braid
 from pamjax.model.balance import BURST, Status, solve_strain, stretch_linear
 from pamjax.model.state import AbstractGeometry, AbstractTerm, Cylinder, State
@@ -152,19 +153,29 @@ def contraction(muscle: Muscle, length: braid.Real) -> Array:
     return 1 - jnp.asarray(length) / muscle.rest_length
 
 
-@eqx.filter_jit
 def predict(muscle: Muscle, pressure: Float[Array, " n"], length: Float[Array, " n"]) -> Reading:
     """What the muscle shows at each of many instants; an instant without an equilibrium is told in `status`.
 
     Args:
         muscle: as `assemble` or `load_muscle` makes it.
-        pressure: (n,) gauge pressure, Pa.
-        length: (n,) length between the fittings, m.
+        pressure: (n,) gauge pressure, Pa; or one for all lengths.
+        length: (n,) length between the fittings, m; or one for all pressures.
 
     Returns:
         a `Reading` whose fields have shape (n,): force N, diameter m, thread length m, status.
+
+    Raises:
+        BadInput: where the two are not as long as each other.
     """
-    at = jnp.asarray(pressure, float), jnp.asarray(length, float)
+    at = jnp.atleast_1d(jnp.asarray(pressure, float), jnp.asarray(length, float))
+    if len({x.shape for x in at if x.shape != (1,)}) > 1 or max(x.ndim for x in at) > 1:
+        got = " and ".join(str(x.shape) for x in at)
+        raise refuse("`pressure` and `length` must be as long as each other, or one a number", got)
+    return _predict(muscle, *jnp.broadcast_arrays(*at))
+
+
+@eqx.filter_jit
+def _predict(muscle: Muscle, *at: Float[Array, " n"]) -> Reading:
     if len(at[0]) < 4 * BLOCK or jax.default_backend() != "cpu":
         return jax.vmap(muscle)(*at)
     # XLA writes what two results share to memory. Block by block that stays in the cache, and is

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from jaxtyping import Array
 
+from pamjax.check import BadInput
 from pamjax.model import braid
 from pamjax.model.balance import BURST, Status
 from pamjax.model.muscle import BLOCK, Muscle, contraction, predict
@@ -299,6 +300,16 @@ def test_each_number_has_a_meaning():
             assert meaning.about, name
             assert meaning.source, name
             assert meaning.low < float(values(muscle)[name]) < meaning.high, name
+
+
+def test_one_pressure_stands_for_all_lengths_and_lists_are_as_long_as_each_other():
+    muscle = MUSCLES["elastic"]
+    every = predict(muscle, [3e5, 3e5], [0.2, 0.22])
+    for one in (predict(muscle, 3e5, [0.2, 0.22]), predict(muscle, [3e5], np.array([0.2, 0.22]))):
+        agree(one.force, every.force, ROUNDING)
+    assert predict(muscle, 3e5, 0.2).force.shape == (1,)
+    with pytest.raises(BadInput, match=r"as long as each other, or one a number; got \(2,\) and \(3,\)"):
+        predict(muscle, [1e5, 2e5], [0.2, 0.21, 0.22])
 
 
 def test_many_states_go_in_blocks_and_come_out_the_same():
