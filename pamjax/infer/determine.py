@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
@@ -21,7 +22,7 @@ from pamjax.infer.least_squares import linearise
 from pamjax.infer.member import member
 from pamjax.infer.space import Space
 from pamjax.model.catalogue import meaning
-from pamjax.records.case import Case
+from pamjax.records.case import Case, as_case
 from pamjax.units import show
 
 #: A number, or a combination, is determined if its standard deviation shrinks to this share of the prior's.
@@ -49,14 +50,14 @@ class Determination:
     determined: bool
 
 
-def determine(case: Case, law: str | None = None) -> tuple[list[Determination], list[str]]:
+def determine(case: Case | str | Path, law: str | None = None) -> tuple[list[Determination], list[str]]:
     """What a recording could determine, without fitting it.
 
     Uses the sensitivities at the stated values and the stated sensor noise; where no sensor is
     stated, a hundredth of the channel's range. Samples count as independent: this is the best case.
 
     Args:
-        case: the recording and what is believed of its muscle.
+        case: the recording and what is believed of its muscle, or their folder.
         law: thread law; None takes the case's baseline.
 
     Returns:
@@ -65,6 +66,7 @@ def determine(case: Case, law: str | None = None) -> tuple[list[Determination], 
     Raises:
         BadInput: for an unknown law, or a number that the law needs and muscle.toml does not have.
     """
+    case = as_case(case)
     law = law or case.entry.baseline
     at, (rename,) = joint_space([case], law, ())
     members = (member(case, law, at, rename),)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -23,7 +24,7 @@ from pamjax.model.balance import Status
 from pamjax.model.catalogue import LAWS
 from pamjax.model.library import not_twice
 from pamjax.records.blocks import blocks
-from pamjax.records.case import Case
+from pamjax.records.case import Case, as_case
 
 #: Two starts agree if their costs differ by less than this (one standard deviation costs 0.5).
 SAME_COST = 0.01
@@ -43,7 +44,7 @@ def silent(doing: str, share: float) -> None:
 
 
 def fit(
-    cases: Case | Sequence[Case],
+    cases: Case | str | Path | Sequence[Case | str | Path],
     law: str | None = None,
     share: Sequence[str] = (),
     mechanisms: Sequence[str] = (),
@@ -60,7 +61,7 @@ def fit(
     without one are taken as known. Offsets and gains of the bench are never absorbed.
 
     Args:
-        cases: one case or several.
+        cases: one case or several, or their folders.
         law: thread law, a key of `catalogue.LAWS`; None takes each recording's baseline.
         share: names of numbers that all cases have in common, as "thread.modulus".
         mechanisms: ids of what acts beside the threads, as "bladder_elasticity".
@@ -73,7 +74,7 @@ def fit(
     Raises:
         BadInput: for an unknown law, a shared name no case has, or a recording without a channel.
     """
-    cases = [cases] if isinstance(cases, Case) else list(cases)
+    cases = [as_case(one) for one in ([cases] if isinstance(cases, Case | str | Path) else cases)]
     _countable(starts, fold_count, seed)
     law = _one_law(cases, law)
     if mechanisms:

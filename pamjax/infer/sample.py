@@ -32,7 +32,7 @@ PILOT = 400
 
 
 def sample(
-    source: Fit | Case | Sequence[Case],
+    source: Fit | Case | str | Path | Sequence[Case | str | Path],
     law: str | None = None,
     share: Sequence[str] = (),
     mechanisms: Sequence[str] = (),
@@ -52,7 +52,7 @@ def sample(
     steps. Where `max_draws` does not suffice, the result says so and holds what there is.
 
     Args:
-        source: a fit, or what to fit first: one case or several.
+        source: a fit, or what to fit first: one case or several, or their folders.
         law: thread law, as in `fit`; only for cases.
         share: numbers that all cases have in common, as in `fit`; only for cases.
         mechanisms: what acts beside the threads, as in `fit`; only for cases.

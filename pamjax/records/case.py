@@ -86,6 +86,19 @@ def read_case(folder: str | Path, *, gaps: str = "carry", before: str = "relaxed
     return case_of(said, measured, folder, gaps, before)
 
 
+def as_case(source: Case | str | Path) -> Case:
+    """The case, or the one that lies in a folder.
+
+    Raises:
+        BadInput: as `read_case`, or for what is neither.
+    """
+    if isinstance(source, Case):
+        return source
+    if not isinstance(source, str | Path):
+        raise refuse("a case is what `read_case` or `case_from` makes, or its folder", repr(source)[:60])
+    return read_case(source)
+
+
 def case_of(
     said: bytes, measured: bytes, folder: Path, gaps: str, before: str, file: str = RECORDING
 ) -> Case:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from pamjax.records.blocks import blocks
-from pamjax.records.case import Case
+from pamjax.records.case import Case, as_case
 from pamjax.study.diagnosis import Diagnosis, Moved, Number
 from pamjax.study.experiment import experiments
 from pamjax.study.forms import forms
@@ -33,7 +34,7 @@ Progress = Callable[[str, float], None]
 
 
 def diagnose(
-    case: Case,
+    case: Case | str | Path,
     *,
     size: int | None = None,
     seed: int = 0,
@@ -42,7 +43,7 @@ def diagnose(
     """Say what a recording's baseline leaves out.
 
     Args:
-        case: the recording and what the lab believes of its muscle.
+        case: the recording and what the lab believes of its muscle, or their folder.
         size: rows to pad to, so that several recordings share one compiled program; None for `STEP`'s next.
         seed: of the draws behind the p-values.
         progress: called with what is being done and the share done.
@@ -50,6 +51,7 @@ def diagnose(
     Raises:
         BadInput: for a baseline that no bench has, or a recording without force and diameter.
     """
+    case = as_case(case)
     progress("compiling", 0.0)
     found = problem(case, size or STEP * -(-case.recording.n // STEP))
     laid = blocks(case.recording)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pamjax.check import BadInput
-from pamjax.records.case import read_case
+from pamjax.records.case import as_case, read_case
 
 from .conftest import MUSCLE, as_csv, strokes
 
@@ -236,3 +236,11 @@ def test_every_real_case_is_read(real_case):
     assert real_case.warnings == ()
     assert real_case.recording.aside == ()
     assert real_case.recording.usable.all()
+
+
+def test_a_folder_stands_for_its_case_and_nothing_else_does(folder):
+    case = read_case(folder())
+    assert as_case(case) is case
+    assert as_case(str(case.folder)).checksum == case.checksum
+    with pytest.raises(BadInput, match="`read_case` or `case_from` makes, or its folder; got 3"):
+        as_case(3)  # pyright: ignore[reportArgumentType]
