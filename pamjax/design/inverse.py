@@ -41,6 +41,9 @@ FEW, MANY = 16, 4096
 #: Where nothing was calibrated: pressures, Pa, and contractions.
 PRESSURES, CONTRACTIONS = (0.0, 600e3), (0.0, 0.35)
 
+#: A range narrower than this share of itself is one point, held as well as it was.
+NARROW = 0.01
+
 #: Share of the pull of a pascal at the longest length below which pressure commands nothing.
 PULLS = 0.02
 
@@ -229,13 +232,16 @@ def inverse(
 
     Args:
         muscle: as built, or as `load_muscle` reads it from a fit.json, a model.json or a case folder.
-        pressures: lowest and highest, Pa; None for those it was calibrated on, else up to 600 kPa.
-        lengths: shortest and longest, m; None for those it was calibrated on, else to 35 % contraction.
+        pressures: lowest and highest, Pa; None for those it was calibrated on; where it was not, or at one
+            pressure only, up to 600 kPa.
+        lengths: shortest and longest, m; None for those it was calibrated on; where it was not, or at one
+            length only, to 35 % contraction.
 
     Raises:
         BadInput: for an empty range, or a muscle without a rest length where no lengths are given.
     """
     known = muscle.calibrated if isinstance(muscle, Loaded) else {}
+    known = {name: (low, high) for name, (low, high) in known.items() if high > low * (1 + NARROW)}
     bare = muscle.muscle if isinstance(muscle, Loaded) else muscle
     if lengths is None and "length" not in known:
         if isinstance(muscle, Bench):

@@ -65,6 +65,17 @@ def test_an_export_says_how_far_it_is_off(fitted, tmp_path, capsys):
     assert float(force) == pytest.approx(300.0, rel=1e-3)
 
 
+def test_a_muscle_calibrated_at_one_length_is_commanded_at_others(fitted, tmp_path, capsys):
+    document = json.loads((fitted / "fit.json").read_text())
+    ((_, one),) = document["cases"].items()
+    one["calibrated"]["length"] = {"low": 0.2, "high": 0.2}
+    (tmp_path / "fit.json").write_text(json.dumps(document))
+    assert (
+        main(["inverse", str(tmp_path / "fit.json"), "--force", "300 N", "--length", "180 mm", "--json"]) == 0
+    )
+    assert json.loads(capsys.readouterr().out)["limit"] == "OK"
+
+
 @pytest.mark.parametrize("words", [[], ["--force", "3 N"], ["--force", "3 N", "--export", "x"]])
 def test_half_a_wish_is_refused(fitted, capsys, words):
     assert main(["inverse", str(fitted / "fit.json"), *words]) == 2
