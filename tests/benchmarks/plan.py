@@ -1,6 +1,7 @@
 """Does a plan keep its promise: simulated muscles are measured as planned, fitted, held against the truth.
 
     python -m tests.benchmarks.plan [muscles] [minutes]
+    python -m tests.benchmarks.plan muscles minutes alike
 
 Each muscle is another: length, slenderness, angle, threads, how well it is known, and how good the rig is.
 Its truth, zeros, gains and give of the rig included, is drawn from what is believed. The planned runs, and
@@ -8,6 +9,7 @@ ten isobars in the same time, are simulated with noise and fitted by least squar
 without the approximations of the plan (another program than the one that planned). Reported:
 
 promised    mean of (fitted sd / promised sd)², and rms of (estimate − truth) / promised sd: both 1 if true
+alike       no plan: every muscle makes the same three runs, so that the fit's own sd is tested alone
 isobars     rms error after ten isobars over rms error after the plan, both relative to the promise
 """
 
@@ -27,7 +29,7 @@ from scipy.optimize import least_squares
 from pamjax.design.knowledge import Knowledge, knowledge
 from pamjax.design.means import USUAL, Means
 from pamjax.design.plan import Plan, plan
-from pamjax.design.runs import Run, isobars
+from pamjax.design.runs import Run, isobars, runs
 from pamjax.infer.cache import keep_compiled
 from pamjax.model import braid
 from pamjax.model.assembly import assemble
@@ -159,14 +161,29 @@ def in_minutes(known: Knowledge, minutes: float) -> list[Run]:
     return [Run("ten isobars", pressure[picked], length[picked], minutes, {})]
 
 
+def a_truth(known: Knowledge, rng: np.random.Generator) -> np.ndarray:
+    """What a muscle and its rig are, of what is believed, within two standard deviations."""
+    drawn = known.mean + known.scale * np.clip(rng.standard_normal(known.mean.size), -2, 2)
+    return np.clip(drawn, np.asarray(known.at.low) + 1e-9 * known.scale, np.asarray(known.at.high))
+
+
+def alike(seed: int, minutes: float) -> Outcome:
+    """One muscle that makes the same runs as every other: a ramp, a hold and a bar in the grips."""
+    rng = np.random.default_rng([20, 1000 + seed])
+    known = knowledge(*a_muscle(rng, minutes))
+    offered = runs(known.means, known.entry.rest_length.value)
+    kinds = "ramp", "hold", "steel bar"
+    done = [next(run for run in offered if kind in run.says) for kind in kinds]
+    return outcome(known, done, a_truth(known, rng), rng)
+
+
 def trial(seed: int, minutes: float) -> tuple[Plan, Outcome, Outcome]:
     """One muscle: its plan, what that gave, and what ten isobars gave."""
     rng = np.random.default_rng([20, seed])
     entry, means = a_muscle(rng, minutes)
     found = plan(entry, means, GOAL, to="5 %")
     known = knowledge(entry, means)
-    drawn = known.mean + known.scale * np.clip(rng.standard_normal(known.mean.size), -2, 2)
-    true = np.clip(drawn, np.asarray(known.at.low) + 1e-9 * known.scale, np.asarray(known.at.high))
+    true = a_truth(known, rng)
     planned = [run for count, run in found.chosen for _ in range(count)]
     return (
         found,
@@ -213,8 +230,13 @@ def report(trials: list[tuple[Plan, Outcome, Outcome]]) -> str:
     return "\n".join(lines)
 
 
-def main(muscles: int = 200, minutes: float = 60.0) -> None:
+def main(muscles: int, minutes: float, how: str) -> None:
     keep_compiled()
+    if how == "alike":
+        ends = [alike(seed, minutes) for seed in range(muscles)]
+        errors = np.array([(one.value - one.true) / one.sd for one in ends])
+        print(f"{muscles} muscles, the same runs: error over fitted sd, rms {interval(errors, rms)}")
+        return
     trials = []
     for seed in range(muscles):
         trials.append(trial(seed, minutes))
@@ -229,4 +251,5 @@ def main(muscles: int = 200, minutes: float = 60.0) -> None:
 
 
 if __name__ == "__main__":
-    main(*(kind(word) for kind, word in zip((int, float), sys.argv[1:], strict=False)))
+    words = [*sys.argv[1:], *("200", "60", "planned")[len(sys.argv) - 1 :]]
+    main(int(words[0]), float(words[1]), words[2])
