@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from pamjax.design.plan import Plan, plan
     from pamjax.design.result import Design
     from pamjax.design.size import size
+    from pamjax.design.tell import Contest, tell
     from pamjax.infer.cache import keep_compiled
     from pamjax.infer.determine import determine
     from pamjax.infer.fit import fit
@@ -61,12 +62,15 @@ _HOME = {
     "export": "pamjax.design.export",
     "Plan": "pamjax.design.plan",
     "plan": "pamjax.design.plan",
+    "Contest": "pamjax.design.tell",
+    "tell": "pamjax.design.tell",
     "diagnose": "pamjax.study.diagnose",
 }
 
 __all__ = [
     "BadInput",
     "Case",
+    "Contest",
     "Design",
     "Diagnosis",
     "Fit",
@@ -95,6 +99,7 @@ __all__ = [
     "save_posterior",
     "simulate",
     "size",
+    "tell",
 ]
 
 

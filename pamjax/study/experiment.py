@@ -129,8 +129,8 @@ def stand_in(found: Problem, model: Model, name: str, rival: str) -> Model | Non
 def joined(found: Problem, bare: Model, candidates: Sequence[Form]) -> Model:
     """A model with one more form, the best of some after a refit of each.
 
-    The amplitude that is best in the linear limit may lie far beyond the best one, at its limit, where a
-    refit stays: it begins from a part of it as well.
+    The form that is best in the linear limit may be one whose amplitude lies far beyond its limits, where a
+    refit then stays: several are refitted, each from a part of its amplitude as well.
     """
     scored = sorted(signatures(found, bare.white, bare.at, candidates), key=lambda s: -s.gain)[:FORMS]
     rough = []

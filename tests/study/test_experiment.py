@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from pamjax.design.tell import bare
+from pamjax.study import experiment
 from pamjax.study.conceal import conceal
-from pamjax.study.experiment import Experiment, choose, stand_in, table
+from pamjax.study.experiment import Experiment, choose, joined, stand_in, table
 from pamjax.study.forms import forms
 from pamjax.study.naming import begun, settle
 from pamjax.study.power import Side, power
@@ -108,6 +110,19 @@ def tied(name, rival):
     other = stand_in(found, model, name, rival)
     assert other is not None
     return table(Stage.of(found, model), model, other, (name, rival))
+
+
+@pytest.mark.slow
+def test_a_form_that_sticks_at_its_limit_does_not_stand_for_its_mechanism(monkeypatch):
+    envelope = conceal(1, np.random.default_rng(2), only="braid_locking", smallest=0.5, largest=2.0)
+    found = problem(envelope.case)
+    baseline, offered = bare(found), [form for form in forms(found) if form.id == "braid_locking"]
+    true = np.array([envelope.true[name] for name in found.names])
+    best = float(np.sum(baseline.white(found.measured - found.shows(true)) ** 2))
+    # As good as the truth, by the χ² of a few numbers that the truth has not fitted.
+    assert joined(found, baseline, offered).at.cost < best + 10
+    monkeypatch.setattr(experiment, "FORMS", 1)
+    assert joined(found, baseline, offered).at.cost > best + 100
 
 
 @pytest.mark.slow
