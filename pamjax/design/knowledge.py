@@ -126,7 +126,9 @@ class Knowledge:
         """What each run tells at some values, (r, p, p)."""
         kept = [run.thinned(MOST) for run in offered]
         label = np.concatenate([np.full(run.pressure.size, k) for k, run in enumerate(kept)])
-        found = self.information(self.case(kept), label, len(offered), values)
+        found = np.zeros((len(offered), *self.before.shape))
+        if label.size:
+            found = self.information(self.case(kept), label, len(offered), values)
         for k, run in enumerate(offered):
             found[k] *= run.pressure.size / max(kept[k].pressure.size, 1)
             for name, sd in run.direct.items():
@@ -190,7 +192,9 @@ def knowledge(entry: Entry, means: Means, law: str | None = None, case: Case | N
     bare = case or map_case(entry, np.array([0.0, 1e5]), np.full(2, entry.rest_length.value))
     joint_space([bare], law, ())
     free = [n for n in free_numbers(bare, law) if not is_ruler(n.name)]
-    means = replace(means, off={n: sd for n, sd in means.off.items() if _read(n, means)})
+    # What was recorded was read by channels, and with their zeros, that the rig may no longer have.
+    channels = {*means.channels, *(case.recording.channels if case else ())}
+    means = replace(means, off={n: sd for n, sd in means.off.items() if _read(n, channels)})
     free += [Free(n, meaning(n), max(0.0, sd * (meaning(n).low >= 0)), sd) for n, sd in means.off.items()]
     at = space(free)
     mean, sd = np.asarray(at.mean), np.asarray(at.sd)
@@ -201,10 +205,9 @@ def knowledge(entry: Entry, means: Means, law: str | None = None, case: Case | N
     return found if case is None else _learned(found, case)
 
 
-def _read(name: str, means: Means) -> bool:
-    """Whether a zero or gain belongs to a channel that the rig has."""
-    channel = name.partition("_")[0]
-    return channel in ("pressure", "length", "rig", *means.channels)
+def _read(name: str, channels: set[str]) -> bool:
+    """Whether a zero or gain belongs to a channel that there is."""
+    return name.partition("_")[0] in {"pressure", "length", "rig", *channels}
 
 
 def _learned(found: Knowledge, case: Case) -> Knowledge:
@@ -213,11 +216,14 @@ def _learned(found: Knowledge, case: Case) -> Knowledge:
     u = solve((member(case, found.law, own, {}),), own, jnp.zeros(own.size)).u
     values = np.concatenate([np.asarray(own.values(u)), found.mean[own.size :]])
     sensors, usual = case.entry.sensors, found.means
-    seen = replace(
-        usual,
-        force=sensors.force or usual.force if "force" in case.recording.channels else None,
-        diameter=sensors.diameter or usual.diameter if "diameter" in case.recording.channels else None,
-    )
+    # Of a channel that the rig has no more, the usual noise.
+    noise = {
+        c: getattr(sensors, c) or getattr(usual, c) or getattr(Means, c)
+        if c in case.recording.channels
+        else None
+        for c in ("force", "diameter")
+    }
+    seen = replace(usual, **noise)
     label = np.zeros(case.recording.n, dtype=int)
     told = replace(found, means=replace(seen, off=found.means.off)).information(case, label, 1, values)[0]
     return replace(found, mean=values, before=found.before + told)

@@ -267,6 +267,8 @@ def sd_after(found: Plan, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Minutes spent and a number's expected standard deviation (SI) before and after each run of a plan."""
     known, k = found.known, found.known.place(name)
     done = [run for count, run in found.chosen for _ in range(count)]
+    if not done:
+        return np.zeros(1), _sds(known, known.before[None])[k : k + 1]
     told = np.stack([known.of_runs(done, values) for values in known.truths()], axis=1)
     so_far = known.before + np.concatenate([np.zeros_like(told[:1]), np.cumsum(told, axis=0)])
     sds = np.array([_sds(known, information)[k] for information in so_far])

@@ -15,8 +15,7 @@ if TYPE_CHECKING:
 def note(plan: Plan) -> str:
     """The plan for a lab book."""
     lines = [f"{plan.known.entry.name}: {_sentence(plan)}", ""]
-    lines += [f"  {n} × {run.says}" for n, run in plan.chosen]
-    lines.append("")
+    lines += [*(f"  {n} × {run.says}" for n, run in plan.chosen), *([""] if plan.chosen else [])]
     lines += [f"  {name:<24} {_settled(name, one)}" for name, one in plan.settled.items()]
     lines += ["", *(f"  {words}" for words in [*alone_words(plan), isobars_words(plan)])]
     off = ", ".join(f"{n} {show(sd, meaning(n).show, 2)}" for n, sd in plan.known.means.off.items())
@@ -35,6 +34,8 @@ def _sentence(plan: Plan) -> str:
     if plan.goal == "all":
         return f"{cost} for all numbers together"
     words = known_to(plan, plan.sd)
+    if not plan.chosen and plan.reached:
+        return f"nothing is to be measured: {plan.goal} is known {words}"
     if plan.reached:
         return f"{cost} will tell {plan.goal} {words}"
     return f"no plan of {plan.known.means.minutes:.0f} min tells {plan.goal} as wanted; {cost} will, {words}"
@@ -64,6 +65,8 @@ def alone_words(plan: Plan) -> list[str]:
 
 def isobars_words(plan: Plan) -> str:
     """What the usual protocol would leave."""
+    if not plan.chosen:
+        return "ten isobars take longer"
     first = next(iter(plan.settled))
     words = f"± {show(plan.isobars, meaning(first).show, 2)}"
     times = plan.isobars / plan.settled[first].after

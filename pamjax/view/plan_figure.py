@@ -63,10 +63,12 @@ def _known(panel: Axes, plan: Plan, course: Course) -> None:
     per = in_unit(course.unit)
     shown = slice(1 if not np.isfinite(course.sds[0]) else 0, None)
     panel.step(course.minutes[shown], course.sds[shown], where="post", color=OKABE_ITO["black"], gid="course")
-    panel.plot(course.minutes[1:], course.sds[1:], "o", color=OKABE_ITO["black"])
+    done = slice(1 if plan.chosen else 0, None)
+    panel.plot(course.minutes[done], course.sds[done], "o", color=OKABE_ITO["black"])
     if plan.wanted:
         panel.axhline(plan.wanted / per, color=QUIET, linestyle=":", linewidth=0.9, gid="wanted")
-    panel.plot(course.minutes[-1], plan.isobars / per, "x", color=OKABE_ITO["vermilion"], gid="isobars")
+    if plan.chosen:
+        panel.plot(course.minutes[-1], plan.isobars / per, "x", color=OKABE_ITO["vermilion"], gid="isobars")
     for channel, colour in (("force", "orange"), ("diameter", "sky")):
         if channel in plan.alone:
             sd, minutes = plan.alone[channel]

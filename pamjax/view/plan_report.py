@@ -47,6 +47,8 @@ def headline(plan: Plan) -> str:
     """The answer in a line."""
     if plan.goal == ALL:
         return f"{plan.minutes:.0f} min for all numbers together"
+    if not plan.chosen and plan.reached:
+        return f"{plan.goal} is known {known_to(plan, plan.sd)} already"
     if not plan.reached:
         return f"No {plan.known.means.minutes:.0f} min on this rig tell {plan.goal} as wanted"
     return f"{plan.minutes:.0f} min tell {plan.goal} {known_to(plan, plan.sd)}"
@@ -60,6 +62,8 @@ def answer(plan: Plan) -> tuple[str, str]:
     cost = f"{plan.minutes:.0f} min, {plan.rows} rows"
     if plan.goal == ALL:
         return f"{what} ({cost}).", f"{_upper(isobars_words(plan))}."
+    if not plan.chosen and plan.reached:
+        return "Nothing is to be measured for that.", "Wish for more with `--to`, or for another number."
     one, unit = plan.settled[plan.goal], meaning(plan.goal).show
     before = f"± {show(one.before, unit, 2)}" if math.isfinite(one.before) else "unknown"
     first = f"{what} ({cost}): {plan.goal}, now {before}, is then known {known_to(plan, plan.sd)}."

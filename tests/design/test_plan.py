@@ -10,10 +10,14 @@ import pytest
 from pamjax.check import BadInput
 from pamjax.design.knowledge import knowledge, map_case
 from pamjax.design.means import Means, means_of
-from pamjax.design.plan import plan
+from pamjax.design.plan import plan, sd_after
 from pamjax.design.runs import runs
+from pamjax.records.case import Case
 from pamjax.records.entry import read_entry
-from tests.agreement import agree, difference
+from pamjax.records.recording import Recording
+from pamjax.view.plan_figure import Course, command_figure, known_figure
+from pamjax.view.plan_report import headline
+from tests.agreement import ROUNDING, agree, difference
 from tests.benchmarks.plan import report, rms, shown, trial
 
 KEVLAR = Path(__file__).parents[2] / "fits" / "chambers_wereley_2022" / "muscle.toml"
@@ -81,6 +85,30 @@ def test_diameter_tells_the_threads_modulus_and_force_alone_does_not(entry):
     assert "force alone" in note
     assert "thread.modulus to ±" in note
     assert len(found.schedule()) == found.rows
+
+
+def test_a_recordings_zeros_stay_unknown_where_its_channel_is_there_no_more(entry):
+    force, diameter = np.array([900.0, 400.0]), np.array([0.0225, 0.0262])
+    recording = Recording.from_arrays(
+        pressure=np.array([4e5, 5e5]), length=np.array([0.2357, 0.21]), force=force, diameter=diameter
+    )
+    case = Case("made", Path(), entry, recording, "")
+    both, alone = (knowledge(entry, means, case=case) for means in (Means(), Means().alone("force")))
+    assert both.at.names == alone.at.names
+    agree(alone.before, both.before, ROUNDING, scale=1.0)
+
+
+def test_what_is_known_already_needs_no_run(entry):
+    found = plan(entry, Means(), to="30 GPa")
+    assert (found.chosen, found.minutes, found.rows) == ((), 0.0, 0)
+    assert "nothing is to be measured: thread.modulus is known to ± 20 GPa" in str(found)
+    assert len(found.schedule()) == 0
+    minutes, sds = sd_after(found, "thread.modulus")
+    agree(minutes, [0.0], ROUNDING)
+    agree(sds, [found.settled["thread.modulus"].before], ROUNDING)
+    assert "already" in headline(found)
+    assert known_figure(found, Course.of(found)).axes
+    assert command_figure(found) is None
 
 
 def test_a_rig_is_read_and_a_wrong_one_refused(entry, tmp_path):
