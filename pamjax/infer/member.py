@@ -13,6 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 from jaxtyping import Array, Bool, Float, Int
 
 from pamjax.infer.believed import free_numbers, is_ruler, stated, stated_mechanisms
@@ -29,6 +30,9 @@ CHANNELS = ("force", "diameter")
 
 #: Force below this share of the largest one counts as a slack muscle's when the model would push.
 SLACK = 0.02
+
+#: Samples by whose median it is told whether a muscle is slack, at most; a tenth of a short block.
+NEIGHBOURS = 15
 
 
 class Rows(eqx.Module):
@@ -163,10 +167,17 @@ def read(one: Member, values: Float[Array, " p"]) -> Reading | Shown:
 
 
 def slack(case: Case) -> np.ndarray:
-    """(n,) whether the muscle pulled with nearly nothing."""
-    force = case.recording.force
-    top = np.nanmax(np.abs(force[case.recording.usable]), initial=0.0)
-    return np.nan_to_num(force, nan=np.inf) < SLACK * top
+    """(n,) whether the muscle pulled with nearly nothing, by the median of each sample's neighbours.
+
+    By its own force a sample would be kept for its noise: those kept beside the threshold then lie too high.
+    """
+    recording = case.recording
+    top = np.nanmax(np.abs(recording.force[recording.usable]), initial=0.0)
+    force = pd.Series(np.where(recording.usable, recording.force, np.nan))
+    for _, block in force.groupby(blocks(recording).label):
+        near = max(1, min(NEIGHBOURS, block.size // 10))
+        force[block.index] = block.rolling(near, center=True, min_periods=1).median()
+    return force.fillna(np.inf).to_numpy() < SLACK * top
 
 
 def counts(case: Case, channel: str) -> np.ndarray:

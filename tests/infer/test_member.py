@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from pamjax.infer.fit import joint_space
-from pamjax.infer.member import member
+from pamjax.infer.member import SLACK, counts, member
+from pamjax.records.blocks import blocks
+from pamjax.records.recording import Recording
 from tests.infer.made import made
 
 
@@ -23,3 +25,25 @@ def test_memory_goes_on_or_begins_anew_as_is_stated_for_each_recording():
     assert np.flatnonzero(anew.restart).tolist() == [0, 100]
     assert not carried.settled
     assert anew.settled
+
+
+def test_a_sample_is_not_called_slack_for_its_own_noise():
+    """Straight ramps to 300 N at five lengths: kept samples beside the threshold are as often low as high."""
+    rng = np.random.default_rng(4)
+    up = np.tile(np.linspace(-0.05, 1.0, 400), 5)
+    noise = rng.normal(0.0, 4.0, up.size)
+    recording = Recording.from_arrays(
+        pressure=6e5 * np.tile(np.linspace(0.0, 1.0, 400), 5),
+        length=np.repeat(0.2357 - 0.009 * np.arange(5), 400),
+        force=300.0 * up + noise,
+        diameter=np.full(up.size, np.nan),
+        time=0.1 * np.arange(up.size),
+    )
+    case = replace(made(), recording=recording)
+    assert blocks(recording).kind == "lengths"
+    beside = np.abs(300.0 * up - SLACK * 300.0) < 8.0
+    kept = counts(case, "force") & beside
+    by_itself = (recording.force >= SLACK * np.max(recording.force)) & beside
+    off, naive = (np.mean(noise[rows]) / (4.0 / np.sqrt(rows.sum())) for rows in (kept, by_itself))
+    assert naive > 3.0
+    assert abs(off) < 2.0
