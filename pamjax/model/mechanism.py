@@ -24,6 +24,7 @@ import abc
 from dataclasses import dataclass
 
 import equinox as eqx
+import jax
 from jaxtyping import Array, Float
 
 from pamjax.model.history import History
@@ -86,8 +87,12 @@ class AbstractShape(AbstractMechanism):
         """The same for one braid, with what all its states share worked out once."""
         return self
 
+    def held(self) -> AbstractShape:
+        """The same, without derivatives by its numbers."""
+        return jax.lax.stop_gradient(self)
+
     def near(self, length: Scalar, thread: Scalar) -> AbstractShape:
-        """The shape as it is needed around one length (m) and thread length (m)."""
+        """The shape as it is needed at one length (m) and thread length (m), with its derivatives there."""
         return self
 
     @abc.abstractmethod

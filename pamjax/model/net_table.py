@@ -15,6 +15,7 @@ than at rest. There the muscle goes over into a cylinder with a constant piece o
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -45,69 +46,109 @@ MARGIN = 0.04
 #: halves of its width: there it has been left, and what is missing is constant.
 PIECES, BEYOND = 48, 0.35
 
+#: Order of the polynomial around a state: a force, its slopes, and the slopes of these.
+ORDER = 3
+
 
 class NetTable(eqx.Module):
     """What a net has more than a cylinder, in scaled numbers.
 
     Attributes:
-        thread: B0, m.
+        thread: B0, m, times the share by which the fittings grew since the table was made: y is this over B.
         turns: N.
         low: x where the first piece begins.
         step: width of a piece, in x.
-        terms: of each piece, for volume, mean and mid radius (third index): coefficients of the powers of
-            x from its begin to its end, 0 to 1, and of those of y − 1.
+        terms: of each piece (last index), for volume, mean and mid radius (second): coefficients of the
+            powers of x from its begin to its end, 0 to 1, and of those of y − 1.
+        lean: derivative of the terms by ν; none where no derivative will be asked for.
     """
 
     thread: Scalar
     turns: Scalar
     low: Scalar
     step: Scalar
-    terms: Float[Array, "m 6 3 j"]
+    terms: Float[Array, "6 3 j m"]
+    lean: Float[Array, "6 3 j m"] | None
+
+    def held(self) -> NetTable:
+        """The same without derivatives by what it was made of."""
+        still = NetTable(self.thread, self.turns, self.low, self.step, self.terms, None)
+        return jax.lax.stop_gradient(still)
 
     def near(self, length: Scalar, thread: Scalar) -> NearNet:
-        """The piece of the table that a length (m) lies in."""
-        along = (_wide(length, thread) - self.low) / self.step
-        piece = jnp.clip(jax.lax.stop_gradient(along).astype(int), 0, PIECES - 1)
-        begin = self.low + self.step * piece
-        return NearNet(self.thread, self.turns, begin, self.step, self.terms[piece])
+        """The table at the state of a length (m) and a thread length (m), with its derivatives there."""
+        x, y = jax.lax.stop_gradient((_wide(length, thread), self.thread / thread - 1))
+        along = (x - self.low) / self.step
+        piece = jnp.clip(along.astype(int), 0, PIECES - 1)
+        terms = _around(self.terms[..., piece], along - piece, y, ORDER)
+        lean = None if self.lean is None else _around(self.lean[..., piece], along - piece, y, ORDER - 1)
+        return NearNet(self.thread, self.turns, self.step, terms, lean)
 
 
 class NearNet(eqx.Module):
-    """What a net has more than a cylinder in one piece of its table: a quintic, so that a balance and its
-    derivatives are cheap.
+    """What a net has more than a cylinder at one state, and how that changes with it.
 
     Attributes:
-        thread: B0, m.
+        thread: B0 as the table has it, m.
         turns: N.
-        begin, step: where the piece begins and how wide it is, in x.
-        terms: of volume, mean and mid radius (middle index): coefficients of the powers of x from begin
-            to end, 0 to 1, and of y − 1.
+        step: unit of x.
+        terms: derivatives by x (first index) and y (second) of volume, mean and mid radius.
+        lean: derivatives of these by ν.
     """
 
     thread: Scalar
     turns: Scalar
-    begin: Scalar
     step: Scalar
-    terms: Float[Array, "6 3 5"]
+    terms: Float[Array, "d d 3 ..."]
+    lean: Float[Array, "e e 3 ..."] | None
 
     def __call__(self, length: Scalar, thread: Scalar) -> Net:
-        """More than a cylinder has, at a length (m) and a thread length (m)."""
-        x, y = (_wide(length, thread) - self.begin) / self.step, self.thread / thread - 1
-        unit = thread / (2 * jnp.pi * self.turns)
-        scales = (jnp.pi * unit**2 * thread, unit, unit)
-        return Net(*(scale * _quintic(self.terms[:, k], x, y) for k, scale in enumerate(scales)))
+        """More than a cylinder has, at the state's own length (m) and thread length (m)."""
+        x, y, nu = _wide(length, thread) / self.step, self.thread / thread, 2 * jnp.pi * self.turns
+        volume, mean, mid = _extra((0, 0), x, y, nu, self.terms, self.lean)
+        unit = thread / nu
+        return Net(jnp.pi * unit**2 * thread * volume, unit * mean, unit * mid)
 
 
-def _quintic(c: Float[Array, "6 5"], x: Scalar, y: Scalar) -> Array:
-    rows = [_horner([row[j] for j in range(SIZE[1])], y) for row in c]
-    return _horner(rows, x)
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _extra(order: tuple[int, int], x: Array, y: Array, nu: Array, terms: Array, lean: Array | None) -> Array:
+    """A tabulated derivative, (3, ...), of an order in x and y, whose own derivatives are tabulated too.
+
+    What is looked up is then never differentiated itself, and one table serves the derivatives in all
+    numbers: those in thread and fitting are the slope in y. Beyond the last order there is nothing, and in
+    ν there is the first alone.
+    """
+    return terms[order]
 
 
-def _horner(coefficients: list[Array], x: Scalar) -> Array:
-    *rest, value = coefficients
-    for coefficient in reversed(rest):
-        value = coefficient + x * value
-    return value
+@_extra.defjvp
+def _extra_jvp(order, at, along):
+    (x, y, nu, terms, lean), (dx, dy, dnu, *_) = at, along
+    i, j = order
+    change = jnp.zeros_like(terms[order])
+    if i + j < terms.shape[0] - 1:
+        change += _extra((i + 1, j), x, y, nu, terms, lean) * dx + _extra((i, j + 1), x, y, nu, terms, lean) * dy
+    if lean is not None and i + j < lean.shape[0]:
+        change += _extra(order, x, y, nu, lean, None) * dnu
+    return terms[order], change
+
+
+def _around(terms: Float[Array, "6 3 j ..."], x: Scalar, y: Scalar, order: int) -> Array:
+    """A piece's derivatives by x and y up to an order, (order + 1, order + 1, 3, ...)."""
+    in_x = jnp.moveaxis(_derivatives(terms, x, order), 2, 0)
+    return jnp.swapaxes(_derivatives(in_x, y, order), 0, 1)
+
+
+def _derivatives(coefficients: Float[Array, "p ..."], x: Scalar, order: int) -> Array:
+    """Value and derivatives of a polynomial, by Horner's scheme: (order + 1, ...)."""
+
+    def add(found, coefficient):
+        return found * x + jnp.concatenate([coefficient[None], found[:-1]]), None
+
+    # A loop, since its results are written down: unrolled, they would be worked out anew for every use.
+    nothing = jnp.zeros((order + 1, *coefficients.shape[1:]))
+    found, _ = jax.lax.scan(add, nothing, coefficients, reverse=True)
+    return jnp.stack([math.factorial(k) * found[k] for k in range(order + 1)])
 
 
 def _wide(length: Scalar, thread: Scalar) -> Array:
@@ -122,9 +163,22 @@ def tabulate(thread: Scalar, turns: Scalar, fitting: Scalar) -> NetTable:
     thread, turns, fitting = (jnp.asarray(x, float) for x in (thread, turns, fitting))
     nu = 2 * jnp.pi * turns
     edge = jnp.clip(nu * fitting / thread, 0.02, 0.8)
+    held, at = jax.lax.stop_gradient((edge, nu))
+    low = jax.lax.stop_gradient(_lowest(held, at))
+    terms, lean = jax.jvp(lambda nu: _terms(low, held, nu), (at,), (jnp.ones_like(at),))
+    terms, lean = jax.lax.stop_gradient((terms, lean))
+    half = 0.5 * (WIDEST - low)
+    return NetTable(thread * (edge / held), turns, low - half * BEYOND, half * 2 * (1 + BEYOND) / PIECES, terms, lean)
+
+
+def _lowest(edge: Array, nu: Array) -> Array:
+    """x of the longest net there is a table for."""
     sine = jnp.sqrt(1 - (NARROWEST * edge) ** 2)
     low = jnp.sqrt(jnp.maximum(1 - length_at(sine, edge, nu) ** 2, 0.01 * edge**2))
-    low = jnp.clip(low, 0.5 * edge, edge)
+    return jnp.clip(low, 0.5 * edge, edge)
+
+
+def _terms(low: Array, edge: Array, nu: Array) -> Float[Array, "6 3 j m"]:
     (at_x, to_x), (at_y, to_y) = (_nodes(size) for size in SIZE)
     x = low + 0.5 * (WIDEST - low) * (at_x + 1)
     y = LEAST + 0.5 * (MOST - LEAST) * (at_y + 1)
@@ -132,7 +186,7 @@ def tabulate(thread: Scalar, turns: Scalar, fitting: Scalar) -> NetTable:
     def more(x, y):
         """In units in which the thread is ν long, so that radii are ρ."""
         sine = jnp.sqrt(1 - x**2)
-        found = net(nu * sine, nu, turns, edge * y)
+        found = net(nu * sine, nu, nu / (2 * jnp.pi), edge * y)
         return jnp.stack(
             [found.volume / (jnp.pi * nu) - x**2 * sine, found.mean_radius - x, found.mid_radius - x]
         )
@@ -141,10 +195,7 @@ def tabulate(thread: Scalar, turns: Scalar, fitting: Scalar) -> NetTable:
     in_x, in_y = _of_powers(SIZE[0]) @ to_x, _of_powers(SIZE[1], LEAST, MOST) @ to_y
     powers = jnp.stack([in_x @ found[..., k] @ in_y.T for k in range(3)], axis=1)
     unit = np.linspace(-1 - BEYOND, 1 + BEYOND, PIECES + 1)
-    terms = jnp.einsum("pqi,ikj->pqkj", jnp.asarray(_quintics(unit)), powers)
-    to_unit = 2 / (WIDEST - low)
-    first, step = low + (unit[0] + 1) / to_unit, (unit[1] - unit[0]) / to_unit
-    return NetTable(thread, turns, first, step, terms)
+    return jnp.einsum("pqi,ikj->qkjp", jnp.asarray(_quintics(unit)), powers)
 
 
 def _quintics(ends: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 import equinox as eqx
+import jax
 
 from pamjax.model.mechanism import About, AbstractShape
 from pamjax.model.net_table import NearNet, NetTable, tabulate
@@ -60,6 +61,11 @@ class EndTaper(AbstractShape):
 
     def prepared(self, thread_length: Scalar, turns: Scalar) -> EndTaper:
         return EndTaper(self.share, self.radius, tabulate(thread_length, turns, self.radius))
+
+    def held(self) -> EndTaper:
+        if isinstance(self.table, NetTable):
+            return EndTaper(*jax.lax.stop_gradient((self.share, self.radius)), self.table.held())
+        return super().held()
 
     def near(self, length: Scalar, thread: Scalar) -> EndTaper:
         if isinstance(self.table, NetTable):
