@@ -41,12 +41,7 @@ LEAST, MOST = 0.75, 1.02
 #: Share of the range, at either end, over which the polynomial is left.
 MARGIN = 0.04
 
-
-#: Into how many pieces the table is cut for looking up, and how far beyond the polynomial they reach, in
-#: halves of its width: there it has been left, and what is missing is constant.
-PIECES, BEYOND = 48, 0.35
-
-#: Order of the polynomial around a state: a force, its slopes, and the slopes of these.
+#: Order of what is looked up: a force, its slopes, and the slopes of these.
 ORDER = 3
 
 
@@ -56,55 +51,54 @@ class NetTable(eqx.Module):
     Attributes:
         thread: B0, m, times the share by which the fittings grew since the table was made: y is this over B.
         turns: N.
-        low: x where the first piece begins.
-        step: width of a piece, in x.
-        terms: of each piece (last index), for volume, mean and mid radius (second): coefficients of the
-            powers of x from its begin to its end, 0 to 1, and of those of y − 1.
+        middle, half: of the range of x.
+        terms: coefficients of derivatives by x (first index, up to an order) of volume, mean and mid radius
+            (second), by powers of y − 1 (third) and of x, which is −1 to 1 (last).
         lean: derivative of the terms by ν; none where no derivative will be asked for.
     """
 
     thread: Scalar
     turns: Scalar
-    low: Scalar
-    step: Scalar
-    terms: Float[Array, "6 3 j m"]
-    lean: Float[Array, "6 3 j m"] | None
+    middle: Scalar
+    half: Scalar
+    terms: Float[Array, "o 3 j i"]
+    lean: Float[Array, "p 3 j i"] | None
 
     def held(self) -> NetTable:
-        """The same without derivatives by what it was made of."""
-        still = NetTable(self.thread, self.turns, self.low, self.step, self.terms, None)
-        return jax.lax.stop_gradient(still)
+        """The same for finding a balance: without derivatives by what it was made of."""
+        return jax.lax.stop_gradient(eqx.tree_at(lambda t: (t.terms, t.lean), self, (self.terms[:ORDER], None)))
 
     def near(self, length: Scalar, thread: Scalar) -> NearNet:
         """The table at the state of a length (m) and a thread length (m), with its derivatives there."""
-        x, y = jax.lax.stop_gradient((_wide(length, thread), self.thread / thread - 1))
-        along = (x - self.low) / self.step
-        piece = jnp.clip(along.astype(int), 0, PIECES - 1)
-        terms = _around(self.terms[..., piece], along - piece, y, ORDER)
-        lean = None if self.lean is None else _around(self.lean[..., piece], along - piece, y, ORDER - 1)
-        return NearNet(self.thread, self.turns, self.step, terms, lean)
+        x, y = jax.lax.stop_gradient((self.place(length, thread), self.thread / thread - 1))
+        lean = None if self.lean is None else _derivatives(self.lean, x, y)
+        return NearNet(self, _derivatives(self.terms, x, y), lean)
+
+    def place(self, length: Scalar, thread: Scalar) -> Array:
+        """x, −1 to 1: held there by a root that takes over smoothly at either end."""
+        x = (_wide(length, thread) - self.middle) / self.half
+        past = jnp.maximum(jnp.abs(x) - (1 - 2 * MARGIN), 0.0) / (2 * MARGIN)
+        less = past - past / jnp.sqrt(jnp.sqrt(1 + past**4))
+        return x - 2 * MARGIN * jnp.sign(x) * less
 
 
 class NearNet(eqx.Module):
     """What a net has more than a cylinder at one state, and how that changes with it.
 
     Attributes:
-        thread: B0 as the table has it, m.
-        turns: N.
-        step: unit of x.
+        table: where it comes from.
         terms: derivatives by x (first index) and y (second) of volume, mean and mid radius.
         lean: derivatives of these by ν.
     """
 
-    thread: Scalar
-    turns: Scalar
-    step: Scalar
-    terms: Float[Array, "d d 3 ..."]
-    lean: Float[Array, "e e 3 ..."] | None
+    table: NetTable
+    terms: Float[Array, "o o 3 ..."]
+    lean: Float[Array, "p p 3 ..."] | None
 
     def __call__(self, length: Scalar, thread: Scalar) -> Net:
         """More than a cylinder has, at the state's own length (m) and thread length (m)."""
-        x, y, nu = _wide(length, thread) / self.step, self.thread / thread, 2 * jnp.pi * self.turns
+        x, y = self.table.place(length, thread), self.table.thread / thread
+        nu = 2 * jnp.pi * self.table.turns
         volume, mean, mid = _extra((0, 0), x, y, nu, self.terms, self.lean)
         unit = thread / nu
         return Net(jnp.pi * unit**2 * thread * volume, unit * mean, unit * mid)
@@ -133,22 +127,20 @@ def _extra_jvp(order, at, along):
     return terms[order], change
 
 
-def _around(terms: Float[Array, "6 3 j ..."], x: Scalar, y: Scalar, order: int) -> Array:
-    """A piece's derivatives by x and y up to an order, (order + 1, order + 1, 3, ...)."""
-    in_x = jnp.moveaxis(_derivatives(terms, x, order), 2, 0)
-    return jnp.swapaxes(_derivatives(in_x, y, order), 0, 1)
+def _derivatives(terms: Float[Array, "o 3 j i"], x: Scalar, y: Scalar) -> Array:
+    """Derivatives by x and y up to the order of the terms, (o, o, 3, ...)."""
+    in_x = jnp.tensordot(terms, _monomials(x, terms.shape[-1]), 1)
+    power = _monomials(y, SIZE[1])
+    in_y = [jnp.stack([math.perm(j, k) * power[j - k] for j in range(k, SIZE[1])]) for k in range(len(terms))]
+    return jnp.stack([jnp.sum(in_x[:, :, k:] * c, axis=2) for k, c in enumerate(in_y)], axis=1)
 
 
-def _derivatives(coefficients: Float[Array, "p ..."], x: Scalar, order: int) -> Array:
-    """Value and derivatives of a polynomial, by Horner's scheme: (order + 1, ...)."""
-
-    def add(found, coefficient):
-        return found * x + jnp.concatenate([coefficient[None], found[:-1]]), None
-
-    # A loop, since its results are written down: unrolled, they would be worked out anew for every use.
-    nothing = jnp.zeros((order + 1, *coefficients.shape[1:]))
-    found, _ = jax.lax.scan(add, nothing, coefficients, reverse=True)
-    return jnp.stack([math.factorial(k) * found[k] for k in range(order + 1)])
+def _monomials(x: Scalar, count: int) -> Array:
+    """Powers of x from none on, (count, ...)."""
+    powers = [jnp.ones_like(x), x]
+    while len(powers) < count:
+        powers.append(powers[len(powers) // 2] * powers[(len(powers) + 1) // 2])
+    return jnp.stack(powers)
 
 
 def _wide(length: Scalar, thread: Scalar) -> Array:
@@ -168,7 +160,7 @@ def tabulate(thread: Scalar, turns: Scalar, fitting: Scalar) -> NetTable:
     terms, lean = jax.jvp(lambda nu: _terms(low, held, nu), (at,), (jnp.ones_like(at),))
     terms, lean = jax.lax.stop_gradient((terms, lean))
     half = 0.5 * (WIDEST - low)
-    return NetTable(thread * (edge / held), turns, low - half * BEYOND, half * 2 * (1 + BEYOND) / PIECES, terms, lean)
+    return NetTable(thread * (edge / held), turns, low + half, half, _slopes(terms, ORDER), _slopes(lean, ORDER - 1))
 
 
 def _lowest(edge: Array, nu: Array) -> Array:
@@ -193,41 +185,16 @@ def _terms(low: Array, edge: Array, nu: Array) -> Float[Array, "6 3 j m"]:
 
     found = jax.vmap(lambda x: jax.vmap(lambda y: more(x, y))(y))(x)
     in_x, in_y = _of_powers(SIZE[0]) @ to_x, _of_powers(SIZE[1], LEAST, MOST) @ to_y
-    powers = jnp.stack([in_x @ found[..., k] @ in_y.T for k in range(3)], axis=1)
-    unit = np.linspace(-1 - BEYOND, 1 + BEYOND, PIECES + 1)
-    return jnp.einsum("pqi,ikj->qkjp", jnp.asarray(_quintics(unit)), powers)
+    return jnp.einsum("ip,pqk,jq->kji", in_x, found, in_y)
 
 
-def _quintics(ends: np.ndarray) -> np.ndarray:
-    """(pieces, 6, size): from coefficients of the powers of x to those of a quintic in each piece.
-
-    A quintic is fixed by value, slope and curvature at both ends of its piece, so that neighbours agree
-    in all three.
-    """
-    held, slope, bend = _inside(ends)
-    value, first, second = np.moveaxis(_powers(held), 1, 0)
-    wide = ends[1] - ends[0]
-    at = np.stack(
-        [
-            value,
-            wide * first * slope[:, None],
-            wide**2 * (second * slope[:, None] ** 2 + first * bend[:, None]),
-        ],
-        axis=1,
-    )
-    power = np.arange(6)
-    conditions = [[math.factorial(k) * (p == k) for p in power] for k in range(3)]
-    conditions += [[math.perm(int(p), k) for p in power] for k in range(3)]
-    return np.linalg.inv(np.array(conditions, dtype=float)) @ np.concatenate([at[:-1], at[1:]], axis=1)
-
-
-def _powers(x: np.ndarray) -> np.ndarray:
-    """(n, 3, size): the powers of each x, their slopes and curvatures."""
-    k = np.arange(SIZE[0])
-    return np.stack(
-        [np.array([math.perm(int(i), d) for i in k]) * x[:, None] ** np.maximum(k - d, 0) for d in range(3)],
-        axis=1,
-    )
+def _slopes(terms: Float[Array, "3 j i"], order: int) -> Float[Array, "o 3 j i"]:
+    """The coefficients with those of the derivatives by x up to an order."""
+    found = [terms]
+    for _ in range(order):
+        slope = found[-1][..., 1:] * np.arange(1, SIZE[0])
+        found.append(jnp.concatenate([slope, jnp.zeros_like(slope[..., :1])], axis=-1))
+    return jnp.stack(found)
 
 
 def _of_powers(size: int, least: float = 0.0, most: float = 2.0) -> np.ndarray:
@@ -241,11 +208,3 @@ def _nodes(size: int) -> tuple[np.ndarray, np.ndarray]:
     """Chebyshev's points, and the matrix from values there to coefficients."""
     points = np.cos(np.pi * (np.arange(size) + 0.5) / size)
     return points, np.linalg.inv(np.polynomial.chebyshev.chebvander(points, size - 1))
-
-
-def _inside(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """x, held between −1 and 1 by an exponential that takes over smoothly at either end."""
-    past = np.maximum(np.abs(x) - (1 - 2 * MARGIN), 0.0)
-    less = np.expm1(-past / (2 * MARGIN))
-    bend = np.where(past > 0, -np.sign(x) * (1 + less) / (2 * MARGIN), 0.0)
-    return x - np.sign(x) * (past + 2 * MARGIN * less), 1 + less, bend
