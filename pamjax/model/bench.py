@@ -21,7 +21,7 @@ from jaxtyping import Array, Float, Int
 
 from pamjax.model.balance import Status
 from pamjax.model.history import History
-from pamjax.model.instant import Pair, at_instant, solve
+from pamjax.model.instant import Pair, at_instant, slopes, solve
 from pamjax.model.mechanism import (
     AbstractLine,
     AbstractMechanism,
@@ -36,6 +36,7 @@ from pamjax.model.mechanism import (
     Samples,
 )
 from pamjax.model.state import Cylinder, State
+from pamjax.model.written import written
 from pamjax.parameter import Scalar, parameter
 
 #: Rows whose balance is solved at once.
@@ -132,11 +133,11 @@ class Bench(eqx.Module):
             seen = jax.tree.map(lambda x: jnp.concatenate([x, x]), first)
             history, begin = history.twice(), nothing.size
         extension = sum((slip.extension(history, seen)[begin:] for slip in self.of(AbstractSlip)), nothing)
-        strains = [jax.vmap(memory.strains)(seen.state, seen.pressure) for memory in memories]
+        strains = [memory.strains(seen.state, seen.pressure).T for memory in memories]
         stresses = [
             m.stresses(history, strain, seen)[begin:] for m, strain in zip(memories, strains, strict=True)
         ]
-        frozen = _each(jax.vmap(self._frozen), first, stresses) if memories else (nothing, nothing)
+        frozen = _each(self._frozen, first, stresses) if memories else (nothing, nothing)
         return first.pressure, extension, frozen
 
     def instant(
@@ -181,17 +182,18 @@ class Bench(eqx.Module):
         state = self.state(length, thread)
         return sum((store.energy(state) for store in self.of(AbstractStore)), jnp.zeros(())), state.volume
 
-    def _frozen(self, past: Past, stresses: list[Float[Array, " k"]]) -> Pair:
+    def _frozen(self, past: Past, stresses: list[Float[Array, "... k"]]) -> Pair:
         """What frozen stresses add to the force, and to the pull of the threads, N."""
-
         here = self.near(past.state.length, past.state.thread)
 
         def work(length, thread):
             state = here.state(length, thread)
             strains = (m.strains(state, past.pressure) for m in self.of(AbstractMemory))
-            return sum((jnp.sum(s * e) for s, e in zip(stresses, strains, strict=True)), jnp.zeros(()))
+            return sum(
+                (jnp.sum(s.T * e, axis=0) for s, e in zip(stresses, strains, strict=True)), jnp.zeros(())
+            )
 
-        by_length, by_thread = jax.grad(work, argnums=(0, 1))(past.state.length, past.state.thread)
+        by_length, by_thread = written(slopes(work, past.state.length, past.state.thread))
         return by_length, -by_thread
 
     def strain(self, load: Scalar) -> Array:

@@ -124,8 +124,8 @@ class AbstractMemory(AbstractMechanism):
     """Contract: a stress that the past leaves on strains of the mechanism's own choice."""
 
     @abc.abstractmethod
-    def strains(self, state: State, pressure: Scalar) -> Float[Array, " k"]:
-        """The strains at one instant, in whatever unit makes stress × strain an energy, J."""
+    def strains(self, state: State, pressure: Scalar) -> Float[Array, "k ..."]:
+        """The strains at one instant, or at many, in whatever unit makes stress × strain an energy, J."""
 
     @abc.abstractmethod
     def stresses(self, history: History, strains: Float[Array, "n k"], past: Past) -> Float[Array, "n k"]:

@@ -66,7 +66,9 @@ class NetTable(eqx.Module):
 
     def held(self) -> NetTable:
         """The same for finding a balance: without derivatives by what it was made of."""
-        return jax.lax.stop_gradient(eqx.tree_at(lambda t: (t.terms, t.lean), self, (self.terms[:ORDER], None)))
+        return jax.lax.stop_gradient(
+            eqx.tree_at(lambda t: (t.terms, t.lean), self, (self.terms[:ORDER], None))
+        )
 
     def near(self, length: Scalar, thread: Scalar) -> NearNet:
         """The table at the state of a length (m) and a thread length (m), with its derivatives there."""
@@ -121,7 +123,9 @@ def _extra_jvp(order, at, along):
     i, j = order
     change = jnp.zeros_like(terms[order])
     if i + j < terms.shape[0] - 1:
-        change += _extra((i + 1, j), x, y, nu, terms, lean) * dx + _extra((i, j + 1), x, y, nu, terms, lean) * dy
+        change += (
+            _extra((i + 1, j), x, y, nu, terms, lean) * dx + _extra((i, j + 1), x, y, nu, terms, lean) * dy
+        )
     if lean is not None and i + j < lean.shape[0]:
         change += _extra(order, x, y, nu, lean, None) * dnu
     return terms[order], change
@@ -160,7 +164,9 @@ def tabulate(thread: Scalar, turns: Scalar, fitting: Scalar) -> NetTable:
     terms, lean = jax.jvp(lambda nu: _terms(low, held, nu), (at,), (jnp.ones_like(at),))
     terms, lean = jax.lax.stop_gradient((terms, lean))
     half = 0.5 * (WIDEST - low)
-    return NetTable(thread * (edge / held), turns, low + half, half, _slopes(terms, ORDER), _slopes(lean, ORDER - 1))
+    return NetTable(
+        thread * (edge / held), turns, low + half, half, _slopes(terms, ORDER), _slopes(lean, ORDER - 1)
+    )
 
 
 def _lowest(edge: Array, nu: Array) -> Array:

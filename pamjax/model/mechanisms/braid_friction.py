@@ -115,7 +115,7 @@ class BraidFriction(AbstractMemory):
         source="all there is", default=0.0,
     )  # fmt: skip
 
-    def strains(self, state: State, pressure: Scalar) -> Float[Array, " 1"]:
+    def strains(self, state: State, pressure: Scalar) -> Float[Array, "1 ..."]:
         turned = jnp.arctan2(state.length, 2 * jnp.pi * state.turns * state.radius)
         moved = (1 - self.angle) * state.length / state.thread + self.angle * turned
         return jnp.stack([moved - self.give * pressure / state.thread])

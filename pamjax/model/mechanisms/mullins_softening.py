@@ -62,7 +62,7 @@ class MullinsSoftening(AbstractMemory):
     thickness: Scalar = wall.thickness()
     length: Scalar = wall.length()
 
-    def strains(self, state: State, pressure: Scalar) -> Float[Array, " k"]:
+    def strains(self, state: State, pressure: Scalar) -> Float[Array, "k ..."]:
         energy = 0.5 * wall.rubber(self) * wall.first_invariant(wall.stretch(self, state))
         return energy[None]
 

@@ -87,7 +87,7 @@ class ViscoelasticCreep(AbstractMemory):
     thickness: Scalar = wall.thickness()
     length: Scalar = wall.length()
 
-    def strains(self, state: State, pressure: Scalar) -> Float[Array, " k"]:
+    def strains(self, state: State, pressure: Scalar) -> Float[Array, "k ..."]:
         return jnp.stack([*wall.stretch(self, state)[:2], state.length])
 
     def stresses(self, history: History, strains: Float[Array, "n k"], past: Past) -> Float[Array, "n k"]:

@@ -57,7 +57,7 @@ class ViscousDamping(AbstractMemory):
         source="1 for a film of oil, less where the film thins", default=1.0,
     )  # fmt: skip
 
-    def strains(self, state: State, pressure: Scalar) -> Float[Array, " 1"]:
+    def strains(self, state: State, pressure: Scalar) -> Float[Array, "1 ..."]:
         return jnp.stack([state.length])
 
     def stresses(self, history: History, strains: Float[Array, "n 1"], past: Past) -> Float[Array, "n 1"]:
