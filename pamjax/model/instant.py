@@ -28,6 +28,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from pamjax.model import braid
+from pamjax.model.state import State
 from pamjax.model.written import written
 from pamjax.parameter import Scalar
 
@@ -61,6 +62,10 @@ class Works(Protocol):
 
     def held(self) -> Works:
         """The same bench, without derivatives by its numbers."""
+        ...
+
+    def state(self, length: Scalar, thread: Scalar) -> State:
+        """Where everything is."""
         ...
 
     def works(self, length: Scalar, thread: Scalar) -> Pair:

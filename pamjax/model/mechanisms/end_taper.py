@@ -63,9 +63,8 @@ class EndTaper(AbstractShape):
         return EndTaper(self.share, self.radius, tabulate(thread_length, turns, self.radius))
 
     def held(self) -> EndTaper:
-        if isinstance(self.table, NetTable):
-            return EndTaper(*jax.lax.stop_gradient((self.share, self.radius)), self.table.held())
-        return super().held()
+        table = self.table.held() if isinstance(self.table, NetTable) else self.table
+        return jax.lax.stop_gradient(EndTaper(self.share, self.radius, table))
 
     def near(self, length: Scalar, thread: Scalar) -> EndTaper:
         if isinstance(self.table, NetTable):
