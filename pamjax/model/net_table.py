@@ -49,20 +49,22 @@ class NetTable(eqx.Module):
     """What a net has more than a cylinder, in scaled numbers.
 
     Attributes:
-        thread: B0, m, times the share by which the fittings grew since the table was made: y is this over B.
+        thread: B0, m.
         turns: N.
+        made: of what the table is: radius of the fittings in units of B0/ν, and ν.
         middle, half: of the range of x.
         terms: coefficients of derivatives by x (first index, up to an order) of volume, mean and mid radius
             (second), by powers of y − 1 (third) and of x, which is −1 to 1 (last).
-        lean: derivative of the terms by ν; none where no derivative will be asked for.
+        lean: derivatives of the terms by what the table is made of; none where nobody will ask for them.
     """
 
     thread: Scalar
     turns: Scalar
+    made: Float[Array, "2"]
     middle: Scalar
     half: Scalar
     terms: Float[Array, "o 3 j i"]
-    lean: Float[Array, "p 3 j i"] | None
+    lean: Float[Array, "2 p 3 j i"] | None
 
     def held(self) -> NetTable:
         """The same for finding a balance: without derivatives by what it was made of."""
@@ -73,7 +75,7 @@ class NetTable(eqx.Module):
     def near(self, length: Scalar, thread: Scalar) -> NearNet:
         """The table at the state of a length (m) and a thread length (m), with its derivatives there."""
         x, y = jax.lax.stop_gradient((self.place(length, thread), self.thread / thread - 1))
-        lean = None if self.lean is None else _derivatives(self.lean, x, y)
+        lean = None if self.lean is None else jnp.stack([_derivatives(one, x, y) for one in self.lean])
         return NearNet(self, _derivatives(self.terms, x, y), lean)
 
     def place(self, length: Scalar, thread: Scalar) -> Array:
@@ -90,45 +92,44 @@ class NearNet(eqx.Module):
     Attributes:
         table: where it comes from.
         terms: derivatives by x (first index) and y (second) of volume, mean and mid radius.
-        lean: derivatives of these by ν.
+        lean: derivatives of these by what the table is made of.
     """
 
     table: NetTable
     terms: Float[Array, "o o 3 ..."]
-    lean: Float[Array, "p p 3 ..."] | None
+    lean: Float[Array, "2 p p 3 ..."] | None
 
     def __call__(self, length: Scalar, thread: Scalar) -> Net:
         """More than a cylinder has, at the state's own length (m) and thread length (m)."""
         x, y = self.table.place(length, thread), self.table.thread / thread
-        nu = 2 * jnp.pi * self.table.turns
-        volume, mean, mid = _extra((0, 0), x, y, nu, self.terms, self.lean)
-        unit = thread / nu
+        volume, mean, mid = _extra((0, 0), x, y, self.table.made, self.terms, self.lean)
+        unit = thread / (2 * jnp.pi * self.table.turns)
         return Net(jnp.pi * unit**2 * thread * volume, unit * mean, unit * mid)
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _extra(order: tuple[int, int], x: Array, y: Array, nu: Array, terms: Array, lean: Array | None) -> Array:
+def _extra(
+    order: tuple[int, int], x: Array, y: Array, made: Array, terms: Array, lean: Array | None
+) -> Array:
     """A tabulated derivative, (3, ...), of an order in x and y, whose own derivatives are tabulated too.
 
-    What is looked up is then never differentiated itself, and one table serves the derivatives in all
-    numbers: those in thread and fitting are the slope in y. Beyond the last order there is nothing, and in
-    ν there is the first alone.
+    What is looked up is then never differentiated itself. Beyond the last order there is nothing, and in what
+    the table is made of there is the first alone.
     """
     return terms[order]
 
 
 @_extra.defjvp
 def _extra_jvp(order, at, along):
-    (x, y, nu, terms, lean), (dx, dy, dnu, *_) = at, along
+    (x, y, made, terms, lean), (dx, dy, more, *_) = at, along
     i, j = order
     change = jnp.zeros_like(terms[order])
-    if i + j < terms.shape[0] - 1:
-        change += (
-            _extra((i + 1, j), x, y, nu, terms, lean) * dx + _extra((i, j + 1), x, y, nu, terms, lean) * dy
-        )
-    if lean is not None and i + j < lean.shape[0]:
-        change += _extra(order, x, y, nu, lean, None) * dnu
-    return terms[order], change
+    if i + j < len(terms) - 1:
+        change += _extra((i + 1, j), x, y, made, terms, lean) * dx
+        change += _extra((i, j + 1), x, y, made, terms, lean) * dy
+    if lean is not None and i + j < len(lean[0]):
+        change += sum(_extra(order, x, y, made, one, None) * by for one, by in zip(lean, more, strict=True))
+    return _extra(order, x, y, made, terms, lean), change
 
 
 def _derivatives(terms: Float[Array, "o 3 j i"], x: Scalar, y: Scalar) -> Array:
@@ -158,15 +159,14 @@ def tabulate(thread: Scalar, turns: Scalar, fitting: Scalar) -> NetTable:
     """The table of a braid with threads B0 (m), its turns, and fittings of a radius (m)."""
     thread, turns, fitting = (jnp.asarray(x, float) for x in (thread, turns, fitting))
     nu = 2 * jnp.pi * turns
-    edge = jnp.clip(nu * fitting / thread, 0.02, 0.8)
-    held, at = jax.lax.stop_gradient((edge, nu))
-    low = jax.lax.stop_gradient(_lowest(held, at))
-    terms, lean = jax.jvp(lambda nu: _terms(low, held, nu), (at,), (jnp.ones_like(at),))
+    made = jnp.stack([jnp.clip(nu * fitting / thread, 0.02, 0.8), nu])
+    low = _lowest(*made)
+    held = jax.lax.stop_gradient(made)
+    terms, lean = jax.vmap(lambda by: jax.jvp(_terms, (held,), (by,)), out_axes=(None, 0))(jnp.eye(2))
     terms, lean = jax.lax.stop_gradient((terms, lean))
+    lean = jnp.stack([_slopes(one, ORDER - 1) for one in lean])
     half = 0.5 * (WIDEST - low)
-    return NetTable(
-        thread * (edge / held), turns, low + half, half, _slopes(terms, ORDER), _slopes(lean, ORDER - 1)
-    )
+    return NetTable(thread, turns, made, low + half, half, _slopes(terms, ORDER), lean)
 
 
 def _lowest(edge: Array, nu: Array) -> Array:
@@ -176,7 +176,9 @@ def _lowest(edge: Array, nu: Array) -> Array:
     return jnp.clip(low, 0.5 * edge, edge)
 
 
-def _terms(low: Array, edge: Array, nu: Array) -> Float[Array, "6 3 j m"]:
+def _terms(made: Float[Array, "2"]) -> Float[Array, "3 j i"]:
+    edge, nu = made
+    low = _lowest(edge, nu)
     (at_x, to_x), (at_y, to_y) = (_nodes(size) for size in SIZE)
     x = low + 0.5 * (WIDEST - low) * (at_x + 1)
     y = LEAST + 0.5 * (MOST - LEAST) * (at_y + 1)
