@@ -60,7 +60,7 @@ class NetTable(eqx.Module):
 
     thread: Scalar
     turns: Scalar
-    made: Float[Array, "2"]
+    made: Float[Array, " 2"]
     middle: Scalar
     half: Scalar
     terms: Float[Array, "o 3 j i"]
@@ -176,7 +176,7 @@ def _lowest(edge: Array, nu: Array) -> Array:
     return jnp.clip(low, 0.5 * edge, edge)
 
 
-def _terms(made: Float[Array, "2"]) -> Float[Array, "3 j i"]:
+def _terms(made: Float[Array, " 2"]) -> Float[Array, "3 j i"]:
     edge, nu = made
     low = _lowest(edge, nu)
     (at_x, to_x), (at_y, to_y) = (_nodes(size) for size in SIZE)
