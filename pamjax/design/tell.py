@@ -113,7 +113,7 @@ def tell(
     progress("playing protocols", 0.4)
     stage = Stage.of(found, model)
     menu = table(stage, model, other, (first, second))
-    return Contest(case, (first, second), other.at.cost - model.at.cost, stage, tuple(menu), choose(menu))
+    return Contest(case, (first, second), other.fair - model.fair, stage, tuple(menu), choose(menu))
 
 
 def bare(found: Problem) -> Model:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pamjax.study.forms import Form, forms
-from pamjax.study.naming import FINAL, ROUGH, Model, Name, begun, without
+from pamjax.study.naming import FINAL, ROUGH, Model, Name, begun, freed, without
 from pamjax.study.power import prospect
 from pamjax.study.problem import Problem
 from pamjax.study.protocols import MENU
@@ -141,8 +141,8 @@ def joined(found: Problem, bare: Model, candidates: Sequence[Form]) -> Model:
             at = refit(found, bare.white, _moved(found, chosen), values, ROUGH)
             rough.append(Model(chosen, bare.white, at))
     best = sorted(rough, key=lambda m: m.at.cost)[:FINAL]
-    ends = [dataclasses.replace(m, at=refit(found, m.white, m.at.moved, m.at.values)) for m in best]
-    return min(ends, key=lambda m: m.at.cost)
+    ends = [freed(found, m.chosen, m.white, refit(found, m.white, m.at.moved, m.at.values)) for m in best]
+    return min(ends, key=lambda m: m.fair)
 
 
 def _moved(found: Problem, chosen: Sequence[Form]) -> list[int]:

@@ -21,6 +21,7 @@ from scipy.stats import chi2
 
 from pamjax.model.library import TWICE
 from pamjax.study.forms import Form, forms
+from pamjax.study.passed import passed
 from pamjax.study.problem import Problem
 from pamjax.study.refit import Refit, refit
 from pamjax.study.signature import Signature, signatures
@@ -54,15 +55,22 @@ class Model:
         chosen: the forms that are in, in the order in which they came.
         white: the noise, as read off this model's residual.
         at: the refit.
+        passed: χ² that noise of what was set is expected to leave beyond what the weights know of.
     """
 
     chosen: tuple[Form, ...]
     white: Whitening
     at: Refit
+    passed: float = 0.0
 
     @property
     def ids(self) -> tuple[str, ...]:
         return tuple(form.id for form in self.chosen)
+
+    @property
+    def fair(self) -> float:
+        """χ² freed of what the model makes of noise: averaging neighbours explains nothing."""
+        return self.at.cost - self.passed
 
     @property
     def score(self) -> float:
@@ -72,12 +80,12 @@ class Model:
         """
         extra = sum(len(form.moves) for form in self.chosen)
         expected = sum(form.expected for form in self.chosen)
-        return self.at.cost + extra * np.log(max(self.white.size, 2)) - expected
+        return self.fair + extra * np.log(max(self.white.size, 2)) - expected
 
     @property
     def excess(self) -> float:
         """χ² beyond what noise leaves."""
-        return max(self.at.misfit - self.white.size, 0.0)
+        return max(self.at.misfit - self.passed - self.white.size, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +161,12 @@ def settle(
         white = whitening(found, values, used)
         at = refit(found, white, moved, values)
         values = at.values
-    return Model(tuple(chosen), white, at)
+    return freed(found, tuple(chosen), white, at)
+
+
+def freed(found: Problem, chosen: tuple[Form, ...], white: Whitening, at: Refit) -> Model:
+    """A refitted model, with what it makes of noise."""
+    return Model(chosen, white, at, passed(found, white, at.values))
 
 
 def _places(found: Problem, chosen: Sequence[Form]) -> list[int]:
@@ -207,8 +220,8 @@ def _with(found: Problem, model: Model, signature: Signature) -> Model:
     ends = []
     for begin in begins:
         values = begun(found, begin, signature.form, signature.amplitudes)
-        ends.append(Model(chosen, model.white, refit(found, model.white, moved, values, ROUGH)))
-    return min(ends, key=lambda trial: trial.at.cost)
+        ends.append(refit(found, model.white, moved, values, ROUGH))
+    return freed(found, chosen, model.white, min(ends, key=lambda at: at.cost))
 
 
 def _strained(found: Problem, model: Model) -> bool:
@@ -219,7 +232,7 @@ def _strained(found: Problem, model: Model) -> bool:
 def _finished(found: Problem, trials: Sequence[Model], many: int = FINAL) -> list[Model]:
     """The most promising of some rough refits, refitted to the end; best first."""
     rough = sorted(trials, key=lambda trial: trial.score)[:many]
-    ends = [dataclasses.replace(m, at=refit(found, m.white, m.at.moved, m.at.values)) for m in rough]
+    ends = [freed(found, m.chosen, m.white, refit(found, m.white, m.at.moved, m.at.values)) for m in rough]
     return sorted(ends, key=lambda trial: trial.score)
 
 
@@ -230,7 +243,7 @@ def _step(found, used, baseline: Model, model: Model, scored, tried: int) -> Mod
     if not trials:
         return None
     best = trials[0]
-    gain = model.at.cost - best.at.cost
+    gain = model.fair - best.fair
     if not _worth(baseline, gain, model.excess, len(best.chosen[-1].moves), tried):
         return None
     return settle(found, used, best.chosen, best.at.values)
@@ -284,14 +297,14 @@ def _removed(found: Problem, model: Model, k: int) -> Model:
     rest = model.chosen[:k] + model.chosen[k + 1 :]
     moved = sorted({*np.flatnonzero(found.own).tolist(), *_places(found, rest)})
     values = without(found, model.at.values, form)
-    return Model(rest, model.white, refit(found, model.white, moved, values, 2 * ROUGH))
+    return freed(found, rest, model.white, refit(found, model.white, moved, values, 2 * ROUGH))
 
 
 def _pruned(found, used, baseline: Model, model: Model, tried: int) -> Model:
     """Take out again what is no longer worth its place."""
     while len(model.chosen) > 1:
         rest = [_removed(found, model, k) for k in range(len(model.chosen))]
-        losses = [left.at.cost - model.at.cost for left in rest]
+        losses = [left.fair - model.fair for left in rest]
         k = int(np.argmin(losses))
         if _worth(baseline, losses[k], rest[k].excess, len(model.chosen[k].moves), tried):
             break
@@ -302,7 +315,7 @@ def _pruned(found, used, baseline: Model, model: Model, tried: int) -> Model:
 def _name(found, model: Model, k: int, candidates) -> Name:
     form = model.chosen[k]
     left = _removed(found, model, k)
-    gain = left.at.cost - model.at.cost
+    gain = left.fair - model.fair
     trials = _replacements(found, left, form, candidates)
     # The best rival gets every chance; the others are far enough behind it already.
     ends = {m.chosen[-1].id: m for m in trials} | {m.chosen[-1].id: m for m in _finished(found, trials, 1)}
