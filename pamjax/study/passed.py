@@ -20,6 +20,7 @@ C. Bekas, E. Kokiopoulou, Y. Saad, Appl. Numer. Math. 57, 1214 (2007).
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import jax.numpy as jnp
 import numpy as np
@@ -28,35 +29,42 @@ from scipy.linalg import hadamard
 from pamjax.infer.noise import sensitivities
 from pamjax.study.forms import NEEDS_TIME
 from pamjax.study.problem import Problem
-from pamjax.study.whiten import Whitening
 
 #: Draws, a power of two, and their seed: every model sees the same.
 DRAWS, SEED = 4, 7
 
 
-def passed(found: Problem, white: Whitening, values: np.ndarray) -> float:
+def passed(found: Problem, white: Callable[[np.ndarray], np.ndarray], values: np.ndarray) -> float:
     """χ² that a model is expected to leave beyond its bare muscle, by noise of what was set alone.
 
     Args:
         found: the recording before the library.
-        white: the weights.
+        white: the weights, a `Whitening`.
         values: (p,) all numbers, SI.
 
     Returns:
         zero where nothing remembers, or no such noise is stated; negative for a model that averages.
     """
-    if not _remembers(found, values) or not any(_stated(found)):
+    shown = passed_on(found, values)
+    if shown is None:
         return 0.0
-    still = found.shows(values)
     by_pressure, by_length = (
         np.asarray(s)[:, : found.n] for s in sensitivities(found.member, jnp.asarray(values))
     )
     total = 0.0
-    for pressure, length in draws(found):
-        there = white(np.nan_to_num(_shaken(found, pressure, length).shows(values) - still))
-        bare = white(np.nan_to_num(by_pressure * pressure + by_length * length))
+    for here, (pressure, length) in zip(shown, draws(found), strict=True):
+        there, bare = white(here), white(np.nan_to_num(by_pressure * pressure + by_length * length))
         total += float(there @ there - bare @ bare)
     return total / DRAWS
+
+
+def passed_on(found: Problem, values: np.ndarray) -> np.ndarray | None:
+    """What each draw of noise does to what is shown, (draws, 2, n), SI; None where `passed` is zero."""
+    if not _remembers(found, values) or not any(_stated(found)):
+        return None
+    still = found.shows(values)
+    shown = [_shaken(found, *draw).shows(values) - still for draw in draws(found)]
+    return np.nan_to_num(np.stack(shown))
 
 
 def draws(found: Problem) -> list[tuple[np.ndarray, np.ndarray]]:

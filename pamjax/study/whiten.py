@@ -21,6 +21,7 @@ from scipy.signal import lfilter
 
 from pamjax.infer.member import CHANNELS, starting_sd
 from pamjax.infer.noise import sensitivities
+from pamjax.study.passed import passed_on
 from pamjax.study.problem import Problem
 from pamjax.study.table_noise import table_variance
 
@@ -128,6 +129,7 @@ def whitening(found: Problem, values: np.ndarray, used: np.ndarray) -> Whitening
     sensors = found.case.entry.sensors
     colours, rows, runs = [], [], []
     tables = _table_variances(found, used)
+    noise = passed_on(found, values)
     for c, stated in enumerate((sensors.force, sensors.diameter)):
         there = np.flatnonzero(np.isfinite(found.measured[c]) & used)
         edges = np.flatnonzero(np.diff(starts[there])) + 1
@@ -135,7 +137,16 @@ def whitening(found: Problem, values: np.ndarray, used: np.ndarray) -> Whitening
         rows.append(there)
         runs.append(np.stack([bounds[:-1], bounds[1:]], axis=1) if there.size else np.zeros((0, 2), int))
         colours.append(
-            _colour(residual[c], own[c], carried[c], there, starts, stated is not None, tables[c])
+            _colour(
+                residual[c],
+                own[c],
+                carried[c],
+                there,
+                starts,
+                stated is not None,
+                tables[c],
+                None if noise is None else noise[:, c],
+            )
             if there.size
             else None
         )
@@ -169,25 +180,33 @@ def _table_variances(found: Problem, used: np.ndarray) -> list[tuple[float, floa
     ]
 
 
-def _colour(residual, own, carried, there, starts, given: bool, table=(math.nan, 0.0)) -> Colour:
+def _colour(residual, own, carried, there, starts, given: bool, table=(math.nan, 0.0), noise=None):
     variance, freedom = table
     if not given and freedom > 0:
         sd = np.sqrt(np.maximum(variance, carried))
         return Colour(sd, 1.0, 0.0, given, freedom)
     if not given:
-        own = max(
-            _roughness(residual, np.ones_like(residual), there, starts) - np.mean(carried[there]), 1e-18
-        )
+        one = np.ones_like(residual)
+        rough = _roughness(residual, one, there, starts)
+        own = max(rough - _rough_of_set(carried, noise, one, there, starts), 1e-18)
     variance = np.broadcast_to(own + carried, residual.shape)
     sd = np.sqrt(variance)
     shared = float(np.mean(np.broadcast_to(own, residual.shape)[there] / variance[there]))
     if not given or there.size < 30:
         return Colour(sd, shared, 0.0, given)
-    # Half the mean square of neighbours' differences is W + A (1 − ρ).
-    rough = _roughness(residual, sd, there, starts)
-    rho = 1 - (rough - (1 - shared)) / shared
+    # Half the mean square of neighbours' differences is W + A (1 − ρ); less than W where a lag averages.
+    rough = _roughness(residual, sd, there, starts) - _rough_of_set(carried, noise, sd, there, starts)
+    rho = 1 - rough / shared
     error = math.sqrt(1.5 / there.size) / shared
     return Colour(sd, shared, min(rho, MOST) if rho > SEEN * error else 0.0, given)
+
+
+def _rough_of_set(carried, noise, sd, there, starts) -> float:
+    """Half the mean square of neighbours' differences by noise of what was set, over sd²."""
+    if noise is None:
+        return float(np.mean((carried / sd**2)[there]))
+    step = np.diff((noise / sd)[:, there], axis=1)[:, np.diff(starts[there]) == 0]
+    return 0.5 * float(np.mean(step**2)) if step.size else 0.0
 
 
 def _roughness(residual, sd, there, starts) -> float:

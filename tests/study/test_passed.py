@@ -59,9 +59,7 @@ def spring(noise=NOISE):
 
 def weights(correlation=0.0):
     colours = (Colour(np.full(ROWS, SD), 0.5, correlation, True), None)
-    return Whitening(
-        colours, (np.arange(ROWS), np.arange(0)), (np.array([[0, ROWS]]), np.zeros((0, 2), int))
-    )
+    return Whitening(colours, (np.arange(ROWS), np.arange(0)), (np.array([[0, ROWS]]), np.zeros((0, 2), int)))
 
 
 @pytest.mark.parametrize("late", [0.2, 0.5, 1.0])
