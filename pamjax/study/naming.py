@@ -21,10 +21,10 @@ from scipy.stats import chi2
 
 from pamjax.model.library import TWICE
 from pamjax.study.forms import Form, forms
-from pamjax.study.passed import passed
 from pamjax.study.problem import Problem
 from pamjax.study.refit import Refit, refit
 from pamjax.study.signature import Signature, signatures
+from pamjax.study.unbiased import unbiased
 from pamjax.study.whiten import Whitening, whitening
 
 #: Chance that noise alone brings in a name, over everything that was tried.
@@ -165,8 +165,8 @@ def settle(
 
 
 def freed(found: Problem, chosen: tuple[Form, ...], white: Whitening, at: Refit) -> Model:
-    """A refitted model, with what it makes of noise."""
-    return Model(chosen, white, at, passed(found, white, at.values))
+    """A refitted model, without what it makes of noise."""
+    return Model(chosen, white, *unbiased(found, white, at))
 
 
 def _places(found: Problem, chosen: Sequence[Form]) -> list[int]:

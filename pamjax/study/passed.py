@@ -11,8 +11,7 @@ are told apart by what is left when each is freed of its own. Untold, a delay by
 thousands of rows better than the truth.
 
 The mean over u is taken with signs, ±sd, the same for every model. Four draws carry the rows of a
-Hadamard matrix, so that no product of neighbours, nor of pressure and length, is left in it. Leaves
-out that the minimum itself moves to where less noise is passed on: a lag is drawn towards half a sample.
+Hadamard matrix, so that no product of neighbours, nor of pressure and length, is left in it.
 Source: derived here; signs as M. F. Hutchinson, Commun. Stat. Simul. 18, 1059 (1989); Hadamard's rows as
 C. Bekas, E. Kokiopoulou, Y. Saad, Appl. Numer. Math. 57, 1214 (2007).
 """
@@ -65,6 +64,17 @@ def passed_on(found: Problem, values: np.ndarray) -> np.ndarray | None:
     still = found.shows(values)
     shown = [_shaken(found, *draw).shows(values) - still for draw in draws(found)]
     return np.nan_to_num(np.stack(shown))
+
+
+def passed_slope(found: Problem, white: Callable[[np.ndarray], np.ndarray], values, places) -> np.ndarray:
+    """Derivative of `passed` by some numbers, (k,), SI, but for the bare muscle's share."""
+    still, slopes = found.slopes(values, places)
+    total = np.zeros(len(places))
+    for draw in draws(found):
+        shown, steeper = _shaken(found, *draw).slopes(values, places)
+        here, there = white(np.nan_to_num(shown - still)), white(np.nan_to_num(steeper - slopes))
+        total += 2 * there @ here
+    return total / DRAWS
 
 
 def draws(found: Problem) -> list[tuple[np.ndarray, np.ndarray]]:

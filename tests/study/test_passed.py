@@ -2,6 +2,7 @@
 
 import dataclasses
 from types import SimpleNamespace
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -50,7 +51,7 @@ class Delayed:
         return np.stack([late, np.zeros(ROWS)])
 
 
-def spring(noise=NOISE):
+def spring(noise: float | None = NOISE) -> Any:
     bare = Spring(Set(jnp.ones(ROWS), jnp.sin(jnp.linspace(0, 6, ROWS))))
     sensors = SimpleNamespace(pressure=None, length=noise, length_per_setting=False)
     case = SimpleNamespace(entry=SimpleNamespace(sensors=sensors), recording=SimpleNamespace(has_time=True))

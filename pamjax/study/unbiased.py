@@ -1,0 +1,54 @@
+"""A minimum moved back from where a model only passes less noise on.
+
+A lag is drawn towards half a sample, where it averages most. Of χ² less what the noise of what was set
+leaves, C − p, the minimum is found from that of C by Gauss–Newton steps,
+
+    δ = −(JᵀJ + Λ)⁻¹ (½ ∇C − ½ ∇p),
+
+J the white derivatives, Λ the priors' information; a step that makes C − p no smaller ends it.
+Source: derived here; see `passed`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pamjax.study.passed import passed, passed_slope
+from pamjax.study.problem import Problem
+from pamjax.study.refit import Refit, coordinates, refit
+from pamjax.study.whiten import Whitening
+
+#: Share of a recording's samples below which what is passed on moves no minimum, and most steps.
+SMALL, STEPS = 0.02, 6
+
+
+def unbiased(found: Problem, white: Whitening, at: Refit) -> tuple[Refit, float]:
+    """A refit freed of the pull of noise, and the χ² that noise leaves there.
+
+    Args:
+        found: the recording before the library.
+        white: the weights of the refit.
+        at: the refit.
+    """
+    of_noise = passed(found, white, at.values)
+    for _ in range(STEPS if abs(of_noise) > SMALL * white.size else 0):
+        trial = refit(found, white, at.moved, _stepped(found, white, at), 1)
+        there = passed(found, white, trial.values)
+        if trial.cost - there >= at.cost - of_noise:
+            break
+        at, of_noise = trial, there
+    return at, of_noise
+
+
+def _stepped(found: Problem, white: Whitening, at: Refit) -> np.ndarray:
+    """Values after one step, within their limits."""
+    moved = list(at.moved)
+    x, mean = coordinates(found, moved, at.values), coordinates(found, moved, found.start)
+    pull = 0.5 * at.scale * passed_slope(found, white, at.values, moved)
+    downhill = at.jacobian.T @ at.residual - (x - mean) / at.prior**2 + pull
+    covariance = at.covariance / np.outer(at.scale, at.scale)
+    low, high = (coordinates(found, moved, edge) for edge in (found.low, found.high))
+    x = np.clip(x + covariance @ downhill, low, high)
+    out, log = at.values.copy(), found.log[moved]
+    out[moved] = np.where(log, np.exp(np.where(log, x, 0.0)), x)
+    return out
