@@ -31,8 +31,8 @@ CHANNELS = ("force", "diameter")
 #: Force below this share of the largest one counts as a slack muscle's when the model would push.
 SLACK = 0.02
 
-#: Samples by whose median it is told whether a muscle is slack, at most; a tenth of a short block.
-NEIGHBOURS = 15
+#: Samples by whose median it is told whether a muscle is slack: at most, and as a share of their block.
+NEIGHBOURS, OF_BLOCK = 15, 1 / 30
 
 
 class Rows(eqx.Module):
@@ -174,8 +174,9 @@ def slack(case: Case) -> np.ndarray:
     recording = case.recording
     top = np.nanmax(np.abs(recording.force[recording.usable]), initial=0.0)
     force = pd.Series(np.where(recording.usable, recording.force, np.nan))
-    for _, block in force.groupby(blocks(recording).label):
-        near = max(1, min(NEIGHBOURS, block.size // 10))
+    # The rows of a static map stand in no order, and have no neighbours.
+    for _, block in force.groupby(blocks(recording).label) if recording.time is not None else ():
+        near = max(1, min(NEIGHBOURS, int(OF_BLOCK * block.size)))
         force[block.index] = block.rolling(near, center=True, min_periods=1).median()
     return force.fillna(np.inf).to_numpy() < SLACK * top
 

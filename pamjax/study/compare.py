@@ -28,7 +28,7 @@ from pamjax.check import BadInput, refuse
 from pamjax.infer.fit import fit
 from pamjax.infer.hold_out import without
 from pamjax.infer.least_squares import solve
-from pamjax.infer.member import SLACK, read, slack
+from pamjax.infer.member import SLACK, read
 from pamjax.infer.result import Fit
 from pamjax.records.case import Case
 from pamjax.records.levels import find_levels, on_levels
@@ -132,8 +132,8 @@ def compare(case: Case, fits: Sequence[Fit] = ()) -> Comparison:
     if "force" not in recording.channels:
         raise refuse("a comparison of forces needs a measured force", "none", f"{case.name}/recording.csv")
     there = recording.usable & np.isfinite(recording.force)
-    rows = there & ~slack(case)
     full_scale = float(np.abs(recording.force[there]).max())
+    rows = there & (recording.force >= SLACK * full_scale)
     fits = fits or [fit(case, law, starts=1) for law in THREADS]
     models = {_name(one): _braid(one) for one in fits} | _rivals(case)
     found = splits(case, rows)
