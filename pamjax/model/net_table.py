@@ -107,28 +107,34 @@ class NearNet(eqx.Module):
         return Net(jnp.pi * unit**2 * thread * volume, unit * mean, unit * mid)
 
 
+Three = tuple[Array, Array, Array]
+
+
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _extra(
     order: tuple[int, int], x: Array, y: Array, made: Array, terms: Array, lean: Array | None
-) -> Array:
-    """A tabulated derivative, (3, ...), of an order in x and y, whose own derivatives are tabulated too.
+) -> Three:
+    """A tabulated derivative of volume, mean and mid radius, of an order in x and y, whose own derivatives
+    are tabulated too.
 
     What is looked up is then never differentiated itself. Beyond the last order there is nothing, and in what
     the table is made of there is the first alone.
     """
-    return terms[order]
+    return tuple(terms[order])
 
 
 @_extra.defjvp
 def _extra_jvp(order, at, along):
     (x, y, made, terms, lean), (dx, dy, more, *_) = at, along
     i, j = order
-    change = jnp.zeros_like(terms[order])
+    changes = []
     if i + j < len(terms) - 1:
-        change += _extra((i + 1, j), x, y, made, terms, lean) * dx
-        change += _extra((i, j + 1), x, y, made, terms, lean) * dy
+        changes.append((_extra((i + 1, j), x, y, made, terms, lean), dx))
+        changes.append((_extra((i, j + 1), x, y, made, terms, lean), dy))
     if lean is not None and i + j < len(lean[0]):
-        change += sum(_extra(order, x, y, made, one, None) * by for one, by in zip(lean, more, strict=True))
+        changes += [(_extra(order, x, y, made, one, None), by) for one, by in zip(lean, more, strict=True)]
+    nothing = jnp.zeros_like(terms[0, 0, 0])
+    change = tuple(sum((slopes[k] * by for slopes, by in changes), nothing) for k in range(3))
     return _extra(order, x, y, made, terms, lean), change
 
 
