@@ -1,5 +1,5 @@
 """The words: what a person types. Nothing here loads JAX before it is needed."""
 
-from pamjax.cli.main import main
+from pamjax.cli.main import main, run
 
-__all__ = ["main"]
+__all__ = ["main", "run"]

@@ -6,6 +6,7 @@ import os
 import sys
 from importlib.metadata import version
 from keyword import iskeyword
+from typing import NoReturn
 
 from cyclopts import App, CycloptsError
 
@@ -72,3 +73,15 @@ def main(arguments: list[str] | None = None) -> int:
         print("pamjax: interrupted; nothing was written half", file=sys.stderr)
         return INTERRUPTED
     return ANSWERED
+
+
+def run() -> NoReturn:
+    """The process `pamjax`: `main` on its own words, and its exit code."""
+    code = main()
+    if code == INTERRUPTED:
+        # A compilation that was broken off leaves JAX's runtime in a state in which Python's own clearing up
+        # now and then ends in a segmentation fault. Everything is written or thrown away by now.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    sys.exit(code)

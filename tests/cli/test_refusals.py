@@ -182,9 +182,8 @@ def test_a_reader_may_have_enough(words):
 
 @pytest.mark.skipif(os.name == "nt", reason="signals")
 @pytest.mark.slow
-@pytest.mark.xfail(reason="a signal inside JAX's runtime may end the process by itself", strict=False)
 def test_ctrl_c_at_any_time(bench, tmp_path):
-    code = "import sys; from pamjax.cli.main import main; sys.exit(main(sys.argv[1:]))"
+    code = "from pamjax.cli import run; run()"
     words = ["fit", str(bench / "made"), "--out", str(tmp_path / "out"), "--starts", "20"]
     running = subprocess.Popen([sys.executable, "-c", code, *words], stderr=subprocess.PIPE, text=True)
     time.sleep(3.0)
