@@ -142,22 +142,14 @@ def member(case: Case, law: str, at: Space, rename: dict[str, str], mechanisms: 
 def case_history(case: Case, size: int | None = None) -> History:
     """The order of a case's samples in time, padded to `size` (by itself: `padded`)."""
     recording = case.recording
-    strokes = _in_range(recording.length) + _in_range(recording.pressure)
     return history(
         recording.time,
         recording.starts,
         restart=case.gaps == "anew",
         settled=case.before == "settled",
-        turning=strokes,
+        turning=recording.strokes,
         size=size or padded(recording.n),
     )
-
-
-def _in_range(channel: np.ndarray) -> np.ndarray:
-    """A channel over its range; zero where it was not measured, or hardly moves."""
-    there = channel[np.isfinite(channel)]
-    span = np.ptp(there) if there.size else 0.0
-    return np.nan_to_num((channel - np.min(there)) / span) if span > 0 else np.zeros(channel.size)
 
 
 @eqx.filter_jit

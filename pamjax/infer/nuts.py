@@ -24,8 +24,8 @@ from pamjax.infer.laplace import Ball
 from pamjax.infer.walk import Walk
 
 CHAINS = 4
-#: Draws that find the step size, and the acceptance it aims at.
-WARMUP, ACCEPTANCE = 200, 0.8
+#: Draws that find the step size (as many as Stan gives it first), and the acceptance it aims at.
+WARMUP, ACCEPTANCE = 75, 0.8
 
 
 @dataclass(frozen=True)

@@ -63,8 +63,12 @@ def _shown(muscle: Muscle | Bench, schedule: Schedule, settled: bool):
     pressure, length = jnp.asarray(schedule.pressure), jnp.asarray(schedule.length)
     if isinstance(muscle, Muscle):
         return predict(muscle, pressure, length)
-    first = np.arange(schedule.time.size) == 0
-    return record(muscle, pressure, length, history(schedule.time, first, settled=settled))
+    # Runs as whoever reads the recording finds them: nothing is late across a step of pressure between two.
+    read = Recording.from_arrays(
+        time=schedule.time, pressure=schedule.pressure, length=schedule.length, cycle=schedule.cycle
+    )
+    way = history(schedule.time, read.starts, settled=settled, turning=read.strokes)
+    return record(muscle, pressure, length, way)
 
 
 def _length_error(schedule: Schedule, sensors: Sensors, rng: np.random.Generator) -> np.ndarray:

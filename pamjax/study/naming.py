@@ -22,7 +22,7 @@ from scipy.stats import chi2
 from pamjax.model.library import TWICE
 from pamjax.study.forms import Form, forms
 from pamjax.study.problem import Problem
-from pamjax.study.refit import Refit, refit
+from pamjax.study.refit import OFF_LIMIT, Refit, refit
 from pamjax.study.signature import Signature, signatures
 from pamjax.study.unbiased import unbiased
 from pamjax.study.whiten import Whitening, whitening
@@ -181,8 +181,9 @@ def begun(found: Problem, values: np.ndarray, form: Form, amplitudes: np.ndarray
         out[k] = np.clip(value, found.low[k], found.high[k])
     for name, value in zip(form.amplitudes, amplitudes, strict=True):
         k = found.place(name)
-        inside = 1e-3 * (found.high[k] - found.low[k])
-        out[k] = np.clip(value, found.low[k] + 1e-3 * inside, found.high[k] - inside)
+        # The minimiser creeps away from a limit at which it starts.
+        wide = found.high[k] - found.low[k]
+        out[k] = np.clip(value, found.low[k] + 1e-6 * wide, found.high[k] - OFF_LIMIT * wide)
     return out
 
 

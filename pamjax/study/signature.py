@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from pamjax.study.forms import COURSES, Form
 from pamjax.study.problem import COSTLY, Problem
@@ -19,7 +20,7 @@ class Signature:
 
     Attributes:
         form: which.
-        gain: χ² that its best amplitudes would take away, in the linear limit.
+        gain: χ² that its best amplitudes within their limits would take away, in the linear limit.
         amplitudes: those, SI.
         directions: (k, size) unit vectors, white, freed of what the numbers that move absorb.
         either_sign: (k,) whether an amplitude may be negative: friction drives nothing.
@@ -116,21 +117,27 @@ def _course(found: Problem, form: Form) -> np.ndarray | float:
 def _signature(found, white, at, form, slopes, absorbed, residual) -> Signature:
     places = [found.place(name) for name in form.amplitudes]
     free = absorbed.out_of(np.nan_to_num(white(slopes)))
-    either_sign = found.low[places] - at.values[places] < 0
-    amplitudes, gain = _best(free, residual, either_sign)
+    low, high = found.low[places] - at.values[places], found.high[places] - at.values[places]
+    amplitudes, gain = _best(free, residual, low, high)
     norm = np.linalg.norm(free, axis=1, keepdims=True)
-    return Signature(form, gain, amplitudes, free / np.where(norm > 0, norm, 1.0), either_sign)
+    return Signature(form, gain, amplitudes, free / np.where(norm > 0, norm, 1.0), low < 0)
 
 
-def _best(free: np.ndarray, residual: np.ndarray, either_sign: np.ndarray) -> tuple[np.ndarray, float]:
-    """Amplitudes of least squares, none below its limit, and the χ² they take away."""
-    kept = np.linalg.norm(free, axis=1) > 1e-12
-    while kept.any():
-        amplitudes = np.zeros(len(free))
-        amplitudes[kept] = np.linalg.lstsq(free[kept].T, residual, rcond=1e-8)[0]
-        wrong = kept & ~either_sign & (amplitudes <= 0)
-        if not wrong.any():
-            left = residual - amplitudes @ free
-            return amplitudes, float(residual @ residual - left @ left)
-        kept &= ~wrong
-    return np.zeros(len(free)), 0.0
+def _best(
+    free: np.ndarray, residual: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Amplitudes of least squares within their limits, and the χ² they take away.
+
+    Without limits a form that hardly shows here explains anything, by an amplitude that no muscle has.
+    """
+    amplitudes, norm = np.zeros(len(free)), np.linalg.norm(free, axis=1)
+    kept = (norm > 1e-12) & (high > low)
+    if not kept.any():
+        return amplitudes, 0.0
+    # Columns of length one: newtons and pascals are many orders of magnitude apart.
+    norm = norm[kept]
+    axes, across = np.linalg.qr((free[kept] / norm[:, None]).T)
+    end = lsq_linear(across, axes.T @ residual, (low[kept] * norm, high[kept] * norm), method="bvls")
+    amplitudes[kept] = end.x / norm
+    left = residual - amplitudes @ free
+    return amplitudes, float(residual @ residual - left @ left)

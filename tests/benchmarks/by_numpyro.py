@@ -39,6 +39,10 @@ class ByNumpyro:
         self.measured = {"force": one.rows.force[:n], "diameter": one.rows.diameter[:n]}
         self.there = {c: s.there[:n] > 0 for c, s in zip(self.measured, streams, strict=True)}
         self.linked = {c: s.linked[:n] for c, s in zip(self.measured, streams, strict=True)}
+        last = np.maximum(np.arange(n) - 1, 0)
+        self.before = {
+            c: last if s.before is None else s.before[:n] for c, s in zip(self.measured, streams, strict=True)
+        }
 
     def priors(self) -> dict[str, Any]:
         """A distribution for every number, SI."""
@@ -72,7 +76,7 @@ class ByNumpyro:
         for channel, smooth in self.shown(now).items():
             measured, sd = self.measured[channel], now[f"noise.{channel}"]
             memory = now[f"noise.{channel}_correlation"] * self.linked[channel]
-            mean = smooth + memory * jnp.roll(measured - smooth, 1)
+            mean = smooth + memory * (measured - smooth)[self.before[channel]]
             noise = dist.Normal(mean, sd * jnp.sqrt(1 - memory**2))
             numpyro.sample(channel, noise.mask(self.there[channel]), obs=measured)
 

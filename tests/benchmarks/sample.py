@@ -33,7 +33,7 @@ from tests.infer.made import made
 #: Two sensors: the noise is exactly the likelihood's.
 BENCH = Sensors(force=2.0, diameter=0.05e-3)
 #: Walkers and steps of emcee on NumPy; numpyro's warm-up and draws.
-WALKERS, STEPS, WARMUP, DRAWS = 32, 600, 500, 300
+WALKERS, STEPS, WARMUP, DRAWS = 32, 3000, 500, 300
 
 
 class ByNumpy:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pamjax.model.bench import Bench
+from pamjax.model.mechanisms.channel_lag import ChannelLag
 from pamjax.model.muscle import Muscle, predict
 from pamjax.model.thread import LinearThread
 from pamjax.records.entry import Sensors
@@ -95,6 +96,18 @@ def test_a_bench_without_mechanisms_shows_what_the_muscle_does():
     bench = Bench(jnp.asarray(0.214), jnp.asarray(1.2), ())
     mine, theirs = (simulate(m, SCHEDULE, SENSORS, seed=4) for m in (rigid, bench))
     agree(mine.force, theirs.force, 1e-9, scale=1.0)
+
+
+def test_nothing_is_late_across_the_step_between_two_isobars():
+    late = Bench(jnp.asarray(0.214), jnp.asarray(1.2), (ChannelLag(lag=jnp.asarray(1.7)),))
+    both, second = simulate(late, SCHEDULE, Sensors()), SCHEDULE.pressure > 2e5
+    alone = dataclasses.replace(
+        SCHEDULE, **{f.name: getattr(SCHEDULE, f.name)[second] for f in dataclasses.fields(SCHEDULE)}
+    )
+    agree(both.force[second], simulate(late, alone, Sensors()).force, ROUNDING)
+    # Able to fail: within an isobar the force is late.
+    prompt = simulate(Bench(jnp.asarray(0.214), jnp.asarray(1.2), ()), SCHEDULE, Sensors())
+    assert np.nanmax(np.abs(both.force - prompt.force)[second]) > 1.0
 
 
 def test_leaving_the_calibrated_range_is_told_with_its_amount():

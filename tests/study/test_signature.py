@@ -1,0 +1,44 @@
+"""How much of a residual looks like a mechanism, at amplitudes that a muscle can have."""
+
+import numpy as np
+import pytest
+
+from pamjax.study.signature import _best
+from tests.agreement import ROUNDING, agree
+
+FREE = np.array([-np.inf, -np.inf]), np.array([np.inf, np.inf])
+
+
+@pytest.fixture
+def directions():
+    return np.random.default_rng(5).standard_normal((2, 50)) * np.array([[1e-6], [1e4]])
+
+
+def test_without_limits_the_best_amplitudes_are_those_of_least_squares(directions):
+    truth = np.array([3e5, -2e-4])
+    amplitudes, gain = _best(directions, truth @ directions, *FREE)
+    agree(amplitudes, truth, to=ROUNDING, scale=np.abs(truth))
+    agree(gain, np.sum((truth @ directions) ** 2), to=ROUNDING)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_a_form_that_would_need_more_than_a_muscle_has_explains_only_its_share(directions, share):
+    one = directions[:1]
+    amplitudes, gain = _best(one, 3e5 * one[0], np.array([0.0]), np.array([share * 3e5]))
+    agree(amplitudes, [share * 3e5], to=ROUNDING)
+    # Of |r|² what is left is (1 − share)².
+    agree(gain, (1 - (1 - share) ** 2) * np.sum((3e5 * one) ** 2), to=ROUNDING)
+
+
+def test_an_amplitude_that_cannot_be_negative_is_not(directions):
+    amplitudes, gain = _best(directions, np.array([-3e5, 2e-4]) @ directions, np.zeros(2), FREE[1])
+    assert amplitudes[0] == 0
+    # Then the other stands for what it can: its own least squares.
+    alone = directions[1] @ (np.array([-3e5, 2e-4]) @ directions) / (directions[1] @ directions[1])
+    agree(amplitudes[1], alone, to=ROUNDING)
+    agree(gain, alone**2 * (directions[1] @ directions[1]), to=ROUNDING)
+
+
+def test_what_does_not_show_or_cannot_move_explains_nothing(directions):
+    assert _best(0 * directions, directions[0], *FREE) == (pytest.approx(np.zeros(2)), 0.0)
+    assert _best(directions, directions[0], np.zeros(2), np.zeros(2))[1] == 0.0
