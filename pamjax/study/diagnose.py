@@ -54,6 +54,7 @@ def diagnose(
     case = as_case(case)
     progress("compiling", 0.0)
     found = problem(case, size or STEP * -(-case.recording.n // STEP))
+    found.compile()
     laid = blocks(case.recording)
     out = held_out(laid)
     naming = name_mechanisms(found, ~out, progress)

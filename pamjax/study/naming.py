@@ -15,11 +15,13 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from scipy.stats import chi2
 
 from pamjax.model.library import TWICE
+from pamjax.study.abreast import abreast
 from pamjax.study.forms import Form, forms
 from pamjax.study.problem import Problem
 from pamjax.study.refit import OFF_LIMIT, Refit, refit
@@ -147,7 +149,7 @@ def name_mechanisms(
         scored = signatures(found, model.white, model.at, candidates)
     progress("rivals", 0.7)
     model = _pruned(found, used, baseline, model, len(candidates))
-    names = [_name(found, model, k, candidates) for k in range(len(model.chosen))]
+    names = abreast(lambda k: _name(found, model, k, candidates), range(len(model.chosen)))
     names.sort(key=lambda name: (-round(name.probability, 2), -name.gain))
     return Naming(baseline, model, tuple(names), tuple(first))
 
@@ -233,14 +235,17 @@ def _strained(found: Problem, model: Model) -> bool:
 def _finished(found: Problem, trials: Sequence[Model], many: int = FINAL) -> list[Model]:
     """The most promising of some rough refits, refitted to the end; best first."""
     rough = sorted(trials, key=lambda trial: trial.score)[:many]
-    ends = [freed(found, m.chosen, m.white, refit(found, m.white, m.at.moved, m.at.values)) for m in rough]
-    return sorted(ends, key=lambda trial: trial.score)
+
+    def end(m: Model) -> Model:
+        return freed(found, m.chosen, m.white, refit(found, m.white, m.at.moved, m.at.values))
+
+    return sorted(abreast(end, rough), key=lambda trial: trial.score)
 
 
 def _step(found, used, baseline: Model, model: Model, scored, tried: int) -> Model | None:
     """The model with the best further name, or None."""
     listed = [s for s in shortlist(scored, model.ids) if significant(s.gain, len(s.form.moves), tried)]
-    trials = _finished(found, [_with(found, model, s) for s in listed])
+    trials = _finished(found, abreast(lambda s: _with(found, model, s), listed))
     if not trials:
         return None
     best = trials[0]
@@ -289,7 +294,7 @@ def _swapped(found, used, model: Model, candidates) -> Model:
 def _replacements(found, left: Model, form: Form, candidates) -> list[Model]:
     """Models in which another mechanism stands in the place of a form, roughly refitted."""
     scored = signatures(found, left.white, left.at, [c for c in candidates if c.id != form.id])
-    return [_with(found, left, s) for s in shortlist(scored, left.ids, 5)]
+    return abreast(lambda s: _with(found, left, s), shortlist(scored, left.ids, 5))
 
 
 def _removed(found: Problem, model: Model, k: int) -> Model:
@@ -304,7 +309,7 @@ def _removed(found: Problem, model: Model, k: int) -> Model:
 def _pruned(found, used, baseline: Model, model: Model, tried: int) -> Model:
     """Take out again what is no longer worth its place."""
     while len(model.chosen) > 1:
-        rest = [_removed(found, model, k) for k in range(len(model.chosen))]
+        rest = abreast(partial(_removed, found, model), range(len(model.chosen)))
         losses = [left.fair - model.fair for left in rest]
         k = int(np.argmin(losses))
         if _worth(baseline, losses[k], rest[k].excess, len(model.chosen[k].moves), tried):

@@ -25,6 +25,7 @@ from pamjax.model.library import MECHANISMS
 from pamjax.parameter import Meaning
 from pamjax.records.case import Case
 from pamjax.records.quantity import Measured
+from pamjax.study import programs
 
 #: Numbers in which one sweep takes derivatives, at most.
 SLOTS = 32
@@ -105,6 +106,11 @@ class Problem:
         """What the bench shows at these values: force (N) and diameter (m), (2, n)."""
         return self.slopes(values, ())[0]
 
+    def compile(self) -> None:
+        """Begin to compile both programs, side by side; whoever needs one waits for it."""
+        for member in (self.lighter, self.member):
+            programs.begin(_sweep, *_asked(member, self.neutral, np.zeros(SLOTS, dtype=int), 0))
+
     def slopes(self, values: np.ndarray, places) -> tuple[np.ndarray, np.ndarray]:
         """What the bench shows, (2, n), and its derivative by each of the numbers, (k, 2, n), SI."""
         places, found = list(places), []
@@ -114,10 +120,14 @@ class Problem:
             now, places = places[:SLOTS], places[SLOTS:]
             slots = np.zeros(SLOTS, dtype=int)
             slots[: len(now)] = now
-            shown, slopes = _sweep(member, jnp.asarray(values), jnp.asarray(slots), jnp.asarray(len(now)))
+            shown, slopes = programs.ready(_sweep, *_asked(member, values, slots, len(now)))
             found.append(np.asarray(slopes)[: len(now), :, : self.n])
             if not places:
                 return np.asarray(shown)[:, : self.n], np.concatenate(found)
+
+
+def _asked(member: Member, values: np.ndarray, slots: np.ndarray, many: int) -> tuple:
+    return member, jnp.asarray(values), jnp.asarray(slots), jnp.asarray(many)
 
 
 @eqx.filter_jit

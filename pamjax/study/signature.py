@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from pamjax.study.abreast import abreast
 from pamjax.study.forms import COURSES, Form
 from pamjax.study.problem import COSTLY, Problem
 from pamjax.study.refit import Refit
@@ -64,8 +65,8 @@ def signatures(found: Problem, white: Whitening, at: Refit, candidates: Sequence
 
 def _slopes(found: Problem, at: Refit, candidates: Sequence[Form]) -> dict[int, np.ndarray]:
     """Derivative of what the bench shows by each form's amplitudes, (k, 2, n), in few sweeps."""
-    out = {}
-    for together in _together(found, at, candidates):
+
+    def at_one_point(together: list[int]) -> dict[int, np.ndarray]:
         values = at.values.copy()
         for k in together:
             for name, value in _swept(candidates[k]).items():
@@ -73,11 +74,13 @@ def _slopes(found: Problem, at: Refit, candidates: Sequence[Form]) -> dict[int, 
                 values[place] = np.clip(value, found.low[place], found.high[place])
         names = sorted({name for k in together for name in candidates[k].amplitudes})
         slopes = dict(zip(names, found.slopes(values, map(found.place, names))[1], strict=True))
-        for k in together:
-            out[k] = np.stack([slopes[name] for name in candidates[k].amplitudes]) * _course(
-                found, candidates[k]
-            )
-    return out
+        return {
+            k: np.stack([slopes[name] for name in candidates[k].amplitudes]) * _course(found, candidates[k])
+            for k in together
+        }
+
+    points = abreast(at_one_point, _together(found, at, candidates))
+    return {k: slope for point in points for k, slope in point.items()}
 
 
 def _together(found: Problem, at: Refit, candidates: Sequence[Form]) -> list[list[int]]:

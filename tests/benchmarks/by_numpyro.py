@@ -46,14 +46,9 @@ class ByNumpyro:
 
     def priors(self) -> dict[str, Any]:
         """A distribution for every number, SI."""
-        found = {}
-        for k, name in enumerate(self.at.names):
-            low, high, mean, sd = (float(a[k]) for a in (self.at.low, self.at.high, self.at.mean, self.at.sd))
-            if np.isfinite(sd):
-                found[name] = dist.TruncatedNormal(mean, sd, low=low, high=high)
-            else:
-                found[name] = dist.LogUniform(low, high) if self.at.log[k] else dist.Uniform(low, high)
-        return found
+        at = self.at
+        columns = (np.asarray(a).tolist() for a in (at.low, at.high, at.mean, at.sd, at.log))
+        return {name: _prior(*numbers) for name, *numbers in zip(at.names, *columns, strict=True)}
 
     def shown(self, now: Mapping[str, Any]) -> dict[str, jax.Array]:
         """Force, N, and diameter, m, at every row."""
@@ -100,3 +95,9 @@ class ByNumpyro:
             return np.stack([np.asarray(found[name]) for name in self.at.names], axis=1)[:, None]
 
         return call
+
+
+def _prior(low: float, high: float, mean: float, sd: float, log: bool) -> Any:
+    if np.isfinite(sd):
+        return dist.TruncatedNormal(mean, sd, low=low, high=high)
+    return dist.LogUniform(low, high) if log else dist.Uniform(low, high)
