@@ -26,6 +26,8 @@ from pamjax.infer.result import Fit
 from pamjax.infer.space import Space
 from pamjax.units import show
 
+#: What a number is called that acts only together with others.
+COMBINED = "only in combination"
 AT_LIMIT, OUTER = 0.3, 0.05
 #: Determined means that the recording shrinks the sd to this share of what was believed.
 DETERMINED = 0.5
@@ -109,7 +111,7 @@ def verdicts(fit: Fit, at: Space, draws: np.ndarray) -> dict[str, Verdict]:
     said = {}
     for name, (kind, says) in kinds.items():
         if name in loose and told[name].alone and (partners := _partners(name, loose, together)):
-            kind, says = "only in combination", combination(told, name, partners, loose, together)
+            kind, says = COMBINED, combination(told, name, partners, loose, together)
         elif kind == "not determined":
             left = draws[:, at.names.index(name)].std() / told[name].believed
             says = f"{100 * min(left, 1.0):.0f} % of what was open stays open"

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -16,7 +15,7 @@ from pamjax.records.blocks import blocks
 from pamjax.records.case import Case
 from pamjax.records.levels import find_levels, on_levels
 from pamjax.units import show
-from pamjax.view.theme import OKABE_ITO, QUIET, pressure_bar, pressures
+from pamjax.view.theme import OKABE_ITO, QUIET, pressure_bar, pressures, shades
 
 #: Lengths are told apart by kinds of colour up to this number, then by shades.
 KINDS = 7
@@ -96,10 +95,10 @@ def _made(case, xlabel, group, names, isobars=(), connected=True) -> Layout:
 
 def _colours(count: int, isobars: tuple[float, ...]) -> tuple[ColorType, ...]:
     if len(isobars) > 1:
-        shades, norm = pressures(isobars)
-        return tuple(shades(norm(level)) for level in isobars)
+        colours, norm = pressures(isobars)
+        return tuple(colours(norm(level)) for level in isobars)
     if count > KINDS:
-        return tuple(map(tuple, matplotlib.colormaps["viridis_r"](np.linspace(0.12, 1, count))))
+        return tuple(map(tuple, shades(count)))
     kinds = ("blue", "orange", "green", "purple", "sky", "vermilion", "black")
     return tuple(OKABE_ITO[name] for name in kinds[:count])
 

@@ -3,6 +3,7 @@
 | figure             | question                                                                  |
 |--------------------|---------------------------------------------------------------------------|
 | `corner_figure`    | how sure are the numbers, and which move together?                        |
+| `ridge_figure`     | which numbers are known only together?                                    |
 | `belief_figure`    | what did the recording teach beyond what was believed?                    |
 | `profile_figure`   | how badly would the recording fit if a number were another?               |
 | `trace_figure`     | did the chains forget where they began?                                   |
@@ -25,6 +26,7 @@ from pamjax.infer.posterior import Posterior
 from pamjax.infer.predictive import predictions, prior_draws, with_noise
 from pamjax.infer.profile import SURE
 from pamjax.infer.result import CaseFit
+from pamjax.infer.verdict import COMBINED
 from pamjax.units import in_unit
 from pamjax.view.fit_figures import panels_of
 from pamjax.view.layout import key, layout, lines, mark, thin
@@ -111,6 +113,42 @@ def _together(post: Posterior, chosen: list[int]) -> str:
     a, b = chosen[min(i, j)], chosen[max(i, j)]
     value = f"{post.correlation[a, b]:+.2f}".replace("-", "−")
     return f"{post.names[a]} and {post.names[b]} move together most (correlation {value})"
+
+
+def ridges(post: Posterior) -> list[tuple[int, int]]:
+    """Places of the pairs of numbers that are known only together, each with its closest partner."""
+    loose = [post.names.index(n) for n, v in post.verdicts.items() if v.kind == COMBINED]
+    size = np.abs(post.correlation)
+    pairs = {
+        frozenset((k, max((j for j in loose if j != k), key=lambda j: size[k, j]))): k for k in loose[1:]
+    }
+    return sorted((min(pair), max(pair)) for pair in pairs)
+
+
+def ridge_figure(post: Posterior, narrow: bool = False) -> Figure:
+    """What was believed of two numbers, and the ridge that the recording leaves of it, a panel a pair."""
+    pairs, before, after = ridges(post), prior_draws(post.density, POINTS, post.seed), post.draw(POINTS)
+    columns = 1 if narrow else min(2, len(pairs))
+    rows = math.ceil(len(pairs) / columns)
+    with theme():
+        made = figure(SINGLE if columns == 1 else DOUBLE, 0.7 + 2.4 * rows)
+        panels = made.subplots(rows, columns, squeeze=False).ravel()
+        for panel, (i, j) in zip(panels, pairs, strict=False):
+            for draws, colour, name in ((before, QUIET, "prior"), (after, BLUE, "posterior")):
+                x, y = _in_unit(post, draws, i), _in_unit(post, draws, j)
+                panel.plot(x, y, ".", ms=1.5, alpha=0.5, color=colour, rasterized=True, gid=name)
+                if name == "prior":
+                    panel.set(xlim=np.quantile(x, (0.01, 0.99)), ylim=np.quantile(y, (0.01, 0.99)))
+            panel.set_xlabel(_label(post, i).replace("\n", ""))
+            panel.set_ylabel(_label(post, j).replace("\n", ""))
+        for panel in panels[len(pairs) :]:
+            panel.set_axis_off()
+        i, j = pairs[0]
+        finding = f"{post.names[i]} and {post.names[j]}\nare known only together"
+        made.suptitle(finding, x=0.01, ha="left")
+        marks = [mark("believed before", marker="o", ms=3), mark("after", marker="o", ms=3, color=BLUE)]
+        made.legend(handles=marks, loc="outside lower center", ncols=2)
+    return made
 
 
 def belief_figure(post: Posterior, narrow: bool = False) -> Figure:
@@ -257,6 +295,8 @@ def save_posterior_figures(post: Posterior, folder: Path) -> list[Path]:
     made = {"corner": corner_figure, "belief": belief_figure, "trace": trace_figure}
     if post.verdicts:
         made["profile"] = profile_figure
+    if ridges(post):
+        made["ridge"] = ridge_figure
     written = [save_png(draw(post), folder / name) for name, draw in made.items()]
     for k, one in enumerate(post.fit.cases):
         head = "" if len(post.fit.cases) == 1 else f"{one.case.name}-"

@@ -34,6 +34,7 @@ def save_report(post: Posterior, path: str | Path, command: str = "pamjax sample
         belief=drawn(partial(figures.belief_figure, post), "belief"),
         rows=[_row(post, name) for name in shown],
         together=[line.strip() for line in ridges(post)],
+        ridge=drawn(partial(figures.ridge_figure, post), "ridge") if figures.ridges(post) else None,
         corner=drawn(lambda narrow: figures.corner_figure(post), "corner"),
         profile=drawn(lambda narrow: figures.profile_figure(post), "profile") if post.verdicts else None,
         bands=[

@@ -4,7 +4,7 @@ A figure here is a `matplotlib.figure.Figure` of its own: no pyplot, no current 
 that outlives the `with` block, so that a user's own plots keep their own look.
 
 Colours: Okabe & Ito's eight for kinds of things (Color Universal Design, 2008); the green-to-blue
-part of viridis for pressure, dark for high, without the yellow end that vanishes on paper.
+part of viridis for pressure, dark for high, without the light end that vanishes on paper.
 """
 
 from __future__ import annotations
@@ -97,16 +97,20 @@ def figure(width: float = SINGLE, height: float = 2.6) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
+def shades(count: int) -> np.ndarray:
+    """Colours from light to dark, (count, 4); the lightest is 3 to 1 to white paper (WCAG 1.4.11)."""
+    return matplotlib.colormaps["viridis_r"](np.linspace(0.4, 1.0, count))
+
+
 def pressures(levels: Sequence[float]) -> tuple[Colormap, BoundaryNorm]:
     """A colour for each of some isobars, light for low and dark for high.
 
     Args:
         levels: rising pressures, in the unit in which they are to be read.
     """
-    shades = matplotlib.colormaps["viridis_r"](np.linspace(0.12, 1.0, len(levels)))
     half = np.diff(levels) / 2 if len(levels) > 1 else np.array([0.5])
     edges = [levels[0] - half[0], *(np.asarray(levels[:-1]) + half), levels[-1] + half[-1]]
-    return ListedColormap(shades, name="pressure"), BoundaryNorm(edges, len(levels))
+    return ListedColormap(shades(len(levels)), name="pressure"), BoundaryNorm(edges, len(levels))
 
 
 def pressure_bar(axes: Axes | Sequence[Axes], levels: Sequence[float], unit: str = "kPa") -> Colorbar:

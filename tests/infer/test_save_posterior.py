@@ -2,6 +2,7 @@
 
 import json
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,15 @@ import xarray as xr
 
 from pamjax.infer.predictive import prior_draws
 from pamjax.infer.save_posterior import save_posterior
-from pamjax.view.posterior_figures import band_figure, corner_figure, profile_figure, save_posterior_figures
+from pamjax.infer.verdict import COMBINED
+from pamjax.view.posterior_figures import (
+    band_figure,
+    corner_figure,
+    profile_figure,
+    ridge_figure,
+    ridges,
+    save_posterior_figures,
+)
 from tests.agreement import ROUNDING, SAMPLED, agree
 from tests.infer.test_sample import drawn
 
@@ -100,6 +109,24 @@ def test_figures_show_every_number():
     ]
     assert len(lines) == 3
     assert all(line.get_ydata().min() == 0 for line in lines)
+
+
+def test_a_ridge_stands_on_what_was_believed():
+    post = drawn()
+    assert ridges(post) == []
+    loose = {
+        name: replace(v, kind=COMBINED) if name != "thread.modulus" else v
+        for name, v in post.verdicts.items()
+    }
+    told = replace(post)
+    vars(told)["verdicts"] = loose
+    assert ridges(told) == [(0, 1)]
+    (panel,) = ridge_figure(told).axes
+    before, after = (
+        next(line for line in panel.lines if line.get_gid() == gid) for gid in ("prior", "posterior")
+    )
+    assert np.corrcoef(after.get_xydata().T)[0, 1] > 0.9
+    assert abs(np.corrcoef(before.get_xydata().T)[0, 1]) < 0.1
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
-from pamjax.view.theme import OKABE_ITO, QUIET, figure, letter, pressure_bar, pressures, save, theme
+from pamjax.view.theme import OKABE_ITO, QUIET, figure, letter, pressure_bar, pressures, save, shades, theme
 
 
 def drawn():
@@ -68,3 +68,12 @@ def test_colours_of_kinds_are_the_published_ones():
     assert OKABE_ITO["blue"] == "#0072B2"
     assert len(set(OKABE_ITO.values())) == 8
     assert 0.05 < luminance(QUIET) < 0.3
+
+
+def test_every_isobar_stands_out_from_paper():
+    # WCAG 2.2, 1.4.11: (1.05)/(L + 0.05) at least 3, L the relative luminance of white paper's other side.
+    straight = shades(10)[:, :3]
+    linear = np.where(straight <= 0.04045, straight / 12.92, ((straight + 0.055) / 1.055) ** 2.4)
+    contrast = 1.05 / (linear @ [0.2126, 0.7152, 0.0722] + 0.05)
+    assert contrast.min() > 2.99
+    assert np.all(np.diff(contrast) > 0)
