@@ -66,15 +66,11 @@ def plan(
     keep_compiled()
     from pamjax.design.plan import plan as choose
     from pamjax.design.plan import save_plan
-    from pamjax.records.case import read_case
-    from pamjax.records.entry import read_entry
     from pamjax.records.files import read_bytes
 
-    file = muscle / MUSCLE if muscle.is_dir() else muscle
-    said = read_case(muscle) if recorded else read_entry(read_bytes(file), file.name)
     with working(quiet=json) as progress:
         progress("choosing runs", 0.0)
-        found = choose(said, rig, goal, to, minutes=minutes, law=law, seed=seed)
+        found = choose(muscle, rig, goal, to, minutes=minutes, law=law, seed=seed)
     files = save_plan(found, out)
     if figures or report:
         from hashlib import sha256
@@ -86,6 +82,7 @@ def plan(
         if figures:
             files += save_figures(found, course, out)
         if report:
+            file = muscle / MUSCLE if muscle.is_dir() else muscle
             checksum = sha256(read_bytes(muscle / RECORDING if recorded else file))
             if recorded:
                 checksum.update(read_bytes(file))
@@ -97,10 +94,9 @@ def plan(
 def _tell(muscle: Path, first: str, second: str, out: Path, report: bool, json: bool) -> None:
     from pamjax.design.tell import save_contest
     from pamjax.design.tell import tell as settle
-    from pamjax.records.case import read_case
 
     with working(quiet=json) as progress:
-        contest = settle(read_case(muscle), first, second, progress)
+        contest = settle(muscle, first, second, progress)
     files = save_contest(contest, out)
     if report:
         from pamjax.view.contest_report import save_report

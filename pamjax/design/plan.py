@@ -17,7 +17,7 @@ from pamjax.design.knowledge import Knowledge, knowledge
 from pamjax.design.means import Means, means_of
 from pamjax.design.runs import CYCLES, Run, isobars, runs
 from pamjax.model.catalogue import meaning
-from pamjax.records.case import Case
+from pamjax.records.case import Case, as_muscle
 from pamjax.records.entry import Entry
 from pamjax.records.files import write_beside
 from pamjax.units import in_unit, number_in, show
@@ -127,7 +127,7 @@ class Plan:
 
 
 def plan(
-    muscle: Entry | Case,
+    muscle: Entry | Case | str | Path,
     rig: Path | Means | None = None,
     goal: str | None = None,
     to: str | float | None = None,
@@ -139,7 +139,7 @@ def plan(
     """Choose the next runs of a muscle on a rig.
 
     Args:
-        muscle: what muscle.toml says, or a case with what was recorded already.
+        muscle: what muscle.toml says, or a case with what was recorded already; or where either lies.
         rig: a TOML file with a table [rig], or the means themselves; None takes the sensors of muscle.toml.
         goal: the number to be known, as "thread.modulus", or "all"; None takes the threads' stiffness.
         to: its wanted standard deviation, "5 %" or "4 GPa" (a bare number: SI); None for 5 %, and as small
@@ -151,8 +151,8 @@ def plan(
     Raises:
         BadInput: for an unknown goal, or one that no fit would move.
     """
-    case = muscle if isinstance(muscle, Case) else None
-    entry = muscle.entry if isinstance(muscle, Case) else muscle
+    said = as_muscle(muscle)
+    case, entry = (said, said.entry) if isinstance(said, Case) else (None, said)
     means = rig if isinstance(rig, Means) else means_of(entry, rig, minutes=minutes)
     known = knowledge(entry, means, law, case)
     goal = _goal(known, goal)

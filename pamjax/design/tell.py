@@ -13,7 +13,7 @@ import numpy as np
 
 from pamjax.check import BadInput, refuse
 from pamjax.model.library import mechanism
-from pamjax.records.case import Case
+from pamjax.records.case import Case, as_case
 from pamjax.records.files import write_beside
 from pamjax.study.experiment import ENOUGH, Experiment, choose, joined, stand_in, table
 from pamjax.study.forms import NEEDS_TIME, forms
@@ -85,18 +85,22 @@ def _more(one: Experiment) -> dict[str, Any]:
 
 
 def tell(
-    case: Case, first: str, second: str, progress: Callable[[str, float], None] = lambda doing, share: None
+    case: Case | str | Path,
+    first: str,
+    second: str,
+    progress: Callable[[str, float], None] = lambda doing, share: None,
 ) -> Contest:
     """Which protocol of the menu settles which of two mechanisms a recording shows.
 
     Args:
-        case: the recording.
+        case: the recording, or its folder.
         first, second: ids of the mechanisms.
         progress: called with what is being done and the share done.
 
     Raises:
         BadInput: for an unknown id, or one that this recording cannot show at all.
     """
+    case = as_case(case)
     for id in (first, second):
         mechanism(id)
     if first == second:

@@ -99,6 +99,26 @@ def as_case(source: Case | str | Path) -> Case:
     return read_case(source)
 
 
+def as_muscle(source: Entry | Case | str | Path) -> Entry | Case:
+    """What a lab knows of a muscle: the case of a folder that holds a recording, else what muscle.toml says.
+
+    Args:
+        source: either of them already, a case folder, a folder with muscle.toml alone, or that file.
+
+    Raises:
+        BadInput: as `read_case`, or for what is none of these.
+    """
+    if isinstance(source, Entry | Case):
+        return source
+    if not isinstance(source, str | Path):
+        raise refuse("a muscle is a case, what `read_entry` reads, or its file or folder", repr(source)[:60])
+    path = Path(source)
+    if (path / RECORDING).exists():
+        return read_case(path)
+    file = path / MUSCLE if path.is_dir() else path
+    return read_entry(read_bytes(file), file.name)
+
+
 def case_of(
     said: bytes, measured: bytes, folder: Path, gaps: str, before: str, file: str = RECORDING
 ) -> Case:

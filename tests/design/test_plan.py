@@ -111,6 +111,18 @@ def test_what_is_known_already_needs_no_run(entry):
     assert command_figure(found) is None
 
 
+def test_a_muscle_may_be_where_it_lies(entry, tmp_path):
+    wanted = {"goal": "thread.modulus", "minutes": 30.0}
+    for place in (KEVLAR, str(KEVLAR)):
+        assert plan(place, **wanted).as_dict() == plan(entry, **wanted).as_dict()
+    # With a recording beside it, what it tells counts.
+    assert plan(KEVLAR.parent, **wanted).as_dict() != plan(entry, **wanted).as_dict()
+    with pytest.raises(BadInput, match=r"muscle\.toml"):
+        plan(tmp_path, **wanted)
+    with pytest.raises(BadInput, match="a muscle is a case"):
+        plan(3, **wanted)  # pyright: ignore[reportArgumentType]
+
+
 def test_a_rig_is_read_and_a_wrong_one_refused(entry, tmp_path):
     file = tmp_path / "rig.toml"
     file.write_text('[rig]\npressure = "100 psi"\nforce = "none"\nforce_zero = "1 lbf"\ngive = "0.1 mm/kN"\n')
