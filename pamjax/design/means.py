@@ -96,13 +96,16 @@ class Means:
         return tuple(c for c in ("force", "diameter") if getattr(self, c) is not None)
 
 
-def means_of(entry: Entry, rig: Path | None = None, **said: Any) -> Means:
+def means_of(
+    entry: Entry, rig: Path | None = None, recorded: tuple[str, ...] = ("force", "diameter"), **said: Any
+) -> Means:
     """What a rig can do, from its file, else from the sensors of muscle.toml, else as usual.
 
     Args:
         entry: what muscle.toml says.
         rig: a TOML file with a table [rig], as `pressure = "690 kPa"`, `force = "2 N"` (noise of a sample),
             `diameter = "none"`, `force_zero = "5 N"`, `minutes = 60`.
+        recorded: channels of what this rig has recorded so far: it has no other, unless one is stated.
         said: entries that override the file's.
 
     Raises:
@@ -113,7 +116,8 @@ def means_of(entry: Entry, rig: Path | None = None, **said: Any) -> Means:
         "force": sensors.force, "diameter": sensors.diameter,
         "gauge": sensors.pressure, "ruler": sensors.length,
     }  # fmt: skip
-    found = replace(Means(), **{name: value for name, value in known.items() if value})
+    absent = dict.fromkeys({"force", "diameter"} - set(recorded))
+    found = replace(Means(), **absent | {name: value for name, value in known.items() if value})
     written = (_read(rig) if rig else {}) | {k: v for k, v in said.items() if v is not None}
     file, off, plain = rig.name if rig else "the rig", dict(found.off), {}
     for name, value in written.items():

@@ -140,7 +140,8 @@ def plan(
 
     Args:
         muscle: what muscle.toml says, or a case with what was recorded already; or where either lies.
-        rig: a TOML file with a table [rig], or the means themselves; None takes the sensors of muscle.toml.
+        rig: a TOML file with a table [rig], or the means themselves; None takes the
+            sensors of muscle.toml, and the channels of the case.
         goal: the number to be known, as "thread.modulus", or "all"; None takes the threads' stiffness.
         to: its wanted standard deviation, "5 %" or "4 GPa" (a bare number: SI); None for 5 %, and as small
             as possible for "all".
@@ -153,7 +154,8 @@ def plan(
     """
     said = as_muscle(muscle)
     case, entry = (said, said.entry) if isinstance(said, Case) else (None, said)
-    means = rig if isinstance(rig, Means) else means_of(entry, rig, minutes=minutes)
+    seen = {"recorded": case.recording.channels} if case else {}
+    means = rig if isinstance(rig, Means) else means_of(entry, rig, **seen, minutes=minutes)
     known = knowledge(entry, means, law, case)
     goal = _goal(known, goal)
     wanted = _wanted(known, goal, to)

@@ -17,9 +17,12 @@ def note(plan: Plan) -> str:
     lines = [f"{plan.known.entry.name}: {_sentence(plan)}", ""]
     lines += [*(f"  {n} × {run.says}" for n, run in plan.chosen), *([""] if plan.chosen else [])]
     lines += [f"  {name:<24} {_settled(name, one)}" for name, one in plan.settled.items()]
-    lines += ["", *(f"  {words}" for words in [*alone_words(plan), isobars_words(plan)])]
-    off = ", ".join(f"{n} {show(sd, meaning(n).show, 2)}" for n, sd in plan.known.means.off.items())
-    lines += ["", f"  taken as not better known than: {off}", f"  left out: {left_out(plan)}"]
+    means = plan.known.means
+    if plan.chosen:
+        lines += ["", *(f"  {words}" for words in less_words(plan))]
+    off = ", ".join(f"{n} {show(sd, meaning(n).show, 2)}" for n, sd in means.off.items())
+    lines += ["", f"  taken as measured: {' and '.join(means.channels)}"]
+    lines += [f"  taken as not better known than: {off}", f"  left out: {left_out(plan)}"]
     return "\n".join(lines)
 
 
@@ -53,6 +56,11 @@ def _settled(name: str, one: Settled) -> str:
     return f"{show(one.value, unit)}, {before} now, ± {show(one.after, unit, 2)} after"
 
 
+def less_words(plan: Plan) -> list[str]:
+    """What less than the plan would do; nothing where nothing is to be measured."""
+    return [*alone_words(plan), isobars_words(plan)] if plan.chosen else []
+
+
 def alone_words(plan: Plan) -> list[str]:
     """What each channel could do by itself."""
     said = []
@@ -65,8 +73,6 @@ def alone_words(plan: Plan) -> list[str]:
 
 def isobars_words(plan: Plan) -> str:
     """What the usual protocol would leave."""
-    if not plan.chosen:
-        return "ten isobars take longer"
     first = next(iter(plan.settled))
     words = f"± {show(plan.isobars, meaning(first).show, 2)}"
     times = plan.isobars / plan.settled[first].after

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from pamjax.design.plan import ALL, Plan, Settled
-from pamjax.design.plan_note import alone_words, isobars_words, known_to, left_out
+from pamjax.design.plan_note import alone_words, isobars_words, known_to, left_out, less_words
 from pamjax.model.catalogue import meaning
 from pamjax.units import show
 from pamjax.view.page import picture, write_page
@@ -34,7 +34,7 @@ def save_report(plan: Plan, course: Course, path: str | Path, command: str = "",
         commands=picture(partial(command_figure, plan), "commands"),
         runs=[[run.says, str(count), f"{count * run.minutes:.0f} min"] for count, run in plan.chosen],
         settles=[_settled(name, one) for name, one in plan.settled.items()],
-        beside=[*alone_words(plan), isobars_words(plan)],
+        beside=less_words(plan),
         rig=_rig(plan),
         off=[_off(name, sd) for name, sd in plan.known.means.off.items()],
         left_out=f"{_upper(left_out(plan))}.",

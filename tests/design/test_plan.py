@@ -13,7 +13,7 @@ from pamjax.design.means import Means, means_of
 from pamjax.design.plan import plan, sd_after
 from pamjax.design.runs import runs
 from pamjax.records.case import Case
-from pamjax.records.entry import read_entry
+from pamjax.records.entry import Sensors, read_entry
 from pamjax.records.recording import Recording
 from pamjax.view.plan_figure import Course, command_figure, known_figure
 from pamjax.view.plan_report import headline
@@ -121,6 +121,14 @@ def test_a_muscle_may_be_where_it_lies(entry, tmp_path):
         plan(tmp_path, **wanted)
     with pytest.raises(BadInput, match="a muscle is a case"):
         plan(3, **wanted)  # pyright: ignore[reportArgumentType]
+
+
+def test_a_rig_has_the_channels_that_it_recorded_or_that_are_stated(entry):
+    silent, both = replace(entry, sensors=Sensors()), ("force", "diameter")
+    assert means_of(silent).channels == both
+    assert means_of(silent, recorded=("force",)).channels == ("force",)
+    assert means_of(silent, recorded=("force",), diameter="0.1 mm").channels == both
+    assert means_of(replace(entry, sensors=Sensors(diameter=1e-4)), recorded=("force",)).channels == both
 
 
 def test_a_rig_is_read_and_a_wrong_one_refused(entry, tmp_path):
