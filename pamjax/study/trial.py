@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
@@ -162,8 +163,12 @@ class Trial:
         return all(self.found) and all(self.right)
 
     def line(self) -> str:
-        """One line of a file."""
-        return json.dumps(asdict(self), allow_nan=False)
+        """One line of a file, without what is as in any trial."""
+        told = asdict(self)
+        return json.dumps({k: v for k, v in told.items() if v != _USUAL.get(k, ...)}, allow_nan=False)
+
+
+_USUAL = asdict(Trial("", "", math.nan, -1, -1, "", ""))
 
 
 def read_line(line: str) -> Trial:
