@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import os
 import shlex
+import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -36,9 +38,44 @@ def working(quiet: bool = False) -> Iterator[Callable[[str, float], None]]:
     console = Console(stderr=True)
     columns = TextColumn("{task.description:<20}"), BarColumn(), TimeRemainingColumn()
     # Where nobody watches, a bar would leave blank lines in the log.
-    with Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal) as bar:
+    shown = Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal)
+    with _heeding() as heed, shown as bar:
         task = bar.add_task("starting", total=1.0)
-        yield lambda doing, share: bar.update(task, description=doing, completed=share)
+
+        def tell(doing: str, share: float) -> None:
+            heed()
+            bar.update(task, description=doing, completed=share)
+
+        yield tell
+        heed()
+
+
+@contextmanager
+def _heeding() -> Iterator[Callable[[], None]]:
+    """Remember an interruption: what is raised inside a callback of JAX's is swallowed there.
+
+    Yields:
+        a call that raises it again.
+    """
+    asked: list[int] = []
+
+    def remember(number: int, _: object) -> NoReturn:
+        asked.append(number)
+        raise KeyboardInterrupt
+
+    def again() -> None:
+        if asked:
+            raise KeyboardInterrupt
+
+    before = signal.getsignal(signal.SIGINT)
+    ours = before is signal.default_int_handler and threading.current_thread() is threading.main_thread()
+    if ours:
+        signal.signal(signal.SIGINT, remember)
+    try:
+        yield again
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, before)
 
 
 def writable(folder: Path, what: str = "`--out`") -> None:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import pamjax
-from pamjax.infer.verdict import _product
+from pamjax.infer.profile import Profile
+from pamjax.infer.verdict import Told, _kind, _product
 from tests.infer.test_sample import drawn, fitted
 
 MUSCLE = """\
@@ -82,6 +83,24 @@ def test_a_profile_of_a_parabola_ends_where_least_squares_says():
     e = drawn().fit.estimates["muscle.thread_length"]
     assert abs((along.high - along.low) / 4 / e.sd - 1) < 0.1
     assert along.rise.min() == 0
+
+
+@pytest.mark.parametrize(
+    ("draws", "kind"),
+    [
+        # Where a number's range is wide, a value that is known well is not at a limit for being small.
+        (lambda rng: np.abs(rng.normal(0.12, 0.018, 4000)), "determined"),
+        (lambda rng: np.abs(rng.normal(0.0, 0.018, 4000)), "at a limit"),
+        (lambda rng: rng.exponential(0.1, 4000), "at a limit"),
+        (lambda rng: 5 - rng.exponential(0.1, 4000), "at a limit"),
+        (lambda rng: rng.uniform(0, 5, 4000), "determined"),
+    ],
+)
+def test_a_number_is_at_a_limit_if_its_draws_pile_up_there(draws, kind):
+    told = Told(low=0.0, high=5.0, log=False, unit="1", value=0.1, believed=5 / np.sqrt(12), alone=True)
+    # The profile says determined; the draws say whether a limit comes first.
+    along = Profile(values=np.arange(3.0), rise=np.zeros(3), low=0.05, high=0.2)
+    assert _kind(told, draws(np.random.default_rng(2)), along)[0] == kind
 
 
 def test_a_product_is_written_as_one():

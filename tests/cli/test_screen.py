@@ -1,0 +1,43 @@
+"""An interruption is heeded, even where what was running swallowed it."""
+
+import contextlib
+import signal
+
+import pytest
+
+from pamjax.cli.screen import working
+
+
+@pytest.fixture(autouse=True)
+def heeded():
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def swallowed():
+    """As a callback in the midst of a compilation does."""
+    with contextlib.suppress(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_an_interruption_that_was_swallowed_ends_the_next_step():
+    steps = []
+    with pytest.raises(KeyboardInterrupt), working(quiet=True) as progress:  # noqa: PT012
+        progress("one", 0.1)
+        swallowed()
+        steps.append("between")
+        progress("two", 0.2)
+        steps.append("after")
+    assert steps == ["between"]
+
+
+def test_it_ends_the_work_before_anything_is_written():
+    with pytest.raises(KeyboardInterrupt), working(quiet=True):
+        swallowed()
+
+
+def test_what_was_heeded_before_is_again():
+    with working(quiet=True) as progress:
+        progress("one", 0.5)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
