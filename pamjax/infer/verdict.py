@@ -2,7 +2,7 @@
 
 | verdict                 | when                                                                            |
 |-------------------------|---------------------------------------------------------------------------------|
-| at a limit              | `AT_LIMIT` of the draws lie within `NEAR` of their own sd of it                  |
+| at a limit              | its draws pile up there: `AT_LIMIT` of them within `NEAR` of their sd            |
 | determined              | its profile ends on both sides, and halves what was believed                     |
 | one-sided               | its profile ends on one side only                                                |
 | only in combination     | it would be determined if the others were known, and is not                      |
@@ -29,8 +29,8 @@ from pamjax.units import show
 #: What a number is called that acts only together with others.
 COMBINED = "only in combination"
 #: Half a Gaussian that begins at a limit has 0.24 of its draws so near, an exponential 0.39, what may be
-#: anywhere 0.14.
-AT_LIMIT, NEAR = 0.2, 0.5
+#: anywhere 0.14; and what spreads over its range by more than a share (0.29 if evenly) is nowhere.
+AT_LIMIT, NEAR, SPREAD = 0.2, 0.5, 0.2
 #: Determined means that the recording shrinks the sd to this share of what was believed.
 DETERMINED = 0.5
 #: Numbers that are correlated more than this may be known only together.
@@ -125,7 +125,7 @@ def _kind(told: Told, draws: np.ndarray, along: Profile) -> tuple[str, str]:
     share = told.share(draws)
     near = NEAR * share.std()
     for end, there in ((told.low, share < near), (told.high, share > 1 - near)):
-        if there.mean() > AT_LIMIT:
+        if there.mean() > AT_LIMIT and share.std() < SPREAD:
             return "at a limit", show(end, told.unit)
     if along.low is not None and along.high is not None:
         if (along.high - along.low) / (2 * math.sqrt(SURE)) < DETERMINED * told.believed:

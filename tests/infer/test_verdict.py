@@ -94,6 +94,7 @@ def test_a_profile_of_a_parabola_ends_where_least_squares_says():
         (lambda rng: rng.exponential(0.1, 4000), "at a limit"),
         (lambda rng: 5 - rng.exponential(0.1, 4000), "at a limit"),
         (lambda rng: rng.uniform(0, 5, 4000), "determined"),
+        (lambda rng: 5 * np.sqrt(rng.uniform(0, 1, 4000)), "determined"),
     ],
 )
 def test_a_number_is_at_a_limit_if_its_draws_pile_up_there(draws, kind):
