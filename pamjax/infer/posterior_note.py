@@ -35,10 +35,15 @@ def _numbers(post: Posterior) -> Iterator[str]:
     width = max(map(len, _shown(post)))
     for name in _shown(post):
         m, (_, unit) = post.marginals[name], post.units(name)
-        scale, digits = in_unit(unit), _digits(m.sd / in_unit(unit))
-        interval = f"{m.low / scale:.{digits}f} to {m.high / scale:.{digits}f}"
         verdict = str(post.verdicts[name]) if name in post.verdicts else "noise"
-        yield f"  {name:<{width}}  {quantity(m.mean, m.sd, unit):<24} {interval:<22} {verdict}"
+        yield f"  {name:<{width}}  {quantity(m.mean, m.sd, unit):<24} {interval(post, name):<22} {verdict}"
+
+
+def interval(post: Posterior, name: str) -> str:
+    """The middle 90 % of a number, to as many digits as its sd asks for, in the unit of its value."""
+    m, (_, unit) = post.marginals[name], post.units(name)
+    scale, digits = in_unit(unit), _digits(m.sd / in_unit(unit))
+    return f"{m.low / scale:.{digits}f} to {m.high / scale:.{digits}f}"
 
 
 def _digits(sd: float) -> int:

@@ -22,7 +22,8 @@ from pamjax.infer.member import Member
 from pamjax.infer.result import Fit
 from pamjax.infer.space import Space
 
-#: A profile is followed until the misfit has risen by this much, or to within this share of a limit.
+#: A profile is followed until the misfit has risen by this much, or to within this share of a limit, or
+#: to a tenth of what is left there if that is less.
 FAR, EDGE = 9.0, 0.005
 #: A number is held by a prior this much narrower than its own step.
 HELD = 1e-3
@@ -85,10 +86,12 @@ def profile(problem: Problem, name: str) -> Profile:
     found = {0.0: _held(problem, k, top)}
     for side in (-1.0, 1.0):
         u, far = top, 0.5
+        # Towards the limit on this side; a number may begin close to one.
+        least = min(EDGE, 0.1 * _room(at, k, float(top[k]), side))
         while True:
             far *= 2
             wanted = float(top[k]) + side * far * step
-            if not EDGE < _share(at, k, wanted) < 1 - EDGE:
+            if _room(at, k, wanted, side) < least:
                 break
             cost, near = _held(problem, k, u.at[k].set(wanted))
             # Beyond lies a muscle without a solution, which is no evidence against the number.
@@ -124,8 +127,9 @@ def _held(problem: Problem, k: int, u: Array) -> tuple[float, Array]:
     return float(found.cost), found.u
 
 
-def _share(at: Space, k: int, u: float) -> float:
-    return float(1 / (1 + np.exp(-(at.origin[k] + u * at.width[k]))))
+def _room(at: Space, k: int, u: float, side: float) -> float:
+    """Share of a number's range that is left on one side of it."""
+    return float(1 / (1 + np.exp(side * (at.origin[k] + u * at.width[k]))))
 
 
 def _crossing(values: np.ndarray, rise: np.ndarray) -> float | None:

@@ -8,8 +8,7 @@ from pathlib import Path
 from pamjax.infer.believed import is_ruler
 from pamjax.infer.note import quantity
 from pamjax.infer.posterior import Posterior
-from pamjax.infer.posterior_note import priors, repeats, ridges, trust
-from pamjax.units import in_unit
+from pamjax.infer.posterior_note import interval, priors, repeats, ridges, trust
 from pamjax.view import posterior_figures as figures
 from pamjax.view.fit_report import NAMED, drawn, model_of, words
 from pamjax.view.page import write_page
@@ -75,18 +74,16 @@ def answer(post: Posterior) -> tuple[str, str]:
 
 def _value(post: Posterior, name: str) -> str:
     m, (_, unit) = post.marginals[name], post.units(name)
-    scale = in_unit(unit)
     tail = "" if unit == "1" else f" {unit}"
-    return f"{quantity(m.mean, m.sd, unit)} (90 %: {m.low / scale:.4g} to {m.high / scale:.4g}{tail})"
+    return f"{quantity(m.mean, m.sd, unit)} (90 %: {interval(post, name)}{tail})"
 
 
 def _row(post: Posterior, name: str) -> list[str]:
     m, (_, unit) = post.marginals[name], post.units(name)
-    scale = in_unit(unit)
     verdict = str(post.verdicts[name]) if name in post.verdicts else "noise"
     return [
         name,
         quantity(m.mean, m.sd, unit),
-        f"{m.low / scale:.4g} to {m.high / scale:.4g}",
+        interval(post, name),
         verdict,
     ]

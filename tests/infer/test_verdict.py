@@ -1,11 +1,17 @@
 """Two ridges are told in words: n E A, and thread length against modulus from diameters alone."""
 
+from types import SimpleNamespace
+
+import jax
 import numpy as np
 import pytest
 
 import pamjax
+from pamjax.infer import profile as profiles
 from pamjax.infer.profile import Profile
+from pamjax.infer.space import Free, space
 from pamjax.infer.verdict import Told, _kind, _product
+from pamjax.model.catalogue import meaning
 from tests.infer.test_sample import drawn, fitted
 
 MUSCLE = """\
@@ -102,6 +108,22 @@ def test_a_number_is_at_a_limit_if_its_draws_pile_up_there(draws, kind):
     # The profile says determined; the draws say whether a limit comes first.
     along = Profile(values=np.arange(3.0), rise=np.zeros(3), low=0.05, high=0.2)
     assert _kind(told, draws(np.random.default_rng(2)), along)[0] == kind
+
+
+def test_a_profile_is_followed_where_a_wide_range_begins_close_by(monkeypatch):
+    """0.13 ± 0.05 N in a range of 500 N: hardly off its limit, and known on both sides."""
+    about = meaning("braid_friction.constant")
+    at = space([Free("braid_friction.constant", about, 0.13, np.inf)])
+    top = at.point({"braid_friction.constant": 0.13})
+    slope = jax.grad(lambda u: at.values(u)[0])(top)
+    monkeypatch.setattr(profiles, "spread_in_u", lambda _: 0.05 / np.asarray(slope))
+    monkeypatch.setattr(
+        profiles, "_held", lambda _, k, u: (0.5 * float(((at.values(u)[k] - 0.13) / 0.05) ** 2), u)
+    )
+    problem = profiles.Problem((), at, "square", SimpleNamespace(u=top))  # pyright: ignore[reportArgumentType]
+    found = profiles.profile(problem, "braid_friction.constant")
+    assert found.low == pytest.approx(0.03, abs=0.01)
+    assert found.high == pytest.approx(0.23, abs=0.01)
 
 
 def test_a_product_is_written_as_one():
