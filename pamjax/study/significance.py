@@ -25,7 +25,7 @@ from pamjax.study.cells import shifts
 from pamjax.study.problem import Problem
 from pamjax.study.refit import Refit
 from pamjax.study.signature import Absorbed, Signature
-from pamjax.study.whiten import Colour, Whitening
+from pamjax.study.whiten import Colour, Whitening, correlation_error
 
 #: Draws of the largest of all directions.
 DRAWS = 20000
@@ -119,9 +119,10 @@ def _chance(
     # As many independent variables as have the 50th largest draw at the same chance.
     edge = np.partition(most, -50)[-50]
     wider = largest * _drawn_in(doubt)
-    tail = student(freedom).sf if math.isfinite(freedom) else norm.sf
-    many = (50 / DRAWS) / (2 * tail(edge * _drawn_in(doubt)))
-    return float(np.clip(many * 2 * tail(wider), 1e-300, 1.0))
+    # In logarithms: the tail at the edge itself may be beyond what a number can hold.
+    tail = student(freedom).logsf if math.isfinite(freedom) else norm.logsf
+    beyond = float(tail(wider) - tail(edge * _drawn_in(doubt)))
+    return float(np.clip(50 / DRAWS * math.exp(min(beyond, 0.0)), 1e-300, 1.0))
 
 
 def _drawn_in(doubt: float) -> float:
@@ -153,7 +154,7 @@ def _slow_doubt(colour: Colour, samples: int) -> float:
     own = 0.5 * math.sqrt(2 / samples)
     if colour.correlation == 0:
         return own
-    error = math.sqrt(1.5 / samples) / colour.shared
+    error = correlation_error(colour.shared, colour.correlation, samples)
     more = Colour(colour.sd, colour.shared, min(colour.correlation + error, 0.999), colour.given)
     return own + abs(math.log(_of_a_mean(more) / _of_a_mean(colour)))
 

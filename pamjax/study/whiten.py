@@ -29,7 +29,10 @@ from pamjax.study.table_noise import table_variance
 MOST = 0.98
 
 #: Correlation of neighbours, in standard errors, below which samples count as independent.
-SEEN = 3.0
+SEEN = 2.0
+
+#: How far back the memory of noise is followed, samples.
+BACK = 400
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,17 @@ class Colour:
         b = white * (1 - rho**2) - push
         p = (-b + math.sqrt(b * b + 4 * push * white)) / 2
         return rho * white / (p + white), math.sqrt(p + white)
+
+
+def correlation_error(shared: float, correlation: float, samples: int) -> float:
+    """Standard error of ρ as neighbours' differences tell it, with A known.
+
+    Half the mean square of n differences with autocovariances r_k has the variance Σ r_k² / 2n, over all k.
+    """
+    noise = shared * correlation ** np.arange(BACK + 2)
+    noise[0] = 1.0
+    steps = 2 * noise[:-1] - np.r_[noise[1], noise[:-2]] - noise[1:]
+    return math.sqrt((steps[0] ** 2 + 2 * float(np.sum(steps[1:] ** 2))) / (2 * samples)) / shared
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,8 +211,8 @@ def _colour(residual, own, carried, there, starts, given: bool, table=(math.nan,
     # Half the mean square of neighbours' differences is W + A (1 − ρ); less than W where a lag averages.
     rough = _roughness(residual, sd, there, starts) - _rough_of_set(carried, noise, sd, there, starts)
     rho = 1 - rough / shared
-    error = math.sqrt(1.5 / there.size) / shared
-    return Colour(sd, shared, min(rho, MOST) if rho > SEEN * error else 0.0, given)
+    seen = rho > SEEN * correlation_error(shared, 0.0, there.size)
+    return Colour(sd, shared, min(rho, MOST) if seen else 0.0, given)
 
 
 def _rough_of_set(carried, noise, sd, there, starts) -> float:

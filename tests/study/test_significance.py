@@ -62,3 +62,12 @@ def test_noise_found_from_few_squares_makes_a_deviation_less_surprising():
         assert _chance(gram, seen, 0.0, freedom, 0) == pytest.approx(want, rel=0.25)
     # Able to fail: known noise calls the same deviation impossible.
     assert _chance(gram, 25.0, 0.0, np.inf, 0) < 1e-100
+
+
+@pytest.mark.parametrize("freedom", [np.inf, 3.0])
+@pytest.mark.parametrize("doubt", [0.3, 2.0])
+def test_no_deviation_is_lost_to_a_tail_too_small_for_a_number(doubt, freedom):
+    chances = [_chance(np.eye(5), x, doubt, freedom, 0) for x in (1e4, 1e6, 1e8)]
+    assert np.all(np.isfinite(chances))
+    assert chances[0] >= chances[1] >= chances[2]
+    assert chances[2] < 1e-6

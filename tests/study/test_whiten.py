@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from pamjax.study.whiten import Colour, Whitening, _colour
+from pamjax.study.whiten import Colour, Whitening, _colour, _roughness, correlation_error
 
 
 def sample(shared, correlation, n=20000, seed=0):
@@ -59,3 +59,15 @@ def test_no_product_reaches_across_a_gap():
     step = np.zeros((2, 8))
     step[:, 3] = 1.0
     assert np.all(white(step)[4:] == 0)
+
+
+@pytest.mark.parametrize("shared", [1.0, 0.6])
+@pytest.mark.parametrize("correlation", [0.0, 0.5, 0.95])
+def test_a_correlation_is_as_uncertain_as_it_says(shared, correlation):
+    n, found = 700, []
+    for seed in range(300):
+        noise = sample(shared, correlation, n + 300, seed)[300:]
+        rough = _roughness(noise, np.ones(n), np.arange(n), np.ones(n))
+        found.append(1 - (rough - (1 - shared)) / shared)
+    # 300 draws know a standard deviation to 4 %.
+    assert np.std(found) == pytest.approx(correlation_error(shared, correlation, n), rel=0.15)
