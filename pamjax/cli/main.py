@@ -55,13 +55,15 @@ def main(arguments: list[str] | None = None) -> int:
     Returns:
         the exit code: 0 for an answer, 2 for a bad input, 130 if interrupted.
     """
-    from pamjax.cli.screen import heard
+    from pamjax.cli.screen import heard, heed, heeding
 
     # A busy machine draws a compilation out, and XLA shouts about it; what fails raises all the same.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     heard(sys.argv[1:] if arguments is None else arguments)
     try:
-        app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+        with heeding():
+            app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+            heed()
         sys.stdout.flush()
     except (BadInput, CycloptsError) as error:
         print(f"pamjax: {error}", file=sys.stderr)

@@ -20,6 +20,8 @@ from pamjax.check import refuse
 
 #: The words of the command that runs, for reports that say how to repeat them.
 _said: list[str] = []
+#: Interruptions that were asked for.
+_asked: list[int] = []
 
 
 def heard(words: Sequence[str]) -> None:
@@ -39,7 +41,7 @@ def working(quiet: bool = False) -> Iterator[Callable[[str, float], None]]:
     columns = TextColumn("{task.description:<20}"), BarColumn(), TimeRemainingColumn()
     # Where nobody watches, a bar would leave blank lines in the log.
     shown = Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal)
-    with _heeding() as heed, shown as bar:
+    with shown as bar:
         task = bar.add_task("starting", total=1.0)
 
         def tell(doing: str, share: float) -> None:
@@ -51,31 +53,29 @@ def working(quiet: bool = False) -> Iterator[Callable[[str, float], None]]:
 
 
 @contextmanager
-def _heeding() -> Iterator[Callable[[], None]]:
-    """Remember an interruption: what is raised inside a callback of JAX's is swallowed there.
-
-    Yields:
-        a call that raises it again.
-    """
-    asked: list[int] = []
+def heeding() -> Iterator[None]:
+    """Remember an interruption: what is raised inside a callback, as of an import, is swallowed there."""
 
     def remember(number: int, _: object) -> NoReturn:
-        asked.append(number)
+        _asked.append(number)
         raise KeyboardInterrupt
 
-    def again() -> None:
-        if asked:
-            raise KeyboardInterrupt
-
+    _asked.clear()
     before = signal.getsignal(signal.SIGINT)
     ours = before is signal.default_int_handler and threading.current_thread() is threading.main_thread()
     if ours:
         signal.signal(signal.SIGINT, remember)
     try:
-        yield again
+        yield
     finally:
         if ours:
             signal.signal(signal.SIGINT, before)
+
+
+def heed() -> None:
+    """Be interrupted, if that was asked for and swallowed."""
+    if _asked:
+        raise KeyboardInterrupt
 
 
 def writable(folder: Path, what: str = "`--out`") -> None:

@@ -5,13 +5,15 @@ import signal
 
 import pytest
 
-from pamjax.cli.screen import working
+from pamjax.cli.screen import heeding, working
 
 
 @pytest.fixture(autouse=True)
 def heeded():
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
+    with heeding():
+        yield
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     signal.signal(signal.SIGINT, before)
 
 
@@ -37,7 +39,13 @@ def test_it_ends_the_work_before_anything_is_written():
         swallowed()
 
 
-def test_what_was_heeded_before_is_again():
-    with working(quiet=True) as progress:
-        progress("one", 0.5)
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+def test_what_was_swallowed_before_the_work_ends_it_at_once():
+    swallowed()
+    with pytest.raises(KeyboardInterrupt), working(quiet=True) as progress:
+        progress("one", 0.1)
+
+
+def test_a_command_does_not_remember_the_one_before():
+    swallowed()
+    with heeding(), working(quiet=True) as progress:
+        progress("one", 0.1)

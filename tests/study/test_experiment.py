@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from pamjax.design.tell import bare
-from pamjax.study import experiment
 from pamjax.study.conceal import conceal
 from pamjax.study.experiment import Experiment, choose, joined, stand_in, table
 from pamjax.study.forms import forms
@@ -113,7 +112,7 @@ def tied(name, rival):
 
 
 @pytest.mark.slow
-def test_a_form_that_sticks_at_its_limit_does_not_stand_for_its_mechanism(monkeypatch):
+def test_a_form_that_sticks_at_its_limit_does_not_stand_for_its_mechanism():
     envelope = conceal(1, np.random.default_rng(2), only="braid_locking", smallest=0.5, largest=2.0)
     found = problem(envelope.case)
     baseline, offered = bare(found), [form for form in forms(found) if form.id == "braid_locking"]
@@ -121,8 +120,8 @@ def test_a_form_that_sticks_at_its_limit_does_not_stand_for_its_mechanism(monkey
     best = float(np.sum(baseline.white(found.measured - found.shows(true)) ** 2))
     # As good as the truth, by the χ² of a few numbers that the truth has not fitted.
     assert joined(found, baseline, offered).at.cost < best + 10
-    monkeypatch.setattr(experiment, "FORMS", 1)
-    assert joined(found, baseline, offered).at.cost > best + 100
+    # Able to fail: there is something to be found.
+    assert baseline.at.cost > best + 100
 
 
 @pytest.mark.slow
