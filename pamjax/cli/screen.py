@@ -60,15 +60,23 @@ def heeding() -> Iterator[None]:
         _asked.append(number)
         raise KeyboardInterrupt
 
+    def quiet(swallowed: sys.UnraisableHookArgs) -> None:
+        # It is told when it is heeded; here it would be a traceback.
+        if not isinstance(swallowed.exc_value, KeyboardInterrupt):
+            hook(swallowed)
+
     _asked.clear()
+    hook = sys.unraisablehook
     before = signal.getsignal(signal.SIGINT)
     ours = before is signal.default_int_handler and threading.current_thread() is threading.main_thread()
     if ours:
         signal.signal(signal.SIGINT, remember)
+        sys.unraisablehook = quiet
     try:
         yield
     finally:
         if ours:
+            sys.unraisablehook = hook
             signal.signal(signal.SIGINT, before)
 
 
