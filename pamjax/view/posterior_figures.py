@@ -117,12 +117,14 @@ def _together(post: Posterior, chosen: list[int]) -> str:
 
 def ridges(post: Posterior) -> list[tuple[int, int]]:
     """Places of the pairs of numbers that are known only together, each with its closest partner."""
-    loose = [post.names.index(n) for n, v in post.verdicts.items() if v.kind == COMBINED]
-    size = np.abs(post.correlation)
-    pairs = {
-        frozenset((k, max((j for j in loose if j != k), key=lambda j: size[k, j]))): k for k in loose[1:]
+    size, kinds = np.abs(post.correlation), {post.names.index(n): v.kind for n, v in post.verdicts.items()}
+    loose = [k for k, kind in kinds.items() if kind != "determined"]
+    closest = {
+        k: max((j for j in loose if j != k), key=lambda j, k=k: size[k, j])
+        for k in loose
+        if kinds[k] == COMBINED
     }
-    return sorted((min(pair), max(pair)) for pair in pairs)
+    return sorted({(min(pair), max(pair)) for pair in closest.items()})
 
 
 def ridge_figure(post: Posterior, narrow: bool = False) -> Figure:

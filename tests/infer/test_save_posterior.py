@@ -121,6 +121,9 @@ def test_a_ridge_stands_on_what_was_believed():
     told = replace(post)
     vars(told)["verdicts"] = loose
     assert ridges(told) == [(0, 1)]
+    # The partner need not be told as a combination itself.
+    vars(told)["verdicts"] = loose | {"muscle.turns": post.verdicts["muscle.turns"]}
+    assert ridges(told) == [(0, 1)]
     (panel,) = ridge_figure(told).axes
     before, after = (
         next(line for line in panel.lines if line.get_gid() == gid) for gid in ("prior", "posterior")
