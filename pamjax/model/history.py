@@ -17,6 +17,10 @@ from pamjax.parameter import Scalar
 
 #: What turns has a corner where a straight line leaves this many times the usual of it.
 CORNER = 6.0
+#: Share of a channel's range that is no noise but rounding.
+ROUNDING = 1e-6
+#: A side of a sample is bent where a straight line leaves this many times the usual of it.
+BENT = 3.0
 
 #: A rate is the slope of a straight line through a sample and this many neighbours on each side.
 REACH = 2
@@ -109,7 +113,7 @@ def history(
         starts: (n,) whether a continuous run begins at this sample.
         restart: whether memory begins anew at every run, rather than only at the first sample.
         settled: whether the muscle had been through the recording once before.
-        turning: (n,) what strokes, in any unit: a rate does not reach across its corners.
+        turning: (k, n) what may stroke, in any unit: a rate does not reach across its corners.
         size: length to pad to; padded samples repeat the last one.
     """
     n = starts.size
@@ -150,14 +154,34 @@ def _slopes(clock: np.ndarray, run: np.ndarray, turning: np.ndarray | None = Non
         return both
     sides = [same & reach for reach in (np.arange(-REACH, REACH + 1) <= 0, np.arange(-REACH, REACH + 1) >= 0)]
     lines = [both, *(_line(clock, near, side) for side in sides)]
-    around = np.where(same, turning[near], 0.0)
-    off = np.stack([_off(clock, around, near, *pair) for pair in zip(lines, (same, *sides), strict=True)])
-    # A corner stands out of the noise of the straight lines, and a side of it is straight.
-    finite = off[0][np.isfinite(off[0])]
-    usual = np.median(finite) if finite.size else 0.0
+    off = _off_usual(clock, turning, near, list(zip(lines, (same, *sides), strict=True)))
+    # A corner stands out of the noise of the straight lines; the sample is on the side that is straight, and
+    # the other is not. One that lies at the corner itself is on neither: there what turns is at rest.
     side = 1 + np.argmin(off[1:], axis=0)
-    corner = (off[0] > CORNER * usual) & (np.take_along_axis(off, side[None], axis=0)[0] < off[0] / 2)
+    straight, bent = off[1:].min(axis=0), off[1:].max(axis=0)
+    corner = (off[0] > CORNER) & (straight < off[0] / 2) & (bent > np.maximum(BENT, 2 * straight))
     return np.where(corner[:, None], np.where((side == 1)[:, None], lines[1], lines[2]), both)
+
+
+def _off_usual(clock, turning, near, lines) -> np.ndarray:
+    """What straight lines leave of all that turns, (lines, n), where the first usually leaves one.
+
+    Each channel counts in its own noise; one that hardly moves is not looked at.
+    """
+    total = np.zeros((len(lines), clock.size))
+    for channel in turning:
+        span = float(np.ptp(channel))
+        if span > 0:
+            around = [np.where(there, channel[near], 0.0) for _, there in lines]
+            off = np.stack([_off(clock, a, near, *line) for a, line in zip(around, lines, strict=True)])
+            total += (off / max(_usual(off[0]), ROUNDING * span)) ** 2
+    off = np.sqrt(total)
+    return off / max(_usual(off[0]), 1e-300)
+
+
+def _usual(off: np.ndarray) -> float:
+    finite = off[np.isfinite(off)]
+    return float(np.median(finite)) if finite.size else 0.0
 
 
 def _off(clock, around, near, slope, there) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,14 +88,12 @@ class Protocol(BaseModel):
                 "[protocol]",
             )
         for pressure, contraction in zip(pressures, deepest, strict=True):
-            travel = np.arange(0, rest * abs(contraction) / speed, step) * speed / rest * np.sign(contraction)
-            once = np.concatenate([travel, [contraction], travel[::-1]])
+            once = contraction * _there_and_back(rest * abs(contraction) / speed, step)
             for cycle in range(self.cycles):
                 yield np.full(once.size, pressure), rest * (1 - once), cycle + 1
 
     def _ramps(self, pressures, rest, speed, duration, step):
-        up = np.arange(0, duration, step) / duration
-        once = np.concatenate([up, [1.0], up[::-1]])
+        once = _there_and_back(duration, step)
         for contraction in self.contractions:
             for cycle, pressure in enumerate(np.tile(pressures, self.cycles)):
                 yield pressure * once, np.full(once.size, rest * (1 - contraction)), cycle + 1
@@ -104,6 +103,12 @@ class Protocol(BaseModel):
         for pressure in pressures:
             for cycle, contraction in enumerate(self.contractions):
                 yield np.full(size, pressure), np.full(size, rest * (1 - contraction)), cycle + 1
+
+
+def _there_and_back(duration: float, step: float) -> np.ndarray:
+    """From 0 to 1 in a time, rounded up to whole steps so that the last one is as long as any, and back."""
+    up = np.linspace(0.0, 1.0, max(math.ceil(duration / step - 1e-9), 1) + 1)
+    return np.concatenate([up, up[-2::-1]])
 
 
 def _positive(name: str, value: float) -> float:

@@ -156,8 +156,8 @@ class Recording:
 
     @property
     def strokes(self) -> np.ndarray:
-        """(n,) length and pressure over their ranges, added: what turns back at a corner of a stroke."""
-        return _in_range(self.length) + _in_range(self.pressure)
+        """(2, n) length, m, and pressure, Pa: they turn back at corners of strokes. Zero where not measured."""
+        return np.nan_to_num(np.stack([self.length, self.pressure]))
 
     def select(self, mask: np.ndarray) -> Recording:
         """The rows of a mask (or of row indices), with the line numbers they came from."""
@@ -181,13 +181,6 @@ class Recording:
             if name in ("pressure", "length", *self.channels) or (name == "time" and self.has_time)
         }
         return pd.DataFrame({**table, "cycle": self.cycle})
-
-
-def _in_range(channel: np.ndarray) -> np.ndarray:
-    """A channel over its range; zero where it was not measured, or hardly moves."""
-    there = channel[np.isfinite(channel)]
-    span = np.ptp(there) if there.size else 0.0
-    return np.nan_to_num((channel - np.min(there)) / span) if span > 0 else np.zeros(channel.size)
 
 
 def _pauses(time: np.ndarray) -> np.ndarray:

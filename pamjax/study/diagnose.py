@@ -11,6 +11,7 @@ import numpy as np
 
 from pamjax.records.blocks import blocks
 from pamjax.records.case import Case, as_case
+from pamjax.study.borne_out import borne_out
 from pamjax.study.diagnosis import Diagnosis, Moved, Number
 from pamjax.study.experiment import experiments
 from pamjax.study.forms import forms
@@ -63,14 +64,17 @@ def diagnose(
     detected = mismatch.p_value < DETECTED
     if not detected:
         naming = replace(naming, model=naming.baseline, names=())
-    rest = mismatch if not naming.names else _rest(found, naming.model, seed)
+    rest = _rest(found, naming, mismatch, seed)
+    unexplained = detected and _left(mismatch, rest)
+    if unexplained and naming.names:
+        naming = borne_out(found, laid, ~out, naming)
+        rest = _rest(found, naming, mismatch, seed)
     score = gain(found, laid, out, naming.baseline, _weighed(found, naming.model))
     every = np.ones(found.n, dtype=bool)
     baseline = settle(found, every, (), naming.baseline.at.values)
     model = baseline
     if naming.names:
         model = _weighed(found, settle(found, every, naming.model.chosen, naming.model.at.values))
-    unexplained = detected and _left(mismatch, rest)
     progress("done", 1.0)
     return Diagnosis(
         found=found,
@@ -106,7 +110,11 @@ def _weighed(found: Problem, model: Model) -> Model:
     return tempered(found, model) if model.chosen else model
 
 
-def _rest(found: Problem, model: Model, seed: int) -> Significance:
+def _rest(found: Problem, naming: Naming, mismatch: Significance, seed: int) -> Significance:
+    """What the names leave, judged; the mismatch itself where there are none."""
+    model = naming.model
+    if not model.chosen:
+        return mismatch
     seen = signatures(found, model.white, model.at, [f for f in forms(found) if f.id not in model.ids])
     return significance(found, model.white, model.at, seen, seed)
 

@@ -19,6 +19,9 @@ from pamjax.study.problem import COMPLIANCE, Problem
 #: Times at which a slip is looked for, over the length of a recording.
 MOMENTS = 24
 
+#: From this ratio of the fast to the slow strokes of a recording, a power of speed shows in it.
+SPEEDS = 1.5
+
 #: Most that the lab's own statement counts for, in χ²: what a tie of two names is worth.
 MOST_EXPECTED = 12.0
 
@@ -117,6 +120,7 @@ class _Scales:
     width: float
     rest: float
     isometric: bool
+    speeds: float
 
     @classmethod
     def of(cls, found: Problem) -> _Scales:
@@ -143,7 +147,15 @@ class _Scales:
             rest=found.case.entry.rest_length.value,
             width=float(np.sqrt(max(1 - (found.case.entry.rest_length.value / thread) ** 2, 1e-3))),
             isometric=bool(np.mean(jumps > 1e-3 * np.ptp(length)) < 0.2) if length.size > 1 else True,
+            speeds=_speeds(found),
         )
+
+
+def _speeds(found: Problem) -> float:
+    """How many times as fast as the slowest tenth of what moves the fastest tenth is."""
+    speed = np.abs(np.asarray(found.member.history.rate(found.member.rows.length)))[: found.n]
+    moving = speed[speed > 0.2 * np.quantile(speed, 0.95)]
+    return float(np.divide(*np.quantile(moving, [0.9, 0.1]))) if moving.size else 1.0
 
 
 def _inside(found: Problem) -> float:
@@ -262,6 +274,9 @@ def _slip(s: _Scales) -> list[Form]:
 
 def _viscous(s: _Scales) -> list[Form]:
     amplitudes = ("viscous_damping.coefficient", "viscous_damping.pressed")
+    if s.speeds < SPEEDS:
+        # At one speed a power shows in nothing but the noise of the rate, to which it would be fitted.
+        return [Form("viscous_damping", amplitudes)]
     return [Form("viscous_damping", amplitudes, {"viscous_damping.power": power}) for power in (0.5, 0.95)]
 
 

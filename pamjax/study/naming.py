@@ -7,7 +7,8 @@ substantial   it explains a good part of the misfit that is left: textbook forms
               noise, and the small rest of a large effect is no second effect
 sizeable      what it alone can explain is not small beside the whole misfit
 
-Whoever takes a name's place nearly as well shares its probability.
+Whoever takes a name's place as well is told beside it, and whoever does so nearly as well takes of its
+probability.
 """
 
 from __future__ import annotations
@@ -43,6 +44,8 @@ SHORTLIST, FINAL, ROUGH = 6, 2, 7
 STRAINED = 2.5
 #: Most names.
 MOST = 4
+#: Probability from which a name counts as established.
+ESTABLISHED = 0.5
 #: Rivals whose fit is worse by less than this, and a share of what is left unexplained, are not told apart.
 TIE, TIE_SHARE = 12.0, 0.1
 
@@ -96,7 +99,7 @@ class Name:
 
     Attributes:
         id: which.
-        probability: that this is it and none of its rivals.
+        probability: that this, or one of its ties, is it and none of the other rivals.
         ties: ids that explain this recording as well.
         gain: χ² that is lost when it is taken out and all others refitted.
         rivals: χ² lost when a rival takes its place, by id.
@@ -158,7 +161,7 @@ def settle(
     found: Problem, used: np.ndarray, chosen: Sequence[Form], values: np.ndarray, rounds: int = 2
 ) -> Model:
     """Refit the baseline with some forms, with the noise that its own residual shows."""
-    moved = sorted({*np.flatnonzero(found.own).tolist(), *_places(found, chosen)})
+    moved = sorted({*np.flatnonzero(found.own).tolist(), *places(found, chosen)})
     for _ in range(rounds):
         white = whitening(found, values, used)
         at = refit(found, white, moved, values)
@@ -171,7 +174,8 @@ def freed(found: Problem, chosen: tuple[Form, ...], white: Whitening, at: Refit)
     return Model(chosen, white, *unbiased(found, white, at))
 
 
-def _places(found: Problem, chosen: Sequence[Form]) -> list[int]:
+def places(found: Problem, chosen: Sequence[Form]) -> list[int]:
+    """Indices of the numbers that some forms move."""
     return [found.place(name) for form in chosen for name in form.moves]
 
 
@@ -219,7 +223,7 @@ def _with(found: Problem, model: Model, signature: Signature) -> Model:
     if not model.chosen and _strained(found, model):
         begins.append(found.neutral)
     chosen = (*model.chosen, signature.form)
-    moved = sorted({*np.flatnonzero(found.own).tolist(), *_places(found, chosen)})
+    moved = sorted({*np.flatnonzero(found.own).tolist(), *places(found, chosen)})
     ends = []
     for begin in begins:
         values = begun(found, begin, signature.form, signature.amplitudes)
@@ -301,7 +305,7 @@ def _removed(found: Problem, model: Model, k: int) -> Model:
     """The model without its k-th form, refitted under the same noise."""
     form = model.chosen[k]
     rest = model.chosen[:k] + model.chosen[k + 1 :]
-    moved = sorted({*np.flatnonzero(found.own).tolist(), *_places(found, rest)})
+    moved = sorted({*np.flatnonzero(found.own).tolist(), *places(found, rest)})
     values = without(found, model.at.values, form)
     return freed(found, rest, model.white, refit(found, model.white, moved, values, 2 * ROUGH))
 
@@ -328,6 +332,7 @@ def _name(found, model: Model, k: int, candidates) -> Name:
     rivals = {id: m.score - model.score for id, m in ends.items()}
     # What is left unexplained shows how far off textbook forms are here: it blurs a comparison.
     blur = 1 + model.excess / 8
-    weights = [np.exp(-0.5 * max(loss, 0.0) / blur) for loss in rivals.values()]
+    weights = {id: np.exp(-0.5 * max(loss, 0.0) / blur) for id, loss in rivals.items()}
     ties = [id for id, loss in rivals.items() if loss < TIE + TIE_SHARE * model.excess]
-    return Name(form.id, float(1 / (1 + sum(weights))), tuple(ties), float(gain), rivals)
+    alike = sum(weight for id, weight in weights.items() if id in ties)
+    return Name(form.id, float((1 + alike) / (1 + sum(weights.values()))), tuple(ties), float(gain), rivals)

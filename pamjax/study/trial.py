@@ -21,7 +21,7 @@ from pamjax.study.diagnosis import Diagnosis
 from pamjax.study.discrepancy import discrepancy, inputs
 from pamjax.study.forms import forms
 from pamjax.study.gain import held_out
-from pamjax.study.naming import settle
+from pamjax.study.naming import ESTABLISHED, settle
 from pamjax.study.overlap import blind, overlap, true_boxes
 from pamjax.study.problem import problem
 from pamjax.study.setups import SIZE, draw
@@ -34,9 +34,6 @@ KINDS = {"nothing": 0, "single": 1, "pair": 2, "triple": 3, "outside": 1}
 
 #: How far a diagnosis is taken: to the end, or to the baseline's p-value, before anything is named.
 STAGES = ("all", "score")
-
-#: Probability from which a name counts.
-NAMED = 0.5
 
 #: Effects, rms in noise standard deviations: from just detectable over obvious (8) to large.
 SMALLEST, LARGEST = 3.0, 25.0
@@ -223,7 +220,7 @@ def scored(case: Case, seed: int = 0) -> Significance:
 
 
 def _compared(envelope: Envelope, one: Diagnosis, rivals: bool) -> dict[str, Any]:
-    names = [name for name in one.names if name.probability >= NAMED]
+    names = [name for name in one.names if name.probability >= ESTABLISHED]
     noise = _noise(one)
     told: dict[str, Any] = {
         "p_value": one.mismatch.p_value,
