@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pamjax.check import nearest, refuse
+from pamjax.check import at_least, nearest, refuse
 from pamjax.design.choose import Menu, variance_of, volume_of
 from pamjax.design.knowledge import Knowledge, knowledge
 from pamjax.design.means import Means, means_of
@@ -152,6 +152,7 @@ def plan(
     Raises:
         BadInput: for an unknown goal, or one that no fit would move.
     """
+    at_least("seed", seed, 0)
     said = as_muscle(muscle)
     case, entry = (said, said.entry) if isinstance(said, Case) else (None, said)
     seen = {"recorded": case.recording.channels} if case else {}
