@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pamjax.design.doubt import force_sd
+from pamjax.design.doubt import force_sd, left_over
 from pamjax.design.draws import MIDDLE, Draws, Spread
 from pamjax.design.inverse import Inverse, Limit
 from pamjax.units import show
@@ -23,6 +23,7 @@ class Answer:
         what: "pressure" or "length".
         value: Pa or m; where the wish cannot be met, the nearest there is.
         sd: of it, from what the calibration does not know; NaN where no covariance is kept.
+        missed: force that the muscle misses beyond noise on held-out blocks, N, part of `sd`; 0 if unknown.
         spread: what posterior draws make of it, where there are any.
         force: wanted, N.
         other: the given length, m, or pressure, Pa.
@@ -41,12 +42,14 @@ class Answer:
     stiffness: float
     limit: Limit
     spread: Spread | None = None
+    missed: float = 0.0
 
     def as_dict(self) -> dict[str, Any]:
         """As plain numbers, SI; None where there is none."""
         numbers = {
             "value": self.value, "sd": self.sd, "force": self.force, "given": self.other,
             "by_force": self.by_force, "by_given": self.by_other, "stiffness": self.stiffness,
+            "force_missed": self.missed,
         }  # fmt: skip
         found: dict[str, Any] = {"command": self.what} | {n: _finite(x) for n, x in numbers.items()}
         found |= {"limit": self.limit.name, "says": self.limit.says}
@@ -68,6 +71,11 @@ class Answer:
             by, other = (1e-3, 1e3) if self.what == "pressure" else (1e3, 1e-3)
             lines.append(f"  {by * self.by_force:+.4g} {unit} for a newton more")
             lines.append(f"  {self.by_other * by / other:+.4g} {unit} for a {given} more")
+            if self.missed:
+                beside = show(abs(self.by_force) * self.missed, unit, 2)
+                lines.append(
+                    f"  {beside} of it since held-out blocks miss {show(self.missed, 'N', 2)} beyond noise"
+                )
         if self.spread is not None and self.spread.met < 1:
             lines.append(f"  {self.spread.met:.0%} of the draws can meet it")
         lines.append(f"  stiffness there {self.stiffness / 1e3:.4g} N/mm")
@@ -102,10 +110,11 @@ def answer(
     )
     p, l = (value, other) if length is not None else (other, value)
     spread = draws.spread(of, force, length=length, pressure=pressure) if draws else None
+    missed = (left_over(file) if file else None) or 0.0
     if spread is not None:
-        sd = spread.sd
+        sd = math.hypot(spread.sd, by_force * missed)
     else:
         off = force_sd(file, np.array([p]), np.array([l]), case)[0] if file else math.nan
-        sd = abs(by_force) * float(off)
+        sd = abs(by_force) * math.hypot(float(off), missed)
     limit = Limit(int(np.asarray(command.status)[0]))
-    return Answer(what, value, sd, force, other, by_force, by_other, stiffness, limit, spread)
+    return Answer(what, value, sd, force, other, by_force, by_other, stiffness, limit, spread, missed)
