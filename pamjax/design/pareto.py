@@ -57,7 +57,7 @@ def front(tried: Sequence[Tried], second: str) -> Front:
         return float(a), float(b), one.choice
 
     points = [point(one, z) for each in ends for one, z in each]
-    start, stop = (min(points, key=lambda p: p[k]) for k in (0, 1))
+    start, stop = min(points, key=lambda p: p[0]), min(points, key=lambda p: p[1])
     found = [start, stop]
     if start[1] > stop[1] * (1 + 1e-6) and stop[1] > 0:
         # The same caps for all choices: points of different caps would hide each other by chance.

@@ -117,6 +117,23 @@ def test_what_cannot_be_is_told_with_what_would_do():
 
 
 @pytest.mark.slow
+def test_a_room_that_would_do_is_that_of_the_spec_with_its_fittings():
+    said = {
+        "supply": {"pressure": "2 bar"},
+        "stroke": {"length": "80 mm", "load": "100 N"},
+        "envelope": {"length": "300 mm", "fittings": "40 mm"},
+        "threads": {"kinds": "aramid", "counts": [96, 144], "diameters": "0.3 mm"},
+        "bladders": {"kinds": "latex"},
+        "parallel": [2],
+    }
+    give = next(give for give in pamjax.size(said).gives if give.requirement.key == "length")
+    assert give.amount > 0.3
+    for share, feasible in ((0.99, False), (1.01, True)):
+        room = {"length": f"{1e3 * share * give.amount:.3f} mm", "fittings": "40 mm"}
+        assert pamjax.size(said | {"envelope": room}, margins=False).feasible == feasible
+
+
+@pytest.mark.slow
 def test_a_probability_is_kept_on_draws_it_did_not_see(found):
     said = SPEC | {"tolerance": {"thread_length": "0.5 mm", "turns": 0.01}}
     spec, (one,) = posed(said)
