@@ -43,6 +43,16 @@ def refuse(rule: str, got: str = "", where: str = "", remedy: str = "") -> BadIn
     return BadInput(sentence(rule, got, where, remedy))
 
 
+def at_least(name: str, value: int, least: int) -> None:
+    """Refuse a count that is too small.
+
+    Raises:
+        BadInput: naming it.
+    """
+    if value < least:
+        raise refuse(f"`{name}` must be at least {least}", f"{value}")
+
+
 def nearest(word: str, known: Iterable[str]) -> str:
     """A hint that names the nearest known word, or lists the known ones.
 

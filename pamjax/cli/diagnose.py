@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pamjax.check import BadInput, refuse
+from pamjax.check import BadInput, at_least, refuse
 from pamjax.cli.options import Json
 from pamjax.cli.screen import say, say_json, say_written, working, writable
 
@@ -42,6 +42,7 @@ def diagnose(
     """
     from pamjax.records.case import read_case
 
+    at_least("seed", seed, 0)
     writable(out)
     read, bad = [], []
     for folder in cases:

@@ -51,7 +51,7 @@ def prove(
         seed: of everything that is drawn.
         json: print the table as JSON.
     """
-    from pamjax.check import refuse
+    from pamjax.check import at_least, refuse
 
     counts = {"nothing": nothing, "single": single, "pair": pair, "triple": triple, "outside": outside}
     noise = tuple(correlation) if correlation else (0.0,)
@@ -59,14 +59,12 @@ def prove(
         counts, noise, workers = QUICK, QUICK_NOISE, max(workers, 2)
     if stage == "score":
         counts = {"nothing": counts["nothing"]}
-    for name, count in counts.items():
-        if count < 0:
-            raise refuse(f"`{name}` must be at least 0", f"{count}")
+    for name, count in (counts | {"seed": seed}).items():
+        at_least(name, count, 0)
     for one in noise:
         if not 0 <= one <= 0.95:
             raise refuse("`correlation` must lie between 0 and 0.95", f"{one:g}")
-    if workers < 1:
-        raise refuse("`workers` must be at least 1", f"{workers}")
+    at_least("workers", workers, 1)
     writable(out)
     out.mkdir(parents=True, exist_ok=True)
     from pamjax.infer.cache import keep_compiled

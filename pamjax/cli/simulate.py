@@ -41,7 +41,7 @@ def simulate(
         seed: of the noise.
         json: print for programs.
     """
-    from pamjax.check import refuse
+    from pamjax.check import at_least
     from pamjax.cli.settings import settings
     from pamjax.infer.load import load_muscle
     from pamjax.records.entry import Sensors
@@ -51,8 +51,7 @@ def simulate(
     from pamjax.records.write import write_case
     from pamjax.units import parse
 
-    if seed < 0:
-        raise refuse("`seed` must be at least 0", f"{seed}")
+    at_least("seed", seed, 0)
     loaded = load_muscle(muscle, law, case, settings(with_ or ()))
     plan = read_protocol(protocol) if protocol else PAPER
     schedule = plan.schedule(loaded.entry.rest_length.value)

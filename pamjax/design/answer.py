@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pamjax.design.doubt import force_sd
+from pamjax.design.doubt import force_sd, left_over
 from pamjax.design.draws import MIDDLE, Draws, Spread
 from pamjax.design.inverse import Inverse, Limit
 from pamjax.units import show
@@ -23,12 +23,14 @@ class Answer:
         what: "pressure" or "length".
         value: Pa or m; where the wish cannot be met, the nearest there is.
         sd: of it, from what the calibration does not know; NaN where no covariance is kept.
-        spread: what posterior draws make of it, where there are any.
         force: wanted, N.
         other: the given length, m, or pressure, Pa.
         by_force, by_other: derivatives of the value.
         stiffness: ∂F/∂L, N/m.
         limit: what keeps the wish from being met.
+        spread: what posterior draws make of it, where there are any.
+        missed: force that the muscle misses beyond noise on held-out blocks, N, part of `sd`; 0 if unknown.
+        there: force at the value, N.
     """
 
     what: str
@@ -41,15 +43,32 @@ class Answer:
     stiffness: float
     limit: Limit
     spread: Spread | None = None
+    missed: float = 0.0
+    there: float = math.nan
+
+    @property
+    def why(self) -> str:
+        """Which limit binds, with the force that there is at it."""
+        ends = {
+            Limit.TOO_STRONG: ("more", "highest", "longest"),
+            Limit.TOO_WEAK: ("less", "lowest", "shortest"),
+        }
+        if self.limit not in ends:
+            return self.limit.says
+        than, pressure, length = ends[self.limit]
+        at = f"{pressure} pressure, " if self.what == "pressure" else f"{length} length, "
+        at += show(self.value, "kPa" if self.what == "pressure" else "mm")
+        return f"{than} force than the {show(self.there, 'N')} at the {at}"
 
     def as_dict(self) -> dict[str, Any]:
         """As plain numbers, SI; None where there is none."""
         numbers = {
             "value": self.value, "sd": self.sd, "force": self.force, "given": self.other,
             "by_force": self.by_force, "by_given": self.by_other, "stiffness": self.stiffness,
+            "force_missed": self.missed,
         }  # fmt: skip
         found: dict[str, Any] = {"command": self.what} | {n: _finite(x) for n, x in numbers.items()}
-        found |= {"limit": self.limit.name, "says": self.limit.says}
+        found |= {"limit": self.limit.name, "says": self.why, "there": _finite(self.there)}
         if self.spread is not None:
             ends = {"low": _finite(self.spread.low), "high": _finite(self.spread.high)}
             found["draws"] = ends | {"middle": MIDDLE, "met": self.spread.met}
@@ -58,7 +77,7 @@ class Answer:
     def __str__(self) -> str:
         unit, given = ("kPa", "mm") if self.what == "pressure" else ("mm", "kPa")
         if self.limit != Limit.OK:
-            lines = [f"cannot be met: {self.limit.says}", f"  nearest {self.what} {show(self.value, unit)}"]
+            lines = [f"cannot be met: {self.why}", f"  nearest {self.what} {show(self.value, unit)}"]
         else:
             sure = f" ± {show(self.sd, unit, 2)}" if math.isfinite(self.sd) else ""
             if self.spread is not None and math.isfinite(self.spread.low):
@@ -68,6 +87,9 @@ class Answer:
             by, other = (1e-3, 1e3) if self.what == "pressure" else (1e3, 1e-3)
             lines.append(f"  {by * self.by_force:+.4g} {unit} for a newton more")
             lines.append(f"  {self.by_other * by / other:+.4g} {unit} for a {given} more")
+            if self.missed:
+                off, left = show(abs(self.by_force) * self.missed, unit, 2), show(self.missed, "N", 2)
+                lines.append(f"  {off} of it since the muscle misses {left} of held-out blocks beyond noise")
         if self.spread is not None and self.spread.met < 1:
             lines.append(f"  {self.spread.met:.0%} of the draws can meet it")
         lines.append(f"  stiffness there {self.stiffness / 1e3:.4g} N/mm")
@@ -102,10 +124,12 @@ def answer(
     )
     p, l = (value, other) if length is not None else (other, value)
     spread = draws.spread(of, force, length=length, pressure=pressure) if draws else None
+    there = float(of.force(p, l)[0][0])
+    missed = (left_over(file) if file else None) or 0.0
     if spread is not None:
-        sd = spread.sd
+        sd = math.hypot(spread.sd, by_force * missed)
     else:
         off = force_sd(file, np.array([p]), np.array([l]), case)[0] if file else math.nan
-        sd = abs(by_force) * float(off)
+        sd = abs(by_force) * math.hypot(float(off), missed)
     limit = Limit(int(np.asarray(command.status)[0]))
-    return Answer(what, value, sd, force, other, by_force, by_other, stiffness, limit, spread)
+    return Answer(what, value, sd, force, other, by_force, by_other, stiffness, limit, spread, missed, there)

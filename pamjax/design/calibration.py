@@ -6,7 +6,6 @@ friction, the crimp of the threads and the share of the net at the ends go on, i
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from pamjax.check import refuse
+from pamjax.design.doubt import left_over
 from pamjax.design.materials import BladderKind, ThreadKind, bladders, threads
 from pamjax.design.schema import Calibration
 from pamjax.infer.load import Loaded, load_muscle
@@ -187,20 +187,14 @@ def _rest_radius(muscle: Bench) -> float:
 
 def _left_over(path: Path) -> float | None:
     """Force that the improved model misses beyond noise, as a share of the specimen's blocked force."""
-    beside = path.parent / "diagnosis.json"
-    if path.name != "model.json" or not beside.exists():
-        return None
-    try:
-        told = json.loads(beside.read_text(encoding="utf-8"))
-        rmse = float(told["improvement"]["held_out"]["force"]["rmse_after"])
-        noise = float(told["noise"]["force"]["sd"])
-    except (KeyError, TypeError, ValueError):
+    left = left_over(path)
+    if left is None:
         return None
     loaded = load_muscle(path)
     top = loaded.calibrated.get("pressure", (0.0, 0.0))[1]
     rest, (thread, turns) = loaded.entry.rest_length.value, loaded.entry.braid
     blocked = top * (3 * rest**2 - thread**2) / (4 * math.pi * turns**2)
-    return math.sqrt(max(rmse**2 - noise**2, 0.0)) / blocked if blocked > 0 else None
+    return left / blocked if blocked > 0 else None
 
 
 def _posterior(path: Path, found: dict[str, Any], where: str, says: list[str]) -> dict[str, Any]:

@@ -1,12 +1,14 @@
 """Doubt: how far the force of a calibrated muscle may be off, from the covariance of its numbers.
 
 sd_F² = gᵀ C g with g = ∂F/∂θ at a pressure and length and C the covariance that the fit found. A pressure
-that is commanded for a force is off by sd_F / F_P, a length by sd_F / F_L.
+that is commanded for a force is off by sd_F / F_P, a length by sd_F / F_L. What a diagnosis could not explain
+of the force adds to sd_F.
 """
 
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import equinox as eqx
@@ -26,7 +28,7 @@ def force_sd(file: Path, pressure: np.ndarray, length: np.ndarray, case: str | N
     """Standard deviation of the force at rest, N, (n,); NaN where the file knows no covariance.
 
     Args:
-        file: a fit.json; a model.json keeps no covariance.
+        file: a fit.json, or a model.json; that of a muscle that was designed keeps no covariance.
         pressure, length: (n,) Pa and m.
         case: which case of several.
     """
@@ -51,6 +53,21 @@ def force_sd(file: Path, pressure: np.ndarray, length: np.ndarray, case: str | N
     )  # fmt: skip
     by = np.asarray(slopes) * sd
     return np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", by, correlation, by), 0.0))
+
+
+def left_over(file: Path) -> float | None:
+    """Force that a diagnosed muscle misses on held-out blocks beyond noise, N, as the diagnosis.json beside
+    its model.json says; None where there is none."""
+    beside = file.parent / "diagnosis.json"
+    if file.name != "model.json" or not beside.exists():
+        return None
+    try:
+        told = json.loads(read_bytes(beside))
+        rmse = float(told["improvement"]["held_out"]["force"]["rmse_after"])
+        noise = float(told["noise"]["force"]["sd"])
+    except (KeyError, TypeError, ValueError):
+        return None
+    return math.sqrt(max(rmse**2 - noise**2, 0.0))
 
 
 @eqx.filter_jit

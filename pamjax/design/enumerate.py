@@ -23,6 +23,8 @@ NEARLY = 1e-3
 SEARCHED = 300
 #: Choices that are searched from many starts.
 FINAL = 3
+#: Where nothing fits: choices, the nearest first, that are searched again, and starts of each.
+NEAREST, LOST = 8, 16
 #: How much a broken margin weighs against the objective when choices are ranked.
 WEIGH = 10.0
 
@@ -89,10 +91,15 @@ def best_of(
         progress(f"choice {rank + 1} of {min(len(order), SEARCHED)}", rank / min(len(order), SEARCHED))
         tried.append(_one(problems[k], begin[k][:FIRST], enough=1))
     tried.sort(key=_rank)
+    looked = {id(problem): at for problem, at in zip(problems, begin, strict=True)}
+    if tried[0].answer is None:
+        # The way to what nearly fits is long, and most searches get stuck on it.
+        near = tried[:NEAREST]
+        tried[:NEAREST] = [_one(one.problem, looked[id(one.problem)][:LOST], enough=1) for one in near]
+        tried.sort(key=_rank)
     for place, one in enumerate(tried[:FINAL]):
         if one.answer is not None:
-            at = next(k for k in range(len(problems)) if problems[k] is one.problem)
-            extra = np.concatenate([one.answer.z[None], begin[at][1:starts]])
+            extra = np.concatenate([one.answer.z[None], looked[id(one.problem)][1:starts]])
             again = _one(one.problem, extra, method)
             tried[place] = again if again.answer is not None else one
     tried.sort(key=_rank)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.polynomial.chebyshev import chebfit, chebvander
 
-from pamjax.check import refuse
+from pamjax.check import at_least, refuse
 from pamjax.design import standalone
 from pamjax.design.inverse import Inverse, Limit
 from pamjax.records.files import write_beside
@@ -63,6 +63,7 @@ def export(of: Inverse, folder: Path, *, seed: int = 0) -> Exported:
     Raises:
         BadInput: where there is no such range.
     """
+    at_least("seed", seed, 0)
     of = narrowed(of)
     folder.mkdir(parents=True, exist_ok=True)
     table, share, degree = {}, np.inf, 0

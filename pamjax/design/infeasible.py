@@ -94,7 +94,7 @@ def _gives(problem: Problem, z: np.ndarray, one: Requirement, part: float, s: fl
         share = math.exp(-one.sense * s)
         # Below a tenth the logarithm goes on as its tangent.
         share = 0.1 * (1 - (s - math.log(10))) if one.sense > 0 and s > math.log(10) else share
-        return Gives(one, part, bound * share)
+        return Gives(one, part, bound * share + one.beside)
     lacking = s * one.scale
     return Gives(one, part, -lacking, _contraction(problem, z, one, lacking))
 

@@ -10,8 +10,8 @@ Samples are equilibria of the bare muscle: rubber, ends and whatever remembers t
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import equinox as eqx
@@ -27,6 +27,7 @@ from pamjax.infer.fit import joint_space
 from pamjax.infer.least_squares import solve
 from pamjax.infer.member import Member, member
 from pamjax.infer.space import Free, Space, space
+from pamjax.infer.weigh import weigh
 from pamjax.model.catalogue import meaning
 from pamjax.records.case import Case
 from pamjax.records.entry import Entry
@@ -55,6 +56,7 @@ class Knowledge:
         mean: (p,) where they are believed to be, SI.
         scale: (p,) the step in which each is measured, SI: its prior's sd, or a share of its limits.
         before: (p, p) information of priors and of the recording at hand, in those steps.
+        missed: by channel of that recording, how many times its noise the muscle misses it by, in rms.
     """
 
     entry: Entry
@@ -65,6 +67,7 @@ class Knowledge:
     mean: np.ndarray
     scale: np.ndarray
     before: np.ndarray
+    missed: Mapping[str, float] = field(default_factory=dict)
 
     def place(self, name: str) -> int:
         """Index of a number."""
@@ -100,7 +103,9 @@ class Knowledge:
         variance = np.array(noise)[:, None] + carried
         # A slack muscle tells nothing, and one without an answer less.
         there = np.isfinite(variance) & np.isfinite(slopes).all(axis=0) & (shown[0] > 0)
-        weight = np.where(there, self.means.worth / np.where(there, variance, 1.0), 0.0)
+        # What the muscle missed so far it will miss again.
+        again = np.array([max(self.missed.get(c, 1.0), 1.0) ** 2 for c in ("force", "diameter")])
+        weight = np.where(there, self.means.worth / np.where(there, again[:, None] * variance, 1.0), 0.0)
         by = np.nan_to_num(slopes) * self.scale[:, None, None]
         out = np.zeros((count, by.shape[0], by.shape[0]))
         for k in range(count):
@@ -211,19 +216,23 @@ def _read(name: str, channels: set[str]) -> bool:
 
 
 def _learned(found: Knowledge, case: Case) -> Knowledge:
-    """Knowledge after a recording: where a fit of it ends, and what it tells there."""
+    """Knowledge after a recording: where a fit of it ends, and what it tells there.
+
+    What the muscle misses counts as noise, and samples that know each other as fewer, as in a fit.
+    """
     own = space(found.free[: len(found.own)])
-    u = solve((member(case, found.law, own, {}),), own, jnp.zeros(own.size)).u
-    values = np.concatenate([np.asarray(own.values(u)), found.mean[own.size :]])
-    sensors, usual = case.entry.sensors, found.means
-    # Of a channel that the rig has no more, the usual noise.
-    noise = {
-        c: getattr(sensors, c) or getattr(usual, c) or getattr(Means, c)
-        if c in case.recording.channels
-        else None
-        for c in ("force", "diameter")
-    }
-    seen = replace(usual, **noise)
-    label = np.zeros(case.recording.n, dtype=int)
-    told = replace(found, means=replace(seen, off=found.means.off)).information(case, label, 1, values)[0]
-    return replace(found, mean=values, before=found.before + told)
+    one = member(case, found.law, own, {})
+    solution = solve((one,), own, jnp.zeros(own.size))
+    weighed, _ = weigh(case, one, own, solution)
+    solution = solve((weighed,), own, own.inside(solution.u))
+    _, noise = weigh(case, weighed, own, solution)
+    values = np.concatenate([np.asarray(own.values(solution.u)), found.mean[own.size :]])
+    label, told = np.zeros(case.recording.n, dtype=int), found.before
+    for channel, its in noise.items():
+        # A channel whose noise nobody stated is as noisy as its residual, and not better than usual.
+        usual = getattr(found.means, channel) or getattr(Means, channel)
+        sd = getattr(case.entry.sensors, channel) or max(usual, its.sd)
+        seen = replace(found.means, **{channel: sd}).alone(channel)
+        worth = max(its.excess, 1.0) ** 2 * its.inflation
+        told = told + replace(found, means=seen).information(case, label, 1, values)[0] / worth
+    return replace(found, mean=values, before=told, missed={c: its.excess for c, its in noise.items()})

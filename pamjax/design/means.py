@@ -97,7 +97,11 @@ class Means:
 
 
 def means_of(
-    entry: Entry, rig: Path | None = None, recorded: tuple[str, ...] = ("force", "diameter"), **said: Any
+    entry: Entry,
+    rig: Path | None = None,
+    recorded: tuple[str, ...] = ("force", "diameter"),
+    highest: float | None = None,
+    **said: Any,
 ) -> Means:
     """What a rig can do, from its file, else from the sensors of muscle.toml, else as usual.
 
@@ -106,6 +110,8 @@ def means_of(
         rig: a TOML file with a table [rig], as `pressure = "690 kPa"`, `force = "2 N"` (noise of a sample),
             `diameter = "none"`, `force_zero = "5 N"`, `minutes = 60`.
         recorded: channels of what this rig has recorded so far: it has no other, unless one is stated.
+        highest: pressure of what it has recorded so far, Pa: the muscle is not asked for more, unless
+            that is stated.
         said: entries that override the file's.
 
     Raises:
@@ -114,7 +120,7 @@ def means_of(
     sensors = entry.sensors
     known = {
         "force": sensors.force, "diameter": sensors.diameter,
-        "gauge": sensors.pressure, "ruler": sensors.length,
+        "gauge": sensors.pressure, "ruler": sensors.length, "pressure": highest,
     }  # fmt: skip
     absent = dict.fromkeys({"force", "diameter"} - set(recorded))
     found = replace(Means(), **absent | {name: value for name, value in known.items() if value})

@@ -10,7 +10,7 @@ import numpy as np
 from pamjax.design.candidate import index
 from pamjax.design.enumerate import Tried
 from pamjax.design.optimise import search
-from pamjax.design.problem import OUTPUT, Choice
+from pamjax.design.problem import OUTPUT, Choice, Problem
 
 #: Points of a front, and choices that it is sought over.
 POINTS, CHOICES = 9, 6
@@ -46,39 +46,50 @@ def front(tried: Sequence[Tried], second: str) -> Front:
         tried: the best first; only those with an answer count.
     """
     first = tried[0].problem.objective
-    points: list[tuple[float, float, Choice]] = []
-    for one in [one for one in tried if one.answer is not None][:CHOICES]:
-        points += _of_choice(one, first, second)
-    points.sort(key=lambda point: (point[0], point[1]))
+    ends = [_ends(one, second) for one in tried if one.answer is not None]
+    ends = [each for each in ends if each][:CHOICES]
+    if not ends:
+        return Front(first, second, np.zeros((0, 2)), ())
+    rows = [index(OUTPUT[first]), index(OUTPUT[second])]
+
+    def point(one: Problem, z: np.ndarray) -> tuple[float, float, Choice]:
+        a, b = one.outputs(z)[rows]
+        return float(a), float(b), one.choice
+
+    points = [point(one, z) for each in ends for one, z in each]
+    start, stop = min(points, key=lambda p: p[0]), min(points, key=lambda p: p[1])
+    found = [start, stop]
+    if start[1] > stop[1] * (1 + 1e-6) and stop[1] > 0:
+        # The same caps for all choices: points of different caps would hide each other by chance.
+        for cap in np.geomspace(start[1], stop[1], POINTS)[1:-1]:
+            under = [point(*there) for each in ends if (there := _capped(each, second, float(cap)))]
+            found += [min(under, key=lambda p: p[0])] if under else []
+    return _none_worse(first, second, found)
+
+
+def _ends(one: Tried, second: str) -> list[tuple[Problem, np.ndarray]]:
+    """A choice's least of the first objective, and of the second."""
+    # Not the answer of the search: what uncertainty takes may have been added since.
+    answer = search(one.problem, one.start)
+    if not answer.kept:
+        return []
+    least = search(one.problem.with_(objective=second), answer.z)
+    return [(one.problem, end.z) for end in (answer, least) if end.kept]
+
+
+def _capped(
+    ends: list[tuple[Problem, np.ndarray]], second: str, cap: float
+) -> tuple[Problem, np.ndarray] | None:
+    """A choice's least of the first objective under a cap on the second; None where it is not found."""
+    found = [search(one.with_(caps={second: cap}), z) for one, z in ends]
+    kept = [answer for answer in found if answer.kept]
+    return (ends[0][0], min(kept, key=lambda answer: answer.value).z) if kept else None
+
+
+def _none_worse(first: str, second: str, points: list[tuple[float, float, Choice]]) -> Front:
+    """Those that no other beats in both."""
     kept: list[tuple[float, float, Choice]] = []
-    for point in points:
+    for point in sorted(points, key=lambda p: (p[0], p[1])):
         if not kept or point[1] < kept[-1][1] * (1 - 1e-6):
             kept.append(point)
     return Front(first, second, np.array([p[:2] for p in kept]), tuple(p[2] for p in kept))
-
-
-def _of_choice(one: Tried, first: str, second: str) -> list[tuple[float, float, Choice]]:
-    # Not the answer of the search: what uncertainty takes may have been added since.
-    problem, answer = one.problem, search(one.problem, one.start)
-    if not answer.kept:
-        return []
-    rows = [index(OUTPUT[first]), index(OUTPUT[second])]
-
-    def point(z):
-        a, b = problem.outputs(z)[rows]
-        return float(a), float(b), problem.choice
-
-    found = [point(answer.z)]
-    least = search(problem.with_(objective=second), answer.z)
-    if not least.kept:
-        return found
-    found.append(point(least.z))
-    low, high = found[1][1], found[0][1]
-    z = answer.z
-    if high > low * (1 + 1e-6) and low > 0:
-        for cap in np.geomspace(high, low, POINTS)[1:-1]:
-            there = search(problem.with_(caps={second: float(cap)}), z)
-            if there.kept:
-                z = there.z
-                found.append(point(z))
-    return found

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pamjax.check import nearest, refuse
+from pamjax.check import at_least, nearest, refuse
 from pamjax.design.choose import Menu, variance_of, volume_of
 from pamjax.design.knowledge import Knowledge, knowledge
 from pamjax.design.means import Means, means_of
@@ -117,6 +117,7 @@ class Plan:
             "settles": {name: told(name, one) for name, one in self.settled.items()},
             "alone": {c: {"sd": sd / scale, "minutes": m} for c, (sd, m) in self.alone.items()},
             "ten_isobars_in_the_same_time": {"sd": self.isobars / scale},
+            "recording_missed_by": dict(self.known.missed),
             "assumed": dict(self.known.means.off),
         }
 
@@ -152,9 +153,10 @@ def plan(
     Raises:
         BadInput: for an unknown goal, or one that no fit would move.
     """
+    at_least("seed", seed, 0)
     said = as_muscle(muscle)
     case, entry = (said, said.entry) if isinstance(said, Case) else (None, said)
-    seen = {"recorded": case.recording.channels} if case else {}
+    seen = {"recorded": case.recording.channels, "highest": _highest(case)} if case else {}
     means = rig if isinstance(rig, Means) else means_of(entry, rig, **seen, minutes=minutes)
     known = knowledge(entry, means, law, case)
     goal = _goal(known, goal)
@@ -188,6 +190,11 @@ def plan(
         alone=alone,
         isobars=float(usual[places[0]]),
     )  # fmt: skip
+
+
+def _highest(case: Case) -> float:
+    """Highest pressure that was recorded, Pa."""
+    return float(np.max(case.recording.pressure[case.recording.usable]))
 
 
 def _menu(known: Knowledge, goal: str, wanted: float, seed: int) -> tuple[Menu, list[Run]]:

@@ -9,21 +9,43 @@ from pamjax.model.catalogue import meaning
 from pamjax.units import show
 
 if TYPE_CHECKING:
+    from pamjax.design.means import Means
     from pamjax.design.plan import Plan, Settled
+
+#: Rms of what a recording leaves over, in noise standard deviations, from which it is said.
+MISSED = 1.5
 
 
 def note(plan: Plan) -> str:
     """The plan for a lab book."""
-    lines = [f"{plan.known.entry.name}: {_sentence(plan)}", ""]
+    lines = [f"{plan.known.entry.name}: {_sentence(plan)}", *(f"  {w}" for w in missed_words(plan)), ""]
     lines += [*(f"  {n} × {run.says}" for n, run in plan.chosen), *([""] if plan.chosen else [])]
     lines += [f"  {name:<24} {_settled(name, one)}" for name, one in plan.settled.items()]
     means = plan.known.means
     if plan.chosen:
         lines += ["", *(f"  {words}" for words in less_words(plan))]
     off = ", ".join(f"{n} {show(sd, meaning(n).show, 2)}" for n, sd in means.off.items())
-    lines += ["", f"  taken as measured: {' and '.join(means.channels)}"]
+    lines += ["", f"  rig: {rig_words(means)}; {' and '.join(means.channels)} measured"]
     lines += [f"  taken as not better known than: {off}", f"  left out: {left_out(plan)}"]
     return "\n".join(lines)
+
+
+def rig_words(means: Means) -> str:
+    """How far the rig goes, and how fast."""
+    ends = f"up to {show(means.pressure, 'kPa', 3)} and {means.contraction:.0%} contraction"
+    return f"{ends}, {1e3 * means.speed:.3g} mm/s, {means.rate:.3g} samples a second"
+
+
+def missed_words(plan: Plan) -> list[str]:
+    """That the recording at hand is not what this muscle would show, where it is not."""
+    far = {channel: times for channel, times in plan.known.missed.items() if times > MISSED}
+    if not far:
+        return []
+    by = " and ".join(f"{channel} by {times:.2g}" for channel, times in far.items())
+    return [
+        f"the muscle misses its recording ({by} times the noise), which may make its numbers wrong:"
+        " `pamjax diagnose` first"
+    ]
 
 
 def left_out(plan: Plan) -> str:

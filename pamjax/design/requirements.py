@@ -50,6 +50,7 @@ class Requirement:
         unit: in which a person reads it.
         stated: whether the spec says so, or pamjax assumes it.
         factor: whether it is a safety factor: 1 / bound is what the spec states.
+        beside: what the spec's bound holds besides the output, SI: the fittings.
     """
 
     key: str
@@ -61,6 +62,7 @@ class Requirement:
     unit: str
     stated: bool = True
     factor: bool = False
+    beside: float = 0.0
 
     def margins(self, y: np.ndarray) -> np.ndarray:
         """(rows,) or (k, rows): room to each bound, see `room`; negative where it is broken."""
@@ -117,7 +119,7 @@ def ask(spec: Spec) -> Asked:
         for share in WAY:
             x = share * stroke.length
             load = (stroke.load or 0.0) + k * x
-            places.append(_Place(f"{show(x, 'mm')} of the stroke", shortening=x, load=load))
+            places.append(_Place(f"after {show(x, 'mm')} of the stroke", shortening=x, load=load))
     if words.free_contraction is not None:
         free = words.free_contraction
         places.append(_Place(f"free at {100 * free:g} %", free, load=0.0))
@@ -180,8 +182,9 @@ def _stated(spec: Spec, used: int) -> list[Requirement]:
     words, room = spec.words, spec.words.envelope
     found = [_most("supply", f"work at {show(spec.supply, 'kPa')} at most", "pressure", spec.supply, "kPa")]
     if room.length is not None:
-        free = room.length - 2 * (room.fittings or 0.0)
-        found.append(_most("length", f"be {show(room.length, 'mm')} long at most", "length", free, "mm"))
+        ends = 2 * (room.fittings or 0.0)
+        says = f"be {show(room.length, 'mm')} long at most"
+        found.append(_most("length", says, "length", room.length - ends, "mm", beside=ends))
     if room.diameter is not None:
         rows = tuple(index("diameter", k) for k in range(used))
         says = f"be {show(room.diameter, 'mm')} wide at most, under pressure"

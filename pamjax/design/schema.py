@@ -16,11 +16,14 @@ from pamjax.units import number_in
 Objective = Literal["diameter", "mass", "air", "pressure", "cost", "length"]
 OBJECTIVES: tuple[str, ...] = get_args(Objective)
 
+#: Title of what stands in no table.
+WHOLE = "the spec"
+
 
 def _checked(read: Callable[[Any, Spot], Any]) -> BeforeValidator:
     def spotted(said: Any, info: ValidationInfo) -> Any:
         table = (info.config or {}).get("title")
-        name = f"[{table}] {info.field_name}" if table else str(info.field_name)
+        name = str(info.field_name) if table == WHOLE else f"[{table}] {info.field_name}"
         return read(said, Spot(name, (info.context or {}).get("file", "the spec")))
 
     return BeforeValidator(spotted)
@@ -224,6 +227,7 @@ class Calibration(_Table):
 class Words(_Table):
     """The whole file."""
 
+    model_config = ConfigDict(title=WHOLE)
     name: str = ""
     minimise: Objective = "diameter"
     against: Objective | None = None
@@ -286,7 +290,8 @@ def _told(error: ValidationError, file: str) -> BadInput:
             where,
             nearest(str(first["input"]), OBJECTIVES),
         )
-    return refuse(f"`{path[-1]}` is of another kind", f"{first['input']!r}", where, first["msg"])
+    remedy = first["msg"].replace("Input should be", "It should be") + "."
+    return refuse(f"`{path[-1]}` is of another kind", f"{first['input']!r}", where, remedy)
 
 
 _EXAMPLE = {

@@ -63,7 +63,9 @@ def prices(problem: Problem, answer: Answer) -> list[Price]:
         if one.factor:
             # The spec states 1 / bound.
             slope = float(-value * np.sum(weights * one.sense * bounds))
-        found.append(Price(one, float(weights.sum()), slope))
+        # One per cent of what the spec states is more than one of what the fittings leave.
+        stated = 1 + one.beside / one.bounds[0] if one.beside else 1.0
+        found.append(Price(one, float(weights.sum()) * stated, slope))
     return sorted(found, key=lambda price: -price.share)
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from pamjax.check import nearest, refuse
+from pamjax.check import at_least, nearest, refuse
 from pamjax.design import chance, sensitivity
 from pamjax.design.calibration import Handed, hand_on
 from pamjax.design.enumerate import Tried, best_of
@@ -62,8 +62,8 @@ def size(
     """
     if method not in METHODS:
         raise refuse(f"a search is {' or '.join(METHODS)}", f"{method!r}", remedy=nearest(method, METHODS))
-    if starts < 1:
-        raise refuse("`starts` must be at least 1", f"{starts}")
+    at_least("starts", starts, 1)
+    at_least("seed", seed, 0)
     read = read_spec(spec)
     asked = ask(read)
     handed = hand_on(read.words.calibration, read.folder, read.file, read.threads, read.bladders)

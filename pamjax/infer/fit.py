@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pamjax.check import BadInput, nearest, refuse
+from pamjax.check import BadInput, at_least, nearest, refuse
 from pamjax.infer.believed import free_numbers
 from pamjax.infer.hold_out import hold_out
 from pamjax.infer.least_squares import Loss, Solution, solve
@@ -135,8 +135,7 @@ def _settled(before: Sequence[Member], after: Sequence[Member]) -> bool:
 
 def _countable(starts: int, fold_count: int, seed: int) -> None:
     for name, value, least in (("starts", starts, 1), ("folds", fold_count, 2), ("seed", seed, 0)):
-        if value < least:
-            raise refuse(f"`{name}` must be at least {least}", f"{value}")
+        at_least(name, value, least)
 
 
 def _one_law(cases: Sequence[Case], law: str | None) -> str:

@@ -119,8 +119,9 @@ def _owner(name: str) -> str:
 
 
 def _calibrated(file: Path, case: str | None, settings: Mapping[str, float]) -> Loaded:
+    raw = read_bytes(file)
     try:
-        document = json.loads(read_bytes(file))
+        document = json.loads(raw)
     except ValueError as error:
         raise refuse("a calibrated muscle is a fit.json", str(error), file.name) from error
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:

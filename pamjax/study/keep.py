@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from pamjax.infer.save import SCHEMA
+from pamjax.model.catalogue import meaning
 from pamjax.study.naming import Model
 from pamjax.study.problem import COMPLIANCE, Problem
+from pamjax.units import in_unit
 
 
 def improved(found: Problem, model: Model) -> dict[str, Any]:
@@ -40,6 +42,7 @@ def improved(found: Problem, model: Model) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "versions": {"pamjax": version("pamjax")},
+        **_known(found, model),
         "cases": {
             case.name: {
                 "checksum": case.checksum,
@@ -50,6 +53,29 @@ def improved(found: Problem, model: Model) -> dict[str, Any]:
             }
         },
     }
+
+
+def _known(found: Problem, model: Model) -> dict[str, Any]:
+    """How surely the numbers that moved are known, and how they move together, as a fit.json has it."""
+    at = model.at
+    names, values = [found.names[k] for k in at.moved], at.values[list(at.moved)]
+    slope = np.ones(values.size)
+    if COMPLIANCE in names:
+        k = names.index(COMPLIANCE)
+        softness = max(values[k], 1e-12)
+        names[k], values[k], slope[k] = "thread.stiffness", 1 / softness, -1 / softness**2
+    covariance = at.covariance * np.outer(slope, slope)
+    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    unit = np.where(sd > 0, sd, 1.0)
+    told = {n: _parameter(n, v, s) for n, v, s in zip(names, values, sd, strict=True)}
+    matrix = np.round(covariance / np.outer(unit, unit), 6).tolist()
+    return {"parameters": told, "correlation": {"names": names, "matrix": matrix}}
+
+
+def _parameter(name: str, value: float, sd: float) -> dict[str, Any]:
+    unit = meaning(name).show
+    scale = in_unit(unit)
+    return {"value": float(value) / scale, "sd": float(sd) / scale, "unit": unit}
 
 
 def _toml(found: Problem) -> str:

@@ -189,8 +189,8 @@ def _unit(unit: str) -> str:
 
 def _percent(values: np.ndarray) -> str:
     # Of the end that is left: more of the least, less of the most.
-    start = values[0]
-    return f"{100 * abs(values[-1] / start - 1):.2g} %"
+    share = 100 * abs(values[-1] / values[0] - 1)
+    return f"{share:.0f} %" if share >= 10 else f"{share:.2g} %"
 
 
 def save_figures(design: Design, folder: Path) -> list[Path]:

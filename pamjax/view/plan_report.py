@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from pamjax.design.plan import ALL, Plan, Settled
-from pamjax.design.plan_note import alone_words, isobars_words, known_to, left_out, less_words
+from pamjax.design.plan_note import alone_words, isobars_words, known_to, left_out, less_words, missed_words
 from pamjax.model.catalogue import meaning
 from pamjax.units import show
 from pamjax.view.page import picture, write_page
@@ -29,7 +29,7 @@ def save_report(plan: Plan, course: Course, path: str | Path, command: str = "",
         "plan.html.jinja",
         title=headline(plan),
         kicker=f"Plan for {plan.known.entry.name} · {plan.known.law} threads",
-        answer=answer(plan),
+        answer=[*answer(plan), *(f"{_upper(words)}." for words in missed_words(plan))],
         known=picture(partial(known_figure, plan, course), "known"),
         diamonds=bool(plan.alone),
         commands=picture(partial(command_figure, plan), "commands"),

@@ -11,7 +11,7 @@ from pamjax.design.doubt import force_sd
 from pamjax.design.draws import MANY
 from pamjax.design.standalone import Controller
 from pamjax.infer.load import load_muscle
-from pamjax.units import in_unit
+from pamjax.units import in_unit, show
 
 
 def test_a_fitted_muscle_is_commanded_with_its_doubt(fitted, capsys):
@@ -50,9 +50,37 @@ def test_doubt_is_that_of_draws_from_the_covariance(fitted):
     assert np.std(forces) / 0.2 == pytest.approx(told, rel=0.25)
 
 
+def test_what_a_diagnosis_left_over_is_part_of_the_doubt(fitted, tmp_path, capsys):
+    (tmp_path / "model.json").write_text((fitted / "fit.json").read_text())
+    words = [str(tmp_path / "model.json"), "--force", "300 N", "--length", "180 mm"]
+
+    def told():
+        assert main(["inverse", *words, "--json"]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    alone = told()
+    left = {"improvement": {"held_out": {"force": {"rmse_after": 5.0}}}, "noise": {"force": {"sd": 3.0}}}
+    (tmp_path / "diagnosis.json").write_text(json.dumps(left))
+    both = told()
+    assert (alone["force_missed"], both["force_missed"]) == (0.0, 4.0)
+    assert both["sd"] == pytest.approx(np.hypot(alone["sd"], 4.0 * both["by_force"]))
+    assert main(["inverse", *words]) == 0
+    assert "the muscle misses 4 N of held-out blocks beyond noise" in capsys.readouterr().out
+
+
 def test_what_cannot_be_met_is_an_answer(fitted, capsys):
     assert main(["inverse", str(fitted / "fit.json"), "--force", "9 kN", "--pressure", "400 kPa"]) == 0
-    assert "cannot be met: more force than there is" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    loaded = load_muscle(fitted / "fit.json")
+    long = loaded.calibrated["length"][1]
+    most = float(loaded.muscle(400e3, long).force)
+    assert f"more force than the {show(most, 'N')} at the longest length, {show(long, 'mm')}" in told
+    words = ["--force", "9 kN", "--length", "180 mm", "--json"]
+    assert main(["inverse", str(fitted / "fit.json"), *words]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["limit"] == "TOO_STRONG"
+    assert "at the highest pressure" in document["says"]
+    assert document["there"] == pytest.approx(float(loaded.muscle(document["value"], 0.18).force))
 
 
 def test_an_export_says_how_far_it_is_off(fitted, tmp_path, capsys):

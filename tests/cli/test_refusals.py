@@ -5,11 +5,15 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
 import pamjax.infer.fit
 from pamjax.cli.main import main
+
+FITS = Path(__file__).parents[2] / "fits"
+SPEC, PAPER = FITS / "sizing" / "lift-2kN.toml", FITS / "chambers_wereley_2022"
 
 
 def refused(words, capsys):
@@ -33,6 +37,11 @@ def refused(words, capsys):
         (["simulate", "nowhere", "--out", "x"], "there is no file nowhere."),
         (["fit", "nowhere", "--loss", "hard"], 'Choose from: "square", "soft".'),
         (["fit", "nowhere", "--folds", "few"], "--folds"),
+        (["size", SPEC, "--seed", "-1"], "`seed` must be at least 0; got -1."),
+        (["plan", PAPER, "--seed", "-1"], "`seed` must be at least 0; got -1."),
+        (["diagnose", PAPER, "--seed", "-1"], "`seed` must be at least 0; got -1."),
+        (["prove", "--seed", "-1"], "`seed` must be at least 0; got -1."),
+        (["inverse", "no.json", "--export", "x"], "pamjax: there is no file no.json."),
     ],
 )
 def test_wrong_words(words, told, capsys, tmp_path, monkeypatch):

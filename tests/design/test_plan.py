@@ -12,12 +12,15 @@ from pamjax.design.knowledge import knowledge, map_case
 from pamjax.design.means import Means, means_of
 from pamjax.design.plan import plan, sd_after
 from pamjax.design.runs import runs
+from pamjax.infer.believed import stated
+from pamjax.model.assembly import assemble
+from pamjax.model.muscle import predict
 from pamjax.records.case import Case
 from pamjax.records.entry import Sensors, read_entry
 from pamjax.records.recording import Recording
 from pamjax.view.plan_figure import Course, command_figure, known_figure
 from pamjax.view.plan_report import headline
-from tests.agreement import ROUNDING, agree, difference
+from tests.agreement import ROUNDING, SOLVED, agree, difference
 from tests.benchmarks.plan import report, rms, shown, trial
 
 KEVLAR = Path(__file__).parents[2] / "fits" / "chambers_wereley_2022" / "muscle.toml"
@@ -96,6 +99,49 @@ def test_a_recordings_zeros_stay_unknown_where_its_channel_is_there_no_more(entr
     both, alone = (knowledge(entry, means, case=case) for means in (Means(), Means().alone("force")))
     assert both.at.names == alone.at.names
     agree(alone.before, both.before, ROUNDING, scale=1.0)
+
+
+@pytest.fixture(scope="module")
+def stroke(entry):
+    """A stroke that the paper's muscle shows without noise."""
+    pressure, length = np.full(60, 5e5), np.linspace(0.2357, 0.2, 60)
+    shown = predict(
+        assemble("elastic", {n: m.value for n, m in stated(entry, "elastic").items()}),
+        jnp.asarray(pressure),
+        jnp.asarray(length),
+    )
+    return pressure, length, np.asarray(shown.force), np.asarray(shown.diameter)
+
+
+def recorded(entry, stroke, more):
+    pressure, length, force, diameter = stroke
+    recording = Recording.from_arrays(pressure=pressure, length=length, force=force + more, diameter=diameter)
+    return Case("made", Path(), entry, recording, "")
+
+
+def test_what_a_recording_is_missed_by_is_told_and_counts_as_noise(entry, stroke):
+    sure = replace(entry, sensors=Sensors(force=2.0, diameter=1e-4, pressure=700.0, length=2e-5))
+    noise = 2.0 * np.random.default_rng(2).standard_normal(60)
+    bent = 40.0 * np.sin(np.linspace(0, 4 * np.pi, 60))
+    met, missed = (plan(recorded(sure, stroke, more), to="1 %") for more in (noise, noise + bent))
+    assert "misses" not in str(met)
+    assert "misses its recording (force by" in str(missed)
+    assert missed.known.missed["force"] > 5 > 1.5 > met.known.missed["force"]
+    k = met.known.place("force_offset.offset")
+    learned = [found.known.before[k, k] - 1 for found in (met, missed)]
+    assert 0 < learned[1] < 1.05 * learned[0] / missed.known.missed["force"] ** 2
+    # The next runs are missed alike.
+    run = runs(met.known.means, 0.2357)[:1]
+    told = [found.known.of_runs(run, met.known.mean)[0] for found in (met, missed)]
+    again = missed.known.missed["force"] / max(met.known.missed["force"], 1.0)
+    agree(told[0][k, k], told[1][k, k] * again**2, SOLVED)
+
+
+def test_a_muscle_is_asked_for_no_more_pressure_than_it_had(entry, stroke, tmp_path):
+    case = recorded(entry, stroke, 0.0)
+    assert plan(case, minutes=10.0).schedule()["pressure [kPa]"].max() <= 500 + 1e-6
+    (tmp_path / "rig.toml").write_text('[rig]\npressure = "6 bar"\n')
+    assert plan(case, tmp_path / "rig.toml", minutes=10.0).known.means.pressure == pytest.approx(6e5)
 
 
 def test_what_is_known_already_needs_no_run(entry):

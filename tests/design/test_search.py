@@ -10,6 +10,7 @@ from pamjax.design.calibration import Handed, hand_on
 from pamjax.design.chance import draw, hold, probability
 from pamjax.design.enumerate import best_of
 from pamjax.design.optimise import search
+from pamjax.design.pareto import front
 from pamjax.design.problem import choices, problem
 from pamjax.design.requirements import ask
 from pamjax.design.save import save
@@ -116,6 +117,23 @@ def test_what_cannot_be_is_told_with_what_would_do():
 
 
 @pytest.mark.slow
+def test_a_room_that_would_do_is_that_of_the_spec_with_its_fittings():
+    said = {
+        "supply": {"pressure": "2 bar"},
+        "stroke": {"length": "80 mm", "load": "100 N"},
+        "envelope": {"length": "300 mm", "fittings": "40 mm"},
+        "threads": {"kinds": "aramid", "counts": [96, 144], "diameters": "0.3 mm"},
+        "bladders": {"kinds": "latex"},
+        "parallel": [2],
+    }
+    give = next(give for give in pamjax.size(said).gives if give.requirement.key == "length")
+    assert give.amount > 0.3
+    for share, feasible in ((0.99, False), (1.01, True)):
+        room = {"length": f"{1e3 * share * give.amount:.3f} mm", "fittings": "40 mm"}
+        assert pamjax.size(said | {"envelope": room}, margins=False).feasible == feasible
+
+
+@pytest.mark.slow
 def test_a_probability_is_kept_on_draws_it_did_not_see(found):
     said = SPEC | {"tolerance": {"thread_length": "0.5 mm", "turns": 0.01}}
     spec, (one,) = posed(said)
@@ -126,6 +144,21 @@ def test_a_probability_is_kept_on_draws_it_did_not_see(found):
     # Four standard errors of a probability from the draws it was found on.
     assert probability(one, sure.answer.z, fresh) > 0.9 - 4 * np.sqrt(0.9 * 0.1 / 256)
     assert sure.answer.value > found.answer.value
+
+
+@pytest.mark.slow
+def test_a_front_is_the_best_of_all_choices_at_each_cap():
+    _, problems = posed(changed("threads", "counts", to=[48, 96]) | {"minimise": "diameter"})
+    tried, _ = best_of(problems, starts=2, seed=0)
+    found = front(tried, "pressure")
+    assert len(found.values) > 5
+    assert (np.diff(found.values, axis=0) * [1, -1] > 0).all()
+    for least, cap in found.values[1:-1:2]:
+        each = [
+            search(one.problem.with_(caps={"pressure": cap}), one.answer.z) for one in tried if one.answer
+        ]
+        best = min(np.exp(answer.value) for answer in each if answer.kept)
+        assert least <= best * (1 + 1e-6)
 
 
 @pytest.mark.slow

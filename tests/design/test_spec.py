@@ -52,6 +52,8 @@ def test_any_unit_arrives_in_si():
         (with_(minimise="cost"), "cost needs a price a kilogram of each material; got aramid"),
         (with_(limits={"wall": ["2 mm", "1 mm"]}), "has its lowest value first"),
         (with_(parallel=[1, 0]), "must be a positive whole number"),
+        (with_(probability=1), "`probability` must lie between 0 and 1; got 1 in the spec."),
+        (with_(name=3), "`name` is of another kind; got 3 in the spec. It should be a valid string."),
         (with_(force=[{"at_least": "3 N"}] * 10), "at most 9 [[force]] entries; got 10"),
         (b"minimise = ", "the spec must be TOML"),
     ],

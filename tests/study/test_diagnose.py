@@ -103,6 +103,12 @@ def test_the_improved_model_is_read_again_and_shows_the_same(tmp_path):
     toml = '[muscle]\nrest_length = "235.7 mm"\nthread_length = "251.2 mm"\nturns = 1.09\n'
     document["cases"][name]["muscle_toml"] = toml
     (tmp_path / "model.json").write_text(json.dumps(document))
+    # How sure it is stands beside it, as the verdict says it.
+    said = found.parameters["braid_friction"]["coefficient"]
+    told = document["parameters"]["braid_friction.coefficient"]
+    assert (told["value"], told["sd"]) == pytest.approx((said.value, said.sd))
+    place = document["correlation"]["names"].index("braid_friction.coefficient")
+    assert document["correlation"]["matrix"][place][place] == 1.0
     judged = validate(load_muscle(tmp_path / "model.json"), envelope.case)
     assert judged.rmse["force"] < 1.3 * known().entry.sensors.force
     assert not judged.outside
