@@ -156,7 +156,7 @@ class Recording:
 
     @property
     def strokes(self) -> np.ndarray:
-        """(2, n) length, m, and pressure, Pa: they turn back at corners of strokes. Zero where not measured."""
+        """(2, n) length, m, and pressure, Pa: what turns back at corners of strokes; 0 where not measured."""
         return np.nan_to_num(np.stack([self.length, self.pressure]))
 
     def select(self, mask: np.ndarray) -> Recording:

@@ -308,7 +308,7 @@ def _taper(s: _Scales) -> list[Form]:
 def _locking(s: _Scales) -> list[Form]:
     return [
         Form("braid_locking", ("braid_locking.stiffness",), {"braid_locking.width": share * s.spacing})
-        for share in (0.9, 1.1)
+        for share in (0.9, 1.1, 1.4, 1.9)
     ]
 
 

@@ -101,3 +101,30 @@ def test_a_settled_muscle_has_been_through_the_recording_once():
 def test_a_static_map_settles_nothing():
     twice = history(None, np.ones(5, bool), settled=True).twice()
     assert np.all(twice.restart)
+
+
+def strokes(corner):
+    """Rates where a corner lies at a share of the way from sample 20 to 21, and another channel is noise."""
+    time, noise = np.arange(41.0), np.random.default_rng(3).normal(size=(2, 41))
+    way = -np.abs(time - 20 - corner)
+    past = history(time, time == 0, turning=np.stack([way + 0.02 * noise[0], 1e3 * noise[1]]))
+    return np.asarray(past.rate(jnp.asarray(way)))
+
+
+def test_a_rate_does_not_reach_across_a_corner():
+    rate = strokes(0.5)
+    agree(rate[:21], np.full(21, 1.0), ROUNDING)
+    agree(rate[21:], np.full(20, -1.0), ROUNDING)
+
+
+def test_a_sample_at_a_corner_is_at_rest():
+    rate = strokes(0.0)
+    agree(rate[:20], np.full(20, 1.0), ROUNDING)
+    agree(rate[20], 0.0, ROUNDING)
+    agree(rate[21:], np.full(20, -1.0), ROUNDING)
+
+
+def test_without_what_turns_a_rate_is_that_of_five_samples():
+    time = np.arange(41.0)
+    rate = history(time, time == 0).rate(jnp.asarray(-np.abs(time - 20.5)))
+    assert abs(float(rate[20])) < 0.5
