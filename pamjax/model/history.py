@@ -19,6 +19,8 @@ from pamjax.parameter import Scalar
 CORNER = 6.0
 #: Share of a channel's range that is no noise but rounding.
 ROUNDING = 1e-6
+#: Share of a channel's range below which a step between two rests is one of its resolution.
+COUNT = 0.02
 #: A side of a sample is bent where a straight line leaves this many times the usual of it.
 BENT = 3.0
 
@@ -166,7 +168,7 @@ def _slopes(clock: np.ndarray, run: np.ndarray, turning: np.ndarray | None = Non
 def _off_usual(clock, turning, near, lines) -> np.ndarray:
     """What straight lines leave of all that turns, (lines, n), where the first usually leaves one.
 
-    Each channel counts in its own noise; one that hardly moves is not looked at.
+    Each channel counts in its own noise, or in the steps in which it is written.
     """
     total = np.zeros((len(lines), clock.size))
     for channel in turning:
@@ -174,9 +176,16 @@ def _off_usual(clock, turning, near, lines) -> np.ndarray:
         if span > 0:
             around = [np.where(there, channel[near], 0.0) for _, there in lines]
             off = np.stack([_off(clock, a, near, *line) for a, line in zip(around, lines, strict=True)])
-            total += (off / max(_usual(off[0]), ROUNDING * span)) ** 2
+            total += (off / max(_usual(off[0]), ROUNDING * span, _resolution(channel))) ** 2
     off = np.sqrt(total)
-    return off / max(_usual(off[0]), 1e-300)
+    return off / max(_usual(off[0]), 1.0)
+
+
+def _resolution(channel: np.ndarray) -> float:
+    """The step in which a slow channel is written, which stands still between two of them; 0 without one."""
+    step = np.abs(np.diff(channel))
+    alone = (step[1:-1] > 0) & (step[:-2] == 0) & (step[2:] == 0) & (step[1:-1] < COUNT * np.ptp(channel))
+    return float(np.median(step[1:-1][alone])) if alone.any() else 0.0
 
 
 def _usual(off: np.ndarray) -> float:

@@ -19,6 +19,9 @@ from pamjax.study.problem import COMPLIANCE, Problem
 #: Times at which a slip is looked for, over the length of a recording.
 MOMENTS = 24
 
+#: Standard deviations within which the middle eight tenths of a normal variable lie.
+TENTH = 1.28
+
 #: From this ratio of the fast to the slow strokes of a recording, a power of speed shows in it.
 SPEEDS = 1.5
 
@@ -152,10 +155,16 @@ class _Scales:
 
 
 def _speeds(found: Problem) -> float:
-    """How many times as fast as the slowest tenth of what moves the fastest tenth is."""
-    speed = np.abs(np.asarray(found.member.history.rate(found.member.rows.length)))[: found.n]
-    moving = speed[speed > 0.2 * np.quantile(speed, 0.95)]
-    return float(np.divide(*np.quantile(moving, [0.9, 0.1]))) if moving.size else 1.0
+    """Speed of the fastest tenth of the way over that of the slowest, beyond noise of the rate."""
+    history = found.member.history
+    speed = np.sort(np.abs(np.asarray(history.rate(found.member.rows.length)))[: found.n])
+    way = np.cumsum(speed)
+    if not way[-1] > 0:
+        return 1.0
+    slow, fast = speed[np.searchsorted(way, way[-1] * np.array([0.1, 0.9]))]
+    weights = np.median(np.linalg.norm(np.asarray(history.slope)[: found.n], axis=1))
+    noise = TENTH * (found.case.entry.sensors.length or 0.0) * float(weights)
+    return float((fast - noise) / (slow + noise))
 
 
 def _inside(found: Problem) -> float:

@@ -154,9 +154,25 @@ def name_mechanisms(
         scored = signatures(found, model.white, model.at, candidates)
     progress("rivals", 0.7)
     model = _pruned(found, used, baseline, model, len(candidates))
+    return Naming(baseline, model, names_of(found, model, candidates), tuple(first))
+
+
+def names_of(found: Problem, model: Model, candidates: Sequence[Form] | None = None) -> tuple[Name, ...]:
+    """What each of a model's names is worth beside its rivals, most probable first.
+
+    Args:
+        found: the recording before the library.
+        model: with the names.
+        candidates: the forms of the rivals; None for all.
+    """
+    candidates = forms(found) if candidates is None else candidates
     names = abreast(lambda k: _name(found, model, k, candidates), range(len(model.chosen)))
-    names.sort(key=lambda name: (-round(name.probability, 2), -name.gain))
-    return Naming(baseline, model, tuple(names), tuple(first))
+    return ranked(names)
+
+
+def ranked(names: Sequence[Name]) -> tuple[Name, ...]:
+    """Names, most probable first; of those as probable, the one whose loss costs most."""
+    return tuple(sorted(names, key=lambda name: (-round(name.probability, 2), -name.gain)))
 
 
 def settle(

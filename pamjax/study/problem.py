@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from pamjax.check import refuse
 from pamjax.infer.believed import stated, stated_mechanisms
 from pamjax.infer.fit import joint_space
 from pamjax.infer.member import CHANNELS, Member, case_history, counts, sample_rows
@@ -192,6 +193,11 @@ def problem(case: Case, size: int | None = None) -> Problem:
         trust=jnp.ones(2),
     )
     measured = np.stack([np.where(counts(case, c), getattr(recording, c), np.nan) for c in CHANNELS])
+    if not np.isfinite(measured).any():
+        raise refuse(
+            "a diagnosis compares force and diameter where the muscle is inflated and taut", "no such row",
+            remedy="Inflate the muscle further, or check the zero of `pressure`.",
+        )  # fmt: skip
     lighter = dataclasses.replace(member, mechanisms=tuple(id for id in ids if id != COSTLY))
     return Problem(case, law, names, meanings, neutral, start, low, high, sd, own, member, lighter, measured)
 

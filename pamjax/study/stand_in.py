@@ -4,7 +4,7 @@ A name that was not concealed is no mistake where the recording cannot tell it f
 made on the recording without noise: the true muscle loses the concealed mechanism, gets the other, and is
 refitted; what is left, in noise standard deviations with the noise's own correlation, is
 
-    χ² = |W (y_clean − y_refit)|²,
+    χ² = |W (y_true − y_refit)|²,          y_true what the true bench shows of what was set, as recorded,
 
 the largest expected gain of the truth over the stand-in. Below `ALIKE` no test on one recording of this
 length decides between them.
@@ -40,7 +40,8 @@ def stands_in(found: Problem, envelope: Envelope, concealed: str, other: str) ->
         return True
     true = np.array([envelope.true[name] for name in found.names])
     white = whitening(found, true, np.ones(found.n, dtype=bool))
-    clean = dataclasses.replace(found, measured=np.where(np.isnan(found.measured), np.nan, envelope.clean))
+    # Of pressure and length as they were recorded: their noise is no difference between the two.
+    clean = dataclasses.replace(found, measured=np.where(np.isnan(found.measured), np.nan, found.shows(true)))
     (gone,) = (form for form in envelope.forms if form.id == concealed)
     values = absent(found, true, gone)
     kept = [name for form in envelope.forms if form is not gone for name in form.moves]

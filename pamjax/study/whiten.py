@@ -13,7 +13,7 @@ white. Filtered alike, residual and derivatives meet as in generalised least squ
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -98,6 +98,12 @@ class Whitening:
         """How many samples are looked at."""
         return sum(r.size for r in self.rows)
 
+    def of_rows(self, mask: np.ndarray) -> Whitening:
+        """The same noise, looked at in the rows of a mask, (n,), alone."""
+        rows = tuple(there[mask[there]] for there in self.rows)
+        runs = tuple(_runs_in(mask[there], run) for there, run in zip(self.rows, self.runs, strict=True))
+        return replace(self, rows=rows, runs=runs)
+
     def __call__(self, values: np.ndarray) -> np.ndarray:
         """Standardised and filtered, (…, size): force first, then diameter."""
         parts = [self._channel(values[..., c, :], c) for c in range(len(CHANNELS)) if self.rows[c].size]
@@ -127,6 +133,14 @@ class Whitening:
         if colour is not None:
             out[..., rows] = values[..., c, rows] / colour.sd[rows]
         return out
+
+
+def _runs_in(kept: np.ndarray, runs: np.ndarray) -> np.ndarray:
+    """(k, 2) begin and end of runs, in what is kept of their samples; what is left out ends a run."""
+    run = np.repeat(np.arange(len(runs)), runs[:, 1] - runs[:, 0])[kept]
+    breaks = (np.diff(run) != 0) | (np.diff(np.flatnonzero(kept)) > 1)
+    bounds = np.concatenate([[0], np.flatnonzero(breaks) + 1, [run.size]]).astype(int)
+    return np.stack([bounds[:-1], bounds[1:]], axis=1) if run.size else np.zeros((0, 2), int)
 
 
 def whitening(found: Problem, values: np.ndarray, used: np.ndarray) -> Whitening:

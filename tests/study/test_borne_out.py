@@ -13,80 +13,122 @@ from pamjax.study.naming import Model, Name, Naming
 from pamjax.study.refit import refit
 from pamjax.study.whiten import Colour, Whitening
 
-ROWS, BLOCKS, NOISE = 400, 4, 0.1
+ROWS, NOISE = 400, 0.1
 X = np.linspace(-1, 1, ROWS)
-SLOPE = Form("slope", ("slope.much",))
-LAID = Blocks(np.arange(ROWS) // (ROWS // BLOCKS), tuple("abcd"), "rows")
+BLOCK = np.arange(ROWS) // 100
+LAID = Blocks(BLOCK, tuple("abcd"), "lengths")
 EVERY = np.ones(ROWS, dtype=bool)
 
+#: What each number adds: a level and the ruler's error at one length are the lab's own.
+SHAPES = {
+    "level": np.ones(ROWS),
+    "ruler": (BLOCK == 2).astype(float),
+    "slope.much": X,
+    "step.much": (BLOCK == 3) * 1.0,
+    "other.much": X**2,
+}
+NAMES = tuple(SHAPES)
+SLOPE, STEP, OTHER = (Form(id, (f"{id}.much",)) for id in ("slope", "step", "other"))
 
-def weights(found, values, used):
+
+def recording(force, empty=False):
+    """A recording of 400 rows in four blocks; with `empty` the first one has nothing to compare with."""
+    design = np.stack(list(SHAPES.values()))
+    own = np.array([name in ("level", "ruler") for name in NAMES])
+
+    def slopes(values, places):
+        steep = [np.stack([design[k], np.zeros(ROWS)]) for k in places]
+        return np.stack([values @ design, np.zeros(ROWS)]), np.stack(steep)
+
+    measured = np.stack(
+        [force + NOISE * np.random.default_rng(4).standard_normal(ROWS), np.full(ROWS, np.nan)]
+    )
+    if empty:
+        measured[0, BLOCK == 0] = np.nan
+    return SimpleNamespace(
+        names=NAMES, place=NAMES.index, n=ROWS, own=own, measured=measured, slopes=slopes,
+        start=np.zeros(5), neutral=np.zeros(5), sd=np.where(own, 10.0, np.inf), log=np.zeros(5, bool),
+        low=np.full(5, -50.0), high=np.full(5, 50.0), shows=lambda values: slopes(values, [0])[0],
+        meaning=tuple(SimpleNamespace(neutral=None if mine else 0.0, scale="linear") for mine in own),
+    )  # fmt: skip
+
+
+def settled(found, used, chosen, values):
+    rows = np.flatnonzero(used & np.isfinite(found.measured[0]))
     colours = (Colour(np.full(ROWS, NOISE), 1.0, 0.0, True), None)
-    runs = (np.zeros((0, 2), int),) * 2
-    return Whitening(colours, (np.flatnonzero(used), np.arange(0)), runs)
+    runs = (np.array([[0, rows.size]]), np.zeros((0, 2), int))
+    white = Whitening(colours, (rows, np.arange(0)), runs)
+    moved = sorted({0, 1, *(found.place(name) for form in chosen for name in form.moves)})
+    return Model(tuple(chosen), white, refit(found, white, moved, values))
+
+
+def names_of(found, model):
+    return tuple(Name(form.id, 0.9, (), 100.0) for form in model.chosen)
 
 
 @pytest.fixture
-def recording(monkeypatch):
-    """A level that is known roughly, a slope that may be named, and something in no catalogue."""
+def judged(monkeypatch):
+    """What becomes of names: their shares, and the naming that is left."""
+    monkeypatch.setattr(under_test, "settle", settled)
+    monkeypatch.setattr(under_test, "names_of", names_of)
 
-    def make(slope, outside):
-        rng = np.random.default_rng(4)
-        force = 2 + slope * X + outside + NOISE * rng.standard_normal(ROWS)
-        design = np.stack([np.ones(ROWS), X])
+    def judge(found, chosen, laid=LAID):
+        bare, model = (settled(found, EVERY, forms, found.neutral) for forms in ((), chosen))
+        naming = Naming(bare, model, names_of(found, model), ())
+        return borne_shares(found, laid, EVERY, model), borne_out(found, laid, EVERY, naming)
 
-        def slopes(values, places):
-            steep = [np.stack([design[k], np.zeros(ROWS)]) for k in places]
-            return np.stack([values @ design, np.zeros(ROWS)]), np.stack(steep)
-
-        found = SimpleNamespace(
-            names=("level", "slope.much"), place=["level", "slope.much"].index, n=ROWS,
-            start=np.array([2.0, 0.0]), neutral=np.array([2.0, 0.0]), sd=np.array([1.0, np.inf]),
-            low=np.full(2, -50.0), high=np.full(2, 50.0), log=np.zeros(2, bool), own=np.array([True, False]),
-            meaning=tuple(SimpleNamespace(neutral=neutral, scale="linear") for neutral in (None, 0.0)),
-            measured=np.stack([force, np.full(ROWS, np.nan)]), slopes=slopes,
-            shows=lambda values: slopes(values, [0])[0],
-        )  # fmt: skip
-        monkeypatch.setattr(under_test, "whitening", weights)
-        monkeypatch.setattr(
-            under_test, "settle", lambda found, used, chosen, values: model(found, chosen, [0])
-        )
-        return found
-
-    def model(found, chosen, moved):
-        white = weights(found, found.neutral, EVERY)
-        return Model(chosen, white, refit(found, white, moved, found.neutral))
-
-    def named(found):
-        name = Name("slope", 0.9, (), 100.0)
-        return Naming(model(found, (), [0]), model(found, (SLOPE,), [0, 1]), (name,), ())
-
-    def made(slope, outside):
-        found = make(slope, outside)
-        return found, named(found)
-
-    return made
+    return judge
 
 
-def test_what_is_there_is_borne_out(recording):
-    found, naming = recording(slope=3.0, outside=0.3 * np.sin(9 * X))
-    assert borne_shares(found, LAID, EVERY, naming.model)["slope"] > 0.9
-    kept = borne_out(found, LAID, EVERY, naming)
+def test_what_is_there_is_borne_out(judged):
+    shares, kept = judged(recording(2 + 3 * X + 0.3 * np.sin(9 * X)), (SLOPE,))
+    assert shares["slope"] > 0.95
     assert [name.id for name in kept.names] == ["slope"]
     assert 0.7 < kept.names[0].probability < 0.9
 
 
-def test_what_only_bends_towards_a_misfit_is_not(recording):
-    found, naming = recording(slope=0.0, outside=np.where(X > 0.5, 8 * (X - 0.5), 0.0))
-    # Where it was fitted it explains half of what is there.
-    assert naming.model.excess < 0.6 * naming.baseline.excess
-    assert borne_shares(found, LAID, EVERY, naming.model)["slope"] < 0.3
-    dropped = borne_out(found, LAID, EVERY, naming)
+def test_what_only_bends_towards_a_misfit_is_not(judged):
+    found = recording(np.where(X > 0.5, 8 * (X - 0.5), 0.0))
+    shares, dropped = judged(found, (SLOPE,))
+    bare, fitted = (settled(found, EVERY, forms, found.neutral) for forms in ((), (SLOPE,)))
+    # Where it was fitted it explains a good part of what is there.
+    assert fitted.excess < 0.8 * bare.excess
+    assert shares["slope"] < 0.3
     assert dropped.names == ()
-    assert dropped.model is naming.baseline
+    assert dropped.model is dropped.baseline
 
 
-def test_one_block_alone_bears_nothing_out_and_refutes_nothing(recording):
-    found, naming = recording(slope=3.0, outside=0.0)
-    alone = Blocks(np.zeros(ROWS, int), ("all",), "rows")
-    assert borne_shares(found, alone, EVERY, naming.model) == {"slope": 1.0}
+def test_the_one_that_is_not_borne_out_goes_and_the_other_stays(judged):
+    found = recording(5 * X + np.where(X > 0.6, 5 * (X - 0.6), 0.0))
+    shares, kept = judged(found, (SLOPE, OTHER))
+    assert shares["slope"] > 0.95 > 0.5 > shares["other"]
+    assert [name.id for name in kept.names] == ["slope"]
+    assert kept.model.ids == ("slope",)
+
+
+def test_an_error_of_the_ruler_refutes_no_name(judged):
+    ruler = 1.5 * SHAPES["ruler"]
+    shares, kept = judged(recording(3 * X + ruler), (SLOPE,))
+    assert shares["slope"] > 0.9
+    assert kept.names
+
+
+def test_a_block_that_alone_knows_of_a_name_says_nothing_of_it(judged):
+    found = recording(np.where(BLOCK == 3, 10 * (X - 0.5), 0.0))
+    # The level is known well: nothing is missing anywhere else.
+    found.sd[0] = 1e-3
+    shares, _ = judged(found, (STEP,))
+    assert shares["step"] == 1.0
+
+
+def test_one_block_alone_bears_nothing_out_and_refutes_nothing(judged):
+    alone = Blocks(np.zeros(ROWS, int), ("all",), "lengths")
+    shares, kept = judged(recording(3 * X), (SLOPE,), alone)
+    assert shares == {"slope": 1.0}
+    assert [name.probability for name in kept.names] == [0.9]
+
+
+def test_a_block_without_a_reading_is_left_alone(judged):
+    shares, kept = judged(recording(3 * X, empty=True), (SLOPE,))
+    assert shares["slope"] > 0.95
+    assert kept.names
