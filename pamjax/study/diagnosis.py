@@ -282,7 +282,7 @@ def _lines(one: Diagnosis) -> list[str]:
         lines.append(f"  {name.id}: {mechanism(name.id).about.title}, probability {name.probability:.2f}")
         lines.append("    " + ", ".join(told(n, v) for n, v in list(one.parameters[name.id].items())[:3]))
         if name.ties:
-            lines.append(f"    this recording cannot tell it from {', '.join(name.ties)}")
+            lines.append(f"    it or {' or '.join(name.ties)}: this recording cannot tell them apart")
     if one.faint:
         share = math.sqrt(max(one.mismatch.square - 1, 0.0))
         lines.append(f"  too faint to be named: {share:.2f} of the noise in rms, seen only over many samples")
