@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
+import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from contextlib import contextmanager
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import pamjax.study.trial
@@ -78,7 +80,15 @@ def _attempts(tasks: Sequence[Task], workers: int, attempt: Attempt) -> Iterator
 def _keep() -> None:
     from pamjax.infer.cache import keep_compiled
 
+    threading.Thread(target=_leave_with, args=(multiprocessing.parent_process(),), daemon=True).start()
     keep_compiled()
+
+
+def _leave_with(parent: BaseProcess | None) -> None:
+    """End with the process that asked, which tells nobody if it was killed: its helpers would wait for ever."""
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 @contextmanager

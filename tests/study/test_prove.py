@@ -1,6 +1,11 @@
 """A proof counts what it should, with its interval, and goes on where it was stopped."""
 
 import math
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -124,6 +129,45 @@ def test_two_processes_give_the_same_trials(tmp_path):
     tasks = tasks_of({"nothing": 6}, (0.5,), stage="score")
     alone = prove(tasks, tmp_path / "one.jsonl", attempt=uniform)
     assert prove(tasks, tmp_path / "two.jsonl", workers=2, attempt=uniform) == alone
+
+
+def test_the_processes_of_a_killed_proof_end_with_it(tmp_path):
+    words = (
+        "from pathlib import Path\n"
+        "from pamjax.study.prove import prove, tasks_of\n"
+        "from tests.study.trials import endless\n"
+        "if __name__ == '__main__':\n"
+        f"    file = Path({str(tmp_path)!r}) / 'trials.jsonl'\n"
+        "    prove(tasks_of({'nothing': 4}, [0.0]), file, workers=2, attempt=endless)\n"
+    )
+    script = tmp_path / "killed.py"
+    script.write_text(words)
+    root = str(Path(__file__).parents[2])
+    own = {"PAMJAX_TEST_FOLDER": str(tmp_path), "PYTHONPATH": root}
+    proof = subprocess.Popen([sys.executable, str(script)], env={**os.environ, **own})
+    try:
+        _until(lambda: list(tmp_path.glob("*.pid")))
+        helpers = [int(path.stem) for path in tmp_path.glob("*.pid")]
+    finally:
+        proof.kill()
+        proof.wait()
+    _until(lambda: not any(map(_runs, helpers)))
+
+
+def _until(happened, seconds=60.0):
+    end = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < end
+        time.sleep(0.1)
+
+
+def _runs(process):
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    status = Path(f"/proc/{process}/stat")
+    return not (status.exists() and status.read_text().rpartition(")")[2].split()[0] == "Z")
 
 
 def test_another_seed_is_another_proof(tmp_path):

@@ -1,5 +1,9 @@
 """Trials that were never run, for tests of counting, drawing and resuming."""
 
+import os
+import time
+from pathlib import Path
+
 import numpy as np
 
 from pamjax.study.trial import KINDS, Recovered, Task, Trial
@@ -12,6 +16,14 @@ def uniform(task: Task) -> Trial:
     rng = np.random.default_rng([task.number, round(1e3 * task.correlation)])
     return Trial(task.stage, task.kind, task.correlation, task.number, task.seed, "elastic", "isobars",
                  p_value=float(rng.random()))  # fmt: skip
+
+
+def endless(task: Task) -> Trial:
+    """Nothing, for a minute; its process is told beside the trials."""
+    folder = Path(os.environ["PAMJAX_TEST_FOLDER"])
+    (folder / f"{os.getpid()}.pid").touch()
+    time.sleep(60)
+    return uniform(task)
 
 
 def made_up(task: Task, detecting: float = 2.0) -> Trial:
