@@ -85,7 +85,7 @@ def _keep() -> None:
 
 
 def _leave_with(parent: BaseProcess | None) -> None:
-    """End with the process that asked, which tells nobody if it was killed: its helpers would wait for ever."""
+    """End with the process that asked, which tells nobody when it is killed: a helper would wait for ever."""
     if parent is not None:
         parent.join()
         os._exit(1)
