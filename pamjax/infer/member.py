@@ -31,6 +31,9 @@ CHANNELS = ("force", "diameter")
 #: Force below this share of the largest one counts as a slack muscle's when the model would push.
 SLACK = 0.02
 
+#: A pressure of fewer standard deviations of its sensor than this cannot be told from none.
+EMPTY = 3.0
+
 #: Samples by whose median it is told whether a muscle is slack: at most, and as a share of their block.
 NEIGHBOURS, OF_BLOCK = 15, 1 / 30
 
@@ -177,12 +180,15 @@ def counts(case: Case, channel: str) -> np.ndarray:
     """(n,) whether a sample of a channel says something about the model.
 
     At a fixed length a force near zero only says that the muscle is slack there, or bowed, until it
-    is inflated further: not how strong it is. On a stroke it says where the stroke ends.
+    is inflated further: not how strong it is. On a stroke it says where the stroke ends. Nor does anything
+    hold the braid open there while the pressure cannot be told from none: any diameter will do.
     """
     there = case.recording.usable & np.isfinite(getattr(case.recording, channel))
-    if channel == "force" and blocks(case.recording).kind == "lengths":
+    if blocks(case.recording).kind != "lengths":
+        return there
+    if channel == "force":
         return there & ~slack(case)
-    return there
+    return there & (case.recording.pressure > EMPTY * (case.entry.sensors.pressure or 0.0))
 
 
 def shown(case: Case, channel: str, prediction: np.ndarray) -> np.ndarray:

@@ -7,9 +7,11 @@ name and without it, and
 
     share = 1 − Σ excess with it / Σ excess without it,        excess = χ² − samples of the left-out block,
 
-is what the name explains of a misfit that it has not seen. Its probability is scaled by that share: the
-rest of it belongs to whatever is in no catalogue. Names that fall below `ESTABLISHED` go, the least borne
-out first, and what is left is refitted.
+is what the name explains of a misfit that it has not seen. Its probability is scaled by the fourth power of
+that share, which is how often such names were right in recordings of pamjax's own (33 in which something
+stayed unexplained, none of them among those that a proof counts): of names with a share below 0.6 none,
+around 0.7 one of six, around 0.87 half. Names that fall below `ESTABLISHED` go, the least borne out first,
+and what is left is refitted.
 What it leaves out: blocks that naming itself never saw; those judge the whole diagnosis.
 """
 
@@ -28,6 +30,9 @@ from pamjax.study.problem import Problem
 from pamjax.study.refit import refit
 from pamjax.study.whiten import whitening
 
+#: Power of the share with which a probability goes.
+POWER = 4
+
 
 def borne_out(found: Problem, laid: Blocks, used: np.ndarray, naming: Naming) -> Naming:
     """The names that explain blocks they were not fitted to, with their probabilities; the model with those.
@@ -42,7 +47,9 @@ def borne_out(found: Problem, laid: Blocks, used: np.ndarray, naming: Naming) ->
     model = naming.model
     while model.chosen:
         shares = borne_shares(found, laid, used, model)
-        names = [replace(stated[id], probability=stated[id].probability * shares[id]) for id in model.ids]
+        names = [
+            replace(stated[id], probability=stated[id].probability * shares[id] ** POWER) for id in model.ids
+        ]
         least = min(range(len(names)), key=lambda k: names[k].probability)
         if names[least].probability >= ESTABLISHED:
             names.sort(key=lambda name: (-round(name.probability, 2), -name.gain))

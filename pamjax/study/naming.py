@@ -5,7 +5,7 @@ A name must pass three questions, none of which another recording was asked to a
 significant   the χ² it takes away is out of reach of noise, over all forms that were tried
 substantial   it explains a good part of the misfit that is left: textbook forms do not fit nature to the
               noise, and the small rest of a large effect is no second effect
-sizeable      what it alone can explain is not small beside the whole misfit
+sizeable      what it alone can explain is not small beside the whole misfit, or is all that was left
 
 Whoever takes a name's place as well is told beside it, and whoever does so nearly as well takes of its
 probability.
@@ -34,9 +34,11 @@ from pamjax.study.whiten import Whitening, whitening
 CHANCE = 1e-4
 #: Share of the excess misfit that a name must explain.
 SUBSTANTIAL = 0.2
-#: Share of the baseline's whole misfit, as rms, that a name alone must account for.
+#: Share of the baseline's whole misfit, as rms, that a name alone must account for ...
 SIZEABLE = 0.1
-#: The same in standard deviations of a sample: textbook forms are not known better than that.
+#: ... unless it accounts for so much of the excess that nothing but noise is left.
+COMPLETE = 0.95
+#: The least of it in standard deviations of a sample: textbook forms are not known better than that.
 LEAST = 0.25
 #: How many mechanisms are refitted roughly at each step, how many of them to the end, and what is rough.
 SHORTLIST, FINAL, ROUGH = 6, 2, 7
@@ -267,7 +269,7 @@ def significant(gain: float, numbers: int, tried: int) -> bool:
 def _worth(baseline: Model, gain: float, excess: float, numbers: int, tried: int) -> bool:
     """Whether what a name takes away of an excess is significant, substantial and sizeable."""
     alone, whole = gain / baseline.white.size, baseline.excess / baseline.white.size
-    sizeable = alone > max(SIZEABLE**2 * whole, LEAST**2)
+    sizeable = alone > LEAST**2 and (alone > SIZEABLE**2 * whole or gain > COMPLETE * excess)
     return significant(gain, numbers, tried) and gain > SUBSTANTIAL * excess and sizeable
 
 

@@ -62,13 +62,13 @@ def _attempts(tasks: Sequence[Task], workers: int, attempt: Attempt) -> Iterator
         ProcessPoolExecutor(min(workers, len(tasks)), mp_context=spawn, initializer=_keep) as pool,
     ):
         left = iter(tasks)
-        running = {pool.submit(attempt, task) for _, task in zip(range(2 * workers), left, strict=False)}
+        # The first one compiles on all cores what the others then read from the cache.
+        running = {pool.submit(attempt, next(left))}
         try:
             while running:
                 over, running = wait(running, return_when=FIRST_COMPLETED)
-                running |= {
-                    pool.submit(attempt, task) for _, task in zip(range(len(over)), left, strict=False)
-                }
+                free = range(2 * workers - len(running))
+                running |= {pool.submit(attempt, task) for _, task in zip(free, left, strict=False)}
                 yield from (one.result() for one in over)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)

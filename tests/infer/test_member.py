@@ -47,3 +47,22 @@ def test_a_sample_is_not_called_slack_for_its_own_noise():
     off, naive = (np.mean(noise[rows]) / (4.0 / np.sqrt(rows.sum())) for rows in (kept, by_itself))
     assert naive > 3.0
     assert abs(off) < 2.0
+
+
+def test_a_diameter_without_pressure_is_not_held_against_a_model():
+    """Ramps at fixed lengths, from a pressure that a sensor with 1 kPa of noise cannot tell from none."""
+    up = np.tile(np.linspace(0.0, 1.0, 101), 5)
+    recording = Recording.from_arrays(
+        pressure=6e5 * up,
+        length=np.repeat(0.2357 - 0.009 * np.arange(5), 101),
+        force=300.0 * up,
+        diameter=np.full(up.size, 0.02),
+        time=0.1 * np.arange(up.size),
+    )
+    entry = made().entry
+    noisy = replace(entry, sensors=replace(entry.sensors, pressure=1e3))
+    case = replace(made(), recording=recording, entry=noisy)
+    assert blocks(recording).kind == "lengths"
+    assert np.array_equal(counts(case, "diameter"), recording.pressure > 3e3)
+    strokes = replace(recording, pressure=recording.length, length=recording.pressure)
+    assert counts(replace(case, recording=strokes), "diameter").all()
