@@ -94,15 +94,15 @@ class Contest:
         first, second = self.ids
         better = first if self.worse > 0 else second
         if self.neither:
-            return f"neither {first} nor {second} alone explains this recording: {self.leaves}"
+            return f"neither {first} nor {second} explains this recording: {self.leaves}"
         return f"{first} or {second}; here {better} fits better by a χ² of {abs(self.worse):.3g}"
 
     @property
     def leaves(self) -> str:
         """What the two leave, and what to do about it."""
         pairs = zip(self.ids, self.left, strict=True)
-        left = " and ".join(f"{id} {math.sqrt(one.square):.2g}" for id, one in pairs)
-        return f"the rms that is left is {left} times the noise, so `pamjax diagnose` first"
+        left = ", ".join(f"{id} alone leaves {math.sqrt(one.square):.2g}" for id, one in pairs)
+        return f"{left} times the noise (rms); `pamjax diagnose` first"
 
 
 def _more(one: Experiment) -> dict[str, Any]:

@@ -96,7 +96,7 @@ def answer(contest: Contest) -> tuple[str, str]:
     sure = f"where {contest.ids[0]} is true, that settles it with probability {_share(contest.chosen)}"
     if not contest.neither:
         return f"{first}: {sure}.", f"So far: {contest.standing}."
-    told = f"Each alone, {contest.leaves}. There is no choice between the two before that."
+    told = f"{contest.leaves[:1].upper()}{contest.leaves[1:]}: there is no choice between the two before."
     return told, f"Were one of them true all the same: {first[:1].lower()}{first[1:]}; {sure}."
 
 

@@ -108,7 +108,7 @@ def test_a_recording_that_neither_explains_is_told_so_first(bench, tmp_path, cap
     words = [str(tmp_path / "spent"), *pair, "--out", str(tmp_path / "told")]
     assert main(["plan", *words]) == 0
     said = capsys.readouterr().out
-    assert "neither braid_friction nor viscous_damping alone explains this recording" in said
+    assert "neither braid_friction nor viscous_damping explains this recording" in said
     assert "  next: " not in said
     document = json.loads((tmp_path / "told" / "contest.json").read_text())
     assert not document["explained"]
