@@ -72,12 +72,13 @@ def _ratio(unit: str, si: str, kind: str, where: str) -> float:
         raise refuse(
             f"{unit!r} is no unit that pamjax knows",
             where=where,
-            remedy=f"A {kind} is written as {example(kind)}.",
+            remedy=f"A {kind} is written as {example(kind)}." if kind in SI else f"Write it in {si}.",
         ) from error
     if not quantity.check(registry().Quantity(1.0, si).dimensionality):
-        raise refuse(
-            f"a {kind} must have a unit of {kind}", f"{unit!r}", where, f"Use one such as {example(kind)}."
-        )
+        rule = f"a {kind} must have a unit of {kind}"
+        if kind not in SI:
+            rule = f"this number must be in {si}, or in a unit that converts to it"
+        raise refuse(rule, f"{unit!r}", where, f"Use one such as {example(kind)}.")
     if not quantity._is_multiplicative:
         raise refuse(
             f"the unit of a {kind} must be a multiple of {si}", f"{unit!r}", where, "It has an offset."
@@ -133,7 +134,11 @@ def number_in(text: str, si: str, where: str = "") -> float:
     if match is None:
         raise refuse("a value is a number and a unit", f"{text!r}", where, f"Its unit is {si}.")
     unit = match[2]
-    return float(match[1]) * (1.0 if unit in ("", "1") else _ratio(unit, si, f"number in {si}", where))
+    if unit in ("", "1"):
+        return float(match[1])
+    if si == "1":
+        raise refuse("this number has no unit", f"{unit!r}", where, "Leave the unit out.")
+    return float(match[1]) * _ratio(unit, si, f"number in {si}", where)
 
 
 @cache

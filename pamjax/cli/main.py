@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from importlib.metadata import version
@@ -14,6 +15,9 @@ from pamjax.check import BadInput
 
 #: Exit codes: an answer, a bad input, an interruption.
 ANSWERED, REFUSED, INTERRUPTED = 0, 2, 130
+
+#: Errors of a disk that the user can mend: full, over quota, read-only, closed, too long a name.
+DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENAMETOOLONG)
 
 app = App(
     name="pamjax",
@@ -71,6 +75,13 @@ def main(arguments: list[str] | None = None) -> int:
     except BrokenPipeError:
         # The reader had enough, as `head` has; nor is there anything left to flush at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:
+        if error.errno not in DISK:
+            raise
+        place = f" ({error.filename})" if error.filename else ""
+        said = f"the disk says: {error.strerror}{place}"
+        print(f"pamjax: {said}. Read or write somewhere else.", file=sys.stderr)
+        return REFUSED
     except KeyboardInterrupt:
         print("pamjax: interrupted; nothing was written half", file=sys.stderr)
         return INTERRUPTED

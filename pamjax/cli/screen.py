@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shlex
 import signal
 import sys
@@ -92,10 +91,12 @@ def writable(folder: Path, what: str = "`--out`") -> None:
     Raises:
         BadInput: naming what stands in the way.
     """
+    from pamjax.records.files import takes_files
+
     nearest = folder.absolute()
     while not nearest.exists():
         nearest = nearest.parent
-    if not nearest.is_dir() or not os.access(nearest, os.W_OK):
+    if not nearest.is_dir() or not takes_files(nearest):
         raise refuse(
             f"{what} must be a folder to write to", f"{nearest}, which is none", remedy="Name another."
         )

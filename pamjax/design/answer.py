@@ -12,6 +12,7 @@ import numpy as np
 from pamjax.design.doubt import force_sd, left_over
 from pamjax.design.draws import MIDDLE, Draws, Spread
 from pamjax.design.inverse import Inverse, Limit
+from pamjax.design.left_out import half_loop, left_out
 from pamjax.units import show
 
 
@@ -27,10 +28,13 @@ class Answer:
         other: the given length, m, or pressure, Pa.
         by_force, by_other: derivatives of the value.
         stiffness: ∂F/∂L, N/m.
+        by_pressure, by_length: derivatives of the stiffness, N/(m Pa) and N/m².
         limit: what keeps the wish from being met.
         spread: what posterior draws make of it, where there are any.
         missed: force that the muscle misses beyond noise on held-out blocks, N, part of `sd`; 0 if unknown.
         there: force at the value, N.
+        friction: half the width of the friction's loop in force, N, there; no part of `sd`; 0 for none.
+        past, sensors: ids of mechanisms that take no part: what past and speed leave, and sensors' errors.
     """
 
     what: str
@@ -41,10 +45,20 @@ class Answer:
     by_force: float
     by_other: float
     stiffness: float
+    by_pressure: float
+    by_length: float
     limit: Limit
     spread: Spread | None = None
     missed: float = 0.0
     there: float = math.nan
+    friction: float = 0.0
+    past: tuple[str, ...] = ()
+    sensors: tuple[str, ...] = ()
+
+    @property
+    def rubs(self) -> float:
+        """By how much friction moves the value to either side, Pa or m."""
+        return abs(self.by_force) * self.friction
 
     @property
     def why(self) -> str:
@@ -65,35 +79,70 @@ class Answer:
         numbers = {
             "value": self.value, "sd": self.sd, "force": self.force, "given": self.other,
             "by_force": self.by_force, "by_given": self.by_other, "stiffness": self.stiffness,
-            "force_missed": self.missed,
+            "stiffness_by_pressure": self.by_pressure, "stiffness_by_length": self.by_length,
+            "force_missed": self.missed, "friction_force": self.friction, "friction_command": self.rubs,
         }  # fmt: skip
         found: dict[str, Any] = {"command": self.what} | {n: _finite(x) for n, x in numbers.items()}
         found |= {"limit": self.limit.name, "says": self.why, "there": _finite(self.there)}
+        found["left_out"] = [*self.past, *self.sensors]
         if self.spread is not None:
             ends = {"low": _finite(self.spread.low), "high": _finite(self.spread.high)}
             found["draws"] = ends | {"middle": MIDDLE, "met": self.spread.met}
         return found
 
     def __str__(self) -> str:
-        unit, given = ("kPa", "mm") if self.what == "pressure" else ("mm", "kPa")
-        if self.limit != Limit.OK:
-            lines = [f"cannot be met: {self.why}", f"  nearest {self.what} {show(self.value, unit)}"]
-        else:
-            sure = f" ± {show(self.sd, unit, 2)}" if math.isfinite(self.sd) else ""
-            if self.spread is not None and math.isfinite(self.spread.low):
-                low, high = show(self.spread.low, unit).partition(" ")[0], show(self.spread.high, unit)
-                sure += f" ({MIDDLE:.0%} of draws: {low} to {high})"
-            lines = [f"{self.what} {show(self.value, unit)}{sure}"]
-            by, other = (1e-3, 1e3) if self.what == "pressure" else (1e3, 1e-3)
-            lines.append(f"  {by * self.by_force:+.4g} {unit} for a newton more")
-            lines.append(f"  {self.by_other * by / other:+.4g} {unit} for a {given} more")
-            if self.missed:
-                off, left = show(abs(self.by_force) * self.missed, unit, 2), show(self.missed, "N", 2)
-                lines.append(f"  {off} of it since the muscle misses {left} of held-out blocks beyond noise")
+        lines = self._met() if self.limit == Limit.OK else self._nearest()
         if self.spread is not None and self.spread.met < 1:
-            lines.append(f"  {self.spread.met:.0%} of the draws can meet it")
-        lines.append(f"  stiffness there {self.stiffness / 1e3:.4g} N/mm")
-        return "\n".join(lines)
+            lines.append(f"{self.spread.met:.0%} of the draws can meet it")
+        lines.append(f"stiffness there {self.stiffness / 1e3:.4g} N/mm")
+        if math.isfinite(self.by_pressure) and math.isfinite(self.by_length):
+            slopes = (
+                f"{self.by_pressure:+.4g} N/mm for a kPa more, {1e-6 * self.by_length:+.4g} N/mm for a mm"
+            )
+            lines[-1] += f": {slopes} more"
+        return "\n  ".join(lines + self._left_out())
+
+    @property
+    def _units(self) -> tuple[str, str]:
+        """Of the value, and of what is given."""
+        return ("kPa", "mm") if self.what == "pressure" else ("mm", "kPa")
+
+    def _nearest(self) -> list[str]:
+        return [f"cannot be met: {self.why}", f"nearest {self.what} {show(self.value, self._units[0])}"]
+
+    def _met(self) -> list[str]:
+        """The value with all that it may be off by, and how it changes."""
+        unit, given = self._units
+        sure = f" ± {show(self.sd, unit, 2)}" if math.isfinite(self.sd) else ""
+        if self.spread is not None and math.isfinite(self.spread.low):
+            low, high = show(self.spread.low, unit).partition(" ")[0], show(self.spread.high, unit)
+            sure += f" ({MIDDLE:.0%} of draws: {low} to {high})"
+        if self.friction:
+            sure += f", and up to {show(self.rubs, unit, 2)} to either side by friction"
+        by, other = (1e-3, 1e3) if self.what == "pressure" else (1e3, 1e-3)
+        lines = [
+            f"{self.what} {show(self.value, unit)}{sure}",
+            f"{by * self.by_force:+.4g} {unit} for a newton more",
+            f"{self.by_other * by / other:+.4g} {unit} for a {given} more",
+        ]
+        if self.missed:
+            off, left = show(abs(self.by_force) * self.missed, unit, 2), show(self.missed, "N", 2)
+            lines.append(f"{off} of the ± since the muscle misses {left} of held-out blocks beyond noise")
+        return lines
+
+    def _left_out(self) -> list[str]:
+        """What takes no part, a line each."""
+        lines = []
+        if self.past:
+            lines.append(f"left out, as for a muscle at rest: {', '.join(self.past)}")
+        if self.friction:
+            way = "more after lengthening and as much less after shortening"
+            lines.append(
+                f"braid_friction makes force up to {show(self.friction, 'N', 2)} {way}; no ± counts it"
+            )
+        if self.sensors:
+            lines.append(f"left out, as for true sensors: {', '.join(self.sensors)}")
+        return lines
 
 
 def _finite(value: float) -> float | None:
@@ -132,4 +181,9 @@ def answer(
         off = force_sd(file, np.array([p]), np.array([l]), case)[0] if file else math.nan
         sd = abs(by_force) * math.hypot(float(off), missed)
     limit = Limit(int(np.asarray(command.status)[0]))
-    return Answer(what, value, sd, force, other, by_force, by_other, stiffness, limit, spread, missed, there)
+    by_pressure, by_length = of.stiffening(p, l)[0]
+    past, sensors = left_out(of.muscle)
+    return Answer(
+        what, value, sd, force, other, by_force, by_other, stiffness, float(by_pressure), float(by_length),
+        limit, spread, missed, there, half_loop(of.muscle, p, l), past, sensors,
+    )  # fmt: skip

@@ -6,9 +6,9 @@ their derivatives follow from the implicit function:
     P(F, L):  ∂P/∂F = 1 / F_P,   ∂P/∂L = −F_L / F_P
     L(F, P):  ∂L/∂F = 1 / F_L,   ∂L/∂P = −F_P / F_L          F_L is the stiffness, F_P the pull of a pascal
 
-JAX sees the same derivatives, of any order, in the muscle's own numbers too. What the past leaves (friction,
-relaxation) and the errors of sensors take no part: pressure and length are the true ones, and friction adds
-its half loop to either side of the force.
+JAX sees the same derivatives, of any order, in the muscle's own numbers too; the stiffness has its own,
+∂²F/∂P∂L and ∂²F/∂L². What the past leaves (friction, relaxation) and the errors of sensors take no part
+(`left_out.py`): pressure and length are the true ones, the pressure that before the bladder's contact.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ from pamjax.design.standalone import LIMITS
 from pamjax.infer.load import Loaded
 from pamjax.model.balance import Status
 from pamjax.model.bench import Bench
+from pamjax.model.history import history
+from pamjax.model.mechanism import AbstractLine, Past
 from pamjax.model.muscle import Muscle
 from pamjax.model.outcome import Outcome
 
@@ -81,9 +83,25 @@ def static_force(muscle: Muscle | Bench, pressure: Array, length: Array) -> tupl
     if isinstance(muscle, Muscle):
         reading = muscle(pressure, length)
         return reading.force, reading.status == int(Status.OK)
-    nothing = jnp.zeros_like(pressure)
-    past, status = muscle.prepared().instant(pressure, length, nothing, (nothing, nothing))
+    past, status = at_rest(muscle.prepared(), pressure, length)
     return past.force, status == int(Status.OK)
+
+
+def at_rest(bench: Bench, pressure: Array, length: Array) -> tuple[Past, Array]:
+    """A prepared bench without memory at one true pressure (Pa) and length (m), and its status.
+
+    Returns:
+        where everything is, with the pressure that arrives inside, and a `balance.Status`.
+    """
+    nothing = jnp.zeros_like(pressure)
+    past, status = bench.instant(pressure, length, nothing, (nothing, nothing))
+    if not bench.of(AbstractLine):
+        return past, status
+    # What arrives depends on the state without the line, as in `Bench.passed`.
+    still, one = history(None, np.ones(1, dtype=bool)), jax.tree.map(lambda x: x[None], past)
+    for line in bench.of(AbstractLine):
+        one = eqx.tree_at(lambda p: p.pressure, one, line.pressure(still, one))
+    return bench.instant(one.pressure[0], length, nothing, (nothing, nothing))
 
 
 def _root(function: Callable[[Array], Array], low: Array, high: Array) -> Array:
@@ -134,6 +152,10 @@ class Inverse:
         value, slopes, _ = _in_parts(lambda p, l: _forces(self.muscle, p, l), pressure, length)
         return np.asarray(value), np.asarray(slopes[:, 1])
 
+    def stiffening(self, pressure: ArrayLike, length: ArrayLike) -> np.ndarray:
+        """Derivatives of the stiffness by pressure, ∂²F/∂P∂L, N/(m Pa), and length, ∂²F/∂L², N/m²; (n, 2)."""
+        return np.asarray(_in_parts(lambda p, l: _stiffenings(self.muscle, p, l), pressure, length))
+
     def pressure(self, force: ArrayLike, length: ArrayLike) -> Command:
         """The pressure at which the muscle pulls with a force (n,), N, at a length (n,), m."""
         ends = jnp.array(self.pressures), jnp.array(self.lengths)
@@ -160,6 +182,16 @@ def _in_parts(function: Callable, one: ArrayLike, other: ArrayLike):
 def _forces(muscle, pressure, length):
     """Force, its slopes by pressure and by length, and whether there is a balance; each (n,)."""
     return jax.vmap(lambda p, l: _around(muscle, p, l))(pressure, length)
+
+
+@eqx.filter_jit
+def _stiffenings(muscle, pressure, length):
+    """Slopes of the stiffness by pressure and length, (n, 2)."""
+
+    def stiffness(at):
+        return jax.jvp(lambda l: static_force(muscle, at[0], l)[0], (at[1],), (jnp.ones_like(at[1]),))[1]
+
+    return jax.vmap(jax.jacfwd(stiffness))(jnp.stack([pressure, length], axis=1))
 
 
 def _around(muscle, pressure, length):

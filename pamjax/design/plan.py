@@ -106,10 +106,13 @@ class Plan:
                 "unit": about.show,
             }
 
+        from pamjax.design.plan_note import sentence
+
         scale = 1.0 if self.goal == ALL else in_unit(meaning(self.goal).show)
         return {
             "schema": "pamjax.plan/1",
             "muscle": self.known.entry.name,
+            "says": sentence(self),
             "goal": {"number": self.goal, "sd": self.wanted / scale, "reached": self.reached},
             "runs": [{"count": n, "run": run.says, "minutes": n * run.minutes} for n, run in self.chosen],
             "minutes": self.minutes,

@@ -18,7 +18,7 @@ MISSED = 1.5
 
 def note(plan: Plan) -> str:
     """The plan for a lab book."""
-    lines = [f"{plan.known.entry.name}: {_sentence(plan)}", *(f"  {w}" for w in missed_words(plan)), ""]
+    lines = [f"{plan.known.entry.name}: {sentence(plan)}", ""]
     lines += [*(f"  {n} × {run.says}" for n, run in plan.chosen), *([""] if plan.chosen else [])]
     lines += [f"  {name:<24} {_settled(name, one)}" for name, one in plan.settled.items()]
     means = plan.known.means
@@ -36,16 +36,13 @@ def rig_words(means: Means) -> str:
     return f"{ends}, {1e3 * means.speed:.3g} mm/s, {means.rate:.3g} samples a second"
 
 
-def missed_words(plan: Plan) -> list[str]:
-    """That the recording at hand is not what this muscle would show, where it is not."""
+def missed_words(plan: Plan) -> str:
+    """That the recording at hand is not what this muscle would show; nothing where it is."""
     far = {channel: times for channel, times in plan.known.missed.items() if times > MISSED}
-    if not far:
-        return []
     by = " and ".join(f"{channel} by {times:.2g}" for channel, times in far.items())
-    return [
-        f"the muscle misses its recording ({by} times the noise), which may make its numbers wrong:"
-        " `pamjax diagnose` first"
-    ]
+    return (
+        f"the muscle misses its recording ({by} times the noise), so `pamjax diagnose` first" if far else ""
+    )
 
 
 def left_out(plan: Plan) -> str:
@@ -54,22 +51,36 @@ def left_out(plan: Plan) -> str:
     return f"rubber, friction, tapered ends: what they would mimic is not promised away{same}"
 
 
-def _sentence(plan: Plan) -> str:
+def sentence(plan: Plan) -> str:
+    """What to do and what it will settle; where the muscle is not its recording's, what it would."""
+    missed = missed_words(plan)
+    return f"{missed}; were it right, {_promise(plan, 'would')}" if missed else _promise(plan, "will")
+
+
+def _promise(plan: Plan, will: str) -> str:
     cost = f"{plan.minutes:.0f} min and {plan.rows} rows"
     if plan.goal == "all":
         return f"{cost} for all numbers together"
-    words = known_to(plan, plan.sd)
+    words = known_to(plan, plan.sd) if will == "will" else roughly(plan)
     if not plan.chosen and plan.reached:
         return f"nothing is to be measured: {plan.goal} is known {words}"
     if plan.reached:
-        return f"{cost} will tell {plan.goal} {words}"
-    return f"no plan of {plan.known.means.minutes:.0f} min tells {plan.goal} as wanted; {cost} will, {words}"
+        return f"{cost} {will} tell {plan.goal} {words}"
+    return (
+        f"no plan of {plan.known.means.minutes:.0f} min tells {plan.goal} as wanted; {cost} {will}, {words}"
+    )
 
 
 def known_to(plan: Plan, sd: float) -> str:
     """How well the goal is known at a standard deviation, SI."""
     one = plan.settled[plan.goal]
     return f"to ± {show(sd, meaning(plan.goal).show, 2)} ({sd / abs(one.value):.1%})"
+
+
+def roughly(plan: Plan) -> str:
+    """How well the goal would be known, to one digit: what hangs on a wrong muscle has no more."""
+    share = plan.sd / abs(plan.settled[plan.goal].value)
+    return f"to about {float(f'{100 * share:.1g}'):g}%"
 
 
 def _settled(name: str, one: Settled) -> str:

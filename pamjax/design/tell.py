@@ -1,4 +1,8 @@
-"""Tell apart: the power of every protocol of the menu to settle which of two mechanisms a recording shows."""
+"""Tell apart: the power of every protocol of the menu to settle which of two mechanisms a recording shows.
+
+A power is that of a choice between two. Where neither explains the recording there is no such choice yet, and
+that is said first: what each leaves is judged as a diagnosis judges it.
+"""
 
 from __future__ import annotations
 
@@ -19,6 +23,8 @@ from pamjax.study.experiment import ENOUGH, Experiment, choose, joined, stand_in
 from pamjax.study.forms import NEEDS_TIME, forms
 from pamjax.study.naming import Model, settle
 from pamjax.study.problem import Problem, problem
+from pamjax.study.rest import leaves_more, rest_of
+from pamjax.study.significance import Significance
 from pamjax.study.stage import Stage
 
 #: Protocols in a note.
@@ -36,6 +42,8 @@ class Contest:
         stage: the rig and the noise that the recording shows, on which protocols are played.
         menu: every protocol with its power.
         chosen: the cheapest that is powerful enough, else the most powerful.
+        left: what the first and what the second alone leave of the recording, judged.
+        neither: whether both leave more than noise and the rough edges of textbook forms.
     """
 
     case: Case
@@ -44,6 +52,8 @@ class Contest:
     stage: Stage
     menu: tuple[Experiment, ...]
     chosen: Experiment
+    left: tuple[Significance, Significance]
+    neither: bool
 
     @property
     def best(self) -> list[Experiment]:
@@ -57,14 +67,21 @@ class Contest:
             "case": self.case.name,
             "tell": list(self.ids),
             "chi2_worse": self.worse,
+            "explained": not self.neither,
+            "says": self.standing,
+            "left": {
+                id: {"p_value": one.p_value, "rms_over_noise": math.sqrt(one.square)}
+                for id, one in zip(self.ids, self.left, strict=True)
+            },
             "next_experiment": self.chosen.as_dict(),
             "menu": [e.as_dict() | _more(e) for e in self.menu],
         }
 
     def __str__(self) -> str:
+        doing = "if one of them is true all the same" if self.neither else "next"
         lines = [
             f"{self.case.name}: {self.standing}",
-            f"  next: {self.chosen.protocol}",
+            f"  {doing}: {self.chosen.protocol}",
             f"  power {self.chosen.power:.2f} at a false alarm of one in twenty"
             + ("" if self.chosen.power >= ENOUGH else ", which may not be enough"),
             "",
@@ -73,10 +90,19 @@ class Contest:
 
     @property
     def standing(self) -> str:
-        """Which fits the recording better, and by how much."""
+        """Which fits the recording better, and by how much; or that neither does."""
         first, second = self.ids
         better = first if self.worse > 0 else second
+        if self.neither:
+            return f"neither {first} nor {second} explains this recording: {self.leaves}"
         return f"{first} or {second}; here {better} fits better by a χ² of {abs(self.worse):.3g}"
+
+    @property
+    def leaves(self) -> str:
+        """What the two leave, and what to do about it."""
+        pairs = zip(self.ids, self.left, strict=True)
+        left = ", ".join(f"{id} alone leaves {math.sqrt(one.square):.2g}" for id, one in pairs)
+        return f"{left} times the noise (rms); `pamjax diagnose` first"
 
 
 def _more(one: Experiment) -> dict[str, Any]:
@@ -111,13 +137,20 @@ def tell(
         if id not in shown:
             raise _unseen(id, case)
     progress("fitting both", 0.1)
-    model = alone(found, bare(found), first)
+    baseline = bare(found)
+    model = alone(found, baseline, first)
     other = stand_in(found, model, first, second)
     assert other is not None
-    progress("playing protocols", 0.4)
+    progress("judging both", 0.3)
+    left = rest_of(found, model), rest_of(found, other)
+    mismatch = rest_of(found, baseline)
+    progress("playing protocols", 0.5)
     stage = Stage.of(found, model)
     menu = table(stage, model, other, (first, second))
-    return Contest(case, (first, second), other.fair - model.fair, stage, tuple(menu), choose(menu))
+    return Contest(
+        case, (first, second), other.fair - model.fair, stage, tuple(menu), choose(menu),
+        left, all(leaves_more(mismatch, one) for one in left),
+    )  # fmt: skip
 
 
 def bare(found: Problem) -> Model:

@@ -137,7 +137,7 @@ class Bench(eqx.Module):
         stresses = [
             m.stresses(history, strain, seen)[begin:] for m, strain in zip(memories, strains, strict=True)
         ]
-        frozen = _each(self._frozen, first, stresses) if memories else (nothing, nothing)
+        frozen = _each(self.frozen, first, stresses) if memories else (nothing, nothing)
         return first.pressure, extension, frozen
 
     def instant(
@@ -182,8 +182,8 @@ class Bench(eqx.Module):
         state = self.state(length, thread)
         return sum((store.energy(state) for store in self.of(AbstractStore)), jnp.zeros(())), state.volume
 
-    def _frozen(self, past: Past, stresses: list[Float[Array, "... k"]]) -> Pair:
-        """What frozen stresses add to the force, and to the pull of the threads, N."""
+    def frozen(self, past: Past, stresses: list[Float[Array, "... k"]]) -> Pair:
+        """What the stresses of all memories, in their order, add to the force and to the threads' pull, N."""
         here = self.near(past.state.length, past.state.thread)
 
         def work(length, thread):

@@ -6,6 +6,7 @@ import os
 import secrets
 import shutil
 import signal
+import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -79,12 +80,21 @@ def folder_beside(folder: str | Path) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
+def takes_files(folder: Path) -> bool:
+    """Whether something can be made in a folder: tried, as permissions say nothing of /proc."""
+    try:
+        os.rmdir(tempfile.mkdtemp(prefix=".pamjax-", dir=folder))
+    except OSError:
+        return False
+    return True
+
+
 def _beside(path: Path) -> Path:
     """A hidden name in the same folder, so that the replacing is one rename on one disk."""
     folder = path.absolute().parent
     if not folder.is_dir():
         raise refuse(f"the folder of {path} must exist", remedy="Make it first, or check its name.")
-    if not os.access(folder, os.W_OK):
+    if not takes_files(folder):
         raise refuse(f"the folder of {path} must be writable", remedy="Write somewhere else.")
     # The ending stays: some writers take the format from it.
     return folder / f".{path.stem}-{secrets.token_hex(4)}{path.suffix}"

@@ -19,6 +19,7 @@ from pamjax.study.gain import gain, held_out
 from pamjax.study.locate import locate_names, locate_rest
 from pamjax.study.naming import Model, Naming, name_mechanisms, settle
 from pamjax.study.problem import Problem, problem
+from pamjax.study.rest import leaves_more, rest_of
 from pamjax.study.signature import signatures
 from pamjax.study.significance import DETECTED, Significance, significance
 from pamjax.study.temper import tempered
@@ -26,10 +27,6 @@ from pamjax.study.undetermined import undetermined
 
 #: Recordings are padded to a multiple of so many rows, so that those of like length share a program.
 STEP = 512
-#: A rest counts as unexplained from this rms, in noise standard deviations ...
-REST = 0.3
-#: ... and this share of the baseline's own: textbook forms leave a tenth of what they explain.
-REST_SHARE = 0.15
 
 Progress = Callable[[str, float], None]
 
@@ -65,7 +62,7 @@ def diagnose(
     if not detected:
         naming = replace(naming, model=naming.baseline, names=())
     rest = _rest(found, naming, mismatch, seed)
-    unexplained = detected and _left(mismatch, rest)
+    unexplained = detected and leaves_more(mismatch, rest)
     if unexplained and naming.names:
         naming = borne_out(found, laid, ~out, naming)
         rest = _rest(found, naming, mismatch, seed)
@@ -113,21 +110,7 @@ def _weighed(found: Problem, model: Model) -> Model:
 
 def _rest(found: Problem, naming: Naming, mismatch: Significance, seed: int) -> Significance:
     """What the names leave, judged; the mismatch itself where there are none."""
-    model = naming.model
-    if not model.chosen:
-        return mismatch
-    seen = signatures(found, model.white, model.at, [f for f in forms(found) if f.id not in model.ids])
-    return significance(found, model.white, model.at, seen, seed)
-
-
-def _left(mismatch: Significance, rest: Significance) -> bool:
-    """Whether what the names leave, or all of it where there is none, is more than the rough edges of forms.
-
-    A mismatch that only thousands of samples together show is detected, and too faint to be called none
-    of what is known: some textbook form would come as near.
-    """
-    beyond, before = max(rest.square - 1, 0.0), max(mismatch.square - 1, 0.0)
-    return bool(rest.p_value < DETECTED and beyond > max(REST**2, REST_SHARE**2 * before))
+    return rest_of(found, naming.model, seed) if naming.model.chosen else mismatch
 
 
 def _share(mismatch: Significance, rest: Significance) -> float:

@@ -37,7 +37,8 @@ def power_figure(contest: Contest, narrow: bool = False) -> Figure:
         panel.set_yticks(range(len(rows)), folded)
         panel.invert_yaxis()
         panel.set(xlim=(0, 1.15), xticks=(0, 0.5, ENOUGH, 1), xlabel="power")
-        panel.set_title(f"{contest.chosen.id} tells them apart with power {_share(contest.chosen)}")
+        tells = "would tell" if contest.neither else "tells"
+        panel.set_title(f"{contest.chosen.id} {tells} them apart with power {_share(contest.chosen)}")
     return made
 
 
@@ -81,17 +82,22 @@ def save_report(contest: Contest, path: str | Path, command: str = "") -> Path:
 
 def headline(contest: Contest) -> str:
     """The answer in a line."""
+    if contest.neither:
+        return f"Neither {' nor '.join(contest.ids)} explains this recording"
     if contest.chosen.power < ENOUGH:
         return "No protocol of the menu surely tells them apart"
     return f"{_duration(contest.chosen)} tell {' from '.join(contest.ids)}"
 
 
 def answer(contest: Contest) -> tuple[str, str]:
-    """What to do and how sure that is; how it stands now."""
+    """What to do and how sure that is; how it stands now, first where neither explains the recording."""
     best = "" if contest.chosen.power >= ENOUGH else " The best there is:"
     first = f"{best} {_doing(contest.chosen).partition(': ')[2]} ({_duration(contest.chosen)})".strip()
     sure = f"where {contest.ids[0]} is true, that settles it with probability {_share(contest.chosen)}"
-    return f"{first}: {sure}.", f"So far: {contest.standing}."
+    if not contest.neither:
+        return f"{first}: {sure}.", f"So far: {contest.standing}."
+    told = f"{contest.leaves[:1].upper()}{contest.leaves[1:]}: there is no choice between the two before."
+    return told, f"Were one of them true all the same: {first[:1].lower()}{first[1:]}; {sure}."
 
 
 def _row(one: Experiment) -> list[str]:

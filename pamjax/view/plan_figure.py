@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pamjax.design.plan import ALL, Plan, sd_after
+from pamjax.design.plan_note import missed_words
 from pamjax.model.catalogue import meaning
 from pamjax.units import in_unit, show
 from pamjax.view.layout import mark
@@ -77,7 +78,8 @@ def _known(panel: Axes, plan: Plan, course: Course) -> None:
     unit = "" if course.unit == "1" else f" [{course.unit}]"
     panel.set(xlabel="minutes spent", ylabel=f"expected sd{unit}")
     to = show(plan.settled[course.name].after, course.unit, 2)
-    panel.set_title(f"{course.name} to ± {to} in {plan.minutes:.0f} min")
+    right = ", were the muscle right" if missed_words(plan) else ""
+    panel.set_title(f"{course.name} to ± {to} in {plan.minutes:.0f} min{right}")
 
 
 def command_figure(plan: Plan, narrow: bool = False) -> Figure | None:

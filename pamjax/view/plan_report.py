@@ -7,7 +7,15 @@ from functools import partial
 from pathlib import Path
 
 from pamjax.design.plan import ALL, Plan, Settled
-from pamjax.design.plan_note import alone_words, isobars_words, known_to, left_out, less_words, missed_words
+from pamjax.design.plan_note import (
+    alone_words,
+    isobars_words,
+    known_to,
+    left_out,
+    less_words,
+    missed_words,
+    roughly,
+)
 from pamjax.model.catalogue import meaning
 from pamjax.units import show
 from pamjax.view.page import picture, write_page
@@ -29,7 +37,7 @@ def save_report(plan: Plan, course: Course, path: str | Path, command: str = "",
         "plan.html.jinja",
         title=headline(plan),
         kicker=f"Plan for {plan.known.entry.name} · {plan.known.law} threads",
-        answer=[*answer(plan), *(f"{_upper(words)}." for words in missed_words(plan))],
+        answer=answer(plan),
         known=picture(partial(known_figure, plan, course), "known"),
         diamonds=bool(plan.alone),
         commands=picture(partial(command_figure, plan), "commands"),
@@ -46,6 +54,8 @@ def save_report(plan: Plan, course: Course, path: str | Path, command: str = "",
 
 def headline(plan: Plan) -> str:
     """The answer in a line."""
+    if missed_words(plan):
+        return "Diagnose first: the muscle misses its recording"
     if plan.goal == ALL:
         return f"{plan.minutes:.0f} min for all numbers together"
     if not plan.chosen and plan.reached:
@@ -55,19 +65,31 @@ def headline(plan: Plan) -> str:
     return f"{plan.minutes:.0f} min tell {plan.goal} {known_to(plan, plan.sd)}"
 
 
-def answer(plan: Plan) -> tuple[str, str]:
-    """What to do and what it will settle; what less would do."""
+def answer(plan: Plan) -> list[str]:
+    """What to do and what it will settle; what less would do. First, whether a promise is allowed."""
+    missed = missed_words(plan)
+    if not missed:
+        return list(_promise(plan))
+    known = f"; {plan.goal} would be known {roughly(plan)}" if plan.goal != ALL else ""
+    return [f"{_upper(missed)}: no standard deviation is promised.", f"Were it right: {_runs(plan)}{known}."]
+
+
+def _runs(plan: Plan) -> str:
+    """How many runs and checks, and what they cost."""
     runs = sum(count for count, run in plan.chosen if run.pressure.size)
     checks = sum(count for count, run in plan.chosen if not run.pressure.size)
-    what = f"Make {_many(runs, 'run')}" + (f" and {_many(checks, 'check')} of the rig" if checks else "")
-    cost = f"{plan.minutes:.0f} min, {plan.rows} rows"
+    rig = f" and {_many(checks, 'check')} of the rig" if checks else ""
+    return f"{_many(runs, 'run')}{rig} ({plan.minutes:.0f} min, {plan.rows} rows)"
+
+
+def _promise(plan: Plan) -> tuple[str, str]:
     if plan.goal == ALL:
-        return f"{what} ({cost}).", f"{_upper(isobars_words(plan))}."
+        return f"Make {_runs(plan)}.", f"{_upper(isobars_words(plan))}."
     if not plan.chosen and plan.reached:
         return "Nothing is to be measured for that.", "Wish for more with `--to`, or for another number."
     one, unit = plan.settled[plan.goal], meaning(plan.goal).show
     before = f"± {show(one.before, unit, 2)}" if math.isfinite(one.before) else "unknown"
-    first = f"{what} ({cost}): {plan.goal}, now {before}, is then known {known_to(plan, plan.sd)}."
+    first = f"Make {_runs(plan)}: {plan.goal}, now {before}, is then known {known_to(plan, plan.sd)}."
     return first, f"{_upper('; '.join(alone_words(plan)) or isobars_words(plan))}."
 
 

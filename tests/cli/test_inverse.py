@@ -180,3 +180,37 @@ def test_a_posterior_of_another_muscle_is_refused(fitted, drawn, capsys, other, 
     words = ["inverse", str(fitted / "fit.json"), "--force", "300 N", "--length", "180 mm"]
     assert main([*words, "--posterior", str(drawn(1.0, **other))]) == 2
     assert told in capsys.readouterr().err
+
+
+def rubbed(fitted, folder):
+    """The fitted muscle with friction, as a diagnosis writes it."""
+    document = json.loads((fitted / "fit.json").read_text())
+    ((_, one),) = document["cases"].items()
+    one["muscle"]["mechanisms"] = ["braid_friction", "force_offset"]
+    one["muscle"]["numbers"] |= {"braid_friction.coefficient": 0.3, "force_offset.offset": 1.0}
+    (folder / "model.json").write_text(json.dumps(document))
+    return folder / "model.json"
+
+
+def test_what_a_command_leaves_out_is_said_beside_the_doubt(fitted, tmp_path, capsys):
+    words = ["inverse", str(rubbed(fitted, tmp_path)), "--force", "300 N", "--length", "180 mm"]
+    assert main([*words, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["left_out"] == ["braid_friction", "force_offset"]
+    assert found["friction_force"] > 0
+    assert found["friction_command"] == pytest.approx(found["friction_force"] * found["by_force"])
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    assert f", and up to {show(found['friction_command'], 'kPa', 2)} to either side by friction" in said
+    assert f"force up to {show(found['friction_force'], 'N', 2)} more after lengthening" in said
+    assert "left out, as for true sensors: force_offset" in said
+
+
+def test_an_answer_tells_how_the_stiffness_changes(fitted, capsys):
+    words = ["inverse", str(fitted / "fit.json"), "--force", "300 N", "--length", "180 mm"]
+    assert main([*words, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    assert f"{found['stiffness_by_pressure']:+.4g} N/mm for a kPa more" in said
+    assert "left out" not in said

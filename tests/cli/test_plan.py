@@ -92,8 +92,26 @@ def test_a_tie_is_told_apart(diagnosed, bench, tmp_path, capsys):
     assert document == json.loads((tmp_path / "contest.json").read_text())
     assert [one["id"] for one in document["menu"]] == [f"X{k}" for k in range(1, 15)]
     assert document["next_experiment"]["power"] > 0.9
+    assert document["explained"]
     page = Page((tmp_path / "report.html").read_text("utf-8"))
     rows = page.table(["", "what to do"])
     for one in document["menu"]:
         assert float(rows[one["id"]][1]) == pytest.approx(one["power"], abs=0.0051)
     assert len(page.every("svg")) == 2
+
+
+@pytest.mark.slow
+def test_a_recording_that_neither_explains_is_told_so_first(bench, tmp_path, capsys):
+    spent = ["--with", "contact_pressure.threshold=60e3", "--seed", "3", "--out", str(tmp_path / "spent")]
+    assert main(["simulate", str(bench / "stated"), str(bench / "plan.toml"), *spent]) == 0
+    pair = ["--tell", "braid_friction", "viscous_damping"]
+    words = [str(tmp_path / "spent"), *pair, "--out", str(tmp_path / "told")]
+    assert main(["plan", *words]) == 0
+    said = capsys.readouterr().out
+    assert "neither braid_friction nor viscous_damping explains this recording" in said
+    assert "  next: " not in said
+    document = json.loads((tmp_path / "told" / "contest.json").read_text())
+    assert not document["explained"]
+    assert all(one["p_value"] < 1e-3 and one["rms_over_noise"] > 1.3 for one in document["left"].values())
+    page = (tmp_path / "told" / "report.html").read_text("utf-8")
+    assert "<h1>Neither braid_friction nor viscous_damping explains this recording</h1>" in page

@@ -117,6 +117,49 @@ def test_a_fit_that_could_not_be_written_is_not_begun(out, bench, tmp_path, caps
     assert "`--out` must be a folder to write to" in line
 
 
+WRITES = {
+    "fit": ["fit", "{made}", "--out"],
+    "sample": ["sample", "{made}", "--out"],
+    "diagnose": ["diagnose", "{made}", "--out"],
+    "plan": ["plan", "{stated}/muscle.toml", "--out"],
+    "prove": ["prove", "--out"],
+    "size": ["size", str(SPEC), "--out"],
+    "inverse": ["inverse", "{stated}", "--export"],
+    "simulate": ["simulate", "{stated}", "--out"],
+    "new": ["new"],
+}
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="no folder here that root cannot write to")
+@pytest.mark.parametrize("word", WRITES)
+def test_a_place_that_takes_no_files_is_told_in_a_sentence(word, bench, capsys):
+    words = [w.format(made=bench / "made", stated=bench / "stated") for w in WRITES[word]]
+    line = refused([*words, "/proc/pamjax"], capsys)
+    assert "must be a folder to write to" in line or "must be writable" in line
+
+
+def test_what_the_disk_says_is_told_in_a_sentence(bench, tmp_path, capsys):
+    long = tmp_path / ("a" * 300)
+    assert "File name too long" in refused(["plan", bench / "stated" / "muscle.toml", "--out", long], capsys)
+
+
+@pytest.mark.parametrize(
+    ("goal", "to", "told"),
+    [
+        (
+            "thread.modulus",
+            "5 kg",
+            "this number must be in Pa, or in a unit that converts to it; got 'kg' in --to",
+        ),
+        ("thread.modulus", "5 flurbs", "no unit that pamjax knows (--to). Write it in Pa."),
+        ("muscle.turns", "3 mm", "this number has no unit; got 'mm' in --to"),
+    ],
+)
+def test_a_wish_in_a_unit_of_something_else(goal, to, told, bench, tmp_path, capsys):
+    words = ["plan", bench / "stated" / "muscle.toml", "--goal", goal, "--to", to, "--out", tmp_path]
+    assert told in refused(words, capsys)
+
+
 def test_a_simulated_case_overwrites_nothing(bench, capsys):
     before = (bench / "made" / "recording.csv").read_bytes()
     line = refused(["simulate", bench / "stated", bench / "plan.toml", "--out", bench / "made"], capsys)

@@ -68,6 +68,18 @@ def test_derivatives_are_those_of_differences(of):
         agree(wrong, difference(lambda l: of.pressure(force, l).value, length, 1e-4), BY_DIFFERENCE)
 
 
+def test_the_stiffness_has_the_slopes_of_its_differences(of):
+    pressure, length = 300e3, 0.2
+    got = of.stiffening(pressure, length)[0]
+    by_pressure = difference(lambda p: of.force(p, length)[1][0], pressure, 1e3)
+    by_length = difference(lambda l: of.force(pressure, l)[1][0], length, 1e-4)
+    agree(got, [by_pressure, by_length], BY_DIFFERENCE)
+    # That along a command, at one force, is another: the length moves with the pressure.
+    along = difference(lambda p: of.length(800.0, p).stiffness[0], pressure, 1e3)
+    with pytest.raises(AssertionError):
+        agree(along, by_pressure, BY_DIFFERENCE)
+
+
 def test_a_command_is_differentiable_in_the_muscles_own_numbers(of):
     def command(stiffness):
         soft = Muscle(0.2357, 0.2512, 1.09, LinearThread(stiffness))

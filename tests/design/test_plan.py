@@ -19,7 +19,7 @@ from pamjax.records.case import Case
 from pamjax.records.entry import Sensors, read_entry
 from pamjax.records.recording import Recording
 from pamjax.view.plan_figure import Course, command_figure, known_figure
-from pamjax.view.plan_report import headline
+from pamjax.view.plan_report import answer, headline
 from tests.agreement import ROUNDING, SOLVED, agree, difference
 from tests.benchmarks.plan import report, rms, shown, trial
 
@@ -125,7 +125,15 @@ def test_what_a_recording_is_missed_by_is_told_and_counts_as_noise(entry, stroke
     bent = 40.0 * np.sin(np.linspace(0, 4 * np.pi, 60))
     met, missed = (plan(recorded(sure, stroke, more), to="1 %") for more in (noise, noise + bent))
     assert "misses" not in str(met)
-    assert "misses its recording (force by" in str(missed)
+    first, promised = str(missed).partition("\n")[0], str(met).partition("\n")[0]
+    assert "misses its recording (force by" in first
+    assert "`pamjax diagnose` first; were it right" in first
+    # A promise has its standard deviation; what hangs on a wrong muscle has one digit.
+    assert " ± " in promised
+    assert " ± " not in first
+    assert "to about " in first
+    assert headline(missed) == "Diagnose first: the muscle misses its recording"
+    assert not any(" ± " in words for words in answer(missed))
     assert missed.known.missed["force"] > 5 > 1.5 > met.known.missed["force"]
     k = met.known.place("force_offset.offset")
     learned = [found.known.before[k, k] - 1 for found in (met, missed)]

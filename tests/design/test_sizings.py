@@ -25,19 +25,23 @@ def design(request):
     return pamjax.size(HOME / f"{request.param}.toml", margins=request.param == "lift-2kN")
 
 
+def beside_the_grid(design):
+    """ln of the objective by the search and by the grid, and the grid's largest broken margin."""
+    one, words = design.problem, design.spec.words
+    low, high, _ = boxes(design.spec, design.asked, design.choice)
+    value = design.chosen.answer.value
+    if words.probability:
+        # The grid knows no probability: held against the search without one.
+        value = next(t.answer for t in design.tried if t.problem.choice == design.choice).value
+    ends = [np.where([1, 0, 1, 1, 1], np.exp(x), x) for x in (low, high)]
+    _, found, broken = by_grid.best(words, one.made, design.spec.supply, *ends)
+    return value, found, broken
+
+
 @pytest.mark.slow
 def test_a_grid_of_another_program_finds_the_same(design):
     assert design.feasible
-    one, words = design.problem, design.spec.words
-    low, high, _ = boxes(design.spec, design.asked, design.choice)
-    if words.probability:
-        # The grid knows no probability: held against the search without one.
-        answer = next(t.answer for t in design.tried if t.problem.choice == design.choice)
-        value = answer.value
-    else:
-        value = design.chosen.answer.value
-    ends = [np.where([1, 0, 1, 1, 1], np.exp(x), x) for x in (low, high)]
-    _, found, broken = by_grid.best(words, one.made, design.spec.supply, *ends)
+    value, found, broken = beside_the_grid(design)
     assert broken < KEPT
     # As good as the grid or better, by what the grid has not closed in on yet, and not by more.
     assert value - KEPT * 30 <= found <= value + ZOOMED
@@ -93,3 +97,11 @@ def test_a_chart_is_the_same_muscle(design):
     place = as_dict(design)["places"][1]
     force = design.force(place["pressure"], place["contraction"])
     agree(force, place["force"], SOLVED * 100)
+
+
+if __name__ == "__main__":
+    # python -m tests.design.test_sizings: by how much the grid misses the search.
+    for name in NAMES:
+        value, found, broken = beside_the_grid(pamjax.size(HOME / f"{name}.toml", margins=False))
+        more = 100 * (np.exp(found - value) - 1)
+        print(f"{name}: the grid is {more:.2f} % above the search; its largest broken margin {broken:.1e}")

@@ -10,10 +10,11 @@ import pytest
 from pamjax.records.blocks import Blocks
 from pamjax.study.batch import common_sizes
 from pamjax.study.conceal import conceal
-from pamjax.study.diagnose import STEP, _left, diagnose
+from pamjax.study.diagnose import STEP, diagnose
 from pamjax.study.diagnosis import save
 from pamjax.study.gain import held_out
 from pamjax.study.locate import _direction, _middle
+from pamjax.study.rest import leaves_more
 from pamjax.study.setups import known
 from pamjax.study.significance import Significance
 
@@ -51,7 +52,7 @@ def test_recordings_of_like_length_share_a_program():
 @pytest.mark.parametrize(("square", "left"), [(1.05, False), (1.5, True)])
 def test_a_mismatch_below_the_rough_edges_of_forms_is_not_called_unknown(square, left):
     faint = Significance(p_value=1e-9, largest=8.0, looked=100, square=square)
-    assert _left(faint, faint) is left
+    assert leaves_more(faint, faint) is left
 
 
 @cache

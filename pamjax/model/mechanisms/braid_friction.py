@@ -126,6 +126,11 @@ class BraidFriction(AbstractMemory):
         arm = length * (length / thread) ** (self.reach - 1)
         return 2 / 3 * PATCH * jnp.maximum(pressure, 0.0) * power * arm / turns
 
+    def dragged(self, past: Past) -> Float[Array, "1 ..."]:
+        """The stress once every element was dragged all the way by lengthening; times its strain, J."""
+        width = self.strength(past.pressure, past.state.length, past.state.thread, past.state.turns)
+        return ((self.constant + self.coefficient * width) * past.state.thread)[None]
+
     def stresses(self, history: History, strains: Float[Array, "n 1"], past: Past) -> Float[Array, "n 1"]:
         state, shares = past.state, 1 + self.spread * (jnp.asarray(SHARES) - 1)
         moved = history.increments(strains[:, 0]) * state.thread / self.presliding
