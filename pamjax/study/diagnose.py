@@ -66,7 +66,7 @@ def diagnose(
     if unexplained and naming.names:
         naming = borne_out(found, laid, ~out, naming)
         rest = _rest(found, naming, mismatch, seed)
-        unexplained = _left(mismatch, rest)
+        unexplained = leaves_more(mismatch, rest)
     score = gain(found, laid, out, naming.baseline, _weighed(found, naming.model))
     every = np.ones(found.n, dtype=bool)
     baseline = settle(found, every, (), naming.baseline.at.values)
