@@ -37,6 +37,8 @@ from pamjax.study.whiten import Whitening
 
 #: Power of the share with which a probability goes.
 POWER = 4
+#: Blocks below which nothing is tried: a single other setting foretells none.
+FEWEST = 3
 #: Share of what a recording knows of a number below which the rest of it, without a block, knows nothing.
 UNKNOWN = 0.05
 
@@ -72,7 +74,7 @@ def borne_shares(found: Problem, laid: Blocks, used: np.ndarray, model: Model) -
         for k in np.unique(laid.label[seen])
         if k >= 0
     ]
-    if len(split) < 2:
+    if len(split) < FEWEST:
         return dict.fromkeys(model.ids, 1.0)
     whole = abreast(partial(_left_out, found, model.chosen, model.at.values), split)
     shares = {}

@@ -121,9 +121,10 @@ def test_a_block_that_alone_knows_of_a_name_says_nothing_of_it(judged):
     assert shares["step"] == 1.0
 
 
-def test_one_block_alone_bears_nothing_out_and_refutes_nothing(judged):
-    alone = Blocks(np.zeros(ROWS, int), ("all",), "lengths")
-    shares, kept = judged(recording(3 * X), (SLOPE,), alone)
+@pytest.mark.parametrize("many", [1, 2])
+def test_too_few_blocks_bear_nothing_out_and_refute_nothing(judged, many):
+    few = Blocks(BLOCK * many // 4, tuple("ab")[:many], "lengths")
+    shares, kept = judged(recording(3 * X), (SLOPE,), few)
     assert shares == {"slope": 1.0}
     assert [name.probability for name in kept.names] == [0.9]
 
