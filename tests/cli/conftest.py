@@ -36,7 +36,14 @@ def fitted(bench):
 @pytest.fixture(scope="session")
 def diagnosed(bench):
     """The folder that `pamjax diagnose` wrote for a recording whose baseline leaves out friction."""
-    friction = ["--with", "braid_friction.coefficient=0.4", "--seed", "3"]
+    friction = [
+        "--with",
+        "braid_friction.coefficient=0.6",
+        "--with",
+        "braid_friction.presliding=4 mm",
+        "--seed",
+        "3",
+    ]
     arguments = [str(bench / "stated"), str(bench / "plan.toml"), "--out", str(bench / "rubbed")]
     assert main(["simulate", *arguments, *friction]) == 0
     assert main(["diagnose", str(bench / "rubbed"), "--out", str(bench / "verdicts")]) == 0

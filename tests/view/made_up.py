@@ -132,7 +132,8 @@ def _model(values, measured):
     colours = tuple(
         Colour(np.full(n, sd), 1.0, 0.3, True) if row.size else None for sd, row in zip(SD, rows, strict=True)
     )
-    at = SimpleNamespace(values=values, moved=(0, 1), sd=lambda k: [1.2e9, 0.003, 0.01][k])
+    sd = np.array([1.2e9, 0.003, 0.01])
+    at = SimpleNamespace(values=values, moved=(0, 1), sd=lambda k: sd[k], covariance=np.diag(sd[:2] ** 2))
     return SimpleNamespace(
         white=Whitening(colours, rows, tuple(np.zeros((0, 2), int) for _ in rows)),
         at=at,
