@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import sys
 import tempfile
 from pathlib import Path
@@ -36,3 +37,11 @@ def kept_programs():
     from pamjax.infer.cache import keep_compiled
 
     keep_compiled()
+
+
+@pytest.fixture
+def interruptible():
+    """Ctrl-C as in a terminal: what is started in the background has it ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)

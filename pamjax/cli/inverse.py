@@ -77,9 +77,11 @@ def inverse(
         )
         say_json(found.as_dict()) if json else say(str(found))
     if export is not None:
+        from pamjax.design.doubt import doubt_of
         from pamjax.design.export import export as write
 
-        written = write(of, export, seed=seed)
+        doubt = doubt_of(muscle, case, draws.force_sd if draws else None)
+        written = write(of, export, doubt=doubt, seed=seed)
         if not json:
             say(str(written))
         say_written(list(written.files))

@@ -34,7 +34,7 @@ class Answer:
         missed: force that the muscle misses beyond noise on held-out blocks, N, part of `sd`; 0 if unknown.
         there: force at the value, N.
         friction: half the width of the friction's loop in force, N, there; no part of `sd`; 0 for none.
-        past, sensors: ids of mechanisms that take no part: what past and speed leave, and sensors' errors.
+        past, lab: ids of mechanisms that take no part: what past and speed leave; sensors and rig.
     """
 
     what: str
@@ -53,7 +53,7 @@ class Answer:
     there: float = math.nan
     friction: float = 0.0
     past: tuple[str, ...] = ()
-    sensors: tuple[str, ...] = ()
+    lab: tuple[str, ...] = ()
 
     @property
     def rubs(self) -> float:
@@ -84,7 +84,7 @@ class Answer:
         }  # fmt: skip
         found: dict[str, Any] = {"command": self.what} | {n: _finite(x) for n, x in numbers.items()}
         found |= {"limit": self.limit.name, "says": self.why, "there": _finite(self.there)}
-        found["left_out"] = [*self.past, *self.sensors]
+        found["left_out"] = [*self.past, *self.lab]
         if self.spread is not None:
             ends = {"low": _finite(self.spread.low), "high": _finite(self.spread.high)}
             found["draws"] = ends | {"middle": MIDDLE, "met": self.spread.met}
@@ -140,8 +140,8 @@ class Answer:
             lines.append(
                 f"braid_friction makes force up to {show(self.friction, 'N', 2)} {way}; no ± counts it"
             )
-        if self.sensors:
-            lines.append(f"left out, as for true sensors: {', '.join(self.sensors)}")
+        if self.lab:
+            lines.append(f"left out, as for true sensors and a rigid rig: {', '.join(self.lab)}")
         return lines
 
 
@@ -182,8 +182,8 @@ def answer(
         sd = abs(by_force) * math.hypot(float(off), missed)
     limit = Limit(int(np.asarray(command.status)[0]))
     by_pressure, by_length = of.stiffening(p, l)[0]
-    past, sensors = left_out(of.muscle)
+    past, lab = left_out(of.muscle)
     return Answer(
         what, value, sd, force, other, by_force, by_other, stiffness, float(by_pressure), float(by_length),
-        limit, spread, missed, there, half_loop(of.muscle, p, l), past, sensors,
+        limit, spread, missed, there, float(half_loop(of.muscle, p, l)[0]), past, lab,
     )  # fmt: skip

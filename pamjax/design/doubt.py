@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import equinox as eqx
@@ -22,6 +23,23 @@ from pamjax.design.inverse import static_force
 from pamjax.model.assembly import assemble, assemble_bench
 from pamjax.records.files import read_bytes
 from pamjax.units import in_unit
+
+#: Standard deviation of the force at rest, N, at pressures, Pa, and lengths, m, each (n,).
+Doubt = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+def doubt_of(file: Path, case: str | None = None, known: Doubt | None = None) -> Doubt | None:
+    """How surely a muscle's force is known, with what its diagnosis left over; None where it is as stated.
+
+    Args:
+        file: a fit.json or model.json.
+        case: which case of several.
+        known: what a posterior says instead of the file's covariance.
+    """
+    if file.suffix != ".json":
+        return known
+    missed = left_over(file) or 0.0
+    return lambda p, l: np.hypot(known(p, l) if known else force_sd(file, p, l, case), missed)
 
 
 def force_sd(file: Path, pressure: np.ndarray, length: np.ndarray, case: str | None = None) -> np.ndarray:

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array
 
 from pamjax.check import refuse
-from pamjax.design.inverse import Inverse, Limit, lengths_of, pressures_of
+from pamjax.design.inverse import Inverse, Limit, lengths_of, pressures_of, static_force
 from pamjax.infer.load import Loaded, build
 
 #: Draws that are inverted: a standard deviation is known from them to 3.5 %.
@@ -56,6 +56,12 @@ class Draws:
     loaded: Loaded
     moving: Mapping[str, Array]
 
+    def force_sd(self, pressure: np.ndarray, length: np.ndarray) -> np.ndarray:
+        """Standard deviation of the force at rest over the draws, N, (n,)."""
+        what, numbers = (self.loaded.law, self.loaded.mechanisms), dict(self.loaded.numbers)
+        drawn = _forces(what, numbers, dict(self.moving), jnp.asarray(pressure), jnp.asarray(length))
+        return np.asarray(drawn).std(axis=0, ddof=1)
+
     def spread(
         self, of: Inverse, force: float, *, length: float | None = None, pressure: float | None = None
     ) -> Spread:
@@ -80,6 +86,17 @@ class Draws:
         tail = (1 - MIDDLE) / 2
         low, high = np.quantile(there, [tail, 1 - tail])
         return Spread(float(there.std(ddof=1)), float(low), float(high), there.size / value.size)
+
+
+@eqx.filter_jit
+def _forces(what, numbers: dict[str, Array], moving: dict[str, Array], pressure, length):
+    """Force at rest of every draw, (k, n)."""
+
+    def one(drawn):
+        muscle = build(*what, numbers | drawn)
+        return jax.vmap(lambda p, l: static_force(muscle, p, l)[0])(pressure, length)
+
+    return jax.vmap(one)(moving)
 
 
 @eqx.filter_jit

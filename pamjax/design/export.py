@@ -12,18 +12,23 @@ from numpy.polynomial.chebyshev import chebfit, chebvander
 
 from pamjax.check import at_least, refuse
 from pamjax.design import standalone
+from pamjax.design.doubt import Doubt
 from pamjax.design.inverse import Inverse, Limit
+from pamjax.design.left_out import half_loop
 from pamjax.records.files import write_beside
 from pamjax.units import show
 
 #: Degrees that are tried, in turn, until the error is small enough.
 DEGREES = (8, 12, 16, 24, 32, 48)
 
-#: Error that is small enough, as a share of the range.
-ENOUGH = 1e-5
+#: Error that is small enough, as a share of the range, and whose.
+ENOUGH, JUDGED = 1e-5, ("force", "stiffness", "pressure", "length")
 
 #: Random points at which the error is measured, and the factor between the largest found and the stated one.
 POINTS, MARGIN = 20_000, 2.0
+
+#: The same for what is itself no better known than to a few hundredths, and the degree of its sum.
+FEW, LOW = 500, 12
 
 #: The least share of the highest pressure at which a length can be commanded: without pressure, no stiffness.
 LEAST = 0.05
@@ -51,13 +56,14 @@ class Exported:
         return f"sums of degree {self.degree}; off by less than {told}"
 
 
-def export(of: Inverse, folder: Path, *, seed: int = 0) -> Exported:
+def export(of: Inverse, folder: Path, *, doubt: Doubt | None = None, seed: int = 0) -> Exported:
     """Write controller.npz and controller.py.
 
     Args:
         of: the inverse of a muscle. Its range is narrowed to where every wish between the least and the
             most force has an answer.
         folder: where to.
+        doubt: how surely the force is known; None where that is not.
         seed: of the random points at which the error is measured.
 
     Raises:
@@ -74,6 +80,9 @@ def export(of: Inverse, folder: Path, *, seed: int = 0) -> Exported:
             table, share, error = trial, max(found[1].values()), found[0]
         if share < ENOUGH:
             break
+    rough = {"friction": lambda p, l: half_loop(of.muscle, p, l), "sd": doubt or _unknown}
+    for name, values in rough.items():
+        table[name], error[name] = _rough(of, values, seed)
     stated = {name: MARGIN * value for name, value in error.items()}
     files = folder / "controller.npz", folder / "controller.py"
     _write(files[0], table | {f"error_{name}": np.array(value) for name, value in stated.items()})
@@ -119,14 +128,9 @@ def _fitted(values: np.ndarray, degree: int) -> np.ndarray:
 def _table(of: Inverse, degree: int) -> dict[str, np.ndarray]:
     x = _nodes(degree)
     p, l = (g.ravel() for g in np.meshgrid(_to(x, of.pressures), _to(x, of.lengths), indexing="ij"))
-    force, stiffness = of.force(p, l)
     square = degree + 1, degree + 1
-    table = {
-        "pressures": np.array(of.pressures),
-        "lengths": np.array(of.lengths),
-        "force": _fitted(force.reshape(square), degree),
-        "stiffness": _fitted(stiffness.reshape(square), degree),
-    }
+    table = {"pressures": np.array(of.pressures), "lengths": np.array(of.lengths)}
+    table |= {name: _fitted(values.reshape(square), degree) for name, values in _forward(of, p, l).items()}
     inverses: list[tuple[str, Callable, tuple[float, float], tuple[float, float]]] = [
         ("pressure", of.pressure, of.lengths, of.pressures),
         ("length", of.length, of.pressures, of.lengths),
@@ -149,15 +153,36 @@ def _measured(of: Inverse, table, folder: Path, seed: int) -> tuple[dict[str, fl
     robot = standalone.Controller(folder / "controller.npz")
     rng = np.random.default_rng(seed)
     p, l = (rng.uniform(*ends, POINTS) for ends in (of.pressures, of.lengths))
-    force, stiffness = of.force(p, l)
-    pairs = {
-        "force": (robot.force(p, l), force, np.ptp(force)),
-        "stiffness": (robot.stiffness(p, l), stiffness, np.ptp(stiffness)),
-        "pressure": (robot.pressure(force, l)[0], p, np.ptp(of.pressures)),
-        "length": (robot.length(force, p)[0], l, np.ptp(of.lengths)),
-    }
-    errors = {name: float(np.max(np.abs(got - want))) for name, (got, want, _) in pairs.items()}
-    return errors, {name: errors[name] / float(span) for name, (_, _, span) in pairs.items()}
+    true = _forward(of, p, l)
+    pairs = {name: (getattr(robot, name)(p, l), values) for name, values in true.items()}
+    pairs["pressure"] = robot.pressure(true["force"], l)[0], p
+    pairs["length"] = robot.length(true["force"], p)[0], l
+    errors = {name: float(np.max(np.abs(got - want))) for name, (got, want) in pairs.items()}
+    return errors, {name: errors[name] / float(np.ptp(pairs[name][1])) for name in JUDGED}
+
+
+def _forward(of: Inverse, pressure: np.ndarray, length: np.ndarray) -> dict[str, np.ndarray]:
+    """Force and its derivatives, each (n,), by the names under which a robot asks for them."""
+    force, stiffness = of.force(pressure, length)
+    by_pressure, by_length = of.stiffening(pressure, length).T
+    return {
+        "force": force, "pull": of.pull(pressure, length), "stiffness": stiffness,
+        "stiffness_by_pressure": by_pressure, "stiffness_by_length": by_length,
+    }  # fmt: skip
+
+
+def _rough(of: Inverse, values: Doubt, seed: int) -> tuple[np.ndarray, float]:
+    """A sum of low degree, and its largest error at some random points."""
+    x = _nodes(LOW)
+    p, l = (g.ravel() for g in np.meshgrid(_to(x, of.pressures), _to(x, of.lengths), indexing="ij"))
+    table = _fitted(values(p, l).reshape(LOW + 1, LOW + 1), LOW)
+    a, b = np.random.default_rng(seed).uniform(-1, 1, (2, FEW))
+    got = np.einsum("ni,ij,nj->n", chebvander(a, LOW), table, chebvander(b, LOW))
+    return table, float(np.max(np.abs(got - values(_to(a, of.pressures), _to(b, of.lengths)))))
+
+
+def _unknown(pressure: np.ndarray, length: np.ndarray) -> np.ndarray:
+    return np.full(np.shape(pressure), np.nan)
 
 
 def _write(path: Path, table: dict[str, np.ndarray]) -> None:

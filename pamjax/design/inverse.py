@@ -7,8 +7,9 @@ their derivatives follow from the implicit function:
     L(F, P):  ∂L/∂F = 1 / F_L,   ∂L/∂P = −F_P / F_L          F_L is the stiffness, F_P the pull of a pascal
 
 JAX sees the same derivatives, of any order, in the muscle's own numbers too; the stiffness has its own,
-∂²F/∂P∂L and ∂²F/∂L². What the past leaves (friction, relaxation) and the errors of sensors take no part
-(`left_out.py`): pressure and length are the true ones, the pressure that before the bladder's contact.
+∂²F/∂P∂L and ∂²F/∂L². What the past leaves (friction, relaxation), the errors of sensors and the give of the
+rig take no part (`left_out.py`): pressure and length are the true ones, the pressure that before the
+bladder's contact, the length the muscle's own.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from pamjax.infer.load import Loaded
 from pamjax.model.balance import Status
 from pamjax.model.bench import Bench
 from pamjax.model.history import history
-from pamjax.model.mechanism import AbstractLine, Past
+from pamjax.model.mechanism import AbstractLine, AbstractRig, Past
 from pamjax.model.muscle import Muscle
 from pamjax.model.outcome import Outcome
 
@@ -83,8 +84,14 @@ def static_force(muscle: Muscle | Bench, pressure: Array, length: Array) -> tupl
     if isinstance(muscle, Muscle):
         reading = muscle(pressure, length)
         return reading.force, reading.status == int(Status.OK)
-    past, status = at_rest(muscle.prepared(), pressure, length)
+    past, status = at_rest(off_the_rig(muscle), pressure, length)
     return past.force, status == int(Status.OK)
+
+
+def off_the_rig(bench: Bench) -> Bench:
+    """The same muscle between rigid ends, prepared: a rig's give belongs to the lab."""
+    kept = tuple(m for m in bench.mechanisms if not isinstance(m, AbstractRig))
+    return Bench(bench.thread_length, bench.turns, kept).prepared()
 
 
 def at_rest(bench: Bench, pressure: Array, length: Array) -> tuple[Past, Array]:
@@ -138,7 +145,7 @@ class Inverse:
     """The inverse of a muscle within a range.
 
     Attributes:
-        muscle: the muscle, or a bench whose sensors and memory are left out.
+        muscle: the muscle, or a bench whose sensors, rig and memory are left out.
         pressures: lowest and highest, Pa.
         lengths: shortest and longest, m.
     """
@@ -151,6 +158,10 @@ class Inverse:
         """Force at rest, N, and stiffness ∂F/∂L, N/m, each (n,)."""
         value, slopes, _ = _in_parts(lambda p, l: _forces(self.muscle, p, l), pressure, length)
         return np.asarray(value), np.asarray(slopes[:, 1])
+
+    def pull(self, pressure: ArrayLike, length: ArrayLike) -> np.ndarray:
+        """What a pascal more pulls, ∂F/∂P, N/Pa, (n,)."""
+        return np.asarray(_in_parts(lambda p, l: _forces(self.muscle, p, l), pressure, length)[1][:, 0])
 
     def stiffening(self, pressure: ArrayLike, length: ArrayLike) -> np.ndarray:
         """Derivatives of the stiffness by pressure, ∂²F/∂P∂L, N/(m Pa), and length, ∂²F/∂L², N/m²; (n, 2)."""

@@ -3,6 +3,7 @@
     from controller import Controller
     muscle = Controller("controller.npz")
     pressure, status = muscle.pressure(force, length)     # N, m -> Pa
+    off = muscle.sd(pressure, length) / muscle.pull(pressure, length)     # Pa, one standard deviation
 
 Each function of two variables is a sum of Chebyshev polynomials. `muscle.error` states the largest error that
 was measured against the model on random points, by name, SI; statuses are explained in LIMITS.
@@ -33,12 +34,12 @@ def _sum(table, x, y):
 
 
 class Controller:
-    """Pressure, length, force and stiffness of one muscle at rest.
+    """Pressure, length, force and stiffness of one muscle at rest, how they change, and how sure force is.
 
     Attributes:
         pressures: lowest and highest, Pa.
         lengths: shortest and longest, m.
-        error: largest measured error of "pressure" (Pa), "length" (m), "force" (N) and "stiffness" (N/m).
+        error: largest measured error of what the functions below return, by their names.
     """
 
     def __init__(self, path):
@@ -50,11 +51,31 @@ class Controller:
 
     def force(self, pressure, length):
         """Force, N, at a pressure, Pa, and a length, m."""
-        return _sum(self._table["force"], _unit(pressure, *self.pressures), _unit(length, *self.lengths))
+        return self._at("force", pressure, length)
+
+    def pull(self, pressure, length):
+        """Slope of force in pressure, N/Pa."""
+        return self._at("pull", pressure, length)
 
     def stiffness(self, pressure, length):
         """Slope of force in length, N/m."""
-        return _sum(self._table["stiffness"], _unit(pressure, *self.pressures), _unit(length, *self.lengths))
+        return self._at("stiffness", pressure, length)
+
+    def stiffness_by_pressure(self, pressure, length):
+        """Slope of the stiffness in pressure, N/(m Pa)."""
+        return self._at("stiffness_by_pressure", pressure, length)
+
+    def stiffness_by_length(self, pressure, length):
+        """Slope of the stiffness in length, N/m2."""
+        return self._at("stiffness_by_length", pressure, length)
+
+    def friction(self, pressure, length):
+        """By how much force is higher after lengthening and lower after shortening, N; 0 without friction."""
+        return self._at("friction", pressure, length)
+
+    def sd(self, pressure, length):
+        """One standard deviation of the force as it was calibrated, N; NaN where that is not known."""
+        return self._at("sd", pressure, length)
 
     def pressure(self, force, length):
         """Pressure, Pa, for a force, N, at a length, m; and a status."""
@@ -63,6 +84,19 @@ class Controller:
     def length(self, force, pressure):
         """Length, m, for a force, N, at a pressure, Pa; and a status."""
         return self._inverse("length", force, pressure, self.pressures, self.lengths)
+
+    def pressure_slopes(self, pressure, length):
+        """How the pressure that was found changes, with force (Pa/N) and with length (Pa/m)."""
+        pull = self.pull(pressure, length)
+        return 1 / pull, -self.stiffness(pressure, length) / pull
+
+    def length_slopes(self, pressure, length):
+        """How the length that was found changes, with force (m/N) and with pressure (m/Pa)."""
+        stiffness = self.stiffness(pressure, length)
+        return 1 / stiffness, -self.pull(pressure, length) / stiffness
+
+    def _at(self, name, pressure, length):
+        return _sum(self._table[name], _unit(pressure, *self.pressures), _unit(length, *self.lengths))
 
     def _inverse(self, name, force, other, range_, into):
         y = _unit(np.clip(other, *range_), *range_)

@@ -203,7 +203,7 @@ def test_what_a_command_leaves_out_is_said_beside_the_doubt(fitted, tmp_path, ca
     said = capsys.readouterr().out
     assert f", and up to {show(found['friction_command'], 'kPa', 2)} to either side by friction" in said
     assert f"force up to {show(found['friction_force'], 'N', 2)} more after lengthening" in said
-    assert "left out, as for true sensors: force_offset" in said
+    assert "left out, as for true sensors and a rigid rig: force_offset" in said
 
 
 def test_an_answer_tells_how_the_stiffness_changes(fitted, capsys):

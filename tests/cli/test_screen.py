@@ -9,12 +9,10 @@ from pamjax.cli.screen import heeding, working
 
 
 @pytest.fixture(autouse=True)
-def heeded():
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+def heeded(interruptible):
     with heeding():
         yield
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    signal.signal(signal.SIGINT, before)
 
 
 def swallowed():

@@ -12,10 +12,14 @@ import pytest
 from pamjax.check import BadInput
 from pamjax.design.export import Exported, export, narrowed
 from pamjax.design.inverse import Inverse, Limit, inverse, static_force
+from pamjax.design.left_out import half_loop
 from pamjax.design.standalone import Controller
-from pamjax.model.bench import Bench
+from pamjax.model.bench import Bench, record
+from pamjax.model.history import history
 from pamjax.model.mechanisms.bladder_elasticity import BladderElasticity
 from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
+from pamjax.model.mechanisms.braid_friction import BraidFriction
+from pamjax.model.mechanisms.rig_compliance import RigCompliance
 from pamjax.model.muscle import Muscle, predict
 from pamjax.model.thread import LinearThread
 from tests.agreement import BY_DIFFERENCE, SOLVED, agree, difference
@@ -127,7 +131,12 @@ def test_beyond_the_locking_angle_pressure_commands_nothing():
 
 @pytest.fixture(scope="module")
 def written(of, tmp_path_factory) -> Exported:
-    return export(of, tmp_path_factory.mktemp("robot"))
+    return export(of, tmp_path_factory.mktemp("robot"), doubt=doubt)
+
+
+def doubt(pressure, length):
+    """How surely a force is known, N; any smooth law will do."""
+    return 1.0 + pressure / 1e5 * np.exp(-length / 0.1)
 
 
 def worst(robot, of, seed):
@@ -135,12 +144,16 @@ def worst(robot, of, seed):
     rng = np.random.default_rng(seed)
     pressure, length = (rng.uniform(*ends, 3000) for ends in (robot.pressures, robot.lengths))
     force, stiffness = of.force(pressure, length)
-    return {
-        "force": np.abs(robot.force(pressure, length) - force).max(),
-        "stiffness": np.abs(robot.stiffness(pressure, length) - stiffness).max(),
-        "pressure": np.abs(robot.pressure(force, length)[0] - pressure).max(),
-        "length": np.abs(robot.length(force, pressure)[0] - length).max(),
-    }
+    by_pressure, by_length = of.stiffening(pressure, length).T
+    true = {
+        "force": force, "stiffness": stiffness, "pull": of.pull(pressure, length),
+        "stiffness_by_pressure": by_pressure, "stiffness_by_length": by_length,
+        "sd": doubt(pressure, length),
+    }  # fmt: skip
+    off = {name: np.abs(getattr(robot, name)(pressure, length) - values) for name, values in true.items()}
+    off["pressure"] = np.abs(robot.pressure(force, length)[0] - pressure)
+    off["length"] = np.abs(robot.length(force, pressure)[0] - length)
+    return {name: one.max() for name, one in off.items()}
 
 
 def test_a_table_is_as_good_as_it_says_and_a_wrong_one_is_caught(written, of):
@@ -148,6 +161,7 @@ def test_a_table_is_as_good_as_it_says_and_a_wrong_one_is_caught(written, of):
     assert robot.error["pressure"] < 1e-3 * 650e3
     assert robot.error["length"] < 1e-5
     found = worst(robot, of, seed=99)
+    assert set(found) == set(robot.error) - {"friction"}
     assert all(found[name] <= robot.error[name] for name in found)
     robot._table["pressure"] = robot._table["pressure"] + 2 * robot.error["pressure"] * (
         np.indices(robot._table["pressure"].shape).sum(axis=0) == 1
@@ -159,6 +173,32 @@ def test_a_table_says_which_limit_binds(written):
     robot = Controller(written.files[0])
     _, status = robot.pressure(np.array([500.0, 1e5, -1e3, 500.0]), np.array([0.2, 0.2, 0.2, 0.3]))
     assert status.tolist() == [Limit.OK, Limit.TOO_STRONG, Limit.TOO_WEAK, Limit.OUTSIDE]
+
+
+def test_a_table_knows_how_its_answers_change(written, of):
+    robot = Controller(written.files[0])
+    pressures, lengths = of.pressure([300.0, 500.0], 0.2), of.length([300.0, 500.0], 400e3)
+    agree(robot.pressure_slopes(pressures.value, 0.2), [pressures.by_force, pressures.by_other], 1e-4)
+    agree(robot.length_slopes(400e3, lengths.value), [lengths.by_force, lengths.by_other], 1e-4)
+
+
+@pytest.mark.slow
+def test_a_table_holds_friction_and_nothing_of_the_rig(tmp_path):
+    rubbed, rig = BraidFriction(coefficient=0.4), RigCompliance(1e-6)
+    threads = BraidElasticity(4e-6)
+    given, rigid = (Bench(0.2512, 1.09, (threads, rubbed, *m)) for m in ((rig,), ()))
+    ends = (100e3, 600e3), (0.19, 0.2357)
+    robot = Controller(export(inverse(given, *ends), tmp_path).files[0])
+    at = np.array([200e3, 500e3]), np.array([0.2, 0.22])
+    loops = half_loop(rigid, *at)
+    assert np.all(loops > 1.0)
+    assert np.all(np.abs(robot.friction(*at) - loops) < robot.error["friction"])
+    assert robot.error["friction"] < 0.01 * loops.min()
+    # Nobody said how surely this muscle is known.
+    assert np.all(np.isnan(robot.sd(*at)))
+    assert np.all(np.abs(robot.force(*at) - inverse(rigid, *ends).force(*at)[0]) < robot.error["force"])
+    soft = record(given, *at, history(None, np.ones(2, dtype=bool))).past.force
+    assert np.all(robot.force(*at) - soft > 1.0)
 
 
 def test_the_table_needs_numpy_alone(written):

@@ -12,6 +12,7 @@ from pamjax.model.mechanisms.braid_friction import BraidFriction
 from pamjax.model.mechanisms.contact_pressure import ContactPressure
 from pamjax.model.mechanisms.force_offset import ForceOffset
 from pamjax.model.mechanisms.pressure_drop import PressureDrop
+from pamjax.model.mechanisms.rig_compliance import RigCompliance
 from pamjax.model.mechanisms.viscoelastic_creep import ViscoelasticCreep
 from pamjax.model.muscle import Muscle
 from pamjax.model.thread import LinearThread
@@ -50,8 +51,11 @@ def test_only_friction_has_a_loop_at_rest():
 
 
 def test_what_takes_no_part_is_named():
-    mechanisms = PressureDrop(1e8), ForceOffset(2.0), ContactPressure(4e4), FRICTION
-    assert left_out(bench(*mechanisms)) == (("pressure_drop", "braid_friction"), ("force_offset",))
+    mechanisms = PressureDrop(1e8), ForceOffset(2.0), RigCompliance(1e-7), ContactPressure(4e4), FRICTION
+    assert left_out(bench(*mechanisms)) == (
+        ("pressure_drop", "braid_friction"),
+        ("force_offset", "rig_compliance"),
+    )
     assert left_out(Muscle(0.2357, 0.2512, 1.09, LinearThread(2.5e5))) == ((), ())
 
 

@@ -71,7 +71,7 @@ def test_an_interrupted_folder_is_untouched(tmp_path, exists):
     assert not exists or (folder / "a.txt").read_text() == "old"
 
 
-def test_ctrl_c_amid_the_renames_waits_for_them(tmp_path, monkeypatch):
+def test_ctrl_c_amid_the_renames_waits_for_them(tmp_path, monkeypatch, interruptible):
     from pamjax.records import files
 
     moved = files._move
