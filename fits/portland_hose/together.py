@@ -3,9 +3,9 @@
 python fits/portland_hose/together.py FOLDER_WITH_CASES --out out/portland_hose
 
 Hoses of 83, 132, 281 and 521 mm were cut from one series, so that their rubber is the same. Each is fitted
-alone, and all four with one modulus and one share of Mooney's; medians of six samples (`thin.py`), threads that
-do not stretch and a rubber tube. The stated tube does not fit its braid (README): its bore is believed to
-be the braid's diameter less two walls, as well known as that diameter. Printed:
+alone, and all four with one modulus and one share of Mooney's; medians of six samples (`thin.py`), threads
+that do not stretch and a rubber tube. The stated tube does not fit its braid (README): its bore is believed
+to be the braid's diameter less two walls, as well known as that diameter. Printed:
 
     apart       modulus of each hose, and χ² of the four about their weighted mean: what could refute one wall
     together    the modulus of all, and what holding it costs: rmse of force in sample and on lengths held out
