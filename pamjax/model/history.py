@@ -2,7 +2,8 @@
 
 A recording is a sequence of samples with gaps where the rig was moved. Memory is carried across a gap
 unless it is stated to restart there; a rate never reaches across one. Before the first sample the muscle
-was at rest in that state, or, where that is stated, had been through the same recording once.
+was at rest in that state, or, where that is stated, had been through the same recording once. What it leaves
+out: corners of strokes with five samples or fewer, at which a rate is that across the corner.
 """
 
 from __future__ import annotations
