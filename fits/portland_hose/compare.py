@@ -8,9 +8,10 @@ figures of each fit, prints the tables and writes comparison.json.
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
+
+from words import taker
 
 from pamjax.infer.cache import keep_compiled
 from pamjax.infer.fit import fit
@@ -49,10 +50,7 @@ def table(found: list[Comparison], split: str) -> str:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    style = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=style)
-    parser.add_argument("cases", type=Path, help="folder with a folder for each case")
-    parser.add_argument("--out", type=Path, default=Path("out/portland_hose"), help="folder for the results")
+    parser = taker(__doc__)
     asked = parser.parse_args(arguments)
     folders = cases_in(asked.cases)
     if not folders:

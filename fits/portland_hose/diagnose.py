@@ -9,7 +9,6 @@ same rows and the floor of `floor.py`; writes the diagnoses, gains.json and two 
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 
@@ -17,6 +16,7 @@ import numpy as np
 from drawn import loops, walls
 from floor import floor
 from thin import thinned
+from words import taker
 
 from pamjax.check import BadInput
 from pamjax.infer.cache import keep_compiled
@@ -139,10 +139,7 @@ def table(found: dict[str, dict]) -> str:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    style = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=style)
-    parser.add_argument("cases", type=Path, help="folder with a folder for each case")
-    parser.add_argument("--out", type=Path, default=Path("out/portland_hose"), help="folder for the results")
+    parser = taker(__doc__)
     parser.add_argument("--only", default="", help="names of cases, with commas between them")
     parser.add_argument("--loops", action="store_true", help="score the last tests with loops added by hand")
     asked = parser.parse_args(arguments)

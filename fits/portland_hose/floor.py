@@ -15,11 +15,10 @@ part of `test`. Slow relaxation and conditioning are part of it.
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
+from words import taker
 
 from pamjax.records.case import Case, read_case
 from pamjax.records.levels import find_levels, nearest_level
@@ -81,11 +80,7 @@ def floor(case: Case) -> Floor:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("cases", type=Path, help="folder with a folder for each case")
-    asked = parser.parse_args(arguments)
+    asked = taker(__doc__, writes=False).parse_args(arguments)
     print("| hose | tests, N | ruler, N | floor, N | tests at all lengths, N | full scale, N |")
     print("|---|---|---|---|---|---|")
     for toml in sorted(asked.cases.glob("*/muscle.toml")):

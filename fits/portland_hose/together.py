@@ -13,13 +13,13 @@ to be the braid's diameter less two walls, as well known as that diameter. Print
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from scipy.stats import chi2
 from thin import thinned
+from words import taker
 
 from pamjax.infer.cache import keep_compiled
 from pamjax.infer.fit import fit
@@ -90,11 +90,7 @@ def report(apart: list[Fit], together: Fit) -> str:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    style = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=style)
-    parser.add_argument("cases", type=Path, help="folder with a folder for each case")
-    parser.add_argument("--out", type=Path, default=Path("out/portland_hose"), help="folder for the results")
-    asked = parser.parse_args(arguments)
+    asked = taker(__doc__).parse_args(arguments)
     keep_compiled()
     asked.out.mkdir(parents=True, exist_ok=True)
     cases = [believed(asked.cases / name) for name in HOSES]

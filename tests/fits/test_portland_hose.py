@@ -3,6 +3,8 @@
 import importlib
 import json
 import sys
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -67,23 +69,46 @@ def test_slack_rows_are_left_out_of_the_comparison(scored):
     assert found.rows == np.sum(force > found.threshold) < len(force)
 
 
-@pytest.mark.slow
-def test_the_script_writes_its_comparison_and_figures(tmp_path, capsys):
+@contextmanager
+def script(name):
+    """A module of the folder, which imports its neighbours by name as a script does."""
+    before = set(sys.modules)
     sys.path.insert(0, str(FOLDER))
-    kept = sys.modules.pop("compare", None)
     try:
-        script = importlib.import_module("compare")
-        script.THREADS = ("inelastic",)
-        thinned("hose-20mm-275", tmp_path / "cases")
-        script.main([str(tmp_path / "cases"), "--out", str(tmp_path / "out")])
+        yield importlib.import_module(name)
     finally:
         sys.path.remove(str(FOLDER))
-        sys.modules.pop("compare", None)
-        if kept is not None:
-            sys.modules["compare"] = kept
+        for one in {path.stem for path in FOLDER.glob("*.py")} - before:
+            sys.modules.pop(one, None)
+
+
+@pytest.mark.slow
+def test_the_script_writes_its_comparison_and_figures(tmp_path, capsys):
+    with script("compare") as compared:
+        compared.THREADS = ("inelastic",)
+        thinned("hose-20mm-275", tmp_path / "cases")
+        compared.main([str(tmp_path / "cases"), "--out", str(tmp_path / "out")])
     said = capsys.readouterr().out
     assert f"| {INNER} | {BRAID} | Gaylord | Gaylord, free threshold | {SAROSI} |" in said
     assert "| hose-20mm-275 | " in said
     (report,) = json.loads((tmp_path / "out" / "comparison.json").read_text(encoding="utf-8"))
     assert report["rmse_N"][SAROSI]["in sample"] < 0.2 * report["rmse_N"][BRAID]["in sample"]
     assert (tmp_path / "out" / "hose-20mm-275" / "inelastic" / "prediction.png").is_file()
+
+
+@pytest.mark.slow
+def test_two_hoses_of_a_series_have_one_wall():
+    with script("together") as series:
+        names = ("hose-10mm-132", "hose-10mm-281")
+        cases = [series.thinned(series.believed(HOSES / name), 5) for name in names]
+        apart = [series.fitted([case]).estimates[series.WALL[0]] for case in cases]
+        *_, squares, p = series.agreement(apart)
+        assert p > 0.05
+        shared = series.fitted(cases, series.WALL).estimates[series.WALL[0]]
+        assert min(one.value - 2 * one.sd for one in apart) < shared.value
+        assert shared.value < max(one.value + 2 * one.sd for one in apart)
+        # A wall that is another is told apart.
+        other = replace(apart[0], value=apart[0].value + 1e6)
+        *_, farther, refuted = series.agreement([other, apart[1]])
+        assert farther > squares + 3
+        assert refuted < 0.05
