@@ -299,6 +299,9 @@ def save_posterior_figures(post: Posterior, folder: Path) -> list[Path]:
         made["profile"] = profile_figure
     if ridges(post):
         made["ridge"] = ridge_figure
+    for name in {"profile", "ridge"} - set(made):
+        # One that an earlier posterior left in this folder speaks of that one.
+        (folder / f"{name}.png").unlink(missing_ok=True)
     written = [save_png(draw(post), folder / name) for name, draw in made.items()]
     for k, one in enumerate(post.fit.cases):
         head = "" if len(post.fit.cases) == 1 else f"{one.case.name}-"

@@ -134,5 +134,7 @@ def test_a_ridge_stands_on_what_was_believed():
 
 @pytest.mark.slow
 def test_figures_are_written(tmp_path):
+    (tmp_path / "ridge.png").write_bytes(b"of an earlier posterior")
     names = {path.name for path in save_posterior_figures(drawn(), tmp_path)}
     assert names == {"corner.png", "belief.png", "trace.png", "profile.png", "band.png"}
+    assert names == {path.name for path in tmp_path.iterdir()}
