@@ -14,7 +14,7 @@ def inverse(
     muscle: Path,
     /,
     *,
-    force: str | None = None,
+    force: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
     length: str | None = None,
     pressure: str | None = None,
     posterior: Path | None = None,
@@ -74,6 +74,7 @@ def inverse(
             file=muscle if muscle.suffix == ".json" else None,
             case=case,
             draws=draws,
+            calibrated=loaded.calibrated,
         )
         say_json(found.as_dict()) if json else say(str(found))
     if export is not None:

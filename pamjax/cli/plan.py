@@ -53,9 +53,13 @@ def plan(
     writable(out)
     recorded = muscle.is_dir() and (muscle / RECORDING).exists()
     if tell is not None:
-        if len(tell) != 2 or not recorded:
-            got = f"{len(tell)} and {'' if recorded else 'no '}{muscle / RECORDING}"
-            raise refuse("`--tell` takes two mechanisms and a case folder with a recording", got)
+        if len(tell) != 2:
+            raise refuse(
+                "`--tell` takes two mechanisms", f"{len(tell)}", remedy="Name both, one after another."
+            )
+        if not recorded:
+            remedy = f"Name {muscle.parent}." if (muscle.parent / RECORDING).exists() else ""
+            raise refuse("`--tell` takes a case folder with a recording", f"{muscle}", remedy=remedy)
         if other := [f"`--{n}`" for n, v in (("goal", goal), ("to", to), ("minutes", minutes)) if v]:
             raise refuse("`--tell` plans for a tie, not for a number", ", ".join(other))
         if rig is not None:

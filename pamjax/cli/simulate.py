@@ -56,6 +56,10 @@ def simulate(
     plan = read_protocol(protocol) if protocol else PAPER
     schedule = plan.schedule(loaded.entry.rest_length.value)
     warnings = list(outside(loaded.calibrated, schedule)) if loaded.calibrated else []
+    if loaded.rubber_left_out:
+        warnings.append(
+            "the rubber of [bladder] takes no part; the model.json of a design or diagnosis has it"
+        )
     for sentence in warnings:
         print(f"pamjax: warning: {sentence}", file=sys.stderr)
     sensors = loaded.entry.sensors if noise else Sensors()

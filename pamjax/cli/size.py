@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 from typing import Literal
 
 from pamjax.cli.options import Json
-from pamjax.cli.screen import say, say_json, say_written, working, writable
+from pamjax.cli.screen import command, say, say_json, say_written, working, writable
 
 
 def size(
@@ -23,9 +22,9 @@ def size(
 ) -> None:
     """Choose a muscle: geometry and material that do what a spec wants, at the least of what it says.
 
-    Writes design.json, report.html and figures, and of a muscle that was found model.json and
-    muscle/muscle.toml, which `pamjax simulate` takes; prints a lab note. A spec that cannot be met is an
-    answer: what binds, and by how much it would have to give.
+    Writes design.json, report.html and figures, and of a muscle that was found model.json, which `pamjax
+    simulate` and `inverse` take, and muscle/muscle.toml, what it is without its rubber; prints a lab note. A
+    spec that cannot be met is an answer: what binds, and by how much it would have to give.
 
     Args:
         spec: a TOML file: what the muscle must do, the room, the supply, the catalogue, what to minimise.
@@ -50,8 +49,7 @@ def size(
         from pamjax.view.design_figures import save_figures
         from pamjax.view.design_report import save_report
 
-        words = ["pamjax", "size", str(spec), "--out", str(out), "--seed", str(seed)]
         written += save_figures(design, out)
-        written.append(save_report(design, out / "report.html", shlex.join(words)))
+        written.append(save_report(design, out / "report.html", command()))
     say_json(as_dict(design)) if json else say(str(design))
     say_written(written)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,9 @@ from pamjax.design.draws import MIDDLE, Draws, Spread
 from pamjax.design.inverse import Inverse, Limit
 from pamjax.design.left_out import half_loop, left_out
 from pamjax.units import show
+
+#: Share of the largest below which a number is the rounding of nothing, and by which an end may be passed.
+ROUNDED, BEYOND = 1e-9, 1e-3
 
 
 @dataclass(frozen=True)
@@ -34,6 +38,8 @@ class Answer:
         missed: force that the muscle misses beyond noise on held-out blocks, N, part of `sd`; 0 if unknown.
         there: force at the value, N.
         friction: half the width of the friction's loop in force, N, there; no part of `sd`; 0 for none.
+        ends: lowest and highest of the given length, m, or pressure, Pa.
+        beyond: what of pressure and length lies beyond where the muscle was calibrated, a sentence each.
         past, lab: ids of mechanisms that take no part: what past and speed leave; sensors and rig.
     """
 
@@ -52,6 +58,8 @@ class Answer:
     missed: float = 0.0
     there: float = math.nan
     friction: float = 0.0
+    ends: tuple[float, float] = (-math.inf, math.inf)
+    beyond: tuple[str, ...] = ()
     past: tuple[str, ...] = ()
     lab: tuple[str, ...] = ()
 
@@ -67,6 +75,10 @@ class Answer:
             Limit.TOO_STRONG: ("more", "highest", "longest"),
             Limit.TOO_WEAK: ("less", "lowest", "shortest"),
         }
+        if self.limit == Limit.OUTSIDE:
+            given = "length" if self.what == "pressure" else "pressure"
+            low, high = (show(end, self._units[1]) for end in self.ends)
+            return f"a {given} of {show(self.other, self._units[1])} is outside {low} to {high}"
         if self.limit not in ends:
             return self.limit.says
         than, pressure, length = ends[self.limit]
@@ -84,7 +96,7 @@ class Answer:
         }  # fmt: skip
         found: dict[str, Any] = {"command": self.what} | {n: _finite(x) for n, x in numbers.items()}
         found |= {"limit": self.limit.name, "says": self.why, "there": _finite(self.there)}
-        found["left_out"] = [*self.past, *self.lab]
+        found["left_out"], found["beyond"] = [*self.past, *self.lab], list(self.beyond)
         if self.spread is not None:
             ends = {"low": _finite(self.spread.low), "high": _finite(self.spread.high)}
             found["draws"] = ends | {"middle": MIDDLE, "met": self.spread.met}
@@ -108,7 +120,10 @@ class Answer:
         return ("kPa", "mm") if self.what == "pressure" else ("mm", "kPa")
 
     def _nearest(self) -> list[str]:
-        return [f"cannot be met: {self.why}", f"nearest {self.what} {show(self.value, self._units[0])}"]
+        nearest = f"nearest {self.what} {show(self.value, self._units[0])}"
+        if self.limit == Limit.OUTSIDE:
+            nearest += f", at {show(min(max(self.other, self.ends[0]), self.ends[1]), self._units[1])}"
+        return [f"cannot be met: {self.why}", nearest]
 
     def _met(self) -> list[str]:
         """The value with all that it may be off by, and how it changes."""
@@ -132,7 +147,7 @@ class Answer:
 
     def _left_out(self) -> list[str]:
         """What takes no part, a line each."""
-        lines = []
+        lines = [*self.beyond]
         if self.past:
             lines.append(f"left out, as for a muscle at rest: {', '.join(self.past)}")
         if self.friction:
@@ -145,6 +160,17 @@ class Answer:
         return lines
 
 
+def _beyond(calibrated: Mapping[str, tuple[float, float]], at: Mapping[str, float]) -> tuple[str, ...]:
+    """What lies beyond where a muscle was calibrated, a sentence each."""
+    said = []
+    for name, (low, high) in calibrated.items():
+        unit, value = {"pressure": "kPa", "length": "mm"}[name], at[name]
+        if not low - BEYOND * abs(low) <= value <= high * (1 + BEYOND):
+            known = show(low, unit) if low == high else f"{show(low, unit)} to {show(high, unit)}"
+            said.append(f"extrapolated: {name} {show(value, unit)}, calibrated at {known}; no ± counts it")
+    return tuple(said)
+
+
 def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
@@ -152,6 +178,7 @@ def _finite(value: float) -> float | None:
 def answer(
     of: Inverse, force: float, *, length: float | None = None, pressure: float | None = None,
     file: Path | None = None, case: str | None = None, draws: Draws | None = None,
+    calibrated: Mapping[str, tuple[float, float]] | None = None,
 ) -> Answer:  # fmt: skip
     """Answer one wish.
 
@@ -163,6 +190,7 @@ def answer(
         file: the fit.json that knows how sure the muscle's numbers are.
         case: which case of it.
         draws: what a posterior knows of the muscle, instead of that file.
+        calibrated: lowest and highest "pressure" and "length" that the muscle was calibrated on, SI.
     """
     what, other = ("pressure", length) if length is not None else ("length", pressure)
     assert other is not None
@@ -171,9 +199,13 @@ def answer(
         float(np.asarray(x)[0])
         for x in (command.value, command.by_force, command.by_other, command.stiffness)
     )
+    ends, into = (of.lengths, of.pressures) if length is not None else (of.pressures, of.lengths)
+    # What a root leaves of nothing is nothing.
+    value = value if abs(value) > ROUNDED * into[1] else 0.0
     p, l = (value, other) if length is not None else (other, value)
     spread = draws.spread(of, force, length=length, pressure=pressure) if draws else None
     there = float(of.force(p, l)[0][0])
+    there = there if abs(there) > ROUNDED * abs(force) else 0.0
     missed = (left_over(file) if file else None) or 0.0
     if spread is not None:
         sd = math.hypot(spread.sd, by_force * missed)
@@ -185,5 +217,6 @@ def answer(
     past, lab = left_out(of.muscle)
     return Answer(
         what, value, sd, force, other, by_force, by_other, stiffness, float(by_pressure), float(by_length),
-        limit, spread, missed, there, float(half_loop(of.muscle, p, l)[0]), past, lab,
+        limit, spread, missed, there, float(half_loop(of.muscle, p, l)[0]), ends,
+        _beyond(calibrated or {}, {"pressure": p, "length": l}), past, lab,
     )  # fmt: skip

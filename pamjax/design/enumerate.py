@@ -133,7 +133,7 @@ def _one(problem: Problem, starts: np.ndarray, method: str = "slsqp", enough: in
             if s > NEARLY:
                 continue
         answer = search(problem, start, method)
-        if answer.kept and problem.outputs(answer.z)[index("unsolved")] == 0:
+        if answer.kept:
             ends.append(answer.value)
             least = 0.0
             if best is None or answer.value < best.value:

@@ -33,6 +33,10 @@ FEW, LOW = 500, 12
 #: The least share of the highest pressure at which a length can be commanded: without pressure, no stiffness.
 LEAST = 0.05
 
+#: Shares of the highest pressure at which a table may begin where it cannot begin at the lowest, and the
+#: share of the lengths that it must then keep: below, rubber may hold the muscle open by itself.
+BEGIN, KEEP = (0.05, 0.1, 0.2, 0.3, 0.5), 0.6
+
 
 @dataclass(frozen=True)
 class Exported:
@@ -40,12 +44,15 @@ class Exported:
 
     Attributes:
         files: the table and the module that reads it.
+        pressures, lengths: what the table covers, Pa and m.
         degree: of the sums.
         error: stated error by name, SI: twice the largest that was met.
         share: the largest of them, as a share of its range.
     """
 
     files: tuple[Path, Path]
+    pressures: tuple[float, float]
+    lengths: tuple[float, float]
     degree: int
     error: dict[str, float]
     share: float
@@ -53,7 +60,9 @@ class Exported:
     def __str__(self) -> str:
         units = {"pressure": "Pa", "length": "um", "force": "N", "stiffness": "N/m"}
         told = ", ".join(f"{n} {show(self.error[n], u, 2)}" for n, u in units.items())
-        return f"sums of degree {self.degree}; off by less than {told}"
+        (low, high), (short, long) = self.pressures, self.lengths
+        covers = f"{show(low, 'kPa')} to {show(high, 'kPa')}, {show(short, 'mm')} to {show(long, 'mm')}"
+        return f"for {covers}; sums of degree {self.degree}; off by less than {told}"
 
 
 def export(of: Inverse, folder: Path, *, doubt: Doubt | None = None, seed: int = 0) -> Exported:
@@ -88,26 +97,49 @@ def export(of: Inverse, folder: Path, *, doubt: Doubt | None = None, seed: int =
     _write(files[0], table | {f"error_{name}": np.array(value) for name, value in stated.items()})
     with write_beside(files[1]) as beside:
         shutil.copyfile(standalone.__file__, beside)
-    return Exported(files, degree, stated, MARGIN * share)
+    return Exported(files, of.pressures, of.lengths, degree, stated, MARGIN * share)
 
 
 def narrowed(of: Inverse) -> Inverse:
-    """The part of the range in which every force between the ends' has an answer."""
-    low, high = of.pressures
-    low = max(low, LEAST * high)
-    lengths = np.linspace(*of.lengths, 201)
+    """The part of the range in which every force between the ends' has an answer.
+
+    From the lowest pressure that leaves most lengths; where none does, from the one that leaves most.
+    """
+    lowest, high = of.pressures
+    begins = [lowest, *(share * high for share in BEGIN if share * high > lowest)]
+    best, most = of, 0.0
+    for low in begins:
+        lengths = np.linspace(*of.lengths, 201)
+        first = _first_good(Inverse(of.muscle, (low, high), of.lengths), lengths)
+        kept = 1 - first / lengths.size
+        if kept > most:
+            best, most = Inverse(of.muscle, (low, high), (float(lengths[first]), float(lengths[-1]))), kept
+        if kept >= KEEP:
+            break
+    if most < 0.1:
+        rule = "a controller needs a range of pressure and length in which pressure pulls"
+        raise refuse(rule, "hardly any length", remedy="Give a longer one, or a higher pressure.")
+    return best
+
+
+def _first_good(of: Inverse, lengths: np.ndarray) -> int:
+    """The shortest of rising lengths from which on to the longest all have an answer."""
     good = np.ones(lengths.size, dtype=bool)
+    low, high = of.pressures
     for pressure in np.linspace(low, high, 9):
         force, stiffness = of.force(pressure, lengths)
         command = of.pressure(force, lengths)
-        good &= (np.asarray(command.status) == Limit.OK) & (stiffness > 0) & np.isfinite(force)
-    # From the longest length down to the first that has none.
+        good &= (np.asarray(command.status) == Limit.OK) & np.isfinite(force)
+        if pressure >= LEAST * high:
+            good &= stiffness > 0
     bad = np.flatnonzero(~good)
-    first = bad.max() + 1 if bad.size else 0
-    if first > lengths.size - 20:
-        rule = "a controller needs a range of pressure and length in which pressure pulls"
-        raise refuse(rule, "hardly any length", remedy="Give a longer one, or a higher pressure.")
-    return Inverse(of.muscle, (low, high), (float(lengths[first]), float(lengths[-1])))
+    return int(bad.max()) + 1 if bad.size else 0
+
+
+def _holding(of: Inverse) -> Inverse:
+    """The same from the least pressure at which a length can be commanded."""
+    low, high = of.pressures
+    return Inverse(of.muscle, (max(low, LEAST * high), high), of.lengths)
 
 
 def _nodes(degree: int) -> np.ndarray:
@@ -129,11 +161,15 @@ def _table(of: Inverse, degree: int) -> dict[str, np.ndarray]:
     x = _nodes(degree)
     p, l = (g.ravel() for g in np.meshgrid(_to(x, of.pressures), _to(x, of.lengths), indexing="ij"))
     square = degree + 1, degree + 1
-    table = {"pressures": np.array(of.pressures), "lengths": np.array(of.lengths)}
+    holding = _holding(of)
+    table = {
+        "pressures": np.array(of.pressures), "holding": np.array(holding.pressures),
+        "lengths": np.array(of.lengths),
+    }  # fmt: skip
     table |= {name: _fitted(values.reshape(square), degree) for name, values in _forward(of, p, l).items()}
     inverses: list[tuple[str, Callable, tuple[float, float], tuple[float, float]]] = [
         ("pressure", of.pressure, of.lengths, of.pressures),
-        ("length", of.length, of.pressures, of.lengths),
+        ("length", holding.length, holding.pressures, of.lengths),
     ]
     for name, solve, range_, into in inverses:
         other = _to(x, range_)
@@ -156,7 +192,8 @@ def _measured(of: Inverse, table, folder: Path, seed: int) -> tuple[dict[str, fl
     true = _forward(of, p, l)
     pairs = {name: (getattr(robot, name)(p, l), values) for name, values in true.items()}
     pairs["pressure"] = robot.pressure(true["force"], l)[0], p
-    pairs["length"] = robot.length(true["force"], p)[0], l
+    held = _to(2 * (p - of.pressures[0]) / np.ptp(of.pressures) - 1, _holding(of).pressures)
+    pairs["length"] = robot.length(of.force(held, l)[0], held)[0], l
     errors = {name: float(np.max(np.abs(got - want))) for name, (got, want) in pairs.items()}
     return errors, {name: errors[name] / float(np.ptp(pairs[name][1])) for name in JUDGED}
 

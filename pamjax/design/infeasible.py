@@ -79,11 +79,17 @@ def conflict(tried: Sequence[Tried]) -> tuple[Tried, list[Gives]]:
 
 
 def _alone(problem: Problem, start: np.ndarray, k: int) -> float:
-    """The least relaxation of requirement k that keeps all others; infinite where it does not do."""
+    """The least relaxation of requirement k that keeps all others; infinite where it does not do.
+
+    The search is local: from what nearly fits, and, where that fails, from what is usual.
+    """
     weights = (problem.owner == k).astype(float)
-    z, s, _ = relax(problem, start, weights)
-    others = problem.at(z)[2][weights == 0]
-    return s if others.size == 0 or float(np.min(others)) > -ALLOWED else math.inf
+    for begin in (start, problem.scaled(problem.usual), np.full(start.size, 0.5)):
+        z, s, _ = relax(problem, begin, weights)
+        others = problem.at(z)[2][weights == 0]
+        if others.size == 0 or float(np.min(others)) > -ALLOWED:
+            return s
+    return math.inf
 
 
 def _gives(problem: Problem, z: np.ndarray, one: Requirement, part: float, s: float) -> Gives:

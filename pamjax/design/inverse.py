@@ -42,7 +42,7 @@ STEPS, EXACT = 60, 1e-13
 FEW, MANY = 16, 4096
 
 #: Where nothing was calibrated: pressures, Pa, and contractions.
-PRESSURES, CONTRACTIONS = (0.0, 600e3), (0.0, 0.35)
+PRESSURES, CONTRACTIONS = (0.0, 600e3), (0.0, 0.45)
 
 #: A range narrower than this share of itself is one point, held as well as it was.
 NARROW = 0.01
@@ -278,7 +278,7 @@ def inverse(
         pressures: lowest and highest, Pa; None for those it was calibrated on; where it was not, or at one
             pressure only, up to 600 kPa.
         lengths: shortest and longest, m; None for those it was calibrated on; where it was not, or at one
-            length only, to 35 % contraction.
+            length only, to 45 % contraction.
 
     Raises:
         BadInput: for an empty range, or a muscle without a rest length where no lengths are given.

@@ -145,6 +145,10 @@ def means_of(
 def _plain(name: str, value: Any, file: str) -> float | None:
     if name in ("force", "diameter") and value == "none":
         return None
+    if name == "contraction" and str(value).strip().endswith("%"):
+        value = float(parse(str(value).strip().removesuffix("%"), "count", f"{name} of {file}")) / 100
+    if name == "minutes" and isinstance(value, str):
+        value = parse(value, "time", f"{name} of {file}") / 60
     number = parse(value, KINDS[name], f"{name} of {file}")
     if name == "contraction" and number >= DEEPEST:
         raise refuse(f"`contraction` of a rig is a share below {DEEPEST:g}", f"{value}", file)

@@ -33,14 +33,15 @@ def objective(design: Design) -> str:
 
 
 def _muscle(design: Design) -> list[str]:
-    n = design.numbers
+    n, many = design.numbers, design.choice.parallel
     angle = math.degrees(n["braid_angle"])
+    together = f" ({show(design.output('bundle'), 'mm')} all {many})" if many > 1 else ""
     limits = f" ({', '.join(design.limits)})" if design.limits else ""
     return [
         f"  rest length {show(n['rest_length'], 'mm')}, thread length {show(n['thread_length'], 'mm')},"
         f" {n['turns']:.4g} turns (braid angle {angle:.1f} deg)",
         f"  bladder {show(n['diameter'], 'mm')} outside, wall {show(n['wall'], 'mm', 3)}{limits}",
-        f"  {show(n['pressure'], 'kPa')}, at most {show(design.output('widest'), 'mm')} wide,"
+        f"  {show(n['pressure'], 'kPa')}, at most {show(design.output('widest'), 'mm')} wide{together},"
         f" {show(design.output('mass'), 'g', 3)}, {show(design.output('air'), 'L', 3)} of air a stroke",
     ]
 
@@ -79,10 +80,11 @@ def _sure(design: Design) -> list[str]:
     wanted = design.spec.words.probability
     if design.unsure:
         return [f"  no choice holds with probability {wanted:g}; this one does with {design.probability:.2f}"]
-    tail = f", wanted {wanted:g}" if wanted else " (no probability was wanted)"
+    tail = f", wanted {wanted:g}" if wanted else "; state `probability` and it is sized for that"
     weak = min(design.held, key=lambda key: design.held[key])
-    worst = "" if design.held[weak] > 0.995 else f"; weakest: {weak}, {design.held[weak]:.2f}"
-    return [f"  all of it holds with probability {design.probability:.2f} over all draws{tail}{worst}"]
+    says = next(one.says for one in design.asked.requirements if one.key == weak)
+    worst = "" if design.held[weak] > 0.995 else f"; weakest: {says}, {design.held[weak]:.2f}"
+    return [f"  all of it holds with probability {design.probability:.2f} over other draws{tail}{worst}"]
 
 
 def _inelastic(design: Design) -> list[str]:
@@ -101,7 +103,7 @@ def _giving(design: Design) -> list[str]:
     lines = [f"  nearest: {design.choice}"]
     lines += ["  what is in each other's way, and what would do if it alone gave:"]
     lines += [f"    {give.says}" for give in design.gives[:GIVING]]
-    return lines
+    return lines if design.gives else [lines[0], "  nothing would do if it alone gave: relax several"]
 
 
 def slope_words(design: Design, slope: float, requirement) -> str:

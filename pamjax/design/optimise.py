@@ -164,7 +164,8 @@ def relax(
             options={"maxiter": STEPS, "ftol": 1e-12},
         )
     z = np.clip(found.x[:n], 0.0, 1.0)
-    here, s = problem.at(z)[2], float(found.x[n])
+    z, s = (z0, first) if problem.lost(z) else (z, float(found.x[n]))
+    here = problem.at(z)[2]
     if np.any(w > 0):
         # What the answer itself needs, whatever the solver says of it.
         s = max(0.0, float(np.max(-here[w > 0] / w[w > 0])))

@@ -25,11 +25,13 @@ ANGLES = (math.radians(50.0), math.radians(84.0))
 DEEPEST = 0.5
 #: How far beyond a stated bound a search may go, so that an infeasible spec can be told by how much.
 BEYOND = 4.0
+#: Margin to everything that is required of a candidate without a balance: as far off as can be.
+LOST = -1e3
 #: Smallest and largest muscles, m: length, diameter.
 LENGTHS, DIAMETERS = (5e-3, 5.0), (0.5e-3, 0.3)
 
-#: The output that each objective is.
-OUTPUT = {"diameter": "widest"} | {name: name for name in ("mass", "air", "pressure", "cost", "length")}
+#: The output that each objective is; the diameter is that of all muscles together.
+OUTPUT = {"diameter": "bundle"} | {name: name for name in ("mass", "air", "pressure", "cost", "length")}
 
 
 @dataclass(frozen=True)
@@ -186,15 +188,20 @@ class Problem:
         if key != self._at[0]:
             y, slope = shown(self.coordinates(z), self.made, self.numbers, self.asked.places, self.ids)
             slope = slope[:, self.free] * (self.high - self.low)[self.free]
-            if not (np.all(np.isfinite(y)) and np.all(np.isfinite(slope))):
-                # Beyond the model: as far from every requirement as can be, and flat.
-                y, slope = np.where(np.isfinite(y), y, 1e9), np.where(np.isfinite(slope), slope, 0.0)
+            lost = y[index("unsolved")] > 0 or not (np.all(np.isfinite(y)) and np.all(np.isfinite(slope)))
+            if lost:
+                # What has no balance shows nothing: as far from every requirement as can be, and flat.
+                y, slope = np.where(np.isfinite(y), y, 1e9), np.zeros_like(slope)
             goal = index(OUTPUT[self.objective])
             best = max(float(y[goal]), 1e-12)
-            margins = self.margins(y)
+            margins = np.full(self.rows.size, LOST) if lost else self.margins(y)
             slopes = (self.sense * steep(y[self.rows], self.bounds, self.scale))[:, None] * slope[self.rows]
             self._at = key, (math.log(best), slope[goal] / best, margins, slopes, y)
         return self._at[1][:4]
+
+    def lost(self, z: np.ndarray) -> bool:
+        """Whether the candidate has no balance somewhere."""
+        return bool(np.min(self.at(z)[2]) <= LOST)
 
     def outputs(self, z: np.ndarray) -> np.ndarray:
         """(m,) everything the candidate shows."""

@@ -187,7 +187,8 @@ def _stated(spec: Spec, used: int) -> list[Requirement]:
         found.append(_most("length", says, "length", room.length - ends, "mm", beside=ends))
     if room.diameter is not None:
         rows = tuple(index("diameter", k) for k in range(used))
-        says = f"be {show(room.diameter, 'mm')} wide at most, under pressure"
+        each = ", each" if max(words.parallel) > 1 else ""
+        says = f"be {show(room.diameter, 'mm')} wide at most{each}, under pressure"
         bounds = (room.diameter,) * used
         found.append(Requirement("diameter", says, rows, bounds, -1, room.diameter, "mm"))
     if room.bundle is not None:

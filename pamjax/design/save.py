@@ -218,7 +218,8 @@ def model(design: Design) -> dict[str, Any]:
         "cases": {
             "designed": {
                 "checksum": "designed, not measured",
-                "calibrated": {},
+                # For no more than the supply is it sized.
+                "calibrated": {"pressure": {"low": 0.0, "high": design.spec.supply}},
                 "muscle": {"law": "elastic", "mechanisms": ids, "numbers": numbers},
                 "muscle_toml": muscle_toml(design),
             }

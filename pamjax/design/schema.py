@@ -59,6 +59,15 @@ def _share(said: Any, spot: Spot) -> float:
     return value
 
 
+def _factor(said: Any, spot: Spot) -> float:
+    """A safety factor."""
+    value = read_quantity(said, "count", spot).value
+    if value < 1:
+        rule = f"`{spot.name}` is how many times stronger than its load, at least 1"
+        raise refuse(rule, f"{said}", spot.file, "Write 1 for no safety.")
+    return value
+
+
 def _range(kind: str) -> BeforeValidator:
     """Lowest and highest; one quantity fixes both."""
 
@@ -92,6 +101,7 @@ Pressure = Annotated[float, _quantity("pressure")]
 Force = Annotated[float, _quantity("force")]
 Volume = Annotated[float, _quantity("volume")]
 Number = Annotated[float, _quantity("count")]
+Factor = Annotated[float, _checked(_factor)]
 Stiffness = Annotated[float, _in("N/m")]
 Density = Annotated[float, _in("kg/m^3")]
 Share = Annotated[float, _checked(_share)]
@@ -144,9 +154,9 @@ class Safety(_Table):
     """[safety]: how many times stronger than its load."""
 
     model_config = ConfigDict(title="safety")
-    thread: Number = 3.0
-    mesh: Number = 1.5
-    rubber: Number = 2.0
+    thread: Factor = 3.0
+    mesh: Factor = 1.5
+    rubber: Factor = 2.0
 
 
 class Threads(_Table):
@@ -290,6 +300,9 @@ def _told(error: ValidationError, file: str) -> BadInput:
             where,
             nearest(str(first["input"]), OBJECTIVES),
         )
+    if first["type"] == "tuple_type" and path[-1] in ("force", "thread", "bladder"):
+        rule = f"each `{path[-1]}` is a table of its own"
+        return refuse(rule, f"[{path[-1]}]", file, f"Write [[{path[-1]}]].")
     remedy = first["msg"].replace("Input should be", "It should be") + "."
     return refuse(f"`{path[-1]}` is of another kind", f"{first['input']!r}", where, remedy)
 

@@ -10,7 +10,7 @@ from typing import Any
 from pamjax.check import refuse
 from pamjax.design import materials
 from pamjax.design.materials import BladderKind, Known, ThreadKind
-from pamjax.design.schema import OwnBladder, OwnThread, Pull, Words, read_words
+from pamjax.design.schema import OBJECTIVES, OwnBladder, OwnThread, Pull, Words, read_words
 from pamjax.records.files import read_bytes
 from pamjax.units import show
 
@@ -77,6 +77,7 @@ def read_spec(source: str | Path | Mapping[str, Any]) -> Spec:
     _does_something(words, file)
     _pressures(words, file)
     _parallel(words, file)
+    _two_objectives(words, file)
     threads = _threads(words, file)
     bladders = _bladders(words, file)
     if "cost" in (words.minimise, words.against):
@@ -121,9 +122,18 @@ def _pressures(words: Words, file: str) -> None:
 
 def _parallel(words: Words, file: str) -> None:
     most = max(words.parallel)
-    if words.envelope.bundle is not None and most > len(PACKING):
-        rule = f"a bundle is known for up to {len(PACKING)} muscles"
-        raise refuse(rule, str(most), f"`parallel` of {file}", "Leave out [envelope] bundle.")
+    asked = words.envelope.bundle is not None or "diameter" in (words.minimise, words.against)
+    if asked and most > len(PACKING):
+        rule = f"the diameter of a bundle is known for up to {len(PACKING)} muscles"
+        remedy = "Leave out [envelope] bundle, and minimise another."
+        raise refuse(rule, str(most), f"`parallel` of {file}", remedy)
+
+
+def _two_objectives(words: Words, file: str) -> None:
+    if words.against == words.minimise:
+        others = ", ".join(one for one in OBJECTIVES if one != words.minimise)
+        rule = "`against` is another objective than `minimise`"
+        raise refuse(rule, words.minimise, file, f"Write one of {others}.")
 
 
 def _threads(words: Words, file: str) -> tuple[ThreadKind, ...]:

@@ -38,7 +38,8 @@ class Controller:
 
     Attributes:
         pressures: lowest and highest, Pa.
-        lengths: shortest and longest, m.
+        holding: of them, those at which a length can be commanded: without pressure there is no stiffness.
+        lengths: shortest and longest, m. Outside nothing is known: NaN, and a status where there is one.
         error: largest measured error of what the functions below return, by their names.
     """
 
@@ -46,6 +47,7 @@ class Controller:
         with np.load(path) as file:
             table = {name: file[name] for name in file.files}
         self.pressures, self.lengths = tuple(table["pressures"]), tuple(table["lengths"])
+        self.holding = tuple(table["holding"])
         self.error = {k[6:]: float(v) for k, v in table.items() if k.startswith("error_")}
         self._table = table
 
@@ -83,7 +85,7 @@ class Controller:
 
     def length(self, force, pressure):
         """Length, m, for a force, N, at a pressure, Pa; and a status."""
-        return self._inverse("length", force, pressure, self.pressures, self.lengths)
+        return self._inverse("length", force, pressure, self.holding, self.lengths)
 
     def pressure_slopes(self, pressure, length):
         """How the pressure that was found changes, with force (Pa/N) and with length (Pa/m)."""
@@ -96,7 +98,10 @@ class Controller:
         return 1 / stiffness, -self.pull(pressure, length) / stiffness
 
     def _at(self, name, pressure, length):
-        return _sum(self._table[name], _unit(pressure, *self.pressures), _unit(length, *self.lengths))
+        x, y = _unit(pressure, *self.pressures), _unit(length, *self.lengths)
+        # A rounding beyond an end is that end.
+        inside = (np.abs(x) <= 1 + 1e-9) & (np.abs(y) <= 1 + 1e-9)
+        return np.where(inside, _sum(self._table[name], x, y), np.nan)
 
     def _inverse(self, name, force, other, range_, into):
         y = _unit(np.clip(other, *range_), *range_)
@@ -106,5 +111,5 @@ class Controller:
         value = np.clip(_sum(self._table[name], np.clip(x, -1, 1), y), *into)
         slack = 1e-6
         status = np.where(x > 1 + slack, 1, np.where(x < -1 - slack, 2, 0))
-        outside = (np.asarray(other) < range_[0]) | (np.asarray(other) > range_[1])
-        return value, np.where(outside, 3, status)
+        inside = (np.abs(_unit(other, *range_)) <= 1 + 1e-9) & np.isfinite(force)
+        return value, np.where(inside, status, 3)

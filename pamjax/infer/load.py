@@ -47,6 +47,16 @@ class Loaded:
     numbers: Mapping[str, Array]
     checksum: str = ""
 
+    @property
+    def rubber_left_out(self) -> bool:
+        """Whether muscle.toml states a rubber that the muscle does without."""
+        bladder = self.entry.bladder
+        return (
+            bladder is not None
+            and bladder.modulus is not None
+            and "bladder_elasticity" not in self.mechanisms
+        )
+
 
 def load_muscle(
     source: str | Path,
@@ -126,7 +136,8 @@ def _calibrated(file: Path, case: str | None, settings: Mapping[str, float]) -> 
         raise refuse("a calibrated muscle is a fit.json", str(error), file.name) from error
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:
         got = document.get("schema", "no schema") if isinstance(document, dict) else "no object"
-        raise refuse(f"a calibrated muscle is a file of schema {SCHEMA}", str(got), file.name)
+        remedy = "Name the model.json beside it." if (file.parent / "model.json").exists() else ""
+        raise refuse(f"a calibrated muscle is a file of schema {SCHEMA}", str(got), file.name, remedy)
     try:
         return _chosen(document["cases"], file, case, settings)
     except (KeyError, TypeError, AttributeError) as error:

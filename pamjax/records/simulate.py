@@ -95,13 +95,15 @@ def outside(calibrated: dict[str, tuple[float, float]], schedule: Schedule) -> l
     """How far a schedule leaves the pressures (Pa) and lengths (m) a muscle was calibrated on.
 
     Args:
-        calibrated: "pressure" and "length" with their lowest and highest calibrated value, SI.
+        calibrated: "pressure" and "length", or one of them, with lowest and highest calibrated value, SI.
 
     Returns:
         a sentence for each end that is left; none if the schedule stays inside.
     """
     said = []
     for name, unit, scale in (("pressure", "kPa", 1e3), ("length", "mm", 1e-3)):
+        if name not in calibrated:
+            continue
         low, high = calibrated[name]
         values = getattr(schedule, name)
         for past, end, word in ((low - values.min(), low, "below"), (values.max() - high, high, "above")):

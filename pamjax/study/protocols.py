@@ -188,7 +188,7 @@ MENU = (
         "X4",
         lambda rig: (
             f"Make the same stroke at {_kpa(0.5 * rig.pressure)} once, three and ten times as fast"
-            f" ({1e3 * rig.speed:.2g} to {1e4 * rig.speed:.2g} mm/s)"
+            f" ({1e3 * rig.speed:.3g} to {1e4 * rig.speed:.3g} mm/s)"
         ),
         _speeds,
     ),

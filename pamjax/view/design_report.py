@@ -77,8 +77,9 @@ def answer(design: Design) -> list[str]:
     if design.unsure:
         sure = f"No choice holds with the probability of {wanted:g} that is wanted; this does with {held}."
     else:
-        sure = f"Everything holds together with probability {held} over all that is not known"
-        sure += f", where {wanted:g} is wanted." if wanted else "; none was wanted, so it sits on its bounds."
+        sure = f"Everything holds together with probability {held} over other draws of all that is not known"
+        bare = "; none was wanted, so it sits on its bounds: `probability = 0.9` in the spec buys room."
+        sure += f", where {wanted:g} is wanted." if wanted else bare
     return [first, sure]
 
 
