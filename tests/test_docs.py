@@ -45,3 +45,19 @@ def _first_numbers(note):
 
 def test_contributors_page_is_short():
     assert len((ROOT / "docs/write-a-mechanism.md").read_text(encoding="utf-8").splitlines()) < 60
+
+
+def test_every_word_of_a_file_is_on_its_page():
+    from pydantic import BaseModel
+
+    from pamjax.design import means, schema
+    from pamjax.records.protocol import Protocol
+
+    page = (ROOT / "docs/files.md").read_text("utf-8")
+    tables = [t for t in vars(schema).values() if isinstance(t, type) and issubclass(t, BaseModel)]
+    words = {name for table in (*tables, Protocol) for name in table.model_fields}
+    words |= {*means.WORDS, *means.KINDS}
+    assert len(words) > 50
+    in_tables = {f"[{name}]" for name, field in schema.Words.model_fields.items() if f"[{name}]" in page}
+    missing = {word for word in words if f"`{word}`" not in page and f"[{word}]" not in in_tables}
+    assert not missing

@@ -75,6 +75,13 @@ def test_what_cannot_be_met_is_an_answer(fitted, capsys):
     long = loaded.calibrated["length"][1]
     most = float(loaded.muscle(400e3, long).force)
     assert f"more force than the {show(most, 'N')} at the longest length, {show(long, 'mm')}" in told
+    short = loaded.calibrated["length"][0]
+    assert main(["inverse", str(fitted / "fit.json"), "--force", "300 N", "--length", "100 mm"]) == 0
+    told = capsys.readouterr().out
+    assert f"a length of 100 mm is outside {show(short, 'mm')} to {show(long, 'mm')}" in told
+    assert f", at {show(short, 'mm')}" in told
+    assert main(["inverse", str(fitted / "fit.json"), "--force", "-50 N", "--length", "180 mm"]) == 0
+    assert "less force than the 0 N at the lowest pressure, 0 kPa" in capsys.readouterr().out
     words = ["--force", "9 kN", "--length", "180 mm", "--json"]
     assert main(["inverse", str(fitted / "fit.json"), *words]) == 0
     document = json.loads(capsys.readouterr().out)
@@ -101,7 +108,10 @@ def test_a_muscle_calibrated_at_one_length_is_commanded_at_others(fitted, tmp_pa
     assert (
         main(["inverse", str(tmp_path / "fit.json"), "--force", "300 N", "--length", "180 mm", "--json"]) == 0
     )
-    assert json.loads(capsys.readouterr().out)["limit"] == "OK"
+    found = json.loads(capsys.readouterr().out)
+    assert found["limit"] == "OK"
+    (beyond,) = (one for one in found["beyond"] if "length" in one)
+    assert beyond == "extrapolated: length 180 mm, calibrated at 200 mm; no ± counts it"
 
 
 @pytest.mark.parametrize("words", [[], ["--force", "3 N"], ["--force", "3 N", "--export", "x"]])

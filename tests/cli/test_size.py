@@ -40,8 +40,20 @@ def test_a_muscle_is_chosen_and_can_be_simulated(tmp_path, capsys):
     page = Page((out / "report.html").read_text("utf-8"))
     assert sum(tag == "svg" for tag, _ in page.elements) >= 4
     assert {"chart.png", "prices.png"} <= {path.name for path in out.iterdir()}
+    assert "--starts 2" in (out / "report.html").read_text("utf-8")
     assert main(["simulate", str(out / "muscle"), "--out", str(tmp_path / "stated")]) == 0
+    assert "the rubber of [bladder] takes no part" in capsys.readouterr().err
     assert main(["simulate", str(out / "model.json"), "--out", str(tmp_path / "whole")]) == 0
+    assert "rubber" not in capsys.readouterr().err
+    wish = ["inverse", str(out / "model.json"), "--length", "180 mm", "--json"]
+    assert main([*wish, "--force", "150 N"]) == 0
+    assert json.loads(capsys.readouterr().out)["value"] <= 500e3
+    # For no more than the supply was it sized.
+    assert main([*wish, "--force", "1 kN"]) == 0
+    refused = json.loads(capsys.readouterr().out)
+    assert (refused["limit"], refused["value"]) == ("TOO_STRONG", 500e3)
+    assert main(["inverse", str(out / "design.json"), "--force", "1 N", "--length", "180 mm"]) == 2
+    assert "Name the model.json beside it" in capsys.readouterr().err
 
     (tmp_path / "spec.toml").write_text(SPEC.format(force="200 kN"))
     assert main(["size", str(tmp_path / "spec.toml"), "--out", str(tmp_path / "no"), "--starts", "2"]) == 0

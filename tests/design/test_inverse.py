@@ -152,7 +152,8 @@ def worst(robot, of, seed):
     }  # fmt: skip
     off = {name: np.abs(getattr(robot, name)(pressure, length) - values) for name, values in true.items()}
     off["pressure"] = np.abs(robot.pressure(force, length)[0] - pressure)
-    off["length"] = np.abs(robot.length(force, pressure)[0] - length)
+    held = np.clip(pressure, *robot.holding)
+    off["length"] = np.abs(robot.length(of.force(held, length)[0], held)[0] - length)
     return {name: one.max() for name, one in off.items()}
 
 
@@ -173,6 +174,27 @@ def test_a_table_says_which_limit_binds(written):
     robot = Controller(written.files[0])
     _, status = robot.pressure(np.array([500.0, 1e5, -1e3, 500.0]), np.array([0.2, 0.2, 0.2, 0.3]))
     assert status.tolist() == [Limit.OK, Limit.TOO_STRONG, Limit.TOO_WEAK, Limit.OUTSIDE]
+
+
+def test_a_table_knows_nothing_outside_and_says_so(written):
+    robot = Controller(written.files[0])
+    for force, length in ((np.nan, 0.2), (300.0, np.nan), (300.0, 0.3)):
+        assert robot.pressure(force, length)[1] == Limit.OUTSIDE
+    assert np.isnan(robot.force(4e6, 0.2))
+    assert np.isnan(robot.sd(400e3, 0.3))
+    # The ends themselves are inside, whatever rounding made of them.
+    assert np.isfinite(robot.force(robot.pressures[1] * (1 + 1e-15), robot.lengths[0]))
+    assert f"{robot.lengths[0] * 1e3:.4g} mm to {robot.lengths[1] * 1e3:.4g} mm" in str(written)
+
+
+def test_a_table_goes_down_to_no_pressure_where_the_muscle_does(tmp_path):
+    of = inverse(MUSCLE, (0.0, 650e3), (0.17, 0.2357))
+    robot = Controller(export(of, tmp_path).files[0])
+    pressure, status = robot.pressure([0.0, 50.0], 0.21)
+    assert status.tolist() == [0, 0]
+    assert np.all(np.abs(pressure - of.pressure([0.0, 50.0], 0.21).value) <= robot.error["pressure"])
+    # Without pressure no force holds a length.
+    assert robot.length(0.0, 0.0)[1] == Limit.OUTSIDE
 
 
 def test_a_table_knows_how_its_answers_change(written, of):
@@ -199,6 +221,17 @@ def test_a_table_holds_friction_and_nothing_of_the_rig(tmp_path):
     assert np.all(np.abs(robot.force(*at) - inverse(rigid, *ends).force(*at)[0]) < robot.error["force"])
     soft = record(given, *at, history(None, np.ones(2, dtype=bool))).past.force
     assert np.all(robot.force(*at) - soft > 1.0)
+
+
+@pytest.mark.slow
+def test_a_muscle_held_open_by_its_rubber_is_exported_from_where_pressure_pulls():
+    rubber = BladderElasticity(0.5e6, 0.0, 0.012, 0.0015, 0.18)
+    stiff = Bench(0.1925, 1.6, (BraidElasticity(1e-6), rubber))
+    of = inverse(stiff, (0.0, 400e3), (0.11, 0.18))
+    kept = narrowed(of)
+    assert 0 < kept.pressures[0] <= 0.3 * 400e3
+    assert kept.pressures[1] == 400e3
+    assert np.ptp(kept.lengths) > 0.5 * np.ptp(of.lengths)
 
 
 def test_the_table_needs_numpy_alone(written):

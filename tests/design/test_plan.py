@@ -192,6 +192,9 @@ def test_a_rig_is_read_and_a_wrong_one_refused(entry, tmp_path):
     assert means.pressure == pytest.approx(689_476, rel=1e-5)
     assert means.channels == ("diameter",)
     assert means.off["rig_compliance.compliance"] == pytest.approx(1e-7)
+    file.write_text('[rig]\ncontraction = "15 %"\nminutes = "0.5 h"\n')
+    means = means_of(entry, file)
+    assert (means.contraction, means.minutes) == (pytest.approx(0.15), pytest.approx(30.0))
     file.write_text('[rig]\npresure = "1 bar"\n')
     with pytest.raises(BadInput, match="Did you mean `pressure`"):
         means_of(entry, file)

@@ -117,6 +117,23 @@ def test_what_cannot_be_is_told_with_what_would_do():
 
 
 @pytest.mark.slow
+def test_what_has_no_balance_comes_near_nothing():
+    said = changed("force", 0, "at_least", to="900 N") | {
+        "supply": {"pressure": "400 kPa"},
+        "envelope": {"length": "180 mm", "fittings": "12 mm", "diameter": "15 mm"},
+        "threads": {"kinds": "aramid", "counts": 48, "diameters": "0.2 mm"},
+        "bladders": {"kinds": "silicone"},
+    }
+    design = pamjax.size(said)
+    assert not design.feasible
+    assert design.output("unsolved") == 0
+    by_key = {give.requirement.key: give for give in design.gives}
+    assert 50 < by_key["force 1"].amount < 900
+    again = changed("force", 0, "at_least", to=f"{0.95 * by_key['force 1'].amount:.6f} N")
+    assert pamjax.size(said | {"force": again["force"]}, margins=False).feasible
+
+
+@pytest.mark.slow
 def test_a_room_that_would_do_is_that_of_the_spec_with_its_fittings():
     said = {
         "supply": {"pressure": "2 bar"},

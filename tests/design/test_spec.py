@@ -55,6 +55,10 @@ def test_any_unit_arrives_in_si():
         (with_(probability=1), "`probability` must lie between 0 and 1; got 1 in the spec."),
         (with_(name=3), "`name` is of another kind; got 3 in the spec. It should be a valid string."),
         (with_(force=[{"at_least": "3 N"}] * 10), "at most 9 [[force]] entries; got 10"),
+        (with_(safety={"thread": 0.2}), "how many times stronger than its load, at least 1"),
+        (with_(minimise="mass", against="mass"), "`against` is another objective than `minimise`; got mass"),
+        (with_(force={"at_least": "3 N"}), "each `force` is a table of its own; got [force] in the spec."),
+        (with_(minimise="diameter", parallel=13), "the diameter of a bundle is known for up to 12 muscles"),
         (b"minimise = ", "the spec must be TOML"),
     ],
 )  # fmt: skip
