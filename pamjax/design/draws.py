@@ -91,9 +91,10 @@ class Draws:
 @eqx.filter_jit
 def _forces(what, numbers: dict[str, Array], moving: dict[str, Array], pressure, length):
     """Force at rest of every draw, (k, n)."""
+    law, ids = what
 
     def one(drawn):
-        muscle = build(*what, numbers | drawn)
+        muscle = build(law, ids, numbers | drawn)
         return jax.vmap(lambda p, l: static_force(muscle, p, l)[0])(pressure, length)
 
     return jax.vmap(one)(moving)
