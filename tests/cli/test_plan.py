@@ -52,7 +52,7 @@ def test_a_plans_report_says_what_its_json_says(planned):
         (["--to", "0 %"], "is positive"),
         (["--minutes", "1"], "the shortest run of this rig takes 1.5 min"),
         (["--tell", "braid_friction"], "`--tell` takes two mechanisms"),
-        (["--tell", "braid_friction", "viscous_damping"], "no "),
+        (["--tell", "braid_friction", "viscous_damping"], "`--tell` takes a case folder with a recording"),
     ],
 )
 def test_a_bad_wish_is_refused(bench, tmp_path, capsys, words, told):
