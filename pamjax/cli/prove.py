@@ -24,6 +24,7 @@ def prove(
     outside: int = 1,
     correlation: list[float] | None = None,
     stage: Literal["all", "score"] = "all",
+    form_error: float = 0.0,
     rivals: bool = True,
     quick: bool = False,
     workers: int = 1,
@@ -45,6 +46,8 @@ def prove(
         outside: with something that is in no catalogue.
         correlation: of neighbouring samples of noise, 0 to 0.95; may be given several times. Without it 0.
         stage: "score" ends with the p-value of the baseline, before anything is named, and conceals nothing.
+        form_error: share by which concealed effects depart from their equations, smoothly over pressure and
+            length, 0 to 0.5: how well a diagnosis bears physics that is not quite textbook.
         rivals: ask common practice as well.
         quick: a small proof on two cores: counts and correlations are its own.
         workers: processes; each compiles, or reads what was compiled, and holds some gigabytes.
@@ -64,6 +67,8 @@ def prove(
     for one in noise:
         if not 0 <= one <= 0.95:
             raise refuse("`correlation` must lie between 0 and 0.95", f"{one:g}")
+    if not 0 <= form_error <= 0.5:
+        raise refuse("`form_error` must lie between 0 and 0.5", f"{form_error:g}")
     at_least("workers", workers, 1)
     writable(out)
     out.mkdir(parents=True, exist_ok=True)
@@ -75,7 +80,9 @@ def prove(
 
     keep_compiled()
     file = out / "trials.jsonl"
-    tasks = tasks_of(counts, noise, stage=stage, seed=seed, rivals=rivals and stage == "all")
+    tasks = tasks_of(
+        counts, noise, stage=stage, seed=seed, rivals=rivals and stage == "all", form_error=form_error
+    )
     with working(quiet=json) as progress:
         trials = run(tasks, file, workers=workers, progress=progress)
     found = table(trials)

@@ -142,8 +142,12 @@ def _derivatives(terms: Float[Array, "o 3 j i"], x: Scalar, y: Scalar) -> Array:
     """Derivatives by x and y up to the order of the terms, (o, o, 3, ...)."""
     in_x = jnp.tensordot(terms, _monomials(x, terms.shape[-1]), 1)
     power = _monomials(y, SIZE[1])
-    in_y = [jnp.stack([math.perm(j, k) * power[j - k] for j in range(k, SIZE[1])]) for k in range(len(terms))]
-    return jnp.stack([jnp.sum(in_x[:, :, k:] * c, axis=2) for k, c in enumerate(in_y)], axis=1)
+    # Sums are written out: as a reduction over a middle axis they take twice as long.
+    in_y = [
+        sum(in_x[:, :, j] * (math.perm(j, k) * power[j - k]) for j in range(k, SIZE[1]))
+        for k in range(len(terms))
+    ]
+    return jnp.stack(in_y, axis=1)
 
 
 def _monomials(x: Scalar, count: int) -> Array:

@@ -8,15 +8,16 @@ name and without it, and
     share = 1 − Σ excess with it / Σ excess without it,        excess = χ² − samples of the left-out block,
 
 is what the name explains of a misfit that it has not seen, beside all that is not explained at all. Its
-probability is scaled by a power of that share, and names that fall below `ESTABLISHED` go, the least borne
-out first; what is left is refitted.
+probability counts for that share. Names that fall below `ESTABLISHED` go, all at once, and what is left is
+refitted: each was judged beside everything that came near, for a name that is judged again once its
+neighbours have gone has their misfit held against it as well.
 
 A block that alone knows of a name's number says nothing of it, as nobody else could foretell it; an error of
 the lab's own that only the left-out block knows of (of the ruler, at that length) is made up for first.
 
-What it leaves out: a name beside which something in no catalogue is nearly as large is lost: from one
-recording it is not told from that. The power is a judgement, made on recordings of pamjax's own with nothing
-but such things in them; those that a proof counts were not among them.
+What it leaves out: a name beside which something in no catalogue is as large is lost: from one recording it
+is not told from that. Tried on recordings of pamjax's own whose effects depart from their equations, or that
+hold something in no catalogue, alone or beside an effect; those that a proof counts were not among them.
 """
 
 from __future__ import annotations
@@ -30,13 +31,11 @@ import numpy as np
 from pamjax.records.blocks import Blocks
 from pamjax.study.abreast import abreast
 from pamjax.study.forms import Form
-from pamjax.study.naming import ESTABLISHED, ROUGH, Model, Naming, names_of, places, ranked, settle, without
+from pamjax.study.naming import ESTABLISHED, ROUGH, Model, Naming, places, ranked, settle, without
 from pamjax.study.problem import Problem
 from pamjax.study.refit import Refit, refit
 from pamjax.study.whiten import Whitening
 
-#: Power of the share with which a probability goes.
-POWER = 4
 #: Blocks below which nothing is tried: a single other setting foretells none.
 FEWEST = 3
 #: Share of what a recording knows of a number below which the rest of it, without a block, knows nothing.
@@ -52,18 +51,18 @@ def borne_out(found: Problem, laid: Blocks, used: np.ndarray, naming: Naming) ->
         used: (n,) the rows that may be looked at.
         naming: what was named from them.
     """
-    model, names = naming.model, naming.names
-    while model.chosen:
-        shares = borne_shares(found, laid, used, model)
-        borne = [replace(name, probability=name.probability * shares[name.id] ** POWER) for name in names]
-        least = min(borne, key=lambda name: name.probability)
-        if least.probability >= ESTABLISHED:
-            return replace(naming, model=model, names=ranked(borne))
-        (gone,) = (form for form in model.chosen if form.id == least.id)
-        rest = tuple(form for form in model.chosen if form is not gone)
-        model = settle(found, used, rest, without(found, model.at.values, gone))
-        names = names_of(found, model)
-    return replace(naming, model=naming.baseline, names=())
+    shares = borne_shares(found, laid, used, naming.model)
+    borne = [replace(name, probability=name.probability * shares[name.id]) for name in naming.names]
+    kept = tuple(name for name in borne if name.probability >= ESTABLISHED)
+    if not kept:
+        return replace(naming, model=naming.baseline, names=())
+    model, values = naming.model, naming.model.at.values
+    if len(kept) < len(borne):
+        ids = {name.id for name in kept}
+        for form in model.chosen:
+            values = values if form.id in ids else without(found, values, form)
+        model = settle(found, used, [form for form in model.chosen if form.id in ids], values)
+    return replace(naming, model=model, names=ranked(kept))
 
 
 def borne_shares(found: Problem, laid: Blocks, used: np.ndarray, model: Model) -> dict[str, float]:

@@ -2,7 +2,9 @@
 
 They are made with the same equations as the fit: a proof on them shows that the method can do what it
 says where its equations hold, not that they hold. Shapes of what is concealed (times, distances, shares)
-are drawn off the values from which the catalogue's forms start.
+are drawn off the values from which the catalogue's forms start. With a form error each effect departs from
+its equation as well, by a smooth share that is drawn over pressure and length: physics of the catalogue as
+nature may have it.
 """
 
 from __future__ import annotations
@@ -14,7 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pamjax.model.library import TWICE
+from pamjax.model.library import MECHANISMS, TWICE
+from pamjax.model.mechanism import AbstractSensor
 from pamjax.records.case import Case
 from pamjax.records.recording import Recording
 from pamjax.records.simulate import coloured
@@ -26,6 +29,9 @@ from pamjax.study.whiten import whitening
 
 #: What is in no catalogue: an obstacle in the way, a load cell that clips, a ripple on the force.
 OUTSIDE = ("obstacle", "clipping", "ripple")
+
+#: Mechanisms that only read wrongly.
+SENSORS = {kind.id for kind in MECHANISMS if issubclass(kind, AbstractSensor)}
 
 #: Rounds in which an amplitude is brought to its wanted effect.
 ROUNDS = 4
@@ -65,7 +71,7 @@ class Envelope:
 def conceal(
     many: int, rng: np.random.Generator, *, setup: Setup | None = None, size: int | None = None,
     outside: bool = False, only: str | None = None, correlation: float = 0.0,
-    smallest: float = 3.0, largest: float = 10.0, number: int = 0,
+    smallest: float = 3.0, largest: float = 10.0, form_error: float = 0.0, number: int = 0,
 ) -> Envelope:  # fmt: skip
     """Make a recording with physics that its baseline does not have.
 
@@ -78,6 +84,7 @@ def conceal(
         only: id of the one mechanism to choose from; None for all.
         correlation: of neighbouring samples of force and of diameter.
         smallest, largest: effect, rms in noise standard deviations.
+        form_error: share, rms, by which each effect of muscle or rig departs from its equation.
         number: of the recording, for its name.
     """
     setup = setup or known()
@@ -96,7 +103,8 @@ def conceal(
         if _rms(effect, own) > SHORT * wanted:
             values = trial
             chosen.append(form)
-    shown = found.shows(values).copy()
+    shown = found.shows(values)
+    shown = shown + _departure(found, values, chosen, form_error, rng)
     effects, sizes = _alone(found, values, chosen)
     ids = tuple(form.id for form in chosen)
     if outside:
@@ -201,6 +209,30 @@ def _alone(found: Problem, values: np.ndarray, chosen: list[Form]) -> tuple[np.n
         effects[i], own = _effect(found, absent(found, values, form), values)
         sizes.append(_rms(effects[i], own))
     return effects, sizes
+
+
+def _departure(
+    found: Problem, values: np.ndarray, chosen: list[Form], share: float, rng: np.random.Generator
+) -> np.ndarray:
+    """By how much effects are not what their equations say, SI, (2, n).
+
+    A sensor's zero is a zero and its gain a gain: those do not depart.
+    """
+    out = np.zeros((2, found.n))
+    for form in chosen if share else []:
+        if form.id not in SENSORS:
+            effect = found.shows(values) - found.shows(absent(found, values, form))
+            out += share * _smooth(found.case.recording, rng) * effect
+    return out
+
+
+def _smooth(recording: Recording, rng: np.random.Generator) -> np.ndarray:
+    """A quadratic in pressure and length with coefficients that are drawn, (n,), rms one."""
+    p, x = (
+        2 * (one - one.min()) / max(np.ptp(one), 1e-12) - 1 for one in (recording.pressure, recording.length)
+    )
+    drawn = rng.standard_normal(5) @ np.stack([p, x, p * x, p**2 - 1 / 3, x**2 - 1 / 3])
+    return drawn / np.sqrt(np.mean(drawn**2))
 
 
 def absent(found: Problem, values: np.ndarray, form: Form) -> np.ndarray:

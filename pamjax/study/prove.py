@@ -147,7 +147,7 @@ def read_trials(file: Path) -> list[Trial]:
 
 def tasks_of(
     counts: dict[str, int], correlations: Iterable[float], *, stage: str = "all", seed: int = 0,
-    rivals: bool = False,
+    rivals: bool = False, form_error: float = 0.0,
 ) -> list[Task]:  # fmt: skip
     """So many envelopes of each kind at each correlation, kinds and correlations by turns.
 
@@ -155,7 +155,7 @@ def tasks_of(
     [('nothing', 0), ('pair', 0), ('pair', 1)]
     """
     return [
-        Task(stage, kind, correlation, number, seed, rivals)
+        Task(stage, kind, correlation, number, seed, rivals, form_error)
         for number in range(max(counts.values(), default=0))
         for correlation in correlations
         for kind, many in counts.items()

@@ -38,6 +38,9 @@ STAGES = ("all", "score")
 #: Effects, rms in noise standard deviations: from just detectable over obvious (8) to large.
 SMALLEST, LARGEST = 3.0, 25.0
 
+#: What tells trials apart.
+Key = tuple[str, str, float, int, int, float]
+
 
 @dataclass(frozen=True)
 class Task:
@@ -50,6 +53,7 @@ class Task:
         number: of the envelope.
         seed: of the proof.
         rivals: whether common practice is asked as well.
+        form_error: share by which effects depart from their equations.
     """
 
     stage: str
@@ -58,11 +62,15 @@ class Task:
     number: int
     seed: int = 0
     rivals: bool = False
+    form_error: float = 0.0
 
     @property
-    def key(self) -> tuple[str, str, float, int, int]:
-        """What tells trials apart."""
-        return self.stage, self.kind, round(self.correlation, 6), self.number, self.seed
+    def key(self) -> Key:
+        """What tells it from others."""
+        return (
+            self.stage, self.kind, round(self.correlation, 6), self.number, self.seed,
+            round(self.form_error, 6),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -81,7 +89,7 @@ class Trial:
     """One envelope and what was said of it.
 
     Attributes:
-        stage, kind, correlation, number, seed: of its task.
+        stage, kind, correlation, number, seed, form_error: of its task.
         law: the baseline.
         blocks: what kind of blocks the recording has.
         concealed, sizes: what was in it, and its effect in noise standard deviations.
@@ -122,13 +130,16 @@ class Trial:
     selected: tuple[str, ...] | None = None
     selected_after: float | None = None
     curve_after: float | None = None
+    form_error: float = 0.0
     seconds: float = 0.0
     error: str = ""
 
     @property
-    def key(self) -> tuple[str, str, float, int, int]:
+    def key(self) -> Key:
         """That of its task."""
-        return self.stage, self.kind, round(self.correlation, 6), self.number, self.seed
+        return Task(
+            self.stage, self.kind, self.correlation, self.number, self.seed, form_error=self.form_error
+        ).key
 
     @property
     def detected(self) -> bool:
@@ -186,7 +197,7 @@ def attempt(task: Task) -> Trial:
     envelope = drawn(task)
     told: dict[str, Any] = {
         "stage": task.stage, "kind": task.kind, "correlation": task.correlation,
-        "number": task.number, "seed": task.seed, "law": envelope.case.entry.baseline,
+        "number": task.number, "seed": task.seed, "form_error": task.form_error, "law": envelope.case.entry.baseline,
         "blocks": blocks(envelope.case.recording).kind,
         "concealed": envelope.concealed, "sizes": envelope.sizes,
     }  # fmt: skip
@@ -206,7 +217,8 @@ def drawn(task: Task) -> Envelope:
     rng = np.random.default_rng(words)
     return conceal(
         KINDS[task.kind], rng, setup=draw(rng), size=SIZE, outside=task.kind == "outside",
-        correlation=task.correlation, smallest=SMALLEST, largest=LARGEST, number=task.number,
+        correlation=task.correlation, smallest=SMALLEST, largest=LARGEST,
+        form_error=task.form_error, number=task.number,
     )  # fmt: skip
 
 

@@ -70,7 +70,6 @@ def names_of(found, model):
 def judged(monkeypatch):
     """What becomes of names: their shares, and the naming that is left."""
     monkeypatch.setattr(under_test, "settle", settled)
-    monkeypatch.setattr(under_test, "names_of", names_of)
 
     def judge(found, chosen, laid=LAID):
         bare, model = (settled(found, EVERY, forms, found.neutral) for forms in ((), chosen))

@@ -1,0 +1,30 @@
+"""What is concealed is in the recording, in the form that was asked for."""
+
+import numpy as np
+import pytest
+
+from pamjax.study.conceal import absent, conceal
+from pamjax.study.problem import problem
+
+
+def departure(only: str, share: float) -> float:
+    """By how much of its effect a concealed mechanism departs from its equation, rms."""
+    made = [
+        conceal(1, np.random.default_rng(5), only=only, smallest=8.0, largest=8.0, form_error=one)
+        for one in (0.0, share)
+    ]
+    found = problem(made[0].case)
+    values = np.array([made[0].true[name] for name in found.names])
+    effect = found.shows(values) - found.shows(absent(found, values, made[0].forms[0]))
+    off = made[1].clean - made[0].clean
+    return float(np.sqrt(np.nanmean(off[0] ** 2) / np.nanmean(effect[0] ** 2)))
+
+
+@pytest.mark.slow
+def test_an_effect_departs_from_its_equation_by_the_share_that_was_asked_for():
+    assert 0.15 < departure("bladder_elasticity", 0.3) < 0.6
+
+
+@pytest.mark.slow
+def test_a_wrong_zero_stays_a_zero():
+    assert departure("force_offset", 0.3) == 0.0
