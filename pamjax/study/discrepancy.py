@@ -22,6 +22,9 @@ from pamjax.study.problem import Problem
 #: Most rows it learns from, evenly picked: its cost is their cube.
 LEARNT = 300
 
+#: Limits of its length scales, in standard deviations of an input.
+SHORTEST, FARTHEST = 0.03, 100.0
+
 #: Share of a channel's fastest usual rate above which it moves.
 MOVING = 0.05
 
@@ -50,6 +53,18 @@ def _sign(rate: np.ndarray) -> np.ndarray:
     return np.where(np.abs(rate) > MOVING * fast, np.sign(rate), 0.0)
 
 
+def widest_gap(values: np.ndarray) -> float:
+    """The widest distance between neighbours among some values: the shortest length scale worth asking for.
+
+    A shorter one fits each isobar by itself and knows nothing of one between them: no curve that anybody
+    would draw.
+
+    >>> widest_gap(np.array([0.0, 1.0, 1.01, 3.0]))
+    1.99
+    """
+    return float(np.clip(np.max(np.diff(np.sort(values)), initial=SHORTEST), SHORTEST, FARTHEST / 2))
+
+
 def discrepancy(x: np.ndarray, left: np.ndarray, told: np.ndarray, seed: int = 0) -> np.ndarray:
     """What the baseline leaves, learnt from some rows, at every row.
 
@@ -71,7 +86,9 @@ def discrepancy(x: np.ndarray, left: np.ndarray, told: np.ndarray, seed: int = 0
     rows = rows[np.unique(np.linspace(0, rows.size - 1, min(LEARNT, rows.size)).astype(int))]
     out = np.full(left.size, np.nan)
     size = float(np.sqrt(np.mean(left[rows] ** 2))) or 1.0
-    kernel = ConstantKernel(1.0, (1e-4, 1e4)) * RBF(cast(Any, np.ones(x.shape[1])), (0.03, 100.0))
+    nearest = [(widest_gap(x[rows, k]), FARTHEST) for k in range(x.shape[1])]
+    start = np.clip(1.0, *np.array(nearest).T)
+    kernel = ConstantKernel(1.0, (1e-4, 1e4)) * RBF(cast(Any, start), cast(Any, nearest))
     process = GaussianProcessRegressor(
         kernel + WhiteKernel(0.01, (1e-8, 10.0)), n_restarts_optimizer=1, random_state=seed
     )

@@ -21,6 +21,25 @@ def test_a_gaussian_process_learns_between_and_returns_to_the_baseline_beyond():
     assert np.abs(found - 5 * np.sin(2 * x[:, 0]))[x[:, 0] > 3].max() > 3
 
 
+def between_isobars():
+    """How far a process misses an isobar between four others that grow by turns, and the baseline."""
+    rng = np.random.default_rng(0)
+    level, contraction = np.repeat(np.arange(5), 60), np.tile(np.linspace(0, 1, 60), 5)
+    x = np.stack([level + 0.003 * rng.standard_normal(300), contraction], axis=1)
+    left = np.sin(3 * contraction) * np.array([0.3, 1.7, 1.0, 0.4, 1.6])[level]
+    left += 0.03 * rng.standard_normal(300)
+    told = level != 2
+    found = discrepancy((x - x.mean(axis=0)) / x.std(axis=0), left, told)
+    return np.std((found - left)[~told]) / np.std(left[~told])
+
+
+def test_a_process_that_stands_for_common_practice_draws_a_curve_from_isobar_to_isobar(monkeypatch):
+    assert between_isobars() < 0.15
+    # Able to fail: free to be as short as it likes, it fits each isobar by itself.
+    monkeypatch.setattr("pamjax.study.discrepancy.widest_gap", lambda values: 0.03)
+    assert between_isobars() > 0.25
+
+
 def test_on_the_same_rows_the_curve_beats_the_baseline_and_the_names_beat_the_curve(monkeypatch):
     one = diagnosis()
     # A made-up diagnosis has no model to refit: what it showed before stands for the fit without the rows.
