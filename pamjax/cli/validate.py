@@ -27,11 +27,13 @@ def validate(
     from pamjax.infer.cache import keep_compiled
     from pamjax.infer.load import load_muscle
     from pamjax.records.case import read_case
+    from pamjax.study.validate import fitted_to
     from pamjax.study.validate import validate as judge
 
     keep_compiled()
     loaded = load_muscle(model, case=case)
-    found = [judge(loaded, read_case(folder)) for folder in cases]
+    fitted = fitted_to(model)
+    found = [judge(loaded, read_case(folder), fitted) for folder in cases]
     if json:
         say_json([one.as_dict() for one in found])
     else:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Collection
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
@@ -15,6 +18,7 @@ from pamjax.model.bench import Bench, Shown, record
 from pamjax.model.muscle import Reading, predict
 from pamjax.records.blocks import blocks
 from pamjax.records.case import Case
+from pamjax.records.files import read_bytes
 
 #: Rmse over the channel's noise up to which a block counts as fitted: a quarter more than noise.
 FITS = 1.25
@@ -43,6 +47,7 @@ class Validation:
             none is stated), with what the noise of pressure and length does to the prediction.
         blocks: the recording's blocks.
         failed: rows where the model has no answer.
+        seen: whether the model was fitted to this very recording, which makes it no test.
         outside: sentences on pressures and lengths beyond those it was calibrated on.
     """
 
@@ -52,13 +57,15 @@ class Validation:
     blocks: tuple[Block, ...]
     failed: int
     outside: tuple[str, ...]
+    seen: bool = False
 
     def fits(self, block: Block) -> bool:
         """Whether a block is predicted as well as noise allows."""
         return all(rmse <= FITS * block.noise[channel] for channel, rmse in block.rmse.items())
 
     def __str__(self) -> str:
-        lines = [f"{self.case}: a model that never saw it"]
+        told = "fitted to this very recording, which is no test of it" if self.seen else "that never saw it"
+        lines = [f"{self.case}: a model {told}"]
         for channel, rmse in self.rmse.items():
             unit, per = UNIT[channel]
             noise = self.noise[channel] * per
@@ -78,6 +85,7 @@ class Validation:
         ]
         return {
             "case": self.case,
+            "seen": self.seen,
             "rmse": self.rmse,
             "noise": self.noise,
             "blocks": blocks,
@@ -86,12 +94,22 @@ class Validation:
         }
 
 
-def validate(model: Loaded, case: Case) -> Validation:
+def fitted_to(file: Path) -> frozenset[str]:
+    """Checksums of all recordings that a fit.json or model.json was fitted to; none where it does not know."""
+    if file.suffix != ".json":
+        return frozenset()
+    cases = json.loads(read_bytes(file)).get("cases", {})
+    return frozenset(one["checksum"] for one in cases.values() if one.get("checksum"))
+
+
+def validate(model: Loaded, case: Case, fitted: Collection[str] = ()) -> Validation:
     """Predict a recording with a model as it is.
 
     Args:
         model: as `load_muscle` reads it from a fit.json or a model.json.
         case: the recording.
+        fitted: checksums of the recordings that the model was fitted to, as `fitted_to` reads them; its own
+            recording is among them where it was calibrated.
     """
     recording = case.recording
     good = recording.usable
@@ -124,6 +142,7 @@ def validate(model: Loaded, case: Case) -> Validation:
         ),
         failed=int(np.count_nonzero(failed)),
         outside=tuple(_outside(model.calibrated, pressure[good], length[good])),
+        seen=case.checksum in fitted or (bool(model.calibrated) and case.checksum == model.checksum),
     )
 
 

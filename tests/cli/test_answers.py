@@ -150,10 +150,38 @@ def test_validate_speaks_json(fitted, bench, capsys):
     assert main(["validate", str(fitted / "fit.json"), str(bench / "made"), "--json"]) == 0
     (said,) = json.loads(capsys.readouterr().out)
     assert said["case"] == "made"
+    assert said["seen"]
     assert len(said["blocks"]) == 3
     # 2 N of the load cell; half a kPa and a fiftieth of a mm do about another 1.6 N.
     assert 2.2 < said["noise"]["force"] < 3.0
     assert all(block["fits"] for block in said["blocks"])
+
+
+def test_validate_tells_a_recording_that_was_fitted_from_another(fitted, bench, tmp_path, capsys):
+    words = [str(bench / "stated"), str(bench / "plan.toml"), "--out", str(tmp_path / "again"), "--seed", "4"]
+    assert main(["simulate", *words]) == 0
+    capsys.readouterr()
+    cases = [str(bench / "made"), str(tmp_path / "again")]
+    assert main(["validate", str(fitted / "fit.json"), *cases]) == 0
+    said = capsys.readouterr().out
+    assert "made: a model fitted to this very recording, which is no test of it\n" in said
+    assert "again: a model that never saw it\n" in said
+
+
+def test_validate_knows_every_recording_of_a_fit(fitted, bench, tmp_path, capsys):
+    """Of a fit of two muscles together, the one that is not asked for was seen as well."""
+    document = json.loads((fitted / "fit.json").read_text())
+    (case,) = document["cases"].values()
+    document["cases"] = {"other": case | {"checksum": "of another"}, "made": case}
+    (tmp_path / "fit.json").write_text(json.dumps(document))
+    words = ["validate", str(tmp_path / "fit.json"), str(bench / "made"), "--case", "other", "--json"]
+    assert main(words) == 0
+    assert json.loads(capsys.readouterr().out)[0]["seen"]
+
+
+def test_a_stated_muscle_saw_nothing(bench, capsys):
+    assert main(["validate", str(bench / "made"), str(bench / "made"), "--json"]) == 0
+    assert not json.loads(capsys.readouterr().out)[0]["seen"]
 
 
 def test_version(capsys):
