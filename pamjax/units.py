@@ -122,19 +122,22 @@ def parse(text: str | float, kind: str, where: str = "") -> float:
 
 
 def number_in(text: str, si: str, where: str = "") -> float:
-    """SI value of "5 kPa", or of a bare number taken to be in the SI unit itself.
+    """SI value of "5 kPa", or of a bare number where there is no unit to state; 0 is 0 in any.
 
     Raises:
-        BadInput: if there is no number, or the unit is unknown or of another dimension.
+        BadInput: if there is no number, or its unit is missing, unknown or of another dimension.
 
-    >>> number_in("5 kPa", "Pa"), number_in("0.2", "1")
-    (5000.0, 0.2)
+    >>> number_in("5 kPa", "Pa"), number_in("0.2", "1"), number_in("0", "N")
+    (5000.0, 0.2, 0.0)
     """
     match = _NUMBER.match(text)
     if match is None:
         raise refuse("a value is a number and a unit", f"{text!r}", where, f"Its unit is {si}.")
     unit = match[2]
     if unit in ("", "1"):
+        if si != "1" and float(match[1]):
+            remedy = f"Write one that converts to {si} after it."
+            raise refuse("this number needs a unit", f"{text.strip()!r}", where, remedy)
         return float(match[1])
     if si == "1":
         raise refuse("this number has no unit", f"{unit!r}", where, "Leave the unit out.")

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from pamjax.check import BadInput
-from pamjax.units import SI, example, factor, in_unit, parse, registry, show
+from pamjax.units import SI, example, factor, in_unit, number_in, parse, registry, show
 from tests.agreement import ROUNDING, agree
 
 # By definition: the inch is 25.4 mm, the pound 0.45359237 kg, standard gravity 9.80665 m/s².
@@ -68,6 +68,19 @@ def test_a_bad_unit_is_told(text, kind, complaint):
     with pytest.raises(BadInput) as told:
         parse(text, kind, "muscle.toml")
     assert str(told.value) == complaint
+
+
+@pytest.mark.parametrize("text", ["5", " 5 ", "-5e3", "5 1"])
+def test_a_bare_number_where_a_unit_belongs_is_told(text):
+    with pytest.raises(BadInput) as told:
+        number_in(text, "Pa", "--with")
+    rule = "this number needs a unit; got " + repr(text.strip())
+    assert str(told.value) == f"{rule} in --with. Write one that converts to Pa after it."
+
+
+def test_nothing_and_a_pure_number_need_no_unit():
+    assert number_in("0", "Pa") == number_in("-0.0", "Pa") == 0.0
+    assert number_in("0.2", "1") == 0.2
 
 
 def test_units_outlive_the_environment_that_read_them_first():

@@ -17,10 +17,11 @@ def settings(written: Iterable[str]) -> dict[str, float]:
     """Values by name, SI.
 
     Args:
-        written: each "id.number=value unit"; a bare value is in the number's SI unit.
+        written: each "id.number=value unit"; a bare value where the number has no unit.
 
     Raises:
-        BadInput: for an unknown number, a unit of another dimension, or a value outside the limits.
+        BadInput: for an unknown number, a unit that is missing or of another dimension, or a value outside
+            the limits.
     """
     return dict(_one(text) for text in written)
 

@@ -49,6 +49,7 @@ def test_a_plans_report_says_what_its_json_says(planned):
         (["--goal", "thread.modulos"], "Did you mean `thread.modulus`?"),
         (["--goal", "all", "--to", "5 %"], "no wanted standard deviation"),
         (["--to", "5 N"], "unit"),
+        (["--to", "5"], "this number needs a unit; got '5' in --to."),
         (["--to", "0 %"], "is positive"),
         (["--minutes", "1"], "the shortest run of this rig takes 1.5 min"),
         (["--tell", "braid_friction"], "`--tell` takes two mechanisms"),
@@ -102,7 +103,7 @@ def test_a_tie_is_told_apart(diagnosed, bench, tmp_path, capsys):
 
 @pytest.mark.slow
 def test_a_recording_that_neither_explains_is_told_so_first(bench, tmp_path, capsys):
-    spent = ["--with", "contact_pressure.threshold=60e3", "--seed", "3", "--out", str(tmp_path / "spent")]
+    spent = ["--with", "contact_pressure.threshold=60 kPa", "--seed", "3", "--out", str(tmp_path / "spent")]
     assert main(["simulate", str(bench / "stated"), str(bench / "plan.toml"), *spent]) == 0
     pair = ["--tell", "braid_friction", "viscous_damping"]
     words = [str(tmp_path / "spent"), *pair, "--out", str(tmp_path / "told")]

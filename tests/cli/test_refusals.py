@@ -176,6 +176,8 @@ def test_a_simulated_case_overwrites_nothing(bench, capsys):
         (["--case", "a"], "`--case` names a case of a fit.json"),
         (["--with", "force_offset.offset"], "is written id.number=value"),
         (["--with", "force_offset.offset=5 kg"], "force_offset.offset"),
+        (["--with", "force_offset.offset=5"], "needs a unit; got '5' in --with force_offset.offset. Write one"),
+        (["--with", "bladder_elasticity.modulus=1"], "this number needs a unit; got '1' in --with"),
         (["--with", "thread.modulus=5 GPa"], "only numbers of mechanisms can be set here"),
     ],
 )
