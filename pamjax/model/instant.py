@@ -35,8 +35,8 @@ from pamjax.parameter import Scalar
 #: Most Newton steps of the balance. The load is nearly known beforehand: two or three are the rule.
 STEPS = 8
 
-#: Step of Newton, relative, after which only the one that carries the derivatives is taken: what this leaves is of
-#: the order of its square, and what that one leaves of its fourth power.
+#: Step of Newton, relative, after which only the one that carries the derivatives is taken: what this leaves
+#: is of the order of its square, and what that one leaves of its fourth power.
 ENOUGH = 3e-4
 
 #: Pressure, Pa, that scales the unknown of a slack muscle: of the order of what holds a bladder back.

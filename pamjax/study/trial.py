@@ -197,7 +197,8 @@ def attempt(task: Task) -> Trial:
     envelope = drawn(task)
     told: dict[str, Any] = {
         "stage": task.stage, "kind": task.kind, "correlation": task.correlation,
-        "number": task.number, "seed": task.seed, "form_error": task.form_error, "law": envelope.case.entry.baseline,
+        "number": task.number, "seed": task.seed, "form_error": task.form_error,
+        "law": envelope.case.entry.baseline,
         "blocks": blocks(envelope.case.recording).kind,
         "concealed": envelope.concealed, "sizes": envelope.sizes,
     }  # fmt: skip
