@@ -115,7 +115,10 @@ def _split(text: str, file: str) -> tuple[list[str], list[int], list[list[str]]]
 def _comma_separated(header: list[str], file: str) -> None:
     for mark, name in ((";", "semicolons"), ("\t", "tabs")):
         if mark in ",".join(header) and len(header) <= ",".join(header).count(mark):
-            remedy = "Save it with commas between the cells and points in the numbers."
+            remedy = (
+                "Save it with commas between the cells and points in the numbers, or import it as it is:"
+                " `pamjax import`."
+            )
             raise refuse(f"the cells of {file} must be separated by commas", name, "its header", remedy)
 
 

@@ -260,7 +260,9 @@ def test_a_mapping_that_finds_nothing_is_told(write):
 
 
 COMMAS = "the cells of recording.csv must be separated by commas; got"
-SAVE = "Save it with commas between the cells and points in the numbers."
+SAVE = (
+    "Save it with commas between the cells and points in the numbers, or import it as it is: `pamjax import`."
+)
 
 
 @pytest.mark.parametrize(
