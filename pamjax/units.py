@@ -150,6 +150,15 @@ def in_unit(unit: str) -> float:
     return 1.0 if unit in ("", "1") else float(registry().Quantity(1.0, unit).to_base_units().magnitude)
 
 
+def many(number: int, what: str) -> str:
+    """A count and what is counted.
+
+    >>> many(1, "row"), many(2, "row")
+    ('1 row', '2 rows')
+    """
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
 def show(value: float, unit: str, digits: int = 4) -> str:
     """An SI number as a person reads it.
 

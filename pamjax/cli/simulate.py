@@ -49,7 +49,7 @@ def simulate(
     from pamjax.records.simulate import outside
     from pamjax.records.simulate import simulate as record
     from pamjax.records.write import write_case
-    from pamjax.units import parse
+    from pamjax.units import many, parse
 
     at_least("seed", seed, 0)
     loaded = load_muscle(muscle, law, case, settings(with_ or ()))
@@ -77,4 +77,4 @@ def simulate(
         channels = list(recording.channels)
         say_json({"case": str(out), "rows": recording.n, "channels": channels, "warnings": warnings})
         return
-    say(f"wrote {out}/: {recording.n} rows of {' and '.join(recording.channels)}")
+    say(f"wrote {out}/: {many(recording.n, 'row')} of {' and '.join(recording.channels)}")

@@ -12,7 +12,7 @@ from pamjax.infer.determine import Determination
 from pamjax.model.catalogue import meaning
 from pamjax.records.blocks import blocks
 from pamjax.records.case import Case
-from pamjax.units import in_unit, show
+from pamjax.units import in_unit, many, show
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,8 @@ class Inspection:
     sentences: list[str]
 
     def __str__(self) -> str:
-        lines = [str(self.case), f"  {self._blocks()}", *(f"  {a}" for a in self.case.recording.aside), ""]
+        # What was set aside is among the case's own notes.
+        lines = [str(self.case), f"  {self._blocks()}", ""]
         lines += [f"  {self._number(d)}" for d in self.numbers]
         return "\n".join([*lines, "", *self.sentences, "Fit to be fitted."])
 
@@ -45,8 +46,9 @@ class Inspection:
     def _blocks(self) -> str:
         found = blocks(self.case.recording)
         missing = int((~self.case.recording.usable).sum())
-        tail = f"; {missing} rows lack pressure or length" if missing else ""
-        return f"{len(found.names)} {found.kind} to hold out in turn{tail}"
+        lack = "lacks" if missing == 1 else "lack"
+        tail = f"; {many(missing, 'row')} {lack} pressure or length" if missing else ""
+        return f"{many(len(found.names), found.kind.removesuffix('s'))} to hold out in turn{tail}"
 
     def _number(self, d: Determination) -> str:
         unit = meaning(d.name).show

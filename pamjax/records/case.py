@@ -14,7 +14,7 @@ from pamjax.records.files import decode, read_bytes
 from pamjax.records.recording import SHOWN, Recording
 from pamjax.records.slips import no_slip
 from pamjax.records.table import parse_table
-from pamjax.units import show
+from pamjax.units import many, show
 
 RECORDING = "recording.csv"
 MUSCLE = "muscle.toml"
@@ -54,9 +54,9 @@ class Case:
     def __str__(self) -> str:
         recording = self.recording
         measured = recording.usable
-        rest = show(self.entry.rest_length.value, "mm")
+        rest, rows = show(self.entry.rest_length.value, "mm"), many(recording.n, "row")
         lines = [
-            f"{self.name}: {self.entry.name}, {recording.n} rows of {' and '.join(recording.channels)}",
+            f"{self.name}: {self.entry.name}, {rows} of {' and '.join(recording.channels)}",
             f"  pressure {_range(recording.pressure[measured], 'kPa')}",
             f"  length {_range(recording.length[measured], 'mm')}, rest {rest}",
         ]

@@ -21,7 +21,7 @@ from pamjax.records.recording import SHOWN, Recording
 from pamjax.records.rig_entry import Rig, Test, read_rig
 from pamjax.records.rig_file import RigFile
 from pamjax.records.write import write_case
-from pamjax.units import parse, show
+from pamjax.units import many, parse, show
 
 #: The order in which channels are looked for; the first that a test has gives the clock.
 CHANNELS = ("force", "pressure", "length", "diameter", "cycle")
@@ -44,14 +44,17 @@ class Imported:
     tare: dict[str, tuple[float, float, float]]
 
     def __str__(self) -> str:
-        lines = [f"{self.case}", f"  from {len(self.tests)} tests with {self.samples} samples"]
+        lines = [
+            f"{self.case}",
+            f"  from {many(len(self.tests), 'test')} with {many(self.samples, 'sample')}",
+        ]
         for name, (low, high, true) in self.tare.items():
             low, high, true = (show(value, SHOWN[name]) for value in (low, high, true))
             lines.append(f"  tare: {name} read {low} to {high} where it is {true}")
         recording = self.case.recording
         for name in recording.channels:
             if blank := int(np.isnan(getattr(recording, name)).sum()):
-                lines.append(f"  {blank} rows without {name}")
+                lines.append(f"  {many(blank, 'row')} without {name}")
         return "\n".join(lines)
 
     def as_dict(self) -> dict:

@@ -19,6 +19,7 @@ from pamjax.model.muscle import Reading, predict
 from pamjax.records.blocks import blocks
 from pamjax.records.case import Case
 from pamjax.records.files import read_bytes
+from pamjax.units import many
 
 #: Rmse over the channel's noise up to which a block counts as fitted: a quarter more than noise.
 FITS = 1.25
@@ -75,7 +76,7 @@ class Validation:
             f"  fits {len(good)} of {len(self.blocks)} blocks" + (f": {', '.join(good)}" if good else "")
         )
         if self.failed:
-            lines.append(f"  no answer in {self.failed} rows")
+            lines.append(f"  no answer in {many(self.failed, 'row')}")
         return "\n".join(lines + [f"  {sentence}" for sentence in self.outside])
 
     def as_dict(self) -> dict[str, Any]:
@@ -95,7 +96,7 @@ class Validation:
 
 
 def fitted_to(file: Path) -> frozenset[str]:
-    """Checksums of all recordings that a fit.json or model.json was fitted to; none where it does not know."""
+    """Checksums of all recordings that a fit.json or model.json was fitted to; none if it does not know."""
     if file.suffix != ".json":
         return frozenset()
     cases = json.loads(read_bytes(file)).get("cases", {})

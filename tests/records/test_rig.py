@@ -196,6 +196,7 @@ def test_a_way_becomes_a_length(rig, tmp_path):
     (tmp_path / "case" / "recording.csv").unlink()
     (tmp_path / "case" / "muscle.toml").unlink()
     said = str(import_case(tmp_path / "rig.toml", tmp_path / "case"))
+    assert "from 1 test with 10 samples" in said
     assert "tare: length read -12.35 mm to -12.35 mm where it is 130 mm" in said
     assert "9 rows without force" in said
     with pytest.raises(BadInput, match="with a `scale` of -1 and the rest length as"):
