@@ -53,14 +53,23 @@ def at_least(name: str, value: int, least: int) -> None:
         raise refuse(f"`{name}` must be at least {least}", f"{value}")
 
 
-def nearest(word: str, known: Iterable[str]) -> str:
+def nearest(word: str, known: Iterable[str], listing: str = "") -> str:
     """A hint that names the nearest known word, or lists the known ones.
+
+    Args:
+        word: what was written.
+        known: what could have been.
+        listing: command that lists them, where they are too many for a sentence.
 
     >>> nearest("trheads", ["threads", "turns"])
     'Did you mean `threads`?'
+    >>> nearest("xyz", ["threads", "turns"], listing="pamjax explain")
+    '`pamjax explain` lists what there is.'
     """
     known = list(known)
     close = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
     if close:
         return f"Did you mean `{close[0]}`?"
+    if listing:
+        return f"`{listing}` lists what there is."
     return "Known are " + ", ".join(f"`{k}`" for k in known) + "."

@@ -31,3 +31,8 @@ def test_a_complaint_is_a_value_error():
 def test_nearest_names_one_or_all():
     assert nearest("presure", ["length", "pressure"]) == "Did you mean `pressure`?"
     assert nearest("xyz", ["length", "pressure"]) == "Known are `length`, `pressure`."
+
+
+def test_nearest_names_who_lists_what_is_too_much_for_a_sentence():
+    assert nearest("presure", ["length", "pressure"], "pamjax explain") == "Did you mean `pressure`?"
+    assert nearest("xyz", ["length", "pressure"], "pamjax explain") == "`pamjax explain` lists what there is."

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from pamjax.check import BadInput, nearest, refuse
 from pamjax.cli.options import Json
 from pamjax.cli.screen import say, say_json, say_written, writable
+
+if TYPE_CHECKING:
+    from pamjax.model.catalogue import Meaning
 
 WIDTH = 96
 
@@ -45,7 +49,6 @@ def explain(
 
 def _drawn(name: str | None, file: Path) -> None:
     """Write the figure of a mechanism."""
-    from pamjax.check import refuse
     from pamjax.model.library import library, mechanism
 
     if name is None or "." in name:
@@ -65,15 +68,13 @@ def _drawn(name: str | None, file: Path) -> None:
 
 def _document(name: str | None) -> dict[str, Any]:
     """Numbers (SI) and mechanisms by name: all of them, or one."""
-    from pamjax.check import nearest, refuse
     from pamjax.model.catalogue import catalogue
     from pamjax.model.library import library
 
     numbers, mechanisms = catalogue(), library()
     if name is not None:
         if name not in numbers and name not in mechanisms:
-            hint = nearest(name, [*numbers, *mechanisms])
-            raise refuse(f"{name!r} is no number and no mechanism pamjax knows", remedy=hint)
+            raise _unknown(name)
         numbers = {n: m for n, m in numbers.items() if n == name or n.startswith(f"{name}.")}
         mechanisms = {n: kind for n, kind in mechanisms.items() if n == name}
     return {
@@ -82,40 +83,54 @@ def _document(name: str | None) -> dict[str, Any]:
     }
 
 
+def _unknown(name: str) -> BadInput:
+    from pamjax.model.catalogue import catalogue
+    from pamjax.model.library import library
+
+    hint = nearest(name, [*catalogue(), *library()], listing="pamjax explain")
+    return refuse(f"{name!r} is no number and no mechanism pamjax knows", remedy=hint)
+
+
 def _everything() -> Iterator[str]:
     from pamjax.model.catalogue import catalogue
     from pamjax.model.library import ALTERNATIVES, MECHANISMS
 
     numbers = catalogue()
     yield "Numbers of a muscle:"
-    for name in sorted(n for n in numbers if n.startswith(("muscle.", "thread."))):
-        yield _line(name, numbers[name])
+    yield from _lines({n: numbers[n] for n in sorted(numbers) if n.startswith(("muscle.", "thread."))}, "  ")
     yield "Mechanisms, what a model may leave out:"
     for kind in MECHANISMS:
-        yield from _listed(kind, numbers)
+        yield from _listed(kind)
     yield "Textbook forms, to compare with:"
     for kind in ALTERNATIVES:
-        yield from _listed(kind, numbers)
+        yield from _listed(kind)
 
 
-def _listed(kind, numbers) -> Iterator[str]:
+def _listed(kind) -> Iterator[str]:
     yield f"  {kind.id}: {kind.about.title}"
-    yield from (_line(n, numbers[n], "    ") for n in numbers if n.startswith(f"{kind.id}."))
+    yield from _lines(_own(kind), "    ")
 
 
-def _line(name: str, meaning, indent: str = "  ") -> str:
-    return f"{indent}{name:<28} {meaning.show:<8} {meaning.about}"
+def _own(kind) -> dict[str, Meaning]:
+    """A mechanism's numbers by name."""
+    from pamjax.model.catalogue import catalogue
+
+    return {n: meaning for n, meaning in catalogue().items() if n.startswith(f"{kind.id}.")}
+
+
+def _lines(numbers: Mapping[str, Meaning], indent: str) -> Iterator[str]:
+    """Name, unit and meaning in columns as wide as what stands in them."""
+    name, unit = (max(map(len, texts), default=0) for texts in (numbers, (m.show for m in numbers.values())))
+    for n, meaning in numbers.items():
+        yield f"{indent}{n:<{name}}  {meaning.show:<{unit}}  {meaning.about}"
 
 
 def _number(name: str) -> Iterator[str]:
-    from pamjax.check import nearest, refuse
     from pamjax.model.catalogue import by_law, catalogue
-    from pamjax.model.library import library
 
     known = catalogue()
     if name not in known:
-        hint = nearest(name, [*known, *library()])
-        raise refuse(f"{name!r} is no number and no mechanism pamjax knows", remedy=hint)
+        raise _unknown(name)
     meant: dict[tuple[str, ...], list[str]] = {}
     for law, own in by_law(name).items():
         meant.setdefault(tuple(_meant(own)), []).append(law)
@@ -148,8 +163,6 @@ def _meant(found) -> Iterator[str]:
 
 
 def _mechanism(kind) -> Iterator[str]:
-    from pamjax.model.catalogue import catalogue
-
     about = kind.about
     yield f"{kind.id}: {about.title}"
     yield from textwrap.indent(about.equation, "    ").splitlines()
@@ -162,4 +175,4 @@ def _mechanism(kind) -> Iterator[str]:
     }.items():
         yield from textwrap.wrap(text, WIDTH, initial_indent=f"  {word:<14}", subsequent_indent=" " * 16)
     yield "  numbers"
-    yield from (_line(n, m, "    ") for n, m in catalogue().items() if n.startswith(f"{kind.id}."))
+    yield from _lines(_own(kind), "    ")

@@ -1,6 +1,7 @@
 """Each word does what it says: from an empty folder to a calibrated muscle and back."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -33,6 +34,23 @@ def test_check_says_what_could_be_known(bench, capsys):
     assert "3 isobars to hold out in turn" in said.out
     assert "This recording can determine `muscle.thread_length`" in said.out
     assert said.err == ""
+
+
+def test_check_tells_a_cell_that_was_set_aside_once(case, capsys):
+    folder = case()
+    lines = (folder / "recording.csv").read_text().splitlines()
+    header = lines[0].split(",")
+    place = next(k for k, title in enumerate(header) if title.startswith("force"))
+    cells = lines[20].split(",")
+    cells[place] = "99999"
+    blank = lines[30].split(",")
+    blank[next(k for k, title in enumerate(header) if title.startswith("length"))] = ""
+    lines[20], lines[30] = ",".join(cells), ",".join(blank)
+    (folder / "recording.csv").write_text("\n".join(lines) + "\n")
+    assert main(["check", str(folder)]) == 0
+    said = capsys.readouterr().out
+    assert said.count("force 99999 N in row 21 was set aside") == 1
+    assert "; 1 row lacks pressure or length" in said
 
 
 def test_check_speaks_json_alone(bench, capsys):
@@ -129,6 +147,22 @@ def test_explain(words, texts, capsys):
     assert main(["explain", *words]) == 0
     said = capsys.readouterr().out
     assert all(text in said for text in texts)
+
+
+@pytest.mark.parametrize("words", [[], ["viscous_damping"], ["bladder_elasticity"]])
+def test_explained_numbers_stand_in_columns(words, capsys):
+    assert main(["explain", *words]) == 0
+    blocks = [set()]
+    for line in capsys.readouterr().out.splitlines():
+        if numbered := re.match(r" +[a-z_]+\.[a-z_]+ ", line):
+            unit = re.compile(r" +(\S+) {2,}(?=\S)").match(line, numbered.end() - 1)
+            assert unit, line
+            blocks[-1].add((unit.start(1), unit.end()))
+        else:
+            blocks.append(set())
+    places = [block for block in blocks if block]
+    assert places
+    assert all(len(block) == 1 for block in places)
 
 
 @pytest.mark.parametrize(
