@@ -36,7 +36,7 @@ def inverse(
         highest: pressure there is; the highest calibrated one, or 600 kPa, if left out.
         export: folder for controller.npz and controller.py, which need NumPy alone.
         law: thread law of a muscle as stated; its baseline if left out.
-        case: which case of a fit.json with several.
+        case: which case of a fit.json or model.json with several.
         seed: of the random points at which an exported table is measured.
         json: print the answer as JSON.
     """

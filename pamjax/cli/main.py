@@ -12,6 +12,8 @@ from typing import NoReturn
 from cyclopts import App, CycloptsError
 
 from pamjax.check import BadInput
+from pamjax.cli.help import Paragraphs
+from pamjax.cli.misused import told
 
 #: Exit codes: an answer, a bad input, an interruption.
 ANSWERED, REFUSED, INTERRUPTED = 0, 2, 130
@@ -24,6 +26,7 @@ app = App(
     help="Pneumatic artificial muscles: calibrated on recordings, with honest uncertainty.",
     version=lambda: version("pamjax"),
     help_format="plaintext",
+    help_formatter=Paragraphs(),
     suppress_keyboard_interrupt=False,  # it is told below
 )
 for word, about in {
@@ -46,7 +49,7 @@ for word, about in {
     own = f"{word}_" if iskeyword(word) else word
     app.command(f"pamjax.cli.{own}:{own}", name=word, help=about)
 app.register_install_completion_command(
-    help="Let the shell (bash, zsh or fish) complete the words of pamjax."
+    help="Let the shell (bash, zsh or fish) complete the commands of pamjax; writes to its start file."
 )
 
 
@@ -70,7 +73,7 @@ def main(arguments: list[str] | None = None) -> int:
             heed()
         sys.stdout.flush()
     except (BadInput, CycloptsError) as error:
-        print(f"pamjax: {error}", file=sys.stderr)
+        print(f"pamjax: {told(error) if isinstance(error, CycloptsError) else error}", file=sys.stderr)
         return REFUSED
     except BrokenPipeError:
         # The reader had enough, as `head` has; nor is there anything left to flush at exit.

@@ -38,7 +38,7 @@ def plan(
         goal: the number to be known, as thread.modulus, or "all"; the threads' stiffness if left out.
         to: its wanted standard deviation, as "5 %" or "4 GPa".
         tell: two mechanisms to tell apart, as braid_friction viscous_damping; the rig is the recording's.
-        minutes: that there are.
+        minutes: time that there is for all runs; the rig's if left out, or 60.
         law: thread law; the baseline's if left out.
         out: folder to write to.
         figures: whether to draw.

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
 
 from pamjax.cli.options import Json
 from pamjax.cli.screen import say, say_json, say_written, working, writable
@@ -22,7 +24,7 @@ def prove(
     pair: int = 0,
     triple: int = 0,
     outside: int = 1,
-    correlation: list[float] | None = None,
+    correlation: Annotated[list[float] | None, Parameter(negative="")] = None,
     stage: Literal["all", "score"] = "all",
     form_error: float = 0.0,
     rivals: bool = True,

@@ -28,12 +28,12 @@ def simulate(
     """Make the case folder that a bench would have written.
 
     Args:
-        muscle: a case folder or muscle.toml (the muscle as stated), or a fit.json (as calibrated:
-            leaving the calibrated pressures and lengths is warned of).
+        muscle: a case folder or muscle.toml (the muscle as stated), or a fit.json or model.json (as
+            calibrated: leaving the calibrated pressures and lengths is warned of).
         protocol: a TOML file with a table [protocol]; the paper's ten isobars if left out.
         out: folder for the new case.
         law: thread law of a muscle as stated; its baseline if left out.
-        case: which case of a fit.json with several.
+        case: which case of a fit.json or model.json with several.
         with_: numbers of mechanisms to add, as braid_friction.coefficient=0.2 or "force_offset.offset=5 N".
         before: whether the muscle was at rest before the first sample, or had been through the same once.
         noise: whether the sensors of muscle.toml add their noise.

@@ -20,8 +20,8 @@ def validate(
 
     Args:
         model: a model.json of `pamjax diagnose`, or a fit.json.
-        cases: case folders.
-        case: which case of a fit.json with several.
+        cases: case folders. A recording that the model was fitted to is told as no test.
+        case: which case of a fit.json or model.json with several.
         json: print for programs, one document a case in a list.
     """
     from pamjax.infer.cache import keep_compiled

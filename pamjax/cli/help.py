@@ -1,0 +1,24 @@
+"""Help pages: the lines of a docstring's paragraph are joined, so that they fill the screen's width."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class Paragraphs:
+    """The usual formatter of help pages, whose rows would break where the docstring's lines do."""
+
+    def __call__(self, console: Any, options: Any, panel: Any) -> None:
+        from cyclopts.help import DefaultFormatter
+        from rich.text import Text
+
+        for entry in panel.entries:
+            said = getattr(entry.description, "primary_renderable", None)
+            if isinstance(said, Text):
+                said.plain = " ".join(said.plain.split())
+        DefaultFormatter()(console, options, panel)
+
+    def render_usage(self, console: Any, options: Any, usage: Any) -> None:
+        from cyclopts.help import DefaultFormatter
+
+        DefaultFormatter().render_usage(console, options, usage)
