@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from pamjax.check import refuse
+
 if TYPE_CHECKING:
     from pamjax.records.case import Case
 
@@ -47,9 +49,16 @@ class Model:
         """The cases, with what is said of their memory.
 
         Raises:
-            BadInput: as `settings.read_each`.
+            BadInput: as `settings.read_each`, or where one case alone is to share a number.
         """
         from pamjax.cli.settings import read_each
+
+        if self.share and len(cases) < 2:
+            rule, remedy = (
+                "`--share` says what several cases have in common",
+                "Name the others, or leave it out.",
+            )
+            raise refuse(rule, "one case", remedy=remedy)
 
         return read_each(cases, self.gaps, self.before)
 

@@ -20,7 +20,7 @@ def read_bytes(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except FileNotFoundError as error:
-        raise refuse(f"there is no file {path}", remedy="Check the folder's name.") from error
+        raise refuse(f"there is no file {path}", remedy="Check its path.") from error
     except OSError as error:
         raise refuse(f"{path} cannot be read", error.strerror or "an error") from error
 

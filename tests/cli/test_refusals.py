@@ -31,12 +31,25 @@ def refused(words, capsys):
     [
         (["check", "nowhere"], "got nowhere, which is none. `pamjax new` makes one to fill in."),
         (["fit"], "requires an argument"),
-        (["fti"], 'Did you mean "fit"?'),
+        (["fti"], "`fti` is no command of `pamjax`. Did you mean `fit`?"),
+        (
+            ["bogus"],
+            "Known are `new`, `import`, `check`, `fit`, `sample`, `compare`, `diagnose`, `validate`,",
+        ),
+        (["bogus"], "`plan`, `simulate`, `explain`."),
+        (["--nonsense"], "`--nonsense` is no option of `pamjax`. See `pamjax --help`."),
+        (
+            ["fit", "a", "--nonsense", "3"],
+            "`--nonsense` is no option of `pamjax fit`. See `pamjax fit --help`.",
+        ),
+        (["fit", "a", "--sede", "3"], "`--sede` is no option of `pamjax fit`. Did you mean `--seed`?"),
+        (["check", "a", "b"], "`pamjax check` has no place for 'b'. See `pamjax check --help`."),
+        (["prove", "--empty-correlation"], "is no option of `pamjax prove`."),
         (["explain", "thread.moduls"], "Did you mean `thread.modulus`?"),
         (["explain", "braid_frction"], "Did you mean `braid_friction`?"),
         (["explain", "nonsense"], "mechanism pamjax knows. `pamjax explain` lists what there is."),
         (["explain", "nonsense", "--json"], "`pamjax explain` lists what there is."),
-        (["simulate", "nowhere", "--out", "x"], "there is no file nowhere."),
+        (["simulate", "nowhere", "--out", "x"], "there is no file nowhere. Check its path."),
         (["fit", "nowhere", "--loss", "hard"], 'Choose from: "square", "soft".'),
         (["fit", "nowhere", "--folds", "few"], "--folds"),
         (["size", SPEC, "--seed", "-1"], "`seed` must be at least 0; got -1."),
@@ -56,7 +69,7 @@ def test_wrong_words(words, told, capsys, tmp_path, monkeypatch):
     ("words", "told"),
     [
         (["--law", "elastik"], "'elastik' is no thread law. Did you mean `elastic`?"),
-        (["--share", "muscle.turn"], "so it cannot be shared. Did you mean `muscle.turns`?"),
+        (["--share", "muscle.turns"], "`--share` says what several cases have in common; got one case. Name"),
         (["--with", "braid_frction"], "Did you mean `braid_friction`?"),
         (["--gaps", "anwe"], "`gaps` is carry or anew; got 'anwe'. Did you mean `anew`?"),
         (["--before", "rested"], "`before` is relaxed or settled; got 'rested'."),
@@ -68,6 +81,11 @@ def test_wrong_words(words, told, capsys, tmp_path, monkeypatch):
 def test_wrong_options_of_a_fit(words, told, bench, capsys, tmp_path):
     assert told in refused(["fit", bench / "made", "--out", tmp_path / "out", *words], capsys)
     assert not (tmp_path / "out").exists()
+
+
+def test_two_cases_share_what_both_have(bench, case, capsys, tmp_path):
+    words = ["fit", bench / "made", case(), "--share", "muscle.rest_length", "--out", tmp_path / "out"]
+    assert "no case can move 'muscle.rest_length', so it cannot be shared." in refused(words, capsys)
 
 
 @pytest.mark.parametrize(

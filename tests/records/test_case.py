@@ -72,7 +72,7 @@ def test_no_folder(tmp_path):
 def test_a_missing_file(folder, name):
     path = folder()
     (path / name).unlink()
-    assert told(path) == f"there is no file {path / name}. Check the folder's name."
+    assert told(path) == f"there is no file {path / name}. Check its path."
 
 
 @pytest.mark.parametrize(

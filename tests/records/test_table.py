@@ -90,7 +90,7 @@ def test_unknown_columns_are_kept_out_aloud(write):
 
 def test_no_file(tmp_path):
     path = tmp_path / "recording.csv"
-    assert told(path) == f"there is no file {path}. Check the folder's name."
+    assert told(path) == f"there is no file {path}. Check its path."
 
 
 WHOLE = "recording.csv must hold a recording; got"
