@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pamjax.check import nearest, refuse
+from pamjax.records import wrong
 from pamjax.units import parse
 
 
@@ -32,6 +33,17 @@ class Schedule:
     length: np.ndarray
     cycle: np.ndarray
     optical: np.ndarray
+
+
+#: What an entry that was not understood may be.
+HINTS = {
+    "kind": 'Write "strokes", "ramps" or "holds".',
+    "pressures": 'Write a list, as ["100 kPa", "3 bar"].',
+    "contractions": "Write a list of shares of the rest length, as [0.1, 0.2].",
+    "speed": 'Write a number and its unit, as "1 mm/s".',
+    "duration": 'Write a number and its unit, as "10 s".',
+    "rate": 'Write a number and its unit, as "1 Hz".',
+}
 
 
 class Protocol(BaseModel):
@@ -144,11 +156,12 @@ def read_protocol(path: Path) -> Protocol:
         return Protocol.model_validate(document["protocol"])
     except ValidationError as error:
         first = error.errors()[0]
-        key = ".".join(map(str, first["loc"]))
-        hint = nearest(key, Protocol.model_fields) if first["type"] == "extra_forbidden" else ""
-        raise refuse(
-            f"`{key}`: {first['msg'][0].lower()}{first['msg'][1:]}", where=path.name, remedy=hint
-        ) from error
+        key = str(first["loc"][0])
+        if first["type"] == "extra_forbidden":
+            hint = nearest(key, Protocol.model_fields)
+            raise refuse(f"`{key}` is no entry of a protocol", where=path.name, remedy=hint) from error
+        hint = "" if first["type"] == "literal_error" else HINTS.get(key, "")
+        raise refuse(wrong.rule(first, key), wrong.got(first), path.name, hint) from error
 
 
 #: The protocol of the paper: ten isobars, three strokes each at 1 mm/s, one photograph a second.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 from typing import Annotated, Literal
@@ -9,9 +10,13 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from pamjax.check import BadInput, nearest, refuse
+from pamjax.records import wrong
 from pamjax.records.files import decode, read_bytes
 from pamjax.records.header import KINDS, split_title
 from pamjax.units import factor, parse
+
+#: Ways to read an entry, which stand among the names of entries where something is wrong.
+TRIED = re.compile(r"function-.*|str|int|constrained-int|list\[.*|dict\[.*")
 
 
 class _Table(BaseModel):
@@ -171,19 +176,23 @@ def _told(error: ValidationError, file: str) -> BadInput:
     own = first.get("ctx", {}).get("error")
     if isinstance(own, BadInput):
         return BadInput(f"{file}: {own}")
-    path = [str(part) for part in first["loc"] if not str(part).startswith(("function-", "str", "dict"))]
-    key = ".".join(path)
+    # Beside names, a place has numbers of lists and ways in which the library tried to read it.
+    path = [p for p in first["loc"] if isinstance(p, str) and not TRIED.fullmatch(p)]
+    key = path[-1]
+    table = {"tests": "[[tests]]"}.get(path[0], f"[{path[0]}]")
+    where = f"{table} of {file}" if len(path) > 1 else file
     if first["type"] == "missing":
         remedy = "It says " + {
             "muscle": "which muscle.toml goes into the case.",
             "columns": "which column is which.",
             "tests": "which files there are.",
-        }.get(path[-1], "what cannot be guessed.")
-        raise refuse(f"`{key}` must be stated", "", file, remedy)
+            "end": "how long the tare takes.",
+            "column": "which column of the file it is.",
+            "file": "where the test was written to.",
+        }.get(key, "what cannot be guessed.")
+        return refuse(f"`{key}` must be stated", "", where, remedy)
     if first["type"] == "extra_forbidden":
-        table = {"files": Files, "tare": Tare, "tests": Test, "columns": Channel}.get(path[0], Rig)
-        known = (Rig if len(path) == 1 else table).model_fields
-        return refuse(f"`{key}` is no entry", "", file, nearest(path[-1], known))
-    return refuse(
-        f"`{key}` is wrong: {first['msg'][:1].lower()}{first['msg'][1:]}", f"{first['input']!r}", file
-    )
+        of = {"files": Files, "tare": Tare, "tests": Test, "columns": Channel}.get(path[0], Rig)
+        known = (Rig if len(path) == 1 else of).model_fields
+        return refuse(f"`{key}` is no entry", "", where, nearest(key, known))
+    return refuse(wrong.rule(first, key), wrong.got(first), where)

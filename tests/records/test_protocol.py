@@ -101,12 +101,27 @@ def test_a_protocol_is_read_from_toml(tmp_path):
         ("kind = ", "a protocol is a TOML file; got"),
         ("", r"a protocol has one table, \[protocol\]; got none in plan.toml."),
         (WHOLE + "[more]\n", r"a protocol has one table, \[protocol\]; got protocol, more in plan.toml."),
-        (WHOLE.replace("pressures", "presures"), "`pressures`: field required"),
-        (WHOLE + "cycels = 2\n", "`cycels`: extra inputs are not permitted .* Did you mean `cycles`?"),
-        (WHOLE.replace("ramps", "rams"), "`kind`: input should be 'strokes', 'ramps' or 'holds'"),
-        (WHOLE.replace("[0.0]", "[0.95]"), r"`contractions.0`: input should be less than 0.9"),
-        (WHOLE.replace("[0.0]", "[]"), "`contractions`: list should have at least 1 item"),
-        (WHOLE + "cycles = 0\n", "`cycles`: input should be greater than or equal to 1"),
+        (
+            WHOLE.replace("pressures", "presures"),
+            r"`pressures` must be stated \(plan.toml\). Write a list, as ",
+        ),
+        (WHOLE + "cycels = 2\n", r"`cycels` is no entry of a protocol \(plan.toml\). Did you mean `cycles`"),
+        (WHOLE + "rat = 2\n", "`rat` is no entry of a protocol .* Did you mean `rate`"),
+        (WHOLE.replace("kind", "# kind"), r"`kind` must be stated \(plan.toml\). Write \"strokes\", "),
+        (WHOLE + "xyz = 2\n", "`xyz` is no entry of a protocol .* Known are `kind`, `pressures`, "),
+        (
+            WHOLE.replace("ramps", "rams"),
+            """`kind` is "strokes", "ramps" or "holds"; got 'rams' in plan.toml.""",
+        ),
+        (WHOLE.replace("[0.0]", "[0.95]"), "`contractions` must be less than 0.9; got 0.95 in plan.toml."),
+        (WHOLE.replace("[0.0]", "0.1"), "`contractions` is a list in brackets; got 0.1 in plan.toml. Write"),
+        (WHOLE.replace("[0.0]", "[]"), r"`contractions` must not be empty; got \[\] in plan.toml."),
+        (WHOLE + "cycles = 0\n", "`cycles` must be at least 1; got 0 in plan.toml."),
+        (WHOLE + "cycles = 2.5\n", "`cycles` is a whole number; got 2.5 in plan.toml."),
+        (
+            WHOLE + "rate = 2\n",
+            """`rate` is a text in quotes; got 2 in plan.toml. Write a number and its unit,""",
+        ),
     ],
 )
 def test_what_is_no_protocol_is_told(tmp_path, text, told):

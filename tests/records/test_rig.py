@@ -287,7 +287,30 @@ def test_a_mat_file_of_the_new_kind(rig, tmp_path):
             "path of a muscle.toml; got mine.toml in rig.toml. `pamjax new`",
         ),
         ({"files": "header = maybe"}, "rig.toml must be TOML"),
-        ({"files": 'separator = "|"'}, "`files.separator` is wrong"),
+        (
+            {"files": 'separator = "|"'},
+            """`separator` is ",", ";", "tab" or "space"; got '|' in [files] of rig""",
+        ),
+        ({"files": "skip = -1"}, "`skip` must be at least 0; got -1 in [files] of rig.toml."),
+        ({"files": "header = 3"}, "`header` is true or false; got 3 in [files] of rig.toml."),
+        (
+            {"files": "seperator = 3"},
+            "`seperator` is no entry ([files] of rig.toml). Did you mean `separator`",
+        ),
+        (
+            {"columns": PLAIN.replace('"P"', "0")},
+            "`column` must be at least 1; got 0 in [columns] of rig.toml.",
+        ),
+        (
+            {"columns": 'force = {unit = "N"}'},
+            "`column` must be stated ([columns] of rig.toml). It says which",
+        ),
+        (
+            {"length": "interval = 3"},
+            "`interval` is no entry ([[tests]] of rig.toml). Known are `file`, `length`",
+        ),
+        ({"file": "3"}, "`file` is a text in quotes; got 3 in [[tests]] of rig.toml."),
+        ({"more": '[tare]\nforce = "0 N"'}, "`end` must be stated ([tare] of rig.toml). It says how long"),
         ({"files": 'rate = "500 N"'}, "[files] rate"),
         ({"more": '[tare]\nend = "1 s"\nforce = "0 N"'}, "[tare] needs a clock"),
         (
