@@ -207,7 +207,8 @@ def _zeroed(
             raise refuse(f"[tare] `{name}` must be a column", "none", "[columns]")
         read[name] = float(np.nanmedian(columns[name][inside]))
         columns[name] = columns[name] - read[name] + true
-    if not rig.tare.cut:
+    # A tare without duration is read, but takes no time off the test.
+    if not rig.tare.cut or end == start:
         return columns, read
     if inside.all():
         raise refuse("a test must go on after its [tare]", f"{columns['time'][-1]:g} s in all", file)

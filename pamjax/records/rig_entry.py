@@ -72,8 +72,8 @@ class Tare(_Table):
     """[tare]: the part of each test in which the channels read what they are known to read.
 
     Attributes:
-        start, end: from the first sample of the test.
-        cut: whether that part is left out of the recording.
+        start, end: from the first sample of the test; both belong to it.
+        cut: whether that part is left out of the recording; nothing is where it ends as it starts.
         force, pressure, length: the true reading there; a channel that is not named keeps its zero.
     """
 

@@ -184,6 +184,14 @@ def test_the_zero_is_read_where_it_is_known(rig):
     np.testing.assert_allclose(got.pressure, [20 * 6894.757] * 4, atol=0.1)
 
 
+@pytest.mark.parametrize("more", ['force = "0 N"', ""])
+def test_a_tare_without_duration_takes_no_row_away(rig, more):
+    text = "t,P,Load [lbf]\n" + "\n".join(f"{k},{1 + 20 * k},{2 + 10 * k}" for k in range(4))
+    columns = PLAIN + '\ntime = {column = "t", unit = "s"}'
+    got = rig(text, columns=columns, more=f'[tare]\nend = "0 s"\n{more}')
+    np.testing.assert_allclose(got.force / LF, 10 * np.arange(4) + (0 if more else 2), atol=1e-4)
+
+
 def test_a_way_becomes_a_length(rig, tmp_path):
     """A sensor of the way reads up while the muscle shortens, from a zero of its own, with a cell blank."""
     way = np.linspace(0, 20, 9)
