@@ -61,3 +61,19 @@ def test_every_word_of_a_file_is_on_its_page():
     in_tables = {f"[{name}]" for name, field in schema.Words.model_fields.items() if f"[{name}]" in page}
     missing = {word for word in words if f"`{word}`" not in page and f"[{word}]" not in in_tables}
     assert not missing
+
+
+def test_every_word_of_an_import_is_in_its_table_and_no_other():
+    from pamjax.records.header import KINDS
+    from pamjax.records.rig_entry import Channel, Files, Rig, Tare, Test
+
+    page = (ROOT / "docs/files.md").read_text("utf-8")
+    section = re.search(r"^## An import\n(.*?)^## ", page, re.S | re.M)[1]
+    shown = {
+        entry for cell in re.findall(r"^\| (.*?) \|", section, re.M) for entry in re.findall("`(.*?)`", cell)
+    }
+    tables = {"[files]": Files, "[tare]": Tare, "[[tests]]": Test}
+    words = {*KINDS, *Channel.model_fields, *tables, "[columns]"}
+    words |= {name for table in tables.values() for name in table.model_fields}
+    words |= set(Rig.model_fields) - {"files", "columns", "tare", "tests"}
+    assert shown == words
