@@ -2,7 +2,7 @@
 
 What binds: the requirements whose multipliers are not zero where the largest broken margin is least. How
 much: for each of them the least by which it alone must be relaxed, all others kept, over the choices that
-come nearest.
+come nearest; where one alone is not enough, how far the nearest muscle is from it.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from pamjax.design.enumerate import Tried
 from pamjax.design.optimise import relax
 from pamjax.design.problem import Problem
 from pamjax.design.requirements import Requirement
+from pamjax.units import in_unit
 
 #: Choices, the nearest first, over which the least is sought.
 NEAREST = 8
@@ -36,26 +37,48 @@ class Gives:
         part: its share of the conflict.
         amount: what would be met instead of its bound, SI; None where it alone does not do.
         contraction: alike as a contraction, for a free contraction.
+        lacks: what the nearest muscle has of it, and by how much that is off; "" where it alone does.
     """
 
     requirement: Requirement
     part: float
     amount: float | None
     contraction: float | None = None
+    lacks: str = ""
 
     @property
     def says(self) -> str:
         """In words."""
         one = self.requirement
         if self.amount is None:
-            return f"{one.says}: does not do alone"
+            return f"{one.says}: the nearest muscle has {self.lacks}"
         if self.contraction is not None:
             return f"{one.says}: about {100 * self.contraction:.3g} % would do"
         if one.factor:
             return f"{one.says}: {1 / self.amount:.3g} times would do"
         if len(one.bounds) > 1 and one.key == "stroke":
             return f"{one.says}: {100 * self.amount / one.bounds[-1]:.3g} % of the load would do"
-        return f"{one.says}: {one.shown(self.amount)} would do"
+        return f"{one.says}: {plain(self.amount, one.unit)} would do"
+
+
+def lacks(one: Requirement, y: np.ndarray) -> str:
+    """What a muscle with these outputs has of a requirement that it misses, and by how much, with units."""
+    worst = int(np.argmin(one.margins(y)))
+    has, bound = float(y[one.rows[worst]]), one.bounds[worst]
+    if one.factor:
+        return f"{plain(1 / has, '1')} times, {plain(1 / bound - 1 / has, '1')} short"
+    off = f"{plain(abs(has - bound), one.unit)} {'short' if one.sense > 0 else 'too much'}"
+    return f"{plain(has + one.beside, one.unit)}, {off}"
+
+
+def plain(amount: float, unit: str) -> str:
+    """An SI amount to three digits, without a power of ten.
+
+    >>> plain(1897.3, "N")
+    '1900 N'
+    """
+    number = f"{float(f'{amount / in_unit(unit):.3g}'):.6g}"
+    return number if unit == "1" else f"{number} {unit}"
 
 
 def conflict(tried: Sequence[Tried]) -> tuple[Tried, list[Gives]]:
@@ -94,7 +117,7 @@ def _alone(problem: Problem, start: np.ndarray, k: int) -> float:
 
 def _gives(problem: Problem, z: np.ndarray, one: Requirement, part: float, s: float) -> Gives:
     if not math.isfinite(s):
-        return Gives(one, part, None)
+        return Gives(one, part, None, lacks=lacks(one, problem.outputs(z)))
     bound = one.bounds[-1]
     if bound > 0:
         share = math.exp(-one.sense * s)

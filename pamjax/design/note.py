@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from pamjax.design.infeasible import plain
+from pamjax.design.requirements import TENTH
 from pamjax.design.result import UNITS, Design
 from pamjax.units import in_unit, show
 
@@ -57,15 +59,25 @@ def _work(design: Design) -> list[str]:
 
 
 def _room(room: float, one) -> str:
-    return "just" if abs(room) < TIGHT else f"{room_words(room, one)} to spare"
+    return "just" if abs(room) < TIGHT else room_words(room, one)
 
 
 def room_words(room: float, one) -> str:
     """Room to a requirement, as a share of it, or in its unit where it is measured from nothing."""
+    spare = "to spare" if room > 0 else "short"
     if min(one.bounds) <= 0:
-        return show(room * one.scale, one.unit, 3)
-    share = math.expm1(room)
-    return f"{100 * share:+.3g} %" if share < 2 else f"{share + 1:.3g} times"
+        return f"{plain(abs(room) * one.scale, one.unit)} {spare}"
+    if room < 0 and one.sense < 0 and not one.factor:
+        return f"{plain(100 * math.expm1(-room), '1')} % too much"
+    share = share_of(room) if one.sense > 0 else math.exp(room)
+    if share > 3:
+        return f"{plain(share, '1')} times {spare}"
+    return f"{plain(100 * abs(share - 1), '1')} % {spare}"
+
+
+def share_of(room: float) -> float:
+    """Output over lower bound at a room, see `requirements.room`: below a tenth it is its tangent."""
+    return math.exp(room) if room > math.log(TENTH) else TENTH * (1 + room - math.log(TENTH))
 
 
 def _dear(design: Design) -> list[str]:
@@ -100,10 +112,23 @@ def _inelastic(design: Design) -> list[str]:
 
 
 def _giving(design: Design) -> list[str]:
+    alone = [give.says for give in design.gives if give.amount is not None]
+    others = [give.says for give in design.gives if give.amount is None]
     lines = [f"  nearest: {design.choice}"]
-    lines += ["  what is in each other's way, and what would do if it alone gave:"]
-    lines += [f"    {give.says}" for give in design.gives[:GIVING]]
-    return lines if design.gives else [lines[0], "  nothing would do if it alone gave: relax several"]
+    if alone:
+        lines += ["  what is in each other's way, and what would do if it alone gave:"]
+        lines += [f"    {says}" for says in alone[:GIVING]]
+    if others or not alone:
+        lines += [f"  {not_alone(design)}{':' if others else ''}"]
+        lines += [f"    {says}" for says in others[:GIVING]]
+    return lines
+
+
+def not_alone(design: Design) -> str:
+    """That no requirement, or none but some, is enough if it alone gives."""
+    if any(give.amount is not None for give in design.gives):
+        return "in the way as well, and not enough alone even if given up"
+    return "no one requirement, given up alone, is enough: relax several"
 
 
 def slope_words(design: Design, slope: float, requirement) -> str:
