@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from pamjax.design.infeasible import lacks
 from pamjax.design.problem import OUTPUT
 from pamjax.design.result import UNITS, Design
 from pamjax.units import in_unit, show
@@ -30,6 +31,8 @@ ISOBARS, ALONG = 6, 80
 DEEP = 0.45
 #: Requirements and properties in the bars, at most.
 BARS = 8
+#: Rooms as near to one another as this are missed alike.
+EQUAL = 0.02
 
 
 def chart_figure(design: Design, narrow: bool = False) -> Figure:
@@ -49,13 +52,17 @@ def chart_figure(design: Design, narrow: bool = False) -> Figure:
         _region(panel, design, contraction, force, wide)
         for level, row in zip(levels, force, strict=True):
             panel.plot(100 * contraction, row, color=colours(norm(level / 1e3)), gid="isobar", lw=1.2)
-        working = design.numbers["pressure"]
-        if working < 0.995 * supply:
+        working, tops = design.numbers["pressure"], [float(np.nanmax(force[-1]))]
+        other = abs(working / supply - 1) > 0.005
+        if other:
             own = design.force(np.full(ALONG, working), contraction)
             panel.plot(100 * contraction, own, "--", color=OKABE_ITO["black"], lw=0.9, gid="working")
+            tops.append(float(np.nanmax(own)))
         _points(panel, design)
-        top = 1.08 * max(float(np.nanmax(force[-1])), float(np.nanmax(design.asked.loads)))
-        panel.set(xlim=(-0.5, 100 * end), ylim=(0, top), xlabel="contraction [%]", title=_chart_says(design))
+        top = 1.08 * max(*tops, float(np.nanmax(design.asked.loads)))
+        says = chart_says(design)
+        says = _folded(says, 46) if narrow else says
+        panel.set(xlim=(-0.5, 100 * end), ylim=(0, top), xlabel="contraction [%]", title=says)
         panel.set_ylabel("force of all muscles [N]" if design.choice.parallel > 1 else "force [N]")
         pressure_bar(panel, tuple(levels / 1e3))
         handles = [
@@ -65,8 +72,10 @@ def chart_figure(design: Design, narrow: bool = False) -> Figure:
         ]
         if design.spec.words.stroke:
             handles.insert(0, mark("load", ls="-", color=OKABE_ITO["vermilion"]))
-        if working < 0.995 * supply:
-            handles.append(mark(f"working {show(working, 'kPa', 3)}", ls="--", color=OKABE_ITO["black"]))
+        if other:
+            beyond = ", beyond the supply" if working > supply else ""
+            label = f"working {show(working, 'kPa', 3)}{beyond}"
+            handles.append(mark(label, ls="--", color=OKABE_ITO["black"]))
         made.legend(handles=handles, loc="outside lower center", ncols=2 if narrow else 5)
     return made
 
@@ -89,8 +98,11 @@ def _region(panel: Axes, design: Design, contraction, force, wide) -> None:
     if beyond.size and force[-1, beyond[0]] > 0:
         x = 100 * contraction[beyond[0]]
         panel.axvline(x, color=QUIET, ls="--", lw=0.8)
-        panel.annotate(f" wider than {show(room, 'mm')}", (x, 0.97), xycoords=("data", "axes fraction"),
-                       va="top", fontsize=7, color=QUIET)  # fmt: skip
+        # Beside the line, on the side that has room, and above the isobars.
+        left = x > 50 * (contraction[-1] + contraction[0])
+        panel.annotate(f"wider than {show(room, 'mm')}", (x, 0.97), (-6 if left else 6, 0),
+                       xycoords=("data", "axes fraction"), textcoords="offset points", va="top",
+                       ha="right" if left else "left", fontsize=7, color=QUIET)  # fmt: skip
 
 
 def _points(panel: Axes, design: Design) -> None:
@@ -108,9 +120,19 @@ def _points(panel: Axes, design: Design) -> None:
     panel.plot(x[rows], wanted[rows], "o", color=OKABE_ITO["vermilion"], mfc="none", ms=6, gid="wanted")
 
 
-def _chart_says(design: Design) -> str:
+def short_says(design: Design) -> str:
+    """What the nearest muscle has of what it misses most; of equals a force, else what the spec states."""
+    y = design.outputs
+    rooms = {one.key: float(one.margins(y).min()) for one in design.asked.requirements}
+    near = [one for one in design.asked.requirements if rooms[one.key] < min(rooms.values()) + EQUAL]
+    worst = min(near, key=lambda one: (one.unit != "N", not one.stated))
+    return f"The nearest muscle has {lacks(worst, y)} of “{worst.says}”"
+
+
+def chart_says(design: Design) -> str:
+    """The finding of the chart."""
     if not design.feasible:
-        return "The nearest muscle does not do all of it"
+        return short_says(design)
     rows = np.flatnonzero(design.asked.loads > 0)
     if not rows.size:
         return "The muscle reaches the contraction that is wanted"
@@ -140,7 +162,7 @@ def price_figure(design: Design, narrow: bool = False) -> Figure | None:
         panel.axvline(0, color=QUIET, lw=0.6)
         panel.set_xlabel(f"change of {what} [%]")
         dearest = design.prices[0]
-        says = f"1 % less of “{dearest.requirement.says}” saves {dearest.share:.2g} % of {what}"
+        says = f"“{dearest.requirement.says}” made 1 % easier saves {dearest.share:.2g} % of {what}"
         made.suptitle(_folded(says, 46) if narrow else says, x=0.01, ha="left", fontsize=8)
         handles = [mark("requirement, 1 % easier", marker="s", ms=7, color=colour["requirement"])]
         if any(row[2] == "property" for row in rows):

@@ -7,12 +7,16 @@ import math
 from functools import partial
 from pathlib import Path
 
-from pamjax.design.note import TIGHT, objective, room_words, slope_words
+from pamjax.design.note import TIGHT, not_alone, objective, room_words, slope_words
 from pamjax.design.result import Design
-from pamjax.design.save import receipt
 from pamjax.units import show
 from pamjax.view import design_figures as figures
+from pamjax.view.design_receipt import page_receipt
 from pamjax.view.page import picture, write_page
+from pamjax.view.wording import upper
+
+#: Rows of the table of choices.
+RUNNERS = 8
 
 
 def save_report(design: Design, path: str | Path, command: str = "") -> Path:
@@ -35,12 +39,17 @@ def save_report(design: Design, path: str | Path, command: str = "") -> Path:
         front=picture(partial(figures.front_figure, design), "front"),
         front_words=_front_words(design),
         muscle=_muscle(design),
+        margins_caption=_margins_caption(design),
+        margins_head=["requirement", "room", *(["probability"] if design.held else []), "asked by"],
         margins=[_margin(design, one) for one in design.asked.requirements],
-        gives=[give.says for give in design.gives],
+        gives=[give.says for give in design.gives if give.amount is not None],
+        not_alone=f"{upper(not_alone(design))}:",
+        lacks=[give.says for give in design.gives if give.amount is None],
         slopes=[_slope(design, price) for price in design.prices],
         costs=[_cost(cost, design) for cost in design.costs],
-        runners=[_runner(one, design) for one in design.tried[:8]],
-        receipt={name: lines for name, lines in receipt(design).items() if lines},
+        runners_caption=_runners_caption(design),
+        runners=[_runner(one, design) for one in design.tried[:RUNNERS]],
+        receipt=page_receipt(design),
         spec=design.spec.text,
         checksum=hashlib.sha256(design.spec.text.encode()).hexdigest() if design.spec.text else "",
         command=command or "pamjax.size(...)",
@@ -52,7 +61,8 @@ def headline(design: Design) -> str:
     if not design.feasible:
         return "No muscle of this catalogue does all of it"
     choice = str(design.choice)
-    return f"{choice[:1].upper()}{choice[1:]}: {design.spec.words.minimise} {objective(design)}"
+    under = " under pressure" if design.spec.words.minimise == "diameter" else ""
+    return f"{upper(choice)}: {design.spec.words.minimise} {objective(design)}{under}"
 
 
 def answer(design: Design) -> list[str]:
@@ -63,14 +73,14 @@ def answer(design: Design) -> list[str]:
             f"The nearest choice is {design.choice}.",
             f"Any one of these would do: {'; '.join(keys)}."
             if keys
-            else "No single requirement would do alone.",
+            else f"No one requirement, given up alone, is enough. {figures.short_says(design)}.",
         ]
     n = design.numbers
     first = (
-        f"{show(n['rest_length'], 'mm')} long at rest, {show(n['diameter'], 'mm')} wide, threads of"
-        f" {show(n['thread_length'], 'mm')} in {n['turns']:.3g} turns"
-        f" ({math.degrees(n['braid_angle']):.1f}° from the circumference), a wall of"
-        f" {show(n['wall'], 'mm', 3)}, at {show(n['pressure'], 'kPa')}."
+        f"At rest {show(n['rest_length'], 'mm')} long, threads of {show(n['thread_length'], 'mm')} in"
+        f" {n['turns']:.3g} turns ({math.degrees(n['braid_angle']):.1f}° from the circumference) over a"
+        f" bladder of {show(n['diameter'], 'mm')} outside and {show(n['wall'], 'mm', 3)} wall; at"
+        f" {show(n['pressure'], 'kPa')} it widens to {show(design.output('widest'), 'mm')} at most."
     )
     wanted = design.spec.words.probability
     held = f"{design.probability:.2f}"
@@ -99,11 +109,11 @@ def _muscle(design: Design) -> list[list[str]]:
         ["turns", f"{n['turns']:.4g}", "of one thread"],
         ["braid angle", f"{math.degrees(n['braid_angle']):.2f} deg", "from the circumference, at rest"],
         ["threads", f"{choice.threads} of {show(choice.diameter, 'mm')}", choice.thread.about],
-        ["bladder outside", show(n["diameter"], "mm"), choice.bladder.about],
+        ["bladder outside", show(n["diameter"], "mm"), f"at rest; {choice.bladder.about}"],
         ["wall", show(n["wall"], "mm", 3), "of the unstretched bladder"],
         ["working pressure", show(n["pressure"], "kPa"), f"supply {show(design.spec.supply, 'kPa')}"],
         ["muscles in parallel", str(choice.parallel), ""],
-        ["widest", show(design.output("widest"), "mm"), "outside, at the working points"],
+        ["widest", show(design.output("widest"), "mm"), "outside of one, under pressure"],
         ["mass", show(design.output("mass"), "g", 3), "threads and rubber of all, without fittings"],
         ["air", show(design.output("air"), "L", 3), "a stroke of all, at ambient pressure"],
     ]
@@ -116,8 +126,15 @@ def _margin(design: Design, one) -> list[str]:
     room = float(one.margins(design.outputs).min())
     held = design.held.get(one.key)
     kept = "binds" if abs(room) < TIGHT else room_words(room, one)
-    told = "" if held is None else f"{held:.2f}"
-    return [one.says, kept, told, "stated" if one.stated else "assumed"]
+    told = [] if held is None else [f"{held:.2f}"]
+    return [one.says, kept, *told, "the spec" if one.stated else "pamjax"]
+
+
+def _margins_caption(design: Design) -> str:
+    """What the table of requirements shows."""
+    if not design.held:
+        return "Room that the nearest muscle has to each requirement"
+    return "Room to each requirement, and the probability that it holds over what is not known"
 
 
 def _slope(design: Design, price) -> list[str]:
@@ -140,8 +157,23 @@ def _cost(cost, design: Design) -> list[str]:
     ]
 
 
+def _runners_caption(design: Design) -> str:
+    """What the table of choices shows, and why the chosen one may not have the least of it."""
+    least = f"the least {design.spec.words.minimise} of each" if design.feasible else "how far each is short"
+    head = f"The best choices of the catalogue, all properties at their typical values: {least}"
+    wanted = design.spec.words.probability
+    if not design.feasible or not wanted or design.unsure:
+        return head
+    return (
+        f"{head}. To hold with probability {wanted:g} a muscle takes more: of those that do, the chosen one"
+        f" has the least, {objective(design)}"
+    )
+
+
 def _runner(one, design: Design) -> list[str]:
     unit = figures.UNITS[design.spec.words.minimise]
+    same = one.problem.choice == design.choice
+    mark = ("chosen" if design.feasible else "nearest") if same else ""
     if one.answer is None:
-        return [str(one.problem.choice), f"short by {100 * (1 - math.exp(-one.broken)):.2g} %"]
-    return [str(one.problem.choice), show(math.exp(one.answer.value), unit)]
+        return [str(one.problem.choice), f"short by {100 * (1 - math.exp(-one.broken)):.2g} %", mark]
+    return [str(one.problem.choice), show(math.exp(one.answer.value), unit), mark]
