@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Literal
 
@@ -65,5 +66,9 @@ def fit(
         from pamjax.view.fit_report import save_report
 
         written.append(save_report(found, out / "report.html", command()))
-    say_json(as_dict(found)) if json else say(str(found))
+    if json:
+        say_json(as_dict(found))
+    else:
+        say(str(found))
+        say(f"then: pamjax diagnose {shlex.join(map(str, cases))}")
     say_written(written)

@@ -75,6 +75,12 @@ def test_a_fit_writes_its_figures(fitted):
     assert not any(name.startswith(".") for name in names)
 
 
+def test_a_fit_says_what_comes_next(bench, tmp_path, capsys):
+    words = ["--out", str(tmp_path / "out"), "--starts", "1", "--folds", "2", "--no-figures", "--no-report"]
+    assert main(["fit", str(bench / "made"), *words]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == f"then: pamjax diagnose {bench / 'made'}"
+
+
 def test_fit_speaks_json_alone(bench, fitted, tmp_path, capsys):
     arguments = ["--out", str(tmp_path / "out"), "--starts", "2", "--folds", "2", "--json", "--no-figures"]
     assert main(["fit", str(bench / "made"), *arguments]) == 0
