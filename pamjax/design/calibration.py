@@ -31,7 +31,7 @@ GO_ON = {
     "braid_locking": ("stiffness",),
     "end_taper": ("share", "radius"),
     "braid_friction": (
-        "coefficient", "constant", "exponent", "reach", "presliding", "angle", "spread", "give",
+        "coefficient", "constant", "exponent", "reach", "girth", "presliding", "angle", "spread", "give",
     ),
 }  # fmt: skip
 

@@ -22,6 +22,9 @@ PRESSURE = 3e5
 #: Below this pressure, Pa, the strength is proportional to it: a power less than one is too steep at zero.
 LOW = 1e3
 
+#: Cosine of the braid angle below which a muscle is straight, and no power of its radius is asked for.
+STRAIGHT = 1e-3
+
 #: Presliding distances of the elements, over that of the last one. Equal weights: force rises in four
 #: straight pieces, each less steep than the one before.
 SHARES = (0.25, 0.5, 0.75, 1.0)
@@ -34,13 +37,14 @@ class BraidFriction(AbstractMemory):
         force  q = Fc mean(y) + μ mean(z)
         y  <-  clip(y + du / x,       −1, 1)              x = d [1 − w (3/4, 2/4, 1/4, 0)]
         z  <-  clip(z + Sr du / x,    −S, S)
-        S  =  (2/3) r L/N · P (P/Pr)^(m−1) (L/B)^(p−1),      Sr = (2/3) r B/N · Pr
+        S  =  (2/3) r L/N · P (P/Pr)^(m−1) (sin θ)^(p−1) (cos θ)^k,      Sr = (2/3) r B/N · Pr
         du =  B d[(1 − h) sin θ + h θ − γ P / B],   sin θ = L / B;  du = dL for a stiff thread and h = 0
 
         Fc  constant     N      Coulomb force that no pressure presses for
         μ   coefficient  1      friction of thread on thread, on patches of radius r = 0.5 mm
         m   exponent     1      1: patches of one size; 2/3: patches that grow as those of Hertz
         p   reach        1      power of length: 1 at crossings that turn, 0 where the arm stays the same
+        k   girth        1      power of radius: 0 at crossings that turn, 1 on the lateral area 2πRL
         d   presliding   m      distance after a turn from which the force is full, at Pr = 300 kPa
         h   angle        1      what rubs: 0 as the length moves, 1 as the braid's angle turns
         w   spread       1      how far the elements differ: 0 gives way at once, 1 little by little
@@ -56,18 +60,16 @@ class BraidFriction(AbstractMemory):
     With `give` the stress also moves some volume, −∂(q u)/∂P = q γ: ∮ (F dL − V dP) counts it.
 
     Neutral: Fc = μ = 0. As d → 0 it is Coulomb's force. What it leaves out: sliding that grows weaker
-    with speed (Stribeck), loops that are wider in one direction; and friction on the lateral area, in
-    proportion to R L (Tondu & Lopez 2000), which p near −0.6 only follows within 7 % rms over the paper's
-    stroke, 26 % at rest.
+    with speed (Stribeck), loops that are wider in one direction.
     Source: the stop operator of Prandtl and Ishlinskii; strength derived here; Davis & Caldwell, Int. J.
-    Robot. Res. 25, 359, 2006 (patches); Vo-Minh et al., IEEE/ASME Trans. Mechatron. 16, 177, 2011
+    Robot. Res. 25, 359, 2006 (patches); Tondu & Lopez, IEEE Control Syst. 20(2), 15, 2000 (area); Vo-Minh et al., IEEE/ASME Trans. Mechatron. 16, 177, 2011
     (Maxwell slip in a muscle).
     """
 
     id: ClassVar[str] = "braid_friction"
     about: ClassVar[About] = About(
         title="friction between braid threads",
-        equation="F = F0 + Fc mean(y) + mu mean(z),  stops |y| <= 1, |z| <= (2/3) r P L/N",
+        equation="F = F0 + Fc mean(y) + mu mean(z),  stops |y| <= 1, |z| <= (2/3) r P L/N cos(angle)^k",
         signature="Force is higher while the muscle lengthens and lower while it shortens, by the same at"
         " every speed; after a turn it crosses over within the presliding distance.",
         leaves_out="weakening with speed, loops that are wider in one direction",
@@ -91,7 +93,11 @@ class BraidFriction(AbstractMemory):
     )  # fmt: skip
     reach: Scalar = parameter(
         "1", low=-1.0, high=1.0, about="power of length with which the strength grows",
-        source="1 for crossings that turn; area friction, in proportion to R L, lies below", default=1.0,
+        source="1 for crossings that turn, and for friction on the lateral area", default=1.0,
+    )  # fmt: skip
+    girth: Scalar = parameter(
+        "1", low=-1.0, high=2.0, about="power of radius with which the strength grows",
+        source="0 for crossings that turn, 1 for friction on the lateral area", default=0.0,
     )  # fmt: skip
     presliding: Scalar = parameter(
         "m", show="mm", low=1e-6, high=0.05, scale="log",
@@ -120,23 +126,24 @@ class BraidFriction(AbstractMemory):
         moved = (1 - self.angle) * state.length / state.thread + self.angle * turned
         return jnp.stack([moved - self.give * pressure / state.thread])
 
-    def strength(self, pressure: Array, length: Array, thread: Array, turns: Array) -> Array:
+    def strength(self, pressure: Array, state: State) -> Array:
         """Full friction, N, of a coefficient of one."""
         power = (jnp.maximum(pressure, LOW) / PRESSURE) ** (self.exponent - 1)
-        arm = length * (length / thread) ** (self.reach - 1)
-        return 2 / 3 * PATCH * jnp.maximum(pressure, 0.0) * power * arm / turns
+        wide = jnp.maximum(2 * jnp.pi * state.turns * state.radius / state.thread, STRAIGHT)
+        arm = state.length * (state.length / state.thread) ** (self.reach - 1) * wide**self.girth
+        return 2 / 3 * PATCH * jnp.maximum(pressure, 0.0) * power * arm / state.turns
 
     def dragged(self, past: Past) -> Float[Array, "1 ..."]:
         """The stress once every element was dragged all the way by lengthening; times its strain, J."""
-        width = self.strength(past.pressure, past.state.length, past.state.thread, past.state.turns)
+        width = self.strength(past.pressure, past.state)
         return ((self.constant + self.coefficient * width) * past.state.thread)[None]
 
     def stresses(self, history: History, strains: Float[Array, "n 1"], past: Past) -> Float[Array, "n 1"]:
         state, shares = past.state, 1 + self.spread * (jnp.asarray(SHARES) - 1)
         moved = history.increments(strains[:, 0]) * state.thread / self.presliding
-        width = self.strength(past.pressure, state.length, state.thread, state.turns)
+        width = self.strength(past.pressure, state)
         # One number for the whole recording, so that the stiffness is the same at every pressure.
-        whole = self.strength(jnp.asarray(PRESSURE), state.thread[0], state.thread[0], state.turns[0])
+        whole = 2 / 3 * PATCH * PRESSURE * state.thread[0] / state.turns[0]
         # Two columns, constant and pressed; four elements in each.
         widths = jnp.stack([jnp.ones_like(width), width], axis=1)[:, :, None] * jnp.ones_like(shares)
         stiffness = jnp.stack([jnp.ones_like(whole), whole])[:, None] / shares

@@ -60,6 +60,15 @@ def test_work_of_full_friction_is_that_of_the_torques():
     agree(np.trapezoid(force[1:], length[1:]), np.trapezoid(torque[1:], 2 * angle[1:]), 1e-5)
 
 
+def test_friction_on_the_lateral_area_is_in_proportion_to_it():
+    length = stroke(0.7, 1.0)
+    force = added(BraidFriction(0.2, girth=1.0, presliding=1e-6), LEVEL, length)
+    area = length * np.sqrt(THREAD**2 - length**2)
+    agree(force[1:] / force[-1], area[1:] / area[-1], SOLVED)
+    # Able to fail: at crossings that turn it grows with the length alone.
+    assert np.ptp(length / area) > 0.5 * np.max(length / area)
+
+
 @pytest.mark.parametrize(("exponent", "ratio"), [(1.0, 8.0), (2 / 3, 4.0)])
 def test_strength_grows_with_a_power_of_pressure(exponent, ratio):
     length = stroke(0.9, 1.0)
