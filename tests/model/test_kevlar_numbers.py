@@ -106,9 +106,7 @@ LOOPS = {
     "E1 Coulomb": Loop({"braid_friction.constant": 5.0} | RUBS, ("10", "10")),
     "E2 pivots": Loop({"braid_friction.coefficient": 0.2} | RUBS, ("3.4", "17")),
     # Their scale of an area's friction is not given: one that meets the first loop has to meet the second.
-    "E3 area": Loop(
-        {"braid_friction.coefficient": 0.373, "braid_friction.girth": 1.0} | RUBS, ("3.8", "19")
-    ),
+    "E3 area": Loop({"braid_friction.coefficient": 0.373, "braid_friction.girth": 1.0} | RUBS, ("3.8", "19")),
     # Strength is ours at 300 kPa and theirs at 590 kPa (from their E2): one factor at every pressure.
     "E4 Hertz": Loop(
         {

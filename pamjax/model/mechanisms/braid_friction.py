@@ -62,8 +62,8 @@ class BraidFriction(AbstractMemory):
     Neutral: Fc = μ = 0. As d → 0 it is Coulomb's force. What it leaves out: sliding that grows weaker
     with speed (Stribeck), loops that are wider in one direction.
     Source: the stop operator of Prandtl and Ishlinskii; strength derived here; Davis & Caldwell, Int. J.
-    Robot. Res. 25, 359, 2006 (patches); Tondu & Lopez, IEEE Control Syst. 20(2), 15, 2000 (area); Vo-Minh et al., IEEE/ASME Trans. Mechatron. 16, 177, 2011
-    (Maxwell slip in a muscle).
+    Robot. Res. 25, 359, 2006 (patches); Tondu & Lopez, IEEE Control Syst. 20(2), 15, 2000 (area); Vo-Minh
+    et al., IEEE/ASME Trans. Mechatron. 16, 177, 2011 (Maxwell slip in a muscle).
     """
 
     id: ClassVar[str] = "braid_friction"
