@@ -1,11 +1,13 @@
 """Is what the pages show what happens? Every block of code on them runs."""
 
 import re
+import shlex
 from pathlib import Path
 
 import pytest
 
 import pamjax
+from pamjax.cli.main import app, main
 
 ROOT = Path(__file__).parents[1]
 PAGES = ["README.md", "docs/write-a-mechanism.md"]
@@ -36,6 +38,30 @@ def test_readme_shows_the_verdict_that_the_tutorial_prints():
     beyond = "  the highest isobar"  # the tutorial stops before
     lines = [line for line in shown.splitlines() if not line.startswith(beyond)]
     assert set(lines) <= set("".join(blocks("docs/tutorial.md", "text")).splitlines())
+
+
+def own_recording():
+    """The front page's commands for one's own recording: to copy from top to bottom, and the others."""
+    section = re.search(
+        r"^## Your own recording\n(.*?)^## ", (ROOT / "README.md").read_text("utf-8"), re.S | re.M
+    )[1]
+    copied = [shlex.split(line, comments=True) for line in re.findall(r"^    pamjax (.*)", section, re.M)]
+    return copied, [shlex.split(said) for said in re.findall(r"`pamjax (.*?)`", section)]
+
+
+@pytest.mark.slow
+def test_the_first_commands_of_the_front_page_follow_one_another(tmp_path, monkeypatch, capsys):
+    copied, _ = own_recording()
+    assert [word for word, *_ in copied] == ["new", "check", "fit", "diagnose"]
+    assert {case for _, case, *_ in copied} == {"mine"}
+    monkeypatch.chdir(tmp_path)
+    for words in copied[:3]:  # a diagnosis takes minutes where nothing is compiled
+        assert main(words) == 0, capsys.readouterr().err
+
+
+def test_each_command_of_the_front_page_is_one():
+    copied, others = own_recording()
+    assert {word for word, *_ in (*copied, *others)} == {name for name in app if name[0] != "-"} - {"prove"}
 
 
 def _first_numbers(note):
