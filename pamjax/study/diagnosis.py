@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from pamjax.infer.member import CHANNELS
+from pamjax.infer.note import quantity
 from pamjax.model.library import mechanism
 from pamjax.parameter import Meaning
 from pamjax.records.blocks import Blocks
@@ -305,7 +306,5 @@ def _lines(one: Diagnosis) -> list[str]:
 
 
 def told(name: str, number: Number) -> str:
-    """A number for people, as "coefficient 0.21 ± 0.01"."""
-    scale, unit = _scale(number.meaning)
-    spread = f" ± {number.sd / scale:.1g}" if math.isfinite(number.sd) else ""
-    return f"{name} {number.value / scale:.4g}{spread}{'' if unit == '1' else ' ' + unit}"
+    """A number for people, as "coefficient 0.210 ± 0.012"."""
+    return f"{name} {quantity(number.value, number.sd, _scale(number.meaning)[1])}"
