@@ -111,6 +111,15 @@ def versions() -> dict[str, str]:
     return {name: version(name) for name in MADE_WITH} | {"Python": platform.python_version()}
 
 
+def breakable(name: str) -> Markup:
+    """A name of a program that may go on in a next line after its dots.
+
+    >>> str(breakable("muscle.thread_length, 0.5"))
+    'muscle.<wbr>thread_length, 0.5'
+    """
+    return Markup(re.sub(r"\.(?=[a-z])", ".<wbr>", str(escape(name))))
+
+
 def write_page(path: str | Path, template: str, **context: Any) -> Path:
     """Fill a template of `pages/` and write it beside, then rename.
 
@@ -126,6 +135,7 @@ def write_page(path: str | Path, template: str, **context: Any) -> Path:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    look.filters["breakable"] = breakable
     text = look.get_template(template).render(versions=versions(), **context)
     with write_beside(path) as beside:
         beside.write_text(text, "utf-8")

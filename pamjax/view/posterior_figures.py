@@ -13,6 +13,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,8 @@ from pamjax.view.theme import DOUBLE, OKABE_ITO, QUIET, SINGLE, figure, save_png
 BLUE, RED = OKABE_ITO["blue"], OKABE_ITO["vermilion"]
 #: A corner plot of more numbers than this is a wall: the noise's numbers go first.
 PANELS = 9
+#: Numbers in the corner plot of a phone: those that move together most.
+NARROW_PANELS = 4
 #: Draws shown as points or traced; walkers traced.
 POINTS, WALKERS = 2000, 8
 #: Draws behind a predictive band.
@@ -58,12 +61,24 @@ def _in_unit(post: Posterior, values: np.ndarray, k: int) -> np.ndarray:
     return values[..., k] / in_unit(post.units(post.names[k])[1])
 
 
-def corner_figure(post: Posterior) -> Figure:
-    """Every number's histogram, and every pair's cloud with its 39 and 86 % contours."""
-    chosen, draws = _shown(post), post.draw(POINTS)
+def _closest(post: Posterior, chosen: list[int]) -> list[int]:
+    """The few of some numbers that move together most, in their order."""
+    size = np.abs(post.correlation[np.ix_(chosen, chosen)])
+    np.fill_diagonal(size, 0)
+    most = np.argsort(-size.max(axis=1), kind="stable")[:NARROW_PANELS]
+    return [chosen[k] for k in sorted(most)]
+
+
+def corner_figure(post: Posterior, narrow: bool = False) -> Figure:
+    """Every number's histogram, and every pair's cloud with its 39 and 86 % contours.
+
+    On a phone those few numbers that move together most.
+    """
+    every, draws = _shown(post), post.draw(POINTS)
+    chosen = _closest(post, every) if narrow else every
     count = len(chosen)
     with theme():
-        size = max(1.1 * count + 1, 4.5)
+        size = SINGLE if narrow else max(1.1 * count + 1, 4.5)
         made = figure(size, size)
         grid = made.subplots(count, count, squeeze=False, sharex="col")
         for row, i in enumerate(chosen):
@@ -90,8 +105,16 @@ def corner_figure(post: Posterior) -> Figure:
                     panel.set_xlabel(_label(post, j), fontsize=6)
                 panel.tick_params(labelsize=5)
                 panel.locator_params(nbins=3)
-        made.suptitle(_together(post, chosen), x=0.01, ha="left")
+        says = _together(post, chosen)
+        if len(chosen) < len(every):
+            says += f"; {len(chosen)} of {len(every)} numbers"
+        made.suptitle(_folded(says, narrow), x=0.01, ha="left", fontsize=8 if narrow else None)
     return made
+
+
+def _folded(text: str, narrow: bool) -> str:
+    """A title in the width that there is."""
+    return textwrap.fill(text, 46) if narrow else text
 
 
 def _ellipses(panel: Axes, x: np.ndarray, y: np.ndarray) -> None:
@@ -192,13 +215,13 @@ def _beside(panel: Axes, before: np.ndarray, after: np.ndarray, log: bool) -> No
         panel.set_xscale("log")
 
 
-def profile_figure(post: Posterior) -> Figure:
+def profile_figure(post: Posterior, narrow: bool = False) -> Figure:
     """χ² above its least along every number, the others following."""
     found = post.verdicts
-    columns = min(3, len(found))
+    columns = min(2 if narrow else 3, len(found))
     with theme():
         rows = math.ceil(len(found) / columns)
-        made = figure(DOUBLE, 0.8 + 1.6 * rows)
+        made = figure(SINGLE if narrow else DOUBLE, 0.8 + 1.6 * rows)
         panels = made.subplots(rows, columns, squeeze=False, sharey=True).ravel()
         for panel, (name, verdict) in zip(panels, found.items(), strict=False):
             along = verdict.profile
@@ -206,7 +229,8 @@ def profile_figure(post: Posterior) -> Figure:
             scale = in_unit(post.units(name)[1])
             panel.plot(along.values / scale, along.rise, "o-", color=BLUE, ms=3, gid="profile")
             panel.axhline(SURE, color=QUIET, ls="--", lw=0.8, gid="sure")
-            panel.set_xlabel(_label(post, k).replace("\n", ""), fontsize=7)
+            label = _label(post, k)
+            panel.set_xlabel(label if narrow else label.replace("\n", ""), fontsize=7)
             panel.set_title(verdict.kind, fontsize=7)
             panel.set_ylim(0, 10)
         for panel in panels[len(found) :]:
@@ -216,28 +240,33 @@ def profile_figure(post: Posterior) -> Figure:
     return made
 
 
-def trace_figure(post: Posterior) -> Figure:
-    """Some chains of every number against the draw's number."""
+def trace_figure(post: Posterior, narrow: bool = False) -> Figure:
+    """Some chains of every number against the draw's number; on a phone each is named above its panel."""
     chosen = _shown(post)
     n, chains, _ = post.draws.shape
     every = max(1, n // 500)
     with theme():
-        made = figure(DOUBLE, 0.6 + 0.75 * len(chosen))
+        made = figure(SINGLE if narrow else DOUBLE, 0.6 + (1.0 if narrow else 0.75) * len(chosen))
         panels = made.subplots(len(chosen), 1, sharex=True, squeeze=False)[:, 0]
         for panel, k in zip(panels, chosen, strict=True):
             for chain in range(min(chains, WALKERS)):
                 trace = _in_unit(post, post.draws[::every, chain], k)
                 panel.plot(np.arange(n)[::every], trace, lw=0.5, alpha=0.7, gid="trace")
             text = f"R-hat {post.health.rhat[k]:.3f}, ESS {post.health.ess[k]:.0f}"
-            panel.text(1.01, 0.5, text, transform=panel.transAxes, fontsize=6, va="center")
-            panel.set_ylabel(_label(post, k), fontsize=5.5)
+            label = _label(post, k)
+            if narrow:
+                name = label.replace("\n", "")
+                panel.set_title(f"{name}: {text}", fontsize=6.5)
+            else:
+                panel.text(1.01, 0.5, text, transform=panel.transAxes, fontsize=6, va="center")
+                panel.set_ylabel(label, fontsize=5.5)
             panel.tick_params(labelsize=6)
         panels[-1].set_xlabel("draw, after the first fifth")
         state = "The chains agree" if post.reached else "The chains are NOT yet good enough"
         found = (
             f"at least {post.health.ess.min():.0f} effective samples, R-hat ≤ {post.health.rhat.max():.3f}"
         )
-        made.suptitle(f"{state}: {found}", x=0.01, ha="left")
+        made.suptitle(_folded(f"{state}: {found}", narrow), x=0.01, ha="left")
     return made
 
 

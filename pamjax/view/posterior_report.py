@@ -34,13 +34,13 @@ def save_report(post: Posterior, path: str | Path, command: str = "pamjax sample
         rows=[_row(post, name) for name in shown],
         together=[line.strip() for line in ridges(post)],
         ridge=drawn(partial(figures.ridge_figure, post), "ridge") if figures.ridges(post) else None,
-        corner=drawn(lambda narrow: figures.corner_figure(post), "corner"),
-        profile=drawn(lambda narrow: figures.profile_figure(post), "profile") if post.verdicts else None,
+        corner=drawn(partial(figures.corner_figure, post), "corner"),
+        profile=drawn(partial(figures.profile_figure, post), "profile") if post.verdicts else None,
         bands=[
             (one.case.name, drawn(partial(figures.band_figure, post, k), f"band-{k}"))
             for k, one in enumerate(fit.cases)
         ],
-        trace=drawn(lambda narrow: figures.trace_figure(post), "trace"),
+        trace=drawn(partial(figures.trace_figure, post), "trace"),
         believed=[line.strip() for line in list(priors(post))[1:]],
         assumed=[line.strip() for line in [*repeats(post), *trust(post)]],
         checksums=[(one.case.name, one.case.checksum) for one in fit.cases],
