@@ -26,11 +26,14 @@ from pamjax.infer.result import CaseFit, Estimate, Fit
 from pamjax.units import in_unit, show
 from pamjax.view.layout import Layout, axes_of, key, layout, lines, mark, thin
 from pamjax.view.theme import DOUBLE, OKABE_ITO, QUIET, SINGLE, figure, save_png, theme
+from pamjax.view.wording import signed
 
 #: A misfit above this many times the noise is a miss; as in the note.
 MISS = 1.5
 #: With more blocks than this, not every one has its name on the axis.
 NAMED_BLOCKS = 30
+#: A number that moved by less of its prior's standard deviation has not moved.
+STILL = 0.05
 #: Up to this many rows each point is a reading to be looked at; above, they are a cloud.
 FEW = 200
 
@@ -206,7 +209,9 @@ def _blocks(panel: Axes, one: CaseFit, channel: str, names: list[str]) -> None:
     panel.plot(rmse["seen"], at, "o", color=OKABE_ITO["blue"], gid="seen")
     panel.plot(rmse["unseen"], at, "D", color=OKABE_ITO["vermilion"], mfc="none", ms=5.5, gid="unseen")
     panel.axvline(one.noise[channel].sd / scale, color=QUIET, ls="--", lw=0.8, gid="noise")
-    panel.set_xlim(left=0)
+    # Room for half a mark: a limit on one side alone would freeze the other where it is.
+    most = np.nanmax([*rmse["seen"], *rmse["unseen"], one.noise[channel].sd / scale])
+    panel.set_xlim(0, 1.08 * most)
     panel.set(xlabel=f"rmse of {channel} [{UNIT[channel]}]", title=generalises(one, channel))
 
 
@@ -228,57 +233,66 @@ def generalises(one: CaseFit, channel: str) -> str:
     )
 
 
-def prior_figure(fit: Fit, narrow: bool = False) -> Figure:
-    """What was known before and what the fit says, each number on the scale of its prior."""
-    names = list(fit.estimates)
+def prior_figure(fit: Fit, narrow: bool = False) -> Figure | None:
+    """What was known before and what the fit says, on the scale of the prior; None where none was stated."""
+    known = with_prior(fit)
+    names = list(known)
+    if not names:
+        return None
     with theme():
         made = figure(SINGLE if narrow else DOUBLE, 1.3 + 0.22 * max(len(names), 3))
         panel = made.subplots()
         panel.axvspan(-1, 1, color=QUIET, alpha=0.3, lw=0, gid="prior")
         panel.axvline(0, color=QUIET, lw=0.6)
-        for at, e in enumerate(fit.estimates.values()):
+        for at, e in enumerate(known.values()):
             _estimate(panel, at, e)
         panel.set_yticks(range(len(names)), names)
         panel.set_ylim(len(names) - 0.5, -0.5)
         low, high = panel.get_xlim()
         panel.set_xlim(min(low, -2.5), max(high, 2.5))
-        panel.set(xlabel="distance from the prior [its sd]", title=learned(fit))
+        panel.set(xlabel="distance from the prior [its sd]")
+        says = learned(fit)
+        # Across the whole figure: beside the names of the rows a phone has no room for it.
+        made.suptitle(textwrap.fill(says, 48) if narrow else says, x=0.01, ha="left", fontsize=8)
         handles = [
             mark("prior ± 1 sd", marker="s", ms=7, alpha=0.3),
             mark("estimate ± 1 sd", marker="o", ls="-", color=OKABE_ITO["blue"]),
         ]
-        if any(e.sd is None for e in fit.estimates.values()):
+        if any(e.sd is None for e in known.values()):
             handles.append(mark("at a limit, or not determined", marker="x", color=OKABE_ITO["vermilion"]))
-        made.legend(handles=handles, loc="outside lower center", ncols=3)
+        made.legend(handles=handles, loc="outside lower center", ncols=2 if narrow else 3)
     return made
+
+
+def with_prior(fit: Fit) -> dict[str, Estimate]:
+    """The numbers of which something was believed before."""
+    return {name: e for name, e in fit.estimates.items() if math.isfinite(e.prior_sd)}
 
 
 def _estimate(panel: Axes, at: int, e: Estimate) -> None:
     """One row: the estimate in prior sd, and its value in words at the right margin."""
     text = quantity(e.value, e.sd, e.meaning.show)
-    if not math.isfinite(e.prior_sd):
-        text += " (no prior)"
+    shift = (e.value - e.prior) / e.prior_sd
+    if e.sd is None:
+        panel.plot([shift], [at], "x", color=OKABE_ITO["vermilion"], gid="undetermined")
     else:
-        shift = (e.value - e.prior) / e.prior_sd
-        if e.sd is None:
-            panel.plot([shift], [at], "x", color=OKABE_ITO["vermilion"], gid="undetermined")
-        else:
-            panel.errorbar(
-                [shift], [at], xerr=[e.sd / e.prior_sd], fmt="o", color=OKABE_ITO["blue"], gid="estimate"
-            )
+        panel.errorbar(
+            [shift], [at], xerr=[e.sd / e.prior_sd], fmt="o", color=OKABE_ITO["blue"], gid="estimate"
+        )
     panel.text(1.01, at, text, transform=panel.get_yaxis_transform(), va="center", fontsize=7)
 
 
 def learned(fit: Fit) -> str:
-    """The finding: how many numbers the recording pinned down, and which moved farthest."""
-    known = {n: e for n, e in fit.estimates.items() if math.isfinite(e.prior_sd)}
-    pinned = sum(e.learned > 0.5 for e in fit.estimates.values())
-    text = f"The recording halves the uncertainty of {pinned} of {len(fit.estimates)} numbers"
-    if known:
-        farthest = max(known, key=lambda n: abs(known[n].value - known[n].prior) / known[n].prior_sd)
-        shift = (known[farthest].value - known[farthest].prior) / known[farthest].prior_sd
-        text += f";\n{farthest} moved farthest, {shift:+.1f} sd of its prior"
-    return text.replace("-", "−")
+    """The finding: how many numbers with a prior the recording pinned down, and which moved farthest."""
+    known = with_prior(fit)
+    pinned = sum(e.learned > 0.5 for e in known.values())
+    whose = "numbers" if len(known) == len(fit.estimates) else "numbers that had a prior"
+    text = f"The recording halves the uncertainty of {pinned} of {len(known)} {whose}"
+    shifts = {name: (e.value - e.prior) / e.prior_sd for name, e in known.items()}
+    farthest = max(shifts, key=lambda name: abs(shifts[name]))
+    if abs(shifts[farthest]) < STILL:
+        return f"{text};\nnone moved from its prior"
+    return f"{text};\n{farthest} moved farthest, {signed(shifts[farthest])} sd of its prior"
 
 
 def save_figures(fit: Fit, folder: Path) -> list[Path]:
@@ -287,7 +301,11 @@ def save_figures(fit: Fit, folder: Path) -> list[Path]:
     Returns:
         the PNG files, the prior's first, with the case's name before the figure's where there are several.
     """
-    written = [save_png(prior_figure(fit), folder / "prior")]
+    prior = prior_figure(fit)
+    if prior is None:
+        # One that an earlier fit left in this folder speaks of that one.
+        (folder / "prior.png").unlink(missing_ok=True)
+    written = [save_png(prior, folder / "prior")] if prior is not None else []
     for one in fit.cases:
         head = "" if len(fit.cases) == 1 else f"{one.case.name}-"
         written.append(save_png(prediction_figure(one), folder / f"{head}prediction"))

@@ -15,6 +15,7 @@ from pamjax.units import show
 from pamjax.view import fit_figures as figures
 from pamjax.view.layout import layout
 from pamjax.view.page import Picture, picture, write_page
+from pamjax.view.wording import noise_says, same_noise, upper
 
 #: How many numbers the first screen names.
 NAMED = 3
@@ -42,8 +43,9 @@ def save_report(fit: Fit, path: str | Path, command: str = "pamjax fit") -> Path
         rows=[
             [n, quantity(e.value, e.sd, e.meaning.show), origin(e), e.meaning.about] for n, e in shown.items()
         ],
-        together=[line.strip() for line in correlations(fit)],
+        together=[upper(line.strip()) for line in correlations(fit)],
         prior=drawn(partial(figures.prior_figure, fit), "prior"),
+        prior_caption=_prior_caption(fit, shown),
         misses=_misses(fit),
         unlearned=[name for name, e in shown.items() if e.learned < 0.5],
         assumed=list(_assumed(fit)),
@@ -102,18 +104,23 @@ def headline(fit: Fit) -> str:
 
 
 def met(fit: Fit) -> str:
-    """How well the recording is met, where seen and where not, in one sentence."""
-    one, channel = _worst(fit)
-    noise = one.noise[channel]
-    kind = "its noise is" if noise.given else "the residual's own noise is"
-    seen = told(one.rmse[channel], channel)
-    text = f"{channel.capitalize()} is met to {seen}, where {kind} {told(noise.sd, channel)}"
+    """How well every channel is met, where seen and where not, in one sentence."""
+    one, _ = _worst(fit)
+    first, *rest = one.rmse
+    parts = [f"{first} is met to {_beside_noise(one, first)}"]
+    text = words([*parts, *(f"{channel} to {_beside_noise(one, channel)}" for channel in rest)])
     if len(fit.cases) > 1:
-        text = f"In {one.case.name}, the worst of {len(fit.cases)}, {text[:1].lower()}{text[1:]}"
-    if one.held_out is None or channel not in one.held_out.rmse:
-        return f"{text}; nothing could be held out."
-    unseen = told(one.held_out.rmse[channel], channel)
-    return f"{text}; {one.held_out.kind} that the fit never saw are missed by {unseen}."
+        text = f"In {one.case.name}, the worst of {len(fit.cases)}, {text}"
+    if one.held_out is None or not one.held_out.rmse:
+        return f"{upper(text)}; nothing could be held out."
+    unseen = words([told(rmse, channel) for channel, rmse in one.held_out.rmse.items()])
+    return f"{upper(text)}; {one.held_out.kind} that the fit never saw are missed by {unseen}."
+
+
+def _beside_noise(one: CaseFit, channel: str) -> str:
+    """A channel's misfit and what its noise is."""
+    kind = "noise" if one.noise[channel].given else "the residual's own noise"
+    return f"{told(one.rmse[channel], channel)} ({kind} {told(one.noise[channel].sd, channel)})"
 
 
 def numbers_say(shown: dict[str, Estimate]) -> str:
@@ -156,10 +163,17 @@ def _case(fit: Fit, one: CaseFit, k: int) -> dict[str, Any]:
     }
 
 
+def _prior_caption(fit: Fit, shown: dict[str, Estimate]) -> str:
+    """What the figure of the priors shows, and of what it shows nothing."""
+    without = [name for name in shown if name not in figures.with_prior(fit)]
+    text = "Each number on the scale of what was believed before."
+    return f"{text} Nothing was believed of {words(without)} but limits." if without else text
+
+
 def _sentence(line: str, of: str = "") -> str:
     """A line of the note as a sentence, with the case that it is of."""
     line = line.strip().rstrip(".")
-    return f"{of}: {line}." if of else f"{line[:1].upper()}{line[1:]}."
+    return f"{of}: {line}." if of else f"{upper(line)}."
 
 
 def _score(one: CaseFit, channel: str) -> list[str]:
@@ -169,9 +183,17 @@ def _score(one: CaseFit, channel: str) -> list[str]:
         channel,
         told(one.rmse[channel], channel),
         told(unseen, channel) if math.isfinite(unseen) else "–",
-        f"{told(noise.sd, channel)}, {'stated' if noise.given else 'estimated'}",
+        f"{told(noise.sd, channel)}, {_whence(one, channel)}",
         f"{noise.samples} ({noise.samples / noise.inflation:.0f})",
     ]
+
+
+def _whence(one: CaseFit, channel: str) -> str:
+    """Where a channel's noise comes from; what pressure and length add is not in what the lab states."""
+    stated = getattr(one.case.entry.sensors, channel)
+    if not one.noise[channel].given or stated is None:
+        return "stated" if one.noise[channel].given else "estimated"
+    return "stated" if same_noise(one.noise[channel].sd, stated) else f"its sensor's {told(stated, channel)}"
 
 
 def _assumed(fit: Fit) -> Iterator[str]:
@@ -184,6 +206,8 @@ def _assumed(fit: Fit) -> Iterator[str]:
             gaps = "goes on" if one.case.gaps == "carry" else "begins anew"
             yield _sentence(f"before its first sample the muscle {begun}; memory {gaps} at a jump", name)
         yield from (_sentence(line, name) for line in remarks(one))
+        stated = [channel for channel in one.rmse if one.noise[channel].given]
+        yield from (_sentence(noise_says(one.case, c, one.noise[c].sd), name) for c in stated)
     yield (
         "Standard deviations widen with the misfit and with its correlation; a wrong model can still be"
         " surely wrong."

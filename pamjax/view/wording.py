@@ -29,6 +29,11 @@ def upper(line: str) -> str:
     return line if "_" in first or "." in first[:-1] else f"{line[:1].upper()}{line[1:]}"
 
 
+def same_noise(sd: float, stated: float) -> bool:
+    """Whether the noise of a sample is what the lab states, and nothing to speak of is added."""
+    return abs(sd / stated - 1) < SAME
+
+
 def noise_says(case: Case, channel: str, sd: float) -> str:
     """Noise of a channel where a sensor is stated: what the lab states of it, and what makes up the rest.
 
@@ -37,7 +42,7 @@ def noise_says(case: Case, channel: str, sd: float) -> str:
     """
     stated = getattr(case.entry.sensors, channel)
     head = f"Noise of {channel} is {told(sd, channel)} a sample"
-    if stated is None or abs(sd / stated - 1) < SAME:
+    if stated is None or same_noise(sd, stated):
         return f"{head}, as the lab states it"
     return (
         f"{head}: {told(stated, channel)} as the lab states it, the rest added by that of pressure and length"

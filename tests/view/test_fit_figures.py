@@ -1,5 +1,6 @@
 """Figures of a fit by what they hold: points, lines, units, band, finding; every kind of recording."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -201,6 +202,8 @@ def test_each_block_is_scored_seen_and_unseen():
     misfit = (one.case.recording.force - one.prediction["force"])[at_rest]
     assert seen[2] == pytest.approx(np.sqrt(np.mean(misfit**2)))
     assert (unseen > seen).all()
+    # No mark is cut at an edge.
+    assert panel.get_xlim() == (0, pytest.approx(1.08 * max(unseen)))
     assert panel.get_xlabel() == "rmse of force [N]"
     title = panel.get_title("left").splitlines()
     assert title == ["Held-out lengths: force missed by 3 N,", "50 % more than where seen (2 N)"]
@@ -226,15 +229,38 @@ def estimates():
 def test_estimates_stand_on_the_scale_of_their_prior():
     figure = prior_figure(SimpleNamespace(estimates=estimates()))
     (panel,) = panels(figure)
-    assert [tick.get_text() for tick in panel.get_yticklabels()] == list(estimates())
+    # A number without a prior has no place on its scale.
+    assert [tick.get_text() for tick in panel.get_yticklabels()] == list(estimates())[:2]
     (bar,) = panel.containers
     assert bar.lines[0].get_xdata()[0] == pytest.approx(0.4)
     assert len(drawn(figure, "undetermined")[0]) == 1
     words = [text.get_text() for text in panel.texts]
-    assert words == ["214.20 ± 0.10 mm", "199.9 mm", "80.0 ± 2.0 kN (no prior)"]
-    assert panel.get_title("left").startswith("The recording halves the uncertainty of 2 of 3 numbers")
-    assert panel.get_title("left").endswith("muscle.thread_length moved farthest, +0.4 sd of its prior")
+    assert words == ["214.20 ± 0.10 mm", "199.9 mm"]
+    assert figure.get_suptitle().startswith("The recording halves the uncertainty of 1 of 2 numbers that had")
+    assert figure.get_suptitle().endswith("muscle.thread_length moved farthest, +0.4 sd of its prior")
     assert keys(figure) == ["prior ± 1 sd", "estimate ± 1 sd", "at a limit, or not determined"]
+
+
+def test_what_stays_at_its_prior_has_not_moved():
+    still = {name: replace(e, value=e.prior - 0.04 * e.prior_sd) for name, e in list(estimates().items())[:2]}
+    says = prior_figure(SimpleNamespace(estimates=still)).get_suptitle()
+    assert says.endswith(" of 2 numbers;\nnone moved from its prior")
+    assert "0.0" not in says
+
+
+@pytest.mark.parametrize("narrow", [False, True])
+def test_a_title_stays_on_its_figure(narrow):
+    figure = prior_figure(SimpleNamespace(estimates=estimates()), narrow)
+    figure.draw_without_rendering()
+    assert figure._suptitle.get_window_extent().x1 <= figure.bbox.x1
+
+
+def test_without_a_prior_there_is_no_figure_of_it(tmp_path):
+    (tmp_path / "prior.png").write_text("of an earlier fit")
+    free = {name: replace(e, prior_sd=np.inf) for name, e in estimates().items()}
+    assert prior_figure(SimpleNamespace(estimates=free)) is None
+    save_figures(SimpleNamespace(estimates=free, cases=()), tmp_path)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_rows_between_settings_are_not_drawn():
