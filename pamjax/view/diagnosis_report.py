@@ -15,13 +15,14 @@ from pamjax.infer.note import quantity
 from pamjax.model.library import mechanism
 from pamjax.parameter import Meaning
 from pamjax.study.contest import BASELINE, TITLE, Contest
-from pamjax.study.diagnosis import Diagnosis, baseline_numbers
+from pamjax.study.diagnosis import PER_SI, Diagnosis, baseline_numbers
 from pamjax.study.significance import DETECTED
 from pamjax.units import show
 from pamjax.view import diagnosis_figures as figures
 from pamjax.view.diagnosis_loops import left_out_figure, loops_figure
 from pamjax.view.mismatch_map import map_figure, other_channels
 from pamjax.view.page import Picture, picture, write_page
+from pamjax.view.wording import noise_says, signed
 
 #: A p-value below this is told as smaller, not as a number.
 TINY = 1e-12
@@ -219,8 +220,9 @@ def _moves(one: Diagnosis) -> Iterator[list[str]]:
     for name, moved in sorted(one.moved.items(), key=lambda pair: -abs(pair[1].shift)):
         place = one.found.place(name)
         after = _quantity(moved.after, one.model.at.sd(place), moved.meaning)
-        shift = f"{moved.shift:+.1f} sd".replace("-", "−")
-        yield [name, _quantity(moved.before, before[name].sd, moved.meaning), after, shift]
+        yield [
+            name, _quantity(moved.before, before[name].sd, moved.meaning), after, f"{signed(moved.shift)} sd",
+        ]  # fmt: skip
 
 
 def _assumed(one: Diagnosis) -> Iterator[str]:
@@ -231,11 +233,13 @@ def _assumed(one: Diagnosis) -> Iterator[str]:
         c = ("force", "diameter").index(channel)
         colour = one.model.white.colours[c]
         assert colour is not None
-        whose = "as the lab states it" if colour.given else "read off neighbouring samples"
-        shared = f", which neighbours share by {colour.correlation:.2f}" if colour.correlation else ""
+        shared = f"; neighbours share it by {colour.correlation:.2f}" if colour.correlation else ""
+        if colour.given:
+            yield f"{noise_says(case, channel, noise['sd'] / PER_SI[channel])}{shared}."
+            continue
         yield (
-            f"Noise of {channel} is {noise['sd']:.3g} {noise['unit']} a sample, {whose}, with that of"
-            f" pressure and length carried through the model{shared}."
+            f"Noise of {channel} is {noise['sd']:.3g} {noise['unit']} a sample, read off neighbouring"
+            f" samples, with that of pressure and length carried through the model{shared}."
         )
     begun = "was at rest" if case.before == "relaxed" else "had been through the same recording once"
     gaps = "goes on across a jump" if case.gaps == "carry" else "begins anew at a jump"

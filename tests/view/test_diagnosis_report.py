@@ -1,15 +1,21 @@
 """The report of a diagnosis: one whole file, readable by anyone, saying what diagnosis.json says."""
 
 import re
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import SimpleNamespace
 
 import pytest
 
+from pamjax.model.catalogue import meaning
+from pamjax.records.entry import Sensors
+from pamjax.study.diagnosis import Number, told
 from pamjax.view.diagnosis_figures import moved_figure
-from pamjax.view.diagnosis_report import answer, headline, save_report
+from pamjax.view.diagnosis_report import _moves, answer, headline, save_report
 from pamjax.view.page import svg
+from pamjax.view.wording import noise_says
 from tests.view.html_page import Page
 from tests.view.made_up import diagnosis, holds, lengths, planned, table
 
@@ -74,6 +80,42 @@ def test_it_says_what_the_verdict_says(page):
     assert row[-1] == f"{100 * box['share']:.0f} %"
     assert box["says"] in page.text
     assert "probability 0.98" in page.text
+
+
+def test_noise_is_the_lab_s_and_what_is_added(page):
+    assert "Noise of force is 2 N a sample, as the lab states it; neighbours share it by 0.30." in page.text
+    case = SimpleNamespace(entry=SimpleNamespace(sensors=Sensors(force=2.0)))
+    says = noise_says(case, "force", 3.18)
+    assert says.startswith("Noise of force is 3.18 N a sample: 2 N as the lab states it, the rest added")
+
+
+def test_what_did_not_move_has_no_sign():
+    one = diagnosis()
+    one.moved["muscle.turns"] = replace(one.moved["muscle.turns"], shift=-0.04)
+    assert [row[-1] for row in _moves(one)] == ["+8.9 sd", "0.0 sd"]
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_what_to_do_next_is_named(variant):
+    text = Page(written(variant)).text
+    for command in ("validate model.json OTHER", "inverse model.json", "simulate model.json"):
+        assert f"pamjax {command}" in text
+    assert ("no names tied" in text) == (variant == "friction")
+    assert "No experiment was planned" not in text
+
+
+def test_a_note_has_the_digits_of_its_report(page):
+    cell = page.table(["number", "value"])["coefficient"][0]
+    assert f"    coefficient {cell}" in str(diagnosis()).splitlines()
+    assert told("constant", Number(9.2e-6, 0.48, meaning("braid_friction.constant"))) == (
+        "constant 0.00 ± 0.48 N"
+    )
+
+
+def test_a_long_name_may_break_and_a_table_that_goes_on_says_so(page):
+    assert "thread.<wbr>modulus" in written("friction")
+    assert "thread.modulus" in page.table(["number", "baseline alone"])
+    assert re.search(r"\.scroll \{[^}]*no-repeat local[^}]*no-repeat scroll", written("friction"))
 
 
 def test_the_first_screen_answers_in_two_sentences():
