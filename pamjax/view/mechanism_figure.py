@@ -18,8 +18,10 @@ from pamjax.view.layout import mark
 from pamjax.view.mechanism_demo import CONTRACTIONS, CYCLES, HALF, PRESSURES, REST, Run, sizes, trial
 from pamjax.view.theme import DOUBLE, OKABE_ITO, QUIET, figure, letter, pressures, theme
 
-#: A change smaller than this, N and mm, is none; a loop likewise.
+#: A change smaller than this, N and mm, is none to speak of; a loop likewise.
 NONE = {"force": 0.05, "diameter": 2e-3}
+#: Share of it that is still seen in a panel.
+SEEN = 0.05
 
 SCALE = {"force": 1.0, "diameter": 1e-3}
 UNIT = {"force": "N", "diameter": "mm"}
@@ -135,8 +137,9 @@ def _again(y: np.ndarray, begin: int) -> bool:
 def _finding(changes: Sequence[np.ndarray], channel: str) -> str:
     """By how much, in words: the range of the change, and the widest loop."""
     low, high = min(np.nanmin(c) for c in changes), max(np.nanmax(c) for c in changes)
-    if max(abs(low), abs(high)) < NONE[channel]:
-        return "no change"
+    most = max(abs(low), abs(high))
+    if most < NONE[channel]:
+        return f"less than {NONE[channel]:g} {UNIT[channel]}" if most > SEEN * NONE[channel] else "no change"
     said = f"{_number(low, channel)} to {_number(high, channel)}"
     if high - low < NONE[channel]:
         said = _number(high, channel)

@@ -81,6 +81,14 @@ def test_titles_say_what_is_found():
     assert "no change" in titles[1]
 
 
+def test_what_is_seen_is_not_called_no_change():
+    panel = mechanism_figure(library()["braid_friction"]).axes[1]
+    drawn = np.concatenate([line.get_ydata() for line in panel.lines if line.get_gid() == "path"])
+    assert 1e-4 < np.abs(drawn).max() < 2e-3
+    assert panel.get_title("left").endswith("diameter: less than 0.002 mm")
+    assert np.diff(panel.get_ylim()) > 4 * np.ptp(drawn)
+
+
 def test_explain_draws(tmp_path, capsys):
     file = tmp_path / "new" / "rig.png"
     assert main(["explain", "rig_compliance", "--figure", str(file)]) == 0
