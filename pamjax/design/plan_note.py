@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 #: Rms of what a recording leaves over, in noise standard deviations, from which it is said.
 MISSED = 1.5
+#: Ratio of two standard deviations below which the first is told as the less.
+LESS = 0.95
 
 
 def note(plan: Plan) -> str:
@@ -58,7 +60,7 @@ def sentence(plan: Plan) -> str:
 
 
 def _promise(plan: Plan, will: str) -> str:
-    cost = f"{plan.minutes:.0f} min and {plan.rows} rows"
+    cost = f"{minutes_words(plan.minutes)} and {plan.rows} rows"
     if plan.goal == "all":
         return f"{cost} for all numbers together"
     words = known_to(plan, plan.sd) if will == "will" else roughly(plan)
@@ -67,8 +69,18 @@ def _promise(plan: Plan, will: str) -> str:
     if plan.reached:
         return f"{cost} {will} tell {plan.goal} {words}"
     return (
-        f"no plan of {plan.known.means.minutes:.0f} min tells {plan.goal} as wanted; {cost} {will}, {words}"
+        f"no plan of {minutes_words(plan.known.means.minutes)} tells {plan.goal} as wanted;"
+        f" {cost} {will}, {words}"
     )
+
+
+def minutes_words(minutes: float) -> str:
+    """Minutes as every line of a plan tells them: half a minute counts where there are few.
+
+    >>> minutes_words(2.53), minutes_words(18.97)
+    ('2.5 min', '19 min')
+    """
+    return f"{minutes:.2g} min" if minutes < 9.95 else f"{minutes:.0f} min"
 
 
 def known_to(plan: Plan, sd: float) -> str:
@@ -100,13 +112,20 @@ def alone_words(plan: Plan) -> list[str]:
     for channel, (sd, minutes) in plan.alone.items():
         can = sd <= plan.wanted * (1 + 1e-9)
         after = "is enough after" if can else "is not enough, even after"
-        said.append(f"{channel} alone {after} {minutes:.0f} min: {known_to(plan, sd)}")
+        said.append(f"{channel} alone {after} {minutes_words(minutes)}: {known_to(plan, sd)}")
     return said
 
 
 def isobars_words(plan: Plan) -> str:
-    """What the usual protocol would leave."""
+    """What the usual protocol would leave; where that is less, that it is."""
     first = next(iter(plan.settled))
-    words = f"± {show(plan.isobars, meaning(first).show, 2)}"
-    times = plan.isobars / plan.settled[first].after
+    unit, after = meaning(first).show, plan.settled[first].after
+    words, times = f"± {show(plan.isobars, unit, 2)}", plan.isobars / after
+    if times < LESS:
+        # Their time is shared out evenly; a plan is made of whole runs.
+        shortest = ", which is the shortest found of whole runs" if plan.wanted and plan.reached else ""
+        return (
+            f"ten isobars in the same time, on a rig fast enough for them, would leave {first} at {words},"
+            f" less than the ± {show(after, unit, 2)} of this plan{shortest}"
+        )
     return f"ten isobars in the same time would leave {first} at {words}, {times:.1f} times as much"

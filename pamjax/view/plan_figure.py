@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pamjax.design.plan import ALL, Plan, sd_after
-from pamjax.design.plan_note import missed_words
+from pamjax.design.plan_note import minutes_words, missed_words
 from pamjax.model.catalogue import meaning
 from pamjax.units import in_unit, show
 from pamjax.view.layout import mark
@@ -79,7 +79,7 @@ def _known(panel: Axes, plan: Plan, course: Course) -> None:
     panel.set(xlabel="minutes spent", ylabel=f"expected sd{unit}")
     to = show(plan.settled[course.name].after, course.unit, 2)
     right = ", were the muscle right" if missed_words(plan) else ""
-    panel.set_title(f"{course.name} to ± {to} in {plan.minutes:.0f} min{right}")
+    panel.set_title(f"{course.name} to ± {to} in {minutes_words(plan.minutes)}{right}")
 
 
 def command_figure(plan: Plan, narrow: bool = False) -> Figure | None:
@@ -105,7 +105,9 @@ def command_figure(plan: Plan, narrow: bool = False) -> Figure | None:
 def _commanded(plan: Plan, narrow: bool) -> str:
     checks = sum(count * run.minutes for count, run in plan.chosen if not run.pressure.size)
     words = "What to command"
-    return words + (f";{chr(10) if narrow else ' '}checks take {checks:.0f} min besides" if checks else "")
+    return words + (
+        f";{chr(10) if narrow else ' '}checks take {minutes_words(checks)} besides" if checks else ""
+    )
 
 
 def save_figures(plan: Plan, course: Course, folder: Path) -> list[Path]:

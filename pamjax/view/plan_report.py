@@ -13,6 +13,7 @@ from pamjax.design.plan_note import (
     known_to,
     left_out,
     less_words,
+    minutes_words,
     missed_words,
     roughly,
 )
@@ -41,7 +42,7 @@ def save_report(plan: Plan, course: Course, path: str | Path, command: str = "",
         known=picture(partial(known_figure, plan, course), "known"),
         diamonds=bool(plan.alone),
         commands=picture(partial(command_figure, plan), "commands"),
-        runs=[[run.says, str(count), f"{count * run.minutes:.3g} min"] for count, run in plan.chosen],
+        runs=[[run.says, str(count), minutes_words(count * run.minutes)] for count, run in plan.chosen],
         settles=[_settled(name, one) for name, one in plan.settled.items()],
         beside=less_words(plan),
         rig=_rig(plan),
@@ -57,12 +58,12 @@ def headline(plan: Plan) -> str:
     if missed_words(plan):
         return "Diagnose first: the muscle misses its recording"
     if plan.goal == ALL:
-        return f"{plan.minutes:.0f} min for all numbers together"
+        return f"{minutes_words(plan.minutes)} for all numbers together"
     if not plan.chosen and plan.reached:
         return f"{plan.goal} is known {known_to(plan, plan.sd)} already"
     if not plan.reached:
-        return f"No {plan.known.means.minutes:.0f} min on this rig tell {plan.goal} as wanted"
-    return f"{plan.minutes:.0f} min tell {plan.goal} {known_to(plan, plan.sd)}"
+        return f"No {minutes_words(plan.known.means.minutes)} on this rig tell {plan.goal} as wanted"
+    return f"{minutes_words(plan.minutes)} tell {plan.goal} {known_to(plan, plan.sd)}"
 
 
 def answer(plan: Plan) -> list[str]:
@@ -79,7 +80,7 @@ def _runs(plan: Plan) -> str:
     runs = sum(count for count, run in plan.chosen if run.pressure.size)
     checks = sum(count for count, run in plan.chosen if not run.pressure.size)
     rig = f" and {_many(checks, 'check')} of the rig" if checks else ""
-    return f"{_many(runs, 'run')}{rig} ({plan.minutes:.0f} min, {plan.rows} rows)"
+    return f"{_many(runs, 'run')}{rig} ({minutes_words(plan.minutes)}, {plan.rows} rows)"
 
 
 def _promise(plan: Plan) -> tuple[str, str]:
@@ -116,7 +117,7 @@ def _rig(plan: Plan) -> list[list[str]]:
         ["speed of a stroke", f"{1e3 * means.speed:.3g} mm/s"],
         ["samples a second", f"{means.rate:.3g}"],
         ["between two runs", f"{means.setup:.3g} s"],
-        ["minutes there are", f"{means.minutes:.0f}"],
+        ["time there is", minutes_words(means.minutes)],
     ]
     rows += [
         [f"noise of {name}, a sample", show(sd, unit, 2) if sd is not None else "not measured"]

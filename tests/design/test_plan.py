@@ -1,5 +1,6 @@
 """A plan's information is that of the model's own derivatives, and what it promises is kept."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from pamjax.check import BadInput
 from pamjax.design.knowledge import knowledge, map_case
 from pamjax.design.means import Means, means_of
 from pamjax.design.plan import plan, sd_after
+from pamjax.design.plan_note import isobars_words
 from pamjax.design.runs import runs
 from pamjax.infer.believed import stated
 from pamjax.model.assembly import assemble
@@ -150,6 +152,29 @@ def test_a_muscle_is_asked_for_no_more_pressure_than_it_had(entry, stroke, tmp_p
     assert plan(case, minutes=10.0).schedule()["pressure [kPa]"].max() <= 500 + 1e-6
     (tmp_path / "rig.toml").write_text('[rig]\npressure = "6 bar"\n')
     assert plan(case, tmp_path / "rig.toml", minutes=10.0).known.means.pressure == pytest.approx(6e5)
+
+
+@pytest.mark.parametrize("minutes", [2.5, 19.0])
+def test_minutes_are_told_alike_everywhere(entry, minutes):
+    """Two and a half minutes are not two in one line and two and a half in the next."""
+    found = plan(entry, Means(), to="30 GPa")
+    ramp = next(run for run in runs(found.known.means, 0.2357) if "ramp" in run.says)
+    alone = {"force": (5e9, minutes)}
+    one = replace(found, chosen=((1, replace(ramp, minutes=minutes)),), minutes=minutes, alone=alone)
+    course = Course("thread.modulus", "GPa", np.array([0.0, minutes]), np.array([20.0, 5.0]))
+    figure = known_figure(one, course)
+    for text in (str(one), headline(one), answer(one)[0], figure.axes[0].get_title("left")):
+        assert f"{minutes:g} min" in text
+        assert not set(re.findall(r"([\d.]+) min\b", text)) - {f"{minutes:g}"}
+
+
+def test_isobars_that_promise_more_are_told_so(entry):
+    found = plan(entry, Means(), to="30 GPa")
+    after = found.settled["thread.modulus"].after
+    better, worse = (isobars_words(replace(found, isobars=share * after)) for share in (0.9, 1.1))
+    assert "less than the ± 20 GPa of this plan, which is the shortest found" in better
+    assert "times as much" not in better
+    assert worse.endswith("at ± 22 GPa, 1.1 times as much")
 
 
 def test_what_is_known_already_needs_no_run(entry):
