@@ -35,7 +35,7 @@ def sample(
         cases: case folders, each with recording.csv and muscle.toml.
         out: folder to write to.
         priors: TOML file of what to believe instead: a table for each number, as
-            ["thread.modulus"] with value, sd, low and high.
+            ["thread.modulus"] with value, sd, low and high, each with its unit.
         sampler: emcee, an ensemble of walkers, or nuts, which needs blackjax.
         ess: effective samples that every number is to have.
         rhat: split-R̂ that no number is to exceed.

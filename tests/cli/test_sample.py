@@ -41,7 +41,11 @@ def test_a_case_becomes_a_posterior_once(tmp_path, capsys):
         ),
         ('["thread.modulus"]\nmean = 1', "a prior has no entry 'mean'; got [thread.modulus] in priors.toml"),
         ('["thread.modulus"]\nsd = "3 mm"', "unit"),
-        ('["thread.modulus"]\nsd = -1', "`sd` of a prior must be positive; got -1e-09 GPa"),
+        ('["thread.modulus"]\nsd = "-1 GPa"', "`sd` of a prior must be positive; got -1 GPa"),
+        (
+            '["thread.modulus"]\nsd = 5',
+            "this number needs a unit; got '5' in [thread.modulus] of priors.toml.",
+        ),
         ("=", "priors are a TOML file; got"),
     ],
 )
