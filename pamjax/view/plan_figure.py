@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,7 +47,10 @@ def known_figure(plan: Plan, course: Course, narrow: bool = False) -> Figure:
     """The goal's expected standard deviation against the minutes spent, with what is wanted."""
     with theme():
         made = figure(SINGLE if narrow else DOUBLE, 2.7)
-        _known(made.subplots(), plan, course)
+        panel = made.subplots()
+        _known(panel, plan, course)
+        says = f"{_settled_in(plan, course)}{', were the muscle right' if missed_words(plan) else ''}"
+        panel.set_title(textwrap.fill(says, 42) if narrow else says)
         handles = [mark("expected after each run", marker="o", ls="-", color=OKABE_ITO["black"])]
         if plan.wanted:
             handles.append(mark("wanted", ls=":"))
@@ -77,9 +81,12 @@ def _known(panel: Axes, plan: Plan, course: Course) -> None:
     panel.set_ylim(0, None)
     unit = "" if course.unit == "1" else f" [{course.unit}]"
     panel.set(xlabel="minutes spent", ylabel=f"expected sd{unit}")
+
+
+def _settled_in(plan: Plan, course: Course) -> str:
+    """The finding: how well the goal is known, and after how long."""
     to = show(plan.settled[course.name].after, course.unit, 2)
-    right = ", were the muscle right" if missed_words(plan) else ""
-    panel.set_title(f"{course.name} to ± {to} in {minutes_words(plan.minutes)}{right}")
+    return f"{course.name} to ± {to} in {minutes_words(plan.minutes)}"
 
 
 def command_figure(plan: Plan, narrow: bool = False) -> Figure | None:

@@ -168,6 +168,17 @@ def test_minutes_are_told_alike_everywhere(entry, minutes):
         assert not set(re.findall(r"([\d.]+) min\b", text)) - {f"{minutes:g}"}
 
 
+def test_a_plan_s_title_stays_on_a_phone(entry, stroke):
+    found = plan(recorded(entry, stroke, 40.0 * np.sin(np.linspace(0, 4 * np.pi, 60))), to="30 GPa")
+    wrong = replace(found, known=replace(found.known, missed={"force": 9.0}))
+    course = Course("thread.modulus", "GPa", np.array([0.0, 2.5]), np.array([20.0, 5.0]))
+    figure = known_figure(wrong, course, narrow=True)
+    figure.draw_without_rendering()
+    title = figure.axes[0]._left_title
+    assert " ".join(title.get_text().split()).endswith("were the muscle right")
+    assert title.get_window_extent().x1 <= figure.bbox.x1
+
+
 def test_isobars_that_promise_more_are_told_so(entry):
     found = plan(entry, Means(), to="30 GPa")
     after = found.settled["thread.modulus"].after
