@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+from threadpoolctl import threadpool_limits
+
 A = TypeVar("A")
 B = TypeVar("B")
 
@@ -22,7 +24,9 @@ def abreast(call: Callable[[A], B], items: Iterable[A]) -> list[B]:
     """
     pool = ThreadPoolExecutor(min(os.cpu_count() or 1, MOST))
     try:
-        return list(pool.map(call, items))
+        # Each has a core: threads of linear algebra besides would wait for each other.
+        with threadpool_limits(1, user_api="blas"):
+            return list(pool.map(call, items))
     finally:
         # An interruption waits for what runs, not for what has not begun.
         pool.shutdown(cancel_futures=True)

@@ -80,6 +80,7 @@ def discrepancy(x: np.ndarray, left: np.ndarray, told: np.ndarray, seed: int = 0
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.gaussian_process import GaussianProcessRegressor
     from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+    from threadpoolctl import threadpool_limits
 
     known = np.all(np.isfinite(x), axis=1)
     rows = np.flatnonzero(told & known & np.isfinite(left))
@@ -92,7 +93,8 @@ def discrepancy(x: np.ndarray, left: np.ndarray, told: np.ndarray, seed: int = 0
     process = GaussianProcessRegressor(
         kernel + WhiteKernel(0.01, (1e-8, 10.0)), n_restarts_optimizer=1, random_state=seed
     )
-    with warnings.catch_warnings():
+    # One thread: for matrices as small as these, several spend their time on waiting for each other.
+    with warnings.catch_warnings(), threadpool_limits(1, user_api="blas"):
         # A length scale at its limit says that an input does not matter, or matters from row to row.
         warnings.simplefilter("ignore", ConvergenceWarning)
         process.fit(x[rows], left[rows] / size)
