@@ -44,7 +44,7 @@ def commands():
 
     from pamjax.cli.main import app
 
-    lines = ["# Commands", "", "What `pamjax WORD --help` says, of every word.", ""]
+    lines = ["# Commands", "", "What `pamjax COMMAND --help` says, of every command.", ""]
     for word in (name for name in app if not name.startswith("-")):
         about = app[word]
         said = inspect.getdoc(about.default_command) or about.help

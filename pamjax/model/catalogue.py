@@ -83,7 +83,7 @@ def meaning(name: str) -> Meaning:
     """
     known = catalogue()
     if name not in known:
-        raise refuse(f"{name!r} is no number pamjax knows", remedy=nearest(name, known))
+        raise refuse(f"{name!r} is no number pamjax knows", remedy=nearest(name, known, "pamjax explain"))
     return known[name]
 
 
