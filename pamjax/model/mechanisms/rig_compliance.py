@@ -39,7 +39,7 @@ class RigCompliance(AbstractRig):
     )
 
     compliance: Scalar = parameter(
-        "m/N", show="mm/kN", low=0.0, high=1e-4, neutral=0.0, about="give of frame, cell and grips for each newton",
+        "m/N", show="mm/kN", low=0.0, high=1e-4, neutral=0.0, about="give of the rig over its pull",
         source="0.005 mm/kN for a servo-hydraulic frame to 3 mm/kN with cables; more for small cells",
         default=0.0,
     )  # fmt: skip
