@@ -74,7 +74,7 @@ def judged(monkeypatch):
     def judge(found, chosen, laid=LAID):
         bare, model = (settled(found, EVERY, forms, found.neutral) for forms in ((), chosen))
         naming = Naming(bare, model, names_of(found, model), ())
-        return borne_shares(found, laid, EVERY, model), borne_out(found, laid, EVERY, naming)
+        return borne_shares(found, laid, EVERY, model)[1], borne_out(found, laid, EVERY, naming)
 
     return judge
 
@@ -103,6 +103,17 @@ def test_the_one_that_is_not_borne_out_goes_and_the_other_stays(judged):
     assert shares["slope"] > 0.95 > 0.5 > shares["other"]
     assert [name.id for name in kept.names] == ["slope"]
     assert kept.model.ids == ("slope",)
+
+
+def test_names_that_leave_much_together_fall_together(judged):
+    found = recording(4 * X + 1.6 * np.sin(12 * X) * (1 + (BLOCK == 1)))
+    bare, model = (settled(found, EVERY, forms, found.neutral) for forms in ((), (SLOPE,)))
+    together, shares = borne_shares(found, LAID, EVERY, model)
+    _, kept = judged(found, (SLOPE,))
+    # More than a half is explained, which would be enough for a name alone.
+    assert 0.55 < together == shares["slope"] < 5 / 6
+    assert kept.names == ()
+    assert bare.excess > model.excess
 
 
 def test_an_error_of_the_ruler_refutes_no_name(judged):
