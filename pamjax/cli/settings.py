@@ -27,15 +27,12 @@ def settings(written: Iterable[str]) -> dict[str, float]:
 
 
 def _one(text: str) -> tuple[str, float]:
-    from pamjax.model.catalogue import catalogue
+    from pamjax.model.catalogue import meaning
 
     name, equals, quantity = text.partition("=")
     if not equals:
         raise refuse("a number of a mechanism is written id.number=value", f"{text!r}", "--with")
-    about = catalogue().get(name.strip())
-    if about is None:
-        hint = nearest(name.strip(), catalogue(), listing="pamjax explain")
-        raise refuse(f"{name.strip()!r} is no number pamjax knows", where="--with", remedy=hint)
+    about = meaning(name.strip(), "--with")
     value = number_in(quantity, about.unit, f"--with {name}")
     if not about.low <= value <= about.high:
         rule = f"`{name}` lies between {show(about.low, about.show)} and {show(about.high, about.show)}"

@@ -75,15 +75,20 @@ def catalogue() -> dict[str, Meaning]:
     return named | _STATED
 
 
-def meaning(name: str) -> Meaning:
+def meaning(name: str, where: str = "") -> Meaning:
     """The meaning of one number.
+
+    Args:
+        name: as it stands in the catalogue.
+        where: it was named, for what is said of an unknown one.
 
     Raises:
         BadInput: if there is no such number, with the nearest that there is.
     """
     known = catalogue()
     if name not in known:
-        raise refuse(f"{name!r} is no number pamjax knows", remedy=nearest(name, known, "pamjax explain"))
+        hint = nearest(name, known, listing="pamjax explain")
+        raise refuse(f"{name!r} is no number pamjax knows", where=where, remedy=hint)
     return known[name]
 
 

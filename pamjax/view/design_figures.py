@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -61,7 +62,7 @@ def chart_figure(design: Design, narrow: bool = False) -> Figure:
         _points(panel, design)
         top = 1.08 * max(*tops, float(np.nanmax(design.asked.loads)))
         says = chart_says(design)
-        says = _folded(says, 46) if narrow else says
+        says = textwrap.fill(says, 46) if narrow else says
         panel.set(xlim=(-0.5, 100 * end), ylim=(0, top), xlabel="contraction [%]", title=says)
         panel.set_ylabel("force of all muscles [N]" if design.choice.parallel > 1 else "force [N]")
         pressure_bar(panel, tuple(levels / 1e3))
@@ -157,24 +158,18 @@ def price_figure(design: Design, narrow: bool = False) -> Figure | None:
         panel = made.subplots()
         at = np.arange(len(rows))
         panel.barh(at, [row[1] for row in rows], color=[colour[row[2]] for row in rows], height=0.62)
-        panel.set_yticks(at, [_folded(row[0]) if narrow else row[0] for row in rows])
+        panel.set_yticks(at, [textwrap.fill(row[0], 26) if narrow else row[0] for row in rows])
         panel.invert_yaxis()
         panel.axvline(0, color=QUIET, lw=0.6)
         panel.set_xlabel(f"change of {what} [%]")
         dearest = design.prices[0]
         says = f"“{dearest.requirement.says}” made 1 % easier saves {dearest.share:.2g} % of {what}"
-        made.suptitle(_folded(says, 46) if narrow else says, x=0.01, ha="left", fontsize=8)
+        made.suptitle(textwrap.fill(says, 46) if narrow else says, x=0.01, ha="left", fontsize=8)
         handles = [mark("requirement, 1 % easier", marker="s", ms=7, color=colour["requirement"])]
         if any(row[2] == "property" for row in rows):
             handles.append(mark("property, 1 % more", marker="s", ms=7, color=colour["property"]))
         made.legend(handles=handles, loc="outside lower center", ncols=1 if narrow else 2)
     return made
-
-
-def _folded(text: str, width: int = 26) -> str:
-    import textwrap
-
-    return "\n".join(textwrap.wrap(text, width))
 
 
 def front_figure(design: Design, narrow: bool = False) -> Figure | None:

@@ -108,13 +108,9 @@ def corner_figure(post: Posterior, narrow: bool = False) -> Figure:
         says = _together(post, chosen)
         if len(chosen) < len(every):
             says += f"; {len(chosen)} of {len(every)} numbers"
-        made.suptitle(_folded(says, narrow), x=0.01, ha="left", fontsize=8 if narrow else None)
+        says = textwrap.fill(says, 46) if narrow else says
+        made.suptitle(says, x=0.01, ha="left", fontsize=8 if narrow else None)
     return made
-
-
-def _folded(text: str, narrow: bool) -> str:
-    """A title in the width that there is."""
-    return textwrap.fill(text, 46) if narrow else text
 
 
 def _ellipses(panel: Axes, x: np.ndarray, y: np.ndarray) -> None:
@@ -266,7 +262,8 @@ def trace_figure(post: Posterior, narrow: bool = False) -> Figure:
         found = (
             f"at least {post.health.ess.min():.0f} effective samples, R-hat ≤ {post.health.rhat.max():.3f}"
         )
-        made.suptitle(_folded(f"{state}: {found}", narrow), x=0.01, ha="left")
+        says = f"{state}: {found}"
+        made.suptitle(textwrap.fill(says, 46) if narrow else says, x=0.01, ha="left")
     return made
 
 

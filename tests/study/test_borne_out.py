@@ -116,6 +116,16 @@ def test_names_that_leave_much_together_fall_together(judged):
     assert bare.excess > model.excess
 
 
+def test_names_that_are_borne_out_one_by_one_fall_where_all_of_them_leave_much(judged):
+    found = recording(4 * X + 4 * X**2 + 2.5 * np.sin(60 * X))
+    model = settled(found, EVERY, (SLOPE, OTHER), found.neutral)
+    together, shares = borne_shares(found, LAID, EVERY, model)
+    _, kept = judged(found, (SLOPE, OTHER))
+    assert min(0.9 * share for share in shares.values()) > 0.5
+    assert together < 5 / 6
+    assert kept.names == ()
+
+
 def test_an_error_of_the_ruler_refutes_no_name(judged):
     ruler = 1.5 * SHAPES["ruler"]
     shares, kept = judged(recording(3 * X + ruler), (SLOPE,))
