@@ -22,6 +22,7 @@ from pamjax.study.problem import Problem, problem
 from pamjax.study.rest import leaves_more, rest_of
 from pamjax.study.signature import signatures
 from pamjax.study.significance import DETECTED, Significance, significance
+from pamjax.study.spread import spread
 from pamjax.study.temper import tempered
 from pamjax.study.undetermined import undetermined
 
@@ -73,6 +74,7 @@ def diagnose(
     model = baseline
     if naming.names:
         model = _weighed(found, settle(found, every, naming.model.chosen, naming.model.at.values))
+        model = spread(found, model, naming.names)
     progress("done", 1.0)
     return Diagnosis(
         found=found,
@@ -118,18 +120,12 @@ def _share(mismatch: Significance, rest: Significance) -> float:
     return float(np.clip(max(rest.square - 1, 0.0) / before, 0.0, 1.0)) if before > 0 else 0.0
 
 
-def _widened(model: Model) -> float:
-    """How much wider a standard deviation is where the model leaves more than noise."""
-    return float(np.sqrt(max(model.at.misfit / max(model.white.size, 1), 1.0)))
-
-
 def _parameters(found: Problem, model: Model) -> dict[str, dict[str, Number]]:
-    wider = _widened(model)
     return {
         form.id: {
             name.rpartition(".")[2]: Number(
                 float(model.at.values[found.place(name)]),
-                wider * model.at.sd(found.place(name)),
+                model.sd(found.place(name)),
                 found.meaning[found.place(name)],
             )
             for name in form.moves
@@ -139,10 +135,9 @@ def _parameters(found: Problem, model: Model) -> dict[str, dict[str, Number]]:
 
 
 def _moved(found: Problem, baseline: Model, model: Model) -> dict[str, Moved]:
-    wider = _widened(baseline)
     out = {}
     for k in baseline.at.moved:
-        before, after, sd = baseline.at.values[k], model.at.values[k], wider * baseline.at.sd(k)
+        before, after, sd = baseline.at.values[k], model.at.values[k], baseline.sd(k)
         shift = (after - before) / sd if sd > 0 else 0.0
         out[found.names[k]] = Moved(float(before), float(after), float(shift), found.meaning[k])
     return out

@@ -171,8 +171,11 @@ def save(diagnosis: Diagnosis, folder: Path) -> list[Path]:
 
 def baseline_numbers(one: Diagnosis) -> dict[str, Number]:
     """The baseline's own parameters."""
-    found, at = one.found, one.baseline.at
-    return {found.names[k]: Number(float(at.values[k]), at.sd(k), found.meaning[k]) for k in at.moved}
+    found, model = one.found, one.baseline
+    return {
+        found.names[k]: Number(float(model.at.values[k]), model.sd(k), found.meaning[k])
+        for k in model.at.moved
+    }
 
 
 def _scale(meaning: Meaning) -> tuple[float, str]:

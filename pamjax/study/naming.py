@@ -24,6 +24,7 @@ from scipy.stats import chi2
 from pamjax.model.library import TWICE
 from pamjax.study.abreast import abreast
 from pamjax.study.forms import Form, forms
+from pamjax.study.passed import passed
 from pamjax.study.problem import Problem
 from pamjax.study.refit import OFF_LIMIT, Refit, refit
 from pamjax.study.signature import Signature, signatures
@@ -63,12 +64,14 @@ class Model:
         white: the noise, as read off this model's residual.
         at: the refit.
         passed: χ² that noise of what was set is expected to leave beyond what the weights know of.
+        between: (k, k) covariance of the numbers that moved, SI, among models that are told apart no better.
     """
 
     chosen: tuple[Form, ...]
     white: Whitening
     at: Refit
     passed: float = 0.0
+    between: np.ndarray | float = 0.0
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -94,6 +97,18 @@ class Model:
         """χ² beyond what noise leaves."""
         return max(self.at.misfit - self.passed - self.white.size, 0.0)
 
+    @property
+    def covariance(self) -> np.ndarray:
+        """Of the numbers that moved, SI, (k, k): wider where the model leaves more than noise."""
+        return max(self.at.misfit / max(self.white.size, 1), 1.0) * self.at.covariance + self.between
+
+    def sd(self, place: int) -> float:
+        """Standard deviation of a number, SI; NaN where it did not move."""
+        if place not in self.at.moved:
+            return float("nan")
+        k = self.at.moved.index(place)
+        return float(np.sqrt(max(self.covariance[k, k], 0.0)))
+
 
 @dataclass(frozen=True, eq=False)
 class Name:
@@ -105,6 +120,7 @@ class Name:
         ties: ids that explain this recording as well.
         gain: χ² that is lost when it is taken out and all others refitted.
         rivals: χ² lost when a rival takes its place, by id.
+        instead: chance of each tie to be what is there, and by how much it moves all other numbers, (p,), SI.
     """
 
     id: str
@@ -112,6 +128,7 @@ class Name:
     ties: tuple[str, ...]
     gain: float
     rivals: dict[str, float] = field(default_factory=dict)
+    instead: tuple[tuple[float, np.ndarray], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,7 +263,9 @@ def _with(found: Problem, model: Model, signature: Signature) -> Model:
     for begin in begins:
         values = begun(found, begin, signature.form, signature.amplitudes)
         ends.append(refit(found, model.white, moved, values, ROUGH))
-    return freed(found, chosen, model.white, min(ends, key=lambda at: at.cost))
+    at = min(ends, key=lambda at: at.cost)
+    # Rough: what noise alone leaves there is told, its pull on the minimum is not.
+    return Model(chosen, model.white, at, passed(found, model.white, at.values))
 
 
 def _strained(found: Problem, model: Model) -> bool:
@@ -352,5 +371,14 @@ def _name(found, model: Model, k: int, candidates) -> Name:
     blur = 1 + model.excess / 8
     weights = {id: np.exp(-0.5 * max(loss, 0.0) / blur) for id, loss in rivals.items()}
     ties = [id for id, loss in rivals.items() if loss < TIE + TIE_SHARE * model.excess]
-    alike = sum(weight for id, weight in weights.items() if id in ties)
-    return Name(form.id, float((1 + alike) / (1 + sum(weights.values()))), tuple(ties), float(gain), rivals)
+    alike = sum(weights[id] for id in ties)
+    instead = tuple((weights[id] / (1 + alike), _moves(found, model, ends[id], form)) for id in ties)
+    probability = float((1 + alike) / (1 + sum(weights.values())))
+    return Name(form.id, probability, tuple(ties), float(gain), rivals, instead)
+
+
+def _moves(found: Problem, model: Model, other: Model, form: Form) -> np.ndarray:
+    """By how much a tie moves every number but those of the form whose place it takes, (p,), SI."""
+    by = other.at.values - model.at.values
+    by[places(found, [form])] = 0.0
+    return by

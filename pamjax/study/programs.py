@@ -1,12 +1,14 @@
 """A problem's two programs, compiled side by side and once, however many threads ask for them.
 
-JAX compiles a function anew in every thread that calls it before the first is done.
+JAX compiles a function anew in every thread that calls it before the first is done. Tracing holds Python's
+lock, compiling does not: programs are traced in turn, so that the first is being compiled, and soon at work,
+while the next is traced.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Hashable
+from collections.abc import Hashable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -16,12 +18,12 @@ import jax
 ABREAST = 2
 
 _begun: dict[Hashable, Future] = {}
-_lock = threading.Lock()
+_lock, _tracing = threading.Lock(), threading.Lock()
 _compilers = ThreadPoolExecutor(ABREAST, thread_name_prefix="compile")
 
 
-def begin(call: Callable[..., Any], *arguments: Any) -> Future:
-    """Compile a function for arguments like these, by calling it with them; no more than once.
+def begin(call: Any, *arguments: Any) -> Future:
+    """Compile a function for arguments like these, no more than once.
 
     Args:
         call: a jitted function.
@@ -31,11 +33,16 @@ def begin(call: Callable[..., Any], *arguments: Any) -> Future:
     key = (call, shape, tuple((leaf.shape, leaf.dtype) for leaf in leaves))
     with _lock:
         if key not in _begun:
-            _begun[key] = _compilers.submit(call, *arguments)
+            _begun[key] = _compilers.submit(_compiled, call, arguments)
         return _begun[key]
 
 
-def ready(call: Callable[..., Any], *arguments: Any) -> Any:
+def _compiled(call: Any, arguments: tuple) -> Any:
+    with _tracing:
+        traced = call.lower(*arguments)
+    return traced.compile()
+
+
+def ready(call: Any, *arguments: Any) -> Any:
     """What the function gives, once it is compiled."""
-    begin(call, *arguments).result()
-    return call(*arguments)
+    return begin(call, *arguments).result()(*arguments)

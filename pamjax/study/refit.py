@@ -18,8 +18,8 @@ MOST = 40
 #: Share of a number's range that the baseline's own start away from its ends.
 OFF_LIMIT = 0.15
 
-#: A logarithmic number without a prior is believed within its limits: they are this many sd apart.
-LIMITS_APART = 4.0
+#: A shape that nobody stated is believed anywhere between its limits: they are so many sd apart.
+LIMITS_APART = 12**0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,13 +55,6 @@ class Refit:
         inverse = np.linalg.pinv(information / np.outer(unit, unit), rcond=1e-12, hermitian=True)
         return inverse / np.outer(unit, unit) * np.outer(self.scale, self.scale)
 
-    def sd(self, place: int) -> float:
-        """Standard deviation of a number, SI; NaN where it did not move."""
-        if place not in self.moved:
-            return float("nan")
-        k = self.moved.index(place)
-        return float(np.sqrt(max(self.covariance[k, k], 0.0)))
-
 
 def coordinates(found: Problem, places: Sequence[int], values: np.ndarray) -> np.ndarray:
     """Values as coordinates: their logarithm where they move on a logarithmic scale."""
@@ -69,18 +62,24 @@ def coordinates(found: Problem, places: Sequence[int], values: np.ndarray) -> np
     return np.where(log, np.log(np.where(log, picked, 1.0)), picked)
 
 
-def prior_sd(found: Problem, places: Sequence[int]) -> np.ndarray:
-    """Standard deviations of the priors in coordinates; infinite where there is none."""
+def believed(found: Problem, places: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and standard deviation of the priors in coordinates; infinite where there is none.
+
+    What was stated is believed as stated; a shape that was not, or a logarithm, to be anywhere between its
+    limits: mean and variance are of the uniform variable there.
+    """
     places = list(places)
     sd, log = found.sd[places], found.log[places]
-    low, high, start = found.low[places], found.high[places], found.start[places]
-    shape = np.array([found.meaning[k].neutral is None for k in places])
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        logarithmic = np.where(
-            np.isfinite(sd), sd / start, np.log(high / np.maximum(low, 1e-300)) / LIMITS_APART
-        )
-        straight = np.where(np.isfinite(sd) | ~shape, sd, (high - low) / LIMITS_APART)
-    return np.where(log, logarithmic, straight)
+    shape = np.array([found.meaning[k].neutral is None for k in places], dtype=bool)
+    start, low, high = (
+        coordinates(found, places, values)
+        for values in (found.start, np.where(found.log, np.maximum(found.low, 1e-300), found.low), found.high)
+    )
+    stated = np.isfinite(sd)
+    between = ~stated & (log | shape)
+    mean = np.where(between, (low + high) / 2, start)
+    of_stated = np.where(log, sd / np.where(log, found.start[places], 1.0), sd)
+    return mean, np.where(between, (high - low) / LIMITS_APART, of_stated)
 
 
 def refit(
@@ -96,7 +95,7 @@ def refit(
         most: evaluations after which it ends.
     """
     moved = list(moved)
-    prior, mean = prior_sd(found, moved), coordinates(found, moved, found.start)
+    mean, prior = believed(found, moved)
     low, high = (coordinates(found, moved, edge) for edge in (found.low, found.high))
     look = _Look(found, white, moved, values)
 

@@ -9,7 +9,8 @@ that of as many independent ones as have the same tail.
 
 Noise was read off the recording, and is known no better than that: each draw is made with a noise of its
 own, as wide as that knowledge. Beside the directions stands the mean square of the residual itself, for
-what none of them shows.
+what none of them shows. It allows for a sensor that is worse than stated and so hardly ever alarms: it gets
+a twentieth of the level.
 """
 
 from __future__ import annotations
@@ -22,16 +23,20 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from pamjax.study.cells import shifts
+from pamjax.study.noise_doubt import doubts
 from pamjax.study.problem import Problem
 from pamjax.study.refit import Refit
 from pamjax.study.signature import Absorbed, Signature
-from pamjax.study.whiten import Colour, Whitening, correlation_error
+from pamjax.study.whiten import Whitening
 
 #: Draws of the largest of all directions.
 DRAWS = 20000
 
 #: How well a lab knows its sensors' noise, as a share of its variance.
 SENSOR = 0.1
+
+#: Share of the level that goes to the mean square of the residual, rather than to the largest direction.
+OF_SQUARE = 0.05
 
 #: p-value below which a mismatch counts as detected.
 DETECTED = 0.01
@@ -75,9 +80,9 @@ def significance(
     directions, either = directions[there], either[there]
     along = directions[:, : at.residual.size] @ at.residual
     largest = float(np.max(_deviation(along, either), initial=0.0))
-    p = _chance(directions @ directions.T, largest, _doubt(white), _freedom(white), seed, either)
+    p = _chance(directions @ directions.T, largest, doubts(white, directions), _freedom(white), seed, either)
     square, beyond = _square(found, white, at)
-    chance = min(1.0, 2 * min(p, float(norm.sf(beyond))))
+    chance = min(p / (1 - OF_SQUARE), float(norm.sf(beyond)) / OF_SQUARE, 1.0)
     return Significance(float(max(chance, 1e-300)), largest, len(directions), square)
 
 
@@ -95,22 +100,24 @@ def _deviation(along: np.ndarray, either: np.ndarray | bool) -> np.ndarray:
 def _chance(
     gram: np.ndarray,
     largest: float,
-    doubt: float,
+    doubt: np.ndarray,
     freedom: float = math.inf,
     seed: int = 0,
     either: np.ndarray | bool = True,
 ) -> float:
     """Chance that the largest of correlated standard normal variables is as large as this.
 
-    Where the noise itself was found from few squares, of correlated variables of Student.
+    Where the noise itself was found from few squares, of correlated variables of Student. `doubt` is (k,
+    channels), of the noise of each variable by what each channel has to do with it.
     """
     weights, vectors = np.linalg.eigh(gram)
     root = vectors * np.sqrt(np.maximum(weights, 0.0))
     rng = np.random.default_rng(seed)
     most = np.empty(DRAWS)
     for k in range(0, DRAWS, 2000):
-        drawn = _deviation(rng.standard_normal((2000, root.shape[1])) @ root.T, either).max(axis=1)
-        most[k : k + 2000] = drawn * np.exp(doubt * rng.standard_normal(2000))
+        drawn = _deviation(rng.standard_normal((2000, root.shape[1])) @ root.T, either)
+        drawn *= np.exp(rng.standard_normal((2000, doubt.shape[1])) @ doubt.T)
+        most[k : k + 2000] = drawn.max(axis=1)
         if math.isfinite(freedom):
             most[k : k + 2000] /= np.sqrt(rng.chisquare(freedom, 2000) / freedom)
     above = np.count_nonzero(most >= largest)
@@ -118,51 +125,17 @@ def _chance(
         return above / DRAWS
     # As many independent variables as have the 50th largest draw at the same chance.
     edge = np.partition(most, -50)[-50]
-    wider = largest * _drawn_in(doubt)
+    drawn_in = 1 / (1 + 2 * float(np.max(np.linalg.norm(doubt, axis=1), initial=0.0)))
+    # A far tail is drawn in, so that doubt about the noise stretches it.
     # In logarithms: the tail at the edge itself may be beyond what a number can hold.
     tail = student(freedom).logsf if math.isfinite(freedom) else norm.logsf
-    beyond = float(tail(wider) - tail(edge * _drawn_in(doubt)))
+    beyond = float(tail(largest * drawn_in) - tail(edge * drawn_in))
     return float(np.clip(50 / DRAWS * math.exp(min(beyond, 0.0)), 1e-300, 1.0))
-
-
-def _drawn_in(doubt: float) -> float:
-    """By how much a far tail is drawn in, so that doubt about the noise stretches it."""
-    return 1 / (1 + 2 * doubt)
-
-
-def _doubt(white: Whitening) -> float:
-    """Relative doubt about the noise of a slow direction, of the channel that is least well known."""
-    return max(
-        (
-            _slow_doubt(colour, rows.size)
-            for colour, rows in zip(white.colours, white.rows, strict=True)
-            if colour
-        ),
-        default=0.0,
-    )
 
 
 def _freedom(white: Whitening) -> float:
     """Fewest independent squares that told the noise of a channel; infinite where it was stated."""
     return min((colour.freedom for colour in white.colours if colour), default=math.inf)
-
-
-def _slow_doubt(colour: Colour, samples: int) -> float:
-    """d ln(noise of a mean) for a standard error of the correlation."""
-    if math.isfinite(colour.freedom):
-        return 0.0
-    own = 0.5 * math.sqrt(2 / samples)
-    if colour.correlation == 0:
-        return own
-    error = correlation_error(colour.shared, colour.correlation, samples)
-    more = Colour(colour.sd, colour.shared, min(colour.correlation + error, 0.999), colour.given)
-    return own + abs(math.log(_of_a_mean(more) / _of_a_mean(colour)))
-
-
-def _of_a_mean(colour: Colour) -> float:
-    """Standard deviation of a slow sum, over that of independent samples."""
-    theta, left = colour.filter
-    return left * (1 - theta) / (1 - colour.correlation)
 
 
 def _square(found: Problem, white: Whitening, at: Refit) -> tuple[float, float]:

@@ -292,10 +292,8 @@ def _numbers(envelope: Envelope, one: Diagnosis) -> list[Recovered]:
             same = concealed[id] == chosen[id]
             out.append(_recovered(envelope, name, number.value, number.sd, same))
     exact = set(concealed) == set(chosen)
-    widened = float(np.sqrt(max(one.model.at.misfit / max(one.model.white.size, 1), 1.0)))
     for k in np.flatnonzero(found.own).tolist():
-        sd = widened * one.model.at.sd(k)
-        out.append(_recovered(envelope, found.names[k], one.model.at.values[k], sd, exact))
+        out.append(_recovered(envelope, found.names[k], one.model.at.values[k], one.model.sd(k), exact))
     return [number for number in out if np.isfinite([number.true, number.value, number.sd]).all()]
 
 

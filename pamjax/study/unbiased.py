@@ -15,10 +15,10 @@ import numpy as np
 
 from pamjax.study.passed import passed, passed_slope
 from pamjax.study.problem import Problem
-from pamjax.study.refit import Refit, coordinates, refit
+from pamjax.study.refit import Refit, believed, coordinates, refit
 from pamjax.study.whiten import Whitening
 
-#: Share of a recording's samples below which what is passed on moves no minimum, and most steps.
+#: Share of a misfit below which what is passed on moves no minimum, and most steps.
 SMALL, STEPS = 0.02, 6
 
 
@@ -31,7 +31,7 @@ def unbiased(found: Problem, white: Whitening, at: Refit) -> tuple[Refit, float]
         at: the refit.
     """
     of_noise = passed(found, white, at.values)
-    for _ in range(STEPS if abs(of_noise) > SMALL * white.size else 0):
+    for _ in range(STEPS if abs(of_noise) > SMALL * at.misfit else 0):
         trial = refit(found, white, at.moved, _stepped(found, white, at), 1)
         there = passed(found, white, trial.values)
         if trial.cost - there >= at.cost - of_noise:
@@ -43,7 +43,7 @@ def unbiased(found: Problem, white: Whitening, at: Refit) -> tuple[Refit, float]
 def _stepped(found: Problem, white: Whitening, at: Refit) -> np.ndarray:
     """Values after one step, within their limits."""
     moved = list(at.moved)
-    x, mean = coordinates(found, moved, at.values), coordinates(found, moved, found.start)
+    x, (mean, _) = coordinates(found, moved, at.values), believed(found, moved)
     pull = 0.5 * at.scale * passed_slope(found, white, at.values, moved)
     downhill = at.jacobian.T @ at.residual - (x - mean) / at.prior**2 + pull
     covariance = at.covariance / np.outer(at.scale, at.scale)

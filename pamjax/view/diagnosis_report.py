@@ -219,7 +219,7 @@ def _moves(one: Diagnosis) -> Iterator[list[str]]:
     before = baseline_numbers(one)
     for name, moved in sorted(one.moved.items(), key=lambda pair: -abs(pair[1].shift)):
         place = one.found.place(name)
-        after = _quantity(moved.after, one.model.at.sd(place), moved.meaning)
+        after = _quantity(moved.after, one.model.sd(place), moved.meaning)
         yield [
             name, _quantity(moved.before, before[name].sd, moved.meaning), after, f"{signed(moved.shift)} sd",
         ]  # fmt: skip

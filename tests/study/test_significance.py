@@ -6,6 +6,8 @@ from scipy.stats import t
 
 from pamjax.study.significance import _chance, _deviation
 
+SURE = np.zeros((1, 1))
+
 
 def directions(many, size, seed=0):
     """Unit directions that are correlated: neighbours overlap."""
@@ -18,7 +20,7 @@ def test_p_values_are_uniform_where_nothing_is():
     rows = directions(40, 300)
     rng = np.random.default_rng(1)
     largest = np.abs(rows @ rng.standard_normal((300, 400))).max(axis=0)
-    p = np.array([_chance(rows @ rows.T, x, 0.0, seed=2) for x in largest])
+    p = np.array([_chance(rows @ rows.T, x, SURE, seed=2) for x in largest])
     # Kolmogorov and Smirnov's distance of 400 uniform numbers is above 0.0815 in one of a hundred.
     assert np.max(np.abs(np.sort(p) - (np.arange(400) + 0.5) / 400)) < 0.0815
 
@@ -28,16 +30,16 @@ def test_p_values_are_uniform_where_most_directions_have_one_sign():
     rng = np.random.default_rng(3)
     largest = _deviation(rng.standard_normal((150, 300)) @ rows.T, either).max(axis=1)
     # The distance of 150 uniform numbers is above 0.133 in one of a hundred.
-    p = np.array([_chance(rows @ rows.T, x, 0.0, seed=2, either=either) for x in largest])
+    p = np.array([_chance(rows @ rows.T, x, SURE, seed=2, either=either) for x in largest])
     assert np.max(np.abs(np.sort(p) - (np.arange(150) + 0.5) / 150)) < 0.133
-    both = np.array([_chance(rows @ rows.T, x, 0.0, seed=2) for x in largest])
+    both = np.array([_chance(rows @ rows.T, x, SURE, seed=2) for x in largest])
     assert np.max(np.abs(np.sort(both) - (np.arange(150) + 0.5) / 150)) > 0.133
 
 
 def test_the_tail_beyond_the_draws_goes_on_where_they_end():
     rows = directions(40, 300)
     gram = rows @ rows.T
-    chances = [_chance(gram, x, 0.0, seed=2) for x in np.linspace(3.0, 6.0, 13)]
+    chances = [_chance(gram, x, SURE, seed=2) for x in np.linspace(3.0, 6.0, 13)]
     steps = np.diff(np.log(chances))
     assert np.all(steps < 0)
     # Nowhere does it jump: each step is steeper than the last, and by little.
@@ -45,12 +47,12 @@ def test_the_tail_beyond_the_draws_goes_on_where_they_end():
 
 
 def test_a_single_direction_has_the_chance_of_one():
-    assert _chance(np.eye(1), 1.96, 0.0, seed=0) == pytest.approx(0.05, abs=0.01)
-    assert _chance(np.eye(1), 5.0, 0.0, seed=0) == pytest.approx(5.7e-7, rel=0.5)
+    assert _chance(np.eye(1), 1.96, SURE, seed=0) == pytest.approx(0.05, abs=0.01)
+    assert _chance(np.eye(1), 5.0, SURE, seed=0) == pytest.approx(5.7e-7, rel=0.5)
 
 
 def test_doubt_about_the_noise_makes_large_deviations_less_surprising():
-    sure, doubtful = (_chance(np.eye(5), 4.0, doubt, seed=0) for doubt in (0.0, 0.2))
+    sure, doubtful = (_chance(np.eye(5), 4.0, np.full((5, 1), doubt), seed=0) for doubt in (0.0, 0.2))
     assert doubtful > 3 * sure
 
 
@@ -59,15 +61,15 @@ def test_noise_found_from_few_squares_makes_a_deviation_less_surprising():
     gram = np.eye(1)
     for seen, freedom in ((3.0, 3.0), (25.0, 3.0), (25.0, 2.0)):
         want = 2 * t.sf(seen, freedom)
-        assert _chance(gram, seen, 0.0, freedom, 0) == pytest.approx(want, rel=0.25)
+        assert _chance(gram, seen, SURE, freedom, 0) == pytest.approx(want, rel=0.25)
     # Able to fail: known noise calls the same deviation impossible.
-    assert _chance(gram, 25.0, 0.0, np.inf, 0) < 1e-100
+    assert _chance(gram, 25.0, SURE, np.inf, 0) < 1e-100
 
 
 @pytest.mark.parametrize("freedom", [np.inf, 3.0])
 @pytest.mark.parametrize("doubt", [0.3, 2.0])
 def test_no_deviation_is_lost_to_a_tail_too_small_for_a_number(doubt, freedom):
-    chances = [_chance(np.eye(5), x, doubt, freedom, 0) for x in (1e4, 1e6, 1e8)]
+    chances = [_chance(np.eye(5), x, np.full((5, 1), doubt), freedom, 0) for x in (1e4, 1e6, 1e8)]
     assert np.all(np.isfinite(chances))
     assert chances[0] >= chances[1] >= chances[2]
     assert chances[2] < 1e-6
