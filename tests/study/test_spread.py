@@ -2,6 +2,7 @@
 
 import dataclasses
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ UP, DOWN = (Form("wave", ("wave.much",), {"wave.turn": turn}) for turn in (1.0, 
 NAMES = ("level", "wave.much", "wave.turn")
 
 
-def recording(tilt):
+def recording(tilt) -> Any:
     """Rows of level + much (turn² X + tilt turn X²): with no tilt, a turn and its negative are alike."""
 
     def slopes(values, places):
