@@ -43,6 +43,8 @@ COMPLETE = 0.95
 LEAST = 0.25
 #: How many mechanisms are refitted roughly at each step, how many of them to the end, and what is rough.
 SHORTLIST, FINAL, ROUGH = 6, 2, 7
+#: χ² by which a rough refit that is pulled by noise may be too high.
+NEAR = 36.0
 #: A baseline's number farther from what the lab believes than this, in sd, was driven there.
 STRAINED = 2.5
 #: Most names.
@@ -98,9 +100,14 @@ class Model:
         return max(self.at.misfit - self.passed - self.white.size, 0.0)
 
     @property
+    def wider(self) -> float:
+        """Factor on a variance where the model leaves more than noise."""
+        return max(self.at.misfit / max(self.white.size, 1), 1.0)
+
+    @property
     def covariance(self) -> np.ndarray:
-        """Of the numbers that moved, SI, (k, k): wider where the model leaves more than noise."""
-        return max(self.at.misfit / max(self.white.size, 1), 1.0) * self.at.covariance + self.between
+        """Of the numbers that moved, SI, (k, k)."""
+        return self.wider * self.at.covariance + self.between
 
     def sd(self, place: int) -> float:
         """Standard deviation of a number, SI; NaN where it did not move."""
@@ -120,7 +127,7 @@ class Name:
         ties: ids that explain this recording as well.
         gain: χ² that is lost when it is taken out and all others refitted.
         rivals: χ² lost when a rival takes its place, by id.
-        instead: chance of each tie to be what is there, and by how much it moves all other numbers, (p,), SI.
+        instead: chance of each tie to be what is there, its form, and all numbers with it, (p,), SI.
     """
 
     id: str
@@ -128,7 +135,7 @@ class Name:
     ties: tuple[str, ...]
     gain: float
     rivals: dict[str, float] = field(default_factory=dict)
-    instead: tuple[tuple[float, np.ndarray], ...] = ()
+    instead: tuple[tuple[float, Form, np.ndarray], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -364,21 +371,16 @@ def _name(found, model: Model, k: int, candidates) -> Name:
     left = _removed(found, model, k)
     gain = left.fair - model.fair
     trials = _replacements(found, left, form, candidates)
-    # The best rival gets every chance; the others are far enough behind it already.
-    ends = {m.chosen[-1].id: m for m in trials} | {m.chosen[-1].id: m for m in _finished(found, trials, 1)}
+    # The best rival gets every chance, and so does a second that noise may have pulled too high; the others
+    # are far enough behind already.
+    near = sum(trial.score < model.score + NEAR for trial in trials)
+    ends = {m.chosen[-1].id: m for m in [*trials, *_finished(found, trials, min(max(near, 1), FINAL))]}
     rivals = {id: m.score - model.score for id, m in ends.items()}
     # What is left unexplained shows how far off textbook forms are here: it blurs a comparison.
     blur = 1 + model.excess / 8
     weights = {id: np.exp(-0.5 * max(loss, 0.0) / blur) for id, loss in rivals.items()}
     ties = [id for id, loss in rivals.items() if loss < TIE + TIE_SHARE * model.excess]
     alike = sum(weights[id] for id in ties)
-    instead = tuple((weights[id] / (1 + alike), _moves(found, model, ends[id], form)) for id in ties)
+    instead = tuple((weights[id] / (1 + alike), ends[id].chosen[-1], ends[id].at.values) for id in ties)
     probability = float((1 + alike) / (1 + sum(weights.values())))
     return Name(form.id, probability, tuple(ties), float(gain), rivals, instead)
-
-
-def _moves(found: Problem, model: Model, other: Model, form: Form) -> np.ndarray:
-    """By how much a tie moves every number but those of the form whose place it takes, (p,), SI."""
-    by = other.at.values - model.at.values
-    by[places(found, [form])] = 0.0
-    return by

@@ -5,8 +5,9 @@ A direction d, white and of unit length, has the noise variance
     V(ρ') = Σ_ω |d(ω)|² S(ω; ρ') / S(ω; ρ),     S(ω; ρ) = 1 − A + A (1 − ρ²) / |1 − ρ e^(−iω)|²,
 
 if the correlation is ρ′ where it was taken for ρ: a slow direction has more for a larger one, a fast one
-less.
-The doubt is half the logarithm of V one standard error of ρ away. What it leaves out: that runs end.
+less. The doubt is half the logarithm of V one standard error of ρ away, its size alone; a channel in which no
+correlation was looked for has that of so many squares. What it leaves out: that runs end, and a sensor that
+is worse than stated.
 Source: filtering of a stationary process, derived here.
 """
 
@@ -16,10 +17,7 @@ import math
 
 import numpy as np
 
-from pamjax.study.whiten import Colour, Whitening, correlation_error
-
-#: A correlation is not taken for larger.
-MOST = 0.999
+from pamjax.study.whiten import FEW, MOST, Colour, Whitening, correlation_error
 
 
 def doubts(white: Whitening, directions: np.ndarray) -> np.ndarray:
@@ -45,9 +43,9 @@ def _doubt(colour: Colour, part: np.ndarray) -> np.ndarray:
     """Of one channel, weighted by its share of each direction, (k,)."""
     samples = part.shape[1]
     share = np.sum(part**2, axis=1)
-    # The size of noise that nobody stated was read off as many differences.
-    own = 0.0 if colour.given else 0.5 * math.sqrt(2 / samples)
-    error = correlation_error(colour.shared, colour.correlation, samples) if colour.given else 0.0
+    if not colour.given or samples < FEW:
+        return share * 0.5 * math.sqrt(2 / samples)
+    error = correlation_error(colour.shared, colour.correlation, samples)
     power = np.abs(np.fft.fft(part, axis=1)) ** 2 / samples
     there = np.exp(-2j * np.pi * np.arange(samples) / samples)
     more = min(colour.correlation + error, MOST)
@@ -55,7 +53,7 @@ def _doubt(colour: Colour, part: np.ndarray) -> np.ndarray:
     along = 0.5 * np.log(
         power @ ratio / np.maximum(share, 1e-300), where=share > 1e-12, out=np.zeros_like(share)
     )
-    return share * (own + np.abs(along))
+    return share * np.abs(along)
 
 
 def _density(shared: float, correlation: float, there: np.ndarray) -> np.ndarray:

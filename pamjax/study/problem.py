@@ -181,6 +181,11 @@ def problem(case: Case, size: int | None = None) -> Problem:
     k = names.index("braid_friction.presliding")
     low[k] = max(low[k], ABOVE_NOISE * (case.entry.sensors.length or 0.0))
     recording = case.recording
+    if recording.time is not None:
+        # A slip that a recording shows happened in it.
+        k = names.index("thread_slip.when")
+        low[k], high[k] = recording.time[0], max(recording.time[-1], recording.time[0] + 1)
+        start[k] = np.clip(start[k], low[k], high[k])
     place = {n: i for i, n in enumerate(names)}
     member = Member(
         law=law,

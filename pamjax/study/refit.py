@@ -18,7 +18,10 @@ MOST = 40
 #: Share of a number's range that the baseline's own start away from its ends.
 OFF_LIMIT = 0.15
 
-#: A shape that nobody stated is believed anywhere between its limits: they are so many sd apart.
+#: Standard deviation of a prior that knows nothing.
+UNKNOWN = 1e30
+
+#: Limits of a uniform variable, in its standard deviations.
 LIMITS_APART = 12**0.5
 
 
@@ -65,8 +68,8 @@ def coordinates(found: Problem, places: Sequence[int], values: np.ndarray) -> np
 def believed(found: Problem, places: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
     """Mean and standard deviation of the priors in coordinates; infinite where there is none.
 
-    What was stated is believed as stated; a shape that was not, or a logarithm, to be anywhere between its
-    limits: mean and variance are of the uniform variable there.
+    What was stated is believed as stated. A shape that was not, or a logarithm, may be anywhere between its
+    limits: it is believed to be its textbook's, to no better than its rms distance from all that lies there.
     """
     places = list(places)
     sd, log = found.sd[places], found.log[places]
@@ -75,11 +78,11 @@ def believed(found: Problem, places: Sequence[int]) -> tuple[np.ndarray, np.ndar
         coordinates(found, places, values)
         for values in (found.start, np.where(found.log, np.maximum(found.low, 1e-300), found.low), found.high)
     )
-    stated = np.isfinite(sd)
-    between = ~stated & (log | shape)
-    mean = np.where(between, (low + high) / 2, start)
+    between = ~np.isfinite(sd) & (log | shape)
     of_stated = np.where(log, sd / np.where(log, found.start[places], 1.0), sd)
-    return mean, np.where(between, (high - low) / LIMITS_APART, of_stated)
+    with np.errstate(over="ignore"):
+        off = np.hypot((high - low) / LIMITS_APART, start - (low + high) / 2)
+    return start, np.where(between, off, of_stated)
 
 
 def refit(
@@ -123,7 +126,7 @@ def refit(
         misfit=float(last.residual @ last.residual),
         residual=last.residual,
         jacobian=last.jacobian,
-        prior=np.where(np.isfinite(prior), prior, 1e30),
+        prior=np.where(np.isfinite(prior), prior, UNKNOWN),
         scale=last.scale,
     )
 

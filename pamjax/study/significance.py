@@ -48,7 +48,7 @@ class Significance:
 
     Attributes:
         p_value: of the largest deviation, over everything that was looked at.
-        largest: standard deviations of the largest direction.
+        largest: standard deviations of the largest direction, fewer where its noise is in doubt.
         looked: how many directions were looked along.
         square: mean square of the residual over its noise variance, 1 when only noise is left.
     """
@@ -79,8 +79,9 @@ def significance(
     there = np.linalg.norm(directions, axis=1) > 0.5
     directions, either = directions[there], either[there]
     along = directions[:, : at.residual.size] @ at.residual
-    largest = float(np.max(_deviation(along, either), initial=0.0))
-    p = _chance(directions @ directions.T, largest, doubts(white, directions), _freedom(white), seed, either)
+    doubt = doubts(white, directions)
+    largest = float(np.max(_deviation(along, either) / _stretch(doubt), initial=0.0))
+    p = _chance(directions @ directions.T, largest, doubt, _freedom(white), seed, either)
     square, beyond = _square(found, white, at)
     chance = min(p / (1 - OF_SQUARE), float(norm.sf(beyond)) / OF_SQUARE, 1.0)
     return Significance(float(max(chance, 1e-300)), largest, len(directions), square)
@@ -97,6 +98,11 @@ def _deviation(along: np.ndarray, either: np.ndarray | bool) -> np.ndarray:
     return np.where(either, np.abs(along), along)
 
 
+def _stretch(doubt: np.ndarray) -> np.ndarray:
+    """By what a deviation is divided, so that one of doubtful noise hides none of noise that is known."""
+    return 1 + 2 * np.linalg.norm(doubt, axis=1)
+
+
 def _chance(
     gram: np.ndarray,
     largest: float,
@@ -108,7 +114,8 @@ def _chance(
     """Chance that the largest of correlated standard normal variables is as large as this.
 
     Where the noise itself was found from few squares, of correlated variables of Student. `doubt` is (k,
-    channels), of the noise of each variable by what each channel has to do with it.
+    channels), of the noise of each variable by what each channel has to do with it; each is divided by what
+    that may stretch it.
     """
     weights, vectors = np.linalg.eigh(gram)
     root = vectors * np.sqrt(np.maximum(weights, 0.0))
@@ -116,7 +123,7 @@ def _chance(
     most = np.empty(DRAWS)
     for k in range(0, DRAWS, 2000):
         drawn = _deviation(rng.standard_normal((2000, root.shape[1])) @ root.T, either)
-        drawn *= np.exp(rng.standard_normal((2000, doubt.shape[1])) @ doubt.T)
+        drawn *= np.exp(rng.standard_normal((2000, doubt.shape[1])) @ doubt.T) / _stretch(doubt)
         most[k : k + 2000] = drawn.max(axis=1)
         if math.isfinite(freedom):
             most[k : k + 2000] /= np.sqrt(rng.chisquare(freedom, 2000) / freedom)
@@ -125,11 +132,9 @@ def _chance(
         return above / DRAWS
     # As many independent variables as have the 50th largest draw at the same chance.
     edge = np.partition(most, -50)[-50]
-    drawn_in = 1 / (1 + 2 * float(np.max(np.linalg.norm(doubt, axis=1), initial=0.0)))
-    # A far tail is drawn in, so that doubt about the noise stretches it.
     # In logarithms: the tail at the edge itself may be beyond what a number can hold.
     tail = student(freedom).logsf if math.isfinite(freedom) else norm.logsf
-    beyond = float(tail(largest * drawn_in) - tail(edge * drawn_in))
+    beyond = float(tail(largest) - tail(edge))
     return float(np.clip(50 / DRAWS * math.exp(min(beyond, 0.0)), 1e-300, 1.0))
 
 

@@ -2,34 +2,44 @@
 
 A standard deviation at a minimum knows of that minimum alone. Relaxing rubber of two branches fits a
 recording nearly alike in several ways (a tenth in 3 s, or a half in 40 s), and where one name can stand for
-another the numbers of all others depend on which of them is there. So the model is refitted from every
-other form of its names, the best of these fits is kept, and of every model m that is about as good, weighed
-by p_m, the numbers get the covariance
+another the numbers of all others depend on which of them is there. So the model is refitted from the other
+forms in which the same numbers of a name move, the best of these fits is kept, and of every model m that is
+about as good, weighed by p_m, the numbers get the covariance
 
-    C = C_0 + Σ p_m (v_m − v_0) (v_m − v_0)ᵀ,        p_m = e^(−Δχ²_m / 2) / Σ,
+    C = C_0 + Σ p_m (v_m − v_0) (v_m − v_0)ᵀ,        p_m = e^(−Δχ²_m / 2 s) / Σ,
 
-v_0 the numbers that are told. Source: moments of a mixture.
+v_0 the numbers that are told and s the mean square that the model leaves. A tie has the chance that it has
+beside the name whose place it takes, and says nothing of that name's own numbers.
+
+What it leaves out: moments of a slip, which are many and which the search has tried.
+Source: moments of a mixture.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from pamjax.study.abreast import abreast
-from pamjax.study.forms import forms
-from pamjax.study.naming import ROUGH, Model, Name, freed
+from pamjax.study.forms import Form, forms
+from pamjax.study.naming import Model, Name, freed, places, without
+from pamjax.study.passed import passed
 from pamjax.study.problem import Problem
-from pamjax.study.refit import Refit, refit
+from pamjax.study.refit import refit
 
-#: Most other forms of a name to begin from: those of a moment, which are many, the search has tried.
+#: Most other forms of a name to begin from.
 MOST = 9
-#: Fits whose numbers are all within so many standard deviations of each other are one.
-SAME = 0.5
+#: Evaluations of a refit from another form.
+ENOUGH = 10
+#: χ² by which a fit may be worse and still count as about as good.
+NEAR = 20.0
 #: χ² by which another minimum must be lower to be gone to.
 LOWER = 0.5
+#: What a model's own standard deviations say of a distance, χ², is off by so much by chance.
+CHANCE = 4.0
 
 
 def spread(found: Problem, model: Model, names: Sequence[Name]) -> Model:
@@ -40,13 +50,16 @@ def spread(found: Problem, model: Model, names: Sequence[Name]) -> Model:
         model: with names, refitted.
         names: what each of them is worth beside its rivals.
     """
-    ends = abreast(lambda start: _refitted(found, model, start, 2 * ROUGH), _starts(found, model))
-    best = min(ends, key=lambda at: at.cost, default=model.at)
-    if best.cost < model.at.cost - LOWER:
-        best = _refitted(found, model, best.values)
-        ends.append(model.at)
-        model = replace(freed(found, model.chosen, model.white, best), passed=model.passed)
-    return replace(model, between=_between(model, _minima(model, ends), names))
+    ends = abreast(partial(_refitted, found, model, ENOUGH), _starts(found, model))
+    near = [end for end in ends if end.at.cost < model.at.cost + NEAR]
+    minima = sorted(abreast(partial(_fair, found), near), key=lambda end: end.fair)
+    if minima and minima[0].fair < model.fair - LOWER:
+        minima.append(model)
+        model = _freed(found, _refitted(found, model, 4 * ENOUGH, minima[0].at.values))
+    moves = _among(model, minima) + [move for name in names for move in _of_ties(found, model, name)]
+    moved = list(model.at.moved)
+    between = sum((p * np.outer(by[moved], by[moved]) for p, by in moves), np.zeros((len(moved),) * 2))
+    return replace(model, between=between)
 
 
 def _starts(found: Problem, model: Model) -> list[np.ndarray]:
@@ -54,7 +67,7 @@ def _starts(found: Problem, model: Model) -> list[np.ndarray]:
     known, starts = forms(found), []
     for form in model.chosen:
         others = [one for one in known if one.id == form.id and set(one.moves) == set(form.moves)]
-        for other in others if len(others) <= MOST else []:
+        for other in others if 1 < len(others) <= MOST else []:
             start = model.at.values.copy()
             for name, value in other.shape.items():
                 k = found.place(name)
@@ -63,30 +76,54 @@ def _starts(found: Problem, model: Model) -> list[np.ndarray]:
     return starts
 
 
-def _refitted(found: Problem, model: Model, start: np.ndarray, *most: int) -> Refit:
-    return refit(found, model.white, model.at.moved, start, *most)
+def _refitted(found: Problem, model: Model, most: int, start: np.ndarray) -> Model:
+    return replace(model, at=refit(found, model.white, model.at.moved, start, most))
 
 
-def _minima(model: Model, ends: Sequence[Refit]) -> list[Refit]:
-    """Fits that ended elsewhere than the model, and than each other."""
-    moved, found = list(model.at.moved), [model.at]
-    sd = np.sqrt(np.maximum(np.diag(model.at.covariance), 1e-300))
-    for at in sorted(ends, key=lambda at: at.cost):
-        if all(np.max(np.abs(at.values - other.values)[moved] / sd) > SAME for other in found):
-            found.append(at)
-    return found[1:]
+def _fair(found: Problem, model: Model) -> Model:
+    """With what noise alone leaves there; a model that is weighed by its own misfit does not know of it."""
+    own = passed(found, model.white, model.at.values) if model.white.trust == 1 else 0.0
+    return replace(model, passed=own)
 
 
-def _between(model: Model, minima: Sequence[Refit], names: Sequence[Name]) -> np.ndarray:
-    """Covariance of the numbers that moved, SI, among minima and among ties."""
-    moved = list(model.at.moved)
-    wider = max(model.at.misfit / max(model.white.size, 1), 1.0)
-    costs = np.array([at.cost for at in minima])
-    weights = np.exp(-0.5 * np.maximum(costs - model.at.cost, 0.0) / wider)
-    chances = weights / (1 + weights.sum())
-    moves = [(p, at.values - model.at.values) for p, at in zip(chances, minima, strict=True)]
-    moves += [move for name in names for move in name.instead]
-    out = np.zeros((len(moved), len(moved)))
-    for p, by in moves:
-        out += p * np.outer(by[moved], by[moved])
-    return out
+def _freed(found: Problem, model: Model) -> Model:
+    """Without the pull of that noise."""
+    return freed(found, model.chosen, model.white, model.at) if model.white.trust == 1 else model
+
+
+def _among(model: Model, minima: Sequence[Model]) -> list[tuple[float, np.ndarray]]:
+    """Chance of each other minimum, and by how much it moves every number."""
+    other = [model]
+    for end in minima:
+        if all(_elsewhere(one, end) for one in other):
+            other.append(end)
+    worse = np.array([max(end.fair - model.fair, 0.0) for end in other])
+    chances = np.exp(-0.5 * worse / model.wider)
+    chances /= chances.sum()
+    return [(float(p), end.at.values - model.at.values) for p, end in zip(chances, other, strict=True)][1:]
+
+
+def _elsewhere(one: Model, end: Model) -> bool:
+    """Whether a fit is farther from a minimum than the minimum's own standard deviations know."""
+    by = (end.at.values - one.at.values)[list(one.at.moved)] / one.at.scale
+    own = float(np.sum((one.at.jacobian @ by) ** 2) + np.sum((by / one.at.prior) ** 2))
+    return own / one.wider > max(end.fair - one.fair, 0.0) / one.wider + CHANCE
+
+
+def _of_ties(found: Problem, model: Model, name: Name) -> list[tuple[float, np.ndarray]]:
+    """Chance of each of a name's ties, and by how much it moves the numbers of the others."""
+    own = next((form for form in model.chosen if form.id == name.id), None)
+    if own is None:
+        return []
+
+    def moved_by(tie: tuple[float, Form, np.ndarray]) -> tuple[float, np.ndarray]:
+        chance, form, values = tie
+        start = without(found, model.at.values, own)
+        start[places(found, [form])] = values[places(found, [form])]
+        others = [one for one in model.chosen if one is not own]
+        moved = sorted({*np.flatnonzero(found.own).tolist(), *places(found, [*others, form])})
+        by = refit(found, model.white, moved, start, ENOUGH).values - model.at.values
+        by[places(found, [own])] = 0.0
+        return chance, by
+
+    return abreast(moved_by, name.instead)

@@ -18,7 +18,7 @@ from pamjax.study.naming import Model
 from pamjax.study.power import Side
 from pamjax.study.problem import Problem
 from pamjax.study.protocols import Protocol
-from pamjax.study.refit import coordinates
+from pamjax.study.refit import UNKNOWN, coordinates
 from pamjax.study.rig import CAMERA, ROWS, Rig
 from pamjax.study.whiten import Colour, Whitening
 
@@ -176,4 +176,5 @@ def _known(found: Problem, model: Model) -> np.ndarray:
     jacobian, moved = model.at.jacobian, model.at.moved
     low, high = (coordinates(found, moved, edge) for edge in (found.low, found.high))
     # A number anywhere between its limits has a twelfth of their distance squared as variance.
-    return jacobian.T @ jacobian + np.diag(1 / model.at.prior**2 + 12 / (high - low) ** 2)
+    believed = np.where(model.at.prior < UNKNOWN, model.at.prior, (high - low) / 12**0.5)
+    return jacobian.T @ jacobian + np.diag(1 / believed**2)

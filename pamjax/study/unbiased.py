@@ -18,7 +18,7 @@ from pamjax.study.problem import Problem
 from pamjax.study.refit import Refit, believed, coordinates, refit
 from pamjax.study.whiten import Whitening
 
-#: Share of a misfit below which what is passed on moves no minimum, and most steps.
+#: Share of a misfit below which what is passed on is taken to move no minimum, and most steps.
 SMALL, STEPS = 0.02, 6
 
 

@@ -31,6 +31,9 @@ MOST = 0.98
 #: Correlation of neighbours, in standard errors, below which samples count as independent.
 SEEN = 2.0
 
+#: Samples below which no correlation is looked for.
+FEW = 30
+
 #: How far back the memory of noise is followed, samples.
 BACK = 400
 
@@ -220,7 +223,7 @@ def _colour(residual, own, carried, there, starts, given: bool, table=(math.nan,
     variance = np.broadcast_to(own + carried, residual.shape)
     sd = np.sqrt(variance)
     shared = float(np.mean(np.broadcast_to(own, residual.shape)[there] / variance[there]))
-    if not given or there.size < 30:
+    if not given or there.size < FEW:
         return Colour(sd, shared, 0.0, given)
     # Half the mean square of neighbours' differences is W + A (1 − ρ); less than W where a lag averages.
     rough = _roughness(residual, sd, there, starts) - _rough_of_set(carried, noise, sd, there, starts)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import t
 
-from pamjax.study.significance import _chance, _deviation
+from pamjax.study.significance import _chance, _deviation, _stretch
 
 SURE = np.zeros((1, 1))
 
@@ -51,9 +51,27 @@ def test_a_single_direction_has_the_chance_of_one():
     assert _chance(np.eye(1), 5.0, SURE, seed=0) == pytest.approx(5.7e-7, rel=0.5)
 
 
+def seen(deviation, doubt):
+    """The chance of the largest of five deviations whose noise is in doubt."""
+    doubts = np.full((5, 1), doubt)
+    return _chance(np.eye(5), deviation / _stretch(doubts)[0], doubts, seed=0)
+
+
 def test_doubt_about_the_noise_makes_large_deviations_less_surprising():
-    sure, doubtful = (_chance(np.eye(5), 4.0, np.full((5, 1), doubt), seed=0) for doubt in (0.0, 0.2))
-    assert doubtful > 3 * sure
+    assert seen(4.0, 0.2) > 3 * seen(4.0, 0.0)
+
+
+def test_a_deviation_of_known_noise_is_not_hidden_by_one_of_doubtful_noise():
+    """Thirty directions, one of them in doubt: a sure one counts about as if that were not there."""
+    doubts = np.zeros((30, 1))
+    doubts[0] = 0.6
+    p, sure = (_chance(np.eye(30), 4.2, doubt, seed=0) for doubt in (doubts, 0 * doubts))
+    assert sure < p < 4 * sure
+    # Able to fail: undivided, the doubtful one is the largest of all in one draw of fifty.
+    draws = np.random.default_rng(0).standard_normal(20000) * np.exp(
+        0.6 * np.random.default_rng(1).standard_normal(20000)
+    )
+    assert np.mean(np.abs(draws) > 4.2) > 10 * sure
 
 
 def test_noise_found_from_few_squares_makes_a_deviation_less_surprising():

@@ -33,7 +33,8 @@ def recording(tilt) -> Any:
 
     found = SimpleNamespace(
         names=NAMES, place=NAMES.index, n=ROWS, slopes=slopes, shows=lambda v: slopes(v, [0])[0],
-        own=np.array([True, False, False]), start=np.array([0.0, 5.0, 0.0]), log=np.zeros(3, bool),
+        own=np.array([True, False, False]), log=np.zeros(3, bool),
+        neutral=np.zeros(3), start=np.array([0.0, 5.0, 0.0]),
         sd=np.array([10.0, 0.5, np.inf]), low=np.array([-50.0, 0.0, -3.0]), high=np.array([50.0, 9.0, 3.0]),
         meaning=tuple(SimpleNamespace(neutral=n, scale="linear") for n in (None, 0.0, None)),
     )  # fmt: skip
@@ -81,10 +82,18 @@ def test_the_better_minimum_is_gone_to_and_the_worse_one_forgotten():
 
 
 def test_what_a_tie_would_move_is_in_the_standard_deviation():
+    """The tie has no tilt: it needs another level, and half a chance is half of that squared."""
     found = recording(tilt=0.9)
     model = fitted(found, 1.0)
-    tie = Name("wave", 0.9, ("other",), 50.0, instead=((0.25, np.array([0.8, 0.0, 0.0])),))
+    found.place = (*NAMES, "other.much").index
+    other = Form("other", ("wave.turn",))
+    tie = Name("wave", 0.9, ("other",), 50.0, instead=((0.5, other, np.array([0.0, 5.0, 0.3])),))
     told = spread(found, model, (tie,))
-    assert told.sd(0) == pytest.approx(np.hypot(model.sd(0), np.sqrt(0.25) * 0.8))
+    by = refit(found, model.white, [0, 2], np.array([2.0, 0.0, 0.3])).values[0] - model.at.values[0]
+    assert abs(by) > 5 * model.sd(0)
+    assert told.sd(0) == pytest.approx(np.hypot(model.sd(0), np.sqrt(0.5) * by), rel=0.02)
+    # Of the name's own numbers it says nothing.
     assert told.sd(1) == pytest.approx(model.sd(1))
-    assert dataclasses.replace(told, between=0.0).sd(0) == pytest.approx(model.sd(0))
+    # A name that is not in the model any more moves nothing.
+    gone = dataclasses.replace(tie, id="gone")
+    assert spread(found, model, (gone,)).sd(0) == pytest.approx(model.sd(0), rel=0.1)
