@@ -27,9 +27,9 @@ from pamjax.study.contest import contest, save_contest
 from pamjax.study.diagnose import diagnose
 from pamjax.study.diagnosis import Diagnosis, save
 from pamjax.study.forms import forms
-from pamjax.study.naming import Model, begun, settle
 from pamjax.study.refit import refit
 from pamjax.study.rivals import fit_sarosi
+from pamjax.study.settled import Model, begun, settle
 from pamjax.study.signature import signatures
 from pamjax.study.temper import tempered
 

@@ -21,9 +21,9 @@ from pamjax.records.case import Case, as_case
 from pamjax.records.files import write_beside
 from pamjax.study.experiment import ENOUGH, Experiment, choose, joined, stand_in, table
 from pamjax.study.forms import NEEDS_TIME, forms
-from pamjax.study.naming import Model, settle
 from pamjax.study.problem import Problem, problem
 from pamjax.study.rest import leaves_more, rest_of
+from pamjax.study.settled import Model, settle
 from pamjax.study.significance import Significance
 from pamjax.study.stage import Stage
 

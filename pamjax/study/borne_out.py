@@ -33,9 +33,11 @@ import numpy as np
 from pamjax.records.blocks import Blocks
 from pamjax.study.abreast import abreast
 from pamjax.study.forms import Form
-from pamjax.study.naming import ESTABLISHED, ROUGH, Model, Naming, places, ranked, settle, without
+from pamjax.study.naming import ESTABLISHED, Naming, ranked
 from pamjax.study.problem import Problem
 from pamjax.study.refit import Refit, refit
+from pamjax.study.search import ROUGH
+from pamjax.study.settled import Model, places, settle, without
 from pamjax.study.whiten import Whitening
 
 #: Share of a misfit in unseen blocks that all names together must explain.

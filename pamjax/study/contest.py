@@ -26,9 +26,9 @@ from pamjax.records.levels import find_levels, on_levels
 from pamjax.study.diagnosis import PER_SI, UNIT, Diagnosis
 from pamjax.study.discrepancy import discrepancy, inputs
 from pamjax.study.gain import rmse
-from pamjax.study.naming import settle
 from pamjax.study.problem import Problem
 from pamjax.study.rivals import fit_sarosi
+from pamjax.study.settled import settle
 from pamjax.study.temper import tempered
 from pamjax.units import show
 

@@ -20,9 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from pamjax.study.forms import Form, forms
-from pamjax.study.naming import begun, shortlist
 from pamjax.study.problem import Problem
 from pamjax.study.refit import Refit, refit
+from pamjax.study.search import shortlist
+from pamjax.study.settled import begun
 from pamjax.study.signature import Signature, signatures
 from pamjax.study.whiten import Whitening, whitening
 

@@ -17,9 +17,10 @@ from pamjax.study.experiment import experiments
 from pamjax.study.forms import forms
 from pamjax.study.gain import gain, held_out
 from pamjax.study.locate import locate_names, locate_rest
-from pamjax.study.naming import Model, Naming, name_mechanisms, settle
+from pamjax.study.naming import Naming, name_mechanisms
 from pamjax.study.problem import Problem, problem
 from pamjax.study.rest import leaves_more, rest_of
+from pamjax.study.settled import Model, settle
 from pamjax.study.signature import signatures
 from pamjax.study.significance import DETECTED, Significance, significance
 from pamjax.study.spread import spread

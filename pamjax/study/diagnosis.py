@@ -22,8 +22,9 @@ from pamjax.study.experiment import Experiment
 from pamjax.study.gain import Gain
 from pamjax.study.keep import improved
 from pamjax.study.locate import Box
-from pamjax.study.naming import Model, Name, Naming
+from pamjax.study.naming import Name, Naming
 from pamjax.study.problem import Problem
+from pamjax.study.settled import Model
 from pamjax.study.significance import DETECTED, Significance
 from pamjax.units import in_unit
 

@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 
 from pamjax.study.forms import Form, forms
-from pamjax.study.naming import FINAL, ROUGH, Model, Name, begun, freed, without
+from pamjax.study.naming import Name
 from pamjax.study.power import prospect
 from pamjax.study.problem import Problem
 from pamjax.study.protocols import MENU
 from pamjax.study.refit import refit
+from pamjax.study.search import FINAL, ROUGH
+from pamjax.study.settled import Model, begun, freed, without
 from pamjax.study.signature import signatures
 from pamjax.study.stage import Stage, contrast
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from pamjax.infer.member import CHANNELS
 from pamjax.records.blocks import Blocks
-from pamjax.study.naming import Model
 from pamjax.study.problem import Problem
+from pamjax.study.settled import Model
 
 #: One block of so many is held out, and none where there are fewer than this.
 EVERY, FEWEST = 5, 3

@@ -9,8 +9,8 @@ import numpy as np
 
 from pamjax.infer.save import SCHEMA
 from pamjax.model.catalogue import meaning
-from pamjax.study.naming import Model
 from pamjax.study.problem import COMPLIANCE, Problem
+from pamjax.study.settled import Model
 from pamjax.units import in_unit
 
 

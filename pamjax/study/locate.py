@@ -8,8 +8,8 @@ import numpy as np
 
 from pamjax.infer.member import CHANNELS
 from pamjax.study.cells import LENGTHENING, SHORTENING, Axes, axes
-from pamjax.study.naming import Model, effect
 from pamjax.study.problem import Problem
+from pamjax.study.settled import Model, effect
 
 #: A box holds the middle of the squared misfit, between these shares of it, on each axis.
 MIDDLE = (0.05, 0.95)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from pamjax.study.forms import forms
-from pamjax.study.naming import Model
 from pamjax.study.problem import Problem
+from pamjax.study.settled import Model
 from pamjax.study.signature import signatures
 from pamjax.study.significance import DETECTED, Significance, significance
 

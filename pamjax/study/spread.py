@@ -25,10 +25,11 @@ import numpy as np
 
 from pamjax.study.abreast import abreast
 from pamjax.study.forms import Form, forms
-from pamjax.study.naming import Model, Name, freed, places, without
+from pamjax.study.naming import Name
 from pamjax.study.passed import passed
 from pamjax.study.problem import Problem
 from pamjax.study.refit import refit
+from pamjax.study.settled import Model, freed, places, without
 
 #: Most other forms of a name to begin from.
 MOST = 9

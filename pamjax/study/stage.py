@@ -14,12 +14,12 @@ from pamjax.infer.noise import effective_sd
 from pamjax.records.case import Case
 from pamjax.records.protocol import Schedule
 from pamjax.records.recording import Recording
-from pamjax.study.naming import Model
 from pamjax.study.power import Side
 from pamjax.study.problem import Problem
 from pamjax.study.protocols import Protocol
 from pamjax.study.refit import UNKNOWN, coordinates
 from pamjax.study.rig import CAMERA, ROWS, Rig
+from pamjax.study.settled import Model
 from pamjax.study.whiten import Colour, Whitening
 
 #: Seconds between a recording and the next protocol.

@@ -19,9 +19,9 @@ import dataclasses
 
 import numpy as np
 
-from pamjax.study.naming import Model
 from pamjax.study.problem import Problem
 from pamjax.study.refit import refit
+from pamjax.study.settled import Model
 
 #: Mean square of a whitened residual from which a model is taken for wrong by more than noise.
 WRONG = 1.5

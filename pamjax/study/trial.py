@@ -21,9 +21,10 @@ from pamjax.study.diagnosis import Diagnosis
 from pamjax.study.discrepancy import discrepancy, inputs
 from pamjax.study.forms import forms
 from pamjax.study.gain import held_out
-from pamjax.study.naming import ESTABLISHED, settle
+from pamjax.study.naming import ESTABLISHED
 from pamjax.study.overlap import blind, overlap, true_boxes
 from pamjax.study.problem import problem
+from pamjax.study.settled import settle
 from pamjax.study.setups import SIZE, draw
 from pamjax.study.signature import signatures
 from pamjax.study.significance import DETECTED, Significance, significance

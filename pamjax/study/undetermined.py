@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from pamjax.infer.determine import USEFUL, unnoticed, words
-from pamjax.study.naming import Model
 from pamjax.study.problem import Problem
+from pamjax.study.settled import Model
 
 
 def undetermined(found: Problem, baseline: Model) -> list[str]:

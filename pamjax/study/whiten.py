@@ -101,6 +101,18 @@ class Whitening:
         """How many samples are looked at."""
         return sum(r.size for r in self.rows)
 
+    @property
+    def volume(self) -> float:
+        """Logarithm of the determinant of the noise's covariance, SI."""
+        out = -2 * self.size * math.log(self.trust)
+        for colour, rows, runs in zip(self.colours, self.rows, self.runs, strict=True):
+            if colour is not None:
+                after_another = rows.size - len(runs)
+                out += 2 * float(np.sum(np.log(colour.sd[rows]))) + 2 * after_another * math.log(
+                    colour.filter[1]
+                )
+        return out
+
     def of_rows(self, mask: np.ndarray) -> Whitening:
         """The same noise, looked at in the rows of a mask, (n,), alone."""
         rows = tuple(there[mask[there]] for there in self.rows)

@@ -22,7 +22,8 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from pamjax.infer.member import CHANNELS
 from pamjax.study.diagnosis import PER_SI, UNIT, Diagnosis
-from pamjax.study.naming import TIE, TIE_SHARE, Name
+from pamjax.study.naming import Name
+from pamjax.study.search import TIE, TIE_SHARE
 from pamjax.view.diagnosis_loops import rms, told
 from pamjax.view.layout import mark
 from pamjax.view.theme import DOUBLE, OKABE_ITO, QUIET, SINGLE, figure, theme

@@ -18,8 +18,8 @@ from pamjax.records.levels import find_levels, on_levels
 from pamjax.study.cells import LENGTHENING, SHORTENING, STILL, Axes, axes
 from pamjax.study.diagnosis import Diagnosis
 from pamjax.study.locate import Box
-from pamjax.study.naming import Model
 from pamjax.study.problem import Problem
+from pamjax.study.settled import Model
 from pamjax.view.theme import DOUBLE, SINGLE, figure, theme
 
 #: Cells along an axis that has no settings, and most settings that each get a cell of their own.

@@ -32,11 +32,12 @@ from pamjax.records.protocol import Schedule
 from pamjax.study.conceal import Envelope, conceal
 from pamjax.study.experiment import Experiment, choose, stand_in, table
 from pamjax.study.forms import forms
-from pamjax.study.naming import TIE, Model, shortlist
 from pamjax.study.power import prospect
 from pamjax.study.problem import COSTLY, Problem, problem
 from pamjax.study.protocols import MENU
 from pamjax.study.refit import Refit, refit
+from pamjax.study.search import TIE, shortlist
+from pamjax.study.settled import Model
 from pamjax.study.setups import SIZE, draw
 from pamjax.study.signature import signatures
 from pamjax.study.stage import Stage, contrast, readings

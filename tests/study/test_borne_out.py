@@ -9,8 +9,9 @@ from pamjax.records.blocks import Blocks
 from pamjax.study import borne_out as under_test
 from pamjax.study.borne_out import borne_out, borne_shares
 from pamjax.study.forms import Form
-from pamjax.study.naming import Model, Name, Naming
+from pamjax.study.naming import Name, Naming
 from pamjax.study.refit import refit
+from pamjax.study.settled import Model
 from pamjax.study.whiten import Colour, Whitening
 
 ROWS, NOISE = 400, 0.1

@@ -7,9 +7,9 @@ from pamjax.design.tell import bare
 from pamjax.study.conceal import conceal
 from pamjax.study.experiment import Experiment, choose, joined, stand_in, table
 from pamjax.study.forms import forms
-from pamjax.study.naming import begun, settle
 from pamjax.study.power import Side, power
 from pamjax.study.problem import problem
+from pamjax.study.settled import begun, settle
 from pamjax.study.signature import signatures
 from pamjax.study.stage import Stage
 from tests.agreement import SOLVED, agree

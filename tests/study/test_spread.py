@@ -9,8 +9,9 @@ import pytest
 
 from pamjax.study import spread as under_test
 from pamjax.study.forms import Form
-from pamjax.study.naming import Model, Name
+from pamjax.study.naming import Name
 from pamjax.study.refit import refit
+from pamjax.study.settled import Model
 from pamjax.study.spread import spread
 from pamjax.study.whiten import Colour, Whitening
 

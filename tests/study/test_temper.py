@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pamjax.study.naming import Model
 from pamjax.study.refit import refit
+from pamjax.study.settled import Model
 from pamjax.study.temper import repeats, tempered
 from pamjax.study.whiten import Colour, Whitening
 

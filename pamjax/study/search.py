@@ -1,0 +1,260 @@
+"""Search for what explains a misfit: add, refit, look again, and try to take out again.
+
+A form that joins must pass three questions, none of which another recording was asked to answer:
+
+significant   the χ² it takes away is out of reach of noise, over all forms that were tried
+substantial   it explains a good part of the misfit that is left: textbook forms do not fit nature to the
+              noise, and the small rest of a large effect is no second effect
+sizeable      what it alone can explain is not small beside the whole misfit, or is all that was left
+
+Where forms that are small beside the whole leave nothing but noise together, textbook forms do fit here, and
+the third question is not asked. A first form that was wrong leads astray: a search that ends far from the
+noise begins again from the pairs that came nearest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import chain
+
+import numpy as np
+from scipy.stats import chi2
+
+from pamjax.model.library import TWICE
+from pamjax.study.abreast import abreast
+from pamjax.study.forms import Form
+from pamjax.study.passed import passed
+from pamjax.study.problem import Problem
+from pamjax.study.refit import refit
+from pamjax.study.rest import REST, REST_SHARE
+from pamjax.study.settled import Model, begun, freed, places, settle, without
+from pamjax.study.signature import Signature, signatures
+
+#: Chance that noise alone brings in a name, over everything that was tried.
+CHANCE = 1e-4
+#: Share of the excess misfit that a name must explain.
+SUBSTANTIAL = 0.2
+#: Share of the baseline's whole misfit, as rms, that a name alone must account for ...
+SIZEABLE = 0.1
+#: ... unless it accounts, alone or with others, for so much of the excess that nothing but noise is left.
+COMPLETE = 0.95
+#: The least of it in standard deviations of a sample: textbook forms are not known better than that.
+LEAST = 0.25
+#: How many mechanisms are refitted roughly at each step, how many of them to the end, and what is rough.
+SHORTLIST, FINAL, ROUGH = 6, 2, 7
+#: A baseline's number farther from what the lab believes than this, in sd, was driven there.
+STRAINED = 2.5
+#: Most names.
+MOST = 4
+#: Rivals whose fit is worse by less than this, and a share of what is left unexplained, are not told apart.
+TIE, TIE_SHARE = 12.0, 0.1
+#: From how many pairs a search begins again, and how many seconds are tried beside each first form.
+AGAIN, SECONDS = 3, 3
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """What does not change while a recording is searched.
+
+    Attributes:
+        found: the recording before the library.
+        used: (n,) the rows that may be looked at.
+        baseline: its refit.
+        candidates: the forms that may join.
+    """
+
+    found: Problem
+    used: np.ndarray
+    baseline: Model
+    candidates: Sequence[Form]
+
+    def scored(self, model: Model) -> list[Signature]:
+        return signatures(self.found, model.white, model.at, self.candidates)
+
+    def settled(self, model: Model) -> Model:
+        return settle(self.found, self.used, model.chosen, model.at.values)
+
+    def worth(self, gain: float, excess: float, form: Form, small: bool) -> bool:
+        """Whether what a form takes away of an excess is significant, substantial and, if asked, sizeable."""
+        samples = self.baseline.white.size
+        alone, whole = gain / samples, self.baseline.excess / samples
+        sizeable = small or alone > SIZEABLE**2 * whole or gain > COMPLETE * excess
+        substantial = gain > SUBSTANTIAL * excess and alone > LEAST**2
+        return significant(gain, len(form.moves), len(self.candidates)) and substantial and sizeable
+
+    def far(self, model: Model) -> bool:
+        """Whether a model leaves much more than noise and the rough edges of forms."""
+        return model.excess > max(REST**2 * model.white.size, REST_SHARE**2 * self.baseline.excess)
+
+
+def search(
+    found: Problem,
+    used: np.ndarray,
+    baseline: Model,
+    first: Sequence[Signature],
+    progress: Callable[[str, float], None] = lambda doing, share: None,
+) -> Model:
+    """The baseline with the forms that explain what it leaves.
+
+    Args:
+        found: the recording before the library.
+        used: (n,) the rows that may be looked at.
+        baseline: its refit.
+        first: the signatures of all forms that may join, at the baseline.
+        progress: called with what is being done and the share done.
+    """
+    look = _Search(found, used, baseline, [signature.form for signature in first])
+    progress("naming", 0.1)
+    model = _ended(look, baseline, first)
+    if not look.far(model):
+        return model
+    begins = _beginnings(look, model, first)
+    for k, begin in enumerate(begins):
+        progress("naming again", 0.4 + 0.3 * k / len(begins))
+        other = _ended(look, look.settled(begin))
+        if other.likely < model.likely - TIE:
+            model = other
+        if not look.far(model):
+            break
+    return model
+
+
+def _ended(look: _Search, begin: Model, scored: Sequence[Signature] | None = None) -> Model:
+    """Where a search ends that begins here."""
+    model = _pruned(look, _grown(look, begin, scored))
+    if not model.chosen or model.excess < LEAST**2 * model.white.size:
+        return model
+    # What is small beside the whole may stay if nothing but noise is left then.
+    whole = _pruned(look, _grown(look, model, small=True), small=True)
+    return whole if whole.excess < (1 - COMPLETE) * model.excess else model
+
+
+def _grown(
+    look: _Search, model: Model, scored: Sequence[Signature] | None = None, small: bool = False
+) -> Model:
+    """The model with further forms, one at a time, as long as each is worth it."""
+    while len(model.chosen) < MOST:
+        better = _step(look, model, look.scored(model) if scored is None else scored, small)
+        if better is None:
+            break
+        model, scored = _swapped(look, better), None
+    return model
+
+
+def _step(look: _Search, model: Model, scored: Sequence[Signature], small: bool) -> Model | None:
+    """The model with the best further form, or None."""
+    trials = finished(look.found, abreast(partial(_with, look.found, model), _listed(look, model, scored)))
+    if not trials or not look.worth(model.fair - trials[0].fair, model.excess, trials[0].chosen[-1], small):
+        return None
+    return look.settled(trials[0])
+
+
+def _listed(
+    look: _Search, model: Model, scored: Sequence[Signature], many: int = SHORTLIST
+) -> list[Signature]:
+    tried = len(look.candidates)
+    return [s for s in shortlist(scored, model.ids, many) if significant(s.gain, len(s.form.moves), tried)]
+
+
+def _swapped(look: _Search, model: Model) -> Model:
+    """Put another in the place of an earlier form where that fits better now."""
+    for k in range(len(model.chosen) - 1):
+        left = removed(look.found, model, k)
+        trials = finished(look.found, replacements(look.found, left, model.chosen[k], look.candidates))
+        if trials and trials[0].score < model.score - TIE:
+            model = look.settled(trials[0])
+    return model
+
+
+def _pruned(look: _Search, model: Model, small: bool = False) -> Model:
+    """Take out again what is no longer worth its place."""
+    while len(model.chosen) > 1:
+        rest = abreast(partial(removed, look.found, model), range(len(model.chosen)))
+        losses = [left.fair - model.fair for left in rest]
+        k = int(np.argmin(losses))
+        if look.worth(losses[k], rest[k].excess, model.chosen[k], small):
+            break
+        model = look.settled(rest[k])
+    return model
+
+
+def _beginnings(look: _Search, model: Model, first: Sequence[Signature]) -> list[Model]:
+    """The pairs that come nearest, roughly refitted; none that the model, or a better one, holds already."""
+    singles = abreast(partial(_with, look.found, look.baseline), _listed(look, look.baseline, first))
+
+    def pairs(one: Model) -> list[Model]:
+        return [_with(look.found, one, s) for s in _listed(look, one, look.scored(one), SECONDS)]
+
+    begins: list[Model] = []
+    for pair in sorted(chain.from_iterable(abreast(pairs, singles)), key=lambda pair: pair.score):
+        if not any(set(pair.ids) <= set(other.ids) for other in (model, *begins)):
+            begins.append(pair)
+    return begins[:AGAIN]
+
+
+def significant(gain: float, numbers: int, tried: int) -> bool:
+    """Whether noise alone would hardly ever take so much χ² away, over all forms that were tried."""
+    return bool(gain > 0 and tried * chi2.sf(gain, numbers) < CHANCE)
+
+
+def shortlist(scored: Sequence[Signature], chosen: Sequence[str], many: int = SHORTLIST) -> list[Signature]:
+    """The best form of each of the most promising mechanisms that may join the chosen ones."""
+    best: dict[str, Signature] = {}
+    barred = {*chosen, *(id for pair in TWICE if pair & set(chosen) for id in pair)}
+    for signature in scored:
+        id = signature.form.id
+        if id not in barred and (id not in best or signature.gain > best[id].gain):
+            best[id] = signature
+    return sorted(best.values(), key=lambda s: -s.gain)[:many]
+
+
+def _with(found: Problem, model: Model, signature: Signature) -> Model:
+    """The model with one more form, roughly refitted under the model's noise.
+
+    A baseline whose numbers were driven to their limits is a bad place to begin from: what drove them there
+    may be this form. Then it begins once more from what the lab believes.
+    """
+    begins = [model.at.values]
+    if not model.chosen and _strained(found, model):
+        begins.append(found.neutral)
+    chosen = (*model.chosen, signature.form)
+    moved = sorted({*np.flatnonzero(found.own).tolist(), *places(found, chosen)})
+    ends = []
+    for begin in begins:
+        values = begun(found, begin, signature.form, signature.amplitudes)
+        ends.append(refit(found, model.white, moved, values, ROUGH))
+    at = min(ends, key=lambda at: at.cost)
+    # Rough: what noise alone leaves there is told, its pull on the minimum is not.
+    return Model(chosen, model.white, at, passed(found, model.white, at.values))
+
+
+def _strained(found: Problem, model: Model) -> bool:
+    own = np.flatnonzero(found.own & np.isfinite(found.sd))
+    return bool(np.any(np.abs(model.at.values[own] - found.start[own]) > STRAINED * found.sd[own]))
+
+
+def finished(found: Problem, trials: Sequence[Model], many: int = FINAL) -> list[Model]:
+    """The most promising of some rough refits, refitted to the end; best first."""
+    rough = sorted(trials, key=lambda trial: trial.score)[:many]
+
+    def end(m: Model) -> Model:
+        return freed(found, m.chosen, m.white, refit(found, m.white, m.at.moved, m.at.values))
+
+    return sorted(abreast(end, rough), key=lambda trial: trial.score)
+
+
+def replacements(found, left: Model, form: Form, candidates) -> list[Model]:
+    """Models in which another mechanism stands in the place of a form, roughly refitted."""
+    scored = signatures(found, left.white, left.at, [c for c in candidates if c.id != form.id])
+    return abreast(lambda s: _with(found, left, s), shortlist(scored, left.ids, 5))
+
+
+def removed(found: Problem, model: Model, k: int) -> Model:
+    """The model without its k-th form, refitted under the same noise."""
+    form = model.chosen[k]
+    rest = model.chosen[:k] + model.chosen[k + 1 :]
+    moved = sorted({*np.flatnonzero(found.own).tolist(), *places(found, rest)})
+    values = without(found, model.at.values, form)
+    return freed(found, rest, model.white, refit(found, model.white, moved, values, 2 * ROUGH))
