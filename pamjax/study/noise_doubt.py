@@ -2,7 +2,7 @@
 
 A direction d, white and of unit length, has the noise variance
 
-    V(ρ') = Σ_ω |d(ω)|² S(ω; ρ') / S(ω; ρ),     S(ω; ρ) = 1 − A + A (1 − ρ²) / |1 − ρ e^(−iω)|²,
+    V(ρ′) = Σ_ω |d(ω)|² S(ω; ρ′) / S(ω; ρ),     S(ω; ρ) = 1 − A + A (1 − ρ²) / |1 − ρ e^(−iω)|²,
 
 if the correlation is ρ′ where it was taken for ρ: a slow direction has more for a larger one, a fast one
 less. The doubt is half the logarithm of V one standard error of ρ away, its size alone; a channel in which no

@@ -181,7 +181,7 @@ def _pruned(look: _Search, model: Model, small: bool = False) -> Model:
 
 
 def _beginnings(look: _Search, model: Model, first: Sequence[Signature]) -> list[Model]:
-    """The pairs that come nearest, roughly refitted; none that the model, or a better one, holds already."""
+    """Pairs, roughly refitted, that come nearer than any that a model began with or might have gone on to."""
     singles = abreast(partial(_with, look.found, look.baseline), _listed(look, look.baseline, first))
 
     def pairs(one: Model) -> list[Model]:
@@ -189,7 +189,10 @@ def _beginnings(look: _Search, model: Model, first: Sequence[Signature]) -> list
 
     begins: list[Model] = []
     for pair in sorted(chain.from_iterable(abreast(pairs, singles)), key=lambda pair: pair.score):
-        if not any(set(pair.ids) <= set(other.ids) for other in (model, *begins)):
+        ids = set(pair.ids)
+        if ids <= set(model.ids) or ids >= set(model.ids):
+            break
+        if not any(ids == set(other.ids) for other in begins):
             begins.append(pair)
     return begins[:AGAIN]
 

@@ -17,7 +17,7 @@ from pamjax.records.recording import Recording
 from pamjax.study.power import Side
 from pamjax.study.problem import Problem
 from pamjax.study.protocols import Protocol
-from pamjax.study.refit import UNKNOWN, coordinates
+from pamjax.study.refit import LIMITS_APART, UNKNOWN, coordinates
 from pamjax.study.rig import CAMERA, ROWS, Rig
 from pamjax.study.settled import Model
 from pamjax.study.whiten import Colour, Whitening
@@ -176,5 +176,5 @@ def _known(found: Problem, model: Model) -> np.ndarray:
     jacobian, moved = model.at.jacobian, model.at.moved
     low, high = (coordinates(found, moved, edge) for edge in (found.low, found.high))
     # A number anywhere between its limits has a twelfth of their distance squared as variance.
-    believed = np.where(model.at.prior < UNKNOWN, model.at.prior, (high - low) / 12**0.5)
+    believed = np.where(model.at.prior < UNKNOWN, model.at.prior, (high - low) / LIMITS_APART)
     return jacobian.T @ jacobian + np.diag(1 / believed**2)

@@ -47,7 +47,7 @@ def null_figure(trials: Sequence[Trial]) -> Figure | None:
             word = "scoring stage" if stage == "score" else "whole pipeline"
             panel.set_title(
                 f"Noise {correlation:g}, {word}:\n"
-                f"{hits.hits} of {hits.of} detected, at most {hits.at_most:.1%}"
+                f"{hits.hits} of {hits.of} detected,\nat most {hits.at_most:.1%}"
             )
         for panel in panels[len(groups) :]:
             panel.remove()

@@ -83,10 +83,9 @@ def test_the_better_minimum_is_gone_to_and_the_worse_one_forgotten():
 
 
 def test_what_a_tie_would_move_is_in_the_standard_deviation():
-    """The tie has no tilt: it needs another level, and half a chance is half of that squared."""
+    """In its form the wave is lower and the level higher; half a chance of that is half of it squared."""
     found = recording(tilt=0.9)
     model = fitted(found, 1.0)
-    found.place = (*NAMES, "other.much").index
     other = Form("other", ("wave.turn",))
     tie = Name("wave", 0.9, ("other",), 50.0, instead=((0.5, other, np.array([0.0, 5.0, 0.3])),))
     told = spread(found, model, (tie,))
