@@ -5,55 +5,93 @@ A direction d, white and of unit length, has the noise variance
     V(ρ′) = Σ_ω |d(ω)|² S(ω; ρ′) / S(ω; ρ),     S(ω; ρ) = 1 − A + A (1 − ρ²) / |1 − ρ e^(−iω)|²,
 
 if the correlation is ρ′ where it was taken for ρ: a slow direction has more for a larger one, a fast one
-less. The doubt is half the logarithm of V one standard error of ρ away, its size alone; a channel in which no
-correlation was looked for has that of so many squares. What it leaves out: that runs end, and a sensor that
-is worse than stated.
+less. ρ′ may be zero, half a chance before anything was seen, or anything up to `MOST`; what neighbours'
+differences tell of it, with their error, weighs that. Where a channel's own noise is a small part of the
+whole they tell little, and slow noise may be there unseen. A channel in which no correlation was looked for
+has the doubt of so many squares. What it leaves out: that runs end, and a sensor that is worse than stated.
 Source: filtering of a stationary process, derived here.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import norm, truncnorm
 
 from pamjax.study.whiten import FEW, MOST, Colour, Whitening, correlation_error
 
+#: Standard normal variables at which a channel's noise is looked at; between them it is interpolated.
+SCALE = np.linspace(-4.0, 4.0, 33)
 
-def doubts(white: Whitening, directions: np.ndarray) -> np.ndarray:
-    """Relative doubt about the noise of each direction, by channel.
+
+@dataclass(frozen=True, eq=False)
+class Doubt:
+    """Variance of directions whose noise is not known, over what it was taken for.
+
+    Attributes:
+        sure: (k,) the part of it that is known.
+        by_channel: (k, channels, SCALE) the parts by each channel, as a standard normal variable has it.
+    """
+
+    sure: np.ndarray
+    by_channel: np.ndarray
+
+    def sd(self, normal: np.ndarray) -> np.ndarray:
+        """(m, k) standard deviations, for (m, channels) standard normal variables."""
+        variance = np.broadcast_to(self.sure, (len(normal), self.sure.size)).copy()
+        place = np.clip(np.interp(normal, SCALE, np.arange(SCALE.size)), 0, SCALE.size - 1)
+        below = np.minimum(place.astype(int), SCALE.size - 2)
+        over = place - below
+        for c in range(normal.shape[1]):
+            by = self.by_channel[:, c]
+            variance += (by[:, below[:, c]] * (1 - over[:, c]) + by[:, below[:, c] + 1] * over[:, c]).T
+        return np.sqrt(variance)
+
+
+def doubt_of(white: Whitening, directions: np.ndarray) -> Doubt:
+    """What is not known of the noise of each direction.
 
     Args:
         white: the noise.
         directions: (k, size or more) white directions; what is beyond the samples is priors.
-
-    Returns:
-        (k, channels) change of ln(standard deviation) for a standard error of a channel's noise.
     """
-    out, begin = np.zeros((len(directions), len(white.colours))), 0
-    for c, (colour, rows) in enumerate(zip(white.colours, white.rows, strict=True)):
+    parts, begin = [], 0
+    for colour, rows in zip(white.colours, white.rows, strict=True):
         part = directions[:, begin : begin + rows.size]
         begin += rows.size
-        if colour is not None and rows.size > 1 and math.isinf(colour.freedom):
-            out[:, c] = _doubt(colour, part)
-    return out
+        parts.append(_variances(colour, part))
+    by_channel = np.stack(parts, axis=1)
+    return Doubt(np.sum(directions[:, begin:] ** 2, axis=1), by_channel)
 
 
-def _doubt(colour: Colour, part: np.ndarray) -> np.ndarray:
-    """Of one channel, weighted by its share of each direction, (k,)."""
-    samples = part.shape[1]
-    share = np.sum(part**2, axis=1)
+def _variances(colour: Colour | None, part: np.ndarray) -> np.ndarray:
+    """Of one channel, (k, SCALE), with its share of each direction as what is expected."""
+    samples, share = part.shape[1], np.sum(part**2, axis=1)[:, None]
+    # Noise that was found from few squares has its doubt in the tail of Student's variable.
+    if colour is None or samples < 2 or math.isfinite(colour.freedom):
+        return np.repeat(share, SCALE.size, axis=1)
     if not colour.given or samples < FEW:
-        return share * 0.5 * math.sqrt(2 / samples)
-    error = correlation_error(colour.shared, colour.correlation, samples)
+        return share * np.exp(SCALE * math.sqrt(2 / samples))
     power = np.abs(np.fft.fft(part, axis=1)) ** 2 / samples
     there = np.exp(-2j * np.pi * np.arange(samples) / samples)
-    more = min(colour.correlation + error, MOST)
-    ratio = _density(colour.shared, more, there) / _density(colour.shared, colour.correlation, there)
-    along = 0.5 * np.log(
-        power @ ratio / np.maximum(share, 1e-300), where=share > 1e-12, out=np.zeros_like(share)
-    )
-    return share * np.abs(along)
+    taken = _density(colour.shared, colour.correlation, there)
+    might = [_density(colour.shared, rho, there) / taken for rho in _correlations(colour, samples)]
+    return power @ np.stack(might, axis=1)
+
+
+def _correlations(colour: Colour, samples: int) -> np.ndarray:
+    """The correlation as a standard normal variable has it, (SCALE,), by Bayes' rule."""
+    told = colour.told
+    error = correlation_error(colour.shared, min(max(told, 0.0), MOST), samples)
+    low, high = -told / error, (MOST - told) / error
+    some = float(norm.cdf(high) - norm.cdf(low)) / MOST
+    none = float(norm.pdf(told / error)) / error
+    none = none / (none + some) if none + some > 0 else 0.0
+    rank = np.clip((norm.cdf(SCALE) - none) / max(1 - none, 1e-12), 0.0, 1.0)
+    there = truncnorm.ppf(rank, low, high, told, error)
+    return np.where(rank > 0, np.clip(there, 0.0, MOST), 0.0)
 
 
 def _density(shared: float, correlation: float, there: np.ndarray) -> np.ndarray:

@@ -19,11 +19,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import logsumexp
 from scipy.stats import norm
 from scipy.stats import t as student
 
 from pamjax.study.cells import shifts
-from pamjax.study.noise_doubt import doubts
+from pamjax.study.noise_doubt import SCALE, Doubt, doubt_of
 from pamjax.study.problem import Problem
 from pamjax.study.refit import Refit
 from pamjax.study.signature import Absorbed, Signature
@@ -79,7 +80,7 @@ def significance(
     there = np.linalg.norm(directions, axis=1) > 0.5
     directions, either = directions[there], either[there]
     along = directions[:, : at.residual.size] @ at.residual
-    doubt = doubts(white, directions)
+    doubt = doubt_of(white, directions)
     largest = float(np.max(_deviation(along, either) / _stretch(doubt), initial=0.0))
     p = _chance(directions @ directions.T, largest, doubt, _freedom(white), seed, either)
     square, beyond = _square(found, white, at)
@@ -98,32 +99,33 @@ def _deviation(along: np.ndarray, either: np.ndarray | bool) -> np.ndarray:
     return np.where(either, np.abs(along), along)
 
 
-def _stretch(doubt: np.ndarray) -> np.ndarray:
+def _stretch(doubt: Doubt) -> np.ndarray:
     """By what a deviation is divided, so that one of doubtful noise hides none of noise that is known."""
-    return 1 + 2 * np.linalg.norm(doubt, axis=1)
+    ends = np.full((2, doubt.by_channel.shape[1]), [[-2.0], [2.0]])
+    return np.maximum(doubt.sd(ends).max(axis=0), 1.0)
 
 
 def _chance(
     gram: np.ndarray,
     largest: float,
-    doubt: np.ndarray,
+    doubt: Doubt,
     freedom: float = math.inf,
     seed: int = 0,
     either: np.ndarray | bool = True,
 ) -> float:
-    """Chance that the largest of correlated standard normal variables is as large as this.
+    """Chance that the largest of correlated normal variables is as large as this.
 
-    Where the noise itself was found from few squares, of correlated variables of Student. `doubt` is (k,
-    channels), of the noise of each variable by what each channel has to do with it; each is divided by what
-    that may stretch it.
+    Their standard deviations are in doubt, and each is divided by what that may stretch it. Where the noise
+    itself was found from few squares, they are correlated variables of Student.
     """
     weights, vectors = np.linalg.eigh(gram)
     root = vectors * np.sqrt(np.maximum(weights, 0.0))
+    channels, stretch = doubt.by_channel.shape[1], _stretch(doubt)
     rng = np.random.default_rng(seed)
     most = np.empty(DRAWS)
     for k in range(0, DRAWS, 2000):
         drawn = _deviation(rng.standard_normal((2000, root.shape[1])) @ root.T, either)
-        drawn *= np.exp(rng.standard_normal((2000, doubt.shape[1])) @ doubt.T) / _stretch(doubt)
+        drawn *= doubt.sd(rng.standard_normal((2000, channels))) / stretch
         most[k : k + 2000] = drawn.max(axis=1)
         if math.isfinite(freedom):
             most[k : k + 2000] /= np.sqrt(rng.chisquare(freedom, 2000) / freedom)
@@ -131,11 +133,23 @@ def _chance(
     if above >= 50:
         return above / DRAWS
     # As many independent variables as have the 50th largest draw at the same chance.
-    edge = np.partition(most, -50)[-50]
-    # In logarithms: the tail at the edge itself may be beyond what a number can hold.
-    tail = student(freedom).logsf if math.isfinite(freedom) else norm.logsf
-    beyond = float(tail(largest) - tail(edge))
+    edge = float(np.partition(most, -50)[-50])
+    beyond = _tail(largest, doubt, freedom) - _tail(edge, doubt, freedom)
     return float(np.clip(50 / DRAWS * math.exp(min(beyond, 0.0)), 1e-300, 1.0))
+
+
+def _tail(deviation: float, doubt: Doubt, freedom: float) -> float:
+    """Logarithm of the chance of so much along any of the directions, but for a factor.
+
+    Over all that the noise may be; in logarithms, as the tail may be beyond what a number can hold.
+    """
+    channels = doubt.by_channel.shape[1]
+    nodes = np.stack(np.meshgrid(*[SCALE] * channels), axis=-1).reshape(-1, channels)
+    scale = doubt.sd(nodes) / _stretch(doubt)
+    logsf = student(freedom).logsf if math.isfinite(freedom) else norm.logsf
+    # What is divided by nothing is nowhere.
+    far = logsf(deviation / np.maximum(scale, 1e-300)) + norm.logpdf(nodes).sum(axis=1)[:, None]
+    return float(logsumexp(far))
 
 
 def _freedom(white: Whitening) -> float:

@@ -48,6 +48,7 @@ class Colour:
         correlation: ρ, of neighbouring samples of that share.
         given: whether the sensor's noise was stated.
         freedom: how many independent squares tell the noise; infinite where it was stated.
+        told: ρ as neighbours' differences tell it, whether it counts as seen or not.
     """
 
     sd: np.ndarray
@@ -55,6 +56,7 @@ class Colour:
     correlation: float
     given: bool
     freedom: float = math.inf
+    told: float = 0.0
 
     @property
     def filter(self) -> tuple[float, float]:
@@ -241,7 +243,7 @@ def _colour(residual, own, carried, there, starts, given: bool, table=(math.nan,
     rough = _roughness(residual, sd, there, starts) - _rough_of_set(carried, noise, sd, there, starts)
     rho = 1 - rough / shared
     seen = rho > SEEN * correlation_error(shared, 0.0, there.size)
-    return Colour(sd, shared, min(rho, MOST) if seen else 0.0, given)
+    return Colour(sd, shared, min(rho, MOST) if seen else 0.0, given, told=rho)
 
 
 def _rough_of_set(carried, noise, sd, there, starts) -> float:

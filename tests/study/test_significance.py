@@ -2,12 +2,21 @@
 
 import numpy as np
 import pytest
-from scipy.stats import t
+from scipy.stats import norm, t
 
 from pamjax.study import significance as under_test
+from pamjax.study.noise_doubt import SCALE, Doubt
 from pamjax.study.significance import _chance, _deviation, _stretch
 
-SURE = np.zeros((1, 1))
+
+def doubt(much):
+    """That ln(standard deviation) of each of some directions is known to so much, (k,)."""
+    by = np.exp(2 * np.outer(much, SCALE))[:, None]
+    return Doubt(np.zeros(len(much)), by)
+
+
+def sure(many):
+    return doubt(np.zeros(many))
 
 
 def directions(many, size, seed=0):
@@ -21,7 +30,7 @@ def test_p_values_are_uniform_where_nothing_is():
     rows = directions(40, 300)
     rng = np.random.default_rng(1)
     largest = np.abs(rows @ rng.standard_normal((300, 400))).max(axis=0)
-    p = np.array([_chance(rows @ rows.T, x, SURE, seed=2) for x in largest])
+    p = np.array([_chance(rows @ rows.T, x, sure(40), seed=2) for x in largest])
     # Kolmogorov and Smirnov's distance of 400 uniform numbers is above 0.0815 in one of a hundred.
     assert np.max(np.abs(np.sort(p) - (np.arange(400) + 0.5) / 400)) < 0.0815
 
@@ -31,16 +40,16 @@ def test_p_values_are_uniform_where_most_directions_have_one_sign():
     rng = np.random.default_rng(3)
     largest = _deviation(rng.standard_normal((150, 300)) @ rows.T, either).max(axis=1)
     # The distance of 150 uniform numbers is above 0.133 in one of a hundred.
-    p = np.array([_chance(rows @ rows.T, x, SURE, seed=2, either=either) for x in largest])
+    p = np.array([_chance(rows @ rows.T, x, sure(40), seed=2, either=either) for x in largest])
     assert np.max(np.abs(np.sort(p) - (np.arange(150) + 0.5) / 150)) < 0.133
-    both = np.array([_chance(rows @ rows.T, x, SURE, seed=2) for x in largest])
+    both = np.array([_chance(rows @ rows.T, x, sure(40), seed=2) for x in largest])
     assert np.max(np.abs(np.sort(both) - (np.arange(150) + 0.5) / 150)) > 0.133
 
 
 def test_the_tail_beyond_the_draws_goes_on_where_they_end():
     rows = directions(40, 300)
     gram = rows @ rows.T
-    chances = [_chance(gram, x, SURE, seed=2) for x in np.linspace(3.0, 6.0, 13)]
+    chances = [_chance(gram, x, sure(40), seed=2) for x in np.linspace(3.0, 6.0, 13)]
     steps = np.diff(np.log(chances))
     assert np.all(steps < 0)
     # Nowhere does it jump: each step is steeper than the last, and by little.
@@ -48,14 +57,14 @@ def test_the_tail_beyond_the_draws_goes_on_where_they_end():
 
 
 def test_a_single_direction_has_the_chance_of_one():
-    assert _chance(np.eye(1), 1.96, SURE, seed=0) == pytest.approx(0.05, abs=0.01)
-    assert _chance(np.eye(1), 5.0, SURE, seed=0) == pytest.approx(5.7e-7, rel=0.5)
+    assert _chance(np.eye(1), 1.96, sure(1), seed=0) == pytest.approx(0.05, abs=0.01)
+    assert _chance(np.eye(1), 5.0, sure(1), seed=0) == pytest.approx(5.7e-7, rel=0.5)
 
 
-def seen(deviation, doubt):
+def seen(deviation, much):
     """The chance of the largest of five deviations whose noise is in doubt."""
-    doubts = np.full((5, 1), doubt)
-    return _chance(np.eye(5), deviation / _stretch(doubts)[0], doubts, seed=0)
+    five = doubt(np.full(5, much))
+    return _chance(np.eye(5), deviation / _stretch(five)[0], five, seed=0)
 
 
 def test_doubt_about_the_noise_makes_large_deviations_less_surprising():
@@ -64,13 +73,25 @@ def test_doubt_about_the_noise_makes_large_deviations_less_surprising():
 
 def test_a_deviation_of_known_noise_is_not_hidden_by_one_of_doubtful_noise(monkeypatch):
     """Thirty directions, one of them in doubt: a sure one counts about as if that were not there."""
-    doubts = np.zeros((30, 1))
-    doubts[0] = 0.6
-    p, sure = (_chance(np.eye(30), 4.2, doubt, seed=0) for doubt in (doubts, 0 * doubts))
-    assert sure < p < 4 * sure
+    one = doubt(np.r_[0.6, np.zeros(29)])
+    known = _chance(np.eye(30), 4.2, sure(30), seed=0)
+    assert known < _chance(np.eye(30), 4.2, one, seed=0) < 4 * known
     # Able to fail: undivided, the doubtful one hides it.
-    monkeypatch.setattr(under_test, "_stretch", lambda doubt: np.ones(len(doubt)))
-    assert _chance(np.eye(30), 4.2, doubts, seed=0) > 10 * sure
+    monkeypatch.setattr(under_test, "_stretch", lambda doubt: np.ones(30))
+    assert _chance(np.eye(30), 4.2, one, seed=0) > 10 * known
+
+
+def test_the_tail_of_doubtful_noise_has_the_closed_form():
+    """One direction whose ln(sd) is normal: the chance is an integral over it, far beyond any draw."""
+    much, far = 0.3, 9.0
+    scale = np.linspace(-4, 4, 4001)
+    want = 2 * np.trapezoid(norm.sf(far / np.exp(much * scale)) * norm.pdf(scale), scale)
+    one = doubt(np.array([much]))
+    assert want < 1e-5
+    assert _chance(np.eye(1), far / _stretch(one)[0], one, seed=0) == pytest.approx(want, rel=0.35)
+    # Able to fail: the tail of known noise from the last draws on is far too short.
+    edge = far / 3
+    assert want > 1e3 * 50 / 20000 * norm.sf(far) / norm.sf(edge)
 
 
 def test_noise_found_from_few_squares_makes_a_deviation_less_surprising():
@@ -78,15 +99,15 @@ def test_noise_found_from_few_squares_makes_a_deviation_less_surprising():
     gram = np.eye(1)
     for deviation, freedom in ((3.0, 3.0), (25.0, 3.0), (25.0, 2.0)):
         want = 2 * t.sf(deviation, freedom)
-        assert _chance(gram, deviation, SURE, freedom, 0) == pytest.approx(want, rel=0.25)
+        assert _chance(gram, deviation, sure(1), freedom, 0) == pytest.approx(want, rel=0.25)
     # Able to fail: known noise calls the same deviation impossible.
-    assert _chance(gram, 25.0, SURE, np.inf, 0) < 1e-100
+    assert _chance(gram, 25.0, sure(1), np.inf, 0) < 1e-100
 
 
 @pytest.mark.parametrize("freedom", [np.inf, 3.0])
-@pytest.mark.parametrize("doubt", [0.3, 2.0])
-def test_no_deviation_is_lost_to_a_tail_too_small_for_a_number(doubt, freedom):
-    chances = [_chance(np.eye(5), x, np.full((5, 1), doubt), freedom, 0) for x in (1e4, 1e6, 1e8)]
+@pytest.mark.parametrize("much", [0.3, 2.0])
+def test_no_deviation_is_lost_to_a_tail_too_small_for_a_number(much, freedom):
+    chances = [_chance(np.eye(5), x, doubt(np.full(5, much)), freedom, 0) for x in (1e4, 1e6, 1e8)]
     assert np.all(np.isfinite(chances))
     assert chances[0] >= chances[1] >= chances[2]
     assert chances[2] < 1e-6
