@@ -76,13 +76,21 @@ class _Search:
     def settled(self, model: Model) -> Model:
         return settle(self.found, self.used, model.chosen, model.at.values)
 
-    def worth(self, gain: float, excess: float, form: Form, small: bool) -> bool:
-        """Whether what a form takes away of an excess is significant, substantial and, if asked, sizeable."""
-        samples = self.baseline.white.size
+    def worth(self, less: Model, more: Model, small: bool, form: Form | None = None) -> bool:
+        """Whether a form is significant, substantial and, unless it may be small, sizeable.
+
+        Args:
+            less: the model without it.
+            more: the model with it.
+            small: whether it may be small beside the whole misfit.
+            form: which, the last of `more` by itself.
+        """
+        gain, samples = less.fair - more.fair, self.baseline.white.size
         alone, whole = gain / samples, self.baseline.excess / samples
-        sizeable = small or alone > SIZEABLE**2 * whole or gain > COMPLETE * excess
-        substantial = gain > SUBSTANTIAL * excess and alone > LEAST**2
-        return significant(gain, len(form.moves), len(self.candidates)) and substantial and sizeable
+        sizeable = small or alone > SIZEABLE**2 * whole or gain > COMPLETE * less.excess
+        substantial = gain > SUBSTANTIAL * less.excess and alone > LEAST**2
+        numbers = len((form or more.chosen[-1]).moves)
+        return significant(gain, numbers, len(self.candidates)) and substantial and sizeable
 
     def far(self, model: Model) -> bool:
         """Whether a model leaves much more than noise and the rough edges of forms."""
@@ -123,32 +131,34 @@ def search(
 
 def _ended(look: _Search, begin: Model, scored: Sequence[Signature] | None = None) -> Model:
     """Where a search ends that begins here."""
-    model = _pruned(look, _grown(look, begin, scored))
+    grown, refused = _grown(look, begin, scored)
+    model = _pruned(look, grown)
     if not model.chosen or model.excess < LEAST**2 * model.white.size:
         return model
+    if model is grown and not (refused and look.worth(model, refused, small=True)):
+        return model
     # What is small beside the whole may stay if nothing but noise is left then.
-    whole = _pruned(look, _grown(look, model, small=True), small=True)
+    whole = _pruned(look, _grown(look, model, small=True)[0], small=True)
     return whole if whole.excess < (1 - COMPLETE) * model.excess else model
 
 
 def _grown(
     look: _Search, model: Model, scored: Sequence[Signature] | None = None, small: bool = False
-) -> Model:
-    """The model with further forms, one at a time, as long as each is worth it."""
+) -> tuple[Model, Model | None]:
+    """The model with further forms, one at a time, as long as each is worth it; and the best that was not."""
     while len(model.chosen) < MOST:
-        better = _step(look, model, look.scored(model) if scored is None else scored, small)
-        if better is None:
-            break
-        model, scored = _swapped(look, better), None
-    return model
+        best = _best(look, model, look.scored(model) if scored is None else scored)
+        if best is None or not look.worth(model, best, small):
+            return model, best
+        model, scored = _swapped(look, look.settled(best)), None
+    return model, None
 
 
-def _step(look: _Search, model: Model, scored: Sequence[Signature], small: bool) -> Model | None:
-    """The model with the best further form, or None."""
-    trials = finished(look.found, abreast(partial(_with, look.found, model), _listed(look, model, scored)))
-    if not trials or not look.worth(model.fair - trials[0].fair, model.excess, trials[0].chosen[-1], small):
-        return None
-    return look.settled(trials[0])
+def _best(look: _Search, model: Model, scored: Sequence[Signature]) -> Model | None:
+    """The model with the best further form, not settled; None where none is out of reach of noise."""
+    listed = _listed(look, model, scored)
+    trials = finished(look.found, abreast(partial(_with, look.found, model), listed))
+    return trials[0] if trials else None
 
 
 def _listed(
@@ -174,7 +184,7 @@ def _pruned(look: _Search, model: Model, small: bool = False) -> Model:
         rest = abreast(partial(removed, look.found, model), range(len(model.chosen)))
         losses = [left.fair - model.fair for left in rest]
         k = int(np.argmin(losses))
-        if look.worth(losses[k], rest[k].excess, model.chosen[k], small):
+        if look.worth(rest[k], model, small, model.chosen[k]):
             break
         model = look.settled(rest[k])
     return model
@@ -190,7 +200,7 @@ def _beginnings(look: _Search, model: Model, first: Sequence[Signature]) -> list
     begins: list[Model] = []
     for pair in sorted(chain.from_iterable(abreast(pairs, singles)), key=lambda pair: pair.score):
         ids = set(pair.ids)
-        if ids <= set(model.ids) or ids >= set(model.ids):
+        if model.ids and (ids <= set(model.ids) or ids >= set(model.ids)):
             break
         if not any(ids == set(other.ids) for other in begins):
             begins.append(pair)
