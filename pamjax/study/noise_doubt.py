@@ -7,8 +7,10 @@ A direction d, white and of unit length, has the noise variance
 if the correlation is ρ′ where it was taken for ρ: a slow direction has more for a larger one, a fast one
 less. ρ′ may be zero, half a chance before anything was seen, or anything up to `MOST`; what neighbours'
 differences tell of it, with their error, weighs that. Where a channel's own noise is a small part of the
-whole they tell little, and slow noise may be there unseen. A channel in which no correlation was looked for
-has the doubt of so many squares. What it leaves out: that runs end, and a sensor that is worse than stated.
+whole they tell little, less still because that of pressure and length is known to a share only, and slow
+noise may be there unseen. A channel in which no correlation was looked for has the doubt of so many squared
+differences. What it leaves out: that runs end, a sensor that is worse than stated, and correlation where a
+sensor was not stated.
 Source: filtering of a stationary process, derived here.
 """
 
@@ -20,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm, truncnorm
 
-from pamjax.study.whiten import FEW, MOST, Colour, Whitening, correlation_error
+from pamjax.study.whiten import FEW, MOST, SENSOR, Colour, Whitening, correlation_error
 
 #: Standard normal variables at which a channel's noise is looked at; between them it is interpolated.
 SCALE = np.linspace(-4.0, 4.0, 33)
@@ -41,7 +43,7 @@ class Doubt:
     def sd(self, normal: np.ndarray) -> np.ndarray:
         """(m, k) standard deviations, for (m, channels) standard normal variables."""
         variance = np.broadcast_to(self.sure, (len(normal), self.sure.size)).copy()
-        place = np.clip(np.interp(normal, SCALE, np.arange(SCALE.size)), 0, SCALE.size - 1)
+        place = np.interp(normal, SCALE, np.arange(SCALE.size))
         below = np.minimum(place.astype(int), SCALE.size - 2)
         over = place - below
         for c in range(normal.shape[1]):
@@ -73,7 +75,7 @@ def _variances(colour: Colour | None, part: np.ndarray) -> np.ndarray:
     if colour is None or samples < 2 or math.isfinite(colour.freedom):
         return np.repeat(share, SCALE.size, axis=1)
     if not colour.given or samples < FEW:
-        return share * np.exp(SCALE * math.sqrt(2 / samples))
+        return share * np.exp(SCALE * math.sqrt(3 / samples))
     power = np.abs(np.fft.fft(part, axis=1)) ** 2 / samples
     there = np.exp(-2j * np.pi * np.arange(samples) / samples)
     taken = _density(colour.shared, colour.correlation, there)
@@ -84,11 +86,13 @@ def _variances(colour: Colour | None, part: np.ndarray) -> np.ndarray:
 def _correlations(colour: Colour, samples: int) -> np.ndarray:
     """The correlation as a standard normal variable has it, (SCALE,), by Bayes' rule."""
     told = colour.told
-    error = correlation_error(colour.shared, min(max(told, 0.0), MOST), samples)
+    by_chance = correlation_error(colour.shared, min(max(told, 0.0), MOST), samples)
+    # Of what is not the channel's own the variance is known to a share, and the difference passes for ρ.
+    error = math.hypot(by_chance, SENSOR * (1 - colour.shared) / colour.shared)
     low, high = -told / error, (MOST - told) / error
     some = float(norm.cdf(high) - norm.cdf(low)) / MOST
     none = float(norm.pdf(told / error)) / error
-    none = none / (none + some) if none + some > 0 else 0.0
+    none = none / (none + some) if none + some > 0 else float(told < 0)
     rank = np.clip((norm.cdf(SCALE) - none) / max(1 - none, 1e-12), 0.0, 1.0)
     there = truncnorm.ppf(rank, low, high, told, error)
     return np.where(rank > 0, np.clip(there, 0.0, MOST), 0.0)

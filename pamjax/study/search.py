@@ -15,7 +15,7 @@ noise begins again from the pairs that came nearest.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 
@@ -54,6 +54,9 @@ TIE, TIE_SHARE = 12.0, 0.1
 AGAIN, SECONDS = 3, 3
 
 
+Progress = Callable[[str, float], None]
+
+
 @dataclass(frozen=True, eq=False)
 class _Search:
     """What does not change while a recording is searched.
@@ -63,12 +66,14 @@ class _Search:
         used: (n,) the rows that may be looked at.
         baseline: its refit.
         candidates: the forms that may join.
+        progress: called with what is being done and the share done.
     """
 
     found: Problem
     used: np.ndarray
     baseline: Model
     candidates: Sequence[Form]
+    progress: Progress
 
     def scored(self, model: Model) -> list[Signature]:
         return signatures(self.found, model.white, model.at, self.candidates)
@@ -102,7 +107,7 @@ def search(
     used: np.ndarray,
     baseline: Model,
     first: Sequence[Signature],
-    progress: Callable[[str, float], None] = lambda doing, share: None,
+    progress: Progress = lambda doing, share: None,
 ) -> Model:
     """The baseline with the forms that explain what it leaves.
 
@@ -113,15 +118,15 @@ def search(
         first: the signatures of all forms that may join, at the baseline.
         progress: called with what is being done and the share done.
     """
-    look = _Search(found, used, baseline, [signature.form for signature in first])
-    progress("naming", 0.1)
+    look = _Search(found, used, baseline, [signature.form for signature in first], progress)
     model = _ended(look, baseline, first)
     if not look.far(model):
         return model
     begins = _beginnings(look, model, first)
+    again = replace(look, progress=lambda doing, share: None)
     for k, begin in enumerate(begins):
-        progress("naming again", 0.4 + 0.3 * k / len(begins))
-        other = _ended(look, look.settled(begin))
+        progress("naming again", 0.5 + 0.2 * k / len(begins))
+        other = _ended(again, again.settled(begin))
         if other.likely < model.likely - TIE:
             model = other
         if not look.far(model):
@@ -132,14 +137,16 @@ def search(
 def _ended(look: _Search, begin: Model, scored: Sequence[Signature] | None = None) -> Model:
     """Where a search ends that begins here."""
     grown, refused = _grown(look, begin, scored)
-    model = _pruned(look, grown)
+    # A single form was asked when it joined, unless the search began with it.
+    model = _pruned(look, grown, least=0 if begin.chosen else 1)
     if not model.chosen or model.excess < LEAST**2 * model.white.size:
         return model
     if model is grown and not (refused and look.worth(model, refused, small=True)):
         return model
     # What is small beside the whole may stay if nothing but noise is left then.
     whole = _pruned(look, _grown(look, model, small=True)[0], small=True)
-    return whole if whole.excess < (1 - COMPLETE) * model.excess else model
+    complete = whole.excess < (1 - COMPLETE) * model.excess and whole.likely < model.likely
+    return whole if complete else model
 
 
 def _grown(
@@ -147,6 +154,7 @@ def _grown(
 ) -> tuple[Model, Model | None]:
     """The model with further forms, one at a time, as long as each is worth it; and the best that was not."""
     while len(model.chosen) < MOST:
+        look.progress("naming", 0.1 + 0.1 * len(model.chosen))
         best = _best(look, model, look.scored(model) if scored is None else scored)
         if best is None or not look.worth(model, best, small):
             return model, best
@@ -178,9 +186,9 @@ def _swapped(look: _Search, model: Model) -> Model:
     return model
 
 
-def _pruned(look: _Search, model: Model, small: bool = False) -> Model:
+def _pruned(look: _Search, model: Model, small: bool = False, least: int = 1) -> Model:
     """Take out again what is no longer worth its place."""
-    while len(model.chosen) > 1:
+    while len(model.chosen) > least:
         rest = abreast(partial(removed, look.found, model), range(len(model.chosen)))
         losses = [left.fair - model.fair for left in rest]
         k = int(np.argmin(losses))

@@ -3,14 +3,18 @@
 Looked at are the signature of every form in the library and the shift of every part of the recording,
 each freed of what the baseline's numbers absorb: K unit directions, white. If the baseline is right, the
 residual along each is a standard normal variable, and all of them together are correlated as the
-directions themselves are; of an amplitude that cannot be negative only the positive side counts. The
-chance that the largest comes out as large as seen is found by drawing them; beyond what can be drawn, as
-that of as many independent ones as have the same tail.
+directions themselves are; of an amplitude that cannot be negative only the positive side counts. Noise was
+read off the recording, and is known no better than that: the standard deviations σ have a distribution of
+their own. The chance that the largest comes out as large as the d that was seen is that of a union,
 
-Noise was read off the recording, and is known no better than that: each draw is made with a noise of its
-own, as wide as that knowledge. Beside the directions stands the mean square of the residual itself, for
-what none of them shows. It allows for a sensor that is worse than stated and so hardly ever alarms: it gets
-a twentieth of the level.
+    P = Σ_jk w_j s_k Q(d / σ_jk) · E[1 / N],
+
+over what the noise may be (j, weight w) and directions (k, sides s): for noise and direction drawn by their
+part of the sum and the deviation there beyond d, N is how many of all K are beyond. Beside the directions
+stands the mean square of the residual itself, for what none of them shows. It allows for a sensor that is
+worse than stated and so hardly ever alarms: it gets a twentieth of the level.
+Source: the chance of a union by sampling its events, R. M. Karp, M. Luby & N. Madras, J. Algorithms 10, 429
+(1989).
 """
 
 from __future__ import annotations
@@ -19,7 +23,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import log_ndtr, logsumexp, ndtri_exp, softmax
 from scipy.stats import norm
 from scipy.stats import t as student
 
@@ -28,13 +32,13 @@ from pamjax.study.noise_doubt import SCALE, Doubt, doubt_of
 from pamjax.study.problem import Problem
 from pamjax.study.refit import Refit
 from pamjax.study.signature import Absorbed, Signature
-from pamjax.study.whiten import Whitening
+from pamjax.study.whiten import SENSOR, Whitening
 
-#: Draws of the largest of all directions.
-DRAWS = 20000
+#: Draws behind a p-value.
+DRAWS = 10000
 
-#: How well a lab knows its sensors' noise, as a share of its variance.
-SENSOR = 0.1
+#: How many numbers are held at once.
+AT_ONCE = 10**6
 
 #: Share of the level that goes to the mean square of the residual, rather than to the largest direction.
 OF_SQUARE = 0.05
@@ -101,8 +105,8 @@ def _deviation(along: np.ndarray, either: np.ndarray | bool) -> np.ndarray:
 
 def _stretch(doubt: Doubt) -> np.ndarray:
     """By what a deviation is divided, so that one of doubtful noise hides none of noise that is known."""
-    ends = np.full((2, doubt.by_channel.shape[1]), [[-2.0], [2.0]])
-    return np.maximum(doubt.sd(ends).max(axis=0), 1.0)
+    ends = doubt.by_channel[..., [int(np.argmin(abs(SCALE - z))) for z in (-2.0, 2.0)]]
+    return np.sqrt(np.maximum(doubt.sure + ends.max(axis=2).sum(axis=1), 1.0))
 
 
 def _chance(
@@ -118,38 +122,48 @@ def _chance(
     Their standard deviations are in doubt, and each is divided by what that may stretch it. Where the noise
     itself was found from few squares, they are correlated variables of Student.
     """
-    weights, vectors = np.linalg.eigh(gram)
-    root = vectors * np.sqrt(np.maximum(weights, 0.0))
-    channels, stretch = doubt.by_channel.shape[1], _stretch(doubt)
     rng = np.random.default_rng(seed)
-    most = np.empty(DRAWS)
-    for k in range(0, DRAWS, 2000):
-        drawn = _deviation(rng.standard_normal((2000, root.shape[1])) @ root.T, either)
-        drawn *= doubt.sd(rng.standard_normal((2000, channels))) / stretch
-        most[k : k + 2000] = drawn.max(axis=1)
-        if math.isfinite(freedom):
-            most[k : k + 2000] /= np.sqrt(rng.chisquare(freedom, 2000) / freedom)
-    above = np.count_nonzero(most >= largest)
-    if above >= 50:
-        return above / DRAWS
-    # As many independent variables as have the 50th largest draw at the same chance.
-    edge = float(np.partition(most, -50)[-50])
-    beyond = _tail(largest, doubt, freedom) - _tail(edge, doubt, freedom)
-    return float(np.clip(50 / DRAWS * math.exp(min(beyond, 0.0)), 1e-300, 1.0))
-
-
-def _tail(deviation: float, doubt: Doubt, freedom: float) -> float:
-    """Logarithm of the chance of so much along any of the directions, but for a factor.
-
-    Over all that the noise may be; in logarithms, as the tail may be beyond what a number can hold.
-    """
-    channels = doubt.by_channel.shape[1]
+    channels, either = doubt.by_channel.shape[1], np.broadcast_to(either, len(gram))
     nodes = np.stack(np.meshgrid(*[SCALE] * channels), axis=-1).reshape(-1, channels)
-    scale = doubt.sd(nodes) / _stretch(doubt)
-    logsf = student(freedom).logsf if math.isfinite(freedom) else norm.logsf
-    # What is divided by nothing is nowhere.
-    far = logsf(deviation / np.maximum(scale, 1e-300)) + norm.logpdf(nodes).sum(axis=1)[:, None]
-    return float(logsumexp(far))
+    sigma = doubt.sd(nodes) / _stretch(doubt)
+    weight = norm.logpdf(nodes).sum(axis=1)
+    # In logarithms throughout: a tail may be beyond what a number can hold.
+    part = (weight - logsumexp(weight))[:, None] + np.log(1.0 + either)
+    part += _log_tail(largest / np.maximum(sigma, 1e-300), freedom)
+    total = float(logsumexp(part))
+    drawn = rng.choice(part.size, DRAWS, p=softmax(part).ravel())
+    node, k = np.unravel_index(drawn, part.shape)
+    sign = np.where(either[k], rng.choice([-1.0, 1.0], DRAWS), 1.0)
+    there = sign * _beyond(largest / sigma[node, k], freedom, rng)
+    # Student's variables share the square that a noise was found from: what it is, given one of them.
+    shared = np.sqrt(rng.chisquare(freedom + 1, DRAWS) / (freedom + there**2)) if freedom < math.inf else 1.0
+    root, divided = _root(gram), np.broadcast_to(shared, DRAWS)
+    count = np.empty(DRAWS)
+    for some in np.array_split(np.arange(DRAWS), DRAWS * len(gram) // AT_ONCE + 1):
+        others = rng.standard_normal((some.size, len(gram))) @ root.T
+        off = there[some] * divided[some] - others[np.arange(some.size), k[some]]
+        others = (others + gram[k[some]] * off[:, None]) / divided[some, None]
+        count[some] = np.count_nonzero(_deviation(sigma[node[some]] * others, either) >= largest, axis=1)
+    # The one that was drawn is beyond, whatever its last digit says.
+    log_chance = total + math.log(float(np.mean(1 / np.maximum(count, 1))))
+    return float(np.clip(math.exp(min(log_chance, 0.0)), 1e-300, 1.0))
+
+
+def _root(gram: np.ndarray) -> np.ndarray:
+    weights, vectors = np.linalg.eigh(gram)
+    return vectors * np.sqrt(np.maximum(weights, 0.0))
+
+
+def _log_tail(deviation: np.ndarray, freedom: float) -> np.ndarray:
+    return student(freedom).logsf(deviation) if math.isfinite(freedom) else log_ndtr(-deviation)
+
+
+def _beyond(deviation: np.ndarray, freedom: float, rng: np.random.Generator) -> np.ndarray:
+    """Variables drawn from beyond some deviations."""
+    rank = np.log(rng.uniform(size=deviation.shape)) + _log_tail(deviation, freedom)
+    out = student(freedom).isf(np.exp(rank)) if math.isfinite(freedom) else -ndtri_exp(rank)
+    # At the edge of what numbers can tell apart.
+    return np.maximum(out, deviation)
 
 
 def _freedom(white: Whitening) -> float:

@@ -31,6 +31,9 @@ MOST = 0.98
 #: Correlation of neighbours, in standard errors, below which samples count as independent.
 SEEN = 2.0
 
+#: How well a lab knows its sensors' noise, as a share of its variance.
+SENSOR = 0.1
+
 #: Samples below which no correlation is looked for.
 FEW = 30
 

@@ -1,22 +1,36 @@
 """A search that began wrongly begins again, and small effects are named where they leave only noise."""
 
 import dataclasses
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from pamjax.records.blocks import blocks
 from pamjax.study import search as under_test
-from pamjax.study.forms import forms
+from pamjax.study.forms import Form, forms
 from pamjax.study.gain import held_out
 from pamjax.study.problem import problem
 from pamjax.study.search import search
-from pamjax.study.settled import settle
+from pamjax.study.settled import Model, settle
 from pamjax.study.setups import SIZE
 from pamjax.study.signature import signatures
 from pamjax.study.trial import Task, drawn
+from pamjax.study.whiten import Colour, Whitening
 
-pytestmark = pytest.mark.slow
+WHITE = Whitening(
+    (Colour(np.ones(1000), 1.0, 0.0, True), None),
+    (np.arange(1000), np.arange(0)),
+    (np.array([[0, 1000]]), np.zeros((0, 2), int)),
+)
+
+
+class Bare(under_test._Search):
+    """A search whose models need no refit."""
+
+    def settled(self, model):
+        return model
 
 
 def searched(task):
@@ -29,6 +43,7 @@ def searched(task):
     return set(envelope.concealed), search(found, used, baseline, first)
 
 
+@pytest.mark.slow
 def test_a_search_that_began_wrongly_begins_again(monkeypatch):
     """A diameter read wrongly and soft threads look like tapered ends first."""
     task = Task("all", "pair", 0.0, 2, seed=6)
@@ -41,6 +56,7 @@ def test_a_search_that_began_wrongly_begins_again(monkeypatch):
     assert stuck.excess > 10 * stuck.white.size
 
 
+@pytest.mark.slow
 def test_what_is_small_beside_the_whole_stays_where_it_leaves_only_noise(monkeypatch):
     """A drift and a gain of 7 and 8 standard deviations beside an offset of 42."""
     task = Task("all", "triple", 0.0, 1, seed=6)
@@ -49,20 +65,59 @@ def test_what_is_small_beside_the_whole_stays_where_it_leaves_only_noise(monkeyp
     assert concealed - set(model.ids) <= {"pressure_gain"}
     assert len(model.ids) == 3
     # Able to fail: without that the largest stands alone.
-    monkeypatch.setattr(under_test, "COMPLETE", 1.0)
+    worth = under_test._Search.worth
+    monkeypatch.setattr(
+        under_test._Search, "worth", lambda look, a, b, small, form=None: worth(look, a, b, False, form)
+    )
     _, alone = searched(task)
     assert alone.ids == ("length_offset",)
 
 
 def test_models_that_see_other_noise_are_compared_by_their_likelihood():
-    """The same residuals under twice the noise: a quarter of χ², and ln 4 for each sample."""
-    envelope = drawn(Task("all", "nothing", 0.5, 0, seed=6))
-    found = problem(envelope.case, SIZE)
-    model = settle(found, np.ones(found.n, dtype=bool), (), found.neutral)
-    white = model.white
-    loud = dataclasses.replace(
-        white, colours=tuple(c and dataclasses.replace(c, sd=2 * c.sd) for c in white.colours)
+    """Minus twice the logarithm of the normal density of all samples, written out."""
+    n, colour = 12, Colour(np.linspace(0.5, 2.0, 12), 0.7, 0.8, True)
+    white = Whitening(
+        (colour, None), (np.arange(n), np.arange(0)), (np.array([[0, n]]), np.zeros((0, 2), int))
     )
-    assert loud.volume - white.volume == pytest.approx(2 * np.log(2) * white.size)
-    residual = model.at.residual
-    assert loud(found.measured - found.shows(model.at.values)) == pytest.approx(residual / 2)
+    lag = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+    covariance = np.outer(colour.sd, colour.sd) * (0.7 * 0.8**lag + 0.3 * np.eye(n))
+    residual = np.random.default_rng(0).standard_normal((2, n))
+    cost = float(np.sum(white(residual) ** 2))
+    at: Any = SimpleNamespace(cost=cost, misfit=cost)
+    model = Model((), white, at)
+    want = np.linalg.slogdet(covariance)[1] + residual[0] @ np.linalg.solve(covariance, residual[0])
+    # The filter is that of a run without an end: its first samples are a little off.
+    assert model.likely == pytest.approx(want, abs=0.5)
+    # Able to fail: the score alone prefers whoever sees more noise.
+    loud = dataclasses.replace(white, colours=(dataclasses.replace(colour, sd=9 * colour.sd), None))
+    cost = float(np.sum(loud(residual) ** 2))
+    at = SimpleNamespace(cost=cost, misfit=cost)
+    louder = Model((), loud, at)
+    assert louder.score < model.score
+    assert louder.likely > model.likely + 10
+
+
+def test_a_name_that_a_search_began_with_is_asked_as_well(monkeypatch):
+    """Of a pair that nobody asked neither explains much: the baseline stays bare."""
+    a, b = (Form(id, (f"{id}.much",), {}) for id in "ab")
+
+    def model(*chosen):
+        taken = sum({"a": 10.0, "b": 50.0}[form.id] for form in chosen)
+        at: Any = SimpleNamespace(cost=2000 - taken, misfit=2000 - taken)
+        return Model(chosen, WHITE, at)
+
+    monkeypatch.setattr(
+        under_test, "removed", lambda found, one, k: model(*one.chosen[:k], *one.chosen[k + 1 :])
+    )
+    monkeypatch.setattr(under_test, "_Search", lambda *given: Bare(*given))
+    monkeypatch.setattr(under_test, "_grown", lambda look, one, scored, small=False: (one, None))
+    monkeypatch.setattr(under_test, "_beginnings", lambda look, one, first: [model(a, b)])
+    found: Any = SimpleNamespace()
+    ended = search(found, np.ones(1000, dtype=bool), model(), [])
+    assert ended.ids == ()
+    # Able to fail: a pair of which each explains a good part stays.
+    monkeypatch.setattr(under_test, "significant", lambda gain, numbers, tried: True)
+    monkeypatch.setattr(under_test, "SUBSTANTIAL", 0.0)
+    monkeypatch.setattr(under_test, "LEAST", 0.0)
+    monkeypatch.setattr(under_test, "SIZEABLE", 0.0)
+    assert search(found, np.ones(1000, dtype=bool), model(), []).ids == ("a", "b")

@@ -1,12 +1,16 @@
 """One p-value for the largest of many correlated directions."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.stats import norm, t
 
 from pamjax.study import significance as under_test
-from pamjax.study.noise_doubt import SCALE, Doubt
-from pamjax.study.significance import _chance, _deviation, _stretch
+from pamjax.study.noise_doubt import SCALE, Doubt, doubt_of
+from pamjax.study.significance import _chance, _deviation, _stretch, significance
+from pamjax.study.whiten import Colour, Whitening
 
 
 def doubt(much):
@@ -83,15 +87,53 @@ def test_a_deviation_of_known_noise_is_not_hidden_by_one_of_doubtful_noise(monke
 
 def test_the_tail_of_doubtful_noise_has_the_closed_form():
     """One direction whose ln(sd) is normal: the chance is an integral over it, far beyond any draw."""
-    much, far = 0.3, 9.0
+    much, far = 0.3, 6.0
     scale = np.linspace(-4, 4, 4001)
     want = 2 * np.trapezoid(norm.sf(far / np.exp(much * scale)) * norm.pdf(scale), scale)
     one = doubt(np.array([much]))
-    assert want < 1e-5
-    assert _chance(np.eye(1), far / _stretch(one)[0], one, seed=0) == pytest.approx(want, rel=0.35)
-    # Able to fail: the tail of known noise from the last draws on is far too short.
-    edge = far / 3
-    assert want > 1e3 * 50 / 20000 * norm.sf(far) / norm.sf(edge)
+    assert want < 1e-3
+    assert _chance(np.eye(1), far / _stretch(one)[0], one, seed=0) == pytest.approx(want, rel=0.02)
+    # Able to fail: what is known has no such tail.
+    assert _chance(np.eye(1), far, sure(1), seed=0) < 1e-2 * want
+
+
+@pytest.mark.parametrize("alike", [0.0, 0.99])
+def test_the_tail_of_many_doubtful_directions_is_that_of_drawing_them(alike):
+    """Two hundred, all of one doubtful noise, none or nearly all the same; half have one sign."""
+    many, much, far = 200, 0.5, 9.0
+    gram = np.full((many, many), alike) + (1 - alike) * np.eye(many)
+    either = np.arange(many) < 100
+    every = doubt(np.full(many, much))
+    rng = np.random.default_rng(4)
+    hits = []
+    for _ in range(40):
+        shared, own = rng.standard_normal((2000, 1)), rng.standard_normal((2000, many))
+        drawn = np.sqrt(alike) * shared + np.sqrt(1 - alike) * own
+        drawn *= np.exp(much * rng.standard_normal((2000, 1)))
+        hits.append(np.mean(_deviation(drawn, either).max(axis=1) >= far))
+    want, error = np.mean(hits), np.std(hits) / np.sqrt(40)
+    assert 1e-4 < want < 0.1
+    assert _chance(gram, far / _stretch(every)[0], every, either=either) == pytest.approx(want, abs=4 * error)
+    # Able to fail: as many independent ones of known noise have another tail.
+    assert abs(_chance(np.eye(many), far / _stretch(every)[0], sure(many), either=either) - want) > 8 * error
+
+
+def test_a_noise_that_a_table_tells_is_shared_by_all_directions():
+    """Drawn: fifty directions over one square of three degrees of freedom."""
+    rng, freedom, far = np.random.default_rng(5), 3.0, 12.0
+    drawn = np.abs(rng.standard_normal((200_000, 50))).max(axis=1)
+    want = np.mean(drawn / np.sqrt(rng.chisquare(freedom, drawn.size) / freedom) > far)
+    assert _chance(np.eye(50), far, sure(50), freedom) == pytest.approx(want, rel=0.05)
+    # Able to fail: fifty of a square each reach as far many times as often.
+    assert 1 - (1 - 2 * t.sf(far, freedom)) ** 50 > 2 * want
+
+
+def test_both_ends_of_a_doubt_stretch():
+    """A fast direction has more noise for a smaller correlation."""
+    fast = Doubt(np.zeros(1), np.exp(-2 * 0.3 * SCALE)[None, None])
+    assert _stretch(fast) == pytest.approx([np.exp(0.6)])
+    slow_and_fast = np.stack([0.5 * np.exp(2 * 0.3 * SCALE), 0.5 * np.exp(-2 * 0.3 * SCALE)])[None]
+    assert _stretch(Doubt(np.zeros(1), slow_and_fast)) == pytest.approx([np.exp(0.6)])
 
 
 def test_noise_found_from_few_squares_makes_a_deviation_less_surprising():
@@ -111,3 +153,22 @@ def test_no_deviation_is_lost_to_a_tail_too_small_for_a_number(much, freedom):
     assert np.all(np.isfinite(chances))
     assert chances[0] >= chances[1] >= chances[2]
     assert chances[2] < 1e-6
+
+
+def test_the_deviation_that_was_seen_is_divided_as_the_draws_are(monkeypatch):
+    """Four standard deviations along a slow direction of a channel whose own noise is a fifth."""
+    n = 700
+    slow = np.ones((1, n)) / np.sqrt(n)
+    colour = Colour(np.ones(n), 0.2, 0.0, True, told=0.4)
+    runs = (np.array([[0, n]]), np.zeros((0, 2), int))
+    white = Whitening((colour, None), (np.arange(n), np.arange(0)), runs)
+    at: Any = SimpleNamespace(residual=4.0 * slow[0], jacobian=np.zeros((n, 1)), prior=np.ones(1))
+    monkeypatch.setattr(under_test, "shifts", lambda found, white: slow)
+    monkeypatch.setattr(under_test, "_square", lambda found, white, at: (1.0, -np.inf))
+    found: Any = None
+    judged = significance(found, white, at, [])
+    stretch = _stretch(doubt_of(white, slow))[0]
+    assert stretch > 1.3
+    assert judged.largest == pytest.approx(4.0 / stretch)
+    # Able to fail: undivided, it would be as rare as one that is larger by that factor.
+    assert _chance(np.eye(1), 4.0, doubt_of(white, slow)) < 0.5 * judged.p_value
