@@ -122,6 +122,8 @@ def _chance(
     Their standard deviations are in doubt, and each is divided by what that may stretch it. Where the noise
     itself was found from few squares, they are correlated variables of Student.
     """
+    if not len(gram):
+        return 1.0
     rng = np.random.default_rng(seed)
     channels, either = doubt.by_channel.shape[1], np.broadcast_to(either, len(gram))
     nodes = np.stack(np.meshgrid(*[SCALE] * channels), axis=-1).reshape(-1, channels)
@@ -130,23 +132,31 @@ def _chance(
     # In logarithms throughout: a tail may be beyond what a number can hold.
     part = (weight - logsumexp(weight))[:, None] + np.log(1.0 + either)
     part += _log_tail(largest / np.maximum(sigma, 1e-300), freedom)
-    total = float(logsumexp(part))
     drawn = rng.choice(part.size, DRAWS, p=softmax(part).ravel())
     node, k = np.unravel_index(drawn, part.shape)
     sign = np.where(either[k], rng.choice([-1.0, 1.0], DRAWS), 1.0)
     there = sign * _beyond(largest / sigma[node, k], freedom, rng)
-    # Student's variables share the square that a noise was found from: what it is, given one of them.
-    shared = np.sqrt(rng.chisquare(freedom + 1, DRAWS) / (freedom + there**2)) if freedom < math.inf else 1.0
-    root, divided = _root(gram), np.broadcast_to(shared, DRAWS)
-    count = np.empty(DRAWS)
+    # The square that a noise was found from is shared by all variables of Student: what it is, given one.
+    square = (
+        rng.chisquare(freedom + 1, DRAWS) / (freedom + there**2) if freedom < math.inf else np.ones(DRAWS)
+    )
+    root, over = _root(gram), np.empty(DRAWS)
     for some in np.array_split(np.arange(DRAWS), DRAWS * len(gram) // AT_ONCE + 1):
-        others = rng.standard_normal((some.size, len(gram))) @ root.T
-        off = there[some] * divided[some] - others[np.arange(some.size), k[some]]
-        others = (others + gram[k[some]] * off[:, None]) / divided[some, None]
-        count[some] = np.count_nonzero(_deviation(sigma[node[some]] * others, either) >= largest, axis=1)
-    # The one that was drawn is beyond, whatever its last digit says.
-    log_chance = total + math.log(float(np.mean(1 / np.maximum(count, 1))))
+        scale = np.sqrt(square[some])[:, None]
+        all_of_them = _given(gram, root, k[some], there[some] * scale[:, 0], rng) / scale
+        beyond = _deviation(sigma[node[some]] * all_of_them, either) >= largest
+        # The one that was drawn is beyond, whatever its last digit says.
+        over[some] = 1 / np.maximum(np.count_nonzero(beyond, axis=1), 1)
+    log_chance = float(np.asarray(logsumexp(part))) + math.log(float(over.mean()))
     return float(np.clip(math.exp(min(log_chance, 0.0)), 1e-300, 1.0))
+
+
+def _given(
+    gram: np.ndarray, root: np.ndarray, k: np.ndarray, there: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """Correlated standard normal variables, (m, K), of which the k-th is what it is."""
+    drawn = rng.standard_normal((k.size, len(gram))) @ root.T
+    return drawn + gram[k] * (there - drawn[np.arange(k.size), k])[:, None]
 
 
 def _root(gram: np.ndarray) -> np.ndarray:

@@ -128,6 +128,10 @@ def test_a_noise_that_a_table_tells_is_shared_by_all_directions():
     assert 1 - (1 - 2 * t.sf(far, freedom)) ** 50 > 2 * want
 
 
+def test_where_nothing_can_be_looked_along_nothing_is_found():
+    assert _chance(np.eye(0), 0.0, sure(0)) == 1.0
+
+
 def test_both_ends_of_a_doubt_stretch():
     """A fast direction has more noise for a smaller correlation."""
     fast = Doubt(np.zeros(1), np.exp(-2 * 0.3 * SCALE)[None, None])
