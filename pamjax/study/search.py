@@ -97,6 +97,10 @@ class _Search:
         numbers = len((form or more.chosen[-1]).moves)
         return significant(gain, numbers, len(self.candidates)) and substantial and sizeable
 
+    def completes(self, more: Model, less: Model) -> bool:
+        """Whether hardly anything but noise is left of what another model leaves, and that is likelier."""
+        return more.excess < (1 - COMPLETE) * less.excess and more.likely < less.likely
+
     def far(self, model: Model) -> bool:
         """Whether a model leaves much more than noise and the rough edges of forms."""
         return model.excess > max(REST**2 * model.white.size, REST_SHARE**2 * self.baseline.excess)
@@ -127,7 +131,8 @@ def search(
     for k, begin in enumerate(begins):
         progress("naming again", 0.5 + 0.2 * k / len(begins))
         other = _ended(again, again.settled(begin))
-        if other.likely < model.likely - TIE:
+        # Many pairs bend towards what is in no catalogue: only what leaves nothing but noise is believed.
+        if look.completes(other, model):
             model = other
         if not look.far(model):
             break
@@ -137,16 +142,14 @@ def search(
 def _ended(look: _Search, begin: Model, scored: Sequence[Signature] | None = None) -> Model:
     """Where a search ends that begins here."""
     grown, refused = _grown(look, begin, scored)
-    # A single form was asked when it joined, unless the search began with it.
-    model = _pruned(look, grown, least=0 if begin.chosen else 1)
+    model = _pruned(look, grown)
     if not model.chosen or model.excess < LEAST**2 * model.white.size:
         return model
     if model is grown and not (refused and look.worth(model, refused, small=True)):
         return model
     # What is small beside the whole may stay if nothing but noise is left then.
     whole = _pruned(look, _grown(look, model, small=True)[0], small=True)
-    complete = whole.excess < (1 - COMPLETE) * model.excess and whole.likely < model.likely
-    return whole if complete else model
+    return whole if look.completes(whole, model) else model
 
 
 def _grown(
@@ -186,9 +189,9 @@ def _swapped(look: _Search, model: Model) -> Model:
     return model
 
 
-def _pruned(look: _Search, model: Model, small: bool = False, least: int = 1) -> Model:
+def _pruned(look: _Search, model: Model, small: bool = False) -> Model:
     """Take out again what is no longer worth its place."""
-    while len(model.chosen) > least:
+    while len(model.chosen) > 1:
         rest = abreast(partial(removed, look.found, model), range(len(model.chosen)))
         losses = [left.fair - model.fair for left in rest]
         k = int(np.argmin(losses))
