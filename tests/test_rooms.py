@@ -10,7 +10,7 @@ import pytest
 import pamjax
 
 #: From left to right; `view` is the last but the words of the command line, so nothing else imports it.
-ROOMS = ["check", "units", "parameter", "model", "records", "infer", "study", "design", "view", "cli"]
+ROOMS = "check progress units parameter model records infer study design view cli".split()
 HOME = Path(pamjax.__file__).parent
 FILES = sorted(HOME.rglob("*.py"))
 #: What reads recordings and tables: a typo in a header must not cost the second that JAX takes to load.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import jax
@@ -12,6 +12,7 @@ from scipy.stats import qmc
 from pamjax.design.candidate import index, many
 from pamjax.design.optimise import Answer, relax, search
 from pamjax.design.problem import OUTPUT, Problem
+from pamjax.progress import Progress, silent
 
 #: Candidates by which each choice is looked at first; a power of two.
 LOOKS = 128
@@ -71,7 +72,7 @@ def best_of(
     starts: int,
     seed: int,
     method: str = "slsqp",
-    progress: Callable[[str, float], None] = lambda doing, share: None,
+    progress: Progress = silent,
 ) -> tuple[list[Tried], int]:
     """Search the choices.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from pamjax.design.problem import choices, problem
 from pamjax.design.requirements import Asked, ask
 from pamjax.design.result import Design
 from pamjax.design.spec import Spec, read_spec
+from pamjax.progress import Progress, silent
 
 #: Choices, the best first, that are made to hold with a probability.
 MADE_SURE = 6
@@ -32,7 +33,7 @@ def size(
     method: str = "slsqp",
     seed: int = 0,
     margins: bool = True,
-    progress: Callable[[str, float], None] = lambda doing, share: None,
+    progress: Progress = silent,
 ) -> Design:
     """Find the geometry and the material of a muscle that does what a spec wants.
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ import numpy as np
 
 from pamjax.check import BadInput, refuse
 from pamjax.model.library import mechanism
+from pamjax.progress import Progress, silent
 from pamjax.records.case import Case, as_case
 from pamjax.records.files import write_beside
 from pamjax.study.experiment import ENOUGH, Experiment, choose, joined, stand_in, table
@@ -114,7 +114,7 @@ def tell(
     case: Case | str | Path,
     first: str,
     second: str,
-    progress: Callable[[str, float], None] = lambda doing, share: None,
+    progress: Progress = silent,
 ) -> Contest:
     """Which protocol of the menu settles which of two mechanisms a recording shows.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from pamjax.model.assembly import bench_law
 from pamjax.model.balance import Status
 from pamjax.model.catalogue import LAWS
 from pamjax.model.library import not_twice
+from pamjax.progress import Progress, silent
 from pamjax.records.blocks import blocks
 from pamjax.records.case import Case, as_case
 
@@ -35,12 +36,6 @@ REWEIGH = 12
 
 #: The repeats end when no channel's weight changes by more than this share.
 SETTLED = 0.02
-
-Progress = Callable[[str, float], None]
-
-
-def silent(doing: str, share: float) -> None:
-    """Tell nobody what is being done, and the share done."""
 
 
 def fit(

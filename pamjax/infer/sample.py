@@ -15,13 +15,13 @@ from pamjax.infer.chains import kept
 from pamjax.infer.checkpoint import Arrays, Checkpoint, identity
 from pamjax.infer.density import Density, density_of, tempered
 from pamjax.infer.ensemble import Ensemble
-from pamjax.infer.fit import Progress, silent
 from pamjax.infer.fit import fit as calibrate
 from pamjax.infer.laplace import Ball, laplace
 from pamjax.infer.nuts import Nuts
 from pamjax.infer.posterior import Posterior
 from pamjax.infer.result import Fit
 from pamjax.infer.walk import Walk, together, walk_on
+from pamjax.progress import Progress, silent
 from pamjax.records.case import Case
 
 Sampler = Literal["emcee", "nuts"]

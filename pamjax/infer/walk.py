@@ -13,8 +13,8 @@ import numpy as np
 from pamjax.infer.chains import TRUSTED, Health, health, kept
 from pamjax.infer.checkpoint import Arrays, Checkpoint
 from pamjax.infer.density import Density
-from pamjax.infer.fit import Progress
 from pamjax.infer.laplace import Ball
+from pamjax.progress import Progress
 
 #: Draws between two looks at the chain; saved together.
 CHUNK = 50

@@ -114,7 +114,7 @@ def assemble_bench(law: str, ids: tuple[str, ...], numbers: Mapping[str, Array])
 
 
 def stiffness(numbers: Mapping[str, Array]) -> Array:
-    """Pull of all threads in_order at unit strain, n E A, N, however it is stated."""
+    """Pull of all threads together at unit strain, n E A, N, however it is stated."""
     if "thread.stiffness" in numbers:
         return numbers["thread.stiffness"]
     return numbers["thread.modulus"] * numbers["muscle.threads"] * numbers["muscle.thread_area"]

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 
 from pamjax.check import BadInput
+from pamjax.progress import Progress, silent
 from pamjax.records.case import Case
 from pamjax.study.diagnose import STEP, diagnose
 from pamjax.study.diagnosis import Diagnosis
-
-Progress = Callable[[str, float], None]
 
 
 def diagnose_all(
     cases: Sequence[Case],
     *,
     seed: int = 0,
-    progress: Progress = lambda doing, share: None,
+    progress: Progress = silent,
     workers: int | None = None,
 ) -> Iterator[tuple[Case, Diagnosis | BadInput]]:
     """Diagnose each recording, and hand out each verdict as soon as it is there.
@@ -51,8 +50,7 @@ def diagnose_all(
         return
     with ThreadPoolExecutor(workers) as pool:
         waiting: dict[Future, Case] = {
-            pool.submit(one, case, size, lambda doing, share: None): case
-            for case, size in zip(cases, sizes, strict=True)
+            pool.submit(one, case, size, silent): case for case, size in zip(cases, sizes, strict=True)
         }
         progress(f"{len(cases)} recordings", 0.0)
         for future in as_completed(waiting):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from pamjax.progress import Progress, silent
 from pamjax.records.blocks import blocks
 from pamjax.records.case import Case, as_case
 from pamjax.study.borne_out import borne_out
@@ -30,15 +30,13 @@ from pamjax.study.undetermined import undetermined
 #: Recordings are padded to a multiple of so many rows, so that those of like length share a program.
 STEP = 512
 
-Progress = Callable[[str, float], None]
-
 
 def diagnose(
     case: Case | str | Path,
     *,
     size: int | None = None,
     seed: int = 0,
-    progress: Progress = lambda doing, share: None,
+    progress: Progress = silent,
 ) -> Diagnosis:
     """Say what a recording's baseline leaves out.
 

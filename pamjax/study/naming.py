@@ -6,15 +6,16 @@ probability.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from pamjax.progress import Progress, silent
 from pamjax.study.abreast import abreast
 from pamjax.study.forms import Form, forms
 from pamjax.study.problem import Problem
-from pamjax.study.search import FINAL, TIE, TIE_SHARE, finished, removed, replacements, search
+from pamjax.study.search import TIE, TIE_SHARE, finished, halfway, removed, replacements, search
 from pamjax.study.settled import Model, settle
 from pamjax.study.signature import Signature, signatures
 
@@ -22,8 +23,6 @@ from pamjax.study.signature import Signature, signatures
 ESTABLISHED = 0.5
 #: χ² by which a rough refit that is pulled by noise may be too high.
 NEAR = 36.0
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +63,7 @@ class Naming:
     first: tuple[Signature, ...]
 
 
-def name_mechanisms(
-    found: Problem, used: np.ndarray, progress: Progress = lambda doing, share: None
-) -> Naming:
+def name_mechanisms(found: Problem, used: np.ndarray, progress: Progress = silent) -> Naming:
     """Name what the baseline has left out of a recording.
 
     Args:
@@ -105,10 +102,9 @@ def _name(found, model: Model, k: int, candidates) -> Name:
     left = removed(found, model, k)
     gain = left.fair - model.fair
     trials = replacements(found, left, form, candidates)
-    # The best rival gets every chance, and so does a second that noise may have pulled too high; the others
-    # are far enough behind already.
-    near = sum(trial.score < model.score + NEAR for trial in trials)
-    ends = {m.chosen[-1].id: m for m in [*trials, *finished(found, trials, min(max(near, 1), FINAL))]}
+    # Who comes near gets every chance: noise may have pulled it too high. The others are far behind already.
+    near = [trial for trial in trials if trial.score < max(model.score + NEAR, halfway(left, model))]
+    ends = {m.chosen[-1].id: m for m in [*trials, *finished(found, near)]}
     rivals = {id: m.score - model.score for id, m in ends.items()}
     # What is left unexplained shows how far off textbook forms are here: it blurs a comparison.
     blur = 1 + model.excess / 8

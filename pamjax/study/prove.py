@@ -14,13 +14,13 @@ from pathlib import Path
 
 import pamjax.study.trial
 from pamjax.check import refuse
+from pamjax.progress import Progress, silent
 from pamjax.study.trial import Task, Trial, read_line
 
 #: One thread a process: two processes with two threads each are slower than with one. (Not the compiler's
 #: flags: programs compiled under other flags would not be found in the cache.)
 SINGLE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
-Progress = Callable[[str, float], None]
 Attempt = Callable[[Task], Trial]
 
 
@@ -29,7 +29,7 @@ def prove(
     file: Path,
     *,
     workers: int = 1,
-    progress: Progress = lambda doing, share: None,
+    progress: Progress = silent,
     attempt: Attempt | None = None,
 ) -> list[Trial]:
     """Diagnose envelopes that are not in the file yet.

@@ -14,7 +14,7 @@ noise begins again from the pairs that came nearest.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
@@ -23,6 +23,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from pamjax.model.library import TWICE
+from pamjax.progress import Progress, silent
 from pamjax.study.abreast import abreast
 from pamjax.study.forms import Form
 from pamjax.study.passed import passed
@@ -52,9 +53,6 @@ MOST = 4
 TIE, TIE_SHARE = 12.0, 0.1
 #: From how many pairs a search begins again, and how many seconds are tried beside each first form.
 AGAIN, SECONDS = 3, 3
-
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +95,11 @@ class _Search:
         numbers = len((form or more.chosen[-1]).moves)
         return significant(gain, numbers, len(self.candidates)) and substantial and sizeable
 
+    def exhausted(self, model: Model, best: Signature) -> bool:
+        """Whether too little is left, in all and along the best form, for any form to be worth its place."""
+        least = LEAST**2 * model.white.size
+        return model.excess < least and best.gain < least / 2
+
     def completes(self, more: Model, less: Model) -> bool:
         """Whether hardly anything but noise is left of what another model leaves, and that is likelier."""
         return more.excess < (1 - COMPLETE) * less.excess and more.likely < less.likely
@@ -111,7 +114,7 @@ def search(
     used: np.ndarray,
     baseline: Model,
     first: Sequence[Signature],
-    progress: Progress = lambda doing, share: None,
+    progress: Progress = silent,
 ) -> Model:
     """The baseline with the forms that explain what it leaves.
 
@@ -127,7 +130,7 @@ def search(
     if not look.far(model):
         return model
     begins = _beginnings(look, model, first)
-    again = replace(look, progress=lambda doing, share: None)
+    again = replace(look, progress=silent)
     for k, begin in enumerate(begins):
         progress("naming again", 0.5 + 0.2 * k / len(begins))
         other = _ended(again, again.settled(begin))
@@ -148,28 +151,37 @@ def _ended(look: _Search, begin: Model, scored: Sequence[Signature] | None = Non
     if model is grown and not (refused and look.worth(model, refused, small=True)):
         return model
     # What is small beside the whole may stay if nothing but noise is left then.
-    whole = _pruned(look, _grown(look, model, small=True)[0], small=True)
+    best = refused if model is grown else None
+    whole = _pruned(look, _grown(look, model, small=True, best=best)[0], small=True)
     return whole if look.completes(whole, model) else model
 
 
 def _grown(
-    look: _Search, model: Model, scored: Sequence[Signature] | None = None, small: bool = False
+    look: _Search,
+    model: Model,
+    scored: Sequence[Signature] | None = None,
+    small: bool = False,
+    best: Model | None = None,
 ) -> tuple[Model, Model | None]:
-    """The model with further forms, one at a time, as long as each is worth it; and the best that was not."""
+    """The model with further forms, one at a time, as long as each is worth it; and the best that was not.
+
+    Signatures at the model, or the best model with one form more, need not be found twice.
+    """
     while len(model.chosen) < MOST:
         look.progress("naming", 0.1 + 0.1 * len(model.chosen))
-        best = _best(look, model, look.scored(model) if scored is None else scored)
+        best = best or _best(look, model, look.scored(model) if scored is None else scored)
         if best is None or not look.worth(model, best, small):
             return model, best
-        model, scored = _swapped(look, look.settled(best)), None
+        model, scored, best = _swapped(look, look.settled(best)), None, None
     return model, None
 
 
 def _best(look: _Search, model: Model, scored: Sequence[Signature]) -> Model | None:
-    """The model with the best further form, not settled; None where none is out of reach of noise."""
+    """The model with the best further form, not settled; None where none could be worth its place."""
     listed = _listed(look, model, scored)
-    trials = finished(look.found, abreast(partial(_with, look.found, model), listed))
-    return trials[0] if trials else None
+    if not listed or look.exhausted(model, listed[0]):
+        return None
+    return finished(look.found, abreast(partial(_with, look.found, model), listed))[0]
 
 
 def _listed(
@@ -183,7 +195,8 @@ def _swapped(look: _Search, model: Model) -> Model:
     """Put another in the place of an earlier form where that fits better now."""
     for k in range(len(model.chosen) - 1):
         left = removed(look.found, model, k)
-        trials = finished(look.found, replacements(look.found, left, model.chosen[k], look.candidates))
+        rivals = replacements(look.found, left, model.chosen[k], look.candidates)
+        trials = finished(look.found, [one for one in rivals if one.score < halfway(left, model)])
         if trials and trials[0].score < model.score - TIE:
             model = look.settled(trials[0])
     return model
@@ -267,6 +280,11 @@ def finished(found: Problem, trials: Sequence[Model], many: int = FINAL) -> list
         return freed(found, m.chosen, m.white, refit(found, m.white, m.at.moved, m.at.values))
 
     return sorted(abreast(end, rough), key=lambda trial: trial.score)
+
+
+def halfway(left: Model, model: Model) -> float:
+    """The score that a rough refit of a rival beats if it is to make up for a form that was taken out."""
+    return (left.score + model.score) / 2
 
 
 def replacements(found, left: Model, form: Form, candidates) -> list[Model]:

@@ -28,6 +28,7 @@ from pamjax.study.forms import Form, forms
 from pamjax.study.naming import Name
 from pamjax.study.passed import passed
 from pamjax.study.problem import Problem
+from pamjax.study.refit import MOST as TO_THE_END
 from pamjax.study.refit import refit
 from pamjax.study.settled import Model, freed, places, without
 
@@ -51,12 +52,12 @@ def spread(found: Problem, model: Model, names: Sequence[Name]) -> Model:
         model: with names, refitted.
         names: what each of them is worth beside its rivals.
     """
-    ends = abreast(partial(_refitted, found, model, ENOUGH), _starts(found, model))
+    ends = abreast(partial(_refitted, found, model), _starts(found, model))
     near = [end for end in ends if end.at.cost < model.at.cost + NEAR]
     minima = sorted(abreast(partial(_fair, found), near), key=lambda end: end.fair)
     if minima and minima[0].fair < model.fair - LOWER:
         minima.append(model)
-        model = _freed(found, _refitted(found, model, 4 * ENOUGH, minima[0].at.values))
+        model = _freed(found, _refitted(found, model, minima[0].at.values, TO_THE_END))
     moves = _among(model, minima) + [move for name in names for move in _of_ties(found, model, name)]
     moved = list(model.at.moved)
     between = sum((p * np.outer(by[moved], by[moved]) for p, by in moves), np.zeros((len(moved),) * 2))
@@ -77,7 +78,7 @@ def _starts(found: Problem, model: Model) -> list[np.ndarray]:
     return starts
 
 
-def _refitted(found: Problem, model: Model, most: int, start: np.ndarray) -> Model:
+def _refitted(found: Problem, model: Model, start: np.ndarray, most: int = ENOUGH) -> Model:
     return replace(model, at=refit(found, model.white, model.at.moved, start, most))
 
 

@@ -113,9 +113,8 @@ class Whitening:
         for colour, rows, runs in zip(self.colours, self.rows, self.runs, strict=True):
             if colour is not None:
                 after_another = rows.size - len(runs)
-                out += 2 * float(np.sum(np.log(colour.sd[rows]))) + 2 * after_another * math.log(
-                    colour.filter[1]
-                )
+                out += 2 * float(np.sum(np.log(colour.sd[rows])))
+                out += 2 * after_another * math.log(colour.filter[1])
         return out
 
     def of_rows(self, mask: np.ndarray) -> Whitening:

@@ -112,7 +112,7 @@ def test_a_search_goes_only_where_nothing_but_noise_is_left(monkeypatch, explain
 
     monkeypatch.setattr(under_test, "removed", removed)
     monkeypatch.setattr(under_test, "_Search", Bare)
-    monkeypatch.setattr(under_test, "_grown", lambda look, one, scored=None, small=False: (one, None))
+    monkeypatch.setattr(under_test, "_grown", lambda look, one, scored=None, small=False, best=None: (one, None))
     monkeypatch.setattr(under_test, "_beginnings", lambda look, one, first: [model(a, b)])
     # How many were tried is not what is asked here.
     monkeypatch.setattr(under_test, "significant", lambda gain, numbers, tried: True)

@@ -1,0 +1,11 @@
+"""How long work tells what it does: a function of what is being done and the share done, 0 to 1."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+Progress = Callable[[str, float], None]
+
+
+def silent(doing: str, share: float) -> None:
+    """Tell nobody."""
