@@ -10,7 +10,8 @@ import pytest
 import pamjax
 
 #: From left to right; `view` is the last but the words of the command line, so nothing else imports it.
-ROOMS = "check progress units parameter model records infer study design view cli".split()
+LEFT, RIGHT = ("check", "progress", "units", "parameter", "model"), ("study", "design", "view", "cli")
+ROOMS = [*LEFT, "records", "infer", *RIGHT]
 HOME = Path(pamjax.__file__).parent
 FILES = sorted(HOME.rglob("*.py"))
 #: What reads recordings and tables: a typo in a header must not cost the second that JAX takes to load.

@@ -35,9 +35,6 @@ SENSORS = Sensors(force=2.0, diameter=0.02e-3, pressure=200.0, length=0.01e-3)
 #: The concealed toe: straight threads of 112 GPa, and a crimp of 0.15 % that is out at 1.5 kN in all.
 TOE = {"thread.modulus": 112e9, "thread_crimp.crimp": 1.5e-3, "thread_crimp.load": 1500.0}
 
-#: Rows to which a recording is padded.
-SIZE = 1024
-
 
 def table() -> Case:
     """Table 1 with a model of inextensible threads."""
@@ -63,7 +60,7 @@ def protocol(seed: int = 0) -> Case:
         time=plan.time, pressure=plan.pressure, length=plan.length, cycle=plan.cycle,
         force=np.full(plan.time.size, 1e3), diameter=np.full(plan.time.size, 1.0),
     )  # fmt: skip
-    bench = problem(Case("true", HERE, entry, asked, "simulated"), SIZE)
+    bench = problem(Case("true", HERE, entry, asked, "simulated"))
     values = bench.neutral.copy()
     for name, value in TOE.items():
         values[bench.place(name)] = value
@@ -79,9 +76,9 @@ def protocol(seed: int = 0) -> Case:
     return Case("ten-isobars", HERE, entry, recording, "simulated")
 
 
-def told(case: Case, out: Path, size: int) -> Diagnosis:
+def told(case: Case, out: Path) -> Diagnosis:
     """One act: diagnosed, saved and printed."""
-    found = diagnose(case, size=size)
+    found = diagnose(case)
     save(found, out / case.name)
     print(found, end="\n\n", flush=True)
     return found
@@ -95,9 +92,9 @@ def main(arguments: list[str] | None = None) -> None:
     asked = parser.parse_args(arguments)
     keep_compiled()
     if asked.act != "protocol":
-        told(table(), asked.out, 512)
+        told(table(), asked.out)
     if asked.act != "table":
-        told(protocol(), asked.out, SIZE)
+        told(protocol(), asked.out)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,6 @@ from pamjax.check import BadInput
 from pamjax.infer.cache import keep_compiled
 from pamjax.records.case import read_case
 from pamjax.records.levels import find_levels, nearest_level
-from pamjax.study.batch import common_sizes
 from pamjax.study.contest import contest, save_contest
 from pamjax.study.diagnose import diagnose
 from pamjax.study.diagnosis import Diagnosis, save
@@ -101,7 +100,7 @@ def answered(folder: Path, out: Path, loops_too: bool = False) -> tuple[Diagnosi
     """One hose: diagnosed, saved and scored."""
     case = read_case(folder)
     short = thinned(case)
-    one = diagnose(short, size=max(2048, common_sizes([short.recording.n])[0]))
+    one = diagnose(short)
     save(one, out / case.name)
     held = contest(one)
     save_contest(held, out / case.name)

@@ -142,8 +142,11 @@ def member(case: Case, law: str, at: Space, rename: dict[str, str], mechanisms: 
     )
 
 
-def case_history(case: Case, size: int | None = None) -> History:
-    """The order of a case's samples in time, padded to `size` (by itself: `padded`)."""
+def case_history(case: Case, size: int | None = None, padding: bool = True) -> History:
+    """The order of a case's samples in time, padded to `size` (by itself: `padded`).
+
+    Without `padding`, padded samples are not worked out.
+    """
     recording = case.recording
     return history(
         recording.time,
@@ -152,6 +155,7 @@ def case_history(case: Case, size: int | None = None) -> History:
         settled=case.before == "settled",
         turning=recording.strokes,
         size=size or padded(recording.n),
+        padding=padding,
     )
 
 
@@ -212,7 +216,7 @@ def sample_rows(case: Case, size: int | None = None) -> Rows:
     force_sd, diameter_sd = starting_sd(case)
 
     def pad(array, fill=0.0):
-        # A padded row repeats a harmless state; its weight is zero.
+        # The weight of a padded row is zero.
         out = np.full(size, fill, dtype=np.asarray(array).dtype)
         out[: recording.n] = array
         return jnp.asarray(out)
@@ -224,10 +228,12 @@ def sample_rows(case: Case, size: int | None = None) -> Rows:
 
     force, force_weight = channel("force", force_sd)
     diameter, diameter_weight = channel("diameter", diameter_sd)
-    rest = case.entry.rest_length.value
+    pressure = np.where(good, recording.pressure, 0.0)
+    length = np.where(good, recording.length, case.entry.rest_length.value)
     return Rows(
-        pressure=pad(np.where(good, recording.pressure, 0.0)),
-        length=pad(np.where(good, recording.length, rest), rest),
+        # The last state is repeated: a muscle that goes through its recording twice is nowhere else between.
+        pressure=pad(pressure, pressure[-1]),
+        length=pad(length, length[-1]),
         force=force,
         diameter=diameter,
         force_weight=force_weight,

@@ -108,7 +108,7 @@ class Bench(eqx.Module):
         nothing = jnp.zeros(pressure.shape[0])
 
         def look(pressure, extension, frozen):
-            return _each(self.instant, pressure, length, extension, frozen)
+            return _each(self.instant, history.many, pressure, length, extension, frozen)
 
         without_memory = pressure, nothing, (nothing, nothing)
         if not any(self.of(kind) for kind in (AbstractMemory, AbstractSlip, AbstractLine)):
@@ -128,7 +128,7 @@ class Bench(eqx.Module):
         for line in self.of(AbstractLine):
             first = eqx.tree_at(lambda p: p.pressure, first, line.pressure(history, first))
         nothing, memories = jnp.zeros_like(first.pressure), self.of(AbstractMemory)
-        seen, begin = first, 0
+        seen, begin, many = first, 0, history.many
         if history.settled:
             seen = jax.tree.map(lambda x: jnp.concatenate([x, x]), first)
             history, begin = history.twice(), nothing.size
@@ -137,7 +137,7 @@ class Bench(eqx.Module):
         stresses = [
             m.stresses(history, strain, seen)[begin:] for m, strain in zip(memories, strains, strict=True)
         ]
-        frozen = _each(self.frozen, first, stresses) if memories else (nothing, nothing)
+        frozen = _each(self.frozen, many, first, stresses) if memories else (nothing, nothing)
         return first.pressure, extension, frozen
 
     def instant(
@@ -204,11 +204,16 @@ class Bench(eqx.Module):
         return sum((rig.deflection(force) for rig in self.of(AbstractRig)), jnp.zeros(()))
 
 
-def _each(function, *rows):
+def _each(function, many: Array | None, *rows):
     """The function at every row, in blocks.
 
     What many rows share while derivatives are taken in many numbers then stays in the cache. And the
     blocks are a loop, whose results are written down: else XLA finds a state anew for every look-up.
+
+    Args:
+        function: of rows.
+        many: rows that are worked out, the others repeat the last of them; None for all.
+        rows: arrays of shape (n, ...).
     """
     n = len(jax.tree.leaves(rows)[0])
     blocks = -(-n // BLOCK)
@@ -219,8 +224,33 @@ def _each(function, *rows):
         filled = jnp.concatenate([x, jnp.broadcast_to(x[-1:], (blocks * BLOCK - n, *x.shape[1:]))])
         return filled.reshape(blocks, BLOCK, *x.shape[1:])
 
-    found = jax.lax.map(jax.checkpoint(lambda block: function(*block)), jax.tree.map(cut, rows))
-    return jax.tree.map(lambda x: x.reshape(blocks * BLOCK, *x.shape[2:])[:n], found)
+    cuts = jax.tree.map(cut, rows)
+    if many is None:
+        found = jax.lax.map(jax.checkpoint(lambda block: function(*block)), cuts)
+    else:
+        found = _first_blocks(function, -(-many // BLOCK), cuts)
+    whole = jax.tree.map(lambda x: x.reshape(blocks * BLOCK, *x.shape[2:])[:n], found)
+    return whole if many is None else jax.tree.map(lambda x: _last_repeated(x, many), whole)
+
+
+def _first_blocks(function, count: Array, cuts):
+    """The function at the first blocks, of a count that the program need not know; zero at the others."""
+
+    def block(k):
+        return function(*jax.tree.map(lambda x: jax.lax.dynamic_index_in_dim(x, k, keepdims=False), cuts))
+
+    def fill(k, found):
+        return jax.tree.map(lambda x, y: jax.lax.dynamic_update_index_in_dim(x, y, k, 0), found, block(k))
+
+    blocks = len(jax.tree.leaves(cuts)[0])
+    shape = jax.eval_shape(block, 0)
+    nothing = jax.tree.map(lambda x: jnp.zeros((blocks, *x.shape), x.dtype), shape)
+    return jax.lax.fori_loop(0, count, fill, nothing)
+
+
+def _last_repeated(values: Array, many: Array) -> Array:
+    later = jnp.arange(len(values)).reshape(-1, *[1] * (values.ndim - 1)) >= many
+    return jnp.where(later, values[many - 1], values)
 
 
 @eqx.filter_jit

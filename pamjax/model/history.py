@@ -40,6 +40,8 @@ class History(eqx.Module):
             for those of another run.
         first, last: (n,) the ends of each sample's run; the sample itself in a static map.
         settled: whether the muscle had been through the recording once before.
+        many: how many samples are worked out; those after them repeat the last. None for all, which alone
+            has derivatives in reverse.
     """
 
     time: Float[Array, " n"]
@@ -49,6 +51,7 @@ class History(eqx.Module):
     first: Int[Array, " n"]
     last: Int[Array, " n"]
     settled: bool = eqx.field(static=True, default=False)
+    many: Int[Array, ""] | None = None
 
     def rate(self, values: Float[Array, " n"]) -> Float[Array, " n"]:
         """Change of a quantity in a second; zero in a static map."""
@@ -108,6 +111,7 @@ def history(
     settled: bool = False,
     turning: np.ndarray | None = None,
     size: int | None = None,
+    padding: bool = True,
 ) -> History:
     """The history of a recording.
 
@@ -118,6 +122,7 @@ def history(
         settled: whether the muscle had been through the recording once before.
         turning: (k, n) what may stroke, in any unit: a rate does not reach across its corners.
         size: length to pad to; padded samples repeat the last one.
+        padding: whether padded samples are worked out as well, rather than only repeated.
     """
     n = starts.size
     size = size or n
@@ -136,6 +141,7 @@ def history(
         first=jnp.asarray(_pad(row if time is None else begin, size, max(n - 1, 0))),
         last=jnp.asarray(_pad(row if time is None else end - 1, size, max(n - 1, 0))),
         settled=settled,
+        many=None if padding else jnp.asarray(n),
     )
 
 

@@ -69,7 +69,7 @@ class Envelope:
 
 
 def conceal(
-    many: int, rng: np.random.Generator, *, setup: Setup | None = None, size: int | None = None,
+    many: int, rng: np.random.Generator, *, setup: Setup | None = None,
     outside: bool = False, only: str | None = None, correlation: float = 0.0,
     smallest: float = 3.0, largest: float = 10.0, form_error: float = 0.0, number: int = 0,
 ) -> Envelope:  # fmt: skip
@@ -79,7 +79,6 @@ def conceal(
         many: how many mechanisms to conceal.
         rng: what draws the muscle's numbers, the mechanisms, their sizes and the noise.
         setup: the muscle and its bench; None takes the one that is always the same.
-        size: rows to pad to, so that recordings share one compiled program.
         outside: whether to conceal something that is in no catalogue instead.
         only: id of the one mechanism to choose from; None for all.
         correlation: of neighbouring samples of force and of diameter.
@@ -90,7 +89,7 @@ def conceal(
     setup = setup or known()
     name = f"concealed-{number:04d}"
     bare = Case(name=name, folder=Path(name), entry=setup.entry, recording=setup.plan, checksum="simulated")
-    found = problem(bare, size)
+    found = problem(bare)
     values = _muscle(found, rng)
     chosen: list[Form] = []
     for form in [] if outside else _choices(found, rng, only):

@@ -27,14 +27,10 @@ from pamjax.study.spread import spread
 from pamjax.study.temper import tempered
 from pamjax.study.undetermined import undetermined
 
-#: Recordings are padded to a multiple of so many rows, so that those of like length share a program.
-STEP = 512
-
 
 def diagnose(
     case: Case | str | Path,
     *,
-    size: int | None = None,
     seed: int = 0,
     progress: Progress = silent,
 ) -> Diagnosis:
@@ -42,7 +38,6 @@ def diagnose(
 
     Args:
         case: the recording and what the lab believes of its muscle, or their folder.
-        size: rows to pad to, so that several recordings share one compiled program; None for `STEP`'s next.
         seed: of the draws behind the p-values.
         progress: called with what is being done and the share done.
 
@@ -51,7 +46,7 @@ def diagnose(
     """
     case = as_case(case)
     progress("compiling", 0.0)
-    found = problem(case, size or STEP * -(-case.recording.n // STEP))
+    found = problem(case)
     found.compile()
     laid = blocks(case.recording)
     out = held_out(laid)

@@ -28,6 +28,10 @@ from pamjax.records.case import Case
 from pamjax.records.quantity import Measured
 from pamjax.study import programs
 
+#: Rows of the shortest program. Longer ones have twice as many, and so on: those beyond a recording's cost
+#: little, and recordings of other lengths need no program of their own.
+SHORTEST = 640
+
 #: Numbers in which one sweep takes derivatives, at most.
 SLOTS = 32
 
@@ -154,12 +158,20 @@ def _sweep(member: Member, values: Float[Array, " p"], slots: Array, many: Array
     return jax.lax.fori_loop(0, rounds, fill, (nothing, jnp.zeros((SLOTS, *nothing.shape))))
 
 
-def problem(case: Case, size: int | None = None) -> Problem:
+def program_rows(n: int) -> int:
+    """Rows of the program that a recording of n rows runs in.
+
+    >>> [program_rows(n) for n in (5, 870, 5000)]
+    [640, 1280, 5120]
+    """
+    return SHORTEST * 2 ** max(math.ceil(math.log2(max(n, 1) / SHORTEST)), 0)
+
+
+def problem(case: Case) -> Problem:
     """Put a recording before the whole library.
 
     Args:
         case: the recording and what the lab says of it; its baseline is inelastic or elastic.
-        size: rows to pad to, so that recordings of one call share one compiled program.
 
     Raises:
         BadInput: for a baseline that no bench has, or nothing to compare with.
@@ -180,7 +192,7 @@ def problem(case: Case, size: int | None = None) -> Problem:
     low, high = _limits(names, meanings, start, sd, own)
     k = names.index("braid_friction.presliding")
     low[k] = max(low[k], ABOVE_NOISE * (case.entry.sensors.length or 0.0))
-    recording = case.recording
+    recording, size = case.recording, program_rows(case.recording.n)
     if recording.time is not None:
         # A slip that a recording shows happened in it.
         k = names.index("thread_slip.when")
@@ -194,7 +206,7 @@ def problem(case: Case, size: int | None = None) -> Problem:
         length_errors=tuple(place[n] for n in rulers),
         known={},
         rows=sample_rows(case, size),
-        history=case_history(case, size),
+        history=case_history(case, size, padding=False),
         trust=jnp.ones(2),
     )
     measured = np.stack([np.where(counts(case, c), getattr(recording, c), np.nan) for c in CHANNELS])

@@ -24,8 +24,8 @@ from pamjax.records.protocol import Protocol
 from pamjax.records.quantity import Measured
 from pamjax.records.recording import Recording
 
-#: Rows of a drawn recording, about, and rows to which all are padded, so that they share one program.
-ROWS, SIZE = 850, 1024
+#: Rows of a drawn recording, about.
+ROWS = 850
 
 #: Shares of the benches that sweep pressure, and of the labs that believe in inelastic threads.
 RAMPS, INELASTIC = 0.2, 0.25

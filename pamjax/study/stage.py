@@ -15,10 +15,10 @@ from pamjax.records.case import Case
 from pamjax.records.protocol import Schedule
 from pamjax.records.recording import Recording
 from pamjax.study.power import Side
-from pamjax.study.problem import Problem
+from pamjax.study.problem import Problem, program_rows
 from pamjax.study.protocols import Protocol
 from pamjax.study.refit import LIMITS_APART, UNKNOWN, coordinates
-from pamjax.study.rig import CAMERA, ROWS, Rig
+from pamjax.study.rig import CAMERA, Rig
 from pamjax.study.settled import Model
 from pamjax.study.whiten import Colour, Whitening
 
@@ -68,7 +68,7 @@ class Stage:
     def play(self, schedule: Schedule) -> Problem:
         """The muscle on a schedule, in the same compiled program as the recording."""
         found, n = self.found, schedule.time.size
-        size = max(found.member.rows.pressure.size, ROWS)
+        size = max(found.member.rows.pressure.size, program_rows(n))
         recording = Recording.from_arrays(
             time=schedule.time, pressure=schedule.pressure, length=schedule.length, cycle=schedule.cycle,
             force=np.full(n, 1e3), diameter=np.where(schedule.optical, 1.0, np.nan),
@@ -76,7 +76,7 @@ class Stage:
         case = Case(found.case.name, Path(), found.case.entry, recording, "", (), "carry", found.case.before)
         rows = sample_rows(case, size)
         rows = dataclasses.replace(rows, setting=jnp.zeros_like(rows.setting))
-        history = case_history(case, size)
+        history = case_history(case, size, padding=False)
         member, lighter = (
             dataclasses.replace(m, rows=rows, history=history) for m in (found.member, found.lighter)
         )

@@ -25,7 +25,7 @@ from pamjax.study.naming import ESTABLISHED
 from pamjax.study.overlap import blind, overlap, true_boxes
 from pamjax.study.problem import problem
 from pamjax.study.settled import settle
-from pamjax.study.setups import SIZE, draw
+from pamjax.study.setups import draw
 from pamjax.study.signature import signatures
 from pamjax.study.significance import DETECTED, Significance, significance
 from pamjax.study.stand_in import stands_in
@@ -207,7 +207,7 @@ def attempt(task: Task) -> Trial:
         if task.stage == "score":
             told["p_value"] = scored(envelope.case, task.number).p_value
         else:
-            told |= _compared(envelope, diagnose(envelope.case, size=SIZE, seed=task.number), task.rivals)
+            told |= _compared(envelope, diagnose(envelope.case, seed=task.number), task.rivals)
     except Exception as error:  # one recording that breaks the tool is a result of the proof, not its end
         told["error"] = f"{type(error).__name__}: {error}"[:300]
     return Trial(**told, seconds=round(time.process_time() - begun, 2))
@@ -218,7 +218,7 @@ def drawn(task: Task) -> Envelope:
     words = [task.seed, list(KINDS).index(task.kind), task.number, round(1e3 * task.correlation)]
     rng = np.random.default_rng(words)
     return conceal(
-        KINDS[task.kind], rng, setup=draw(rng), size=SIZE, outside=task.kind == "outside",
+        KINDS[task.kind], rng, setup=draw(rng), outside=task.kind == "outside",
         correlation=task.correlation, smallest=SMALLEST, largest=LARGEST,
         form_error=task.form_error, number=task.number,
     )  # fmt: skip
@@ -226,7 +226,7 @@ def drawn(task: Task) -> Envelope:
 
 def scored(case: Case, seed: int = 0) -> Significance:
     """The baseline's own fit and its p-value, before anything is named."""
-    found = problem(case, SIZE)
+    found = problem(case)
     used = ~held_out(blocks(case.recording))
     baseline = settle(found, used, (), found.neutral)
     seen = signatures(found, baseline.white, baseline.at, forms(found))

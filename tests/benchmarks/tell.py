@@ -38,7 +38,7 @@ from pamjax.study.protocols import MENU
 from pamjax.study.refit import Refit, refit
 from pamjax.study.search import TIE, shortlist
 from pamjax.study.settled import Model
-from pamjax.study.setups import SIZE, draw
+from pamjax.study.setups import draw
 from pamjax.study.signature import signatures
 from pamjax.study.stage import Stage, contrast, readings
 from pamjax.study.whiten import Whitening
@@ -135,11 +135,11 @@ def a_tie(seed: int) -> tuple[Envelope, Problem, Model, Model, int]:
     for again in range(50):
         rng = np.random.default_rng([61, seed, again])
         envelope = conceal(
-            1, rng, setup=draw(rng, law="elastic"), size=SIZE, smallest=SMALLEST, largest=LARGEST, number=seed
+            1, rng, setup=draw(rng, law="elastic"), smallest=SMALLEST, largest=LARGEST, number=seed
         )
         if not envelope.concealed or envelope.concealed[0] == COSTLY:
             continue
-        found = problem(envelope.case, SIZE)
+        found = problem(envelope.case)
         (true,) = envelope.concealed
         baseline = bare(found)
         a = alone(found, baseline, true)

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from pamjax.model.bench import Bench, record
 from pamjax.model.history import history
@@ -96,6 +97,31 @@ def test_a_settled_muscle_has_been_through_the_recording_once():
     padded = jnp.r_[at[0], jnp.full(28, at[0][-1])], jnp.r_[at[1], jnp.full(28, at[1][-1])]
     long = history(TIME, STARTS, settled=True, size=128)
     agree(record(bench, *padded, long).force[:100], settled, SOLVED, 100.0)
+
+
+@pytest.mark.parametrize("settled", [False, True])
+def test_padding_that_is_not_worked_out_changes_no_sample(settled):
+    """300 rows in a program of 700: of three blocks two are worked out, and the third holds no muscle."""
+    rows, size = 300, 700
+    time = np.arange(float(rows))
+    first, fill = time == 0, np.full(size - rows, np.nan)
+    pressure = jnp.asarray(np.r_[3e5 + 1e5 * np.sin(time / 7), fill])
+    length = jnp.asarray(np.r_[0.22 - 0.02 * np.cos(time / 11), fill])
+
+    def force(coefficient, padding):
+        n = size if not padding else rows
+        kinds = BraidElasticity(1e-6), BraidFriction(coefficient, 3.0), ViscoelasticCreep(5e4)
+        past = history(time, first, settled=settled, size=n, padding=padding)
+        return Bench(0.2512, 1.09, kinds)(pressure[:n], length[:n], past).force
+
+    def both(padding):
+        return jax.jvp(lambda c: force(c, padding), (jnp.asarray(0.2),), (jnp.ones(()),))
+
+    for cut, whole in zip(both(False), both(True), strict=True):
+        agree(cut[:rows], whole, SOLVED, 100.0)
+        assert np.all(np.isfinite(cut))
+    # Able to fail: memory is at work, and differs with what was before.
+    assert np.max(np.abs(both(True)[1])) > 1.0
 
 
 def test_a_static_map_settles_nothing():

@@ -8,12 +8,12 @@ import pandas as pd
 import pytest
 
 from pamjax.records.blocks import Blocks
-from pamjax.study.batch import common_sizes
 from pamjax.study.conceal import conceal
-from pamjax.study.diagnose import STEP, diagnose
+from pamjax.study.diagnose import diagnose
 from pamjax.study.diagnosis import save
 from pamjax.study.gain import held_out
 from pamjax.study.locate import _direction, _middle
+from pamjax.study.problem import problem
 from pamjax.study.rest import leaves_more
 from pamjax.study.setups import known
 from pamjax.study.significance import Significance
@@ -43,10 +43,14 @@ def test_whole_blocks_inside_the_range_are_held_out(many, out):
     assert rows.sum() == 7 * out
 
 
-def test_recordings_of_like_length_share_a_program():
-    assert common_sizes([100]) == [512]
-    assert len(set(common_sizes([3000, 3300, 4000, 4100]))) == 1
-    assert all(size >= n for n, size in zip([10, 9000, 700], common_sizes([10, 9000, 700]), strict=True))
+def test_the_muscle_is_nowhere_else_between_its_two_passes():
+    """What a program pads a recording with repeats the last sample: a settled muscle passes through it."""
+    envelope = conceal(0, np.random.default_rng(5))
+    found, last = problem(envelope.case), envelope.case.recording.n - 1
+    rows = found.member.rows
+    assert rows.pressure.size > last + 1
+    for values in (rows.pressure, rows.length):
+        assert np.all(values[last:] == values[last])
 
 
 @pytest.mark.parametrize(("square", "left"), [(1.05, False), (1.5, True)])
@@ -61,7 +65,7 @@ def verdict(kind):
     many = {"nothing": 0, "friction": 1}[kind]
     rng = np.random.default_rng({"nothing": 5, "friction": 0}[kind])
     only = "braid_friction" if many else None
-    envelope = conceal(many, rng, size=STEP, only=only, smallest=6.0, largest=6.0)
+    envelope = conceal(many, rng, only=only, smallest=6.0, largest=6.0)
     return envelope, diagnose(envelope.case)
 
 

@@ -14,7 +14,6 @@ from pamjax.study.gain import held_out
 from pamjax.study.problem import problem
 from pamjax.study.search import search
 from pamjax.study.settled import Model, settle
-from pamjax.study.setups import SIZE
 from pamjax.study.signature import signatures
 from pamjax.study.trial import Task, drawn
 from pamjax.study.whiten import Colour, Whitening
@@ -36,7 +35,7 @@ class Bare(under_test._Search):
 def searched(task):
     """What is concealed in a recording of the proof, and where a search ends on it."""
     envelope = drawn(task)
-    found = problem(envelope.case, SIZE)
+    found = problem(envelope.case)
     used = ~held_out(blocks(envelope.case.recording))
     baseline = settle(found, used, (), found.neutral)
     first = signatures(found, baseline.white, baseline.at, forms(found))
@@ -112,7 +111,9 @@ def test_a_search_goes_only_where_nothing_but_noise_is_left(monkeypatch, explain
 
     monkeypatch.setattr(under_test, "removed", removed)
     monkeypatch.setattr(under_test, "_Search", Bare)
-    monkeypatch.setattr(under_test, "_grown", lambda look, one, scored=None, small=False, best=None: (one, None))
+    monkeypatch.setattr(
+        under_test, "_grown", lambda look, one, scored=None, small=False, best=None: (one, None)
+    )
     monkeypatch.setattr(under_test, "_beginnings", lambda look, one, first: [model(a, b)])
     # How many were tried is not what is asked here.
     monkeypatch.setattr(under_test, "significant", lambda gain, numbers, tried: True)
