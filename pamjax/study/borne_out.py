@@ -8,7 +8,9 @@ name and without it, and
     share = 1 − Σ excess with it / Σ excess without it,        excess = χ² − samples of the left-out block,
 
 is what the name explains of a misfit that it has not seen, beside all that is not explained at all. Its
-probability counts for that share, and names that fall below `ESTABLISHED` go. Each is judged once, beside
+probability counts for that share, and names that fall below `ESTABLISHED` go. Those that stay are told with
+half the certainty that is left: force that grows with length, in ramps at one length after another, is
+borne out as a drift in time as well. Each is judged once, beside
 everything that came near: judged again after its neighbours have gone, a name has their misfit held against
 it as well. The share of all names together, against the bare baseline, decides whether any of them stands:
 what leaves more than a sixth of blocks that it has not seen is something else.
@@ -33,7 +35,7 @@ import numpy as np
 from pamjax.records.blocks import Blocks
 from pamjax.study.abreast import abreast
 from pamjax.study.forms import Form
-from pamjax.study.naming import ESTABLISHED, Naming, ranked
+from pamjax.study.naming import ESTABLISHED, Name, Naming, ranked
 from pamjax.study.problem import Problem
 from pamjax.study.refit import Refit, refit
 from pamjax.study.search import ROUGH
@@ -59,7 +61,7 @@ def borne_out(found: Problem, laid: Blocks, used: np.ndarray, naming: Naming) ->
     """
     together, shares = borne_shares(found, laid, used, naming.model)
     borne = [replace(name, probability=name.probability * shares[name.id]) for name in naming.names]
-    kept = tuple(name for name in borne if name.probability >= ESTABLISHED)
+    kept = tuple(_halved(name) for name in borne if name.probability >= ESTABLISHED)
     if together < TOGETHER or not kept:
         return replace(naming, model=naming.baseline, names=())
     model, values = naming.model, naming.model.at.values
@@ -69,6 +71,11 @@ def borne_out(found: Problem, laid: Blocks, used: np.ndarray, naming: Naming) ->
             values = values if form.id in ids else without(found, values, form)
         model = settle(found, used, [form for form in model.chosen if form.id in ids], values)
     return replace(naming, model=model, names=ranked(kept))
+
+
+def _halved(name: Name) -> Name:
+    """The name with half the distance to even chances."""
+    return replace(name, probability=ESTABLISHED + (name.probability - ESTABLISHED) / 2)
 
 
 def borne_shares(

@@ -104,7 +104,7 @@ def _name(found, model: Model, k: int, candidates) -> Name:
     trials = replacements(found, left, form, candidates)
     # Who comes near gets every chance: noise may have pulled it too high. The others are far behind already.
     near = [trial for trial in trials if trial.score < max(model.score + NEAR, halfway(left, model))]
-    ends = {m.chosen[-1].id: m for m in [*trials, *finished(found, near)]}
+    ends = {m.chosen[-1].id: m for m in [*trials, *finished(found, left, near)]}
     rivals = {id: m.score - model.score for id, m in ends.items()}
     # What is left unexplained shows how far off textbook forms are here: it blurs a comparison.
     blur = 1 + model.excess / 8

@@ -181,7 +181,7 @@ def _best(look: _Search, model: Model, scored: Sequence[Signature]) -> Model | N
     listed = _listed(look, model, scored)
     if not listed or look.exhausted(model, listed[0]):
         return None
-    return finished(look.found, abreast(partial(_with, look.found, model), listed))[0]
+    return finished(look.found, model, abreast(partial(_with, look.found, model), listed))[0]
 
 
 def _listed(
@@ -196,7 +196,7 @@ def _swapped(look: _Search, model: Model) -> Model:
     for k in range(len(model.chosen) - 1):
         left = removed(look.found, model, k)
         rivals = replacements(look.found, left, model.chosen[k], look.candidates)
-        trials = finished(look.found, [one for one in rivals if one.score < halfway(left, model)])
+        trials = finished(look.found, left, [one for one in rivals if one.score < halfway(left, model)])
         if trials and trials[0].score < model.score - TIE:
             model = look.settled(trials[0])
     return model
@@ -272,9 +272,10 @@ def _strained(found: Problem, model: Model) -> bool:
     return bool(np.any(np.abs(model.at.values[own] - found.start[own]) > STRAINED * found.sd[own]))
 
 
-def finished(found: Problem, trials: Sequence[Model], many: int = FINAL) -> list[Model]:
-    """The most promising of some rough refits, refitted to the end; best first."""
-    rough = sorted(trials, key=lambda trial: trial.score)[:many]
+def finished(found: Problem, left: Model, trials: Sequence[Model]) -> list[Model]:
+    """The most promising of some rough refits, refitted to the end, best first; `left` has a form fewer."""
+    first = sorted(trials, key=lambda trial: trial.score)[:FINAL]
+    rough = [trial for trial in first if trial is first[0] or trial.score < halfway(left, first[0])]
 
     def end(m: Model) -> Model:
         return freed(found, m.chosen, m.white, refit(found, m.white, m.at.moved, m.at.values))
@@ -283,7 +284,7 @@ def finished(found: Problem, trials: Sequence[Model], many: int = FINAL) -> list
 
 
 def halfway(left: Model, model: Model) -> float:
-    """The score that a rough refit of a rival beats if it is to make up for a form that was taken out."""
+    """What a rough refit of `left` with another form must reach for its end to come near that of a model."""
     return (left.score + model.score) / 2
 
 
