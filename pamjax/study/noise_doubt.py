@@ -9,8 +9,8 @@ less. ρ′ may be zero, half a chance before anything was seen, or anything up 
 differences tell of it, with their error, weighs that. Where a channel's own noise is a small part of the
 whole they tell little, less still because that of pressure and length is known to a share only, and slow
 noise may be there unseen. A channel in which no correlation was looked for has the doubt of so many squared
-differences. What it leaves out: that runs end, a sensor that is worse than stated, and correlation where a
-sensor was not stated.
+differences; of a sensor of which nothing was stated size and memory are in doubt together (`unstated.py`).
+What it leaves out: that runs end, and a sensor that is worse than stated.
 Source: filtering of a stationary process, derived here.
 """
 
@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm, truncnorm
 
+from pamjax.study.unstated import Unstated
 from pamjax.study.whiten import FEW, MOST, SENSOR, Colour, Whitening, correlation_error
 
 #: Standard normal variables at which a channel's noise is looked at; between them it is interpolated.
@@ -74,13 +75,25 @@ def _variances(colour: Colour | None, part: np.ndarray) -> np.ndarray:
     # Noise that was found from few squares has its doubt in the tail of Student's variable.
     if colour is None or samples < 2 or math.isfinite(colour.freedom):
         return np.repeat(share, SCALE.size, axis=1)
-    if not colour.given or samples < FEW:
-        return share * np.exp(SCALE * math.sqrt(3 / samples))
+    counted = np.exp(SCALE * math.sqrt(3 / samples))
+    if samples < FEW or not (colour.given or colour.might):
+        return share * counted
     power = np.abs(np.fft.fft(part, axis=1)) ** 2 / samples
     there = np.exp(-2j * np.pi * np.arange(samples) / samples)
-    taken = _density(colour.shared, colour.correlation, there)
-    might = [_density(colour.shared, rho, there) / taken for rho in _correlations(colour, samples)]
+    taken = _density(colour.shared, colour.correlation, 1.0, there)
+    if colour.might:
+        rho, times = _unstated(colour.might)
+        might = [_density(colour.shared, *one, there) / taken for one in zip(rho, times, strict=True)]
+        return power @ np.stack(might, axis=1) * counted
+    might = [_density(colour.shared, rho, 1.0, there) / taken for rho in _correlations(colour, samples)]
     return power @ np.stack(might, axis=1)
+
+
+def _unstated(might: Unstated) -> tuple[np.ndarray, np.ndarray]:
+    """Correlation and share of the variance taken, as a standard normal variable has them, (SCALE,) each."""
+    k = np.minimum(np.searchsorted(np.cumsum(might.chance), norm.cdf(SCALE)), might.chance.size - 1)
+    rho, variance = might.might[k].T
+    return rho, variance / might.taken[1]
 
 
 def _correlations(colour: Colour, samples: int) -> np.ndarray:
@@ -98,6 +111,6 @@ def _correlations(colour: Colour, samples: int) -> np.ndarray:
     return np.where(rank > 0, np.clip(there, 0.0, MOST), 0.0)
 
 
-def _density(shared: float, correlation: float, there: np.ndarray) -> np.ndarray:
-    """Spectrum of noise of unit variance at e^(−iω)."""
-    return 1 - shared + shared * (1 - correlation**2) / np.abs(1 - correlation * there) ** 2
+def _density(shared: float, correlation: float, times: float, there: np.ndarray) -> np.ndarray:
+    """Spectrum at e^(−iω) of noise of unit variance, but for a factor on the variance of its shared part."""
+    return 1 - shared + times * shared * (1 - correlation**2) / np.abs(1 - correlation * there) ** 2

@@ -24,6 +24,7 @@ from pamjax.infer.noise import sensitivities
 from pamjax.study.passed import passed_on
 from pamjax.study.problem import Problem
 from pamjax.study.table_noise import table_variance
+from pamjax.study.unstated import LAGS, Unstated, second_differences, unstated
 
 #: Largest correlation of neighbours. Beyond it noise cannot be told from misfit.
 MOST = 0.98
@@ -52,6 +53,7 @@ class Colour:
         given: whether the sensor's noise was stated.
         freedom: how many independent squares tell the noise; infinite where it was stated.
         told: ρ as neighbours' differences tell it, whether it counts as seen or not.
+        might: what size and memory might be, of a sensor of which nothing was stated.
     """
 
     sd: np.ndarray
@@ -60,6 +62,7 @@ class Colour:
     given: bool
     freedom: float = math.inf
     told: float = 0.0
+    might: Unstated | None = None
 
     @property
     def filter(self) -> tuple[float, float]:
@@ -232,13 +235,18 @@ def _colour(residual, own, carried, there, starts, given: bool, table=(math.nan,
     if not given and freedom > 0:
         sd = np.sqrt(np.maximum(variance, carried))
         return Colour(sd, 1.0, 0.0, given, freedom)
-    if not given:
+    might = None if given else _unstated(residual, carried, noise, there, starts)
+    if might:
+        memory, own = might.taken
+    elif not given:
         one = np.ones_like(residual)
         rough = _roughness(residual, one, there, starts)
         own = max(rough - _rough_of_set(carried, noise, one, there, starts), 1e-18)
     variance = np.broadcast_to(own + carried, residual.shape)
     sd = np.sqrt(variance)
     shared = float(np.mean(np.broadcast_to(own, residual.shape)[there] / variance[there]))
+    if might:
+        return Colour(sd, shared, memory, given, told=memory, might=might)
     if not given or there.size < FEW:
         return Colour(sd, shared, 0.0, given)
     # Half the mean square of neighbours' differences is W + A (1 − ρ); less than W where a lag averages.
@@ -246,6 +254,18 @@ def _colour(residual, own, carried, there, starts, given: bool, table=(math.nan,
     rho = 1 - rough / shared
     seen = rho > SEEN * correlation_error(shared, 0.0, there.size)
     return Colour(sd, shared, min(rho, MOST) if seen else 0.0, given, told=rho)
+
+
+def _unstated(residual, carried, noise, there, starts) -> Unstated | None:
+    """What the recording tells of a sensor of which nothing was stated; None where runs are too short."""
+    left = second_differences(residual[there], starts[there])
+    if min(d.size for d in left) < FEW:
+        return None
+    if noise is None:
+        white = np.full(LAGS.size, 6 * float(np.mean(carried[there])))
+    else:
+        white = np.array([np.mean(d**2) for d in second_differences(noise[:, there], starts[there])])
+    return unstated(np.array([_mean_square(d) for d in left]), white, SENSOR, there.size)
 
 
 def _rough_of_set(carried, noise, sd, there, starts) -> float:
@@ -262,7 +282,12 @@ def _roughness(residual, sd, there, starts) -> float:
     step = np.diff(standard)[np.diff(starts[there]) == 0]
     if step.size < 3:
         return float(np.var(standard)) if standard.size > 1 else 1.0
-    far = 3.5 * 1.4826 * np.median(np.abs(step)) + 1e-300
-    kept = step[np.abs(step) < far]
+    return 0.5 * _mean_square(step)
+
+
+def _mean_square(steps: np.ndarray) -> float:
+    """Of steps, insensitive to the few that jump."""
+    # Where most are nothing at all (a coarse converter) none is far.
+    far = 3.5 * 1.4826 * float(np.median(np.abs(steps))) or np.inf
     # Of a normal variable 0.046 % lies beyond 3.5 standard deviations, with 0.6 % of its square.
-    return 0.5 * float(np.mean(kept**2)) * 1.0061
+    return float(np.mean(steps[np.abs(steps) < far] ** 2)) * 1.0061
