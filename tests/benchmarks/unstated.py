@@ -1,0 +1,50 @@
+"""Does a diagnosis cry wolf where nothing is missing, and nothing was stated of the sensors' noise?
+
+    python -m tests.benchmarks.unstated 200
+
+Simulated recordings with nothing in them, noise of each correlation, whose lab says nothing of force and
+diameter sensors, or of any. The scoring stage alone; some seconds each on one core.
+"""
+
+import dataclasses
+import multiprocessing
+import sys
+
+import numpy as np
+from scipy.stats import beta
+
+from pamjax.infer.cache import keep_compiled
+from pamjax.study.significance import DETECTED
+from pamjax.study.trial import Task, drawn, scored
+
+SEED = 40
+SILENT = {
+    "force and diameter": {"force": None, "diameter": None},
+    "all four": {"force": None, "diameter": None, "pressure": None, "length": None},
+}
+
+
+def p_value(asked: tuple[str, float, int]) -> float:
+    """Of one recording whose lab is silent about some sensors."""
+    silent, correlation, number = asked
+    case = drawn(Task("score", "nothing", correlation, number, SEED)).case
+    sensors = dataclasses.replace(case.entry.sensors, **SILENT[silent])
+    entry = dataclasses.replace(case.entry, sensors=sensors)
+    return scored(dataclasses.replace(case, entry=entry), number).p_value
+
+
+def main(many: int = 200) -> None:
+    kinds = [(silent, correlation) for silent in SILENT for correlation in (0.0, 0.5, 0.9)]
+    asked = [(*kind, number) for number in range(many) for kind in kinds]
+    with multiprocessing.get_context("spawn").Pool(2, keep_compiled) as pool:
+        found = np.array(pool.map(p_value, asked, chunksize=6)).reshape(many, len(kinds))
+    print(f"{'nothing is stated of':<20} noise  below 0.01, 0.05, 0.1, 0.5 and at most (95 %) below 0.01")
+    for (silent, correlation), values in zip(kinds, found.T, strict=True):
+        shares = [float(np.mean(values < level)) for level in (DETECTED, 0.05, 0.1, 0.5)]
+        alarms = int(np.sum(values < DETECTED))
+        most = float(beta.ppf(0.95, alarms + 1, many - alarms))
+        print(f"{silent:<20} {correlation:<5}  " + ", ".join(f"{s:.3f}" for s in shares) + f"; {most:.3f}")
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))
