@@ -11,8 +11,11 @@ from scipy.optimize import lsq_linear
 from pamjax.study.abreast import abreast
 from pamjax.study.forms import COURSES, Form
 from pamjax.study.problem import COSTLY, Problem
-from pamjax.study.refit import Refit
+from pamjax.study.refit import Refit, believed, coordinates
 from pamjax.study.whiten import Whitening
+
+#: Share of its range within which a number was driven to a limit.
+AT_LIMIT = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,11 +38,16 @@ class Signature:
 
 
 class Absorbed:
-    """What numbers that move absorb of a direction, under their priors: least squares with prior rows."""
+    """What numbers that move absorb of a direction, under their priors: least squares with prior rows.
 
-    def __init__(self, at: Refit) -> None:
+    Args:
+        at: the refit.
+        but: which of its numbers absorb nothing.
+    """
+
+    def __init__(self, at: Refit, but: Sequence[int] = ()) -> None:
         self.size = at.residual.size
-        stacked = np.concatenate([at.jacobian, np.diag(1 / at.prior)])
+        stacked = np.delete(np.concatenate([at.jacobian, np.diag(1 / at.prior)]), list(but), axis=1)
         # Columns differ by many orders of magnitude; only their span counts.
         norm = np.linalg.norm(stacked, axis=0)
         stacked = stacked[:, norm > 0] / norm[norm > 0]
@@ -47,19 +55,52 @@ class Absorbed:
         self.basis = left[:, weights > 1e-7]
 
     def out_of(self, directions: np.ndarray) -> np.ndarray:
-        """(k, size) white directions, as (k, size + priors) rows without what is absorbed."""
+        """(k, size) white directions, with or without priors, as (k, size + priors) rows of what is left."""
         extended = np.zeros((*directions.shape[:-1], self.basis.shape[0]))
-        extended[..., : self.size] = directions
+        extended[..., : directions.shape[-1]] = directions
         return extended - (extended @ self.basis) @ self.basis.T
+
+
+class _Left:
+    """What a refit leaves, and what may explain it: amplitudes, and numbers that were driven to their limits.
+
+    Such a number absorbs nothing of what would drive it further, and may come back. (In a p-value it absorbs
+    as all others do: that a lab was wrong by three standard deviations is no mismatch.)
+    """
+
+    def __init__(self, found: Problem, at: Refit) -> None:
+        moved, (low, high) = list(at.moved), _room(found, at)
+        driven = np.flatnonzero(np.minimum(-low, high) < AT_LIMIT * (high - low))
+        self.absorbed = Absorbed(at, driven)
+        mean, _ = believed(found, moved)
+        of_priors = np.zeros(len(moved))
+        of_priors[driven] = ((mean - coordinates(found, moved, at.values)) / at.prior)[driven]
+        self.residual = np.concatenate([at.residual, of_priors])
+        stacked = np.concatenate([at.jacobian, np.diag(1 / at.prior)]).T
+        self.driven, self.limits = self.absorbed.out_of(stacked[driven]), (low[driven], high[driven])
+        self.least = _best(self.driven, self.residual, *self.limits)[1]
+
+    def explained(self, slopes: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, float]:
+        """Best amplitudes within their limits, and the χ² that they take away, in the linear limit."""
+        rows = np.concatenate([self.absorbed.out_of(slopes), self.driven])
+        limits = (np.concatenate(pair) for pair in zip((low, high), self.limits, strict=True))
+        amplitudes, gain = _best(rows, self.residual, *limits)
+        return amplitudes[: len(slopes)], gain - self.least
+
+
+def _room(found: Problem, at: Refit) -> tuple[np.ndarray, np.ndarray]:
+    """How far down and up the numbers that moved may still go, in their coordinates."""
+    here = coordinates(found, at.moved, at.values)
+    low, high = (coordinates(found, at.moved, edge) - here for edge in (found.low, found.high))
+    return np.minimum(low, 0.0), np.maximum(high, 0.0)
 
 
 def signatures(found: Problem, white: Whitening, at: Refit, candidates: Sequence[Form]) -> list[Signature]:
     """The signature of each form at a refit, and how much of its residual it would explain."""
-    absorbed = Absorbed(at)
-    residual = np.concatenate([at.residual, np.zeros(absorbed.basis.shape[0] - absorbed.size)])
+    absorbed, left = Absorbed(at), _Left(found, at)
     slopes = _slopes(found, at, candidates)
     return [
-        _signature(found, white, at, form, slopes[k], absorbed, residual) for k, form in enumerate(candidates)
+        _signature(found, white, at, form, slopes[k], absorbed, left) for k, form in enumerate(candidates)
     ]
 
 
@@ -117,11 +158,12 @@ def _course(found: Problem, form: Form) -> np.ndarray | float:
     return course.at(time, form.shape) / course.at(time, course.everywhere)
 
 
-def _signature(found, white, at, form, slopes, absorbed, residual) -> Signature:
+def _signature(found, white, at, form, slopes, absorbed: Absorbed, left: _Left) -> Signature:
     places = [found.place(name) for name in form.amplitudes]
-    free = absorbed.out_of(np.nan_to_num(white(slopes)))
     low, high = found.low[places] - at.values[places], found.high[places] - at.values[places]
-    amplitudes, gain = _best(free, residual, low, high)
+    slopes = np.nan_to_num(white(slopes))
+    amplitudes, gain = left.explained(slopes, low, high)
+    free = absorbed.out_of(slopes)
     norm = np.linalg.norm(free, axis=1, keepdims=True)
     return Signature(form, gain, amplitudes, free / np.where(norm > 0, norm, 1.0), low < 0)
 

@@ -1,9 +1,15 @@
 """How much of a residual looks like a mechanism, at amplitudes that a muscle can have."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from pamjax.study.signature import _best
+from pamjax.study.conceal import conceal
+from pamjax.study.forms import forms
+from pamjax.study.problem import problem
+from pamjax.study.settled import settle
+from pamjax.study.signature import _best, signatures
 from tests.agreement import ROUNDING, agree
 
 FREE = np.array([-np.inf, -np.inf]), np.array([np.inf, np.inf])
@@ -42,3 +48,19 @@ def test_an_amplitude_that_cannot_be_negative_is_not(directions):
 def test_what_does_not_show_or_cannot_move_explains_nothing(directions):
     assert _best(0 * directions, directions[0], *FREE) == (pytest.approx(np.zeros(2)), 0.0)
     assert _best(directions, directions[0], np.zeros(2), np.zeros(2))[1] == 0.0
+
+
+def test_a_number_at_its_limit_absorbs_nothing_of_what_would_drive_it_further():
+    """A load cell that reads a tenth too much drives the turns to the end of what the lab believes."""
+    case = conceal(0, np.random.default_rng(5)).case
+    found = problem(case)
+    found = dataclasses.replace(found, measured=np.stack([1.1 * found.measured[0], np.full(found.n, np.nan)]))
+    baseline = settle(found, np.ones(found.n, dtype=bool), (), found.neutral)
+    gain = next(form for form in forms(found) if form.id == "force_gain")
+    (seen,) = signatures(found, baseline.white, baseline.at, [gain])
+    # Not quite all of it: amplitudes are linear here.
+    assert seen.gain > 0.7 * baseline.excess
+    assert seen.amplitudes[0] == pytest.approx(0.1, rel=0.3)
+    # Able to fail: what is freed of all numbers, as if they could move on, explains next to nothing.
+    along = seen.directions[:, : baseline.at.residual.size] @ baseline.at.residual
+    assert float(along @ along) < 0.1 * baseline.excess
