@@ -8,7 +8,7 @@ from pamjax.check import refuse
 from pamjax.records.case import MUSCLE, RECORDING
 from pamjax.records.files import folder_beside
 
-#: Invented, so that the new folder reads at once: the ideal braid below, 5 % weaker than it should be.
+#: Invented, so that the new folder reads at once: what the muscle below would show, with its sensors' noise.
 _RECORDING = """\
 # EXAMPLE ROWS: put your own in their place. Lines that begin with # are comments.
 # One row a sample. Any unit will do: state it in the header, as in pressure [psi].
@@ -22,9 +22,9 @@ _RECORDING = """\
 # diameter  outer, mean over the length; optional
 # cycle     number of the stroke or test, 0 while the rig settles; optional
 time [s],pressure [kPa],length [mm],force [N],diameter [mm],cycle
-0.0,200.0,200.00,779.1,20.24,1
-0.5,200.1,195.00,717.3,,1
-1.0,199.9,190.00,656.0,26.17,1
+0.0,200.0,200.00,819.6,20.47,1
+0.5,200.1,190.00,690.4,,1
+1.0,199.9,180.00,565.2,30.81,1
 """
 
 _MUSCLE = """\

@@ -114,7 +114,8 @@ def _asked(split: Split) -> str:
 
 def _score(split: Split, model: str, channel: str) -> str:
     star = "*" if model in split.remarks else ""
-    return f"{TITLE[model]} {split.rmse[model][channel] * PER_SI[channel]:.3g}{star}"
+    off = split.rmse[model][channel] * PER_SI[channel]
+    return f"{TITLE[model]} {off:.3g}{star}" if off < 1000 else f"{TITLE[model]} {off:.0f}{star}"
 
 
 def contest(one: Diagnosis, seed: int = 0) -> Contest:

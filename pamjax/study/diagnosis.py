@@ -75,7 +75,7 @@ class Diagnosis:
         gain: before and after on held-out blocks.
         parameters: of each name, by id, the amplitude first.
         moved: the baseline's parameters before and after.
-        undetermined: what the baseline's recording cannot determine, in words.
+        undetermined: what the recording cannot determine of the baseline, and drives too far, in words.
         experiments: what to do next.
     """
 

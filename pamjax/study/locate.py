@@ -27,6 +27,8 @@ ONE_SIDED = 0.4
 
 #: Correlation with pressure or contraction from which a departure that changes sign has a trend.
 TREND = 0.9
+#: Share of the samples at either end of it that say from what to what.
+END = 0.1
 
 #: Unit and scale in which a person reads a channel.
 SHOWN = {"force": ("N", 1.0), "diameter": ("mm", 1e3)}
@@ -155,7 +157,7 @@ def _sentence(channel, direction, pressure, contraction, signed, inside, at: Axe
     if contraction[1] - contraction[0] > 1e-3:
         where += f", {100 * contraction[0]:.0f} to {100 * contraction[1]:.0f} % contracted"
     sides = ((SHORTENING, "shortens"), (LENGTHENING, "lengthens"))
-    means = {word: _typical(signed[inside & (at.direction == way)]) for way, word in sides}
+    means = {word: _one_sided(signed[inside & (at.direction == way)]) for way, word in sides}
     shortens, lengthens = means["shortens"], means["lengthens"]
     if shortens is not None and lengthens is not None and shortens * lengthens < 0 and direction == "both":
         return (
@@ -165,7 +167,7 @@ def _sentence(channel, direction, pressure, contraction, signed, inside, at: Axe
     values = signed[inside]
     typical = _typical(values) or 0.0
     told = f"{where}, {channel} is {_amount(typical, scale, unit)} than the baseline says"
-    if abs(float(np.mean(values))) < ONE_SIDED * abs(typical):
+    if _one_sided(values) is None:
         told = _trend(where, channel, values, inside, at, scale, unit) or (
             f"{where}, {channel} departs from the baseline by about {_size(typical, scale, unit)} either way"
         )
@@ -181,7 +183,8 @@ def _trend(where, channel, values, inside, at: Axes, scale, unit) -> str:
     for name, along in (("pressure", at.pressure), ("contraction", at.contraction)):
         x = along[inside]
         if np.ptp(x) > 0 and abs(float(np.corrcoef(x, values)[0, 1])) > TREND:
-            low, high = (float(np.mean(values[x == end])) for end in (x.min(), x.max()))
+            ends = x <= np.quantile(x, END), x >= np.quantile(x, 1 - END)
+            low, high = (float(np.mean(values[end])) for end in ends)
             way = "grows" if high > low else "falls"
             first, last = (_amount(v, scale, unit) for v in (low, high))
             return f"{where}, {channel} {way} with {name} against the baseline, from {first} to {last}"
@@ -193,6 +196,13 @@ def _typical(values: np.ndarray) -> float | None:
     if values.size < 3:
         return None
     return float(np.sign(np.mean(values)) * np.sqrt(np.mean(values**2)))
+
+
+def _one_sided(values: np.ndarray) -> float | None:
+    """The signed size of a departure; None where the sign of its mean says little."""
+    typical = _typical(values)
+    one_sided = typical is not None and abs(float(np.mean(values))) >= ONE_SIDED * abs(typical)
+    return typical if one_sided else None
 
 
 def _amount(value: float, scale: float, unit: str) -> str:

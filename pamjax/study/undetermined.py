@@ -1,4 +1,4 @@
-"""What a recording cannot determine of its baseline, in words.
+"""What a recording cannot determine of its baseline, and what it drives too far, in words.
 
 The baseline's refit already holds all that is needed: how each whitened sample answers to each number
 (its Jacobian J) and what was believed of the number. A combination of numbers of which JᵀJ knows less
@@ -12,6 +12,26 @@ import numpy as np
 from pamjax.infer.determine import USEFUL, unnoticed, words
 from pamjax.study.problem import Problem
 from pamjax.study.settled import Model
+
+#: Share of its range within which a number counts as driven to an end of it.
+AT_END = 1e-3
+
+
+def driven(found: Problem, baseline: Model) -> list[str]:
+    """Sentences, one for each of the baseline's own numbers that ended as far off as it may.
+
+    Args:
+        found: the recording before the library.
+        baseline: the baseline, refitted.
+    """
+    values, moved = baseline.at.values, [k for k in baseline.at.moved if found.own[k]]
+    room = {k: min(values[k] - found.low[k], found.high[k] - values[k]) for k in moved}
+    return [
+        f"`{found.names[k]}` was driven as far from what is stated as is believed possible: what is missing"
+        " pulls at it, or its sd is too small."
+        for k in moved
+        if np.isfinite(found.sd[k]) and room[k] < AT_END * (found.high[k] - found.low[k])
+    ]
 
 
 def undetermined(found: Problem, baseline: Model) -> list[str]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pamjax.study.cells import Axes
+from pamjax.study.cells import LENGTHENING, SHORTENING, Axes
 from pamjax.study.locate import _sentence
 
 PRESSURE = np.array([138e3, 276e3, 414e3, 552e3, 689e3])
@@ -23,3 +23,17 @@ def test_a_diameter_that_grows_with_pressure_is_told_so():
 
 def test_without_a_trend_it_departs_either_way():
     assert "either way" in said([0.4, -0.4, 0.4, -0.4, 0.1])
+
+
+def test_a_departure_along_pressure_is_not_told_as_one_of_direction():
+    """Both ways the same but for a little, whose sign is that of chance."""
+    way = np.tile([SHORTENING, LENGTHENING], 20)
+    pressure = np.repeat(np.linspace(1e5, 4e5, 20), 2)
+    at = Axes(pressure, np.zeros(40), np.arange(40.0), way)
+
+    def told(by_way):
+        off = np.linspace(-6, 6, 20).repeat(2) + np.where(way == LENGTHENING, by_way, -by_way)
+        return _sentence("force", "both", (1e5, 4e5), (0.0, 0.0), off, np.ones(40, bool), at)
+
+    assert "force grows with pressure against the baseline, from about 5.7 N lower" in told(0.1)
+    assert "while the muscle lengthens and" in told(9.0)

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from pamjax.study.undetermined import undetermined
+from pamjax.study.undetermined import driven, undetermined
 
 NAMES = ("muscle.thread_length", "muscle.turns")
 
@@ -30,3 +30,17 @@ def test_two_numbers_that_undo_each_other_are_told_together():
 
 def test_what_the_recording_settles_is_not_told():
     assert undetermined(*refitted([[1e5, 0.0], [0.0, 2e4]])) == []
+
+
+def test_a_number_that_was_stopped_on_its_way_is_told():
+    low, high = np.array([0.247, 1.085]), np.array([0.253, 1.115])
+    found = SimpleNamespace(
+        names=NAMES, sd=np.array([1e-3, 5e-3]), own=np.array([True, True]), low=low, high=high
+    )
+
+    def said(*values):
+        return driven(found, SimpleNamespace(at=SimpleNamespace(moved=(0, 1), values=np.array(values))))
+
+    (one,) = said(0.25, 1.115 - 1e-9)
+    assert "`muscle.turns` was driven as far" in one
+    assert said(0.2475, 1.1) == []
