@@ -15,7 +15,7 @@ from pamjax.progress import Progress, silent
 from pamjax.study.abreast import abreast
 from pamjax.study.forms import Form, forms
 from pamjax.study.problem import Problem
-from pamjax.study.search import TIE, TIE_SHARE, finished, halfway, removed, replacements, search
+from pamjax.study.search import FINAL, TIE, TIE_SHARE, halfway, removed, replacements, search, to_the_end
 from pamjax.study.settled import Model, settle
 from pamjax.study.signature import Signature, signatures
 
@@ -104,7 +104,8 @@ def _name(found, model: Model, k: int, candidates) -> Name:
     trials = replacements(found, left, form, candidates)
     # Who comes near gets every chance: noise may have pulled it too high. The others are far behind already.
     near = [trial for trial in trials if trial.score < max(model.score + NEAR, halfway(left, model))]
-    ends = {m.chosen[-1].id: m for m in [*trials, *finished(found, left, near)]}
+    near = sorted(near, key=lambda trial: trial.score)[:FINAL]
+    ends = {m.chosen[-1].id: m for m in [*trials, *to_the_end(found, near)]}
     rivals = {id: m.score - model.score for id, m in ends.items()}
     # What is left unexplained shows how far off textbook forms are here: it blurs a comparison.
     blur = 1 + model.excess / 8

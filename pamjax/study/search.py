@@ -275,7 +275,11 @@ def _strained(found: Problem, model: Model) -> bool:
 def finished(found: Problem, left: Model, trials: Sequence[Model]) -> list[Model]:
     """The most promising of some rough refits, refitted to the end, best first; `left` has a form fewer."""
     first = sorted(trials, key=lambda trial: trial.score)[:FINAL]
-    rough = [trial for trial in first if trial is first[0] or trial.score < halfway(left, first[0])]
+    return to_the_end(found, [one for one in first if one is first[0] or one.score < halfway(left, first[0])])
+
+
+def to_the_end(found: Problem, rough: Sequence[Model]) -> list[Model]:
+    """Rough refits, refitted to the end; best first."""
 
     def end(m: Model) -> Model:
         return freed(found, m.chosen, m.white, refit(found, m.white, m.at.moved, m.at.values))

@@ -71,7 +71,7 @@ class _Left:
     def __init__(self, found: Problem, at: Refit) -> None:
         moved, (low, high) = list(at.moved), _room(found, at)
         driven = np.flatnonzero(np.minimum(-low, high) < AT_LIMIT * (high - low))
-        self.absorbed = Absorbed(at, driven)
+        self.absorbed = Absorbed(at, driven.tolist())
         mean, _ = believed(found, moved)
         of_priors = np.zeros(len(moved))
         of_priors[driven] = ((mean - coordinates(found, moved, at.values)) / at.prior)[driven]

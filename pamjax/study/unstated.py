@@ -7,14 +7,15 @@ cov(s_t, s_t+k) = A ρ^k, they have the mean square
 
 c m⁴ of a misfit that bends. Several lags tell A, ρ and c apart, with an error that follows from ρ itself. ρ
 may be zero, half a chance before anything was seen, or any of the others in `TRIED`. What it leaves out:
-misfits that bend on the scale of a few samples, and noise with more than one memory.
+misfits that bend on the scale of a few samples, noise with more than one memory, and correlations above
+0.95, of which it takes too little.
 Source: derived here; covariance of mean squares of a Gaussian process, M. S. Bartlett, Suppl. J. R. Stat.
 Soc. 8, 27 (1946).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -33,32 +34,47 @@ APART = 300
 
 
 @dataclass(frozen=True, eq=False)
+class Seen:
+    """Mean squares of second differences at each of `LAGS`.
+
+    Attributes:
+        squares: of the residual, SI squared.
+        counts: how many differences there are.
+        white: what stated noise of pressure and length is expected to add.
+        known: share to which that is known.
+        open: whether there may be more white noise, of which nothing was stated.
+    """
+
+    squares: np.ndarray
+    counts: np.ndarray
+    white: np.ndarray
+    known: float
+    open: bool = False
+
+
+@dataclass(frozen=True, eq=False)
 class Unstated:
     """What a recording tells of a sensor's noise.
 
     Attributes:
         taken: correlation and variance (SI squared) that it is taken to have.
-        might: (k, 2) what they might be, from the least slow noise to the most.
+        white: variance of other white noise, of which nothing was stated, SI squared.
+        might: (k, 2) what correlation and variance might be, from the least slow noise to the most.
         chance: (k,) of each.
     """
 
     taken: tuple[float, float]
+    white: float
     might: np.ndarray
     chance: np.ndarray
 
 
-def unstated(squares: np.ndarray, white: np.ndarray, known: float, samples: int) -> Unstated:
-    """Size and memory of noise from mean squares of second differences.
-
-    Args:
-        squares: of the residual, one for each of `LAGS`, SI squared.
-        white: what other noise is expected to add to each.
-        known: share to which that is known.
-        samples: how many there are.
-    """
-    squares = np.maximum(squares, 1e-36)
-    fits = [_fitted(k, squares, white, known, samples) for k in range(TRIED.size)]
-    likely, variance, error = (np.array(values) for values in zip(*fits, strict=True))
+def unstated(seen: Seen) -> Unstated:
+    """Size and memory of noise from mean squares of second differences."""
+    # Where a recording is all but free of noise: next to nothing beside what was stated.
+    floor = np.maximum(1e-6 * seen.white, 1e-36)
+    seen = replace(seen, squares=np.maximum(seen.squares, floor))
+    likely, variance, error, white = np.array([_fitted(k, seen) for k in range(TRIED.size)]).T
     prior = np.r_[0.5, np.full(TRIED.size - 1, 0.5 / (TRIED.size - 1))]
     chance = prior * np.exp(likely - likely.max())
     chance /= chance.sum()
@@ -68,34 +84,36 @@ def unstated(squares: np.ndarray, white: np.ndarray, known: float, samples: int)
     might = np.stack(np.broadcast_arrays(TRIED[:, None], sizes), axis=-1).reshape(-1, 2)
     slow = np.argsort(might[:, 1] * (1 + might[:, 0]) / (1 - might[:, 0]))
     each = np.repeat(chance / RANKS.size, RANKS.size)
-    return Unstated(_taken(chance, np.maximum(variance, 1e-36)), might[slow], each[slow])
-
-
-def _taken(chance: np.ndarray, variance: np.ndarray) -> tuple[float, float]:
-    """No correlation, unless some is more probable than none."""
     some = float(chance[1:].sum())
+    # No correlation, unless some is more probable than none.
     rho = float(chance[1:] @ TRIED[1:]) / some if some > 0.5 else 0.0
-    return rho, float(np.interp(rho, TRIED, variance))
+    own, other = (float(np.interp(rho, TRIED, values)) for values in (np.maximum(variance, 1e-36), white))
+    return Unstated((rho, own), other, might[slow], each[slow])
 
 
-def _fitted(
-    k: int, squares: np.ndarray, white: np.ndarray, known: float, samples: int
-) -> tuple[float, float, float]:
-    """Log-likelihood of one correlation, the variance that goes with it, and its error."""
+def _fitted(k: int, seen: Seen) -> tuple[float, float, float, float]:
+    """Log-likelihood of one correlation, the variance that goes with it, its error, and other white noise."""
     mean, covariance = _expected(k)
+    squares, per = seen.squares, 1 / np.sqrt(seen.counts)
     # All in shares of each square, as it was seen.
-    other, bend = white / squares, (LAGS / LAGS[-1]) ** 4 * squares[-1] / squares
-    root = np.linalg.cholesky(covariance / samples + known**2 * np.outer(other, other))
-    rows = solve_triangular(root, np.stack([mean / squares, bend, 1 - other], axis=1), lower=True)
-    (variance, bent), left = nnls(rows[:, :2], rows[:, 2])
-    own = (
-        rows[:, 0]
-        if bent == 0
-        else rows[:, 0] - rows[:, 1] * (rows[:, 0] @ rows[:, 1]) / (rows[:, 1] @ rows[:, 1])
-    )
-    free = own @ rows[:, 2] / (own @ own)
+    other, bend = seen.white / squares, (LAGS / LAGS[-1]) ** 4 * squares[-1] / squares
+    root = np.linalg.cholesky(covariance * np.outer(per, per) + seen.known**2 * np.outer(other, other))
+    columns = [mean / squares, bend]
+    if seen.open and TRIED[k] > 0:
+        columns.append(6 / squares)
+    rows = solve_triangular(root, np.stack([*columns, 1 - other], axis=1), lower=True)
+    design, wanted = rows[:, :-1], rows[:, -1]
+    (variance, *rest), left = nnls(design, wanted)
+    beside = design[:, 1:][:, np.array(rest) > 0]
+    own = design[:, 0] - beside @ np.linalg.lstsq(beside, design[:, 0])[0]
+    free = own @ wanted / (own @ own)
     likely = -0.5 * left**2 - np.log(np.diag(root)).sum()
-    return float(likely), float(free if variance == 0 else variance), float((own @ own) ** -0.5)
+    return (
+        float(likely),
+        float(free if variance == 0 else variance),
+        float((own @ own) ** -0.5),
+        sum(rest[1:]),
+    )
 
 
 @cache

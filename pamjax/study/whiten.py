@@ -24,7 +24,7 @@ from pamjax.infer.noise import sensitivities
 from pamjax.study.passed import passed_on
 from pamjax.study.problem import Problem
 from pamjax.study.table_noise import table_variance
-from pamjax.study.unstated import LAGS, Unstated, second_differences, unstated
+from pamjax.study.unstated import LAGS, Seen, Unstated, second_differences, unstated
 
 #: Largest correlation of neighbours. Beyond it noise cannot be told from misfit.
 MOST = 0.98
@@ -37,6 +37,9 @@ SENSOR = 0.1
 
 #: Samples below which no correlation is looked for.
 FEW = 30
+
+#: Share of all steps that are near where a few jump.
+MOSTLY = 0.9
 
 #: How far back the memory of noise is followed, samples.
 BACK = 400
@@ -175,8 +178,10 @@ def whitening(found: Problem, values: np.ndarray, used: np.ndarray) -> Whitening
     """
     residual = found.measured - found.shows(values)
     own, carried = _variances(found, values)
-    starts = np.cumsum(found.case.recording.starts)
+    # What was left out ends a run: samples on either side of it are no neighbours.
+    starts = np.cumsum(found.case.recording.starts | (np.diff(used, prepend=used[:1])))
     sensors = found.case.entry.sensors
+    silent = sensors.pressure is None or (sensors.length is None and not sensors.length_per_setting)
     colours, rows, runs = [], [], []
     tables = _table_variances(found, used)
     noise = passed_on(found, values)
@@ -196,6 +201,7 @@ def whitening(found: Problem, values: np.ndarray, used: np.ndarray) -> Whitening
                 stated is not None,
                 tables[c],
                 None if noise is None else noise[:, c],
+                silent,
             )
             if there.size
             else None
@@ -230,14 +236,16 @@ def _table_variances(found: Problem, used: np.ndarray) -> list[tuple[float, floa
     ]
 
 
-def _colour(residual, own, carried, there, starts, given: bool, table=(math.nan, 0.0), noise=None):
+def _colour(
+    residual, own, carried, there, starts, given: bool, table=(math.nan, 0.0), noise=None, silent=False
+):
     variance, freedom = table
     if not given and freedom > 0:
         sd = np.sqrt(np.maximum(variance, carried))
         return Colour(sd, 1.0, 0.0, given, freedom)
-    might = None if given else _unstated(residual, carried, noise, there, starts)
+    might = None if given else _unstated(residual, carried, noise, there, starts, silent)
     if might:
-        memory, own = might.taken
+        (memory, own), carried = might.taken, carried + might.white
     elif not given:
         one = np.ones_like(residual)
         rough = _roughness(residual, one, there, starts)
@@ -256,16 +264,17 @@ def _colour(residual, own, carried, there, starts, given: bool, table=(math.nan,
     return Colour(sd, shared, min(rho, MOST) if seen else 0.0, given, told=rho)
 
 
-def _unstated(residual, carried, noise, there, starts) -> Unstated | None:
+def _unstated(residual, carried, noise, there, starts, open_: bool) -> Unstated | None:
     """What the recording tells of a sensor of which nothing was stated; None where runs are too short."""
-    left = second_differences(residual[there], starts[there])
-    if min(d.size for d in left) < FEW:
+    left = [d[np.isfinite(d)] for d in second_differences(residual[there], starts[there])]
+    counts = np.array([d.size for d in left])
+    if counts.min() < FEW:
         return None
     if noise is None:
         white = np.full(LAGS.size, 6 * float(np.mean(carried[there])))
     else:
         white = np.array([np.mean(d**2) for d in second_differences(noise[:, there], starts[there])])
-    return unstated(np.array([_mean_square(d) for d in left]), white, SENSOR, there.size)
+    return unstated(Seen(np.array([_mean_square(d) for d in left]), counts, white, SENSOR, open_))
 
 
 def _rough_of_set(carried, noise, sd, there, starts) -> float:
@@ -287,7 +296,9 @@ def _roughness(residual, sd, there, starts) -> float:
 
 def _mean_square(steps: np.ndarray) -> float:
     """Of steps, insensitive to the few that jump."""
-    # Where most are nothing at all (a coarse converter) none is far.
-    far = 3.5 * 1.4826 * float(np.median(np.abs(steps))) or np.inf
+    near = np.abs(steps) < 3.5 * 1.4826 * np.median(np.abs(steps))
+    # Where many are far (the steps of a coarse converter) they do not jump: that is how they are.
+    if np.mean(near) < MOSTLY:
+        return float(np.mean(steps**2))
     # Of a normal variable 0.046 % lies beyond 3.5 standard deviations, with 0.6 % of its square.
-    return float(np.mean(steps[np.abs(steps) < far] ** 2)) * 1.0061
+    return float(np.mean(steps[near] ** 2)) * 1.0061

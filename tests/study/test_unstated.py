@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from pamjax.study.unstated import LAGS, TRIED, _expected, second_differences, unstated
+from pamjax.study.unstated import LAGS, TRIED, Seen, _expected, second_differences, unstated
 from tests.study.noise import repeating
 
 N = 850
 ONE_RUN = np.zeros(N)
-NO_OTHER = np.zeros(LAGS.size)
+NO_OTHER, MANY = np.zeros(LAGS.size), np.full(LAGS.size, N)
 
 
 def squares(values):
@@ -30,7 +30,7 @@ def test_mean_squares_and_their_errors_are_those_of_simulated_noise(k):
 def test_size_and_memory_are_found_beside_a_misfit_that_bends(rho, misfit):
     rng, slow = np.random.default_rng(1), misfit * np.sin(2 * np.pi * np.arange(N) / 85)
     taken = np.array(
-        [unstated(squares(repeating(rng, rho, N) + slow), NO_OTHER, 0.1, N).taken for _ in range(60)]
+        [unstated(Seen(squares(repeating(rng, rho, N) + slow), MANY, NO_OTHER, 0.1)).taken for _ in range(60)]
     )
     assert np.median(taken[:, 0]) == pytest.approx(rho, abs=0.06)
     assert np.median(taken[:, 1]) == pytest.approx(1.0, rel=0.3)
@@ -42,7 +42,7 @@ def test_what_it_might_be_holds_what_it_is(rho):
     rng, below, far_below = np.random.default_rng(2), [], []
     for _ in range(100):
         values = repeating(rng, rho, N) + rng.standard_normal(N)
-        found = unstated(squares(values), np.full(LAGS.size, 6.0), 0.1, N)
+        found = unstated(Seen(squares(values), MANY, np.full(LAGS.size, 6.0), 0.1))
         slow = found.might[:, 1] * (1 + found.might[:, 0]) / (1 - found.might[:, 0])
         assert np.all(np.diff(slow) >= -1e-9 * slow[-1])
         assert found.chance.sum() == pytest.approx(1.0)
@@ -51,7 +51,7 @@ def test_what_it_might_be_holds_what_it_is(rho):
     # It is hardly ever beyond all that it might be: this is what noise is told from a misfit by.
     assert np.mean(np.array(below) > 0.99) < 0.06
     assert np.mean(np.array(below) < 0.01) < 0.06
-    # Able to fail: twice the noise would be far more often.
+    # Able to fail: noise of twice the rms would be far more often.
     assert np.mean(np.array(below) > 0.9) < 0.4
     assert np.mean(np.array(far_below) > 0.9) > 0.6
 
@@ -60,3 +60,22 @@ def test_differences_stay_within_their_run():
     runs, values = np.repeat([0, 1], 50), np.r_[np.zeros(50), np.full(50, 1e3)]
     assert all(not d.any() for d in second_differences(values, runs))
     assert second_differences(values, np.zeros(100))[0].any()
+
+
+def test_slow_noise_may_be_there_beside_white_noise_of_which_nothing_was_stated():
+    rng, beyond = np.random.default_rng(3), {True: [], False: []}
+    for _ in range(40):
+        values = squares(repeating(rng, 0.9, N) + rng.standard_normal(N))
+        for room, told in beyond.items():
+            found = unstated(Seen(values, MANY, NO_OTHER, 0.1, open=room))
+            slow = found.might[:, 1] * (1 + found.might[:, 0]) / (1 - found.might[:, 0])
+            told.append(found.chance[slow < 19].sum() > 0.99)
+    assert np.mean(beyond[True]) < 0.15
+    # Able to fail: without room for white noise next to nothing is believed to repeat itself.
+    assert np.mean(beyond[False]) > 0.8
+
+
+def test_a_recording_without_noise_breaks_nothing():
+    found = unstated(Seen(np.zeros(LAGS.size), MANY, np.full(LAGS.size, 6.0), 0.1, open=True))
+    assert np.all(np.isfinite(found.might))
+    assert found.chance.sum() == pytest.approx(1.0)
