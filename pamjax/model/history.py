@@ -136,7 +136,7 @@ def history(
     return History(
         time=jnp.asarray(_pad(clock, size, clock[-1] if n else 0.0)),
         step=jnp.asarray(_pad(np.diff(clock, prepend=clock[:1]), size, 0.0)),
-        restart=jnp.asarray(_pad(anew, size, False)),
+        restart=jnp.asarray(_pad(anew, size, time is None)),
         slope=jnp.asarray(_pad(_slopes(clock, run, turning), size, 0.0)),
         first=jnp.asarray(_pad(row if time is None else begin, size, max(n - 1, 0))),
         last=jnp.asarray(_pad(row if time is None else end - 1, size, max(n - 1, 0))),

@@ -66,7 +66,7 @@ class Stage:
         )
 
     def play(self, schedule: Schedule) -> Problem:
-        """The muscle on a schedule, in the same compiled program as the recording."""
+        """The muscle on a schedule, in the same compiled program as the recording unless it is longer."""
         found, n = self.found, schedule.time.size
         size = max(found.member.rows.pressure.size, program_rows(n))
         recording = Recording.from_arrays(

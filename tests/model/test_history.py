@@ -125,8 +125,9 @@ def test_padding_that_is_not_worked_out_changes_no_sample(settled):
 
 
 def test_a_static_map_settles_nothing():
-    twice = history(None, np.ones(5, bool), settled=True).twice()
-    assert np.all(twice.restart)
+    for size in (5, 8):
+        twice = history(None, np.ones(5, bool), settled=True, size=size).twice()
+        assert np.all(twice.restart)
 
 
 def strokes(corner):
