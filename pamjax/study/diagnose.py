@@ -25,7 +25,7 @@ from pamjax.study.signature import signatures
 from pamjax.study.significance import DETECTED, Significance, significance
 from pamjax.study.spread import spread
 from pamjax.study.temper import tempered
-from pamjax.study.undetermined import driven, undetermined
+from pamjax.study.undetermined import strained, undetermined
 
 
 def diagnose(
@@ -85,7 +85,7 @@ def diagnose(
         gain=score,
         parameters=_parameters(found, model),
         moved=_moved(found, baseline, model) if naming.names else {},
-        undetermined=[*driven(found, baseline), *undetermined(found, baseline)],
+        undetermined=[*strained(found, baseline), *undetermined(found, baseline)],
         experiments=experiments(found, model, naming.names),
     )  # fmt: skip
 

@@ -18,6 +18,9 @@ MOST = 40
 #: Share of a number's range that the baseline's own start away from its ends.
 OFF_LIMIT = 0.15
 
+#: Share of its range within which a number was driven to a limit.
+AT_LIMIT = 1e-3
+
 #: Standard deviation of a prior that knows nothing.
 UNKNOWN = 1e30
 
@@ -63,6 +66,19 @@ def coordinates(found: Problem, places: Sequence[int], values: np.ndarray) -> np
     """Values as coordinates: their logarithm where they move on a logarithmic scale."""
     picked, log = values[list(places)], found.log[list(places)]
     return np.where(log, np.log(np.where(log, picked, 1.0)), picked)
+
+
+def room(found: Problem, at: Refit) -> tuple[np.ndarray, np.ndarray]:
+    """How far down and up the numbers that moved may still go, in their coordinates."""
+    here = coordinates(found, at.moved, at.values)
+    low, high = (coordinates(found, at.moved, edge) - here for edge in (found.low, found.high))
+    return np.minimum(low, 0.0), np.maximum(high, 0.0)
+
+
+def driven(found: Problem, at: Refit) -> np.ndarray:
+    """Which of the numbers that moved, by their order, were driven to a limit."""
+    low, high = room(found, at)
+    return np.flatnonzero(np.minimum(-low, high) < AT_LIMIT * (high - low))
 
 
 def believed(found: Problem, places: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:

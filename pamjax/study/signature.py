@@ -11,11 +11,8 @@ from scipy.optimize import lsq_linear
 from pamjax.study.abreast import abreast
 from pamjax.study.forms import COURSES, Form
 from pamjax.study.problem import COSTLY, Problem
-from pamjax.study.refit import Refit, believed, coordinates
+from pamjax.study.refit import Refit, believed, coordinates, driven, room
 from pamjax.study.whiten import Whitening
-
-#: Share of its range within which a number was driven to a limit.
-AT_LIMIT = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,36 +65,30 @@ class _Left:
     as all others do: that a lab was wrong by three standard deviations is no mismatch.)
     """
 
-    def __init__(self, found: Problem, at: Refit) -> None:
-        moved, (low, high) = list(at.moved), _room(found, at)
-        driven = np.flatnonzero(np.minimum(-low, high) < AT_LIMIT * (high - low))
-        self.absorbed = Absorbed(at, driven.tolist())
+    def __init__(self, found: Problem, at: Refit, absorbed: Absorbed) -> None:
+        moved, there = list(at.moved), driven(found, at)
+        self.absorbed = Absorbed(at, there.tolist()) if there.size else absorbed
         mean, _ = believed(found, moved)
         of_priors = np.zeros(len(moved))
-        of_priors[driven] = ((mean - coordinates(found, moved, at.values)) / at.prior)[driven]
+        of_priors[there] = ((mean - coordinates(found, moved, at.values)) / at.prior)[there]
         self.residual = np.concatenate([at.residual, of_priors])
         stacked = np.concatenate([at.jacobian, np.diag(1 / at.prior)]).T
-        self.driven, self.limits = self.absorbed.out_of(stacked[driven]), (low[driven], high[driven])
+        low, high = room(found, at)
+        self.driven, self.limits = self.absorbed.out_of(stacked[there]), (low[there], high[there])
         self.least = _best(self.driven, self.residual, *self.limits)[1]
 
-    def explained(self, slopes: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, float]:
-        """Best amplitudes within their limits, and the χ² that they take away, in the linear limit."""
-        rows = np.concatenate([self.absorbed.out_of(slopes), self.driven])
+    def explained(self, free: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, float]:
+        """Best amplitudes of what is not absorbed, within their limits, and the χ² that they take away."""
+        rows = np.concatenate([free, self.driven])
         limits = (np.concatenate(pair) for pair in zip((low, high), self.limits, strict=True))
         amplitudes, gain = _best(rows, self.residual, *limits)
-        return amplitudes[: len(slopes)], gain - self.least
-
-
-def _room(found: Problem, at: Refit) -> tuple[np.ndarray, np.ndarray]:
-    """How far down and up the numbers that moved may still go, in their coordinates."""
-    here = coordinates(found, at.moved, at.values)
-    low, high = (coordinates(found, at.moved, edge) - here for edge in (found.low, found.high))
-    return np.minimum(low, 0.0), np.maximum(high, 0.0)
+        return amplitudes[: len(free)], gain - self.least
 
 
 def signatures(found: Problem, white: Whitening, at: Refit, candidates: Sequence[Form]) -> list[Signature]:
     """The signature of each form at a refit, and how much of its residual it would explain."""
-    absorbed, left = Absorbed(at), _Left(found, at)
+    absorbed = Absorbed(at)
+    left = _Left(found, at, absorbed)
     slopes = _slopes(found, at, candidates)
     return [
         _signature(found, white, at, form, slopes[k], absorbed, left) for k, form in enumerate(candidates)
@@ -162,8 +153,9 @@ def _signature(found, white, at, form, slopes, absorbed: Absorbed, left: _Left) 
     places = [found.place(name) for name in form.amplitudes]
     low, high = found.low[places] - at.values[places], found.high[places] - at.values[places]
     slopes = np.nan_to_num(white(slopes))
-    amplitudes, gain = left.explained(slopes, low, high)
     free = absorbed.out_of(slopes)
+    loose = free if left.absorbed is absorbed else left.absorbed.out_of(slopes)
+    amplitudes, gain = left.explained(loose, low, high)
     norm = np.linalg.norm(free, axis=1, keepdims=True)
     return Signature(form, gain, amplitudes, free / np.where(norm > 0, norm, 1.0), low < 0)
 

@@ -11,26 +11,23 @@ import numpy as np
 
 from pamjax.infer.determine import USEFUL, unnoticed, words
 from pamjax.study.problem import Problem
+from pamjax.study.refit import driven
 from pamjax.study.settled import Model
 
-#: Share of its range within which a number counts as driven to an end of it.
-AT_END = 1e-3
 
-
-def driven(found: Problem, baseline: Model) -> list[str]:
+def strained(found: Problem, baseline: Model) -> list[str]:
     """Sentences, one for each of the baseline's own numbers that ended as far off as it may.
 
     Args:
         found: the recording before the library.
         baseline: the baseline, refitted.
     """
-    values, moved = baseline.at.values, [k for k in baseline.at.moved if found.own[k]]
-    room = {k: min(values[k] - found.low[k], found.high[k] - values[k]) for k in moved}
+    ends = (baseline.at.moved[k] for k in driven(found, baseline.at))
     return [
         f"`{found.names[k]}` was driven as far from what is stated as is believed possible: what is missing"
         " pulls at it, or its sd is too small."
-        for k in moved
-        if np.isfinite(found.sd[k]) and room[k] < AT_END * (found.high[k] - found.low[k])
+        for k in ends
+        if found.own[k] and np.isfinite(found.sd[k])
     ]
 
 

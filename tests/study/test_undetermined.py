@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from pamjax.study.undetermined import driven, undetermined
+from pamjax.study.undetermined import strained, undetermined
 
 NAMES = ("muscle.thread_length", "muscle.turns")
 
@@ -35,11 +35,17 @@ def test_what_the_recording_settles_is_not_told():
 def test_a_number_that_was_stopped_on_its_way_is_told():
     low, high = np.array([0.247, 1.085]), np.array([0.253, 1.115])
     found = SimpleNamespace(
-        names=NAMES, sd=np.array([1e-3, 5e-3]), own=np.array([True, True]), low=low, high=high
+        names=NAMES,
+        sd=np.array([1e-3, 5e-3]),
+        own=np.array([True, True]),
+        low=low,
+        high=high,
+        log=np.zeros(2, bool),
     )
 
     def said(*values):
-        return driven(found, SimpleNamespace(at=SimpleNamespace(moved=(0, 1), values=np.array(values))))
+        at = SimpleNamespace(moved=(0, 1), values=np.array(values))
+        return strained(found, SimpleNamespace(at=at))
 
     (one,) = said(0.25, 1.115 - 1e-9)
     assert "`muscle.turns` was driven as far" in one

@@ -51,6 +51,7 @@ def test_what_it_might_be_holds_what_it_is(rho):
     # It is hardly ever beyond all that it might be: this is what noise is told from a misfit by.
     assert np.mean(np.array(below) > 0.99) < 0.06
     assert np.mean(np.array(below) < 0.01) < 0.06
+    # Of a correlation of 0.9 too little is believed: beyond nine tenths in 31 of 100, where 10 are meant.
     # Able to fail: noise of twice the rms would be far more often.
     assert np.mean(np.array(below) > 0.9) < 0.4
     assert np.mean(np.array(far_below) > 0.9) > 0.6
