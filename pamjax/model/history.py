@@ -42,6 +42,8 @@ class History(eqx.Module):
         settled: whether the muscle had been through the recording once before.
         many: how many samples are worked out; those after them repeat the last. None for all, which alone
             has derivatives in reverse.
+        lasting: whether anything leaves something to later samples; where nothing does, once through the
+            recording is enough. None for yes, which alone has derivatives in reverse.
     """
 
     time: Float[Array, " n"]
@@ -52,6 +54,7 @@ class History(eqx.Module):
     last: Int[Array, " n"]
     settled: bool = eqx.field(static=True, default=False)
     many: Int[Array, ""] | None = None
+    lasting: Bool[Array, ""] | None = None
 
     def rate(self, values: Float[Array, " n"]) -> Float[Array, " n"]:
         """Change of a quantity in a second; zero in a static map."""

@@ -2,7 +2,7 @@
 
 JAX compiles a function anew in every thread that calls it before the first is done. Tracing holds Python's
 lock, compiling does not: programs are traced in turn, so that the first is being compiled, and soon at work,
-while the next is traced.
+while the next is traced. What an earlier process has traced is read (`traced.py`).
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import jax
+
+from pamjax.study.traced import traced
 
 #: Programs that are compiled at the same time.
 ABREAST = 2
@@ -38,11 +40,12 @@ def begin(call: Any, *arguments: Any) -> Future:
 
 
 def _compiled(call: Any, arguments: tuple) -> Any:
+    leaves = jax.tree_util.tree_leaves(arguments)
     with _tracing:
-        traced = call.lower(*arguments)
-    return traced.compile()
+        program = jax.jit(traced(call, *arguments)).lower(*leaves)
+    return program.compile()
 
 
 def ready(call: Any, *arguments: Any) -> Any:
     """What the function gives, once it is compiled."""
-    return begin(call, *arguments).result()(*arguments)
+    return begin(call, *arguments).result()(*jax.tree_util.tree_leaves(arguments))

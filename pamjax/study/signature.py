@@ -117,13 +117,10 @@ def _slopes(found: Problem, at: Refit, candidates: Sequence[Form]) -> dict[int, 
 
 def _together(found: Problem, at: Refit, candidates: Sequence[Form]) -> list[list[int]]:
     """Which forms' derivatives are taken at one point: what is switched off has no shape for others."""
-    on = found.neutral != at.values
-    on &= np.array([meaning.neutral is not None for meaning in found.meaning])
-    active = {name.partition(".")[0] for name, there in zip(found.names, on, strict=True) if there}
-    alone, points = [], []
+    alone, points, on = [], [], found.on(at.values)
     for k, form in enumerate(candidates):
         shape = _swept(form)
-        if form.id == COSTLY or (shape and form.id in active):
+        if form.id == COSTLY or (shape and form.id in on):
             alone.append([k])
             continue
         fits = (p for p in points if all(p[1].get(name, value) == value for name, value in shape.items()))

@@ -1,5 +1,6 @@
 """Rates, increments and delays stay within their run."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -122,6 +123,25 @@ def test_padding_that_is_not_worked_out_changes_no_sample(settled):
         assert np.all(np.isfinite(cut))
     # Able to fail: memory is at work, and differs with what was before.
     assert np.max(np.abs(both(True)[1])) > 1.0
+
+
+def test_where_nothing_lasts_once_through_the_recording_is_enough():
+    time = np.arange(60.0)
+    past = history(time, time == 0)
+    pressure, length = jnp.asarray(3e5 + 1e5 * np.sin(time / 7)), jnp.asarray(0.22 - 0.02 * np.cos(time / 11))
+
+    @jax.jit
+    def force(coefficient, lasting):
+        kinds = BraidElasticity(1e-6), BraidFriction(coefficient, 15 * coefficient)
+        known = eqx.tree_at(lambda h: h.lasting, past, lasting, is_leaf=lambda x: x is None)
+        return Bench(0.2512, 1.09, kinds)(pressure, length, known).force
+
+    once, twice = jnp.asarray(False), jnp.asarray(True)
+    agree(force(0.0, once), force(0.0, twice), SOLVED, 100.0)
+    by_thread = Bench(0.2512, 1.09, (BraidElasticity(1e-6), BraidFriction(0.2, 3.0)))
+    agree(force(0.2, twice), by_thread(pressure, length, past).force, SOLVED, 100.0)
+    # Able to fail: friction lasts, and once through the recording is not enough.
+    assert np.max(np.abs(force(0.2, once) - force(0.2, twice))) > 0.1
 
 
 def test_a_static_map_settles_nothing():

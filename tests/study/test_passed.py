@@ -39,23 +39,23 @@ class Delayed:
     """A problem whose force is late by a share of a sample, interpolated in a straight line."""
 
     member: Spring
-    lighter: Spring
     case: SimpleNamespace
-    names: tuple = ("channel_lag.lag",)
-    meaning: tuple = (SimpleNamespace(neutral=0.0),)
     n: int = ROWS
 
-    def shows(self, values):
-        force = STIFF * np.asarray(self.member.rows.length)
-        late = (1 - values[0]) * force + values[0] * np.roll(force, 1)
-        return np.stack([late, np.zeros(ROWS)])
+    def on(self, values):
+        return {"channel_lag"} if values[0] else set()
+
+    def disturbed(self, values, ways):
+        force = STIFF * ways[:, 1]
+        late = (1 - values[0]) * force + values[0] * np.roll(force, 1, axis=-1)
+        return np.stack([late, np.zeros_like(late)], axis=1)
 
 
 def spring(noise: float | None = NOISE) -> Any:
     bare = Spring(Set(jnp.ones(ROWS), jnp.sin(jnp.linspace(0, 6, ROWS))))
     sensors = SimpleNamespace(pressure=None, length=noise, length_per_setting=False)
     case = SimpleNamespace(entry=SimpleNamespace(sensors=sensors), recording=SimpleNamespace(has_time=True))
-    return Delayed(bare, bare, case)
+    return Delayed(bare, case)
 
 
 def weights(correlation=0.0):

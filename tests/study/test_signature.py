@@ -7,6 +7,7 @@ import pytest
 
 from pamjax.study.conceal import conceal
 from pamjax.study.forms import forms
+from pamjax.study.passed import _shaken
 from pamjax.study.problem import problem
 from pamjax.study.settled import settle
 from pamjax.study.signature import _best, signatures
@@ -64,3 +65,21 @@ def test_a_number_at_its_limit_absorbs_nothing_of_what_would_drive_it_further():
     # Able to fail: what is freed of all numbers, as if they could move on, explains next to nothing.
     along = seen.directions[:, : baseline.at.residual.size] @ baseline.at.residual
     assert float(along @ along) < 0.1 * baseline.excess
+
+
+def test_what_is_shown_more_for_a_little_more_pressure_and_length():
+    """As differences of two problems whose pressure and length are not the same."""
+    found = problem(conceal(0, np.random.default_rng(5)).case)
+    values, rng = found.neutral.copy(), np.random.default_rng(1)
+    ways = rng.standard_normal((3, 2, found.n)) * np.array([10.0, 1e-7])[:, None]
+    for on in ({}, {"braid_friction.constant": 3.0}):
+        for name, value in on.items():
+            values[found.place(name)] = value
+        more = found.disturbed(values, ways)
+        assert more.shape == (3, 2, found.n)
+        for way, seen in zip(ways, more, strict=True):
+            there = _shaken(found, *way).shows(values) - found.shows(values)
+            agree(seen[0], there[0], to=1e-4, scale=np.max(np.abs(there[0])))
+    # Able to fail: with friction on, a derivative of the muscle without it is another.
+    still = found.disturbed(found.neutral, ways)
+    assert np.max(np.abs(more - still)[:, 0]) > 1e-3 * np.max(np.abs(still[:, 0]))

@@ -1,0 +1,101 @@
+"""A traced program is found again by a later process, and by none for which it would be wrong."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from shutil import copytree, ignore_patterns
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import pytest
+
+import pamjax
+import pamjax.study.traced as under_test
+from pamjax.study.traced import traced
+from tests.agreement import agree
+
+
+class Scale(eqx.Module):
+    """A factor, and what it is called: the name is part of the program."""
+
+    factor: jax.Array
+    name: str = eqx.field(static=True)
+
+
+@pytest.fixture
+def kept(tmp_path):
+    """Programs are kept in a folder of their own."""
+    before = jax.config.jax_compilation_cache_dir
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path))
+    yield tmp_path / "traced"
+    jax.config.update("jax_compilation_cache_dir", before)
+
+
+def traces(arguments, home: str = "pamjax.made_up") -> int:
+    """How often a function is traced that no one in this process has asked for yet."""
+    seen = []
+
+    def scaled(by, x):
+        seen.append(x)
+        return by.factor * x
+
+    scaled.__module__ = home
+    program = jax.jit(traced(jax.jit(scaled), *arguments))
+    agree(program(*jax.tree_util.tree_leaves(arguments)), arguments[0].factor * arguments[1], to=0.0)
+    return len(seen)
+
+
+def asked(factor=2.0, name="a", rows=3):
+    return Scale(jnp.asarray(factor), name), jnp.arange(float(rows))
+
+
+def test_it_is_read_by_whoever_asks_again(kept):
+    assert traces(asked()) == 1
+    assert traces(asked()) == 0
+    assert traces(asked(factor=3.0)) == 0
+    assert len(list(kept.iterdir())) == 1
+
+
+def test_another_shape_another_name_and_other_sources_are_another_program(kept, monkeypatch):
+    assert traces(asked()) == 1
+    assert traces(asked(rows=4)) == 1
+    assert traces(asked(name="b")) == 1
+    monkeypatch.setattr(under_test, "_tracer", lambda: "other sources")
+    assert traces(asked()) == 1
+    assert len(list(kept.iterdir())) == 4
+
+
+def test_what_is_not_of_pamjax_is_not_kept(kept):
+    assert traces(asked(), "mine") == traces(asked(), "mine") == 1
+    assert not kept.exists()
+
+
+def test_without_a_folder_nothing_is_kept(kept):
+    jax.config.update("jax_compilation_cache_dir", None)
+    assert traces(asked()) == traces(asked()) == 1
+
+
+def test_what_traces_is_known_by_its_sources(tmp_path):
+    """A process with another line in one file of the package gets another name."""
+    told = "import sys, pamjax.study.traced as t; print(t._tracer().splitlines()[-1])"
+
+    def of(root):
+        environment = {**os.environ, "PYTHONPATH": str(root)}
+        return subprocess.run(
+            [sys.executable, "-c", told],
+            env=environment,
+            cwd=root,
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+
+    package = Path(pamjax.__file__).parent
+    copytree(package, tmp_path / "pamjax", ignore=ignore_patterns("__pycache__"))
+    same = of(tmp_path)
+    assert same == of(package.parent)
+    with (tmp_path / "pamjax" / "model" / "scan.py").open("a") as file:
+        file.write("# another line\n")
+    assert of(tmp_path) != same
