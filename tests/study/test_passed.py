@@ -39,8 +39,14 @@ class Delayed:
     """A problem whose force is late by a share of a sample, interpolated in a straight line."""
 
     member: Spring
+    lighter: Spring
     case: SimpleNamespace
+    names: tuple = ("channel_lag.lag",)
+    meaning: tuple = (SimpleNamespace(neutral=0.0),)
     n: int = ROWS
+
+    def shows(self, values):
+        return self.disturbed(values, np.asarray(self.member.rows.length) * np.ones((1, 2, 1)))[0]
 
     def on(self, values):
         return {"channel_lag"} if values[0] else set()
@@ -55,7 +61,7 @@ def spring(noise: float | None = NOISE) -> Any:
     bare = Spring(Set(jnp.ones(ROWS), jnp.sin(jnp.linspace(0, 6, ROWS))))
     sensors = SimpleNamespace(pressure=None, length=noise, length_per_setting=False)
     case = SimpleNamespace(entry=SimpleNamespace(sensors=sensors), recording=SimpleNamespace(has_time=True))
-    return Delayed(bare, case)
+    return Delayed(bare, bare, case)
 
 
 def weights(correlation=0.0):

@@ -35,7 +35,7 @@ def recording(tilt) -> Any:
     found = SimpleNamespace(
         names=NAMES, place=NAMES.index, n=ROWS, slopes=slopes, shows=lambda v: slopes(v, [0])[0],
         own=np.array([True, False, False]), log=np.zeros(3, bool),
-        neutral=np.zeros(3), start=np.array([0.0, 5.0, 0.0]),
+        on=lambda values: set(), neutral=np.zeros(3), start=np.array([0.0, 5.0, 0.0]),
         sd=np.array([10.0, 0.5, np.inf]), low=np.array([-50.0, 0.0, -3.0]), high=np.array([50.0, 9.0, 3.0]),
         meaning=tuple(SimpleNamespace(neutral=n, scale="linear") for n in (None, 0.0, None)),
     )  # fmt: skip
