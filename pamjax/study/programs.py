@@ -1,8 +1,7 @@
 """A problem's two programs, compiled side by side and once, however many threads ask for them.
 
-JAX compiles a function anew in every thread that calls it before the first is done. Tracing holds Python's
-lock, compiling does not: programs are traced in turn, so that the first is being compiled, and soon at work,
-while the next is traced. What an earlier process has traced is read (`traced.py`).
+JAX compiles a function anew in every thread that calls it before the first is done. What an earlier process
+has traced, or another is tracing, is read (`traced.py`).
 """
 
 from __future__ import annotations
@@ -14,13 +13,13 @@ from typing import Any
 
 import jax
 
-from pamjax.study.traced import traced
+from pamjax.study.traced import compiled
 
 #: Programs that are compiled at the same time.
 ABREAST = 2
 
 _begun: dict[Hashable, Future] = {}
-_lock, _tracing = threading.Lock(), threading.Lock()
+_lock = threading.Lock()
 _compilers = ThreadPoolExecutor(ABREAST, thread_name_prefix="compile")
 
 
@@ -35,15 +34,8 @@ def begin(call: Any, *arguments: Any) -> Future:
     key = (call, shape, tuple((leaf.shape, leaf.dtype) for leaf in leaves))
     with _lock:
         if key not in _begun:
-            _begun[key] = _compilers.submit(_compiled, call, arguments)
+            _begun[key] = _compilers.submit(compiled, call, *arguments)
         return _begun[key]
-
-
-def _compiled(call: Any, arguments: tuple) -> Any:
-    leaves = jax.tree_util.tree_leaves(arguments)
-    with _tracing:
-        program = jax.jit(traced(call, *arguments)).lower(*leaves)
-    return program.compile()
 
 
 def ready(call: Any, *arguments: Any) -> Any:

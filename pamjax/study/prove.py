@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from contextlib import contextmanager
+from itertools import islice
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
@@ -64,13 +65,11 @@ def _attempts(tasks: Sequence[Task], workers: int, attempt: Attempt) -> Iterator
         ProcessPoolExecutor(min(workers, len(tasks)), mp_context=spawn, initializer=_keep) as pool,
     ):
         left = iter(tasks)
-        # The first one compiles on all cores what the others then read from the cache.
-        running = {pool.submit(attempt, next(left))}
+        running = {pool.submit(attempt, task) for task in islice(left, 2 * workers)}
         try:
             while running:
                 over, running = wait(running, return_when=FIRST_COMPLETED)
-                free = range(2 * workers - len(running))
-                running |= {pool.submit(attempt, task) for _, task in zip(free, left, strict=False)}
+                running |= {pool.submit(attempt, task) for task in islice(left, len(over))}
                 yield from (one.result() for one in over)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)

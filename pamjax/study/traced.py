@@ -2,13 +2,14 @@
 
 JAX finds a compiled program by what was traced, so every process traces anew, for some twenty seconds. Here
 the traced program is kept (StableHLO) under a name made of all that it depends on: the function, its
-arguments but for their values, the sources of pamjax, and the versions of what traces. Written whole or not
-at all.
+arguments but for their values, the sources of pamjax, and the versions of what traces. It is written once the
+program is compiled; processes that want it meanwhile wait, rather than compile it as well.
 """
 
 from __future__ import annotations
 
 import hashlib
+import threading
 from collections.abc import Callable
 from functools import cache
 from importlib.metadata import version
@@ -17,6 +18,8 @@ from typing import Any
 
 import equinox as eqx
 import jax
+from filelock import FileLock
+from jax.stages import Compiled
 
 import pamjax
 from pamjax.records.files import write_beside
@@ -24,9 +27,12 @@ from pamjax.records.files import write_beside
 #: What a program may change with besides pamjax itself.
 TRACERS = ("jax", "jaxlib", "equinox", "lineax", "optimistix")
 
+#: Tracing holds Python's lock, compiling does not: one is traced at a time, and soon being compiled.
+_tracing = threading.Lock()
 
-def traced(call: Any, *arguments: Any) -> Callable[..., Any]:
-    """A function of the arguments' leaves, traced for arguments like these, here or by an earlier process.
+
+def compiled(call: Any, *arguments: Any) -> Compiled:
+    """A function of the arguments' leaves, compiled for arguments like these, by this process or another.
 
     Args:
         call: a jitted function; only those of pamjax itself are kept, whose sources are known.
@@ -36,14 +42,29 @@ def traced(call: Any, *arguments: Any) -> Callable[..., Any]:
     flat = jax.jit(lambda *leaves: call(*jax.tree_util.tree_unflatten(shape, leaves)))
     file = _file(call, arguments)
     if file is None:
-        return flat
+        with _tracing:
+            program = flat.lower(*leaves)
+        return program.compile()
     if file.is_file():
-        return jax.export.deserialize(bytearray(file.read_bytes())).call
-    exported = jax.export.export(flat)(*leaves)
-    file.parent.mkdir(exist_ok=True)
-    with write_beside(file) as beside:
-        beside.write_bytes(exported.serialize())
-    return exported.call
+        return _read(file, leaves)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with FileLock(file.with_suffix(".lock")):
+        if file.is_file():
+            return _read(file, leaves)
+        with _tracing:
+            exported = jax.export.export(flat)(*leaves)
+        program = _finished(exported.call, leaves)
+        with write_beside(file) as beside:
+            beside.write_bytes(exported.serialize())
+    return program
+
+
+def _read(file: Path, leaves: list) -> Compiled:
+    return _finished(jax.export.deserialize(bytearray(file.read_bytes())).call, leaves)
+
+
+def _finished(call: Callable, leaves: list) -> Compiled:
+    return jax.jit(call).lower(*leaves).compile()
 
 
 def _file(call: Any, arguments: tuple) -> Path | None:
@@ -54,7 +75,7 @@ def _file(call: Any, arguments: tuple) -> Path | None:
     like = eqx.tree_pformat(arguments, width=10**6)
     named = f"{call.__module__}.{call.__qualname__} on {jax.default_backend()}"
     name = hashlib.sha256("\n".join([named, like, _tracer()]).encode()).hexdigest()
-    return Path(folder) / "traced" / name
+    return Path(folder) / "traced" / f"{name}.stablehlo"
 
 
 @cache

@@ -13,7 +13,7 @@ import pytest
 
 import pamjax
 import pamjax.study.traced as under_test
-from pamjax.study.traced import traced
+from pamjax.study.traced import compiled
 from tests.agreement import agree
 
 
@@ -42,7 +42,7 @@ def traces(arguments, home: str = "pamjax.made_up") -> int:
         return by.factor * x
 
     scaled.__module__ = home
-    program = jax.jit(traced(jax.jit(scaled), *arguments))
+    program = compiled(jax.jit(scaled), *arguments)
     agree(program(*jax.tree_util.tree_leaves(arguments)), arguments[0].factor * arguments[1], to=0.0)
     return len(seen)
 
@@ -55,7 +55,7 @@ def test_it_is_read_by_whoever_asks_again(kept):
     assert traces(asked()) == 1
     assert traces(asked()) == 0
     assert traces(asked(factor=3.0)) == 0
-    assert len(list(kept.iterdir())) == 1
+    assert len(list(kept.glob("*.stablehlo"))) == 1
 
 
 def test_another_shape_another_name_and_other_sources_are_another_program(kept, monkeypatch):
@@ -64,7 +64,7 @@ def test_another_shape_another_name_and_other_sources_are_another_program(kept, 
     assert traces(asked(name="b")) == 1
     monkeypatch.setattr(under_test, "_tracer", lambda: "other sources")
     assert traces(asked()) == 1
-    assert len(list(kept.iterdir())) == 4
+    assert len(list(kept.glob("*.stablehlo"))) == 4
 
 
 def test_what_is_not_of_pamjax_is_not_kept(kept):
@@ -99,3 +99,18 @@ def test_what_traces_is_known_by_its_sources(tmp_path):
     with (tmp_path / "pamjax" / "model" / "scan.py").open("a") as file:
         file.write("# another line\n")
     assert of(tmp_path) != same
+
+
+def test_processes_that_ask_together_compile_once(kept):
+    """Two of them want what takes a while to trace: one of them traces it."""
+    asks = (
+        "import sys, time, jax, pamjax.study.traced as t\n"
+        "jax.config.update('jax_compilation_cache_dir', sys.argv[1])\n"
+        "def slow(x):\n    print('traced'); time.sleep(2); return 2 * x\n"
+        "slow.__module__ = 'pamjax.made_up'\n"
+        "print(t.compiled(jax.jit(slow), jax.numpy.ones(3))(jax.numpy.ones(3)).tolist())"
+    )
+    asked = [sys.executable, "-c", asks, str(kept.parent)]
+    both = [subprocess.Popen(asked, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    told = sorted(one.communicate(timeout=120)[0].split("\n")[:-1] for one in both)
+    assert told == [["[2.0, 2.0, 2.0]"], ["traced", "[2.0, 2.0, 2.0]"]]
