@@ -1,5 +1,6 @@
 """Pneumatic artificial muscles in JAX: elastic braids, calibrated on recordings, with honest uncertainty."""
 
+import time
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
     from pamjax.records.simulate import simulate
     from pamjax.study.diagnose import diagnose
     from pamjax.study.diagnosis import Diagnosis
+
+#: When this process began to import pamjax: sources that were written later are not what runs.
+IMPORTED = time.time()
 
 #: Where each public name lives. They load when first used, so that `pamjax --help` loads no JAX.
 _HOME = {

@@ -4,11 +4,11 @@ Weights are made for a muscle that passes such noise on sample by sample. A dela
 averages neighbours, and a rate is their difference: the noise of what they show is less, or more, and
 with it the χ² of a misfit that is nothing but noise,
 
-    E χ²(m) − E χ²(0) = E |W (∂f_m/∂x) u|² − E |W (∂f_0/∂x) u|²,
+    E χ²(m) − E χ²(0) = E |W [f_m(x + u) − f_m(x)]|² − E |W (∂f_0/∂x) u|²,
 
-f_m the model, f_0 its bare muscle, W the weights, u the sensors' noise in what was set, x, which is small.
-Two models are told apart by what is left when each is freed of its own. Untold, a delay by half a sample
-explains thousands of rows better than the truth.
+f_m the model, f_0 its bare muscle, W the weights, u the sensors' noise in what was set, x. Two models
+are told apart by what is left when each is freed of its own. Untold, a delay by half a sample explains
+thousands of rows better than the truth.
 
 The mean over u is taken with signs, ±sd, the same for every model. Four draws carry the rows of a
 Hadamard matrix, so that no product of neighbours, nor of pressure and length, is left in it.
@@ -61,7 +61,9 @@ def passed_on(found: Problem, values: np.ndarray) -> np.ndarray | None:
     """What each draw of noise does to what is shown, (draws, 2, n), SI; None where `passed` is zero."""
     if not _remembers(found, values) or not any(_stated(found)):
         return None
-    return np.nan_to_num(found.disturbed(values, np.stack([np.stack(draw) for draw in draws(found)])))
+    still = found.shows(values)
+    shown = [_shaken(found, *draw).shows(values) - still for draw in draws(found)]
+    return np.nan_to_num(np.stack(shown))
 
 
 def passed_slope(found: Problem, white: Callable[[np.ndarray], np.ndarray], values, places) -> np.ndarray:

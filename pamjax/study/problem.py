@@ -39,9 +39,6 @@ SLOTS = 32
 #: How many of them are taken side by side.
 TOGETHER = 4
 
-#: Ways in which pressure and length may change, at most.
-WAYS = 4
-
 #: A number that was measured stays within this many of its standard deviations: further off, the lab has
 #: not made an error of measurement, but the model one of physics.
 REACH = 3.0
@@ -130,86 +127,62 @@ class Problem:
     def compile(self) -> None:
         """Begin to compile both programs, side by side; whoever needs one waits for it."""
         for member in (self.lighter, self.member):
-            programs.begin(_sweep, *self._asked(member, self.neutral, (), True, self._still))
+            programs.begin(_sweep, *_asked(member, self.neutral, (), True))
 
     def slopes(self, values: np.ndarray, places) -> tuple[np.ndarray, np.ndarray]:
         """What the bench shows, (2, n), and its derivative by each of the numbers, (k, 2, n), SI."""
         places, on = np.array(list(places), dtype=int), self.on(values)
         of = [_id(self.names[k]) for k in places]
-        member = self._lightest({*on, *of})
+        member = self.member if COSTLY in on or COSTLY in of else self.lighter
         lasting = np.array([bool(REMEMBERING & (on | {id})) for id in of], dtype=bool)
         shown, slopes = None, np.empty((places.size, 2, self.n))
         for twice in (False, True):
             some = np.flatnonzero(lasting == twice)
             for k in range(0, some.size, SLOTS):
                 now = some[k : k + SLOTS]
-                shown, slopes[now] = self._swept(member, values, places[now], twice, self._still)
+                shown, slopes[now] = self._swept(member, values, places[now], twice)
         if shown is None:
-            shown, _ = self._swept(member, values, (), bool(REMEMBERING & on), self._still)
+            shown, _ = self._swept(member, values, (), bool(REMEMBERING & on))
         return shown, slopes
 
-    def disturbed(self, values: np.ndarray, ways: np.ndarray) -> np.ndarray:
-        """What the bench shows more, (w, 2, n), SI, for a little more of pressure and length, (w, 2, n)."""
-        on, rows = self.on(values), self.member.rows.pressure.size
-        slots = values.size + np.arange(len(ways))
-        beyond = (0, WAYS - len(ways)), (0, 0), (0, rows - self.n)
-        padded = jnp.asarray(np.pad(ways, beyond))
-        return self._swept(self._lightest(on), values, slots, bool(REMEMBERING & on), padded)[1]
-
-    def _lightest(self, ids: set[str]) -> Member:
-        """The program that has these mechanisms."""
-        return self.member if COSTLY in ids else self.lighter
-
-    def _swept(
-        self, member: Member, values, slots, twice: bool, ways: Array
-    ) -> tuple[np.ndarray, np.ndarray]:
-        shown, slopes = programs.ready(_sweep, *self._asked(member, values, slots, twice, ways))
-        return np.asarray(shown)[:, : self.n], np.asarray(slopes)[: len(slots), :, : self.n]
-
-    @property
-    def _still(self) -> Array:
-        return jnp.zeros((WAYS, 2, self.member.rows.pressure.size))
-
-    @staticmethod
-    def _asked(member: Member, values, slots, twice: bool, ways: Array) -> tuple:
-        all_slots = np.zeros(SLOTS, dtype=int)
-        all_slots[: len(slots)] = slots
-        asked = jnp.asarray(all_slots), jnp.asarray(len(slots)), jnp.asarray(twice)
-        return member, jnp.asarray(values), *asked, ways
+    def _swept(self, member: Member, values, places, twice: bool) -> tuple[np.ndarray, np.ndarray]:
+        shown, slopes = programs.ready(_sweep, *_asked(member, values, places, twice))
+        return np.asarray(shown)[:, : self.n], np.asarray(slopes)[: len(places), :, : self.n]
 
 
 def _id(name: str) -> str:
     return name.partition(".")[0]
 
 
+def _asked(member: Member, values, places, twice: bool) -> tuple:
+    slots = np.zeros(SLOTS, dtype=int)
+    slots[: len(places)] = places
+    counts = jnp.asarray(len(places)), jnp.asarray(twice)
+    return member, jnp.asarray(values), jnp.asarray(slots), *counts
+
+
 @eqx.filter_jit
 def _sweep(
-    member: Member, values: Float[Array, " p"], slots: Array, many: Array, twice: Array, ways: Array
+    member: Member, values: Float[Array, " p"], slots: Array, many: Array, twice: Array
 ) -> tuple[Array, Array]:
-    """What is shown, and its derivative by the first `many` in `slots`: numbers, and then ways.
+    """What is shown, and its derivative by the first `many` of the numbers in `slots`.
 
-    Args:
-        twice: whether anything leaves something to later samples.
-        ways: (w, 2, rows) changes of pressure and length.
+    `twice` says whether any of them, or of what is switched on, leaves something to later samples.
     """
-    history = eqx.tree_at(lambda h: h.lasting, member.history, twice, is_leaf=lambda x: x is None)
+    member = eqx.tree_at(lambda m: m.history.lasting, member, twice, is_leaf=lambda x: x is None)
 
-    def shows(values, set_):
-        rows = eqx.tree_at(lambda r: (r.pressure, r.length), member.rows, tuple(set_))
-        reading = eqx.tree_at(lambda m: (m.rows, m.history), member, (rows, history)).reading(values)
+    def shows(x):
+        reading = member.reading(x)
         # A slack muscle pulls with nothing, while the ideal one would push: that is no misfit.
-        force = jnp.where(rows.slack, jnp.maximum(reading.force, 0.0), reading.force)
+        force = jnp.where(member.rows.slack, jnp.maximum(reading.force, 0.0), reading.force)
         return jnp.stack([force, reading.diameter])
-
-    at = values, jnp.stack([member.rows.pressure, member.rows.length])
 
     def fill(k, carry):
         _, found = carry
         now = jax.lax.dynamic_slice_in_dim(slots, k * TOGETHER, TOGETHER)
-        of_ways = jax.nn.one_hot(now - values.size, len(ways), dtype=values.dtype)
-        tangents = jax.nn.one_hot(now, values.size, dtype=values.dtype), jnp.tensordot(of_ways, ways, 1)
+        tangents = jax.nn.one_hot(now, values.size, dtype=values.dtype)
         # Side by side: what all directions share is worked out once for them, while it is in the cache.
-        shown, along = jax.vmap(lambda *t: jax.jvp(shows, at, t), out_axes=(None, 0))(*tangents)
+        shown, along = jax.vmap(lambda t: jax.jvp(shows, (values,), (t,)), out_axes=(None, 0))(tangents)
         return shown, jax.lax.dynamic_update_slice_in_dim(found, along, k * TOGETHER, 0)
 
     nothing = jnp.zeros((2, member.rows.pressure.size))

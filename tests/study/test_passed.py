@@ -41,20 +41,16 @@ class Delayed:
     member: Spring
     lighter: Spring
     case: SimpleNamespace
-    names: tuple = ("channel_lag.lag",)
     meaning: tuple = (SimpleNamespace(neutral=0.0),)
     n: int = ROWS
-
-    def shows(self, values):
-        return self.disturbed(values, np.asarray(self.member.rows.length) * np.ones((1, 2, 1)))[0]
 
     def on(self, values):
         return {"channel_lag"} if values[0] else set()
 
-    def disturbed(self, values, ways):
-        force = STIFF * ways[:, 1]
-        late = (1 - values[0]) * force + values[0] * np.roll(force, 1, axis=-1)
-        return np.stack([late, np.zeros_like(late)], axis=1)
+    def shows(self, values):
+        force = STIFF * np.asarray(self.member.rows.length)
+        late = (1 - values[0]) * force + values[0] * np.roll(force, 1)
+        return np.stack([late, np.zeros(ROWS)])
 
 
 def spring(noise: float | None = NOISE) -> Any:

@@ -7,7 +7,6 @@ import pytest
 
 from pamjax.study.conceal import conceal
 from pamjax.study.forms import forms
-from pamjax.study.passed import _shaken
 from pamjax.study.problem import problem
 from pamjax.study.settled import settle
 from pamjax.study.signature import _best, signatures
@@ -67,19 +66,19 @@ def test_a_number_at_its_limit_absorbs_nothing_of_what_would_drive_it_further():
     assert float(along @ along) < 0.1 * baseline.excess
 
 
-def test_what_is_shown_more_for_a_little_more_pressure_and_length():
-    """As differences of two problems whose pressure and length are not the same."""
+def test_where_nothing_lasts_every_derivative_is_that_of_two_passes():
     found = problem(conceal(0, np.random.default_rng(5)).case)
-    values, rng = found.neutral.copy(), np.random.default_rng(1)
-    ways = rng.standard_normal((3, 2, found.n)) * np.array([10.0, 1e-7])[:, None]
-    for on in ({}, {"braid_friction.constant": 3.0}):
-        for name, value in on.items():
-            values[found.place(name)] = value
-        more = found.disturbed(values, ways)
-        assert more.shape == (3, 2, found.n)
-        for way, seen in zip(ways, more, strict=True):
-            there = _shaken(found, *way).shows(values) - found.shows(values)
-            agree(seen[0], there[0], to=1e-4, scale=np.max(np.abs(there[0])))
-    # Able to fail: with friction on, a derivative of the muscle without it is another.
-    still = found.disturbed(found.neutral, ways)
-    assert np.max(np.abs(more - still)[:, 0]) > 1e-3 * np.max(np.abs(still[:, 0]))
+    heavy = found.place("end_taper.share"), found.place("end_taper.radius")
+    places = [k for k in range(len(found.names)) if k not in heavy]
+    one = found.slopes(found.neutral, places)
+    two = [found._swept(found.lighter, found.neutral, places[k : k + 16], True) for k in range(0, 80, 16)]
+    agree(one[0], two[0][0], to=ROUNDING, scale=np.max(np.abs(one[0])))
+    for slope, other in zip(one[1], np.concatenate([slopes for _, slopes in two]), strict=True):
+        agree(slope, other, to=1e-9, scale=np.max(np.abs(other)) + 1e-12)
+    # Able to fail: with one pass what lasts would show nothing.
+    lasting = [
+        k for k in places if found.names[k] in ("braid_friction.constant", "viscoelastic_creep.modulus")
+    ]
+    assert np.all(np.max(np.abs(found.slopes(found.neutral, lasting)[1][:, 0]), axis=1) > 0)
+    once = found._swept(found.lighter, found.neutral, lasting, False)[1]
+    assert not np.any(once)

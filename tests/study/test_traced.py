@@ -10,6 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import pytest
+from filelock import FileLock
 
 import pamjax
 import pamjax.study.traced as under_test
@@ -72,9 +73,49 @@ def test_what_is_not_of_pamjax_is_not_kept(kept):
     assert not kept.exists()
 
 
-def test_without_a_folder_nothing_is_kept(kept):
-    jax.config.update("jax_compilation_cache_dir", None)
+@pytest.mark.parametrize("folder", [None, "gs://bucket/programs"])
+def test_without_a_folder_nothing_is_kept(kept, folder, monkeypatch):
+    monkeypatch.chdir(kept.parent)
+    jax.config.update("jax_compilation_cache_dir", folder)
     assert traces(asked()) == traces(asked()) == 1
+    assert not Path("gs:").exists()
+
+
+def test_sources_that_are_not_those_that_run_keep_nothing(kept, monkeypatch):
+    monkeypatch.setattr(pamjax, "IMPORTED", 0.0)
+    assert traces(asked()) == traces(asked()) == 1
+    assert not kept.exists()
+
+
+def test_a_library_that_is_not_all_pamjaxs_keeps_nothing(kept, monkeypatch):
+    monkeypatch.setattr(under_test, "MECHANISMS", (Scale,))
+    assert traces(asked()) == traces(asked()) == 1
+    assert not kept.exists()
+
+
+@pytest.mark.parametrize("whole", [b"", b"half a program" * 9])
+def test_what_was_cut_off_is_written_anew(kept, whole):
+    assert traces(asked()) == 1
+    (file,) = kept.glob("*.stablehlo")
+    file.write_bytes(whole)
+    assert traces(asked()) == 1
+    assert traces(asked()) == 0
+
+
+def test_a_folder_in_trouble_is_gone_without(kept, monkeypatch):
+    # A file where the folder should be: it can be neither made, nor locked, nor written to.
+    kept.write_text("mine")
+    assert traces(asked()) == traces(asked()) == 1
+    assert kept.read_text() == "mine"
+
+
+def test_who_holds_a_lock_is_not_waited_for_for_ever(kept, monkeypatch):
+    assert traces(asked()) == 1
+    (file,) = kept.glob("*.stablehlo")
+    file.unlink()
+    monkeypatch.setattr(under_test, "PATIENCE", 0.1)
+    with FileLock(file.with_suffix(".lock")):
+        assert traces(asked()) == 1
 
 
 def test_what_traces_is_known_by_its_sources(tmp_path):
