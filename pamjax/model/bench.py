@@ -6,10 +6,10 @@ One potential, as for the bare muscle (`muscle.py`), with every mechanism in its
 
 Its balance at one instant is in `instant.py`.
 
-A recording in which something lasts is predicted in two passes. The first, without memory, gives what memories
-look at; their stresses are then found all at once (`scan.py`), and with them how hard they pull on length and
-thread, which is frozen in the second. The error of that is of the order of the memory's own effect on what it
-looks at: some thousandths of the memory.
+A recording in which something lasts is predicted in two passes. The first, without memory, gives what
+memories look at; their stresses are then found all at once (`scan.py`), and with them how hard they pull on
+length and thread, which is frozen in the second. The error of that is of the order of the memory's own
+effect on what it looks at: some thousandths of the memory.
 """
 
 from __future__ import annotations

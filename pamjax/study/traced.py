@@ -24,7 +24,7 @@ from typing import Any
 import equinox as eqx
 import jax
 from filelock import FileLock
-from jax.stages import Compiled
+from jax.stages import Compiled, Wrapped
 
 import pamjax
 from pamjax.check import BadInput
@@ -66,7 +66,7 @@ def compiled(call: Any, *arguments: Any) -> Compiled:
     return _read(file, leaves) or _made(flat, leaves, file)
 
 
-def _made(flat: Callable, leaves: list, file: Path) -> Compiled:
+def _made(flat: Wrapped, leaves: list, file: Path) -> Compiled:
     with _tracing:
         exported = jax.export.export(flat, platforms=["cpu"])(*leaves)
     program = _finished(exported.call, leaves)
