@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 from pamjax.infer.space import Free
 from pamjax.model.assembly import mechanism_numbers
-from pamjax.model.catalogue import law_numbers, meaning
+from pamjax.model.catalogue import RULER, law_numbers, meaning
 from pamjax.parameter import Meaning
 from pamjax.records.blocks import setting_of_length
 from pamjax.records.case import Case
@@ -36,7 +37,7 @@ USUAL_BORE, USUAL_WALL = 0.75, 0.08
 
 def is_ruler(name: str) -> bool:
     """Whether a number is the error of one length setting, by its name in a space."""
-    return name.rpartition("/")[2].startswith("length_error.")
+    return name.rpartition("/")[2].startswith(RULER)
 
 
 def stated(entry: Entry, law: str) -> dict[str, Measured]:
@@ -76,8 +77,8 @@ def free_numbers(case: Case, law: str, mechanisms: Sequence[str] = ()) -> list[F
     sensors = case.entry.sensors
     if sensors.length_per_setting and sensors.length:
         count = int(setting_of_length(case.recording).max()) + 1
-        error = _error_meaning(sensors.length)
-        numbers += [Free(f"length_error.{k + 1}", error, 0.0, sensors.length) for k in range(count)]
+        error = replace(meaning(RULER), low=-8 * sensors.length, high=8 * sensors.length)
+        numbers += [Free(f"{RULER}{k + 1}", error, 0.0, sensors.length) for k in range(count)]
     return numbers
 
 
@@ -130,15 +131,3 @@ def _begin(about: Meaning, kind: type, field: str) -> float:
 def _idle(name: str, entry: Entry) -> bool:
     """Whether a number acts on nothing: rest length only names the contraction of a counted braid."""
     return name == "muscle.rest_length" and entry.thread_length is not None
-
-
-def _error_meaning(sd: float) -> Meaning:
-    return Meaning(
-        "m",
-        "mm",
-        -8 * sd,
-        8 * sd,
-        "linear",
-        "true minus written length of one setting",
-        "the ruler's own standard deviation",
-    )

@@ -29,6 +29,19 @@ LAWS: dict[str, type[AbstractThread] | type[Inextensible]] = {
     "recruitment-toe": RecruitmentToe,
 }
 
+#: Begins the name of what the ruler is off by at one length setting; the setting's number follows.
+RULER = "length_error."
+
+_RULER = Meaning(
+    "m",
+    "mm",
+    -1.0,
+    1.0,
+    "linear",
+    "true minus written length of one setting",
+    "as lengths; the ruler's own sd",
+)
+
 _STATED = {
     "muscle.braid_angle": Meaning(
         "rad",
@@ -85,6 +98,8 @@ def meaning(name: str, where: str = "") -> Meaning:
     Raises:
         BadInput: if there is no such number, with the nearest that there is.
     """
+    if name.startswith(RULER):
+        return _RULER
     known = catalogue()
     if name not in known:
         hint = nearest(name, known, listing="pamjax explain")
