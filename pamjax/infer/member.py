@@ -36,6 +36,8 @@ EMPTY = 3.0
 
 #: Samples by whose median it is told whether a muscle is slack: at most, and as a share of their block.
 NEIGHBOURS, OF_BLOCK = 15, 1 / 30
+#: Standard deviations of the load cell that no sample's noise reaches.
+BEYOND_NOISE = 4.0
 
 
 class Rows(eqx.Module):
@@ -169,15 +171,18 @@ def slack(case: Case) -> np.ndarray:
     """(n,) whether the muscle pulled with nearly nothing, by the median of each sample's neighbours.
 
     By its own force a sample would be kept for its noise: those kept beside the threshold then lie too high.
+    Only one that is farther below than noise goes by itself: where a muscle straightens at once, its
+    neighbours already pull.
     """
-    recording = case.recording
+    recording, sd = case.recording, case.entry.sensors.force
     top = np.nanmax(np.abs(recording.force[recording.usable]), initial=0.0)
     force = pd.Series(np.where(recording.usable, recording.force, np.nan))
     # The rows of a static map stand in no order, and have no neighbours.
     for _, block in force.groupby(blocks(recording).label) if recording.time is not None else ():
         near = max(1, min(NEIGHBOURS, int(OF_BLOCK * block.size)))
         force[block.index] = block.rolling(near, center=True, min_periods=1).median()
-    return force.fillna(np.inf).to_numpy() < SLACK * top
+    below = recording.force < SLACK * top - BEYOND_NOISE * (np.inf if sd is None else sd)
+    return (force.fillna(np.inf).to_numpy() < SLACK * top) | (below & recording.usable)
 
 
 def counts(case: Case, channel: str) -> np.ndarray:

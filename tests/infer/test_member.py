@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from pamjax.infer.fit import joint_space
-from pamjax.infer.member import SLACK, counts, member
+from pamjax.infer.member import SLACK, counts, member, slack
 from pamjax.records.blocks import blocks
 from pamjax.records.recording import Recording
 from tests.infer.made import made
@@ -47,6 +47,23 @@ def test_a_sample_is_not_called_slack_for_its_own_noise():
     off, naive = (np.mean(noise[rows]) / (4.0 / np.sqrt(rows.sum())) for rows in (kept, by_itself))
     assert naive > 3.0
     assert abs(off) < 2.0
+
+
+def test_a_sample_far_below_its_neighbours_is_slack():
+    """A hose that straightens at once: the sample before it pulls is among others that pull already."""
+    force = np.tile(np.r_[np.zeros(30), np.full(70, 600.0)], 5)
+    recording = Recording.from_arrays(
+        pressure=6e5 * np.tile(np.linspace(0.0, 1.0, 100), 5),
+        length=np.repeat(0.2357 - 0.009 * np.arange(5), 100),
+        force=np.where(np.arange(500) % 100 == 32, 0.0, force),
+        diameter=np.full(500, np.nan),
+        time=0.1 * np.arange(500),
+    )
+    case = replace(made(), recording=recording)
+    assert case.entry.sensors.force
+    assert slack(case)[32::100].all()
+    unstated = replace(case.entry, sensors=replace(case.entry.sensors, force=None))
+    assert not slack(replace(case, entry=unstated))[32::100].any()
 
 
 def test_a_diameter_without_pressure_is_not_held_against_a_model():
