@@ -15,6 +15,7 @@ from pamjax.progress import Progress, silent
 from pamjax.study.abreast import abreast
 from pamjax.study.forms import Form, forms
 from pamjax.study.problem import Problem
+from pamjax.study.refine import refined
 from pamjax.study.search import FINAL, TIE, TIE_SHARE, halfway, removed, replacements, search, to_the_end
 from pamjax.study.settled import Model, settle
 from pamjax.study.signature import Signature, signatures
@@ -74,9 +75,13 @@ def name_mechanisms(found: Problem, used: np.ndarray, progress: Progress = silen
     candidates = forms(found)
     baseline = settle(found, used, (), found.neutral)
     first = signatures(found, baseline.white, baseline.at, candidates)
-    model = search(found, used, baseline, first, progress)
-    progress("rivals", 0.7)
-    return Naming(baseline, model, names_of(found, model, candidates), tuple(first))
+    model = refined(found, search(found, used, baseline, first, progress), candidates, progress)
+    progress("rivals", 0.75)
+    names = names_of(found, model, candidates)
+    if model.white.trust < 1:
+        # What stays unexplained is judged by the recording's noise.
+        model = settle(found, used, model.chosen, model.at.values)
+    return Naming(baseline, model, names, tuple(first))
 
 
 def names_of(found: Problem, model: Model, candidates: Sequence[Form] | None = None) -> tuple[Name, ...]:

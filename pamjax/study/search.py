@@ -39,8 +39,10 @@ CHANCE = 1e-4
 SUBSTANTIAL = 0.2
 #: Share of the baseline's whole misfit, as rms, that a name alone must account for ...
 SIZEABLE = 0.1
-#: ... unless it accounts, alone or with others, for so much of the excess that nothing but noise is left.
+#: ... unless it accounts for so much of what is left that nothing but noise is then ...
 COMPLETE = 0.95
+#: ... or others that are small as well do. No law is believed to be as good as this share of the whole.
+SMALLEST = 0.025
 #: The least of it in standard deviations of a sample: textbook forms are not known better than that.
 LEAST = 0.25
 #: How many mechanisms are refitted roughly at each step, how many of them to the end, and what is rough.
@@ -90,7 +92,8 @@ class _Search:
         """
         gain, samples = less.fair - more.fair, self.baseline.white.size
         alone, whole = gain / samples, self.baseline.excess / samples
-        sizeable = small or alone > SIZEABLE**2 * whole or gain > COMPLETE * less.excess
+        sizeable = alone > (SMALLEST if small else SIZEABLE) ** 2 * whole
+        sizeable = sizeable or (not small and gain > COMPLETE * less.excess)
         substantial = gain > SUBSTANTIAL * less.excess and alone > LEAST**2
         numbers = len((form or more.chosen[-1]).moves)
         return significant(gain, numbers, len(self.candidates)) and substantial and sizeable
@@ -231,9 +234,9 @@ def _beginnings(look: _Search, model: Model, first: Sequence[Signature]) -> list
     return begins[:AGAIN]
 
 
-def significant(gain: float, numbers: int, tried: int) -> bool:
+def significant(gain: float, numbers: int, tried: int, chance: float = CHANCE) -> bool:
     """Whether noise alone would hardly ever take so much χ² away, over all forms that were tried."""
-    return bool(gain > 0 and tried * chi2.sf(gain, numbers) < CHANCE)
+    return bool(gain > 0 and tried * chi2.sf(gain, numbers) < chance)
 
 
 def shortlist(scored: Sequence[Signature], chosen: Sequence[str], many: int = SHORTLIST) -> list[Signature]:
@@ -254,7 +257,7 @@ def _with(found: Problem, model: Model, signature: Signature) -> Model:
     may be this form. Then it begins once more from what the lab believes.
     """
     begins = [model.at.values]
-    if not model.chosen and _strained(found, model):
+    if not model.chosen and strained(found, model):
         begins.append(found.neutral)
     chosen = (*model.chosen, signature.form)
     moved = sorted({*np.flatnonzero(found.own).tolist(), *places(found, chosen)})
@@ -267,7 +270,8 @@ def _with(found: Problem, model: Model, signature: Signature) -> Model:
     return Model(chosen, model.white, at, passed(found, model.white, at.values))
 
 
-def _strained(found: Problem, model: Model) -> bool:
+def strained(found: Problem, model: Model) -> bool:
+    """Whether a number of the baseline's own was driven far from what the lab believes."""
     own = np.flatnonzero(found.own & np.isfinite(found.sd))
     return bool(np.any(np.abs(model.at.values[own] - found.start[own]) > STRAINED * found.sd[own]))
 
