@@ -7,7 +7,7 @@ further form takes away a good part of what is left?
 
 significant   beyond what as many independent samples of the misfit as there are show by chance, over all
               forms that were tried
-substantial   a fifth of the misfit that is left, and more than a sample can show
+substantial   a fifth of the misfit that is left, and a tenth of what was left at first: no patch on a patch
 together      all that join leave less than a third of what was left before, and let the lab's own numbers be
               what it believes: otherwise none of them is told
 
@@ -30,7 +30,6 @@ from pamjax.study.problem import Problem
 from pamjax.study.refit import refit
 from pamjax.study.search import (
     FINAL,
-    LEAST,
     MOST,
     ROUGH,
     SUBSTANTIAL,
@@ -42,8 +41,8 @@ from pamjax.study.settled import Model, begun, places, without
 from pamjax.study.signature import Signature, signatures
 from pamjax.study.temper import tempered
 
-#: Share of what names leave that all further ones must take away together.
-TOGETHER = 0.7
+#: Share of what names leave at first that all further ones must take away together, and each at least.
+TOGETHER, EACH = 2 / 3, 0.1
 #: Chance that a smooth misfit alone brings in a name, over everything that was tried; its χ² is that of so
 #: few samples that a smaller one would mean nothing.
 CHANCE = 0.01
@@ -61,7 +60,7 @@ def refined(found: Problem, model: Model, candidates: Sequence[Form], progress: 
     begin = tempered(found, model)
     if not model.chosen or begin.white.trust == 1:
         return model
-    look = _Look(found, candidates)
+    look = _Look(found, candidates, left(begin))
     grown = begin
     while len(grown.chosen) < MOST:
         progress("naming what is small", 0.7)
@@ -70,7 +69,7 @@ def refined(found: Problem, model: Model, candidates: Sequence[Form], progress: 
             break
         grown = better
     grown = look.pruned(grown, len(model.chosen))
-    told = left(grown) < (1 - TOGETHER) * left(begin) and not strained(found, grown)
+    told = left(grown) < (1 - TOGETHER) * look.first and not strained(found, grown)
     return grown if told else model
 
 
@@ -87,10 +86,12 @@ class _Look:
     Attributes:
         found: the recording before the library.
         candidates: the forms that may join.
+        first: what is left of the recording before any does.
     """
 
     found: Problem
     candidates: Sequence[Form]
+    first: float
 
     def better(self, model: Model) -> Model | None:
         """The model with the best further form, weighed anew; None where none is worth its place."""
@@ -114,7 +115,7 @@ class _Look:
 
     def _worth(self, less: Model, more: Model, form: Form) -> bool:
         taken = left(less) - left(more)
-        substantial = taken > max(SUBSTANTIAL * left(less), LEAST**2)
+        substantial = taken > max(SUBSTANTIAL * left(less), EACH * self.first)
         return substantial and self._significant(less.at.cost - more.at.cost, form)
 
     def _significant(self, gain: float, form: Form) -> bool:
