@@ -28,9 +28,9 @@ from pamjax.study.diagnosis import Diagnosis, save
 from pamjax.study.forms import forms
 from pamjax.study.refit import refit
 from pamjax.study.rivals import fit_sarosi
-from pamjax.study.settled import Model, begun, settle
+from pamjax.study.settled import Model, begun
 from pamjax.study.signature import signatures
-from pamjax.study.temper import tempered
+from pamjax.study.temper import weighed
 
 #: What loops call for that are too small beside a thick wall to be named, and evaluations of their refit.
 ADDED, MOST = ("viscoelastic_creep", "braid_friction"), 15
@@ -51,7 +51,7 @@ def splits(one: Diagnosis) -> dict[str, list[np.ndarray]]:
 
 def named(one: Diagnosis, out: np.ndarray) -> np.ndarray:
     """Force of the named model, refitted without some rows, N."""
-    model: Model = tempered(one.found, settle(one.found, ~out, one.model.chosen, one.model.at.values))
+    model = weighed(one.found, ~out, one.model.chosen, one.model.at.values)
     return one.found.shows(model.at.values)[0]
 
 
@@ -69,7 +69,7 @@ def sarosi(one: Diagnosis, out: np.ndarray) -> np.ndarray:
 def richer(one: Diagnosis, out: np.ndarray) -> np.ndarray:
     """Force of the named model with relaxation and friction added by hand, without some rows, N."""
     found = one.found
-    model = tempered(found, settle(found, ~out, one.model.chosen, one.model.at.values))
+    model = weighed(found, ~out, one.model.chosen, one.model.at.values)
     for id in ADDED:
         kinds = [form for form in forms(found) if form.id == id and form.id not in model.ids]
         if not kinds:

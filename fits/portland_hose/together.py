@@ -48,13 +48,13 @@ def fitted(cases: list[Case], share: tuple[str, ...] = ()) -> Fit:
     return fit(cases, "inelastic", share, ("bladder_elasticity",), starts=2)
 
 
-def agreement(moduli: list[Estimate]) -> tuple[float, float, float, float]:
-    """Weighted mean and its sd, Pa; χ² about it and its p-value."""
-    value, sd = (np.array([getattr(one, what) for one in moduli], dtype=float) for what in ("value", "sd"))
+def agreement(told: list[tuple[float, float]]) -> tuple[float, float, float, float]:
+    """Weighted mean of values with their sd, and its sd; χ² about it and its p-value."""
+    value, sd = np.array(told, dtype=float).T
     weight = 1 / sd**2
     mean = float(np.sum(weight * value) / np.sum(weight))
     squares = float(np.sum(weight * (value - mean) ** 2))
-    return mean, float(np.sum(weight)) ** -0.5, squares, float(chi2.sf(squares, len(moduli) - 1))
+    return mean, float(np.sum(weight)) ** -0.5, squares, float(chi2.sf(squares, len(told) - 1))
 
 
 def rms(one: CaseFit) -> str:
@@ -79,7 +79,7 @@ def report(apart: list[Fit], together: Fit) -> str:
         lines.append(
             f"| {name.removeprefix('hose-')} | {mega(modulus)} | {rms(one.cases[0])} | {rms(joint)} |"
         )
-    mean, sd, squares, p = agreement(moduli)
+    mean, sd, squares, p = agreement([(one.value, one.sd or np.nan) for one in moduli])
     shared = together.estimates[WALL[0]]
     lines += [
         "",

@@ -29,7 +29,7 @@ from pamjax.study.gain import rmse
 from pamjax.study.problem import Problem
 from pamjax.study.rivals import fit_sarosi
 from pamjax.study.settled import settle
-from pamjax.study.temper import tempered
+from pamjax.study.temper import weighed
 from pamjax.units import show
 
 SCHEMA = "pamjax.gain/1"
@@ -165,7 +165,7 @@ def _refitted(one: Diagnosis, out: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     shown = found.shows(before.at.values)
     if not one.names:
         return shown, shown
-    after = tempered(found, settle(found, ~out, one.model.chosen, one.naming.model.at.values))
+    after = weighed(found, ~out, one.model.chosen, one.naming.values)
     return shown, found.shows(after.at.values)
 
 

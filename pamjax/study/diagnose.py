@@ -24,7 +24,7 @@ from pamjax.study.settled import Model, settle
 from pamjax.study.signature import signatures
 from pamjax.study.significance import DETECTED, Significance, significance
 from pamjax.study.spread import spread
-from pamjax.study.temper import tempered
+from pamjax.study.temper import weighed
 from pamjax.study.undetermined import strained, undetermined
 
 
@@ -62,12 +62,12 @@ def diagnose(
         naming = borne_out(found, laid, ~out, naming)
         rest = _rest(found, naming, mismatch, seed)
         unexplained = leaves_more(mismatch, rest)
-    score = gain(found, laid, out, naming.baseline, _weighed(found, naming.model))
+    score = gain(found, laid, out, naming.baseline, _told(found, naming, ~out))
     every = np.ones(found.n, dtype=bool)
     baseline = settle(found, every, (), naming.baseline.at.values)
     model = baseline
     if naming.names:
-        model = _weighed(found, settle(found, every, naming.model.chosen, naming.model.at.values))
+        model = _told(found, naming, every)
         model = spread(found, model, naming.names)
     progress("done", 1.0)
     return Diagnosis(
@@ -99,9 +99,10 @@ def _mismatch(found: Problem, naming: Naming, seed: int) -> Significance:
     return significance(found, judged.white, judged.at, seen, seed)
 
 
-def _weighed(found: Problem, model: Model) -> Model:
-    """A named model weighed by its own misfit; a baseline without names stays as it was judged."""
-    return tempered(found, model) if model.chosen else model
+def _told(found: Problem, naming: Naming, rows: np.ndarray) -> Model:
+    """The named model as some rows tell it; a baseline without names stays as it was judged."""
+    model = naming.model
+    return weighed(found, rows, model.chosen, naming.values) if model.chosen else model
 
 
 def _rest(found: Problem, naming: Naming, mismatch: Significance, seed: int) -> Significance:

@@ -56,12 +56,19 @@ class Naming:
         model: the baseline with all names.
         names: most probable first.
         first: the signatures at the baseline, for its p-value.
+        near: (p,) SI, where the model lies weighed by what it leaves; None where that is its own place.
     """
 
     baseline: Model
     model: Model
     names: tuple[Name, ...]
     first: tuple[Signature, ...]
+    near: np.ndarray | None = None
+
+    @property
+    def values(self) -> np.ndarray:
+        """Where a refit of the model begins, (p,), SI."""
+        return self.model.at.values if self.near is None else self.near
 
 
 def name_mechanisms(found: Problem, used: np.ndarray, progress: Progress = silent) -> Naming:
@@ -78,10 +85,11 @@ def name_mechanisms(found: Problem, used: np.ndarray, progress: Progress = silen
     model = refined(found, search(found, used, baseline, first, progress), candidates, progress)
     progress("rivals", 0.75)
     names = names_of(found, model, candidates)
-    if model.white.trust < 1:
-        # What stays unexplained is judged by the recording's noise.
-        model = settle(found, used, model.chosen, model.at.values)
-    return Naming(baseline, model, names, tuple(first))
+    if model.white.trust == 1:
+        return Naming(baseline, model, names, tuple(first))
+    # What stays unexplained is judged by the recording's noise.
+    near = model.at.values
+    return Naming(baseline, settle(found, used, model.chosen, near), names, tuple(first), near)
 
 
 def names_of(found: Problem, model: Model, candidates: Sequence[Form] | None = None) -> tuple[Name, ...]:

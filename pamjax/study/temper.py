@@ -16,18 +16,46 @@ Statist. Sci. 7, 473 (1992).
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
+from pamjax.study.forms import Form
 from pamjax.study.problem import Problem
 from pamjax.study.refit import refit
-from pamjax.study.settled import Model
+from pamjax.study.settled import Model, places, settle
+from pamjax.study.whiten import whitening
 
 #: Mean square of a whitened residual from which a model is taken for wrong by more than noise.
 WRONG = 1.5
 
 #: A refit changes the misfit that it was weighed by: weighed so many times.
 ROUNDS = 2
+
+
+def weighed(found: Problem, used: np.ndarray, chosen: Sequence[Form], values: np.ndarray) -> Model:
+    """Refit the baseline with some forms, its rows weighed by what is left where it begins.
+
+    Settled under the recording's noise first, a model that is wrong runs to wherever thousands of rows bend
+    it, and may not find back from there.
+
+    Args:
+        found: the recording before the library.
+        used: (n,) the rows that tell.
+        chosen: the forms.
+        values: (p,) where everything begins, SI.
+    """
+    white = whitening(found, values, used)
+    residual = np.nan_to_num(white(found.measured - found.shows(values)), nan=1e3)
+    if _square(residual) < WRONG:
+        return settle(found, used, chosen, values)
+    white = dataclasses.replace(white, trust=_trust(residual))
+    moved = sorted({*np.flatnonzero(found.own).tolist(), *places(found, chosen)})
+    model = tempered(found, Model(tuple(chosen), white, refit(found, white, moved, values)))
+    if _square(model.at.residual / model.white.trust) < WRONG:
+        # It was wrong only where it began.
+        return settle(found, used, chosen, model.at.values)
+    return model
 
 
 def tempered(found: Problem, model: Model) -> Model:
@@ -39,13 +67,19 @@ def tempered(found: Problem, model: Model) -> Model:
     """
     for _ in range(ROUNDS):
         residual = model.at.residual / model.white.trust
-        square = float(np.mean(residual**2)) if residual.size else 1.0
-        if square < WRONG:
+        if _square(residual) < WRONG:
             return model
-        trust = 1 / np.sqrt(square * repeats(residual))
-        white = dataclasses.replace(model.white, trust=float(trust))
+        white = dataclasses.replace(model.white, trust=_trust(residual))
         model = Model(model.chosen, white, refit(found, white, model.at.moved, model.at.values))
     return model
+
+
+def _square(residual: np.ndarray) -> float:
+    return float(np.mean(residual**2)) if residual.size else 1.0
+
+
+def _trust(residual: np.ndarray) -> float:
+    return float(1 / np.sqrt(_square(residual) * repeats(residual)))
 
 
 def repeats(residual: np.ndarray) -> float:
