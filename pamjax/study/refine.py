@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from scipy.stats import chi2
 
 from pamjax.progress import Progress, silent
 from pamjax.study.abreast import abreast
@@ -35,7 +36,6 @@ from pamjax.study.search import (
     SUBSTANTIAL,
     shortlist,
     significant,
-    strained,
 )
 from pamjax.study.settled import Model, begun, places, without
 from pamjax.study.signature import Signature, signatures
@@ -46,6 +46,8 @@ TOGETHER, EACH = 2 / 3, 0.1
 #: Chance that a smooth misfit alone brings in a name, over everything that was tried; its χ² is that of so
 #: few samples that a smaller one would mean nothing.
 CHANCE = 0.01
+#: Chance that a lab's own statement of its muscle is as far off as a model has it.
+BELIEVED = 0.01
 
 
 def refined(found: Problem, model: Model, candidates: Sequence[Form], progress: Progress = silent) -> Model:
@@ -69,7 +71,7 @@ def refined(found: Problem, model: Model, candidates: Sequence[Form], progress: 
             break
         grown = better
     grown = look.pruned(grown, len(model.chosen))
-    told = left(grown) < (1 - TOGETHER) * look.first and not strained(found, grown)
+    told = left(grown) < (1 - TOGETHER) * look.first and believable(found, grown)
     return grown if told else model
 
 
@@ -77,6 +79,13 @@ def left(model: Model) -> float:
     """Mean square of what a model leaves beyond noise, in noise variances, whatever its rows are worth."""
     residual = model.at.residual / model.white.trust
     return max(float(np.mean(residual**2)) - 1, 0.0)
+
+
+def believable(found: Problem, model: Model) -> bool:
+    """Whether the baseline's own numbers lie, all together, where the lab believes them."""
+    own = np.flatnonzero(found.own & np.isfinite(found.sd))
+    off = (model.at.values[own] - found.start[own]) / found.sd[own]
+    return bool(chi2.sf(off @ off, max(own.size, 1)) > BELIEVED)
 
 
 @dataclass(frozen=True, eq=False)

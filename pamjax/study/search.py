@@ -257,7 +257,7 @@ def _with(found: Problem, model: Model, signature: Signature) -> Model:
     may be this form. Then it begins once more from what the lab believes.
     """
     begins = [model.at.values]
-    if not model.chosen and strained(found, model):
+    if not model.chosen and _strained(found, model):
         begins.append(found.neutral)
     chosen = (*model.chosen, signature.form)
     moved = sorted({*np.flatnonzero(found.own).tolist(), *places(found, chosen)})
@@ -270,7 +270,7 @@ def _with(found: Problem, model: Model, signature: Signature) -> Model:
     return Model(chosen, model.white, at, passed(found, model.white, at.values))
 
 
-def strained(found: Problem, model: Model) -> bool:
+def _strained(found: Problem, model: Model) -> bool:
     """Whether a number of the baseline's own was driven far from what the lab believes."""
     own = np.flatnonzero(found.own & np.isfinite(found.sd))
     return bool(np.any(np.abs(model.at.values[own] - found.start[own]) > STRAINED * found.sd[own]))

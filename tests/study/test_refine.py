@@ -7,7 +7,7 @@ import pytest
 
 from pamjax.study import refine as under_test
 from pamjax.study.forms import Form
-from pamjax.study.refine import left, refined
+from pamjax.study.refine import believable, left, refined
 from pamjax.study.settled import Model, settle
 from pamjax.study.whiten import Colour, Whitening
 
@@ -72,6 +72,15 @@ def test_none_is_told_where_they_leave_much_of_what_was_left(told, monkeypatch):
     # Able to fail: a rule that asks less of them tells some.
     monkeypatch.setattr(under_test, "TOGETHER", 0.0)
     assert len(told(strange)[1].ids) > 1
+
+
+def test_numbers_that_a_lab_would_not_believe_are_not_bought():
+    found = SimpleNamespace(own=np.array([True, True]), sd=np.array([0.1, 1.0]), start=np.zeros(2))
+    near, far = (
+        SimpleNamespace(at=SimpleNamespace(values=np.array([a, b]))) for a, b in ((0.2, 1), (0.27, 2))
+    )
+    assert believable(found, near)
+    assert not believable(found, far)
 
 
 def test_a_model_that_leaves_noise_stays_as_it_is(told):
