@@ -9,7 +9,7 @@ significant   beyond what as many independent samples of the misfit as there are
               forms that were tried
 substantial   a fifth of the misfit that is left, and a tenth of what was left at first: no patch on a patch
 together      all that join leave less than a third of what was left before, and let the lab's own numbers be
-              what it believes: otherwise none of them is told
+              what it believes, and none needs more than any bench has: otherwise none of them is told
 
 What it leaves out: a misfit that differs between parts of a recording; names that only a different first
 one would have let in.
@@ -28,7 +28,7 @@ from pamjax.progress import Progress, silent
 from pamjax.study.abreast import abreast
 from pamjax.study.forms import Form
 from pamjax.study.problem import Problem
-from pamjax.study.refit import refit
+from pamjax.study.refit import driven, refit
 from pamjax.study.search import (
     FINAL,
     MOST,
@@ -71,8 +71,9 @@ def refined(found: Problem, model: Model, candidates: Sequence[Form], progress: 
             break
         grown = better
     grown = look.pruned(grown, len(model.chosen))
-    told = left(grown) < (1 - TOGETHER) * look.first and believable(found, grown)
-    return grown if told else model
+    joined = grown.chosen[len(model.chosen) :]
+    little = left(grown) < (1 - TOGETHER) * look.first
+    return grown if little and believable(found, grown) and not beyond_belief(found, grown, joined) else model
 
 
 def left(model: Model) -> float:
@@ -86,6 +87,18 @@ def believable(found: Problem, model: Model) -> bool:
     own = np.flatnonzero(found.own & np.isfinite(found.sd))
     off = (model.at.values[own] - found.start[own]) / found.sd[own]
     return bool(chi2.sf(off @ off, max(own.size, 1)) > BELIEVED)
+
+
+def beyond_belief(found: Problem, model: Model, joined: Sequence[Form]) -> bool:
+    """Whether what some forms need is more than any bench has: an amplitude at an end of its range."""
+    ends = {found.names[model.at.moved[k]] for k in driven(found, model.at)}
+    return any(name in ends for form in joined for name in form.amplitudes if _far(found, model, name))
+
+
+def _far(found: Problem, model: Model, name: str) -> bool:
+    """Whether an amplitude is not just switched off."""
+    k = found.place(name)
+    return bool(abs(model.at.values[k] - found.neutral[k]) > (found.high[k] - found.low[k]) / 4)
 
 
 @dataclass(frozen=True, eq=False)

@@ -86,3 +86,17 @@ def test_numbers_that_a_lab_would_not_believe_are_not_bought():
 def test_a_model_that_leaves_noise_stays_as_it_is(told):
     model, grown = told(read(kink=0.0, bump=0.0))
     assert grown is model
+
+
+def test_an_offset_that_no_bench_has_explains_nothing(told, monkeypatch):
+    """A zero that ends where its range does is another's work."""
+    found = read(kink=12.0, bump=6.0)
+    _, grown = told(found)
+    assert {"kink", "bump"} <= set(grown.ids)
+    found.low, found.high = found.low.copy(), found.high.copy()
+    found.low[3], found.high[3] = -4.0, 4.0
+    model, grown = told(found)
+    assert grown is model
+    # Able to fail: it is the end of the range that speaks against it.
+    monkeypatch.setattr(under_test, "beyond_belief", lambda *_: False)
+    assert "bump" in told(found)[1].ids
