@@ -5,13 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from together import HOSES, agreement
 
 from pamjax.records.levels import find_levels, nearest_level
 from pamjax.study.diagnosis import Diagnosis
 from pamjax.view.theme import DOUBLE, OKABE_ITO, QUIET, figure, theme
-
-#: Specimens of one series, cut from one hose.
-SERIES = ("hose-10mm-83", "hose-10mm-132", "hose-10mm-281", "hose-10mm-521")
 
 
 def loops(one: Diagnosis, path: Path) -> None:
@@ -33,32 +31,22 @@ def loops(one: Diagnosis, path: Path) -> None:
             shorter = 100 * (1 - lengths[k] / one.found.case.entry.rest_length.value)
             panel.set(xlabel="pressure [kPa]", title=f"{1e3 * lengths[k]:.0f} mm, {shorter:.0f} %")
         panels[0].set_ylabel("force [N]")
-        names = " and ".join(name.id for name in one.names) or "nothing named"
-        made.suptitle(
-            f"{found.case.entry.name}: {names} takes {left[0]:.3g} N of misfit to {left[1]:.2g} N",
-            x=0.01,
-            ha="left",
-        )
+        names = ", ".join(name.id for name in one.names) or "nothing named"
+        told = f"{found.case.entry.name}: {left[0]:.3g} N of misfit, {left[1]:.2g} N with names\n{names}"
+        made.suptitle(told, x=0.01, ha="left")
         handles, labels = panels[0].get_legend_handles_labels()
         made.legend(handles, labels, loc="outside lower center", ncols=3, markerscale=4)
         made.savefig(path, dpi=110)
 
 
-def together(values: np.ndarray, sds: np.ndarray) -> tuple[float, float, float]:
-    """Weighted mean, its sd, and χ² of the values around it."""
-    weights = 1 / sds**2
-    mean = float(np.sum(weights * values) / np.sum(weights))
-    return mean, float(1 / np.sqrt(np.sum(weights))), float(np.sum(weights * (values - mean) ** 2))
-
-
 def walls(found: dict[str, dict], path: Path) -> None:
     """Wall modulus of the specimens of one series, apart and together."""
     key = "bladder_elasticity.modulus"
-    names = [name for name in SERIES if name in found and key in found[name]["numbers"]]
+    names = [name for name in HOSES if name in found and key in found[name]["numbers"]]
     if len(names) < 2:
         return
     values, sds = (np.array([found[n]["numbers"][key][k] for n in names]) / 1e6 for k in (0, 1))
-    mean, sd, square = together(values, sds)
+    mean, sd, square, _ = agreement(list(zip(values, sds, strict=True)))
     lengths = [f"{n.rpartition('-')[2]} mm" for n in names]
     told = ", ".join(f"{n} {v:.2f} ± {s:.2f}" for n, v, s in zip(lengths, values, sds, strict=True))
     answer = f"{mean:.2f} ± {sd:.2f} MPa together, χ² {square:.2g} for {len(names) - 1}"

@@ -63,14 +63,14 @@ def borne_out(found: Problem, laid: Blocks, used: np.ndarray, naming: Naming) ->
     borne = [replace(name, probability=name.probability * shares[name.id]) for name in naming.names]
     kept = tuple(_halved(name) for name in borne if name.probability >= ESTABLISHED)
     if together < TOGETHER or not kept:
-        return replace(naming, model=naming.baseline, names=(), near=None)
-    model, near, values = naming.model, naming.near, naming.model.at.values
+        return replace(naming, model=naming.baseline, names=())
+    model, values = naming.model, naming.model.at.values
     if len(kept) < len(borne):
         ids = {name.id for name in kept}
         for form in model.chosen:
             values = values if form.id in ids else without(found, values, form)
-        model, near = settle(found, used, [form for form in model.chosen if form.id in ids], values), None
-    return replace(naming, model=model, names=ranked(kept), near=near)
+        model = settle(found, used, [form for form in model.chosen if form.id in ids], values)
+    return replace(naming, model=model, names=ranked(kept))
 
 
 def _halved(name: Name) -> Name:

@@ -17,7 +17,7 @@ from pamjax.study.experiment import experiments
 from pamjax.study.forms import forms
 from pamjax.study.gain import gain, held_out
 from pamjax.study.locate import locate_names, locate_rest
-from pamjax.study.naming import Naming, name_mechanisms
+from pamjax.study.naming import Naming, name_mechanisms, without_small
 from pamjax.study.problem import Problem, problem
 from pamjax.study.rest import leaves_more, rest_of
 from pamjax.study.settled import Model, settle
@@ -55,9 +55,14 @@ def diagnose(
     mismatch = _mismatch(found, naming, seed)
     detected = mismatch.p_value < DETECTED
     if not detected:
-        naming = replace(naming, model=naming.baseline, names=())
+        naming = replace(naming, model=naming.baseline, names=(), near=None, before=None)
     rest = _rest(found, naming, mismatch, seed)
     unexplained = detected and leaves_more(mismatch, rest)
+    if unexplained and naming.before is not None:
+        # What is small beside a name is told only where nothing else is: it bends to that.
+        naming = without_small(found, naming)
+        rest = _rest(found, naming, mismatch, seed)
+        unexplained = leaves_more(mismatch, rest)
     if unexplained and naming.names:
         naming = borne_out(found, laid, ~out, naming)
         rest = _rest(found, naming, mismatch, seed)

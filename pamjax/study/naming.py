@@ -57,6 +57,7 @@ class Naming:
         names: most probable first.
         first: the signatures at the baseline, for its p-value.
         near: (p,) SI, where the model lies weighed by what it leaves; None where that is its own place.
+        before: the model before small effects joined; None where none did.
     """
 
     baseline: Model
@@ -64,6 +65,7 @@ class Naming:
     names: tuple[Name, ...]
     first: tuple[Signature, ...]
     near: np.ndarray | None = None
+    before: Model | None = None
 
     @property
     def values(self) -> np.ndarray:
@@ -82,14 +84,21 @@ def name_mechanisms(found: Problem, used: np.ndarray, progress: Progress = silen
     candidates = forms(found)
     baseline = settle(found, used, (), found.neutral)
     first = signatures(found, baseline.white, baseline.at, candidates)
-    model = refined(found, search(found, used, baseline, first, progress), candidates, progress)
+    before = search(found, used, baseline, first, progress)
+    model = refined(found, before, candidates, progress)
     progress("rivals", 0.75)
     names = names_of(found, model, candidates)
-    if model.white.trust == 1:
+    if model is before:
         return Naming(baseline, model, names, tuple(first))
     # What stays unexplained is judged by the recording's noise.
     near = model.at.values
-    return Naming(baseline, settle(found, used, model.chosen, near), names, tuple(first), near)
+    return Naming(baseline, settle(found, used, model.chosen, near), names, tuple(first), near, before)
+
+
+def without_small(found: Problem, naming: Naming) -> Naming:
+    """What was named before small effects joined."""
+    assert naming.before is not None
+    return Naming(naming.baseline, naming.before, names_of(found, naming.before), naming.first)
 
 
 def names_of(found: Problem, model: Model, candidates: Sequence[Form] | None = None) -> tuple[Name, ...]:

@@ -9,7 +9,8 @@ significant   beyond what as many independent samples of the misfit as there are
               forms that were tried
 substantial   a fifth of the misfit that is left, and a tenth of what was left at first: no patch on a patch
 together      all that join leave less than a third of what was left before, and let the lab's own numbers be
-              what it believes, and none needs more than any bench has: otherwise none of them is told
+              what it believes, and none needs more than any bench has: otherwise none of them is told;
+              nor where something stays unexplained beside them (`diagnose.py`)
 
 What it leaves out: a misfit that differs between parts of a recording; names that only a different first
 one would have let in.

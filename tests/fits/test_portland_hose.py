@@ -4,7 +4,6 @@ import importlib
 import json
 import sys
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -102,13 +101,13 @@ def test_two_hoses_of_a_series_have_one_wall():
         names = ("hose-10mm-132", "hose-10mm-281")
         cases = [series.thinned(series.believed(HOSES / name), 5) for name in names]
         apart = [series.fitted([case]).estimates[series.WALL[0]] for case in cases]
-        *_, squares, p = series.agreement(apart)
+        *_, squares, p = series.agreement([(one.value, one.sd) for one in apart])
         assert p > 0.05
         shared = series.fitted(cases, series.WALL).estimates[series.WALL[0]]
         assert min(one.value - 2 * one.sd for one in apart) < shared.value
         assert shared.value < max(one.value + 2 * one.sd for one in apart)
         # A wall that is another is told apart.
-        other = replace(apart[0], value=apart[0].value + 1e6)
-        *_, farther, refuted = series.agreement([other, apart[1]])
+        other = (apart[0].value + 1e6, apart[0].sd)
+        *_, farther, refuted = series.agreement([other, (apart[1].value, apart[1].sd)])
         assert farther > squares + 3
         assert refuted < 0.05
