@@ -6,9 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pamjax.study import temper as under_test
 from pamjax.study.refit import refit
 from pamjax.study.settled import Model
-from pamjax.study.temper import repeats, tempered
+from pamjax.study.temper import repeats, tempered, weighed
 from pamjax.study.whiten import Colour, Whitening
 
 ROWS = 2000
@@ -49,6 +50,23 @@ def test_what_was_believed_is_kept_where_the_model_is_wrong():
 def test_a_model_that_leaves_noise_stays_as_it_is():
     found, model = line(smooth=0.0)
     assert tempered(found, model) is model
+
+
+def test_a_refit_is_weighed_by_what_is_left_where_it_begins(monkeypatch):
+    found, model = line(smooth=60.0)
+    settled = []
+    monkeypatch.setattr(under_test, "whitening", lambda *_: model.white)
+    monkeypatch.setattr(under_test, "settle", lambda *one: settled.append(one))
+    kept = weighed(found, np.ones(ROWS, bool), (), np.array([3.0, 2.0]))
+    assert not settled
+    assert kept.white.trust < 0.5
+    # Settled under the noise alone, the slope went tens of its sd away.
+    assert abs(kept.at.values[0] - 3.0) < abs(model.at.values[0] - 3.0) / 2
+    # A model that is wrong only where it begins is settled by the recording's noise.
+    found, model = line(smooth=0.0)
+    weighed(found, np.ones(ROWS, bool), (), np.array([-3.0, 20.0]))
+    weighed(found, np.ones(ROWS, bool), (), model.at.values)
+    assert [float(one[3][0]) for one in settled] == pytest.approx([3.0, 3.0], abs=0.3)
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.8])
