@@ -25,15 +25,8 @@ from pamjax.records.levels import find_levels, nearest_level
 from pamjax.study.contest import contest, save_contest
 from pamjax.study.diagnose import diagnose
 from pamjax.study.diagnosis import Diagnosis, save
-from pamjax.study.forms import forms
-from pamjax.study.refit import refit
 from pamjax.study.rivals import fit_sarosi
-from pamjax.study.settled import Model, begun
-from pamjax.study.signature import signatures
 from pamjax.study.temper import weighed
-
-#: What loops call for that are too small beside a thick wall to be named, and evaluations of their refit.
-ADDED, MOST = ("viscoelastic_creep", "braid_friction"), 15
 
 
 def splits(one: Diagnosis) -> dict[str, list[np.ndarray]]:
@@ -66,26 +59,11 @@ def sarosi(one: Diagnosis, out: np.ndarray) -> np.ndarray:
         return np.full(one.found.n, np.nan)
 
 
-def richer(one: Diagnosis, out: np.ndarray) -> np.ndarray:
-    """Force of the named model with relaxation and friction added by hand, without some rows, N."""
-    found = one.found
-    model = weighed(found, ~out, one.model.chosen, one.model.at.values)
-    for id in ADDED:
-        kinds = [form for form in forms(found) if form.id == id and form.id not in model.ids]
-        if not kinds:
-            continue
-        best = max(signatures(found, model.white, model.at, kinds), key=lambda s: s.gain)
-        values = begun(found, model.at.values, best.form, best.amplitudes)
-        moved = sorted({*model.at.moved, *(found.place(name) for name in best.form.moves)})
-        model = Model((*model.chosen, best.form), model.white, refit(found, model.white, moved, values, MOST))
-    return found.shows(model.at.values)[0]
-
-
-def scores(one: Diagnosis, loops_too: bool) -> dict[str, dict[str, float]]:
+def scores(one: Diagnosis) -> dict[str, dict[str, float]]:
     """Rmse and largest error of both models on each split, N."""
     found = {}
     for split, outs in splits(one).items():
-        models = (named, sarosi, richer) if loops_too and split == "last tests" else (named, sarosi)
+        models = (named, sarosi)
         off = {model.__name__: [] for model in models}
         for out in outs:
             for model in models:
@@ -96,7 +74,7 @@ def scores(one: Diagnosis, loops_too: bool) -> dict[str, dict[str, float]]:
     return found
 
 
-def answered(folder: Path, out: Path, loops_too: bool = False) -> tuple[Diagnosis, dict]:
+def answered(folder: Path, out: Path) -> tuple[Diagnosis, dict]:
     """One hose: diagnosed, saved and scored."""
     case = read_case(folder)
     short = thinned(case)
@@ -113,7 +91,7 @@ def answered(folder: Path, out: Path, loops_too: bool = False) -> tuple[Diagnosi
         "floor": repeat.floor,
         "tests": repeat.test,
         "full_scale": repeat.full_scale,
-        "scores": scores(one, loops_too),
+        "scores": scores(one),
     }
 
 
@@ -140,7 +118,6 @@ def table(found: dict[str, dict]) -> str:
 def main(arguments: list[str] | None = None) -> None:
     parser = taker(__doc__)
     parser.add_argument("--only", default="", help="names of cases, with commas between them")
-    parser.add_argument("--loops", action="store_true", help="score the last tests with loops added by hand")
     asked = parser.parse_args(arguments)
     folders = sorted(toml.parent for toml in asked.cases.glob("*/muscle.toml"))
     if asked.only:
@@ -149,7 +126,7 @@ def main(arguments: list[str] | None = None) -> None:
     asked.out.mkdir(parents=True, exist_ok=True)
     found = {}
     for folder in folders:
-        one, found[folder.name] = answered(folder, asked.out, asked.loops)
+        one, found[folder.name] = answered(folder, asked.out)
         loops(one, asked.out / f"{folder.name}.png")
         text = json.dumps(found, indent=1, allow_nan=True)
         (asked.out / "gains.json").write_text(text + "\n", encoding="utf-8")

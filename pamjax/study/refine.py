@@ -21,6 +21,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from operator import attrgetter
 
 import numpy as np
 from scipy.stats import chi2
@@ -38,7 +39,7 @@ from pamjax.study.search import (
     shortlist,
     significant,
 )
-from pamjax.study.settled import Model, begun, places, without
+from pamjax.study.settled import Model, begun, moving, without
 from pamjax.study.signature import Signature, signatures
 from pamjax.study.temper import tempered
 
@@ -120,8 +121,8 @@ class _Look:
         """The model with the best further form, weighed anew; None where none is worth its place."""
         scored = signatures(self.found, model.white, model.at, self.candidates)
         listed = [s for s in shortlist(scored, model.ids) if self._significant(s.gain, s.form)]
-        rough = sorted(abreast(partial(self._joined, model), listed), key=_price)[:FINAL]
-        ends = sorted(abreast(self._to_the_end, rough), key=_price)
+        rough = sorted(abreast(partial(self._joined, model), listed), key=attrgetter("score"))[:FINAL]
+        ends = sorted(abreast(self._to_the_end, rough), key=attrgetter("score"))
         if not ends or not self._worth(model, ends[0], ends[0].chosen[-1]):
             return None
         return tempered(self.found, ends[0])
@@ -158,10 +159,5 @@ class _Look:
         )
 
     def _refitted(self, model: Model, chosen: tuple[Form, ...], values: np.ndarray, most: int) -> Model:
-        moved = sorted({*np.flatnonzero(self.found.own).tolist(), *places(self.found, chosen)})
-        return Model(chosen, model.white, refit(self.found, model.white, moved, values, most))
-
-
-def _price(model: Model) -> float:
-    """χ² with the price of its numbers."""
-    return model.at.cost + sum(len(form.moves) for form in model.chosen) * np.log(max(model.white.size, 2))
+        at = refit(self.found, model.white, moving(self.found, chosen), values, most)
+        return Model(chosen, model.white, at)

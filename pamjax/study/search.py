@@ -30,7 +30,7 @@ from pamjax.study.passed import passed
 from pamjax.study.problem import Problem
 from pamjax.study.refit import refit
 from pamjax.study.rest import REST, REST_SHARE
-from pamjax.study.settled import Model, begun, freed, places, settle, without
+from pamjax.study.settled import Model, begun, freed, moving, settle, without
 from pamjax.study.signature import Signature, signatures
 
 #: Chance that noise alone brings in a name, over everything that was tried.
@@ -260,7 +260,7 @@ def _with(found: Problem, model: Model, signature: Signature) -> Model:
     if not model.chosen and _strained(found, model):
         begins.append(found.neutral)
     chosen = (*model.chosen, signature.form)
-    moved = sorted({*np.flatnonzero(found.own).tolist(), *places(found, chosen)})
+    moved = moving(found, chosen)
     ends = []
     for begin in begins:
         values = begun(found, begin, signature.form, signature.amplitudes)
@@ -306,6 +306,6 @@ def removed(found: Problem, model: Model, k: int) -> Model:
     """The model without its k-th form, refitted under the same noise."""
     form = model.chosen[k]
     rest = model.chosen[:k] + model.chosen[k + 1 :]
-    moved = sorted({*np.flatnonzero(found.own).tolist(), *places(found, rest)})
+    moved = moving(found, rest)
     values = without(found, model.at.values, form)
     return freed(found, rest, model.white, refit(found, model.white, moved, values, 2 * ROUGH))

@@ -84,7 +84,7 @@ def settle(
     found: Problem, used: np.ndarray, chosen: Sequence[Form], values: np.ndarray, rounds: int = 2
 ) -> Model:
     """Refit the baseline with some forms, with the noise that its own residual shows."""
-    moved = sorted({*np.flatnonzero(found.own).tolist(), *places(found, chosen)})
+    moved = moving(found, chosen)
     for _ in range(rounds):
         white = whitening(found, values, used)
         at = refit(found, white, moved, values)
@@ -100,6 +100,11 @@ def freed(found: Problem, chosen: tuple[Form, ...], white: Whitening, at: Refit)
 def places(found: Problem, chosen: Sequence[Form]) -> list[int]:
     """Indices of the numbers that some forms move."""
     return [found.place(name) for form in chosen for name in form.moves]
+
+
+def moving(found: Problem, chosen: Sequence[Form]) -> list[int]:
+    """Indices of the numbers that a refit with some forms moves: the baseline's own and theirs."""
+    return sorted({*np.flatnonzero(found.own).tolist(), *places(found, chosen)})
 
 
 def begun(found: Problem, values: np.ndarray, form: Form, amplitudes: np.ndarray) -> np.ndarray:

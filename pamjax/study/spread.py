@@ -30,7 +30,7 @@ from pamjax.study.passed import passed
 from pamjax.study.problem import Problem
 from pamjax.study.refit import MOST as TO_THE_END
 from pamjax.study.refit import refit
-from pamjax.study.settled import Model, freed, places, without
+from pamjax.study.settled import Model, freed, moving, places, without
 
 #: Most other forms of a name to begin from.
 MOST = 9
@@ -123,7 +123,7 @@ def _of_ties(found: Problem, model: Model, name: Name) -> list[tuple[float, np.n
         start = without(found, model.at.values, own)
         start[places(found, [form])] = values[places(found, [form])]
         others = [one for one in model.chosen if one is not own]
-        moved = sorted({*np.flatnonzero(found.own).tolist(), *places(found, [*others, form])})
+        moved = moving(found, [*others, form])
         by = refit(found, model.white, moved, start, ENOUGH).values - model.at.values
         by[places(found, [own])] = 0.0
         return chance, by

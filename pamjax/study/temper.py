@@ -23,7 +23,7 @@ import numpy as np
 from pamjax.study.forms import Form
 from pamjax.study.problem import Problem
 from pamjax.study.refit import refit
-from pamjax.study.settled import Model, places, settle
+from pamjax.study.settled import Model, moving, settle
 from pamjax.study.whiten import whitening
 
 #: Mean square of a whitened residual from which a model is taken for wrong by more than noise.
@@ -50,7 +50,7 @@ def weighed(found: Problem, used: np.ndarray, chosen: Sequence[Form], values: np
     if _square(residual) < WRONG:
         return settle(found, used, chosen, values)
     white = dataclasses.replace(white, trust=_trust(residual))
-    moved = sorted({*np.flatnonzero(found.own).tolist(), *places(found, chosen)})
+    moved = moving(found, chosen)
     model = tempered(found, Model(tuple(chosen), white, refit(found, white, moved, values)))
     if _square(model.at.residual / model.white.trust) < WRONG:
         # It was wrong only where it began.
