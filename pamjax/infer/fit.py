@@ -15,7 +15,7 @@ from pamjax.check import BadInput, at_least, nearest, refuse
 from pamjax.infer.believed import free_numbers
 from pamjax.infer.hold_out import hold_out
 from pamjax.infer.least_squares import Loss, Solution, solve
-from pamjax.infer.member import CHANNELS, Member, counts, member, read, shown
+from pamjax.infer.member import CHANNELS, Member, counts, member, read
 from pamjax.infer.result import CaseFit, Estimate, Fit, HeldOut
 from pamjax.infer.space import Free, Space, space
 from pamjax.infer.weigh import weigh
@@ -291,7 +291,7 @@ def rmse(case: Case, prediction: Mapping[str, np.ndarray]) -> dict[str, float]:
     """Root mean square of measured − predicted, SI, by channel, over the rows that count."""
     out = {}
     for channel in case.recording.channels:
-        misfit = getattr(case.recording, channel) - shown(case, channel, prediction[channel])
+        misfit = getattr(case.recording, channel) - prediction[channel]
         misfit = misfit[counts(case, channel) & np.isfinite(misfit)]
         if misfit.size:
             out[channel] = float(np.sqrt(np.mean(misfit**2)))

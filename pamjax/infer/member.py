@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float, Int
 from pamjax.infer.believed import free_numbers, is_ruler, stated, stated_mechanisms
 from pamjax.infer.space import Space
 from pamjax.model.assembly import assemble, assemble_bench
-from pamjax.model.bench import Bench, Shown
+from pamjax.model.bench import Bench, Shown, unpushed
 from pamjax.model.history import History, history
 from pamjax.model.muscle import Muscle, Reading
 from pamjax.records.blocks import blocks, setting_of_length
@@ -105,16 +105,15 @@ class Member(eqx.Module):
         if self.length_errors:
             length = length + values[jnp.array(self.length_errors)][self.rows.setting]
         if self.mechanisms:
-            return self.bench(values)(self.rows.pressure, length, self.history)
-        return jax.vmap(self.muscle(values))(self.rows.pressure, length)
+            return self.bench(values)(self.rows.pressure, length, self.history, self.rows.slack)
+        ideal = jax.vmap(self.muscle(values))(self.rows.pressure, length)
+        return eqx.tree_at(lambda r: r.force, ideal, unpushed(ideal.force, self.rows.slack))
 
     def misfit(self, values: Float[Array, " p"]) -> tuple[Array, Array]:
         """(measured − model) / sd of force and of diameter, (n,) each; zero where not measured."""
         reading, rows = self.reading(values), self.rows
-        # A slack muscle pulls with nothing, while the ideal one would push: that is no misfit.
-        force = jnp.where(rows.slack, jnp.maximum(reading.force, 0.0), reading.force)
         return (
-            (rows.force - force) * rows.force_weight,
+            (rows.force - reading.force) * rows.force_weight,
             (rows.diameter - reading.diameter) * rows.diameter_weight,
         )
 
@@ -199,13 +198,6 @@ def counts(case: Case, channel: str) -> np.ndarray:
     if channel == "force":
         return there & ~slack(case)
     return there & (case.recording.pressure > EMPTY * (case.entry.sensors.pressure or 0.0))
-
-
-def shown(case: Case, channel: str, prediction: np.ndarray) -> np.ndarray:
-    """A prediction as the bench shows it: where the recording is slack, the muscle does not push."""
-    if channel != "force":
-        return prediction
-    return np.where(slack(case), np.maximum(prediction, 0.0), prediction)
 
 
 def padded(n: int) -> int:

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from scipy.special import ndtr, ndtri
 
 from pamjax.infer.density import Density
-from pamjax.infer.member import CHANNELS, shown
+from pamjax.infer.member import CHANNELS
 from pamjax.infer.result import CaseFit
 from pamjax.infer.streams import Stream
 
@@ -44,9 +44,7 @@ def with_noise(
     for i in range(n):
         noise[i] = memory * noise[before[i]] + np.sqrt(1 - memory**2) * new[i] if linked[i] else new[i]
     sd = np.sqrt(values[:, stream.sd, None] ** 2 + np.asarray(stream.carried)[:n] ** 2)
-    channel = CHANNELS[stream.channel]
-    shape = np.stack([shown(one.case, channel, row) for row in prediction[:, :n]])
-    return np.where(there, shape + noise.T * sd, np.nan)
+    return np.where(there, prediction[:, :n] + noise.T * sd, np.nan)
 
 
 def by_block(

@@ -17,7 +17,7 @@ from __future__ import annotations
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from pamjax.model.balance import Status
 from pamjax.model.history import History
@@ -82,18 +82,26 @@ class Bench(eqx.Module):
         """The mechanisms of one kind, in order."""
         return [m for m in self.mechanisms if isinstance(m, kind)]
 
-    def __call__(self, pressure: Samples, length: Samples, history: History) -> Shown:
+    def __call__(
+        self,
+        pressure: Samples,
+        length: Samples,
+        history: History,
+        slack: Bool[Array, " n"] | None = None,
+    ) -> Shown:
         """What the bench records.
 
         Args:
             pressure: (n,) recorded gauge pressure, Pa.
             length: (n,) recorded length, m.
             history: time and order of the samples.
+            slack: (n,) where the muscle, if it would push, is slack and pulls with nothing; None for nowhere.
         """
         for sensor in self.of(AbstractSensor):
             pressure, length = sensor.undo(pressure, length, history)
         past, status = self.prepared().passed(pressure, length, history)
         force, diameter = past.force, past.state.diameter
+        force = force if slack is None else unpushed(force, slack)
         for sensor in self.of(AbstractSensor):
             force, diameter = sensor.read(force, diameter, past, history)
         return Shown(force, diameter, past, status)
@@ -260,7 +268,18 @@ def _last_repeated(values: Array, many: Array) -> Array:
     return jnp.where(later, values[many - 1], values)
 
 
+def unpushed(force: Samples, slack: Bool[Array, " n"]) -> Samples:
+    """Force of a muscle that pulls with nothing where it is slack and the ideal one would push."""
+    return jnp.where(slack, jnp.maximum(force, 0.0), force)
+
+
 @eqx.filter_jit
-def record(bench: Bench, pressure: Samples, length: Samples, history: History) -> Shown:
+def record(
+    bench: Bench,
+    pressure: Samples,
+    length: Samples,
+    history: History,
+    slack: Bool[Array, " n"] | None = None,
+) -> Shown:
     """What a bench records, compiled; see `Bench.__call__`."""
-    return bench(jnp.asarray(pressure, float), jnp.asarray(length, float), history)
+    return bench(jnp.asarray(pressure, float), jnp.asarray(length, float), history, slack)

@@ -14,8 +14,11 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 
+from pamjax.infer.member import Member
 from pamjax.model.library import MECHANISMS, TWICE
 from pamjax.model.mechanism import AbstractSensor
 from pamjax.records.case import Case
@@ -89,7 +92,7 @@ def conceal(
     setup = setup or known()
     name = f"concealed-{number:04d}"
     bare = Case(name=name, folder=Path(name), entry=setup.entry, recording=setup.plan, checksum="simulated")
-    found = problem(bare)
+    found = _slackening(problem(bare))
     values = _muscle(found, rng)
     chosen: list[Form] = []
     for form in [] if outside else _choices(found, rng, only):
@@ -114,6 +117,15 @@ def conceal(
     case = dataclasses.replace(bare, recording=_noisy(setup, shown, rng, correlation))
     true = dict(zip(found.names, values.tolist(), strict=True))
     return Envelope(case, ids, tuple(sizes), true, tuple(chosen), shown, effects)
+
+
+def _slackening(found: Problem) -> Problem:
+    """The same bench, on which a muscle never pushes: where the ideal one would, it is slack."""
+
+    def slack(member: Member) -> Member:
+        return eqx.tree_at(lambda m: m.rows.slack, member, jnp.ones_like(member.rows.slack))
+
+    return dataclasses.replace(found, member=slack(found.member), lighter=slack(found.lighter))
 
 
 def _muscle(found: Problem, rng: np.random.Generator) -> np.ndarray:

@@ -18,6 +18,7 @@ from pamjax.study.forms import forms
 from pamjax.study.gain import gain, held_out
 from pamjax.study.locate import locate_names, locate_rest
 from pamjax.study.naming import Naming, name_mechanisms, without_small
+from pamjax.study.noise_memory import with_memory
 from pamjax.study.problem import Problem, problem
 from pamjax.study.rest import leaves_more, rest_of
 from pamjax.study.settled import Model, settle
@@ -72,7 +73,7 @@ def diagnose(
     baseline = settle(found, every, (), naming.baseline.at.values)
     model = baseline
     if naming.names:
-        model = _told(found, naming, every)
+        model = with_memory(found, _told(found, naming, every))
         model = spread(found, model, naming.names)
     progress("done", 1.0)
     return Diagnosis(

@@ -59,11 +59,18 @@ def passed(found: Problem, white: Callable[[np.ndarray], np.ndarray], values: np
 
 def passed_on(found: Problem, values: np.ndarray) -> np.ndarray | None:
     """What each draw of noise does to what is shown, (draws, 2, n), SI; None where `passed` is zero."""
-    if not _remembers(found, values) or not any(_stated(found)):
+    again = shaken(found, values)
+    if not again:
         return None
     still = found.shows(values)
-    shown = [_shaken(found, *draw).shows(values) - still for draw in draws(found)]
-    return np.nan_to_num(np.stack(shown))
+    return np.nan_to_num(np.stack([one.shows(values) - still for one in again]))
+
+
+def shaken(found: Problem, values: np.ndarray) -> list[Problem]:
+    """The problem with each draw of noise in what was set; none where `passed` is zero."""
+    if not _remembers(found, values) or not any(_stated(found)):
+        return []
+    return [_shaken(found, *draw) for draw in draws(found)]
 
 
 def passed_slope(found: Problem, white: Callable[[np.ndarray], np.ndarray], values, places) -> np.ndarray:

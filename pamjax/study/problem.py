@@ -173,9 +173,7 @@ def _sweep(
 
     def shows(x):
         reading = member.reading(x)
-        # A slack muscle pulls with nothing, while the ideal one would push: that is no misfit.
-        force = jnp.where(member.rows.slack, jnp.maximum(reading.force, 0.0), reading.force)
-        return jnp.stack([force, reading.diameter])
+        return jnp.stack([reading.force, reading.diameter])
 
     def fill(k, carry):
         _, found = carry

@@ -2,14 +2,15 @@
 
 A standard deviation at a minimum knows of that minimum alone. Relaxing rubber of two branches fits a
 recording nearly alike in several ways (a tenth in 3 s, or a half in 40 s), and where one name can stand for
-another the numbers of all others depend on which of them is there. So the model is refitted from the other
-forms in which the same numbers of a name move, the best of these fits is kept, and of every model m that is
-about as good, weighed by p_m, the numbers get the covariance
+another the numbers of all others depend on which of them is there. Nor does it know that noise of pressure
+and length, passed on by a memory, pulls the numbers. So the model is refitted from the other forms in which
+the same numbers of a name move, the best of these fits is kept, and of every model m that is about as good,
+weighed by p_m, the numbers get the covariance
 
-    C = C_0 + Σ p_m (v_m − v_0) (v_m − v_0)ᵀ,        p_m = e^(−Δχ²_m / 2 s) / Σ,
+    C = C_0 + Σ p_m (v_m − v_0) (v_m − v_0)ᵀ + δ δᵀ,        p_m = e^(−Δχ²_m / 2 s) / Σ,
 
-v_0 the numbers that are told and s the mean square that the model leaves. A tie has the chance that it has
-beside the name whose place it takes, and says nothing of that name's own numbers.
+v_0 the numbers that are told, s the mean square that the model leaves and δ that pull (`unbiased`). A tie has
+the chance that it has beside the name whose place it takes, and says nothing of that name's own numbers.
 
 What it leaves out: moments of a slip, which are many and which the search has tried.
 Source: moments of a mixture.
@@ -31,6 +32,7 @@ from pamjax.study.problem import Problem
 from pamjax.study.refit import MOST as TO_THE_END
 from pamjax.study.refit import refit
 from pamjax.study.settled import Model, freed, moving, places, without
+from pamjax.study.unbiased import pulled
 
 #: Most other forms of a name to begin from.
 MOST = 9
@@ -60,7 +62,8 @@ def spread(found: Problem, model: Model, names: Sequence[Name]) -> Model:
         model = _freed(found, _refitted(found, model, minima[0].at.values, TO_THE_END))
     moves = _among(model, minima) + [move for name in names for move in _of_ties(found, model, name)]
     moved = list(model.at.moved)
-    between = sum((p * np.outer(by[moved], by[moved]) for p, by in moves), np.zeros((len(moved),) * 2))
+    pull = pulled(found, model.white, model.at) if model.white.trust == 1 else np.zeros(len(moved))
+    between = sum((p * np.outer(by[moved], by[moved]) for p, by in moves), np.outer(pull, pull))
     return replace(model, between=between)
 
 

@@ -6,14 +6,21 @@ leaves, C − p, the minimum is found from that of C by Gauss–Newton steps,
     δ = −(JᵀJ + Λ)⁻¹ (½ ∇C − ½ ∇p),
 
 J the white derivatives, Λ the priors' information; a step that makes C − p no smaller ends it.
-Source: derived here; see `passed`.
+
+What is left of that pull is not known better than the pull itself: how far the numbers go when the same
+noise comes once more, on average over the draws of `passed`, is part of their doubt (`pulled`),
+
+    δ = (JᵀJ + Λ)⁻¹ mean_u [J_uᵀ W (y − f(x + u)) − Jᵀ W (y − f(x))].
+
+Source: derived here; see `passed`. Noise added once more: J. Cook, L. Stefanski, J. Am. Stat. Assoc. 89,
+1314 (1994).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from pamjax.study.passed import passed, passed_slope
+from pamjax.study.passed import passed, passed_slope, shaken
 from pamjax.study.problem import Problem
 from pamjax.study.refit import Refit, believed, coordinates, refit
 from pamjax.study.whiten import Whitening
@@ -38,6 +45,26 @@ def unbiased(found: Problem, white: Whitening, at: Refit) -> tuple[Refit, float]
             break
         at, of_noise = trial, there
     return at, of_noise
+
+
+def pulled(found: Problem, white: Whitening, at: Refit) -> np.ndarray:
+    """How far noise of what was set, coming once more, moves the numbers that moved, SI, (k,).
+
+    Args:
+        found: the recording before the library.
+        white: the weights of the refit.
+        at: the refit.
+    """
+    moved = list(at.moved)
+    again = shaken(found, at.values)
+    if not again:
+        return np.zeros(len(moved))
+    slope = -at.jacobian.T @ at.residual
+    for one in again:
+        shown, slopes = one.slopes(at.values, moved)
+        jacobian = np.nan_to_num(white(slopes)) * at.scale[:, None]
+        slope += jacobian @ np.nan_to_num(white(found.measured - shown)) / len(again)
+    return at.covariance @ (slope / at.scale)
 
 
 def _stepped(found: Problem, white: Whitening, at: Refit) -> np.ndarray:

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
 from pamjax.infer.load import Loaded
-from pamjax.infer.member import CHANNELS, case_history, counts, shown, starting_sd
+from pamjax.infer.member import CHANNELS, case_history, counts, slack, starting_sd
 from pamjax.model.balance import Status
-from pamjax.model.bench import Bench, Shown, record
+from pamjax.model.bench import Bench, Shown, record, unpushed
 from pamjax.model.muscle import Reading, predict
 from pamjax.records.blocks import blocks
 from pamjax.records.case import Case
@@ -128,7 +129,7 @@ def validate(model: Loaded, case: Case, fitted: Collection[str] = ()) -> Validat
     for channel, sd in zip(CHANNELS, starting_sd(case), strict=True):
         there, said = counts(case, channel), np.asarray(getattr(reading, channel))
         if there.any():
-            off = getattr(recording, channel) - shown(case, channel, said)
+            off = getattr(recording, channel) - said
             carried = [np.asarray(getattr(other, channel)) - said for other in moved]
             misfit[channel] = np.where(there, off, np.nan)
             noise[channel] = np.where(there, np.sqrt(sd**2 + sum(x**2 for x in carried)), np.nan)
@@ -148,10 +149,11 @@ def validate(model: Loaded, case: Case, fitted: Collection[str] = ()) -> Validat
 
 
 def _read(model: Loaded, case: Case, pressure: np.ndarray, length: np.ndarray) -> Reading | Shown:
+    at, loose = (jnp.asarray(pressure), jnp.asarray(length)), jnp.asarray(slack(case))
     if isinstance(model.muscle, Bench):
-        history = case_history(case, case.recording.n)
-        return record(model.muscle, jnp.asarray(pressure), jnp.asarray(length), history)
-    return predict(model.muscle, jnp.asarray(pressure), jnp.asarray(length))
+        return record(model.muscle, *at, case_history(case, case.recording.n), loose)
+    ideal = predict(model.muscle, *at)
+    return eqx.tree_at(lambda r: r.force, ideal, unpushed(ideal.force, loose))
 
 
 def _of(values: dict[str, np.ndarray], rows: np.ndarray) -> dict[str, float]:

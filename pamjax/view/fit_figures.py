@@ -20,7 +20,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pamjax.check import refuse
-from pamjax.infer.member import shown
 from pamjax.infer.note import UNIT, quantity
 from pamjax.infer.result import CaseFit, Estimate, Fit
 from pamjax.units import in_unit, show
@@ -54,7 +53,7 @@ def prediction_figure(one: CaseFit, narrow: bool = False) -> Figure:
 def _points_and_lines(panel: Axes, one: CaseFit, form: Layout, channel: str) -> None:
     scale = in_unit(UNIT[channel])
     measured = getattr(one.case.recording, channel) / scale
-    model = shown(one.case, channel, one.prediction[channel]) / scale
+    model = one.prediction[channel] / scale
     there = np.isfinite(measured)
     kept = thin(np.where(form.group >= 0, form.x, np.nan), measured)
     style = _point(there)
@@ -132,7 +131,7 @@ def residual_figure(one: CaseFit, narrow: bool = False) -> Figure:
 
 def _residual(one: CaseFit, channel: str) -> np.ndarray:
     """(n,) measured − model in the unit of the figure."""
-    misfit = getattr(one.case.recording, channel) - shown(one.case, channel, one.prediction[channel])
+    misfit = getattr(one.case.recording, channel) - one.prediction[channel]
     return np.where(one.case.recording.usable, misfit, np.nan) / in_unit(UNIT[channel])
 
 
@@ -202,7 +201,7 @@ def _blocks(panel: Axes, one: CaseFit, channel: str, names: list[str]) -> None:
     label = np.array(one.block)
     rmse = {}
     for kind, predicted in (("seen", one.prediction), ("unseen", one.unseen)):
-        misfit = getattr(one.case.recording, channel) - shown(one.case, channel, predicted[channel])
+        misfit = getattr(one.case.recording, channel) - predicted[channel]
         rmse[kind] = np.array([_rms(misfit[label == name]) / scale for name in names])
     at = np.arange(len(names))
     panel.hlines(at, rmse["seen"], rmse["unseen"], color=QUIET, lw=0.8)

@@ -7,6 +7,7 @@ import numpy as np
 from pamjax.infer.fit import joint_space
 from pamjax.infer.member import SLACK, counts, member, slack
 from pamjax.records.blocks import blocks
+from pamjax.records.quantity import Measured
 from pamjax.records.recording import Recording
 from tests.infer.made import made
 
@@ -83,3 +84,22 @@ def test_a_diameter_without_pressure_is_not_held_against_a_model():
     assert np.array_equal(counts(case, "diameter"), recording.pressure > 3e3)
     strokes = replace(recording, pressure=recording.length, length=recording.pressure)
     assert counts(replace(case, recording=strokes), "diameter").all()
+
+
+def test_the_zero_of_a_load_cell_shows_where_the_muscle_is_slack():
+    # A long thread pulls no more after a sixth of contraction.
+    case = made(true={"muscle.thread_length": 0.34}, thread_length=Measured(0.3405, 0.8e-3))
+    force = np.where(np.isnan(case.recording.force), 0.0, case.recording.force) - 20.0
+    case = replace(case, recording=replace(case.recording, force=force))
+    at, (rename,) = joint_space([case], "elastic", (), ("force_offset",))
+    one = member(case, "elastic", at, rename, ("force_offset",))
+    values = np.array(at.mean)
+    values[at.names.index("force_offset.offset")] = -20.0
+    shown = np.asarray(one.reading(values).force)
+    pushes = np.asarray(
+        replace(one, rows=replace(one.rows, slack=one.rows.slack & False)).reading(values).force
+    )
+    loose = np.asarray(one.rows.slack) & (pushes < -30.0)
+    assert loose.sum() > 20
+    # It reads what it reads with nothing on it: not what a pushing muscle would do, and not nothing.
+    np.testing.assert_allclose(shown[loose], -20.0)

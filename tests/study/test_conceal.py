@@ -1,10 +1,13 @@
 """What is concealed is in the recording, in the form that was asked for."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pamjax.study.conceal import absent, conceal
 from pamjax.study.problem import problem
+from pamjax.study.setups import known
 
 
 def departure(only: str, share: float) -> float:
@@ -28,3 +31,15 @@ def test_an_effect_departs_from_its_equation_by_the_share_that_was_asked_for():
 @pytest.mark.slow
 def test_a_wrong_zero_stays_a_zero():
     assert departure("force_offset", 0.3) == 0.0
+
+
+def test_no_muscle_pushes():
+    """Rubber in the wall wins over little pressure: what is concealed is then a slack muscle."""
+    setup = known()
+    soft = replace(setup, plan=replace(setup.plan, pressure=0.3 * setup.plan.pressure))
+    rng = np.random.default_rng(2)
+    made = conceal(1, rng, setup=soft, only="bladder_elasticity", smallest=40.0, largest=40.0)
+    assert np.nanmin(made.clean[0]) == 0.0
+    pushed = problem(replace(made.case, recording=soft.plan))
+    values = np.array([made.true[name] for name in pushed.names])
+    assert np.nanmin(pushed.shows(values)[0]) < -5.0

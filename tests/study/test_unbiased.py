@@ -8,7 +8,7 @@ import numpy as np
 
 from pamjax.study.passed import passed
 from pamjax.study.refit import refit
-from pamjax.study.unbiased import unbiased
+from pamjax.study.unbiased import pulled, unbiased
 from tests.study.test_passed import NOISE, ROWS, SD, STIFF, Delayed, Set, Spring, weights
 
 LATE, MANY = 0.15, 60
@@ -74,3 +74,13 @@ def test_what_does_not_average_is_left_where_it_is():
     )
     at = refit(still, weights(), [0], np.array([0.5]))
     assert unbiased(still, weights(), at) == (at, 0.0)
+
+
+def test_noise_that_comes_once_more_pulls_as_far_as_it_did_before():
+    raw, pull = [], []
+    for seed in range(MANY):
+        found = recording(seed)
+        at = refit(found, weights(), [0], np.array([0.5]))
+        raw.append(at.values[0] - LATE)
+        pull.append(pulled(found, weights(), unbiased(found, weights(), at)[0])[0])
+    assert 0.5 < np.mean(pull) / np.mean(raw) < 2.0
