@@ -189,14 +189,15 @@ def counts(case: Case, channel: str) -> np.ndarray:
 
     At a fixed length a force near zero only says that the muscle is slack there, or bowed, until it
     is inflated further: not how strong it is. On a stroke it says where the stroke ends. Nor does anything
-    hold the braid open there while the pressure cannot be told from none: any diameter will do. (Of a sensor
-    whose noise is not stated, what it reads above zero is pressure.)
+    hold the braid open there while the muscle is slack, or its pressure cannot be told from none: any
+    diameter will do. (Of a sensor whose noise is not stated, what it reads above zero is pressure.)
     """
     there = case.recording.usable & np.isfinite(getattr(case.recording, channel))
     if blocks(case.recording).kind != "lengths":
         return there
+    there = there & ~slack(case)
     if channel == "force":
-        return there & ~slack(case)
+        return there
     return there & (case.recording.pressure > EMPTY * (case.entry.sensors.pressure or 0.0))
 
 

@@ -26,6 +26,7 @@ from pamjax.model.catalogue import meaning
 from pamjax.model.library import MECHANISMS
 from pamjax.parameter import Meaning
 from pamjax.records.case import Case
+from pamjax.records.held import held
 from pamjax.records.quantity import Measured
 from pamjax.study import programs
 
@@ -69,7 +70,7 @@ class Problem:
     """A recording, its muscle with the whole library, and what is believed of every number.
 
     Attributes:
-        case: the recording and what the lab says of it.
+        case: the recording, held lengths as one, and what the lab says of it.
         law: the baseline, "inelastic" or "elastic".
         names: (p,) of all numbers.
         meaning: (p,) their meanings.
@@ -206,6 +207,7 @@ def problem(case: Case) -> Problem:
     Raises:
         BadInput: for a baseline that no bench has, or nothing to compare with.
     """
+    case = held(case)
     law = bench_law(case.entry.baseline, ())
     ids = tuple(kind.id for kind in MECHANISMS)
     at, _ = joint_space([case], law, ())

@@ -20,6 +20,7 @@ from pamjax.model.muscle import Reading, predict
 from pamjax.records.blocks import blocks
 from pamjax.records.case import Case
 from pamjax.records.files import read_bytes
+from pamjax.records.held import held
 from pamjax.units import many
 
 #: Rmse over the channel's noise up to which a block counts as fitted: a quarter more than noise.
@@ -113,6 +114,7 @@ def validate(model: Loaded, case: Case, fitted: Collection[str] = ()) -> Validat
         fitted: checksums of the recordings that the model was fitted to, as `fitted_to` reads them; its own
             recording is among them where it was calibrated.
     """
+    case = held(case)
     recording = case.recording
     good = recording.usable
     rest = case.entry.rest_length.value

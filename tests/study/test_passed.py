@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pamjax.model.muscle import Reading
-from pamjax.study.passed import passed
+from pamjax.study.passed import CREDIT, passed
 from pamjax.study.whiten import Colour, Whitening
 from tests.agreement import ROUNDING, agree
 
@@ -89,3 +89,10 @@ def test_under_correlated_weights_the_mean_over_noise_comes_out():
     assert passed(found, white, values) == pytest.approx(each.mean(), rel=0.1)
     # Able to fail: weights that knew no correlation would say much less.
     assert abs(passed(found, weights(), values)) < 0.8 * abs(each.mean())
+
+
+def test_a_model_that_makes_very_much_of_noise_is_not_forgiven_all_of_it():
+    # Early by a sample, in a straight line: four times the variance more, on four hundred samples.
+    share = (2.0**2 + 1.0 - 1) * (STIFF * NOISE / SD) ** 2
+    assert share > CREDIT
+    assert passed(spring(), weights(), np.array([-1.0])) == CREDIT * ROWS
