@@ -13,10 +13,21 @@ import numpy as np
 
 from pamjax.progress import Progress, silent
 from pamjax.study.abreast import abreast
+from pamjax.study.exchange import exchanged
 from pamjax.study.forms import Form, forms
 from pamjax.study.problem import Problem
 from pamjax.study.refine import refined
-from pamjax.study.search import FINAL, TIE, TIE_SHARE, halfway, removed, replacements, search, to_the_end
+from pamjax.study.search import (
+    FINAL,
+    TIE,
+    TIE_SHARE,
+    Look,
+    halfway,
+    removed,
+    replacements,
+    search,
+    to_the_end,
+)
 from pamjax.study.settled import Model, settle
 from pamjax.study.signature import Signature, signatures
 
@@ -84,7 +95,8 @@ def name_mechanisms(found: Problem, used: np.ndarray, progress: Progress = silen
     candidates = forms(found)
     baseline = settle(found, used, (), found.neutral)
     first = signatures(found, baseline.white, baseline.at, candidates)
-    before = search(found, used, baseline, first, progress)
+    look = Look(found, used, baseline, candidates, progress)
+    before = exchanged(look, search(look, first))
     model = refined(found, before, candidates, progress)
     progress("rivals", 0.75)
     names = names_of(found, model, candidates)

@@ -58,7 +58,7 @@ AGAIN, SECONDS = 3, 3
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class Look:
     """What does not change while a recording is searched.
 
     Attributes:
@@ -112,31 +112,21 @@ class _Search:
         return model.excess > max(REST**2 * model.white.size, REST_SHARE**2 * self.baseline.excess)
 
 
-def search(
-    found: Problem,
-    used: np.ndarray,
-    baseline: Model,
-    first: Sequence[Signature],
-    progress: Progress = silent,
-) -> Model:
+def search(look: Look, first: Sequence[Signature]) -> Model:
     """The baseline with the forms that explain what it leaves.
 
     Args:
-        found: the recording before the library.
-        used: (n,) the rows that may be looked at.
-        baseline: its refit.
+        look: the recording, and what may join.
         first: the signatures of all forms that may join, at the baseline.
-        progress: called with what is being done and the share done.
     """
-    look = _Search(found, used, baseline, [signature.form for signature in first], progress)
-    model = _ended(look, baseline, first)
+    model = ended(look, look.baseline, first)
     if not look.far(model):
         return model
     begins = _beginnings(look, model, first)
     again = replace(look, progress=silent)
     for k, begin in enumerate(begins):
-        progress("naming again", 0.5 + 0.2 * k / len(begins))
-        other = _ended(again, again.settled(begin))
+        look.progress("naming again", 0.5 + 0.2 * k / len(begins))
+        other = ended(again, again.settled(begin))
         # Many pairs bend towards what is in no catalogue: only what leaves nothing but noise is believed.
         if look.completes(other, model):
             model = other
@@ -145,22 +135,22 @@ def search(
     return model
 
 
-def _ended(look: _Search, begin: Model, scored: Sequence[Signature] | None = None) -> Model:
+def ended(look: Look, begin: Model, scored: Sequence[Signature] | None = None) -> Model:
     """Where a search ends that begins here."""
     grown, refused = _grown(look, begin, scored)
-    model = _pruned(look, grown)
+    model = pruned(look, grown)
     if not model.chosen or model.excess < LEAST**2 * model.white.size:
         return model
     if model is grown and not (refused and look.worth(model, refused, small=True)):
         return model
     # What is small beside the whole may stay if nothing but noise is left then.
     best = refused if model is grown else None
-    whole = _pruned(look, _grown(look, model, small=True, best=best)[0], small=True)
+    whole = pruned(look, _grown(look, model, small=True, best=best)[0], small=True)
     return whole if look.completes(whole, model) else model
 
 
 def _grown(
-    look: _Search,
+    look: Look,
     model: Model,
     scored: Sequence[Signature] | None = None,
     small: bool = False,
@@ -179,7 +169,7 @@ def _grown(
     return model, None
 
 
-def _best(look: _Search, model: Model, scored: Sequence[Signature]) -> Model | None:
+def _best(look: Look, model: Model, scored: Sequence[Signature]) -> Model | None:
     """The model with the best further form, not settled; None where none could be worth its place."""
     listed = _listed(look, model, scored)
     if not listed or look.exhausted(model, listed[0]):
@@ -187,14 +177,12 @@ def _best(look: _Search, model: Model, scored: Sequence[Signature]) -> Model | N
     return finished(look.found, model, abreast(partial(_with, look.found, model), listed))[0]
 
 
-def _listed(
-    look: _Search, model: Model, scored: Sequence[Signature], many: int = SHORTLIST
-) -> list[Signature]:
+def _listed(look: Look, model: Model, scored: Sequence[Signature], many: int = SHORTLIST) -> list[Signature]:
     tried = len(look.candidates)
     return [s for s in shortlist(scored, model.ids, many) if significant(s.gain, len(s.form.moves), tried)]
 
 
-def _swapped(look: _Search, model: Model) -> Model:
+def _swapped(look: Look, model: Model) -> Model:
     """Put another in the place of an earlier form where that fits better now."""
     for k in range(len(model.chosen) - 1):
         left = removed(look.found, model, k)
@@ -205,7 +193,7 @@ def _swapped(look: _Search, model: Model) -> Model:
     return model
 
 
-def _pruned(look: _Search, model: Model, small: bool = False) -> Model:
+def pruned(look: Look, model: Model, small: bool = False) -> Model:
     """Take out again what is no longer worth its place."""
     while len(model.chosen) > 1:
         rest = abreast(partial(removed, look.found, model), range(len(model.chosen)))
@@ -217,7 +205,7 @@ def _pruned(look: _Search, model: Model, small: bool = False) -> Model:
     return model
 
 
-def _beginnings(look: _Search, model: Model, first: Sequence[Signature]) -> list[Model]:
+def _beginnings(look: Look, model: Model, first: Sequence[Signature]) -> list[Model]:
     """Pairs, roughly refitted, that come nearer than any that a model began with or might have gone on to."""
     singles = abreast(partial(_with, look.found, look.baseline), _listed(look, look.baseline, first))
 

@@ -25,6 +25,7 @@ class Signature:
         amplitudes: those, SI.
         directions: (k, size) unit vectors, white, freed of what the numbers that move absorb.
         either_sign: (k,) whether an amplitude may be negative: friction drives nothing.
+        norm: (k,) length of what is left of a direction, white, by its amplitude, SI; one where nothing is.
     """
 
     form: Form
@@ -32,6 +33,7 @@ class Signature:
     amplitudes: np.ndarray
     directions: np.ndarray
     either_sign: np.ndarray
+    norm: np.ndarray
 
 
 class Absorbed:
@@ -153,8 +155,9 @@ def _signature(found, white, at, form, slopes, absorbed: Absorbed, left: _Left) 
     free = absorbed.out_of(slopes)
     loose = free if left.absorbed is absorbed else left.absorbed.out_of(slopes)
     amplitudes, gain = left.explained(loose, low, high)
-    norm = np.linalg.norm(free, axis=1, keepdims=True)
-    return Signature(form, gain, amplitudes, free / np.where(norm > 0, norm, 1.0), low < 0)
+    norm = np.linalg.norm(free, axis=1)
+    norm = np.where(norm > 0, norm, 1.0)
+    return Signature(form, gain, amplitudes, free / norm[:, None], low < 0, norm)
 
 
 def _best(

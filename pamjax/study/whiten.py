@@ -258,7 +258,11 @@ def _colour(
     if not given or there.size < FEW:
         return Colour(sd, shared, 0.0, given)
     # Half the mean square of neighbours' differences is W + A (1 − ρ); less than W where a lag averages.
-    rough = _roughness(residual, sd, there, starts) - _rough_of_set(carried, noise, sd, there, starts)
+    rough, of_set = _roughness(residual, sd, there, starts), _rough_of_set(carried, noise, sd, there, starts)
+    if of_set > rough:
+        # A model that would make more of noise than there is tells nothing of it.
+        of_set = _rough_of_set(carried, None, sd, there, starts)
+    rough -= of_set
     rho = 1 - rough / shared
     seen = rho > SEEN * correlation_error(shared, 0.0, there.size)
     return Colour(sd, shared, min(rho, MOST) if seen else 0.0, given, told=rho)

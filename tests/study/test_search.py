@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pamjax.progress import silent
 from pamjax.records.blocks import blocks
 from pamjax.study import search as under_test
 from pamjax.study.forms import Form, forms
@@ -25,7 +26,7 @@ WHITE = Whitening(
 )
 
 
-class Bare(under_test._Search):
+class Bare(under_test.Look):
     """A search whose models need no refit."""
 
     def settled(self, model):
@@ -39,7 +40,8 @@ def searched(task):
     used = ~held_out(blocks(envelope.case.recording))
     baseline = settle(found, used, (), found.neutral)
     first = signatures(found, baseline.white, baseline.at, forms(found))
-    return set(envelope.concealed), search(found, used, baseline, first)
+    look = under_test.Look(found, used, baseline, forms(found), silent)
+    return set(envelope.concealed), search(look, first)
 
 
 @pytest.mark.slow
@@ -64,9 +66,9 @@ def test_what_is_small_beside_the_whole_stays_where_it_leaves_only_noise(monkeyp
     assert concealed - set(model.ids) <= {"pressure_gain"}
     assert len(model.ids) == 3
     # Able to fail: without that the largest stands alone.
-    worth = under_test._Search.worth
+    worth = under_test.Look.worth
     monkeypatch.setattr(
-        under_test._Search, "worth", lambda look, a, b, small, form=None: worth(look, a, b, False, form)
+        under_test.Look, "worth", lambda look, a, b, small, form=None: worth(look, a, b, False, form)
     )
     _, alone = searched(task)
     assert alone.ids == ("length_offset",)
@@ -110,7 +112,6 @@ def test_a_search_goes_only_where_nothing_but_noise_is_left(monkeypatch, explain
         return model(*one.chosen[:k], *one.chosen[k + 1 :])
 
     monkeypatch.setattr(under_test, "removed", removed)
-    monkeypatch.setattr(under_test, "_Search", Bare)
     monkeypatch.setattr(
         under_test, "_grown", lambda look, one, scored=None, small=False, best=None: (one, None)
     )
@@ -118,4 +119,5 @@ def test_a_search_goes_only_where_nothing_but_noise_is_left(monkeypatch, explain
     # How many were tried is not what is asked here.
     monkeypatch.setattr(under_test, "significant", lambda gain, numbers, tried: True)
     found: Any = SimpleNamespace()
-    assert search(found, np.ones(1000, dtype=bool), model(), []).ids == ended
+    look = Bare(found, np.ones(1000, dtype=bool), model(), [], silent)
+    assert search(look, []).ids == ended

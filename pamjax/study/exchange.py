@@ -1,0 +1,126 @@
+"""Two names at once in the place of two others.
+
+A search goes from name to name, and a first one that was wrong is only found out where what it leaves is far
+from noise. Two wrong names often leave little more: rubber and friction imitate a gain and a zero to a tenth
+of the noise, while neither of these alone fits as well as either of those. So every two names are taken out
+together, and in the linear limit the χ² of all pairs of forms a, b follows at once from the signatures d
+there and the residual r,
+
+    gain(a, b) = yᵀ G⁻¹ y,     y = D r,     G = D Dᵀ,     D = (d_a, d_b).
+
+The best of them are refitted, the search goes on from there, and where it ends likelier that is the model.
+What it leaves out: limits of amplitudes, until they are refitted; three names in the place of three.
+Source: least squares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from itertools import chain, combinations
+
+import numpy as np
+
+from pamjax.model.library import TWICE
+from pamjax.study.abreast import abreast
+from pamjax.study.forms import Form
+from pamjax.study.problem import Problem
+from pamjax.study.refit import refit
+from pamjax.study.search import FINAL, ROUGH, TIE, Look, ended
+from pamjax.study.settled import Model, begun, freed, moving, settle, without
+from pamjax.study.signature import Signature, signatures
+
+#: Pairs that are refitted in the place of any two names, and rounds in which some took a place.
+TRIED, ROUNDS = 3, 2
+#: Share of the samples by which the χ² of a rough refit may be worse than the model's: more names may join.
+NEAR = 0.2
+#: Share of its χ² within which a pair that shares a name with a better one stands for the same.
+SAME = 1e-3
+
+
+def exchanged(look: Look, model: Model) -> Model:
+    """The model with the likeliest pairs of names.
+
+    Args:
+        look: what the model was found by.
+        model: where the search ended.
+    """
+    for _ in range(ROUNDS if len(model.chosen) > 1 else 0):
+        look.progress("naming in pairs", 0.7)
+        better = _likelier(look, model)
+        if better is None:
+            break
+        model = better
+    return model
+
+
+def _likelier(look: Look, model: Model) -> Model | None:
+    """The likeliest model with two other names, where that is likelier beyond doubt."""
+    pairs = combinations(range(len(model.chosen)), 2)
+    trials = chain.from_iterable(abreast(partial(_instead, look, model), pairs))
+    worst = model.score + NEAR * model.white.size
+    near = sorted((trial for trial in trials if trial.score < worst), key=lambda trial: trial.score)
+    ends = [ended(look, settle(look.found, look.used, t.chosen, t.at.values)) for t in near[:FINAL]]
+    best = min(ends, key=lambda end: end.likely, default=model)
+    return best if best.likely < model.likely - TIE else None
+
+
+def _instead(look: Look, model: Model, pair: tuple[int, int]) -> list[Model]:
+    """Models with other names in the place of two, roughly refitted."""
+    found, out = look.found, [model.chosen[k] for k in pair]
+    rest = tuple(form for form in model.chosen if form not in out)
+    values = model.at.values
+    for form in out:
+        values = without(found, values, form)
+    at = refit(found, model.white, moving(found, rest), values, 2 * ROUGH)
+    left = freed(found, rest, model.white, at)
+    scored = signatures(found, left.white, left.at, look.candidates)
+    here = frozenset(form.id for form in out)
+    others = (two for two in best_pairs(scored, left) if frozenset(s.form.id for s, _ in two) != here)
+    return [_with(found, left, two) for two, _ in zip(others, range(TRIED), strict=False)]
+
+
+def best_pairs(
+    scored: Sequence[Signature], left: Model
+) -> Iterator[tuple[tuple[Signature, np.ndarray], tuple[Signature, np.ndarray]]]:
+    """Pairs of two mechanisms with their amplitudes, SI, the one that explains most first; each but once.
+
+    Args:
+        scored: what may join the model.
+        left: the model.
+    """
+    forms = [s for s in scored if s.form.id not in left.ids and not _barred(s.form, left.chosen)]
+    rows = np.concatenate([s.directions for s in forms])
+    ends = np.cumsum([len(s.directions) for s in forms])
+    residual = np.zeros(rows.shape[1])
+    residual[: left.at.residual.size] = left.at.residual
+    along, gram, price = rows @ residual, rows @ rows.T, np.log(max(left.white.size, 2))
+    found = []
+    for a, b in combinations(range(len(forms)), 2):
+        if forms[a].form.id == forms[b].form.id or _barred(forms[a].form, [forms[b].form]):
+            continue
+        at = np.r_[ends[a] - len(forms[a].directions) : ends[a], ends[b] - len(forms[b].directions) : ends[b]]
+        best = np.linalg.lstsq(gram[np.ix_(at, at)], along[at], rcond=1e-9)[0]
+        paid = price * (len(forms[a].form.moves) + len(forms[b].form.moves))
+        found.append((float(along[at] @ best) - paid, a, b, best))
+    seen: list[tuple[float, set[str]]] = []
+    for gain, a, b, best in sorted(found, key=lambda one: -one[0]):
+        ids = {forms[a].form.id, forms[b].form.id}
+        if not any(ids == other or (ids & other and more - gain < SAME * more) for more, other in seen):
+            seen.append((gain, ids))
+            own = len(forms[a].directions)
+            yield (forms[a], best[:own] / forms[a].norm), (forms[b], best[own:] / forms[b].norm)
+
+
+def _barred(form: Form, others: Sequence[Form]) -> bool:
+    return any(frozenset({form.id, other.id}) in TWICE for other in others)
+
+
+def _with(found: Problem, left: Model, two: Sequence[tuple[Signature, np.ndarray]]) -> Model:
+    """The model with two more forms, roughly refitted under its noise."""
+    chosen, values = (*left.chosen, *(s.form for s, _ in two)), left.at.values
+    for signature, amplitudes in two:
+        values = begun(found, values, signature.form, amplitudes)
+    return freed(
+        found, chosen, left.white, refit(found, left.white, moving(found, chosen), values, 2 * ROUGH)
+    )

@@ -1,0 +1,74 @@
+"""Two wrong names that leave hardly more than noise are given up for the two that leave less."""
+
+from itertools import combinations
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pamjax.progress import silent
+from pamjax.records.blocks import blocks
+from pamjax.study.exchange import best_pairs, exchanged
+from pamjax.study.forms import Form, forms
+from pamjax.study.gain import held_out
+from pamjax.study.problem import problem
+from pamjax.study.search import Look, search
+from pamjax.study.settled import settle
+from pamjax.study.signature import Signature, signatures
+from pamjax.study.trial import Task, drawn
+
+ROWS = 300
+
+
+def left_with(directions, residual) -> tuple[list[Signature], Any]:
+    """Forms a, b, … of one amplitude each, and a model without names that leaves a residual."""
+    norm = np.linalg.norm(directions, axis=1)
+    scored = [
+        Signature(
+            Form(id, (f"{id}.much",), {}), 0.0, np.zeros(1), row[None] / n, np.array([True]), np.array([n])
+        )
+        for id, row, n in zip("abcdef", directions, norm, strict=False)
+    ]
+    at = SimpleNamespace(residual=residual)
+    return scored, SimpleNamespace(ids=(), chosen=(), at=at, white=SimpleNamespace(size=ROWS))
+
+
+def test_the_best_pair_is_that_of_least_squares_over_all_of_them():
+    rng = np.random.default_rng(3)
+    directions = rng.standard_normal((5, ROWS))
+    directions[4] = directions[0] + directions[1] + 0.3 * directions[4]
+    residual = 2.0 * directions[1] - 3.0 * directions[3] + rng.standard_normal(ROWS)
+    scored, left = left_with(directions, residual)
+    (first, second), *_ = best_pairs(scored, left)
+    assert {first[0].form.id, second[0].form.id} == {"b", "d"}
+    found = {one.form.id: amplitude.item() for one, amplitude in (first, second)}
+    solved = np.linalg.lstsq(directions[[1, 3]].T, residual, rcond=None)[0]
+    np.testing.assert_allclose([found["b"], found["d"]], solved)
+
+
+def test_of_pairs_that_stand_for_the_same_one_is_tried():
+    """A gain of pressure and one of force differ by nothing that a pair could tell."""
+    rng = np.random.default_rng(4)
+    directions = rng.standard_normal((3, ROWS))
+    directions = np.concatenate([directions, directions[:1]])
+    scored, left = left_with(directions, directions[0] * 9 + directions[1] * 9)
+    pairs = [{one.form.id for one, _ in pair} for pair in best_pairs(scored, left)]
+    assert len(pairs) < len(list(combinations("abcd", 2)))
+    assert ({"a", "b"} in pairs) != ({"d", "b"} in pairs)
+
+
+@pytest.mark.slow
+def test_rubber_and_friction_give_way_to_a_gain_and_a_zero():
+    envelope = drawn(Task("all", "pair", 0.0, 1, seed=12))
+    assert set(envelope.concealed) == {"pressure_gain", "force_offset"}
+    found = problem(envelope.case)
+    used = ~held_out(blocks(envelope.case.recording))
+    baseline = settle(found, used, (), found.neutral)
+    look = Look(found, used, baseline, forms(found), silent)
+    stuck = search(look, signatures(found, baseline.white, baseline.at, look.candidates))
+    model = exchanged(look, stuck)
+    assert set(model.ids) == set(envelope.concealed)
+    # Able to fail: from name to name the search ends elsewhere, and what it leaves passes for noise.
+    assert not set(stuck.ids) & set(envelope.concealed)
+    assert stuck.at.misfit < 1.1 * stuck.white.size
