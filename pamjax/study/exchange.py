@@ -8,7 +8,8 @@ there and the residual r,
 
     gain(a, b) = yᵀ G⁻¹ y,     y = D r,     G = D Dᵀ,     D = (d_a, d_b).
 
-The best of them are refitted, the search goes on from there, and where it ends likelier that is the model.
+The best of them are refitted, the search goes on from there, and where it ends likelier and leaves nothing
+but noise, that is the model.
 What it leaves out: limits of amplitudes, until they are refitted; three names in the place of three.
 Source: least squares.
 """
@@ -62,7 +63,9 @@ def _likelier(look: Look, model: Model) -> Model | None:
     near = sorted((trial for trial in trials if trial.score < worst), key=lambda trial: trial.score)
     ends = [ended(look, settle(look.found, look.used, t.chosen, t.at.values)) for t in near[:FINAL]]
     best = min(ends, key=lambda end: end.likely, default=model)
-    return best if best.likely < model.likely - TIE else None
+    # Many pairs bend towards what is in no catalogue: only what leaves nothing but noise is believed.
+    believed = look.completes(best, model) if look.far(model) else not look.far(best)
+    return best if best.likely < model.likely - TIE and believed else None
 
 
 def _instead(look: Look, model: Model, pair: tuple[int, int]) -> list[Model]:
