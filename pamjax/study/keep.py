@@ -65,7 +65,7 @@ def _known(found: Problem, model: Model) -> dict[str, Any]:
         softness = max(values[k], 1e-12)
         names[k], values[k], slope[k] = "thread.stiffness", 1 / softness, -1 / softness**2
     # Of this one model: what others as good disagree about moves its numbers, not what it predicts.
-    covariance = model.wider * at.covariance * np.outer(slope, slope)
+    covariance = model.own_covariance * np.outer(slope, slope)
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     unit = np.where(sd > 0, sd, 1.0)
     told = {n: _parameter(n, v, s) for n, v, s in zip(names, values, sd, strict=True)}

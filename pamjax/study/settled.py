@@ -25,6 +25,7 @@ class Model:
         at: the refit.
         passed: χ² that noise of what was set is expected to leave beyond what the weights know of.
         between: (k, k) covariance of the numbers that moved, SI, among models that are told apart no better.
+        pull: (k,) how far noise of what was set moves them, SI.
     """
 
     chosen: tuple[Form, ...]
@@ -32,6 +33,7 @@ class Model:
     at: Refit
     passed: float = 0.0
     between: np.ndarray | float = 0.0
+    pull: np.ndarray | float = 0.0
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -70,7 +72,12 @@ class Model:
     @property
     def covariance(self) -> np.ndarray:
         """Of the numbers that moved, SI, (k, k)."""
-        return self.wider * self.at.covariance + self.between
+        return self.own_covariance + self.between
+
+    @property
+    def own_covariance(self) -> np.ndarray:
+        """The same, of this one model: what others as good disagree about is left out."""
+        return self.wider * self.at.covariance + np.multiply.outer(self.pull, self.pull)
 
     def sd(self, place: int) -> float:
         """Standard deviation of a number, SI; NaN where it did not move."""

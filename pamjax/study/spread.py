@@ -63,8 +63,8 @@ def spread(found: Problem, model: Model, names: Sequence[Name]) -> Model:
     moves = _among(model, minima) + [move for name in names for move in _of_ties(found, model, name)]
     moved = list(model.at.moved)
     pull = pulled(found, model.white, model.at) if model.white.trust == 1 else np.zeros(len(moved))
-    between = sum((p * np.outer(by[moved], by[moved]) for p, by in moves), np.outer(pull, pull))
-    return replace(model, between=between)
+    between = sum((p * np.outer(by[moved], by[moved]) for p, by in moves), np.zeros((len(moved),) * 2))
+    return replace(model, between=between, pull=pull)
 
 
 def _starts(found: Problem, model: Model) -> list[np.ndarray]:

@@ -23,8 +23,9 @@ def refitted():
         name="rig", checksum="0", gaps="rest", before="vented", folder=Path("nowhere"), recording=recording
     )
     found = SimpleNamespace(case=case, names=NAMES, law="inelastic")
-    at = SimpleNamespace(moved=(0, 1, 2, 3), values=VALUES, covariance=np.diag(SD**2))
-    return found, SimpleNamespace(at=at, chosen=[SimpleNamespace(id="braid_elasticity")], wider=1.0)
+    at = SimpleNamespace(moved=(0, 1, 2, 3), values=VALUES)
+    chosen = [SimpleNamespace(id="braid_elasticity")]
+    return found, SimpleNamespace(at=at, chosen=chosen, own_covariance=np.diag(SD**2))
 
 
 def test_the_rulers_errors_are_kept_with_the_numbers_and_are_none_of_the_muscles():
