@@ -17,12 +17,14 @@ Source: least squares.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import chain, combinations
 
 import numpy as np
 
 from pamjax.model.library import TWICE
+from pamjax.progress import silent
 from pamjax.study.abreast import abreast
 from pamjax.study.forms import Form
 from pamjax.study.problem import Problem
@@ -48,7 +50,7 @@ def exchanged(look: Look, model: Model) -> Model:
     """
     for _ in range(ROUNDS if len(model.chosen) > 1 else 0):
         look.progress("naming in pairs", 0.7)
-        better = _likelier(look, model)
+        better = _likelier(replace(look, progress=silent), model)
         if better is None:
             break
         model = better

@@ -133,13 +133,13 @@ def _model(values, measured):
         Colour(np.full(n, sd), 1.0, 0.3, True) if row.size else None for sd, row in zip(SD, rows, strict=True)
     )
     sd = np.array([1.2e9, 0.003, 0.01])
-    at = SimpleNamespace(values=values, moved=(0, 1), covariance=np.diag(sd[:2] ** 2))
+    at = SimpleNamespace(values=values, moved=(0, 1))
     return SimpleNamespace(
         white=Whitening(colours, rows, tuple(np.zeros((0, 2), int) for _ in rows)),
         at=at,
         chosen=(),
         excess=0.0,
-        wider=1.0,
+        own_covariance=np.diag(sd[:2] ** 2),
         sd=lambda k: sd[k],
     )
 
