@@ -1,18 +1,18 @@
-"""Names held against blocks that they were not fitted to, where something stays unexplained.
+"""Names held against blocks that they were not fitted to, where much is left.
 
 What is in no catalogue is bent towards by whatever comes near: a clipped load cell looks a little like a rig
 that gives, and is explained by it where it was fitted. Physics holds in blocks that it was not fitted to as
-well. So where something is left, each block that naming saw is left out once, the model is refitted with a
-name and without it, and
+well. So where much is left, be it known from noise or not (four names bend to an obstacle until that is in
+doubt), each block that naming saw is left out once, the model is refitted with a name and without it, and
 
     share = 1 − Σ excess with it / Σ excess without it,        excess = χ² − samples of the left-out block,
 
 is what the name explains of a misfit that it has not seen, beside all that is not explained at all. Its
-probability counts for that share, and names that fall below `ESTABLISHED` go. Those that stay are told with
-half the certainty that is left: force that grows with length, in ramps at one length after another, is
-borne out as a drift in time as well. Each is judged once, beside
-everything that came near: judged again after its neighbours have gone, a name has their misfit held against
-it as well. The share of all names together, against the bare baseline, decides whether any of them stands:
+probability counts for that share, and names that fall below `ESTABLISHED` go. Those that stay beside
+something unexplained are told with half the certainty that is left: force that grows with length, in ramps
+at one length after another, is borne out as a drift in time as well. Each is judged once, beside everything
+that came near: judged again after its neighbours have gone, a name has their misfit held against it as well.
+The share of all names together, against the bare baseline, decides whether any of them stands:
 what leaves more than a sixth of blocks that it has not seen is something else.
 
 A block that alone knows of a name's number says nothing of it, as nobody else could foretell it; an error of
@@ -61,7 +61,7 @@ def borne_out(found: Problem, laid: Blocks, used: np.ndarray, naming: Naming) ->
     """
     together, shares = borne_shares(found, laid, used, naming.model)
     borne = [replace(name, probability=name.probability * shares[name.id]) for name in naming.names]
-    kept = tuple(_halved(name) for name in borne if name.probability >= ESTABLISHED)
+    kept = tuple(name for name in borne if name.probability >= ESTABLISHED)
     if together < TOGETHER or not kept:
         return replace(naming, model=naming.baseline, names=())
     model, values = naming.model, naming.model.at.values
@@ -73,9 +73,10 @@ def borne_out(found: Problem, laid: Blocks, used: np.ndarray, naming: Naming) ->
     return replace(naming, model=model, names=ranked(kept))
 
 
-def _halved(name: Name) -> Name:
-    """The name with half the distance to even chances."""
-    return replace(name, probability=ESTABLISHED + (name.probability - ESTABLISHED) / 2)
+def doubted(naming: Naming) -> Naming:
+    """Names beside something unexplained, each with half the distance to even chances."""
+    halved = [replace(n, probability=ESTABLISHED + (n.probability - ESTABLISHED) / 2) for n in naming.names]
+    return replace(naming, names=ranked(halved))
 
 
 def borne_shares(

@@ -11,7 +11,7 @@ import numpy as np
 from pamjax.progress import Progress, silent
 from pamjax.records.blocks import blocks
 from pamjax.records.case import Case, as_case
-from pamjax.study.borne_out import borne_out
+from pamjax.study.borne_out import borne_out, doubted
 from pamjax.study.diagnosis import Diagnosis, Moved, Number
 from pamjax.study.experiment import experiments
 from pamjax.study.forms import forms
@@ -20,7 +20,7 @@ from pamjax.study.locate import locate_names, locate_rest
 from pamjax.study.naming import Naming, name_mechanisms, without_small
 from pamjax.study.noise_memory import with_memory
 from pamjax.study.problem import Problem, problem
-from pamjax.study.rest import leaves_more, rest_of
+from pamjax.study.rest import leaves_more, leaves_much, rest_of
 from pamjax.study.settled import Model, settle
 from pamjax.study.signature import signatures
 from pamjax.study.significance import DETECTED, Significance, significance
@@ -64,10 +64,12 @@ def diagnose(
         naming = without_small(found, naming)
         rest = _rest(found, naming, mismatch, seed)
         unexplained = leaves_more(mismatch, rest)
-    if unexplained and naming.names:
+    if naming.names and leaves_much(mismatch, rest):
+        # Names that bend to what is in no catalogue may leave too little to be told from noise.
         naming = borne_out(found, laid, ~out, naming)
         rest = _rest(found, naming, mismatch, seed)
         unexplained = leaves_more(mismatch, rest)
+        naming = doubted(naming) if unexplained else naming
     score = gain(found, laid, out, naming.baseline, _told(found, naming, ~out))
     every = np.ones(found.n, dtype=bool)
     baseline = settle(found, every, (), naming.baseline.at.values)

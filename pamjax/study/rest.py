@@ -36,5 +36,10 @@ def leaves_more(mismatch: Significance, rest: Significance) -> bool:
         mismatch: of the baseline.
         rest: of the model.
     """
+    return rest.p_value < DETECTED and leaves_much(mismatch, rest)
+
+
+def leaves_much(mismatch: Significance, rest: Significance) -> bool:
+    """Whether what is left would be more, were all of it known not to be noise."""
     beyond, before = max(rest.square - 1, 0.0), max(mismatch.square - 1, 0.0)
-    return bool(rest.p_value < DETECTED and beyond > max(REST**2, REST_SHARE**2 * before))
+    return bool(beyond > max(REST**2, REST_SHARE**2 * before))

@@ -7,7 +7,7 @@ import pytest
 
 from pamjax.records.blocks import Blocks
 from pamjax.study import borne_out as under_test
-from pamjax.study.borne_out import borne_out, borne_shares
+from pamjax.study.borne_out import borne_out, borne_shares, doubted
 from pamjax.study.forms import Form
 from pamjax.study.naming import Name, Naming
 from pamjax.study.refit import refit
@@ -84,8 +84,9 @@ def test_what_is_there_is_borne_out(judged):
     shares, kept = judged(recording(2 + 3 * X + 0.3 * np.sin(9 * X)), (SLOPE,))
     assert shares["slope"] > 0.95
     assert [name.id for name in kept.names] == ["slope"]
-    # Told with half the certainty that is left.
-    assert kept.names[0].probability == pytest.approx(0.5 + (0.9 * shares["slope"] - 0.5) / 2)
+    assert kept.names[0].probability == pytest.approx(0.9 * shares["slope"])
+    # Beside something unexplained it is told with half of its certainty.
+    assert doubted(kept).names[0].probability == pytest.approx(0.5 + (0.9 * shares["slope"] - 0.5) / 2)
 
 
 def test_what_only_bends_towards_a_misfit_is_not(judged):
@@ -148,7 +149,7 @@ def test_too_few_blocks_bear_nothing_out_and_refute_nothing(judged, many):
     few = Blocks(BLOCK * many // 4, tuple("ab")[:many], "lengths")
     shares, kept = judged(recording(3 * X), (SLOPE,), few)
     assert shares == {"slope": 1.0}
-    assert [name.probability for name in kept.names] == [pytest.approx(0.7)]
+    assert [name.probability for name in kept.names] == [0.9]
 
 
 def test_a_block_without_a_reading_is_left_alone(judged):

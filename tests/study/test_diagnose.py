@@ -14,7 +14,7 @@ from pamjax.study.diagnosis import save
 from pamjax.study.gain import held_out
 from pamjax.study.locate import _direction, _middle
 from pamjax.study.problem import problem
-from pamjax.study.rest import leaves_more
+from pamjax.study.rest import leaves_more, leaves_much
 from pamjax.study.setups import known
 from pamjax.study.significance import Significance
 
@@ -57,6 +57,14 @@ def test_the_muscle_is_nowhere_else_between_its_two_passes():
 def test_a_mismatch_below_the_rough_edges_of_forms_is_not_called_unknown(square, left):
     faint = Significance(p_value=1e-9, largest=8.0, looked=100, square=square)
     assert leaves_more(faint, faint) is left
+
+
+@pytest.mark.parametrize("p_value", [0.1, 1e-9])
+def test_much_may_be_left_that_cannot_be_told_from_noise(p_value):
+    mismatch = Significance(p_value=1e-300, largest=50.0, looked=100, square=5.3)
+    rest = Significance(p_value=p_value, largest=4.0, looked=100, square=1.3)
+    assert leaves_much(mismatch, rest)
+    assert leaves_more(mismatch, rest) is (p_value < 0.01)
 
 
 @cache
