@@ -43,9 +43,9 @@ def believed(folder: Path) -> Case:
     return replace(case, entry=replace(case.entry, bladder=replace(bladder, inner_diameter=bore)))
 
 
-def fitted(cases: list[Case], share: tuple[str, ...] = ()) -> Fit:
-    """Inelastic threads around a rubber tube; each length is held out in turn."""
-    return fit(cases, "inelastic", share, ("bladder_elasticity",), starts=2)
+def fitted(cases: list[Case], share: tuple[str, ...] = (), folds: int = 5) -> Fit:
+    """Inelastic threads around a rubber tube; lengths are held out in that many parts."""
+    return fit(cases, "inelastic", share, ("bladder_elasticity",), starts=2, fold_count=folds)
 
 
 def agreement(told: list[tuple[float, float]]) -> tuple[float, float, float, float]:

@@ -35,7 +35,7 @@ import numpy as np
 from pamjax.records.blocks import Blocks
 from pamjax.study.abreast import abreast
 from pamjax.study.forms import Form
-from pamjax.study.naming import ESTABLISHED, Name, Naming, ranked
+from pamjax.study.naming import ESTABLISHED, Naming, ranked
 from pamjax.study.problem import Problem
 from pamjax.study.refit import Refit, refit
 from pamjax.study.search import ROUGH

@@ -202,6 +202,7 @@ def rubbed(fitted, folder):
     return folder / "model.json"
 
 
+@pytest.mark.slow
 def test_what_a_command_leaves_out_is_said_beside_the_doubt(fitted, tmp_path, capsys):
     words = ["inverse", str(rubbed(fitted, tmp_path)), "--force", "300 N", "--length", "180 mm"]
     assert main([*words, "--json"]) == 0

@@ -121,6 +121,7 @@ def recorded(entry, stroke, more):
     return Case("made", Path(), entry, recording, "")
 
 
+@pytest.mark.slow
 def test_what_a_recording_is_missed_by_is_told_and_counts_as_noise(entry, stroke):
     sure = replace(entry, sensors=Sensors(force=2.0, diameter=1e-4, pressure=700.0, length=2e-5))
     noise = 2.0 * np.random.default_rng(2).standard_normal(60)

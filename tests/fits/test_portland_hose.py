@@ -100,10 +100,10 @@ def test_two_hoses_of_a_series_have_one_wall():
     with script("together") as series:
         names = ("hose-10mm-132", "hose-10mm-281")
         cases = [series.thinned(series.believed(HOSES / name), 5) for name in names]
-        apart = [series.fitted([case]).estimates[series.WALL[0]] for case in cases]
+        apart = [series.fitted([case], folds=2).estimates[series.WALL[0]] for case in cases]
         *_, squares, p = series.agreement([(one.value, one.sd) for one in apart])
         assert p > 0.05
-        shared = series.fitted(cases, series.WALL).estimates[series.WALL[0]]
+        shared = series.fitted(cases, series.WALL, folds=2).estimates[series.WALL[0]]
         assert min(one.value - 2 * one.sd for one in apart) < shared.value
         assert shared.value < max(one.value + 2 * one.sd for one in apart)
         # A wall that is another is told apart.

@@ -74,6 +74,7 @@ def noisy(post):
     return draws.mean(0), draws.std(0), post.health.ess
 
 
+@pytest.mark.slow
 def test_a_grid_says_the_same():
     mean, sd, ess = noisy(drawn())
     assert drawn().reached

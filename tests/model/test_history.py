@@ -84,6 +84,7 @@ def test_padding_changes_no_sample():
     assert np.all(np.isfinite(padded.late(long, lag)))
 
 
+@pytest.mark.slow
 def test_a_settled_muscle_has_been_through_the_recording_once():
     """The second half of a recording that is played twice; and what nothing remembers is the same."""
     kinds = BraidElasticity(1e-6), BraidFriction(0.2, 3.0), ViscoelasticCreep(5e4), ThreadSlip(1e-3)
@@ -100,6 +101,7 @@ def test_a_settled_muscle_has_been_through_the_recording_once():
     agree(record(bench, *padded, long).force[:100], settled, SOLVED, 100.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("settled", [False, True])
 def test_padding_that_is_not_worked_out_changes_no_sample(settled):
     """300 rows in a program of 700: of three blocks two are worked out, and the third holds no muscle."""

@@ -33,6 +33,7 @@ def test_a_wrong_zero_stays_a_zero():
     assert departure("force_offset", 0.3) == 0.0
 
 
+@pytest.mark.slow
 def test_no_muscle_pushes():
     """Rubber in the wall wins over little pressure: what is concealed is then a slack muscle."""
     setup = known()

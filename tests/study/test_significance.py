@@ -30,6 +30,7 @@ def directions(many, size, seed=0):
     return raw / np.linalg.norm(raw, axis=1, keepdims=True)
 
 
+@pytest.mark.slow
 def test_p_values_are_uniform_where_nothing_is():
     rows = directions(40, 300)
     rng = np.random.default_rng(1)
@@ -39,6 +40,7 @@ def test_p_values_are_uniform_where_nothing_is():
     assert np.max(np.abs(np.sort(p) - (np.arange(400) + 0.5) / 400)) < 0.0815
 
 
+@pytest.mark.slow
 def test_p_values_are_uniform_where_most_directions_have_one_sign():
     rows, either = directions(40, 300), np.arange(40) < 4
     rng = np.random.default_rng(3)

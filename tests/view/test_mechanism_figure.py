@@ -21,6 +21,7 @@ def changed(channel, runs):
     return np.nanmax(np.abs(change)), np.mean(np.isfinite(change))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", MECHANISMS, ids=lambda kind: kind.id)
 def test_every_mechanism_shows(kind):
     (strokes, ramps), declared = run(kind), field_meanings(kind)

@@ -27,6 +27,9 @@ from pamjax.parameter import field_meanings, replace, values
 from tests.agreement import BY_DIFFERENCE, ROUNDING, SOLVED, agree
 from tests.model.mechanisms.typical import anywhere, bench, full, own, strokes, usual
 
+#: One process compiles what all of them need.
+pytestmark = pytest.mark.xdist_group("battery")
+
 EVERY = MECHANISMS + ALTERNATIVES
 
 every = pytest.mark.parametrize("kind", EVERY, ids=lambda kind: kind.id)
@@ -134,6 +137,7 @@ def test_compiled_and_plain_agree():
     agree(p.plain(p.numbers(found)), p.shown(found)[0], SOLVED, SCALE)
 
 
+@pytest.mark.slow
 @every
 def test_the_neutral_value_gives_the_bare_bench_whatever_the_rest(kind):
     p = program()
@@ -143,6 +147,7 @@ def test_the_neutral_value_gives_the_bare_bench_whatever_the_rest(kind):
         agree(shown, p.bare, ROUNDING, SCALE)
 
 
+@pytest.mark.slow
 @every
 def test_the_signature_at_the_neutral_value_is_there(kind):
     p = program()

@@ -87,6 +87,7 @@ def shown(share, radius=REST):
     return record(bench(EndTaper(share, radius)), np.full(8, PRESSURE), LENGTH * (1 - CONTRACTION), STILL)
 
 
+@pytest.mark.slow
 def test_force_and_diameters_of_the_paper_s_muscle():
     """−467 N at a contraction of 0.15; at 0.2 the middle is wider than a cylinder, and the mean narrower."""
     tapered, cylinder = shown(1.0), shown(0.0)
