@@ -59,7 +59,6 @@ def test_of_pairs_that_stand_for_the_same_one_is_tried():
 
 
 @pytest.mark.slow
-@pytest.mark.xdist_group("proof")  # one process compiles what all of them need
 def test_rubber_and_friction_give_way_to_a_gain_and_a_zero():
     envelope = drawn(Task("all", "pair", 0.0, 1, seed=12))
     assert set(envelope.concealed) == {"pressure_gain", "force_offset"}

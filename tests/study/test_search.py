@@ -45,7 +45,6 @@ def searched(task):
 
 
 @pytest.mark.slow
-@pytest.mark.xdist_group("proof")  # one process compiles what all of them need
 def test_a_search_that_began_wrongly_begins_again(monkeypatch):
     """A diameter read wrongly and soft threads look like tapered ends first."""
     task = Task("all", "pair", 0.0, 2, seed=6)
@@ -59,7 +58,6 @@ def test_a_search_that_began_wrongly_begins_again(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.xdist_group("proof")  # one process compiles what all of them need
 def test_what_is_small_beside_the_whole_stays_where_it_leaves_only_noise(monkeypatch):
     """A drift and a gain of 7 and 8 standard deviations beside an offset of 42."""
     task = Task("all", "triple", 0.0, 1, seed=6)

@@ -27,9 +27,6 @@ from pamjax.parameter import field_meanings, replace, values
 from tests.agreement import BY_DIFFERENCE, ROUNDING, SOLVED, agree
 from tests.model.mechanisms.typical import anywhere, bench, full, own, strokes, usual
 
-#: One process compiles what all of them need.
-pytestmark = pytest.mark.xdist_group("battery")
-
 EVERY = MECHANISMS + ALTERNATIVES
 
 every = pytest.mark.parametrize("kind", EVERY, ids=lambda kind: kind.id)
