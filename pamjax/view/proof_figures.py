@@ -64,10 +64,10 @@ def _quantiles(panel: Panel, p_values: Sequence[float]) -> None:
     panel.plot(expected, np.maximum(seen, 0.1 / n), ".", color=MINE, ms=3, gid="p-values")
     panel.axhline(DETECTED, color=NOTHING, ls=":", lw=0.8, label="detected below")
     panel.set(
-        xscale="log", yscale="log", xlim=(0.5 / n, 1), ylim=(0.08 / n, 1.2),
+        xscale="log", yscale="log", xlim=(min(0.5 / n, 0.03), 1), ylim=(min(0.08 / n, 0.005), 1.2),
         xlabel="expected p-value", ylabel="observed p-value",
     )  # fmt: skip
-    panel.legend(loc="upper left")
+    panel.legend(loc="lower right")
 
 
 def proof_figure(trials: Sequence[Trial]) -> Figure | None:
@@ -164,8 +164,9 @@ def _reliable(panel: Panel, some: Sequence[Trial]) -> None:
     panel.plot([0.4, 1], [0.4, 1], color=QUIET, lw=0.8)
     _bars(panel, [p for p, _ in told], [rate for _, rate in told], MINE, "o", "names", "none")
     for p, rate in told:
+        below = -10 if rate.share > 0.1 else 4
         panel.annotate(
-            f"{rate.of}", (p, rate.share), (-4, -10), textcoords="offset points", fontsize=6, ha="right"
+            f"{rate.of}", (p, rate.share), (-4, below), textcoords="offset points", fontsize=6, ha="right"
         )
     total = sum(rate.of for _, rate in told)
     hits = sum(rate.hits for _, rate in told)

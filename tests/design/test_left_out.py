@@ -31,6 +31,7 @@ def bench(*mechanisms):
 @pytest.mark.parametrize(
     ("mechanisms", "to"), [((FRICTION,), SOLVED), ((ContactPressure(4e4), FRICTION), 2e-3)]
 )
+@pytest.mark.slow
 def test_friction_is_half_of_the_loop_that_a_stroke_shows(mechanisms, to):
     rubbed, pressure = bench(*mechanisms), 300e3
     out = np.linspace(0.19, 0.23, 81)

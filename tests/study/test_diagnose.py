@@ -43,6 +43,7 @@ def test_whole_blocks_inside_the_range_are_held_out(many, out):
     assert rows.sum() == 7 * out
 
 
+@pytest.mark.slow
 def test_the_muscle_is_nowhere_else_between_its_two_passes():
     """What a program pads a recording with repeats the last sample: a settled muscle passes through it."""
     envelope = conceal(0, np.random.default_rng(5))

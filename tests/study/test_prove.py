@@ -125,12 +125,14 @@ def test_a_stopped_run_goes_on_where_it_was(tmp_path):
     assert prove(tasks, file, attempt=stopping) == trials
 
 
+@pytest.mark.slow
 def test_two_processes_give_the_same_trials(tmp_path):
     tasks = tasks_of({"nothing": 6}, (0.5,), stage="score")
     alone = prove(tasks, tmp_path / "one.jsonl", attempt=uniform)
     assert prove(tasks, tmp_path / "two.jsonl", workers=2, attempt=uniform) == alone
 
 
+@pytest.mark.slow
 def test_the_processes_of_a_killed_proof_end_with_it(tmp_path):
     words = (
         "from pathlib import Path\n"

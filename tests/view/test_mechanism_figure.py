@@ -42,6 +42,7 @@ def _loop(change):
     return change[1:HALF] - change[HALF + 1 : 2 * HALF][::-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("id", ["mullins_softening", "pressure_drop", "viscoelastic_creep"])
 def test_every_panel_has_its_paths_and_room_for_its_title(id):
     made = mechanism_figure(library()[id])
