@@ -1,13 +1,17 @@
 """A length that was held is one length, whatever its sensor's noise says of every sample.
 
 A ramp of pressure is run between fixed ends. Noise of the recorded length passes for motion there: what
-remembers where the muscle turned (friction) turns with every sample. Where the samples of a visit to one
-length scatter by no more than neighbours differ by, nothing but noise moved, and their mean is that length,
+remembers where the muscle turned (friction) turns with every sample. Where a visit to one length shows
+nothing but noise, its mean is that length. With d the noise that neighbours show, of their median difference,
 
-    s < (1 + 1/4 + 2/√n) d,     s² = mean (l − l̄)²,     d² = mean (l_i+1 − l_i)² / 2.
+    near      |l − median l| < 4 d; what is farther, on the way there or off, is no part of the visit
+    steady    s < (1 + 1/4 + 3/√n) d,     s² = mean (l − l̄)² of what is near
+    no drift  Σ m (l̄_k − l̄)² / d² of eight stretches of m samples is no rarer than one in a thousand
+
+and the error of a mean is the same at all its samples: from then on one number for each length that was set.
 
 What it leaves out: noise of a length sensor that repeats itself, which passes for motion; pressure, which a
-regulator does move.
+regulator does move; recordings of fewer lengths than blocks are made of.
 Source: derived here.
 """
 
@@ -16,14 +20,24 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import chi2
 
-from pamjax.records.blocks import LONG, blocks
+from pamjax.records.blocks import blocks
 from pamjax.records.case import Case
 
+#: Samples of the shortest visit; a visit has so many stretches, of five samples at least.
+FEWEST, STRETCHES, STRETCH = 16, 8, 5
+#: Noise that neighbours show beyond which a sample is no part of a visit, and the share of near ones.
+NEAR, NEARLY_ALL = 4.0, 0.8
 #: Share by which the scatter of a visit may exceed what neighbours differ by, beyond chance.
 MORE = 0.25
-#: Share of the rows of a recording that were held from which its lengths have no other noise.
-MOSTLY = 0.9
+#: Chance that stretches of noise alone lie as far apart.
+DRIFTS = 1e-3
+#: Median of |difference of two| of a normal variable, in standard deviations.
+MEDIAN = 0.9539
+#: Share of the rows of a recording that were held from which its lengths have no other noise: what moved
+#: is then compared as if its length were exact.
+MOSTLY = 0.99
 
 
 def held(case: Case) -> Case:
@@ -41,16 +55,17 @@ def held(case: Case) -> Case:
         return case
     length, still, sizes = recording.length.copy(), np.zeros(recording.n, dtype=bool), []
     for rows in _visits(found.label, recording.starts):
-        if _is_still(recording.length[rows]):
-            length[rows] = recording.length[rows].mean()
-            still[rows] = True
-            sizes.append(rows.size)
+        rest = rows[at_rest(recording.length[rows])]
+        if rest.size:
+            length[rest] = recording.length[rest].mean()
+            still[rest] = True
+            sizes.append(rest.size)
     if not sizes:
         return case
     entry = case.entry
     if sensors.length is not None and still.mean() >= MOSTLY:
         of_mean = sensors.length / float(np.sqrt(np.median(sizes)))
-        entry = replace(entry, sensors=replace(sensors, length=of_mean))
+        entry = replace(entry, sensors=replace(sensors, length=of_mean, length_per_setting=True))
     return replace(case, recording=replace(recording, length=length), entry=entry)
 
 
@@ -60,8 +75,21 @@ def _visits(label: np.ndarray, starts: np.ndarray) -> list[np.ndarray]:
     return [rows for rows in np.split(np.arange(label.size), cuts) if label[rows[0]] >= 0]
 
 
-def _is_still(length: np.ndarray) -> bool:
-    if length.size < LONG:
-        return False
-    scatter, step = np.std(length), np.sqrt(np.mean(np.diff(length) ** 2) / 2)
-    return bool(0 < scatter < (1 + MORE + 2 / np.sqrt(length.size)) * step)
+def at_rest(length: np.ndarray) -> np.ndarray:
+    """(n,) which samples of a visit, (n,) m, show one length and noise; none where it moved."""
+    none = np.zeros(length.size, dtype=bool)
+    if length.size < FEWEST:
+        return none
+    noise = float(np.median(np.abs(np.diff(length)))) / MEDIAN
+    near = np.abs(length - np.median(length)) < NEAR * noise
+    if near.mean() < NEARLY_ALL:
+        return none
+    steady = np.std(length[near]) < (1 + MORE + 3 / np.sqrt(length.size)) * noise
+    return near if steady and not _drifts(length[near], noise) else none
+
+
+def _drifts(length: np.ndarray, noise: float) -> bool:
+    """Whether stretches of a visit lie farther apart than noise puts them."""
+    parts = np.array_split(length, min(STRETCHES, length.size // STRETCH))
+    apart = sum(part.size * (part.mean() - length.mean()) ** 2 for part in parts) / noise**2
+    return bool(chi2.sf(apart, len(parts) - 1) < DRIFTS)
