@@ -38,7 +38,8 @@ def stands_in(found: Problem, envelope: Envelope, concealed: str, other: str) ->
     """
     if other == concealed:
         return True
-    true = np.array([envelope.true[name] for name in found.names])
+    # The error that noise made of a held length is as good as none.
+    true = np.array([envelope.true.get(name, 0.0) for name in found.names])
     white = whitening(found, true, np.ones(found.n, dtype=bool))
     # Of pressure and length as they were recorded: their noise is no difference between the two.
     clean = dataclasses.replace(found, measured=np.where(np.isnan(found.measured), np.nan, found.shows(true)))

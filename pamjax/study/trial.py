@@ -293,7 +293,8 @@ def _numbers(envelope: Envelope, one: Diagnosis) -> list[Recovered]:
             same = concealed[id] == chosen[id]
             out.append(_recovered(envelope, name, number.value, number.sd, same))
     exact = set(concealed) == set(chosen)
-    for k in np.flatnonzero(found.own).tolist():
+    # What noise made of a held length has no true number.
+    for k in (k for k in np.flatnonzero(found.own).tolist() if found.names[k] in envelope.true):
         out.append(_recovered(envelope, found.names[k], one.model.at.values[k], one.model.sd(k), exact))
     return [number for number in out if np.isfinite([number.true, number.value, number.sd]).all()]
 
