@@ -31,7 +31,7 @@ from pamjax.study.problem import Problem
 from pamjax.study.refit import refit
 from pamjax.study.search import FINAL, ROUGH, TIE, Look, ended
 from pamjax.study.settled import Model, begun, freed, moving, settle, without
-from pamjax.study.signature import Signature, signatures
+from pamjax.study.signature import Signature, signatures, whole_residual
 
 #: Pairs that are refitted in the place of any two names, and rounds in which some took a place.
 TRIED, ROUNDS = 3, 2
@@ -81,24 +81,24 @@ def _instead(look: Look, model: Model, pair: tuple[int, int]) -> list[Model]:
     left = freed(found, rest, model.white, at)
     scored = signatures(found, left.white, left.at, look.candidates)
     here = frozenset(form.id for form in out)
-    others = (two for two in best_pairs(scored, left) if frozenset(s.form.id for s, _ in two) != here)
+    pairs = best_pairs(scored, left, whole_residual(found, left.at))
+    others = (two for two in pairs if frozenset(s.form.id for s, _ in two) != here)
     return [_with(found, left, two) for two, _ in zip(others, range(TRIED), strict=False)]
 
 
 def best_pairs(
-    scored: Sequence[Signature], left: Model
+    scored: Sequence[Signature], left: Model, residual: np.ndarray
 ) -> Iterator[tuple[tuple[Signature, np.ndarray], tuple[Signature, np.ndarray]]]:
     """Pairs of two mechanisms with their amplitudes, SI, the one that explains most first; each but once.
 
     Args:
         scored: what may join the model.
         left: the model.
+        residual: (size + priors,) what it leaves, and how far its numbers are from what is believed.
     """
     forms = [s for s in scored if s.form.id not in left.ids and not _barred(s.form, left.chosen)]
     rows = np.concatenate([s.directions for s in forms])
     ends = np.cumsum([len(s.directions) for s in forms])
-    residual = np.zeros(rows.shape[1])
-    residual[: left.at.residual.size] = left.at.residual
     along, gram, price = rows @ residual, rows @ rows.T, np.log(max(left.white.size, 2))
     found = []
     for a, b in combinations(range(len(forms)), 2):

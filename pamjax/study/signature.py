@@ -60,6 +60,16 @@ class Absorbed:
         return extended - (extended @ self.basis) @ self.basis.T
 
 
+def whole_residual(found: Problem, at: Refit) -> np.ndarray:
+    """(size + priors,) what a refit leaves, white, and how far its numbers are from what is believed of them.
+
+    What a form relieves a strained ruler of is part of what it explains.
+    """
+    moved = list(at.moved)
+    mean, _ = believed(found, moved)
+    return np.concatenate([at.residual, (mean - coordinates(found, moved, at.values)) / at.prior])
+
+
 class _Left:
     """What a refit leaves, and what may explain it: amplitudes, and numbers that were driven to their limits.
 
@@ -68,12 +78,9 @@ class _Left:
     """
 
     def __init__(self, found: Problem, at: Refit, absorbed: Absorbed) -> None:
-        moved, there = list(at.moved), driven(found, at)
+        there = driven(found, at)
         self.absorbed = Absorbed(at, there.tolist()) if there.size else absorbed
-        mean, _ = believed(found, moved)
-        of_priors = np.zeros(len(moved))
-        of_priors[there] = ((mean - coordinates(found, moved, at.values)) / at.prior)[there]
-        self.residual = np.concatenate([at.residual, of_priors])
+        self.residual = whole_residual(found, at)
         stacked = np.concatenate([at.jacobian, np.diag(1 / at.prior)]).T
         low, high = room(found, at)
         self.driven, self.limits = self.absorbed.out_of(stacked[there]), (low[there], high[there])

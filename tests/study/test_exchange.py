@@ -21,8 +21,8 @@ from pamjax.study.trial import Task, drawn
 ROWS = 300
 
 
-def left_with(directions, residual) -> tuple[list[Signature], Any]:
-    """Forms a, b, … of one amplitude each, and a model without names that leaves a residual."""
+def left_with(directions) -> tuple[list[Signature], Any]:
+    """Forms a, b, … of one amplitude each, and a model without names."""
     norm = np.linalg.norm(directions, axis=1)
     scored = [
         Signature(
@@ -30,8 +30,7 @@ def left_with(directions, residual) -> tuple[list[Signature], Any]:
         )
         for id, row, n in zip("abcdef", directions, norm, strict=False)
     ]
-    at = SimpleNamespace(residual=residual)
-    return scored, SimpleNamespace(ids=(), chosen=(), at=at, white=SimpleNamespace(size=ROWS))
+    return scored, SimpleNamespace(ids=(), chosen=(), white=SimpleNamespace(size=ROWS))
 
 
 def test_the_best_pair_is_that_of_least_squares_over_all_of_them():
@@ -39,8 +38,8 @@ def test_the_best_pair_is_that_of_least_squares_over_all_of_them():
     directions = rng.standard_normal((5, ROWS))
     directions[4] = directions[0] + directions[1] + 0.3 * directions[4]
     residual = 2.0 * directions[1] - 3.0 * directions[3] + rng.standard_normal(ROWS)
-    scored, left = left_with(directions, residual)
-    (first, second), *_ = best_pairs(scored, left)
+    scored, left = left_with(directions)
+    (first, second), *_ = best_pairs(scored, left, residual)
     assert {first[0].form.id, second[0].form.id} == {"b", "d"}
     found = {one.form.id: amplitude.item() for one, amplitude in (first, second)}
     solved = np.linalg.lstsq(directions[[1, 3]].T, residual, rcond=None)[0]
@@ -52,8 +51,9 @@ def test_of_pairs_that_stand_for_the_same_one_is_tried():
     rng = np.random.default_rng(4)
     directions = rng.standard_normal((3, ROWS))
     directions = np.concatenate([directions, directions[:1]])
-    scored, left = left_with(directions, directions[0] * 9 + directions[1] * 9)
-    pairs = [{one.form.id for one, _ in pair} for pair in best_pairs(scored, left)]
+    residual = directions[0] * 9 + directions[1] * 9
+    scored, left = left_with(directions)
+    pairs = [{one.form.id for one, _ in pair} for pair in best_pairs(scored, left, residual)]
     assert len(pairs) < len(list(combinations("abcd", 2)))
     assert ({"a", "b"} in pairs) != ({"d", "b"} in pairs)
 

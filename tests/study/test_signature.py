@@ -8,7 +8,8 @@ import pytest
 from pamjax.study.conceal import conceal
 from pamjax.study.forms import forms
 from pamjax.study.problem import problem
-from pamjax.study.settled import settle
+from pamjax.study.refit import refit
+from pamjax.study.settled import moving, settle
 from pamjax.study.signature import _best, signatures
 from tests.agreement import ROUNDING, agree
 
@@ -82,3 +83,19 @@ def test_where_nothing_lasts_every_derivative_is_that_of_two_passes():
     assert np.all(np.max(np.abs(found.slopes(found.neutral, lasting)[1][:, 0]), axis=1) > 0)
     once = found._swept(found.lighter, found.neutral, lasting, False)[1]
     assert not np.any(once)
+
+
+def test_a_form_explains_what_it_relieves_the_lab_s_own_numbers_of():
+    """A load cell that reads a hundredth too much strains the turns, within what the lab believes."""
+    found = problem(conceal(0, np.random.default_rng(5)).case)
+    found = dataclasses.replace(
+        found, measured=np.stack([1.01 * found.measured[0], np.full(found.n, np.nan)])
+    )
+    baseline = settle(found, np.ones(found.n, dtype=bool), (), found.neutral)
+    gain = next(form for form in forms(found) if form.id == "force_gain")
+    (seen,) = signatures(found, baseline.white, baseline.at, [gain])
+    at = refit(found, baseline.white, moving(found, (gain,)), baseline.at.values)
+    assert seen.gain == pytest.approx(baseline.at.cost - at.cost, rel=0.1)
+    # Able to fail: of the residual alone it would explain another part.
+    free = seen.directions[:, : baseline.at.residual.size] @ baseline.at.residual
+    assert abs(float(free @ free) - (baseline.at.cost - at.cost)) > 0.2 * seen.gain
