@@ -49,13 +49,15 @@ def diagnose(
         try:
             read.append(read_case(folder))
         except BadInput as error:
-            bad.append(error)
+            bad.append(_of(folder, error) if len(cases) > 1 else error)
     names = [case.name for case in read]
     for name in names:
         if names.count(name) > 1:
             raise refuse("cases of one call need names of their own", f"{name!r} twice", "", "Rename one.")
-    answered, told = [], []
+    answered, told, early = [], [], 0
     if read:
+        _tell(bad)  # before the long work, not after it
+        early = len(bad)
         from pamjax.infer.cache import keep_compiled
         from pamjax.study.batch import diagnose_all
         from pamjax.study.contest import contest, save_contest
@@ -65,7 +67,7 @@ def diagnose(
         with working(quiet=json) as progress:
             for case, found in diagnose_all(read, seed=seed, progress=progress):
                 if isinstance(found, BadInput):
-                    bad.append(found)
+                    bad.append(_of(case.folder, found) if len(cases) > 1 else found)
                     continue
                 save(found, out / case.name)
                 held = contest(found, seed) if beside else None
@@ -83,9 +85,18 @@ def diagnose(
     files = ["diagnosis.json", "prediction.csv", "model.json", *more]
     say_written([out / found.found.case.name / name for found in answered for name in files])
     if bad:
-        for error in bad[:-1]:
-            print(f"pamjax: {error}", file=sys.stderr)
-        raise bad[-1]
+        _tell(bad[early:-1])
+        raise bad[-1]  # the command ends with it, told before or not
+
+
+def _tell(errors: list[BadInput]) -> None:
+    for error in errors:
+        print(f"pamjax: {error}", file=sys.stderr)
+
+
+def _of(folder: Path, error: BadInput) -> BadInput:
+    """The sentence with the case it is about."""
+    return BadInput(f"{folder}: {error}")
 
 
 def _told(found: Diagnosis, held: Contest | None) -> str:

@@ -47,10 +47,14 @@ def diagnose_all(
             yield case, one(case, lambda doing, s, w=whole: progress(doing, (w + s) / len(cases)))
             done += 1
         return
-    with ThreadPoolExecutor(workers) as pool:
+    pool = ThreadPoolExecutor(workers)
+    try:
         waiting: dict[Future, Case] = {pool.submit(one, case, silent): case for case in cases}
         progress(f"{len(cases)} recordings", 0.0)
         for future in as_completed(waiting):
             done += 1
             progress(f"{done} of {len(cases)}", done / len(cases))
             yield waiting[future], future.result()
+    finally:
+        # Who is interrupted waits for no other recording.
+        pool.shutdown(wait=False, cancel_futures=True)

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pamjax.check import refuse
 from pamjax.cli.main import main
 from tests.view.html_page import Page
 from tests.view.made_up import diagnosis
@@ -52,3 +53,24 @@ def test_the_report_is_written_unless_it_is_not_wanted(wanted, bench, tmp_path, 
     assert "Sárosi" in shown.out
     if wanted:
         assert "a flexible curve" in (tmp_path / "bench" / "report.html").read_text("utf-8")
+
+
+def test_bad_cases_are_told_by_their_folders_and_hide_no_good_one(bench, tmp_path, monkeypatch, capsys):
+    found = diagnosis()
+    told_before = []
+
+    def answer(cases, **_):
+        told_before.append(capsys.readouterr().err)
+        yield found.found.case, refuse("a diagnosis needs more rows", "3", str(tmp_path), "Record more.")
+        yield found.found.case, found
+
+    monkeypatch.setattr("pamjax.study.batch.diagnose_all", answer)
+    folders = [str(tmp_path / "none"), str(tmp_path / "neither"), str(bench / "made")]
+    out = tmp_path / "out"
+    assert main(["diagnose", *folders, "--out", str(out), "--no-report", "--no-beside"]) == 2
+    assert f"pamjax: {folders[0]}: " in told_before[0]
+    assert f"pamjax: {folders[1]}: " in told_before[0]
+    shown = capsys.readouterr()
+    assert f"pamjax: {found.found.case.folder}: a diagnosis needs more rows" in shown.err
+    assert (out / "bench" / "diagnosis.json").exists()
+    assert "bench" in shown.out
