@@ -24,6 +24,7 @@ from pamjax.study.keep import improved
 from pamjax.study.locate import Box
 from pamjax.study.naming import Name, Naming
 from pamjax.study.problem import Problem
+from pamjax.study.refit import AT_LIMIT
 from pamjax.study.settled import Model
 from pamjax.study.significance import DETECTED, Significance
 from pamjax.units import in_unit
@@ -44,6 +45,19 @@ class Number:
     value: float
     sd: float
     meaning: Meaning
+
+    @property
+    def at_limit(self) -> bool:
+        """Whether it was driven to an end of its range that is no neutral value."""
+        low, high, value = self.meaning.low, self.meaning.high, self.value
+        if self.meaning.scale == "log":
+            low, high, value = math.log(low), math.log(high), math.log(value)
+        ends = [
+            end
+            for end, at in ((self.meaning.low, low), (self.meaning.high, high))
+            if abs(value - at) < AT_LIMIT * (high - low)
+        ]
+        return any(end != self.meaning.neutral for end in ends)
 
 
 @dataclass(frozen=True)
@@ -311,4 +325,5 @@ def _lines(one: Diagnosis) -> list[str]:
 
 def told(name: str, number: Number) -> str:
     """A number for people, as "coefficient 0.210 ± 0.012"."""
-    return f"{name} {quantity(number.value, number.sd, _scale(number.meaning)[1])}"
+    limit = ", at a limit of what is possible" if number.at_limit else ""
+    return f"{name} {quantity(number.value, number.sd, _scale(number.meaning)[1])}{limit}"
