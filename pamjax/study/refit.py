@@ -134,17 +134,13 @@ def refit(
         residuals, start, jac=cast(Any, jacobian), bounds=(low, high), x_scale=width,
         ftol=1e-5, xtol=1e-7, gtol=1e-10, max_nfev=most,
     )  # fmt: skip
-    last = look(end.x)
-    return Refit(
-        moved=tuple(moved),
-        values=last.values,
-        cost=2 * float(end.cost),
-        misfit=float(last.residual @ last.residual),
-        residual=last.residual,
-        jacobian=last.jacobian,
-        prior=np.where(np.isfinite(prior), prior, UNKNOWN),
-        scale=last.scale,
-    )
+    return look.refit(end.x)
+
+
+def standing(found: Problem, white: Whitening, moved: Sequence[int], values: np.ndarray) -> Refit:
+    """What a refit would be that ended at these values; arguments as those of `refit`."""
+    look = _Look(found, white, moved, values)
+    return look.refit(coordinates(found, moved, values))
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,3 +171,20 @@ class _Look:
             jacobian = (np.nan_to_num(self.white(slopes)) * scale[:, None]).T
             self.at, self.seen = x.copy(), _Seen(trial, scale, residual, jacobian)
         return self.seen
+
+    def refit(self, x: np.ndarray) -> Refit:
+        """As a refit that ended here."""
+        mean, prior = believed(self.found, self.moved)
+        of_prior = np.where(np.isfinite(prior), (x - mean) / prior, 0.0)
+        here = self(x)
+        misfit = float(here.residual @ here.residual)
+        return Refit(
+            moved=tuple(self.moved),
+            values=here.values,
+            cost=misfit + float(of_prior @ of_prior),
+            misfit=misfit,
+            residual=here.residual,
+            jacobian=here.jacobian,
+            prior=np.where(np.isfinite(prior), prior, UNKNOWN),
+            scale=here.scale,
+        )

@@ -22,7 +22,7 @@ import numpy as np
 
 from pamjax.study.passed import passed, passed_slope, shaken
 from pamjax.study.problem import Problem
-from pamjax.study.refit import Refit, believed, coordinates, refit
+from pamjax.study.refit import Refit, believed, coordinates, standing
 from pamjax.study.whiten import Whitening
 
 #: Share of a misfit below which what is passed on is taken to move no minimum, and most steps.
@@ -39,7 +39,7 @@ def unbiased(found: Problem, white: Whitening, at: Refit) -> tuple[Refit, float]
     """
     of_noise = passed(found, white, at.values)
     for _ in range(STEPS if abs(of_noise) > SMALL * at.misfit else 0):
-        trial = refit(found, white, at.moved, _stepped(found, white, at), 1)
+        trial = standing(found, white, at.moved, _stepped(found, white, at))
         there = passed(found, white, trial.values)
         if trial.cost - there >= at.cost - of_noise:
             break
