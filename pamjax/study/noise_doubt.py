@@ -22,8 +22,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm, truncnorm
 
+from pamjax.study.colour import Colour, correlation_error
 from pamjax.study.unstated import Unstated
-from pamjax.study.whiten import FEW, MOST, SENSOR, Colour, Whitening, correlation_error
+from pamjax.study.whiten import FEW, MOST, SENSOR, Whitening
 
 #: Standard normal variables at which a channel's noise is looked at; between them it is interpolated.
 SCALE = np.linspace(-4.0, 4.0, 33)

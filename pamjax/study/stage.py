@@ -14,13 +14,14 @@ from pamjax.infer.noise import effective_sd
 from pamjax.records.case import Case
 from pamjax.records.protocol import Schedule
 from pamjax.records.recording import Recording
+from pamjax.study.colour import Colour
 from pamjax.study.power import Side
 from pamjax.study.problem import Problem, program_rows
 from pamjax.study.protocols import Protocol
 from pamjax.study.refit import LIMITS_APART, UNKNOWN, coordinates
 from pamjax.study.rig import CAMERA, Rig
 from pamjax.study.settled import Model
-from pamjax.study.whiten import Colour, Whitening
+from pamjax.study.whiten import Whitening
 
 #: Seconds between a recording and the next protocol.
 BREAK = 60.0

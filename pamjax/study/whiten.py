@@ -1,13 +1,7 @@
-"""The noise of a recording, read off neighbouring samples, and a filter that makes it white.
+"""The noise of a recording, read off neighbouring samples, which a filter makes white.
 
 A misfit is smooth where noise is not: what neighbours differ by tells the noise before anything is known
-of the misfit. A channel's noise is taken as its sensor's, which may repeat itself from sample to sample,
-
-    cov(s_t, s_t+k) = A ρ^k,        k >= 1,        of the standardised residual s,
-
-on top of what pressure's and length's noise carry through the model, which does not: W = 1 − A. The
-steady Kalman filter of that process is e_t = s_t − ρ s_t−1 + ρ (1 − K) e_t−1, with K its gain; e / √S is
-white. Filtered alike, residual and derivatives meet as in generalised least squares.
+of the misfit. Filtered alike (`colour`), residual and derivatives meet as in generalised least squares.
 """
 
 from __future__ import annotations
@@ -17,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.signal import lfilter
 
 from pamjax.infer.member import CHANNELS, starting_sd
 from pamjax.infer.noise import sensitivities
+from pamjax.study.colour import Colour, correlation_error
 from pamjax.study.passed import passed_on
 from pamjax.study.problem import Problem
 from pamjax.study.table_noise import table_variance
@@ -40,55 +34,6 @@ FEW = 30
 
 #: Share of all steps that are near where a few jump.
 MOSTLY = 0.9
-
-#: How far back the memory of noise is followed, samples.
-BACK = 400
-
-
-@dataclass(frozen=True)
-class Colour:
-    """Noise of one channel.
-
-    Attributes:
-        sd: (n,) effective standard deviation of each sample, SI.
-        shared: A, the share of the variance that repeats itself.
-        correlation: ρ, of neighbouring samples of that share.
-        given: whether the sensor's noise was stated.
-        freedom: how many independent squares tell the noise; infinite where it was stated.
-        told: ρ as neighbours' differences tell it, whether it counts as seen or not.
-        might: what size and memory might be, of a sensor of which nothing was stated.
-    """
-
-    sd: np.ndarray
-    shared: float
-    correlation: float
-    given: bool
-    freedom: float = math.inf
-    told: float = 0.0
-    might: Unstated | None = None
-
-    @property
-    def filter(self) -> tuple[float, float]:
-        """θ of the moving average, and the standard deviation √S of what is left of a unit sample."""
-        rho, white = self.correlation, 1 - self.shared
-        if rho == 0 or self.shared == 0:
-            return rho, 1.0
-        push = self.shared * (1 - rho**2)
-        # Steady Riccati equation p = ρ² p W / (p + W) + push, a quadratic.
-        b = white * (1 - rho**2) - push
-        p = (-b + math.sqrt(b * b + 4 * push * white)) / 2
-        return rho * white / (p + white), math.sqrt(p + white)
-
-
-def correlation_error(shared: float, correlation: float, samples: int) -> float:
-    """Standard error of ρ as neighbours' differences tell it, with A known.
-
-    Half the mean square of n differences with autocovariances r_k has the variance Σ r_k² / 2n, over all k.
-    """
-    noise = shared * correlation ** np.arange(BACK + 2)
-    noise[0] = 1.0
-    steps = 2 * noise[:-1] - np.r_[noise[1], noise[:-2]] - noise[1:]
-    return math.sqrt((steps[0] ** 2 + 2 * float(np.sum(steps[1:] ** 2))) / (2 * samples)) / shared
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,9 +63,8 @@ class Whitening:
         out = -2 * self.size * math.log(self.trust)
         for colour, rows, runs in zip(self.colours, self.rows, self.runs, strict=True):
             if colour is not None:
-                after_another = rows.size - len(runs)
                 out += 2 * float(np.sum(np.log(colour.sd[rows])))
-                out += 2 * after_another * math.log(colour.filter[1])
+                out += 2 * sum(colour.log_sd(int(last - first)) for first, last in runs)
         return out
 
     def of_rows(self, mask: np.ndarray) -> Whitening:
@@ -138,18 +82,11 @@ class Whitening:
         colour, rows = self.colours[c], self.rows[c]
         assert colour is not None
         standard = values[..., rows] / colour.sd[rows]
-        theta, left = colour.filter
         if colour.correlation == 0:
             return standard
-        out = np.empty_like(standard)
-        for first, last in self.runs[c]:
-            run = np.asarray(
-                lfilter([1.0, -colour.correlation], [1.0, -theta], standard[..., first:last], axis=-1)
-            )
-            out[..., first:last] = run / left
-            # Nothing is known before a run: its first sample has the variance of any.
-            out[..., first] = standard[..., first]
-        return out
+        # Nothing is known before a run.
+        parts = [colour.whitened(standard[..., first:last]) for first, last in self.runs[c]]
+        return np.concatenate(parts, axis=-1)
 
     def standard(self, values: np.ndarray, c: int) -> np.ndarray:
         """One channel over its standard deviation, unfiltered, NaN where it is not looked at, (…, n)."""

@@ -8,11 +8,12 @@ import pytest
 from pamjax.records.blocks import Blocks
 from pamjax.study import borne_out as under_test
 from pamjax.study.borne_out import borne_out, borne_shares, doubted
+from pamjax.study.colour import Colour
 from pamjax.study.forms import Form
 from pamjax.study.naming import Name, Naming
 from pamjax.study.refit import refit
 from pamjax.study.settled import Model
-from pamjax.study.whiten import Colour, Whitening
+from pamjax.study.whiten import Whitening
 
 ROWS, NOISE = 400, 0.1
 X = np.linspace(-1, 1, ROWS)

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from pamjax.study.colour import Colour, correlation_error
 from pamjax.study.noise_doubt import SCALE, _correlations, doubt_of
-from pamjax.study.whiten import MOST, Colour, Whitening, correlation_error
+from pamjax.study.whiten import MOST, Whitening
 
 N, RHO = 2000, 0.8
 

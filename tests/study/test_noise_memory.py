@@ -8,10 +8,11 @@ import numpy as np
 
 from pamjax.records.simulate import coloured
 from pamjax.study import noise_memory as under_test
+from pamjax.study.colour import Colour
 from pamjax.study.noise_memory import with_memory
 from pamjax.study.refit import refit
 from pamjax.study.settled import Model
-from pamjax.study.whiten import Colour, Whitening
+from pamjax.study.whiten import Whitening
 
 ROWS, MEMORY, SHARED, MANY = 900, 0.9, 0.3, 40
 X = np.linspace(-1, 1, ROWS)

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from pamjax.model.muscle import Reading
+from pamjax.study.colour import Colour
 from pamjax.study.passed import CREDIT, passed
-from pamjax.study.whiten import Colour, Whitening
+from pamjax.study.whiten import Whitening
 from tests.agreement import ROUNDING, agree
 
 ROWS, NOISE, STIFF, SD = 400, 0.3, 5.0, 2.0

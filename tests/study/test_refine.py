@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from pamjax.study import refine as under_test
+from pamjax.study.colour import Colour
 from pamjax.study.forms import Form
 from pamjax.study.refine import believable, left, refined
 from pamjax.study.settled import Model, settle
-from pamjax.study.whiten import Colour, Whitening
+from pamjax.study.whiten import Whitening
 
 ROWS = 1500
 #: Thirty ramps: what a model misses comes back in each.

@@ -10,6 +10,7 @@ import pytest
 from pamjax.progress import silent
 from pamjax.records.blocks import blocks
 from pamjax.study import search as under_test
+from pamjax.study.colour import Colour
 from pamjax.study.forms import Form, forms
 from pamjax.study.gain import held_out
 from pamjax.study.problem import problem
@@ -17,7 +18,7 @@ from pamjax.study.search import search
 from pamjax.study.settled import Model, settle
 from pamjax.study.signature import signatures
 from pamjax.study.trial import Task, drawn
-from pamjax.study.whiten import Colour, Whitening
+from pamjax.study.whiten import Whitening
 
 WHITE = Whitening(
     (Colour(np.ones(1000), 1.0, 0.0, True), None),

@@ -8,9 +8,10 @@ import pytest
 from scipy.stats import norm, t
 
 from pamjax.study import significance as under_test
+from pamjax.study.colour import Colour
 from pamjax.study.noise_doubt import SCALE, Doubt, doubt_of
 from pamjax.study.significance import _chance, _deviation, _stretch, significance
-from pamjax.study.whiten import Colour, Whitening
+from pamjax.study.whiten import Whitening
 
 
 def doubt(much):

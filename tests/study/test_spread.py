@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from pamjax.study import spread as under_test
+from pamjax.study.colour import Colour
 from pamjax.study.forms import Form
 from pamjax.study.naming import Name
 from pamjax.study.refit import refit
 from pamjax.study.settled import Model
 from pamjax.study.spread import spread
-from pamjax.study.whiten import Colour, Whitening
+from pamjax.study.whiten import Whitening
 
 ROWS = 400
 X = np.linspace(0, 1, ROWS)

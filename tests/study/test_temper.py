@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from pamjax.study import temper as under_test
+from pamjax.study.colour import Colour
 from pamjax.study.refit import refit
 from pamjax.study.settled import Model
 from pamjax.study.temper import repeats, tempered, weighed
-from pamjax.study.whiten import Colour, Whitening
+from pamjax.study.whiten import Whitening
 
 ROWS = 2000
 

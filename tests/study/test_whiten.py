@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from pamjax.study.whiten import Colour, Whitening, _colour, _roughness, correlation_error
+from pamjax.study.colour import Colour, correlation_error
+from pamjax.study.whiten import Whitening, _colour, _roughness
 
 
 def sample(shared, correlation, n=20000, seed=0):

@@ -11,13 +11,14 @@ from pamjax.records.case import Case
 from pamjax.records.entry import entry_from
 from pamjax.records.recording import Recording
 from pamjax.study.cells import axes
+from pamjax.study.colour import Colour
 from pamjax.study.diagnosis import Diagnosis, Moved, Number
 from pamjax.study.experiment import Experiment
 from pamjax.study.gain import gain, held_out
 from pamjax.study.locate import Box
 from pamjax.study.naming import Name, Naming
 from pamjax.study.significance import Significance
-from pamjax.study.whiten import Colour, Whitening
+from pamjax.study.whiten import Whitening
 
 SD = np.array([2.0, 5e-5])
 NAMES = ("thread.modulus", "muscle.turns", "braid_friction.coefficient")
