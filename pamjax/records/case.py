@@ -13,6 +13,7 @@ from pamjax.records.entry import Entry, Measured, read_entry
 from pamjax.records.files import decode, read_bytes
 from pamjax.records.recording import SHOWN, Recording
 from pamjax.records.slips import no_slip
+from pamjax.records.stuck import stuck
 from pamjax.records.table import parse_table
 from pamjax.units import many, show
 
@@ -135,7 +136,7 @@ def case_of(
     _one_of("before", before, BEFORE)
     entry = read_entry(said, MUSCLE)
     recording, notes, units = parse_table(measured, file, entry.columns, entry.length)
-    notes += no_slip(recording, entry, units, file)
+    notes += [*no_slip(recording, entry, units, file), *stuck(recording, file)]
     _within_thread(recording, entry, units.get("length", SHOWN["length"]), file)
     return Case(
         name=folder.resolve().name,

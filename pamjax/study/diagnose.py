@@ -26,7 +26,7 @@ from pamjax.study.signature import signatures
 from pamjax.study.significance import DETECTED, Significance, significance
 from pamjax.study.spread import spread
 from pamjax.study.temper import weighed
-from pamjax.study.undetermined import strained, undetermined
+from pamjax.study.undetermined import notes
 
 
 def diagnose(
@@ -93,7 +93,7 @@ def diagnose(
         gain=score,
         parameters=_parameters(found, model),
         moved=_moved(found, baseline, model) if naming.names else {},
-        undetermined=[*strained(found, baseline), *undetermined(found, baseline)],
+        notes=[*found.case.warnings, *notes(found, baseline)],
         experiments=experiments(found, model, naming.names),
     )  # fmt: skip
 

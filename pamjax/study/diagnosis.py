@@ -37,6 +37,9 @@ UNIT, PER_SI = {"force": "N", "diameter": "mm"}, {"force": 1.0, "diameter": 1e3}
 #: Most lines of the verdict on a screen.
 LINES = 25
 
+#: Most notes below it.
+NOTES = 3
+
 
 @dataclass(frozen=True)
 class Number:
@@ -89,7 +92,7 @@ class Diagnosis:
         gain: before and after on held-out blocks.
         parameters: of each name, by id, the amplitude first.
         moved: the baseline's parameters before and after.
-        undetermined: what the recording cannot determine of the baseline, and drives too far, in words.
+        notes: what the reader of the case noticed, what the recording cannot tell, what it drives too far.
         experiments: what to do next.
     """
 
@@ -107,7 +110,7 @@ class Diagnosis:
     gain: Gain
     parameters: dict[str, dict[str, Number]]
     moved: dict[str, Moved]
-    undetermined: list[str]
+    notes: list[str]
     experiments: list[Experiment]
 
     @property
@@ -320,7 +323,7 @@ def _lines(one: Diagnosis) -> list[str]:
             unit = "" if unit == "1" else f" {unit}"
             lines.append(f"  {n} moved from {m.before / scale:.4g} to {m.after / scale:.4g}{unit}")
     lines += [f"  next: {e.protocol} (power {e.power:.2f})" for e in one.experiments[:2]]
-    return lines + [f"  note: {words}" for words in one.undetermined[:2]]
+    return lines + [f"  note: {words}" for words in one.notes[:NOTES]]
 
 
 def told(name: str, number: Number) -> str:

@@ -1,4 +1,4 @@
-"""What a recording cannot determine of its baseline, and what it drives too far, in words.
+"""What a recording cannot tell of its baseline and its library, and what it drives too far, in words.
 
 The baseline's refit already holds all that is needed: how each whitened sample answers to each number
 (its Jacobian J) and what was believed of the number. A combination of numbers of which JᵀJ knows less
@@ -15,6 +15,16 @@ from pamjax.study.refit import driven
 from pamjax.study.settled import Model
 
 
+def notes(found: Problem, baseline: Model) -> list[str]:
+    """All sentences, what was driven too far first.
+
+    Args:
+        found: the recording before the library.
+        baseline: the baseline, refitted.
+    """
+    return [*strained(found, baseline), *unasked(found), *undetermined(found, baseline)]
+
+
 def strained(found: Problem, baseline: Model) -> list[str]:
     """Sentences, one for each of the baseline's own numbers that ended as far off as it may.
 
@@ -28,6 +38,16 @@ def strained(found: Problem, baseline: Model) -> list[str]:
         " pulls at it, or its sd is too small."
         for k in ends
         if found.own[k] and np.isfinite(found.sd[k])
+    ]
+
+
+def unasked(found: Problem) -> list[str]:
+    """A sentence on the mechanisms that a static table cannot show, if the recording is one."""
+    if found.case.recording.has_time:
+        return []
+    return [
+        "without a column `time` rows count as equilibria: friction, damping, relaxation, lag and drift were"
+        " not asked for. If the rows were taken one after another, give the time."
     ]
 
 

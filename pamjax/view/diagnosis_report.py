@@ -65,7 +65,7 @@ def save_report(one: Diagnosis, path: str | Path, command: str = "", held: Conte
             [n, _quantity(v.value, v.sd, v.meaning), v.meaning.about]
             for n, v in baseline_numbers(one).items()
         ],
-        undetermined=one.undetermined,
+        notes=one.notes,
         assumed=list(_assumed(one)),
         aside=[str(aside) for aside in one.found.case.recording.aside],
         checksum=one.found.case.checksum,

@@ -116,7 +116,7 @@ def diagnosis(
         parameters={"braid_friction": {"coefficient": Number(0.21, 0.01, meaning(NAMES[2]))}},
         moved={NAMES[0]: Moved(80e9, 92e9, 8.9, meaning(NAMES[0])),
                NAMES[1]: Moved(1.2, 1.2, -0.2, meaning(NAMES[1]))} if named and detected else {},
-        undetermined=["turns and thread length only together"],
+        notes=["turns and thread length only together"],
         experiments=list(experiments),
     )  # fmt: skip
 
