@@ -36,9 +36,8 @@ def stuck(recording: Recording, file: str) -> list[str]:
             continue
         values = getattr(recording, name)
         first, last = _longest(recording, values)
-        if last - first >= max(ROWS, SHARE * np.isfinite(values).sum()) and any(
-            _moves(c, first, last) for c in by
-        ):
+        enough = max(ROWS, SHARE * np.isfinite(values).sum())
+        if last - first >= enough and any(_moves(channel, first, last) for channel in by):
             rows = f"rows {recording.row[first]} to {recording.row[last - 1]}"
             said.append(
                 f"`{name}` reads {show(values[first], SHOWN[name])} in {rows} of {file}, while the muscle is"

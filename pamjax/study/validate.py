@@ -38,6 +38,12 @@ class Block:
     rmse: dict[str, float]
     noise: dict[str, float]
 
+    @property
+    def missed(self) -> str:
+        """The channel that is missed by most, and by how much."""
+        worst = max(self.rmse, key=lambda channel: self.rmse[channel] / self.noise[channel])
+        return f"{worst} by {self.rmse[worst] / self.noise[worst]:.3g} of noise"
+
 
 @dataclass(frozen=True)
 class Validation:
@@ -74,9 +80,10 @@ class Validation:
             noise = self.noise[channel] * per
             lines.append(f"  {channel}: rmse {rmse * per:.3g} {unit}, noise {noise:.3g} {unit}")
         good = [block.name for block in self.blocks if self.fits(block)]
-        lines.append(
-            f"  fits {len(good)} of {len(self.blocks)} blocks" + (f": {', '.join(good)}" if good else "")
-        )
+        head = f"  fits {len(good)} of {len(self.blocks)} blocks, to {FITS} of noise"
+        lines.append(head + (f": {', '.join(good)}" if good else ""))
+        missed = [f"{block.name} ({block.missed})" for block in self.blocks if not self.fits(block)]
+        lines += [f"  misses {', '.join(missed)}"] if missed else []
         if self.failed:
             lines.append(f"  no answer in {many(self.failed, 'row')}")
         return "\n".join(lines + [f"  {sentence}" for sentence in self.outside])
