@@ -132,9 +132,14 @@ def _muscle(found: Problem, rng: np.random.Generator) -> np.ndarray:
     """The muscle as it is: its numbers off what the lab believes, within two standard deviations."""
     values = found.neutral.copy()
     for k in np.flatnonzero(found.own):
-        drawn = found.start[k] + found.sd[k] * np.clip(rng.standard_normal(), -2, 2)
-        values[k] = np.clip(drawn, found.low[k], found.high[k])
+        values[k] = _near(found, k, rng)
     return values
+
+
+def _near(found: Problem, k: int, rng: np.random.Generator) -> float:
+    """A number off what the lab believes, within two standard deviations."""
+    drawn = found.start[k] + found.sd[k] * np.clip(rng.standard_normal(), -2, 2)
+    return float(np.clip(drawn, found.low[k], found.high[k]))
 
 
 def _choices(found: Problem, rng: np.random.Generator, only: str | None) -> list[Form]:
@@ -155,19 +160,21 @@ def _sized(
     found: Problem, values: np.ndarray, form: Form, wanted: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Values with a form at the amplitude that has a wanted effect or as much as its limits allow, that
-    effect and the noise it is measured in."""
+    effect and the noise it is measured in. What the lab states has no other size than the lab believes."""
     places = [found.place(name) for name in form.amplitudes]
     shaped = _shaped(found, values, form, rng)
     sign = np.array([rng.choice([-1.0, 1.0]) if found.low[k] < found.neutral[k] else 1.0 for k in places])
     span = np.array([found.high[k] - found.neutral[k] for k in places])
     along = sign * span * rng.dirichlet(np.ones(len(places)))
+    stated = {k: _near(found, k, rng) for k in places if math.isfinite(found.sd[k])}
     scale = 0.002
     trial, effect, own = shaped, np.full((2, found.n), np.nan), np.ones((2, found.n))
     for _ in range(ROUNDS):
         trial = shaped.copy()
         for k, amplitude in zip(places, scale * along, strict=True):
             inside = 0.02 * (found.high[k] - found.low[k])
-            trial[k] = np.clip(found.neutral[k] + amplitude, found.low[k], found.high[k] - inside)
+            sized = np.clip(found.neutral[k] + amplitude, found.low[k], found.high[k] - inside)
+            trial[k] = stated.get(k, sized)
         effect, own = _effect(found, values, trial)
         off = wanted / max(_rms(effect, own), 1e-9)
         if abs(math.log(off)) < 0.05:

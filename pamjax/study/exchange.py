@@ -1,10 +1,11 @@
-"""Two names at once in the place of two others.
+"""Two names at once, in the place of two others, of one, or of none.
 
 A search goes from name to name, and a first one that was wrong is only found out where what it leaves is far
 from noise. Two wrong names often leave little more: rubber and friction imitate a gain and a zero to a tenth
 of the noise, while neither of these alone fits as well as either of those. So every two names are taken out
-together, and in the linear limit the χ² of all pairs of forms a, b follows at once from the signatures d
-there and the residual r,
+together. Where more than noise is left, one and none are taken out as well: of three effects a search may
+have found one and a stand-in for both others. In the linear limit the χ² of all pairs of forms a, b follows
+at once from the signatures d there and the residual r,
 
     gain(a, b) = yᵀ G⁻¹ y,     y = D r,     G = D Dᵀ,     D = (d_a, d_b).
 
@@ -29,14 +30,16 @@ from pamjax.study.abreast import abreast
 from pamjax.study.forms import Form
 from pamjax.study.problem import Problem
 from pamjax.study.refit import refit
-from pamjax.study.search import FINAL, ROUGH, TIE, Look, ended
+from pamjax.study.search import FINAL, LEAST, MOST, ROUGH, TIE, Look, ended, pruned
 from pamjax.study.settled import Model, begun, freed, moving, settle, without
 from pamjax.study.signature import Signature, signatures, whole_residual
 
-#: Pairs that are refitted in the place of any two names, and rounds in which some took a place.
+#: Pairs that are refitted in the place of the same names, and rounds in which some took a place.
 TRIED, ROUNDS = 3, 2
 #: Share of the samples by which the χ² of a rough refit may be worse than the model's: more names may join.
 NEAR = 0.2
+#: Standard deviations of χ² by which noise is expected to leave more, at most.
+CHANCE = 2.0
 #: Share of its χ² within which a pair that shares a name with a better one stands for the same.
 SAME = 1e-3
 
@@ -48,7 +51,7 @@ def exchanged(look: Look, model: Model) -> Model:
         look: what the model was found by.
         model: where the search ended.
     """
-    for _ in range(ROUNDS if len(model.chosen) > 1 else 0):
+    for _ in range(ROUNDS if model.chosen else 0):
         look.progress("naming in pairs", 0.7)
         better = _likelier(replace(look, progress=silent), model)
         if better is None:
@@ -59,20 +62,36 @@ def exchanged(look: Look, model: Model) -> Model:
 
 def _likelier(look: Look, model: Model) -> Model | None:
     """The likeliest model with two other names, where that is likelier beyond doubt."""
-    pairs = combinations(range(len(model.chosen)), 2)
-    trials = chain.from_iterable(abreast(partial(_instead, look, model), pairs))
+    fewer = (2,) if _only_noise(model) else range(3)
+    out = chain.from_iterable(combinations(range(len(model.chosen)), some) for some in fewer)
+    trials = chain.from_iterable(abreast(partial(_instead, look, model), out))
     worst = model.score + NEAR * model.white.size
     near = sorted((trial for trial in trials if trial.score < worst), key=lambda trial: trial.score)
-    ends = [ended(look, settle(look.found, look.used, t.chosen, t.at.values)) for t in near[:FINAL]]
-    best = min(ends, key=lambda end: end.likely, default=model)
+    best = min((_end(look, trial) for trial in near[:FINAL]), key=lambda end: end.likely, default=model)
     # Many pairs bend towards what is in no catalogue: only what leaves nothing but noise is believed.
-    believed = look.completes(best, model) if look.far(model) else not look.far(best)
+    plain = look.far(model) or len(best.chosen) > len(model.chosen)
+    believed = look.completes(best, model) or _only_noise(best) if plain else not look.far(best)
     return best if best.likely < model.likely - TIE and believed else None
 
 
-def _instead(look: Look, model: Model, pair: tuple[int, int]) -> list[Model]:
-    """Models with other names in the place of two, roughly refitted."""
-    found, out = look.found, [model.chosen[k] for k in pair]
+def _end(look: Look, rough: Model) -> Model:
+    """Where a search ends that begins here; what is small beside the whole stays if it leaves only noise."""
+    begun = settle(look.found, look.used, rough.chosen, rough.at.values)
+    end, whole = ended(look, begun), pruned(look, begun, small=True)
+    return whole if _only_noise(whole) and whole.likely < end.likely else end
+
+
+def _only_noise(model: Model) -> bool:
+    """Whether what is left is what noise leaves by chance, or too little of a sample to be looked into."""
+    n = model.white.size
+    return model.excess < max(LEAST**2 * n, CHANCE * np.sqrt(2 * n))
+
+
+def _instead(look: Look, model: Model, places: tuple[int, ...]) -> list[Model]:
+    """Models with two other names in the place of some, roughly refitted."""
+    if len(model.chosen) - len(places) + 2 > MOST:
+        return []
+    found, out = look.found, [model.chosen[k] for k in places]
     rest = tuple(form for form in model.chosen if form not in out)
     values = model.at.values
     for form in out:

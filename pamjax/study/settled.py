@@ -41,8 +41,12 @@ class Model:
 
     @property
     def fair(self) -> float:
-        """χ² freed of what the model makes of noise: averaging neighbours explains nothing."""
-        return self.at.cost - self.passed
+        """χ² freed of what the model makes of noise: averaging neighbours explains nothing.
+
+        Forgiven is only what is there: no model's χ² falls below what noise leaves by that.
+        """
+        noise = self.white.trust**2 * self.white.size - len(self.at.moved)
+        return self.at.cost - min(self.passed, max(self.at.cost - noise, 0.0))
 
     @property
     def score(self) -> float:
