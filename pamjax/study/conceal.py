@@ -131,7 +131,7 @@ def _slackening(found: Problem) -> Problem:
 def _muscle(found: Problem, rng: np.random.Generator) -> np.ndarray:
     """The muscle as it is: its numbers off what the lab believes, within two standard deviations."""
     values = found.neutral.copy()
-    for k in np.flatnonzero(found.own):
+    for k in np.flatnonzero(found.own).tolist():
         values[k] = _near(found, k, rng)
     return values
 

@@ -85,7 +85,7 @@ def test_models_that_see_other_noise_are_compared_by_their_likelihood():
     covariance = np.outer(colour.sd, colour.sd) * (0.7 * 0.8**lag + 0.3 * np.eye(n))
     residual = np.random.default_rng(0).standard_normal((2, n))
     cost = float(np.sum(white(residual) ** 2))
-    at: Any = SimpleNamespace(cost=cost, misfit=cost)
+    at: Any = SimpleNamespace(cost=cost, misfit=cost, moved=())
     model = Model((), white, at)
     want = np.linalg.slogdet(covariance)[1] + residual[0] @ np.linalg.solve(covariance, residual[0])
     # The filter is that of a run without an end: its first samples are a little off.
@@ -93,7 +93,7 @@ def test_models_that_see_other_noise_are_compared_by_their_likelihood():
     # Able to fail: the score alone prefers whoever sees more noise.
     loud = dataclasses.replace(white, colours=(dataclasses.replace(colour, sd=9 * colour.sd), None))
     cost = float(np.sum(loud(residual) ** 2))
-    at = SimpleNamespace(cost=cost, misfit=cost)
+    at = SimpleNamespace(cost=cost, misfit=cost, moved=())
     louder = Model((), loud, at)
     assert louder.score < model.score
     assert louder.likely > model.likely + 10
@@ -106,7 +106,7 @@ def test_a_search_goes_only_where_nothing_but_noise_is_left(monkeypatch, explain
 
     def model(*chosen):
         taken = float(sum(dict(zip("ab", explained, strict=True))[form.id] for form in chosen))
-        at: Any = SimpleNamespace(cost=2000 - taken, misfit=2000 - taken)
+        at: Any = SimpleNamespace(cost=2000 - taken, misfit=2000 - taken, moved=())
         return Model(chosen, WHITE, at)
 
     def removed(found, one, k):
