@@ -1,4 +1,4 @@
-"""Two wrong names that leave hardly more than noise are given up for the two that leave less."""
+"""Wrong names are given up for two that leave nothing but noise."""
 
 from itertools import combinations
 from types import SimpleNamespace
@@ -67,15 +67,6 @@ def ends(kind, correlation, number, seed):
     look = Look(found, used, baseline, forms(found), silent)
     stuck = search(look, signatures(found, baseline.white, baseline.at, look.candidates))
     return set(envelope.concealed), stuck, exchanged(look, stuck)
-
-
-@pytest.mark.slow
-def test_rubber_and_friction_give_way_to_a_gain_and_a_zero():
-    concealed, stuck, model = ends("pair", 0.0, 1, seed=12)
-    assert set(model.ids) == concealed == {"pressure_gain", "force_offset"}
-    # Able to fail: from name to name the search ends elsewhere, and what it leaves passes for noise.
-    assert not set(stuck.ids) & concealed
-    assert stuck.at.misfit < 1.1 * stuck.white.size
 
 
 @pytest.mark.slow

@@ -2,7 +2,7 @@
 
 import dataclasses
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -45,17 +45,24 @@ def searched(task):
     return set(envelope.concealed), search(look, first)
 
 
-@pytest.mark.slow
-def test_a_search_that_began_wrongly_begins_again(monkeypatch):
-    """A diameter read wrongly and soft threads look like tapered ends first."""
-    task = Task("all", "pair", 0.0, 2, seed=6)
-    concealed, model = searched(task)
-    assert set(model.ids) == concealed == {"diameter_offset", "braid_elasticity"}
-    assert model.excess < 0.3 * model.white.size
-    # Able to fail: what began there alone ends far from the noise.
-    monkeypatch.setattr(under_test, "_beginnings", lambda look, model, first: [])
-    _, stuck = searched(task)
-    assert stuck.excess > 10 * stuck.white.size
+@pytest.mark.parametrize(("left", "taken"), [(0.0, True), (40.0, True), (400.0, False)])
+def test_a_search_that_ends_far_from_noise_begins_again(monkeypatch, left, taken):
+    """Where that leaves a twentieth of it at most, and is likelier, it goes there."""
+    baseline, stuck, pair, other = (
+        SimpleNamespace(excess=excess, likely=likely)
+        for excess, likely in ((9000.0, 9000.0), (1000.0, 1000.0), (5000.0, 5000.0), (left, left))
+    )
+    monkeypatch.setattr(
+        under_test, "ended", lambda look, begin, scored=None: stuck if begin is baseline else other
+    )
+    monkeypatch.setattr(under_test, "_beginnings", lambda look, model, first: [pair])
+    monkeypatch.setattr(under_test.Look, "far", lambda look, model: model.excess > 500)
+    monkeypatch.setattr(under_test.Look, "settled", lambda look, model: model)
+    look = under_test.Look(cast(Any, None), np.ones(1, dtype=bool), cast(Any, baseline), (), silent)
+    assert (under_test.search(look, ()) is other) is taken
+    # What is near already is left there.
+    stuck.excess = 400.0
+    assert under_test.search(look, ()) is stuck
 
 
 @pytest.mark.slow
