@@ -3,7 +3,7 @@
 A search goes from name to name, and a first one that was wrong is only found out where what it leaves is far
 from noise. Two wrong names often leave little more: rubber and friction imitate a gain and a zero to a tenth
 of the noise, while neither of these alone fits as well as either of those. So every two names are taken out
-together. Where more than noise is left, one and none are taken out as well: of three effects a search may
+together. Where more than stated noise is left, one and none are taken out as well: of three effects a search may
 have found one and a stand-in for both others. In the linear limit the χ² of all pairs of forms a, b follows
 at once from the signatures d there and the residual r,
 
@@ -62,7 +62,9 @@ def exchanged(look: Look, model: Model) -> Model:
 
 def _likelier(look: Look, model: Model) -> Model | None:
     """The likeliest model with two other names, where that is likelier beyond doubt."""
-    fewer = (2,) if _only_noise(model) else range(3)
+    # Where noise was never stated, names enough leave nothing but noise of anything.
+    stated = all(colour is None or colour.given for colour in model.white.colours)
+    fewer = range(3) if stated and not _only_noise(model) else (2,)
     out = chain.from_iterable(combinations(range(len(model.chosen)), some) for some in fewer)
     trials = chain.from_iterable(abreast(partial(_instead, look, model), out))
     worst = model.score + NEAR * model.white.size

@@ -2,13 +2,14 @@
 
 from itertools import combinations
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from pamjax.progress import silent
 from pamjax.records.blocks import blocks
+from pamjax.study import exchange as under_test
 from pamjax.study.exchange import best_pairs, exchanged
 from pamjax.study.forms import Form, forms
 from pamjax.study.gain import held_out
@@ -76,3 +77,20 @@ def test_one_name_in_the_place_of_two_gives_way_to_both():
     # Able to fail: jamming threads stood for the ends and the zero.
     assert len(stuck.ids) == 2
     assert model.excess < 0.1 * model.white.size < stuck.excess
+
+
+@pytest.mark.parametrize(
+    ("given", "excess", "taken_out"),
+    [(True, 500.0, [(), (0,), (1,), (0, 1)]), (True, 10.0, [(0, 1)]), (False, 500.0, [(0, 1)])],
+)
+def test_more_names_are_tried_where_stated_noise_is_exceeded(monkeypatch, given, excess, taken_out):
+    """Of noise that nobody stated enough names leave nothing: a map of forty rows had three certain ones."""
+    tried = []
+    monkeypatch.setattr(under_test, "_instead", lambda look, model, places: tried.append(places) or [])
+    monkeypatch.setattr(under_test, "abreast", lambda work, over: [work(one) for one in over])
+    white = SimpleNamespace(size=100, colours=(SimpleNamespace(given=given), None))
+    model: Any = SimpleNamespace(chosen=("a", "b"), white=white, excess=excess, score=0.0, likely=0.0)
+    look: Any = Look(cast(Any, None), np.ones(1, dtype=bool), model, (), silent)
+    monkeypatch.setattr(Look, "far", lambda look, model: False)
+    assert exchanged(look, model) is model
+    assert tried == taken_out
