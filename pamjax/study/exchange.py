@@ -3,9 +3,9 @@
 A search goes from name to name, and a first one that was wrong is only found out where what it leaves is far
 from noise. Two wrong names often leave little more: rubber and friction imitate a gain and a zero to a tenth
 of the noise, while neither of these alone fits as well as either of those. So every two names are taken out
-together. Where more than stated noise is left, one and none are taken out as well: of three effects a search may
-have found one and a stand-in for both others. In the linear limit the χ² of all pairs of forms a, b follows
-at once from the signatures d there and the residual r,
+together. Where more than stated noise is left, one and none are taken out as well: of three effects a search
+may have found one and a stand-in for both others. In the linear limit the χ² of all pairs of forms a, b
+follows at once from the signatures d there and the residual r,
 
     gain(a, b) = yᵀ G⁻¹ y,     y = D r,     G = D Dᵀ,     D = (d_a, d_b).
 
