@@ -124,7 +124,7 @@ def _sentences(found: Sequence[Determination], combinations: Sequence[dict[str, 
     said = []
     settled = [f"`{d.name}`" for d in found if d.determined]
     if settled:
-        said.append(f"This recording can determine {_list(settled)}, if the model lacks nothing.")
+        said.append(f"This recording can determine {listed(settled)}, if the model lacks nothing.")
     return said + [words(moves) for moves in combinations]
 
 
@@ -132,14 +132,15 @@ def words(moves: dict[str, float]) -> str:
     """One combination that goes unnoticed, as a sentence."""
     if len(moves) == 1:
         (name,) = moves
-        return f"It says little about `{name}`: the stated sd will still speak after a fit."
-    together = _list([_move(*m) for m in moves.items()])
-    return f"It knows some numbers only together: {together} would go unnoticed."
+        return f"The recording says little about `{name}`: the stated sd will still speak after a fit."
+    together = listed([_move(*m) for m in moves.items()])
+    return f"The recording knows some numbers only together: {together} would go unnoticed."
 
 
 def _move(name: str, by: float) -> str:
     return f"`{name}` {'+' if by > 0 else ''}{show(by, meaning(name).show, 2)}"
 
 
-def _list(words: Sequence[str]) -> str:
+def listed(words: Sequence[str]) -> str:
+    """Words as "a, b and c"."""
     return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]

@@ -1,43 +1,49 @@
-"""Names held against blocks that they were not fitted to, where much is left.
+"""Names held against blocks that they were not fitted to.
 
 What is in no catalogue is bent towards by whatever comes near: a clipped load cell looks a little like a rig
 that gives, and is explained by it where it was fitted. Physics holds in blocks that it was not fitted to as
-well. So where much is left, be it known from noise or not (four names bend to an obstacle until that is in
-doubt), each block that naming saw is left out once, the model is refitted with a name and without it, and
+well. So each block that naming saw is left out once, the model is refitted with names and without them, and
 
-    share = 1 − Σ excess with it / Σ excess without it,        excess = χ² − samples of the left-out block,
+    share = 1 − Σ excess with / Σ excess without,        excess = χ² − samples of the left-out block,
 
-is what the name explains of a misfit that it has not seen, beside all that is not explained at all. Its
-probability counts for that share, and names that fall below `ESTABLISHED` go. Those that stay beside
-something unexplained are told with half the certainty that is left: force that grows with length, in ramps
-at one length after another, is borne out as a drift in time as well. Each is judged once, beside everything
-that came near: judged again after its neighbours have gone, a name has their misfit held against it as well.
-The share of all names together, against the bare baseline, decides whether any of them stands:
-what leaves more than a sixth of blocks that it has not seen is something else.
+is what they explain of a misfit that they have not seen. The share of all names together, against the bare
+baseline, decides whether any of them stands, however little they leave where they were fitted: three names
+bend to a ripple until only noise is left. What leaves more than a sixth of unseen blocks is something else.
+
+Where much is left where they were fitted, be it known from noise or not, each name is judged as well, once,
+beside everything that came near (judged again after its neighbours have gone, a name has their misfit held
+against it as well): its probability counts for its share, and names that fall below `ESTABLISHED` go.
+
+Of those that stay beside something unexplained only what a course in time shows is told, with half the
+certainty that is left. Ends that taper, a zero, a gain, a rig that gives move force and diameter with
+pressure and length alone, and so does most of what is in no catalogue; they bend to it in unseen blocks too.
+So does a drift where one setting comes after another. Friction or relaxing rubber cannot.
 
 A block that alone knows of a name's number says nothing of it, as nobody else could foretell it; an error of
 the lab's own that only the left-out block knows of (of the ruler, at that length) is made up for first.
 
-What it leaves out: a name beside which something in no catalogue is half as large is lost: from one
-recording it is not told from that. The sixth is a judgement, made on recordings of pamjax's own whose effects
-depart from their equations, or that hold something in no catalogue, alone or beside an effect; those that a
-proof counts were not among them.
+What it leaves out: a name beside which something in no catalogue is half as large is lost, and so is a
+static one whose equation is far off: from one recording they are not told from what is in none. The sixth is
+a judgement, made on recordings of pamjax's own whose effects depart from their equations, or that hold
+something in no catalogue, alone or beside an effect; those that a proof counts were not among them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
+from pamjax.infer.determine import listed
 from pamjax.records.blocks import Blocks
 from pamjax.study.abreast import abreast
-from pamjax.study.forms import Form
-from pamjax.study.naming import ESTABLISHED, Naming, ranked
+from pamjax.study.forms import NEEDS_TIME, Form
+from pamjax.study.naming import ESTABLISHED, Name, Naming, ranked
 from pamjax.study.problem import Problem
-from pamjax.study.refit import Refit, refit
+from pamjax.study.refit import Refit, refit, standing
+from pamjax.study.rest import REST
 from pamjax.study.search import ROUGH
 from pamjax.study.settled import Model, places, settle, without
 from pamjax.study.whiten import Whitening
@@ -46,11 +52,15 @@ from pamjax.study.whiten import Whitening
 TOGETHER = 5 / 6
 #: Blocks below which nothing is tried: a single other setting foretells none.
 FEWEST = 3
+#: Standard deviations of χ² by which noise may leave more.
+CHANCE = 2.0
 #: Share of what a recording knows of a number below which the rest of it, without a block, knows nothing.
 UNKNOWN = 0.05
+#: Mechanisms that only a course in time shows; a drift goes with the settings where they come in turn.
+OF_HISTORY = NEEDS_TIME - {"force_drift"}
 
 
-def borne_out(found: Problem, laid: Blocks, used: np.ndarray, naming: Naming) -> Naming:
+def borne_out(found: Problem, laid: Blocks, used: np.ndarray, naming: Naming, *, much: bool) -> Naming:
     """The names that explain blocks they were not fitted to, with their probabilities; the model with those.
 
     Args:
@@ -58,56 +68,130 @@ def borne_out(found: Problem, laid: Blocks, used: np.ndarray, naming: Naming) ->
         laid: its blocks.
         used: (n,) the rows that may be looked at.
         naming: what was named from them.
+        much: whether they leave much where they were fitted: each is then judged by itself as well.
     """
-    together, shares = borne_shares(found, laid, used, naming.model)
-    borne = [replace(name, probability=name.probability * shares[name.id]) for name in naming.names]
-    kept = tuple(name for name in borne if name.probability >= ESTABLISHED)
-    if together < TOGETHER or not kept:
+    unseen = Unseen.by(found, laid, used, naming.model)
+    if unseen.bent:
         return replace(naming, model=naming.baseline, names=())
-    model, values = naming.model, naming.model.at.values
-    if len(kept) < len(borne):
-        ids = {name.id for name in kept}
+    if not much:
+        return naming
+    shares = unseen.shares
+    borne = [replace(name, probability=name.probability * shares[name.id]) for name in naming.names]
+    return _kept(found, used, naming, [name for name in borne if name.probability >= ESTABLISHED])
+
+
+def doubted(found: Problem, used: np.ndarray, naming: Naming) -> Naming:
+    """Names beside something unexplained: those that only a course in time shows, each with half the
+    distance to even chances.
+
+    Args:
+        found: the recording before the library.
+        used: (n,) the rows that may be looked at.
+        naming: what was borne out.
+    """
+    shown = [name for name in naming.names if name.id in OF_HISTORY]
+    halved = [replace(n, probability=ESTABLISHED + (n.probability - ESTABLISHED) / 2) for n in shown]
+    return _kept(found, used, naming, halved)
+
+
+def untold(before: Naming, after: Naming) -> list[str]:
+    """A sentence on the names that are not told beside something unexplained, if there are any."""
+    told = {name.id for name in after.names}
+    names = [f"`{name.id}`" for name in before.names if name.id not in told]
+    if not names:
+        return []
+    come, are = ("comes", "is") if len(names) == 1 else ("come", "are")
+    return [
+        f"{listed(names)} {come} near what is unexplained and {are} not named: something in no catalogue, as a"
+        " stop in the way, would look like that as well."
+    ]
+
+
+def _kept(found: Problem, used: np.ndarray, naming: Naming, names: Sequence[Name]) -> Naming:
+    """A naming with some of its names only, refitted where others went."""
+    if not names:
+        return replace(naming, model=naming.baseline, names=())
+    model, values, ids = naming.model, naming.model.at.values, {name.id for name in names}
+    if len(ids) < len(model.chosen):
         for form in model.chosen:
             values = values if form.id in ids else without(found, values, form)
         model = settle(found, used, [form for form in model.chosen if form.id in ids], values)
-    return replace(naming, model=model, names=ranked(kept))
+    return replace(naming, model=model, names=ranked(names))
 
 
-def doubted(naming: Naming) -> Naming:
-    """Names beside something unexplained, each with half the distance to even chances."""
-    halved = [replace(n, probability=ESTABLISHED + (n.probability - ESTABLISHED) / 2) for n in naming.names]
-    return replace(naming, names=ranked(halved))
+@dataclass(frozen=True, eq=False)
+class Unseen:
+    """A model held against blocks that it was not fitted to, each left out of a fit once.
 
+    Attributes:
+        found: the recording before the library.
+        model: as all blocks tell it.
+        split: the noise of all but one block, and of that block, for each; none where blocks are too few.
+        whole: the fits without a block.
+        told: whether a fit without a block still knows of a form's amplitudes, by id.
+    """
 
-def borne_shares(
-    found: Problem, laid: Blocks, used: np.ndarray, model: Model
-) -> tuple[float, dict[str, float]]:
-    """The share of a misfit in blocks left out of a fit that all names explain, and that of each, 0 to 1."""
-    seen = used & np.isfinite(found.measured).any(axis=0)
-    split = [
-        (model.white.of_rows(seen & ~laid.mask(k)), model.white.of_rows(seen & laid.mask(k)))
-        for k in np.unique(laid.label[seen])
-        if k >= 0
-    ]
-    if len(split) < FEWEST:
-        return 1.0, dict.fromkeys(model.ids, 1.0)
-    whole = abreast(partial(_left_out, found, model.chosen, model.at.values), split)
-    told = {form.id: [_known(found, model.at, one.at, form) for one in whole] for form in model.chosen}
+    found: Problem
+    model: Model
+    split: list[tuple[Whitening, Whitening]]
+    whole: list[_LeftOut]
+    told: dict[str, list[bool]]
 
-    def share(gone: Sequence[Form]) -> float:
+    @classmethod
+    def by(cls, found: Problem, laid: Blocks, used: np.ndarray, model: Model) -> Unseen:
+        """Held against the blocks that have readings among the rows that may be looked at."""
+        seen = used & np.isfinite(found.measured).any(axis=0)
+        split = [
+            (model.white.of_rows(seen & ~laid.mask(k)), model.white.of_rows(seen & laid.mask(k)))
+            for k in np.unique(laid.label[seen])
+            if k >= 0
+        ]
+        split = split if len(split) >= FEWEST else []
+        whole = abreast(partial(_left_out, found, model.chosen, model.at.values), split)
+        told = {form.id: [_known(found, model.at, one.at, form) for one in whole] for form in model.chosen}
+        return cls(found, model, split, whole, told)
+
+    @property
+    def bent(self) -> bool:
+        """Whether all names together leave more of unseen blocks than physics does, and than chance."""
+        fair = self._fair(self.model.chosen)
+        size = np.array([judged.size for _, judged in self.split])[fair]
+        left = np.array([one.excess - one.doubt for one in self.whole])[fair]
+        doubt = np.array([one.doubt for one in self.whole])[fair]
+        # As if all doubt of a block were in one direction.
+        chance = CHANCE * np.sqrt(2 * np.sum(size + 2 * doubt + doubt**2))
+        return self.together < TOGETHER and left.sum() > max(REST**2 * size.sum(), chance)
+
+    @cached_property
+    def together(self) -> float:
+        """The share of a misfit in blocks left out of a fit that all names explain, 0 to 1."""
+        return self._share(self.model.chosen)
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """The share that each explains of what is left without it, by id."""
+        if len(self.model.chosen) == 1:
+            return {self.model.ids[0]: self.together}
+        return {form.id: self._share((form,)) for form in self.model.chosen}
+
+    def _fair(self, gone: Sequence[Form]) -> np.ndarray:
+        """The blocks of which a fit without them can be expected to know."""
+        return np.all([self.told[form.id] for form in gone], axis=0)
+
+    def _share(self, gone: Sequence[Form]) -> float:
+        if not self.split:
+            return 1.0
+        model = self.model
         rest, values = tuple(form for form in model.chosen if form not in gone), model.at.values
         for form in gone:
-            values = without(found, values, form)
-        bare = abreast(partial(_left_out, found, rest, values), split)
-        left, before = (np.array([one.excess for one in fits]) for fits in (whole, bare))
-        fair = np.all([told[form.id] for form in gone], axis=0)
-        return _share(left[fair].sum(), before[fair].sum(), before.sum())
-
-    shares = {form.id: share((form,)) for form in model.chosen}
-    return shares[model.ids[0]] if len(shares) == 1 else share(model.chosen), shares
+            values = without(self.found, values, form)
+        bare = abreast(partial(_left_out, self.found, rest, values), self.split)
+        left, before = (np.array([one.excess for one in fits]) for fits in (self.whole, bare))
+        fair = self._fair(gone)
+        return _explained(left[fair].sum(), before[fair].sum(), before.sum())
 
 
-def _share(left: float, before: float, everywhere: float) -> float:
+def _explained(left: float, before: float, everywhere: float) -> float:
     """The share of what was left before that is not left now; one where there is nothing to try it on."""
     if before <= UNKNOWN * max(everywhere, 0.0):
         return 1.0
@@ -116,10 +200,17 @@ def _share(left: float, before: float, everywhere: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _LeftOut:
-    """A fit without a block, and the excess χ² of the block under it."""
+    """A fit without a block.
+
+    Attributes:
+        at: where it ended.
+        excess: χ² of the block under it, beyond its samples.
+        doubt: what of that the error of the fit's own numbers is expected to make.
+    """
 
     at: Refit
     excess: float
+    doubt: float
 
 
 def _left_out(
@@ -130,10 +221,12 @@ def _left_out(
     moved = sorted({*own, *places(found, chosen)})
     at = refit(found, told, moved, values, 2 * ROUGH)
     alone = [k for k in own if not at.jacobian[:, at.moved.index(k)].any()]
-    last = refit(found, judged, alone, at.values, ROUGH) if alone else None
-    left = last.residual if last else judged(found.measured - found.shows(at.values))
-    left = np.nan_to_num(left, nan=1e3)
-    return _LeftOut(at, float(left @ left) - left.size)
+    values = refit(found, judged, alone, at.values, ROUGH).values if alone else at.values
+    shared = [j for j, k in enumerate(at.moved) if k not in alone]
+    unseen = standing(found, judged, [at.moved[j] for j in shared], values)
+    by_value = unseen.jacobian / np.where(unseen.scale != 0, unseen.scale, 1.0)
+    doubt = float(np.sum(by_value @ at.covariance[np.ix_(shared, shared)] * by_value))
+    return _LeftOut(at, unseen.misfit - unseen.residual.size, doubt)
 
 
 def _known(found: Problem, whole: Refit, told: Refit, form: Form) -> bool:

@@ -11,8 +11,8 @@ import numpy as np
 from pamjax.progress import Progress, silent
 from pamjax.records.blocks import blocks
 from pamjax.records.case import Case, as_case
-from pamjax.study.borne_out import borne_out, doubted
-from pamjax.study.diagnosis import Diagnosis, Moved, Number
+from pamjax.study.borne_out import borne_out, doubted, untold
+from pamjax.study.diagnosis import Diagnosis, Moved, Number, number_of
 from pamjax.study.experiment import experiments
 from pamjax.study.forms import forms
 from pamjax.study.gain import gain, held_out
@@ -64,12 +64,16 @@ def diagnose(
         naming = without_small(found, naming)
         rest = _rest(found, naming, mismatch, seed)
         unexplained = leaves_more(mismatch, rest)
-    if naming.names and leaves_much(mismatch, rest):
+    near: list[str] = []
+    if naming.names:
         # Names that bend to what is in no catalogue may leave too little to be told from noise.
-        naming = borne_out(found, laid, ~out, naming)
+        borne = borne_out(found, laid, ~out, naming, much=leaves_much(mismatch, rest))
+        rest = rest if borne is naming else _rest(found, borne, mismatch, seed)
+        naming, unexplained = borne, leaves_more(mismatch, rest)
+    if naming.names and unexplained:
+        told = doubted(found, ~out, naming)
+        near, naming = untold(naming, told), told
         rest = _rest(found, naming, mismatch, seed)
-        unexplained = leaves_more(mismatch, rest)
-        naming = doubted(naming) if unexplained else naming
     score = gain(found, laid, out, naming.baseline, _told(found, naming, ~out))
     every = np.ones(found.n, dtype=bool)
     baseline = settle(found, every, (), naming.baseline.at.values)
@@ -93,7 +97,7 @@ def diagnose(
         gain=score,
         parameters=_parameters(found, model),
         moved=_moved(found, baseline, model) if naming.names else {},
-        notes=[*found.case.warnings, *notes(found, baseline)],
+        notes=[*found.case.warnings, *near, *notes(found, baseline, model)],
         experiments=experiments(found, model, naming.names),
     )  # fmt: skip
 
@@ -125,14 +129,7 @@ def _share(mismatch: Significance, rest: Significance) -> float:
 
 def _parameters(found: Problem, model: Model) -> dict[str, dict[str, Number]]:
     return {
-        form.id: {
-            name.rpartition(".")[2]: Number(
-                float(model.at.values[found.place(name)]),
-                model.sd(found.place(name)),
-                found.meaning[found.place(name)],
-            )
-            for name in form.moves
-        }
+        form.id: {name.rpartition(".")[2]: number_of(found, model, found.place(name)) for name in form.moves}
         for form in model.chosen
     }
 

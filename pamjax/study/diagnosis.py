@@ -24,7 +24,7 @@ from pamjax.study.keep import improved
 from pamjax.study.locate import Box
 from pamjax.study.naming import Name, Naming
 from pamjax.study.problem import Problem
-from pamjax.study.refit import AT_LIMIT
+from pamjax.study.refit import AT_LIMIT, driven
 from pamjax.study.settled import Model
 from pamjax.study.significance import DETECTED, Significance
 from pamjax.units import in_unit
@@ -48,19 +48,7 @@ class Number:
     value: float
     sd: float
     meaning: Meaning
-
-    @property
-    def at_limit(self) -> bool:
-        """Whether it was driven to an end of its range that is no neutral value."""
-        low, high, value = self.meaning.low, self.meaning.high, self.value
-        if self.meaning.scale == "log":
-            low, high, value = math.log(low), math.log(high), math.log(value)
-        ends = [
-            end
-            for end, at in ((self.meaning.low, low), (self.meaning.high, high))
-            if abs(value - at) < AT_LIMIT * (high - low)
-        ]
-        return any(end != self.meaning.neutral for end in ends)
+    at_limit: bool = False
 
 
 @dataclass(frozen=True)
@@ -189,11 +177,16 @@ def save(diagnosis: Diagnosis, folder: Path) -> list[Path]:
 
 def baseline_numbers(one: Diagnosis) -> dict[str, Number]:
     """The baseline's own parameters."""
-    found, model = one.found, one.baseline
-    return {
-        found.names[k]: Number(float(model.at.values[k]), model.sd(k), found.meaning[k])
-        for k in model.at.moved
-    }
+    return {one.found.names[k]: number_of(one.found, one.baseline, k) for k in one.baseline.at.moved}
+
+
+def number_of(found: Problem, model: Model, k: int) -> Number:
+    """A number of a model, and whether it was driven to an end of its range that switches nothing off."""
+    value, meaning = float(model.at.values[k]), found.meaning[k]
+    ends = {model.at.moved[j] for j in driven(found, model.at)}
+    off = AT_LIMIT * (found.high[k] - found.low[k])
+    neutral = meaning.neutral is not None and abs(value - meaning.neutral) < off
+    return Number(value, model.sd(k), meaning, k in ends and not neutral)
 
 
 def _scale(meaning: Meaning) -> tuple[float, str]:
@@ -328,5 +321,5 @@ def _lines(one: Diagnosis) -> list[str]:
 
 def told(name: str, number: Number) -> str:
     """A number for people, as "coefficient 0.210 ± 0.012"."""
-    limit = ", at a limit of what is possible" if number.at_limit else ""
+    limit = ", at an end of its range" if number.at_limit else ""
     return f"{name} {quantity(number.value, number.sd, _scale(number.meaning)[1])}{limit}"

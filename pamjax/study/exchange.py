@@ -71,15 +71,18 @@ def _likelier(look: Look, model: Model) -> Model | None:
     near = sorted((trial for trial in trials if trial.score < worst), key=lambda trial: trial.score)
     best = min((_end(look, trial) for trial in near[:FINAL]), key=lambda end: end.likely, default=model)
     # Many pairs bend towards what is in no catalogue: only what leaves nothing but noise is believed.
-    plain = look.far(model) or len(best.chosen) > len(model.chosen)
-    believed = look.completes(best, model) or _only_noise(best) if plain else not look.far(best)
+    strict = look.far(model) or len(best.chosen) > len(model.chosen)
+    believed = look.completes(best, model) or _only_noise(best) if strict else not look.far(best)
     return best if best.likely < model.likely - TIE and believed else None
 
 
 def _end(look: Look, rough: Model) -> Model:
     """Where a search ends that begins here; what is small beside the whole stays if it leaves only noise."""
     begun = settle(look.found, look.used, rough.chosen, rough.at.values)
-    end, whole = ended(look, begun), pruned(look, begun, small=True)
+    end = ended(look, begun)
+    if not _only_noise(begun):
+        return end
+    whole = pruned(look, begun, small=True)
     return whole if _only_noise(whole) and whole.likely < end.likely else end
 
 

@@ -155,7 +155,7 @@ def _sentence(channel, direction, pressure, contraction, signed, inside, at: Axe
     unit, scale = SHOWN[channel]
     where = f"Between {pressure[0] / 1e3:.0f} and {pressure[1] / 1e3:.0f} kPa"
     if contraction[1] - contraction[0] > 1e-3:
-        where += f", {100 * contraction[0]:.0f} to {100 * contraction[1]:.0f} % contracted"
+        where += f", {100 * contraction[0]:z.0f} to {100 * contraction[1]:z.0f} % contracted"
     sides = ((SHORTENING, "shortens"), (LENGTHENING, "lengthens"))
     means = {word: _one_sided(signed[inside & (at.direction == way)]) for way, word in sides}
     shortens, lengthens = means["shortens"], means["lengthens"]

@@ -9,35 +9,38 @@ from __future__ import annotations
 
 import numpy as np
 
-from pamjax.infer.determine import USEFUL, unnoticed, words
+from pamjax.infer.determine import USEFUL, listed, unnoticed, words
 from pamjax.study.problem import Problem
 from pamjax.study.refit import driven
 from pamjax.study.settled import Model
 
 
-def notes(found: Problem, baseline: Model) -> list[str]:
+def notes(found: Problem, baseline: Model, model: Model) -> list[str]:
     """All sentences, what was driven too far first.
 
     Args:
         found: the recording before the library.
         baseline: the baseline, refitted.
+        model: it with what was named; the baseline itself where nothing was.
     """
-    return [*strained(found, baseline), *unasked(found), *undetermined(found, baseline)]
+    return [*strained(found, model), *unasked(found), *undetermined(found, baseline)]
 
 
-def strained(found: Problem, baseline: Model) -> list[str]:
-    """Sentences, one for each of the baseline's own numbers that ended as far off as it may.
+def strained(found: Problem, model: Model) -> list[str]:
+    """A sentence on the baseline's own numbers that ended as far off as they may, if some did.
 
     Args:
         found: the recording before the library.
-        baseline: the baseline, refitted.
+        model: what is left of them is not laid to what it names.
     """
-    ends = (baseline.at.moved[k] for k in driven(found, baseline.at))
+    ends = [model.at.moved[k] for k in driven(found, model.at)]
+    names = [f"`{found.names[k]}`" for k in ends if found.own[k] and np.isfinite(found.sd[k])]
+    if not names:
+        return []
+    it, its = ("it", "its") if len(names) == 1 else ("them", "their")
     return [
-        f"`{found.names[k]}` was driven as far from what is stated as is believed possible: what is missing"
-        " pulls at it, or its sd is too small."
-        for k in ends
-        if found.own[k] and np.isfinite(found.sd[k])
+        f"{listed(names)} ended as far from what is stated as is believed possible: something that is missing"
+        f" pulls at {it}, or {its} sd is too small."
     ]
 
 
@@ -46,7 +49,7 @@ def unasked(found: Problem) -> list[str]:
     if found.case.recording.has_time:
         return []
     return [
-        "without a column `time` rows count as equilibria: friction, damping, relaxation, lag and drift were"
+        "Without a column `time` rows count as equilibria: friction, damping, relaxation, lag and drift were"
         " not asked for. If the rows were taken one after another, give the time."
     ]
 

@@ -67,7 +67,6 @@ def save_report(one: Diagnosis, path: str | Path, command: str = "", held: Conte
         ],
         notes=one.notes,
         assumed=list(_assumed(one)),
-        aside=[str(aside) for aside in one.found.case.recording.aside],
         checksum=one.found.case.checksum,
         command=command or shlex.join(["pamjax", "diagnose", str(one.found.case.folder)]),
     )
@@ -159,7 +158,7 @@ def _box(one: Diagnosis, number: int, box: dict[str, Any]) -> list[str]:
     """A row of the table of boxes."""
     clock = "s" if one.found.case.recording.has_time else "(row)"
     ends = [
-        f"{low:.0f} to {high:.0f} {unit}"
+        f"{low:z.0f} to {high:z.0f} {unit}"
         for (low, high), unit in (
             (box["pressure_kPa"], "kPa"),
             ([100 * c for c in box["contraction"]], "%"),

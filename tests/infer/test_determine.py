@@ -41,7 +41,10 @@ def test_diameters_at_one_length_cannot_tell_turns():
         "muscle.turns": False,
         "thread.modulus": True,
     }
-    assert said[-1] == "It says little about `muscle.turns`: the stated sd will still speak after a fit."
+    assert (
+        said[-1]
+        == "The recording says little about `muscle.turns`: the stated sd will still speak after a fit."
+    )
 
 
 @pytest.mark.slow

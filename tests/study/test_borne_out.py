@@ -1,13 +1,14 @@
 """What explains only the blocks that it was fitted to is no physics."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from pamjax.records.blocks import Blocks
 from pamjax.study import borne_out as under_test
-from pamjax.study.borne_out import borne_out, borne_shares, doubted
+from pamjax.study.borne_out import OF_HISTORY, Unseen, borne_out, doubted, untold
 from pamjax.study.colour import Colour
 from pamjax.study.forms import Form
 from pamjax.study.naming import Name, Naming
@@ -33,7 +34,7 @@ NAMES = tuple(SHAPES)
 SLOPE, STEP, OTHER = (Form(id, (f"{id}.much",)) for id in ("slope", "step", "other"))
 
 
-def recording(force, empty=False):
+def recording(force, empty=False) -> Any:
     """A recording of 400 rows in four blocks; with `empty` the first one has nothing to compare with."""
     design = np.stack(list(SHAPES.values()))
     own = np.array([name in ("level", "ruler") for name in NAMES])
@@ -73,10 +74,10 @@ def judged(monkeypatch):
     """What becomes of names: their shares, and the naming that is left."""
     monkeypatch.setattr(under_test, "settle", settled)
 
-    def judge(found, chosen, laid=LAID):
+    def judge(found, chosen, laid=LAID, much=True):
         bare, model = (settled(found, EVERY, forms, found.neutral) for forms in ((), chosen))
         naming = Naming(bare, model, names_of(found, model), ())
-        return borne_shares(found, laid, EVERY, model)[1], borne_out(found, laid, EVERY, naming)
+        return Unseen.by(found, laid, EVERY, model).shares, borne_out(found, laid, EVERY, naming, much=much)
 
     return judge
 
@@ -86,8 +87,6 @@ def test_what_is_there_is_borne_out(judged):
     assert shares["slope"] > 0.95
     assert [name.id for name in kept.names] == ["slope"]
     assert kept.names[0].probability == pytest.approx(0.9 * shares["slope"])
-    # Beside something unexplained it is told with half of its certainty.
-    assert doubted(kept).names[0].probability == pytest.approx(0.5 + (0.9 * shares["slope"] - 0.5) / 2)
 
 
 def test_what_only_bends_towards_a_misfit_is_not(judged):
@@ -109,13 +108,15 @@ def test_the_one_that_is_not_borne_out_goes_and_the_other_stays(judged):
     assert kept.model.ids == ("slope",)
 
 
-def test_names_that_leave_much_together_fall_together(judged):
+@pytest.mark.parametrize("much", [True, False])
+def test_names_that_leave_much_together_fall_together(judged, much):
     found = recording(4 * X + 1.6 * np.sin(12 * X) * (1 + (BLOCK == 1)))
     bare, model = (settled(found, EVERY, forms, found.neutral) for forms in ((), (SLOPE,)))
-    together, shares = borne_shares(found, LAID, EVERY, model)
-    _, kept = judged(found, (SLOPE,))
+    unseen = Unseen.by(found, LAID, EVERY, model)
+    _, kept = judged(found, (SLOPE,), much=much)
     # More than a half is explained, which would be enough for a name alone.
-    assert 0.55 < together == shares["slope"] < 5 / 6
+    assert 0.55 < unseen.together == unseen.shares["slope"] < 5 / 6
+    assert unseen.bent
     assert kept.names == ()
     assert bare.excess > model.excess
 
@@ -123,11 +124,48 @@ def test_names_that_leave_much_together_fall_together(judged):
 def test_names_that_are_borne_out_one_by_one_fall_where_all_of_them_leave_much(judged):
     found = recording(4 * X + 4 * X**2 + 2.5 * np.sin(60 * X))
     model = settled(found, EVERY, (SLOPE, OTHER), found.neutral)
-    together, shares = borne_shares(found, LAID, EVERY, model)
+    unseen = Unseen.by(found, LAID, EVERY, model)
     _, kept = judged(found, (SLOPE, OTHER))
-    assert min(0.9 * share for share in shares.values()) > 0.5
-    assert together < 5 / 6
+    assert min(0.9 * share for share in unseen.shares.values()) > 0.5
+    assert unseen.together < 5 / 6
     assert kept.names == ()
+
+
+def test_a_name_that_leaves_only_noise_everywhere_keeps_all_of_its_probability(judged):
+    _, kept = judged(recording(2 + 3 * X), (SLOPE,), much=False)
+    assert [name.probability for name in kept.names] == [0.9]
+
+
+def test_a_faint_name_that_unseen_blocks_miss_by_noise_stays(judged):
+    """A sixth of next to nothing is noise."""
+
+    def unseen(wave):
+        found = recording(0.08 * X + wave * np.sin(60 * X))
+        return Unseen.by(found, LAID, EVERY, settled(found, EVERY, (SLOPE,), found.neutral))
+
+    faint = unseen(0.0)
+    assert faint.together < 5 / 6
+    assert not faint.bent
+    assert unseen(0.1).bent
+
+
+def test_beside_something_unexplained_only_what_a_course_in_time_shows_is_told(judged, monkeypatch):
+    found = recording(5 * X + 2 * X**2)
+    _, kept = judged(found, (SLOPE, OTHER), much=False)
+    monkeypatch.setattr(under_test, "OF_HISTORY", {"slope"})
+    told = doubted(found, EVERY, kept)
+    assert [(name.id, name.probability) for name in told.names] == [("slope", 0.7)]
+    assert told.model.ids == ("slope",)
+    (said,) = untold(kept, told)
+    assert said.startswith("`other` comes near")
+    assert untold(told, told) == []
+    monkeypatch.setattr(under_test, "OF_HISTORY", set())
+    assert doubted(found, EVERY, kept).model is kept.baseline
+
+
+def test_a_drift_goes_with_the_settings_and_friction_does_not():
+    assert {"braid_friction", "viscoelastic_creep"} <= OF_HISTORY
+    assert not {"force_drift", "end_taper", "diameter_offset"} & OF_HISTORY
 
 
 def test_an_error_of_the_ruler_refutes_no_name(judged):

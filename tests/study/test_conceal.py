@@ -44,3 +44,21 @@ def test_no_muscle_pushes():
     pushed = problem(replace(made.case, recording=soft.plan))
     values = np.array([made.true[name] for name in pushed.names])
     assert np.nanmin(pushed.shows(values)[0]) < -5.0
+
+
+@pytest.mark.slow
+def test_what_the_lab_states_is_concealed_as_the_lab_states_it():
+    """The threads' stretch is stated: it is as large as that, or not concealed at all."""
+    setup = known()
+    rigid = replace(setup, entry=replace(setup.entry, baseline="inelastic"))
+
+    def made(wanted):
+        rng = np.random.default_rng(2)
+        return conceal(1, rng, setup=rigid, only="braid_elasticity", smallest=wanted, largest=wanted)
+
+    small, too_large = made(3.0), made(25.0)
+    found = problem(small.case)
+    k = found.place("braid_elasticity.compliance")
+    assert small.concealed == ("braid_elasticity",)
+    assert abs(small.true["braid_elasticity.compliance"] - found.start[k]) <= 2 * found.sd[k]
+    assert too_large.concealed == ()

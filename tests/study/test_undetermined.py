@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from pamjax.study.undetermined import strained, undetermined
+from pamjax.study.undetermined import strained, unasked, undetermined
 
 NAMES = ("muscle.thread_length", "muscle.turns")
 
@@ -48,5 +48,17 @@ def test_a_number_that_was_stopped_on_its_way_is_told():
         return strained(found, SimpleNamespace(at=at))
 
     (one,) = said(0.25, 1.115 - 1e-9)
-    assert "`muscle.turns` was driven as far" in one
+    assert one.startswith("`muscle.turns` ended as far")
+    (both,) = said(0.247, 1.085)
+    assert both.startswith("`muscle.thread_length` and `muscle.turns` ended as far")
     assert said(0.2475, 1.1) == []
+
+
+def test_what_a_table_was_not_asked_is_told():
+    def said(has_time):
+        return unasked(SimpleNamespace(case=SimpleNamespace(recording=SimpleNamespace(has_time=has_time))))
+
+    (one,) = said(False)
+    assert "`time`" in one
+    assert "friction" in one
+    assert said(True) == []

@@ -85,6 +85,7 @@ def diagnosis(
         high=np.array([400e9, 1.3, 3.0]),
         sd=np.array([np.inf, 0.01, np.inf]),
         own=np.array([True, True, False]),
+        log=np.zeros(3, dtype=bool),
         n=n,
         measured=measured,
         member=SimpleNamespace(
