@@ -69,11 +69,24 @@ def _likelier(look: Look, model: Model) -> Model | None:
     trials = chain.from_iterable(abreast(partial(_instead, look, model), out))
     worst = model.score + NEAR * model.white.size
     near = sorted((trial for trial in trials if trial.score < worst), key=lambda trial: trial.score)
-    best = min((_end(look, trial) for trial in near[:FINAL]), key=lambda end: end.likely, default=model)
-    # Many pairs bend towards what is in no catalogue: only what leaves nothing but noise is believed.
-    strict = look.far(model) or len(best.chosen) > len(model.chosen)
-    believed = look.completes(best, model) or _only_noise(best) if strict else not look.far(best)
-    return best if best.likely < model.likely - TIE and believed else None
+    ends = [
+        end
+        for trial, end in ((trial, _end(look, trial)) for trial in near[:FINAL])
+        if end.likely < model.likely - TIE
+        and _believed(look, model, end, more=len(trial.chosen) > len(model.chosen))
+    ]
+    return min(ends, key=lambda end: end.likely, default=None)
+
+
+def _believed(look: Look, model: Model, end: Model, *, more: bool) -> bool:
+    """Whether what took a place is not just one of many pairs that bend towards what is in no catalogue.
+
+    Where that may be, as much was left, or more names are there than took part, only what leaves nothing but
+    noise is believed.
+    """
+    if more or look.far(model):
+        return look.completes(end, model) or _only_noise(end)
+    return not look.far(end)
 
 
 def _end(look: Look, rough: Model) -> Model:
