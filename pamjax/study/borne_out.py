@@ -102,8 +102,8 @@ def untold(before: Naming, after: Naming) -> list[str]:
         return []
     come, are = ("comes", "is") if len(names) == 1 else ("come", "are")
     return [
-        f"{listed(names)} {come} near what is unexplained and {are} not named: something in no catalogue, as a"
-        " stop in the way, would look like that as well."
+        f"{listed(names)} {come} near what is unexplained and {are} not named: something in no catalogue, as"
+        " a stop in the way, would look like that as well."
     ]
 
 
