@@ -17,6 +17,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from pamjax.check import refuse
 
+#: The page that most commands write, unless told not to.
+REPORT = "report.html"
 #: The words of the command that runs, for reports that say how to repeat them.
 _said: list[str] = []
 #: Interruptions that were asked for.
@@ -113,7 +115,9 @@ def say_json(document: Any) -> None:
 
 
 def say_written(files: list[Path]) -> None:
-    """Tell what was written, folder by folder."""
+    """Tell what was written, folder by folder, and what lies beside it from an earlier run."""
     for folder in dict.fromkeys(file.parent for file in files):
-        names = ", ".join(file.name for file in files if file.parent == folder)
-        print(f"wrote {folder}/: {names}", file=sys.stderr)
+        names = [file.name for file in files if file.parent == folder]
+        print(f"wrote {folder}/: {', '.join(names)}", file=sys.stderr)
+        if REPORT not in names and (folder / REPORT).exists():
+            print(f"{folder / REPORT} is of an earlier run", file=sys.stderr)

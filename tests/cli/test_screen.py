@@ -5,7 +5,7 @@ import signal
 
 import pytest
 
-from pamjax.cli.screen import heeding, working
+from pamjax.cli.screen import heeding, say_written, working
 
 
 @pytest.fixture(autouse=True)
@@ -47,3 +47,11 @@ def test_a_command_does_not_remember_the_one_before():
     swallowed()
     with heeding(), working(quiet=True) as progress:
         progress("one", 0.1)
+
+
+def test_a_report_of_an_earlier_run_is_told(tmp_path, capsys):
+    (tmp_path / "report.html").write_text("")
+    say_written([tmp_path / "fit.json"])
+    assert f"{tmp_path / 'report.html'} is of an earlier run" in capsys.readouterr().err
+    say_written([tmp_path / "fit.json", tmp_path / "report.html"])
+    assert "is of an earlier" not in capsys.readouterr().err
