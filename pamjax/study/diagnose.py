@@ -26,7 +26,7 @@ from pamjax.study.signature import signatures
 from pamjax.study.significance import DETECTED, Significance, significance
 from pamjax.study.spread import spread
 from pamjax.study.temper import weighed
-from pamjax.study.undetermined import notes
+from pamjax.study.undetermined import doubtful, notes
 
 
 def diagnose(
@@ -97,7 +97,7 @@ def diagnose(
         gain=score,
         parameters=_parameters(found, model),
         moved=_moved(found, baseline, model) if naming.names else {},
-        notes=[*found.case.warnings, *near, *notes(found, baseline, model)],
+        notes=[*found.case.warnings, *near, *doubtful(naming), *notes(found, baseline, model)],
         experiments=experiments(found, model, naming.names),
     )  # fmt: skip
 

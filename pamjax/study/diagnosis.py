@@ -104,7 +104,7 @@ class Diagnosis:
     @property
     def names(self) -> tuple[Name, ...]:
         """What is established, most probable first."""
-        return self.naming.names
+        return self.naming.established
 
     @property
     def detected(self) -> bool:

@@ -65,7 +65,7 @@ class Naming:
     Attributes:
         baseline: the baseline's own refit.
         model: the baseline with all names.
-        names: most probable first.
+        names: of all that the model holds, most probable first.
         first: the signatures at the baseline, for its p-value.
         near: (p,) SI, where the model lies weighed by what it leaves; None where that is its own place.
         before: the model before small effects joined; None where none did.
@@ -77,6 +77,11 @@ class Naming:
     first: tuple[Signature, ...]
     near: np.ndarray | None = None
     before: Model | None = None
+
+    @property
+    def established(self) -> tuple[Name, ...]:
+        """The names that are likelier right than wrong."""
+        return tuple(name for name in self.names if name.probability >= ESTABLISHED)
 
     @property
     def values(self) -> np.ndarray:

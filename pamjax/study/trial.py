@@ -21,7 +21,6 @@ from pamjax.study.diagnosis import Diagnosis
 from pamjax.study.discrepancy import discrepancy, inputs
 from pamjax.study.forms import forms
 from pamjax.study.gain import held_out
-from pamjax.study.naming import ESTABLISHED
 from pamjax.study.overlap import blind, overlap, true_boxes
 from pamjax.study.problem import problem
 from pamjax.study.settled import settle
@@ -234,7 +233,7 @@ def scored(case: Case, seed: int = 0) -> Significance:
 
 
 def _compared(envelope: Envelope, one: Diagnosis, rivals: bool) -> dict[str, Any]:
-    names = [name for name in one.names if name.probability >= ESTABLISHED]
+    names = one.names
     noise = _noise(one)
     told: dict[str, Any] = {
         "p_value": one.mismatch.p_value,
