@@ -17,7 +17,7 @@ against it as well): its probability counts for its share, and names that fall b
 Of those that stay beside something unexplained only what a course in time shows is told, with half the
 certainty that is left. Ends that taper, a zero, a gain, a rig that gives move force and diameter with
 pressure and length alone, and so does most of what is in no catalogue; they bend to it in unseen blocks too.
-So does a drift where one setting comes after another. Friction or relaxing rubber cannot.
+So does a drift, or a slip, where one setting comes after another. Friction or relaxing rubber cannot.
 
 A block that alone knows of a name's number says nothing of it, as nobody else could foretell it; an error of
 the lab's own that only the left-out block knows of (of the ruler, at that length) is made up for first.
@@ -56,8 +56,8 @@ FEWEST = 3
 CHANCE = 2.0
 #: Share of what a recording knows of a number below which the rest of it, without a block, knows nothing.
 UNKNOWN = 0.05
-#: Mechanisms that only a course in time shows; a drift goes with the settings where they come in turn.
-OF_HISTORY = NEEDS_TIME - {"force_drift"}
+#: Mechanisms that only a course in time shows; a drift or a slip goes with settings that come in turn.
+OF_HISTORY = NEEDS_TIME - {"force_drift", "thread_slip"}
 
 
 def borne_out(found: Problem, laid: Blocks, used: np.ndarray, naming: Naming, *, much: bool) -> Naming:
@@ -72,7 +72,7 @@ def borne_out(found: Problem, laid: Blocks, used: np.ndarray, naming: Naming, *,
     """
     unseen = Unseen.by(found, laid, used, naming.model)
     if unseen.bent:
-        return replace(naming, model=naming.baseline, names=())
+        return _kept(found, used, naming, [])
     if not much:
         return naming
     shares = unseen.shares
@@ -89,7 +89,7 @@ def doubted(found: Problem, used: np.ndarray, naming: Naming) -> Naming:
         used: (n,) the rows that may be looked at.
         naming: what was borne out.
     """
-    shown = [name for name in naming.names if name.id in OF_HISTORY]
+    shown = [name for name in naming.names if {name.id, *name.ties} <= OF_HISTORY]
     halved = [replace(n, probability=ESTABLISHED + (n.probability - ESTABLISHED) / 2) for n in shown]
     return _kept(found, used, naming, halved)
 
@@ -109,14 +109,15 @@ def untold(before: Naming, after: Naming) -> list[str]:
 
 def _kept(found: Problem, used: np.ndarray, naming: Naming, names: Sequence[Name]) -> Naming:
     """A naming with some of its names only, refitted where others went."""
-    if not names:
-        return replace(naming, model=naming.baseline, names=())
-    model, values, ids = naming.model, naming.model.at.values, {name.id for name in names}
-    if len(ids) < len(model.chosen):
-        for form in model.chosen:
-            values = values if form.id in ids else without(found, values, form)
-        model = settle(found, used, [form for form in model.chosen if form.id in ids], values)
-    return replace(naming, model=model, names=ranked(names))
+    ids = {name.id for name in names}
+    if len(ids) == len(naming.model.chosen):
+        return replace(naming, names=ranked(names))
+    values = naming.values
+    for form in naming.model.chosen:
+        values = values if form.id in ids else without(found, values, form)
+    chosen = [form for form in naming.model.chosen if form.id in ids]
+    model = settle(found, used, chosen, values) if chosen else naming.baseline
+    return replace(naming, model=model, names=ranked(names), near=None, before=None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,13 +155,15 @@ class Unseen:
     @property
     def bent(self) -> bool:
         """Whether all names together leave more of unseen blocks than physics does, and than chance."""
-        fair = self._fair(self.model.chosen)
+        doubts = np.array([one.doubt for one in self.whole])
+        # A block that alone knows of a number says nothing of it.
+        fair = self._fair(self.model.chosen) & (doubts < [judged.size for _, judged in self.split])
         size = np.array([judged.size for _, judged in self.split])[fair]
         left = np.array([one.excess - one.doubt for one in self.whole])[fair]
-        doubt = np.array([one.doubt for one in self.whole])[fair]
+        doubt = doubts[fair]
         # As if all doubt of a block were in one direction.
         chance = CHANCE * np.sqrt(2 * np.sum(size + 2 * doubt + doubt**2))
-        return self.together < TOGETHER and left.sum() > max(REST**2 * size.sum(), chance)
+        return bool(left.sum() > max(REST**2 * size.sum(), chance)) and self.together < TOGETHER
 
     @cached_property
     def together(self) -> float:

@@ -26,7 +26,7 @@ from pamjax.study.signature import signatures
 from pamjax.study.significance import DETECTED, Significance, significance
 from pamjax.study.spread import spread
 from pamjax.study.temper import weighed
-from pamjax.study.undetermined import doubtful, notes
+from pamjax.study.undetermined import notes
 
 
 def diagnose(
@@ -64,16 +64,16 @@ def diagnose(
         naming = without_small(found, naming)
         rest = _rest(found, naming, mismatch, seed)
         unexplained = leaves_more(mismatch, rest)
-    near: list[str] = []
+    came = naming
     if naming.names:
         # Names that bend to what is in no catalogue may leave too little to be told from noise.
         borne = borne_out(found, laid, ~out, naming, much=leaves_much(mismatch, rest))
-        rest = rest if borne is naming else _rest(found, borne, mismatch, seed)
+        rest = rest if borne.model is naming.model else _rest(found, borne, mismatch, seed)
         naming, unexplained = borne, leaves_more(mismatch, rest)
     if naming.names and unexplained:
         told = doubted(found, ~out, naming)
-        near, naming = untold(naming, told), told
-        rest = _rest(found, naming, mismatch, seed)
+        rest = rest if told.model is naming.model else _rest(found, told, mismatch, seed)
+        naming = told
     score = gain(found, laid, out, naming.baseline, _told(found, naming, ~out))
     every = np.ones(found.n, dtype=bool)
     baseline = settle(found, every, (), naming.baseline.at.values)
@@ -97,7 +97,11 @@ def diagnose(
         gain=score,
         parameters=_parameters(found, model),
         moved=_moved(found, baseline, model) if naming.names else {},
-        notes=[*found.case.warnings, *near, *doubtful(naming), *notes(found, baseline, model)],
+        notes=[
+            *(untold(came, naming) if unexplained else []),
+            *found.case.warnings,
+            *notes(found, baseline, model),
+        ],
         experiments=experiments(found, model, naming.names),
     )  # fmt: skip
 

@@ -103,8 +103,8 @@ class Diagnosis:
 
     @property
     def names(self) -> tuple[Name, ...]:
-        """What is established, most probable first."""
-        return self.naming.established
+        """What the model holds, most probable first."""
+        return self.naming.names
 
     @property
     def detected(self) -> bool:
@@ -132,7 +132,7 @@ class Diagnosis:
                 "p_value": self.mismatch.p_value,
                 "where": [_box(b) for b in self.where] if self.detected else [],
             },
-            "missing_physics": [_name(self, name) for name in self.names],
+            "missing_physics": [_name(self, name) for name in self.naming.established],
             "unexplained": {
                 "detected": self.unexplained,
                 "p_value": self.rest.p_value,

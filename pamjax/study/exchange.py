@@ -9,8 +9,8 @@ follows at once from the signatures d there and the residual r,
 
     gain(a, b) = yᵀ G⁻¹ y,     y = D r,     G = D Dᵀ,     D = (d_a, d_b).
 
-The best of them are refitted, the search goes on from there, and where it ends likelier and leaves nothing
-but noise, that is the model.
+The best of them are refitted, the search goes on from there, and where it ends likelier, that is the model;
+where much was left, or more names take part than before, only if it leaves hardly anything but noise.
 What it leaves out: limits of amplitudes, until they are refitted; three names in the place of three.
 Source: least squares.
 """

@@ -233,7 +233,7 @@ def scored(case: Case, seed: int = 0) -> Significance:
 
 
 def _compared(envelope: Envelope, one: Diagnosis, rivals: bool) -> dict[str, Any]:
-    names = one.names
+    names = one.naming.established
     noise = _noise(one)
     told: dict[str, Any] = {
         "p_value": one.mismatch.p_value,

@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 
 from pamjax.infer.determine import USEFUL, listed, unnoticed, words
-from pamjax.study.naming import Naming
 from pamjax.study.problem import Problem
 from pamjax.study.refit import driven
 from pamjax.study.settled import Model
@@ -42,16 +41,6 @@ def strained(found: Problem, model: Model) -> list[str]:
     return [
         f"{listed(names)} ended as far from what is stated as is believed possible: something that is missing"
         f" pulls at {it}, or {its} sd is too small."
-    ]
-
-
-def doubtful(naming: Naming) -> list[str]:
-    """Sentences, one for each mechanism that the model holds and that is likelier another one."""
-    return [
-        f"`{name.id}` takes a part of the misfit, and is likelier something else: its probability is"
-        f" {name.probability:.2f}."
-        for name in naming.names
-        if name not in naming.established
     ]
 
 

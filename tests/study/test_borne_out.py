@@ -1,5 +1,6 @@
 """What explains only the blocks that it was fitted to is no physics."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -161,6 +162,34 @@ def test_beside_something_unexplained_only_what_a_course_in_time_shows_is_told(j
     assert untold(told, told) == []
     monkeypatch.setattr(under_test, "OF_HISTORY", set())
     assert doubted(found, EVERY, kept).model is kept.baseline
+
+
+def test_a_name_that_is_tied_with_what_moves_with_length_alone_is_not_told_either(judged, monkeypatch):
+    found = recording(5 * X)
+    _, kept = judged(found, (SLOPE,), much=False)
+    monkeypatch.setattr(under_test, "OF_HISTORY", {"slope", "other"})
+    tied = replace(kept, names=tuple(replace(name, ties=("other",)) for name in kept.names))
+    assert doubted(found, EVERY, tied).names
+    monkeypatch.setattr(under_test, "OF_HISTORY", {"slope"})
+    assert not doubted(found, EVERY, tied).names
+
+
+def test_what_goes_is_switched_off_wherever_a_refit_begins(judged, monkeypatch):
+    found = recording(5 * X + 2 * X**2)
+    _, kept = judged(found, (SLOPE, OTHER), much=False)
+    monkeypatch.setattr(under_test, "OF_HISTORY", {"slope"})
+    told = doubted(found, EVERY, replace(kept, near=kept.model.at.values, before=kept.model))
+    assert kept.values[NAMES.index("other.much")] == pytest.approx(2, abs=0.1)
+    assert told.values[NAMES.index("other.much")] == 0.0
+    assert told.before is None
+
+
+def test_a_number_that_one_block_alone_knows_excuses_no_other_block():
+    found = recording(4 * X + 8 * np.sin(12 * X))
+    both = Form("both", ("slope.much", "step.much"))
+    unseen = Unseen.by(found, LAID, EVERY, settled(found, EVERY, (both,), found.neutral))
+    assert unseen.whole[-1].doubt > 1e3
+    assert unseen.bent
 
 
 def test_a_drift_goes_with_the_settings_and_friction_does_not():

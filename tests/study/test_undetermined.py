@@ -1,12 +1,10 @@
 """What a baseline's refit leaves open is told, and what it settles is not."""
 
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 
-from pamjax.study.naming import Name, Naming
-from pamjax.study.undetermined import doubtful, strained, unasked, undetermined
+from pamjax.study.undetermined import strained, unasked, undetermined
 
 NAMES = ("muscle.thread_length", "muscle.turns")
 
@@ -54,15 +52,6 @@ def test_a_number_that_was_stopped_on_its_way_is_told():
     (both,) = said(0.247, 1.085)
     assert both.startswith("`muscle.thread_length` and `muscle.turns` ended as far")
     assert said(0.2475, 1.1) == []
-
-
-def test_what_is_likelier_something_else_is_told_and_not_listed():
-    names = tuple(Name(id, probability, (), 50.0) for id, probability in (("one", 0.5), ("other", 0.45)))
-    naming: Any = Naming(None, None, names, ())  # type: ignore[arg-type]
-    assert [name.id for name in naming.established] == ["one"]
-    (said,) = doubtful(naming)
-    assert said.startswith("`other` takes a part")
-    assert "0.45" in said
 
 
 def test_what_a_table_was_not_asked_is_told():
