@@ -19,8 +19,9 @@ certainty that is left. Ends that taper, a zero, a gain, a rig that gives move f
 pressure and length alone, and so does most of what is in no catalogue; they bend to it in unseen blocks too.
 So does a drift, or a slip, where one setting comes after another. Friction or relaxing rubber cannot.
 
-A block that alone knows of a name's number says nothing of it, as nobody else could foretell it; an error of
-the lab's own that only the left-out block knows of (of the ruler, at that length) is made up for first.
+A block that alone knows of a name's number, how much there is of it or when it came, says nothing of it, as
+nobody else could foretell it; an error of the lab's own that only the left-out block knows of (of the ruler,
+at that length) is made up for first.
 
 What it leaves out: a name beside which something in no catalogue is half as large is lost, and so is a
 static one whose equation is far off: from one recording they are not told from what is in none. The sixth is
@@ -149,7 +150,8 @@ class Unseen:
         ]
         split = split if len(split) >= FEWEST else []
         whole = abreast(partial(_left_out, found, model.chosen, model.at.values), split)
-        told = {form.id: [_known(found, model.at, one.at, form) for one in whole] for form in model.chosen}
+        known = [_known(found, model, told) for told, _ in split]
+        told = {form.id: [one[form.id] for one in known] for form in model.chosen}
         return cls(found, model, split, whole, told)
 
     @property
@@ -232,11 +234,16 @@ def _left_out(
     return _LeftOut(at, unseen.misfit - unseen.residual.size, doubt)
 
 
-def _known(found: Problem, whole: Refit, told: Refit, form: Form) -> bool:
-    """Whether a fit without a block still knows of a form's amplitudes."""
-    for name in form.amplitudes:
-        k = found.place(name)
-        all_of_it = float(np.sum(whole.jacobian[:, whole.moved.index(k)] ** 2))
-        if float(np.sum(told.jacobian[:, told.moved.index(k)] ** 2)) > UNKNOWN * all_of_it:
-            return True
-    return False
+def _known(found: Problem, model: Model, told: Whitening) -> dict[str, bool]:
+    """Whether rows, without those of a block, still know of each form: how much of it, and when or where."""
+    without_it = standing(found, told, model.at.moved, model.at.values)
+    part, whole = (np.sum(at.jacobian**2, axis=0) for at in (without_it, model.at))
+    place = {found.names[k]: j for j, k in enumerate(model.at.moved)}
+    known = part > UNKNOWN * whole
+    # A shape of which nothing is known anyway is no matter.
+    shaped = known | (whole * model.at.prior**2 < 1)
+    return {
+        form.id: any(known[place[name]] for name in form.amplitudes)
+        and all(shaped[place[name]] for name in form.shape)
+        for form in model.chosen
+    }
