@@ -17,11 +17,11 @@ against it as well): its probability counts for its share, and names that fall b
 Of those that stay beside something unexplained only what a course in time shows is told, with half the
 certainty that is left. Ends that taper, a zero, a gain, a rig that gives move force and diameter with
 pressure and length alone, and so does most of what is in no catalogue; they bend to it in unseen blocks too.
-So does a drift, or a slip, where one setting comes after another. Friction or relaxing rubber cannot.
+So does a drift where one setting comes after another. Friction or relaxing rubber cannot.
 
-A block that alone knows of a name's number, how much there is of it or when it came, says nothing of it, as
-nobody else could foretell it; an error of the lab's own that only the left-out block knows of (of the ruler,
-at that length) is made up for first.
+A block that alone knows how much there is of something says nothing of it, as nobody else could foretell it.
+When it came, or where it begins, is told beforehand if no other block knows; and an error of the lab's own
+that only the left-out block knows of (of the ruler, at that length) is made up for first.
 
 What it leaves out: a name beside which something in no catalogue is half as large is lost, and so is a
 static one whose equation is far off: from one recording they are not told from what is in none. The sixth is
@@ -33,7 +33,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
@@ -57,8 +57,8 @@ FEWEST = 3
 CHANCE = 2.0
 #: Share of what a recording knows of a number below which the rest of it, without a block, knows nothing.
 UNKNOWN = 0.05
-#: Mechanisms that only a course in time shows; a drift or a slip goes with settings that come in turn.
-OF_HISTORY = NEEDS_TIME - {"force_drift", "thread_slip"}
+#: Mechanisms that only a course in time shows; a drift goes with settings that come in turn.
+OF_HISTORY = NEEDS_TIME - {"force_drift"}
 
 
 def borne_out(found: Problem, laid: Blocks, used: np.ndarray, naming: Naming, *, much: bool) -> Naming:
@@ -129,6 +129,7 @@ class Unseen:
         found: the recording before the library.
         model: as all blocks tell it.
         split: the noise of all but one block, and of that block, for each; none where blocks are too few.
+        held: shapes that stay where all blocks put them, as nothing is known of them without one, for each.
         whole: the fits without a block.
         told: whether a fit without a block still knows of a form's amplitudes, by id.
     """
@@ -136,6 +137,7 @@ class Unseen:
     found: Problem
     model: Model
     split: list[tuple[Whitening, Whitening]]
+    held: list[set[int]]
     whole: list[_LeftOut]
     told: dict[str, list[bool]]
 
@@ -149,10 +151,15 @@ class Unseen:
             if k >= 0
         ]
         split = split if len(split) >= FEWEST else []
-        whole = abreast(partial(_left_out, found, model.chosen, model.at.values), split)
-        known = [_known(found, model, told) for told, _ in split]
-        told = {form.id: [one[form.id] for one in known] for form in model.chosen}
-        return cls(found, model, split, whole, told)
+        silent = [_silent(found, model, told) for told, _ in split]
+        told = {
+            form.id: [not {found.place(name) for name in form.amplitudes} <= unknown for unknown in silent]
+            for form in model.chosen
+        }
+        amplitudes = {found.place(name) for form in model.chosen for name in form.amplitudes}
+        held = [unknown - amplitudes for unknown in silent]
+        whole = _left_out(found, model.chosen, model.at.values, split, held)
+        return cls(found, model, split, held, whole, told)
 
     @property
     def bent(self) -> bool:
@@ -190,7 +197,7 @@ class Unseen:
         rest, values = tuple(form for form in model.chosen if form not in gone), model.at.values
         for form in gone:
             values = without(self.found, values, form)
-        bare = abreast(partial(_left_out, self.found, rest, values), self.split)
+        bare = _left_out(self.found, rest, values, self.split, self.held)
         left, before = (np.array([one.excess for one in fits]) for fits in (self.whole, bare))
         fair = self._fair(gone)
         return _explained(left[fair].sum(), before[fair].sum(), before.sum())
@@ -219,31 +226,33 @@ class _LeftOut:
 
 
 def _left_out(
-    found: Problem, chosen: Sequence[Form], values: np.ndarray, split: tuple[Whitening, Whitening]
-) -> _LeftOut:
-    told, judged = split
+    found: Problem,
+    chosen: Sequence[Form],
+    values: np.ndarray,
+    split: Sequence[tuple[Whitening, Whitening]],
+    held: Sequence[set[int]],
+) -> list[_LeftOut]:
+    """Fits without each block."""
     own = np.flatnonzero(found.own).tolist()
     moved = sorted({*own, *places(found, chosen)})
-    at = refit(found, told, moved, values, 2 * ROUGH)
-    alone = [k for k in own if not at.jacobian[:, at.moved.index(k)].any()]
-    values = refit(found, judged, alone, at.values, ROUGH).values if alone else at.values
-    shared = [j for j, k in enumerate(at.moved) if k not in alone]
-    unseen = standing(found, judged, [at.moved[j] for j in shared], values)
-    by_value = unseen.jacobian / np.where(unseen.scale != 0, unseen.scale, 1.0)
-    doubt = float(np.sum(by_value @ at.covariance[np.ix_(shared, shared)] * by_value))
-    return _LeftOut(at, unseen.misfit - unseen.residual.size, doubt)
+
+    def without_one(one: tuple[tuple[Whitening, Whitening], set[int]]) -> _LeftOut:
+        (told, judged), fixed = one
+        at = refit(found, told, [k for k in moved if k not in fixed], values, 2 * ROUGH)
+        alone = [k for k in own if not at.jacobian[:, at.moved.index(k)].any()]
+        made_up = refit(found, judged, alone, at.values, ROUGH).values if alone else at.values
+        shared = [j for j, k in enumerate(at.moved) if k not in alone]
+        unseen = standing(found, judged, [at.moved[j] for j in shared], made_up)
+        by_value = unseen.jacobian / np.where(unseen.scale != 0, unseen.scale, 1.0)
+        doubt = float(np.sum(by_value @ at.covariance[np.ix_(shared, shared)] * by_value))
+        return _LeftOut(at, unseen.misfit - unseen.residual.size, doubt)
+
+    return abreast(without_one, list(zip(split, held, strict=True)))
 
 
-def _known(found: Problem, model: Model, told: Whitening) -> dict[str, bool]:
-    """Whether rows, without those of a block, still know of each form: how much of it, and when or where."""
-    without_it = standing(found, told, model.at.moved, model.at.values)
-    part, whole = (np.sum(at.jacobian**2, axis=0) for at in (without_it, model.at))
-    place = {found.names[k]: j for j, k in enumerate(model.at.moved)}
-    known = part > UNKNOWN * whole
-    # A shape of which nothing is known anyway is no matter.
-    shaped = known | (whole * model.at.prior**2 < 1)
-    return {
-        form.id: any(known[place[name]] for name in form.amplitudes)
-        and all(shaped[place[name]] for name in form.shape)
-        for form in model.chosen
-    }
+def _silent(found: Problem, model: Model, told: Whitening) -> set[int]:
+    """The numbers of names of which some rows know nothing, beside what all know, or all of them nothing."""
+    some = standing(found, told, model.at.moved, model.at.values)
+    part, whole = (np.sum(at.jacobian**2, axis=0) for at in (some, model.at))
+    nothing = (part <= UNKNOWN * whole) | (whole * model.at.prior**2 < 1)
+    return {k for k, unknown in zip(model.at.moved, nothing, strict=True) if unknown and not found.own[k]}

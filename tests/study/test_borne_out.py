@@ -192,6 +192,17 @@ def test_a_number_that_one_block_alone_knows_excuses_no_other_block():
     assert unseen.bent
 
 
+def test_a_shape_that_one_block_alone_knows_is_told_beforehand():
+    """As when a slip came; how much there is of it the other blocks have to say."""
+    found = recording(3 * X + 4 * SHAPES["step.much"])
+    form = Form("both", ("slope.much",), {"step.much": 4.0})
+    unseen = Unseen.by(found, LAID, EVERY, settled(found, EVERY, (form,), found.neutral))
+    assert unseen.held == [set(), set(), set(), {NAMES.index("step.much")}]
+    assert abs(unseen.whole[-1].excess) < 60
+    moved = under_test._left_out(found, (form,), found.neutral, unseen.split, [set()] * 4)
+    assert moved[-1].excess > 1e4
+
+
 def test_a_drift_goes_with_the_settings_and_friction_does_not():
     assert {"braid_friction", "viscoelastic_creep"} <= OF_HISTORY
     assert not {"force_drift", "end_taper", "diameter_offset"} & OF_HISTORY
