@@ -9,12 +9,13 @@ import pytest
 
 from pamjax.records.blocks import Blocks
 from pamjax.study import borne_out as under_test
-from pamjax.study.borne_out import OF_HISTORY, Unseen, borne_out, doubted, untold
+from pamjax.study.borne_out import OF_HISTORY, borne_out, doubted, untold
 from pamjax.study.colour import Colour
 from pamjax.study.forms import Form
 from pamjax.study.naming import Name, Naming
 from pamjax.study.refit import refit
 from pamjax.study.settled import Model
+from pamjax.study.unseen import Unseen, _left_out
 from pamjax.study.whiten import Whitening
 
 ROWS, NOISE = 400, 0.1
@@ -199,7 +200,7 @@ def test_a_shape_that_one_block_alone_knows_is_told_beforehand():
     unseen = Unseen.by(found, LAID, EVERY, settled(found, EVERY, (form,), found.neutral))
     assert unseen.held == [set(), set(), set(), {NAMES.index("step.much")}]
     assert abs(unseen.whole[-1].excess) < 60
-    moved = under_test._left_out(found, (form,), found.neutral, unseen.split, [set()] * 4)
+    moved = _left_out(found, (form,), found.neutral, unseen.split, [set()] * 4)
     assert moved[-1].excess > 1e4
 
 
