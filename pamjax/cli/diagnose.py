@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from pamjax.check import BadInput, at_least, refuse
 from pamjax.cli.options import Json
-from pamjax.cli.screen import say, say_json, say_written, working, writable
+from pamjax.cli.screen import REPORT, say, say_json, say_written, working, writable
 
 if TYPE_CHECKING:
     from pamjax.study.contest import Contest
@@ -81,7 +81,7 @@ def diagnose(
         say_json([found.as_dict() for found in answered])
     else:
         say("\n\n".join(told))
-    more = [*(["gain.json"] if beside else []), *(["report.html"] if report else [])]
+    more = [*(["gain.json"] if beside else []), *([REPORT] if report else [])]
     files = ["diagnosis.json", "prediction.csv", "model.json", *more]
     say_written([out / found.found.case.name / name for found in answered for name in files])
     if bad:
@@ -112,4 +112,4 @@ def _report(found: Diagnosis, held: Contest | None, out: Path, seed: int) -> Non
 
     case = found.found.case
     words = ["pamjax", "diagnose", str(case.folder), "--out", str(out), "--seed", str(seed)]
-    save_report(found, out / case.name / "report.html", shlex.join(words), held)
+    save_report(found, out / case.name / REPORT, shlex.join(words), held)

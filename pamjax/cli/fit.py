@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from pamjax.cli.options import PLAIN, Json, Model
-from pamjax.cli.screen import command, say, say_json, say_written, working, writable
+from pamjax.cli.screen import REPORT, command, say, say_json, say_written, working, writable
 
 
 def fit(
@@ -65,7 +65,7 @@ def fit(
     if report:
         from pamjax.view.fit_report import save_report
 
-        written.append(save_report(found, out / "report.html", command()))
+        written.append(save_report(found, out / REPORT, command()))
     if json:
         say_json(as_dict(found))
     else:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from pamjax.cli.screen import command, say, say_json, say_written, working, writable
+from pamjax.cli.screen import REPORT, command, say, say_json, say_written, working, writable
 
 
 def plan(
@@ -90,7 +90,7 @@ def plan(
             checksum = sha256(read_bytes(muscle / RECORDING if recorded else file))
             if recorded:
                 checksum.update(read_bytes(file))
-            files.append(save_report(found, course, out / "report.html", command(), checksum.hexdigest()))
+            files.append(save_report(found, course, out / REPORT, command(), checksum.hexdigest()))
     say_json(found.as_dict()) if json else say(str(found))
     say_written(files)
 
@@ -105,6 +105,6 @@ def _tell(muscle: Path, first: str, second: str, out: Path, report: bool, json: 
     if report:
         from pamjax.view.contest_report import save_report
 
-        files.append(save_report(contest, out / "report.html", command()))
+        files.append(save_report(contest, out / REPORT, command()))
     say_json(contest.as_dict()) if json else say(str(contest))
     say_written(files)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from pamjax.cli.options import PLAIN, Json, Model
-from pamjax.cli.screen import command, say, say_json, say_written, working, writable
+from pamjax.cli.screen import REPORT, command, say, say_json, say_written, working, writable
 
 
 def sample(
@@ -77,6 +77,6 @@ def sample(
     if report:
         from pamjax.view.posterior_report import save_report
 
-        written.append(save_report(post, out / "report.html", command()))
+        written.append(save_report(post, out / REPORT, command()))
     say_json(posterior_dict(post)) if json else say(str(post))
     say_written(written)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from pamjax.cli.options import Json
-from pamjax.cli.screen import command, say, say_json, say_written, working, writable
+from pamjax.cli.screen import REPORT, command, say, say_json, say_written, working, writable
 
 
 def size(
@@ -50,6 +50,6 @@ def size(
         from pamjax.view.design_report import save_report
 
         written += save_figures(design, out)
-        written.append(save_report(design, out / "report.html", command()))
+        written.append(save_report(design, out / REPORT, command()))
     say_json(as_dict(design)) if json else say(str(design))
     say_written(written)

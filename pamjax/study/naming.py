@@ -39,7 +39,7 @@ NEAR = 36.0
 
 @dataclass(frozen=True, eq=False)
 class Name:
-    """A mechanism that is established.
+    """A mechanism that a model holds.
 
     Attributes:
         id: which.

@@ -23,6 +23,7 @@ import numpy as np
 
 from pamjax.records.blocks import Blocks
 from pamjax.study.abreast import abreast
+from pamjax.study.exchange import CHANCE
 from pamjax.study.forms import Form
 from pamjax.study.problem import Problem
 from pamjax.study.refit import refit, standing
@@ -35,8 +36,6 @@ from pamjax.study.whiten import Whitening
 TOGETHER = 5 / 6
 #: Blocks below which nothing is tried: a single other setting foretells none.
 FEWEST = 3
-#: Standard deviations of χ² by which noise may leave more.
-CHANCE = 2.0
 #: Share of what a recording knows of a number below which the rest of it, without a block, knows nothing.
 UNKNOWN = 0.05
 
