@@ -15,6 +15,7 @@ import pandas as pd
 from pamjax.check import nearest, refuse
 from pamjax.records.files import decode, read_bytes
 from pamjax.records.header import split_title
+from pamjax.records.quotes import check_quotes, lines_of
 from pamjax.records.rig_entry import Files
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan", re.IGNORECASE)
@@ -78,12 +79,17 @@ class RigFile:
 
 
 def _csv(text: str, how: Files, file: str) -> dict[str, Any]:
+    # The lines above the table may have any marks in them.
+    lines = ["\n" if k < how.skip else line for k, line in enumerate(lines_of(text))]
+    mark = " " if how.separator == "space" else SEPARATORS[how.separator]
+    header = "".join(lines[how.skip : how.skip + how.header])
+    check_quotes(lines, file, mark, header, skip_spaces=True)
     try:
         with warnings.catch_warnings():
             # Cells beyond the header's, unless all of them are blank.
             warnings.simplefilter("error", pd.errors.ParserWarning)
             table = pd.read_csv(
-                io.StringIO(text),
+                io.StringIO("".join(lines)),
                 index_col=False,
                 sep=SEPARATORS[how.separator],
                 decimal=how.decimal,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import re
 import warnings
 from collections.abc import Mapping
@@ -15,6 +14,7 @@ from pamjax.check import BadInput, InputWarning, refuse
 from pamjax.records.files import decode, read_bytes
 from pamjax.records.header import Column, find_columns
 from pamjax.records.outliers import set_aside
+from pamjax.records.quotes import check_quotes, lines_of
 from pamjax.records.recording import Recording
 from pamjax.units import show
 
@@ -93,8 +93,12 @@ class _Place:
 
 def _split(text: str, file: str) -> tuple[list[str], list[int], list[list[str]]]:
     """Header, line number of each row, and each row's cells; comments and blank lines left out."""
-    reader = csv.reader(io.StringIO(text, newline=""))
-    rows = [(reader.line_num, cells) for cells in reader if any(c.strip() for c in cells)]
+    # A comment may have any marks in it.
+    written = [line if not line.lstrip().startswith("#") else "\n" for line in lines_of(text)]
+    titles = next((line for line in written if line.strip(" ,\t\r\n")), "")
+    check_quotes(written, file, ",", titles)
+    rows = list(enumerate(csv.reader(written), 1))
+    rows = [(line, cells) for line, cells in rows if any(c.strip() for c in cells)]
     rows = [(line, cells) for line, cells in rows if not cells[0].lstrip().startswith("#")]
     if not rows:
         raise refuse(

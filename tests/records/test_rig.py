@@ -169,6 +169,24 @@ def test_volts_decimal_commas_and_lines_above(rig):
     np.testing.assert_allclose(got.pressure, [1e5, 2e5])
 
 
+@pytest.mark.parametrize(("separator", "mark"), [(",", ","), (";", ";"), ("tab", "\t"), ("space", " ")])
+def test_a_cell_that_does_not_close_its_quotation_mark_is_refused(rig, separator, mark):
+    rows = 'P,other,Load\n10,x,5\n20,y,11\n30,"loose,12\n40,z,13\n'.replace(",", mark)
+    columns = PLAIN.replace('"Load [lbf]"', '{column = "Load", unit = "lbf"}')
+    with pytest.raises(BadInput) as error:
+        rig(rows, columns=columns, files=f'separator = "{separator}"')
+    assert str(error.value).startswith(
+        "a quoted cell must end with a quotation mark in its own row; got '\"loose"
+    )
+    assert "in column `other`, row 4 of run.csv. Close the quotation mark or take it out" in str(error.value)
+
+
+def test_quotation_marks_that_are_closed_or_above_the_table_do_no_harm(rig):
+    text = 'tube: 3/8"\n"Peter\nP,other,Load [lbf]\n10,"x, y",5\n20,"a ""b""",11\n'
+    got = rig(text, columns=PLAIN, files="skip = 2")
+    np.testing.assert_allclose(got.force, [5 * LF, 11 * LF], atol=1e-4)
+
+
 def test_a_rate_stands_for_a_clock(rig):
     text = "P,Load [lbf]\n" + "\n".join(f"{10 * (k % 7) + 10},{5 * (k % 7) + 5}" for k in range(20))
     got = rig(text, columns=PLAIN, files='rate = "500 Hz"')

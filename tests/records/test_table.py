@@ -93,6 +93,38 @@ def test_no_file(tmp_path):
     assert told(path) == f"there is no file {path}. Check its path."
 
 
+QUOTE = "a quoted cell must end with a quotation mark in its own row; got"
+CLOSE = "Close the quotation mark or take it out; inside a quoted cell write two for one."
+
+
+@pytest.mark.parametrize("row", [0, 1, 2])
+def test_a_cell_that_does_not_close_its_quotation_mark_is_refused(write, row):
+    rows = [f"{line},warm" for line in ROWS.splitlines()]
+    rows[row] = rows[row].replace("warm", '"loose, and more')
+    text = told(write("\n".join(rows), HEADER.replace("\n", ",mood\n")))
+    assert text == f"{QUOTE} '\"loose, and more' in column `mood`, row {row + 2} of recording.csv. {CLOSE}"
+
+
+def test_a_quoted_cell_that_spans_rows_is_refused(write):
+    text = told(write('0,100,200,400,20,1,"warm\nand dry"\n', HEADER.replace("\n", ",mood\n")))
+    assert text == f"{QUOTE} '\"warm' in column `mood`, row 2 of recording.csv. {CLOSE}"
+
+
+def test_a_quotation_mark_left_open_in_the_header_is_refused(write):
+    text = told(write(ROWS, HEADER.replace(",diameter", ',"diameter')))
+    assert f"{QUOTE} '\"diameter [mm],cycle' in" in text
+    assert "row 1 of recording.csv" in text
+
+
+@pytest.mark.filterwarnings("ignore::pamjax.check.InputWarning")
+@pytest.mark.parametrize("mood", ['"warm, dry"', '"a ""warm"" day"', '3/8" tube', '""', '"#"'])
+def test_quotation_marks_that_are_closed_or_amid_a_cell_do_no_harm(write, mood):
+    rows = ROWS.replace("\n", f",{mood}\n")
+    recording = read_table(write('# a comment, "open\n' + HEADER.replace("\n", ",mood\n") + rows, ""))
+    assert recording.row.tolist() == [3, 4, 5]
+    assert recording.length == pytest.approx([0.2, 0.199, 0.198], rel=1e-12)
+
+
 WHOLE = "recording.csv must hold a recording; got"
 CELL = "`length` must be a finite number or blank; got"
 BLANK = "Leave a cell that was not measured blank."
