@@ -11,16 +11,12 @@ Where much is left where they were fitted, be it known from noise or not, each n
 beside everything that came near (judged again after its neighbours have gone, a name has their misfit held
 against it as well): its probability counts for its share, and names that fall below `ESTABLISHED` go.
 
-Of those that stay beside something unexplained only what a course in time shows is told, with half the
-certainty that is left. Ends that taper, a zero, a gain, a rig that gives move force and diameter with
-pressure and length alone, and so does most of what is in no catalogue; they bend to it in unseen blocks too.
-So does a drift where one setting comes after another. Friction or relaxing rubber cannot.
+Names that stay beside something unexplained keep half of the certainty that is left to them.
 
-What it leaves out: a name beside which something in no catalogue is half as large is lost, and so is a
-static one whose equation is far off: from one recording they are not told from what is in none. The sixth is
-a judgement, made on recordings of pamjax's own whose effects depart from their equations, or that hold
-something in no catalogue, alone or beside an effect; those that a proof counts were not among them. What is
-told beside something unexplained was decided by the names of all proofs before the last one.
+What it leaves out: a name beside which something in no catalogue is half as large is lost: one recording does
+not distinguish the two. A name that stays beside something unexplained may still be a stand-in for it. The
+sixth is a judgement, made on recordings of pamjax's own whose effects depart from their equations, or that
+hold something in no catalogue, alone or beside an effect; those that a proof counts were not among them.
 """
 
 from __future__ import annotations
@@ -32,14 +28,10 @@ import numpy as np
 
 from pamjax.infer.determine import listed
 from pamjax.records.blocks import Blocks
-from pamjax.study.forms import NEEDS_TIME
 from pamjax.study.naming import ESTABLISHED, Name, Naming, ranked
 from pamjax.study.problem import Problem
 from pamjax.study.settled import settle, without
 from pamjax.study.unseen import Unseen
-
-#: Mechanisms that only a course in time shows; a drift goes with settings that come in turn.
-OF_HISTORY = NEEDS_TIME - {"force_drift"}
 
 
 def borne_out(found: Problem, laid: Blocks, used: np.ndarray, naming: Naming, *, much: bool) -> Naming:
@@ -62,30 +54,21 @@ def borne_out(found: Problem, laid: Blocks, used: np.ndarray, naming: Naming, *,
     return _kept(found, used, naming, [name for name in borne if name.probability >= ESTABLISHED])
 
 
-def doubted(found: Problem, used: np.ndarray, naming: Naming) -> Naming:
-    """Names beside something unexplained: those that only a course in time shows, each with half the
-    distance to even chances.
-
-    Args:
-        found: the recording before the library.
-        used: (n,) the rows that may be looked at.
-        naming: what was borne out.
-    """
-    shown = [name for name in naming.names if {name.id, *name.ties} <= OF_HISTORY]
-    halved = [replace(n, probability=ESTABLISHED + (n.probability - ESTABLISHED) / 2) for n in shown]
-    return _kept(found, used, naming, halved)
+def doubted(naming: Naming) -> Naming:
+    """Return the naming with half of each probability's distance to even chances."""
+    halved = [replace(n, probability=ESTABLISHED + (n.probability - ESTABLISHED) / 2) for n in naming.names]
+    return replace(naming, names=ranked(halved))
 
 
 def untold(before: Naming, after: Naming) -> list[str]:
-    """A sentence on the names that are not told beside something unexplained, if there are any."""
-    told = {name.id for name in after.names}
-    names = [f"`{name.id}`" for name in before.names if name.id not in told]
+    """Return a sentence on the names that left-out blocks refuted, if there are any."""
+    named = {name.id for name in after.names}
+    names = [f"`{name.id}`" for name in before.names if name.id not in named]
     if not names:
         return []
-    come, are = ("comes", "is") if len(names) == 1 else ("come", "are")
+    explain, are = ("explains", "is") if len(names) == 1 else ("explain", "are")
     return [
-        f"{listed(names)} {come} near what is unexplained and {are} not named: something in no catalogue, as"
-        " a stop in the way, would look like that as well."
+        f"{listed(names)} {explain} too little of the blocks that were left out of a fit and {are} not named."
     ]
 
 

@@ -71,9 +71,7 @@ def diagnose(
         rest = rest if borne.model is naming.model else _rest(found, borne, mismatch, seed)
         naming, unexplained = borne, leaves_more(mismatch, rest)
     if naming.names and unexplained:
-        told = doubted(found, ~out, naming)
-        rest = rest if told.model is naming.model else _rest(found, told, mismatch, seed)
-        naming = told
+        naming = doubted(naming)
     score = gain(found, laid, out, naming.baseline, _told(found, naming, ~out))
     every = np.ones(found.n, dtype=bool)
     baseline = settle(found, every, (), naming.baseline.at.values)
