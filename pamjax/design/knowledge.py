@@ -5,6 +5,11 @@ number, over the noise of a sample (that of pressure and length carried through 
 gains of the channels, and what the rig gives, count as numbers beside the muscle's. It is taken at several
 truths drawn from what is believed, because a stiff thread is told less well than a soft one.
 Samples are equilibria of the bare muscle: rubber, ends and whatever remembers take no part.
+
+Where muscle.toml states one error for each length that is set, each length of the runs has an error of its
+own, one number for all runs at that length; all strokes share one more, as in a fit. The errors of a
+recording at hand are other numbers, which its information is freed of. What it leaves out: a length that
+is set again in the same place is not known any better from the recording.
 """
 
 from __future__ import annotations
@@ -21,14 +26,15 @@ import numpy as np
 from jaxtyping import Array
 
 from pamjax.design.means import Means
-from pamjax.design.runs import Run
+from pamjax.design.runs import Run, set_lengths
 from pamjax.infer.believed import free_numbers, is_ruler
 from pamjax.infer.fit import joint_space
 from pamjax.infer.least_squares import solve
 from pamjax.infer.member import Member, member
 from pamjax.infer.space import Free, Space, space
 from pamjax.infer.weigh import weigh
-from pamjax.model.catalogue import meaning
+from pamjax.model.catalogue import RULER, meaning
+from pamjax.records.blocks import setting_of_length
 from pamjax.records.case import Case
 from pamjax.records.entry import Entry
 from pamjax.records.recording import Recording
@@ -51,8 +57,8 @@ class Knowledge:
         entry: what muscle.toml says.
         means: what the rig can do.
         law: thread law.
-        at: every number that a fit would move, the rig's zeros and gains among them, with its prior.
-        free: the same numbers as they are declared, the muscle's first.
+        at: every number that a fit would move, the rig's zeros, gains and set lengths too, with its prior.
+        free: the same numbers as they are declared: the muscle's, zeros and gains, errors of set lengths.
         mean: (p,) where they are believed to be, SI.
         scale: (p,) the step in which each is measured, SI: its prior's sd, or a share of its limits.
         before: (p, p) information of priors and of the recording at hand, in those steps.
@@ -76,7 +82,7 @@ class Knowledge:
     @property
     def own(self) -> list[int]:
         """Indices of the muscle's numbers, without the rig's."""
-        return [k for k, name in enumerate(self.at.names) if name not in self.means.off]
+        return [k for k, n in enumerate(self.at.names) if n not in self.means.off and not is_ruler(n)]
 
     def truths(self, many: int = TRUTHS, seed: int = 0) -> np.ndarray:
         """Values that the numbers may truly have, (many, p), SI; the first are the believed ones."""
@@ -90,14 +96,29 @@ class Knowledge:
         inside = 1e-3 * (high - low)
         return np.clip(values, np.minimum(low + inside, self.mean), np.maximum(high - inside, self.mean))
 
-    def information(self, case: Case, label: np.ndarray, count: int, values: np.ndarray) -> np.ndarray:
-        """What the samples of a case tell, (count, p, p), summed by label."""
-        n = label.size
-        own = self.at.names[: len(self.own)]
-        one = member(case, self.law, space(self.free[: len(own)]), {})
-        at, rows = jnp.asarray(values[: len(own)]), one.rows
+    def information(
+        self,
+        case: Case,
+        label: np.ndarray,
+        count: int,
+        values: np.ndarray,
+        setting: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Return the information in the samples of a case, (count, p, p), summed by label.
+
+        Args:
+            case: the samples.
+            label: (n,) which sum each belongs to.
+            count: how many sums.
+            values: (p,) of the numbers, SI.
+            setting: (n,) which set length each sample has; None where set lengths have no errors.
+        """
+        n, many = label.size, len(self.own)
+        one = member(without_rulers(case), self.law, space(self.free[:many]), {})
+        at, rows = jnp.asarray(values[:many]), one.rows
         slopes, shown, by_set = (np.asarray(x)[..., :n] for x in _slopes(one, at))
-        slopes = np.concatenate([slopes, self._off(by_set, shown, np.asarray(rows.pressure)[:n])])
+        off = self._off(by_set, shown, np.asarray(rows.pressure)[:n])
+        slopes = np.concatenate([slopes, off, self._rulers(by_set[1], setting)])
         noise = [x**2 if x else math.inf for x in (self.means.force, self.means.diameter)]
         carried = (self.means.gauge * by_set[0]) ** 2 + (self.means.ruler * by_set[1]) ** 2
         variance = np.array(noise)[:, None] + carried
@@ -127,13 +148,28 @@ class Knowledge:
         }
         return np.array([columns[name] for name in self.at.names if name in columns]).reshape(-1, 2, one.size)
 
+    def _rulers(self, by_length: np.ndarray, setting: np.ndarray | None) -> np.ndarray:
+        """Return the derivatives of force and diameter by the errors of set lengths, (q, 2, n)."""
+        many = sum(map(is_ruler, self.at.names))
+        if setting is None:
+            return np.zeros((many, *by_length.shape))
+        return by_length * (setting == np.arange(many)[:, None])[:, None]
+
+    def settings(self, offered: Sequence[Run]) -> np.ndarray:
+        """Return the index of each run's length among those that are set; strokes come after all of them."""
+        lengths = set_lengths(self.means, self.entry.rest_length.value)
+        return np.array(
+            [int(np.argmin(abs(lengths - r.length[0]))) if r.still else lengths.size for r in offered]
+        )
+
     def of_runs(self, offered: Sequence[Run], values: np.ndarray) -> np.ndarray:
         """What each run tells at some values, (r, p, p)."""
         kept = [run.thinned(MOST) for run in offered]
         label = np.concatenate([np.full(run.pressure.size, k) for k, run in enumerate(kept)])
         found = np.zeros((len(offered), *self.before.shape))
         if label.size:
-            found = self.information(self.case(kept), label, len(offered), values)
+            setting = self.settings(offered)[label]
+            found = self.information(self.case(kept), label, len(offered), values, setting)
         for k, run in enumerate(offered):
             found[k] *= run.pressure.size / max(kept[k].pressure.size, 1)
             for name, sd in run.direct.items():
@@ -147,6 +183,18 @@ class Knowledge:
         pressure = np.concatenate([run.pressure for run in offered])
         length = np.concatenate([run.length for run in offered])
         return map_case(self.entry, pressure, length)
+
+
+def without_rulers(case: Case) -> Case:
+    """Return the case with exact set lengths: whoever asks for their errors has numbers of its own."""
+    sensors = replace(case.entry.sensors, length_per_setting=False)
+    return replace(case, entry=replace(case.entry, sensors=sensors))
+
+
+def rulers(sd: float, many: int) -> list[Free]:
+    """Return the errors of so many set lengths as numbers with this sd, m; none where it is 0."""
+    about = replace(meaning(RULER), low=-8 * sd, high=8 * sd)
+    return [Free(f"{RULER}{k + 1}", about, 0.0, sd) for k in range(many if sd else 0)]
 
 
 def map_case(entry: Entry, pressure: np.ndarray, length: np.ndarray) -> Case:
@@ -201,13 +249,20 @@ def knowledge(entry: Entry, means: Means, law: str | None = None, case: Case | N
     channels = {*means.channels, *(case.recording.channels if case else ())}
     means = replace(means, off={n: sd for n, sd in means.off.items() if _read(n, channels)})
     free += [Free(n, meaning(n), max(0.0, sd * (meaning(n).low >= 0)), sd) for n, sd in means.off.items()]
+    # One for each length that is set, and one for the strokes.
+    lengths = rulers(means.setting, set_lengths(means, entry.rest_length.value).size + 1)
+    found = _before(entry, means, law, [*free, *lengths])
+    return found if case is None else _learned(found, case)
+
+
+def _before(entry: Entry, means: Means, law: str, free: Sequence[Free]) -> Knowledge:
+    """Return what the priors of some numbers say of them."""
     at = space(free)
     mean, sd = np.asarray(at.mean), np.asarray(at.sd)
     reach = np.where(at.log, 0.5 * np.abs(mean), (np.asarray(at.high) - np.asarray(at.low)) / math.sqrt(12))
     scale = np.where(np.isfinite(sd), sd, reach)
     prior = np.diag(np.where(np.isfinite(sd), 1.0, 1e-6))
-    found = Knowledge(entry, means, law, at, tuple(free), mean, scale, prior)
-    return found if case is None else _learned(found, case)
+    return Knowledge(entry, means, law, at, tuple(free), mean, scale, prior)
 
 
 def _read(name: str, channels: set[str]) -> bool:
@@ -220,19 +275,36 @@ def _learned(found: Knowledge, case: Case) -> Knowledge:
 
     What the muscle misses counts as noise, and samples that know each other as fewer, as in a fit.
     """
-    own = space(found.free[: len(found.own)])
-    one = member(case, found.law, own, {})
-    solution = solve((one,), own, jnp.zeros(own.size))
-    weighed, _ = weigh(case, one, own, solution)
-    solution = solve((weighed,), own, own.inside(solution.u))
-    _, noise = weigh(case, weighed, own, solution)
-    values = np.concatenate([np.asarray(own.values(solution.u)), found.mean[own.size :]])
-    label, told = np.zeros(case.recording.n, dtype=int), found.before
+    many = len(found.own)
+    shared = [n for n in found.free if not is_ruler(n.name)]
+    sd = case.entry.sensors.length if case.entry.sensors.length_per_setting else None
+    setting = setting_of_length(case.recording) if sd else None
+    errors = rulers(sd, int(setting.max()) + 1) if sd and setting is not None else []
+    fitted = space([*found.free[:many], *errors])
+    one = member(case, found.law, fitted, {})
+    solution = solve((one,), fitted, jnp.zeros(fitted.size))
+    weighed, _ = weigh(case, one, fitted, solution)
+    solution = solve((weighed,), fitted, fitted.inside(solution.u))
+    _, noise = weigh(case, weighed, fitted, solution)
+    values = np.concatenate([np.asarray(fitted.values(solution.u))[:many], found.mean[many:]])
+    # The recording's set lengths take the place of those to come.
+    here = _before(found.entry, found.means, found.law, [*shared, *errors])
+    label, told = np.zeros(case.recording.n, dtype=int), here.before
     for channel, its in noise.items():
         # A channel whose noise nobody stated is as noisy as its residual, and not better than usual.
         usual = getattr(found.means, channel) or getattr(Means, channel)
-        sd = getattr(case.entry.sensors, channel) or max(usual, its.sd)
-        seen = replace(found.means, **{channel: sd}).alone(channel)
+        own = getattr(case.entry.sensors, channel) or max(usual, its.sd)
+        seen = replace(found.means, **{channel: own}).alone(channel)
+        seen = replace(seen, ruler=0.0) if sd else seen
         worth = max(its.excess, 1.0) ** 2 * its.inflation
-        told = told + replace(found, means=seen).information(case, label, 1, values)[0] / worth
-    return replace(found, mean=values, before=told, missed={c: its.excess for c, its in noise.items()})
+        told = told + replace(here, means=seen).information(case, label, 1, values, setting)[0] / worth
+    before = found.before.copy()
+    before[: len(shared), : len(shared)] = _freed(told, len(shared))
+    return replace(found, mean=values, before=before, missed={c: its.excess for c, its in noise.items()})
+
+
+def _freed(information: np.ndarray, many: int) -> np.ndarray:
+    """Return the information about the first numbers with the others unknown, (many, many)."""
+    others = information[many:, many:]
+    across = information[:many, many:]
+    return information[:many, :many] - across @ np.linalg.solve(others, across.T)

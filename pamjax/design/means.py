@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pamjax.check import nearest, refuse
+from pamjax.model.catalogue import RULER
 from pamjax.records.entry import Entry
 from pamjax.records.files import decode, read_bytes
 from pamjax.units import number_in, parse
@@ -61,6 +62,7 @@ class Means:
         correlation_time: of the noise, s.
         force, diameter: noise of one sample, N and m; None where the channel is not there.
         gauge, ruler: noise of one sample of pressure and length, Pa and m.
+        setting: error of each length that is set, one for all samples there, m; 0 where there is none.
         off: standard deviation of zeros, gains and give, SI, by name of the number.
     """
 
@@ -75,7 +77,13 @@ class Means:
     diameter: float | None = 1e-4
     gauge: float = 700.0
     ruler: float = 2e-5
+    setting: float = 0.0
     off: dict[str, float] = field(default_factory=lambda: dict(USUAL))
+
+    @property
+    def assumed(self) -> dict[str, float]:
+        """Standard deviations of the rig's own numbers, SI; the error of each set length among them."""
+        return self.off | ({f"{RULER}each": self.setting} if self.setting else {})
 
     @property
     def worth(self) -> float:
@@ -105,6 +113,9 @@ def means_of(
 ) -> Means:
     """What a rig can do, from its file, else from the sensors of muscle.toml, else as usual.
 
+    Lengths with one error per setting in muscle.toml have it on this rig too, and no noise of a sample. A
+    `ruler` in the rig's file is the noise of a sample, and takes its place.
+
     Args:
         entry: what muscle.toml says.
         rig: a TOML file with a table [rig], as `pressure = "690 kPa"`, `force = "2 N"` (noise of a sample),
@@ -120,11 +131,14 @@ def means_of(
     sensors = entry.sensors
     known = {
         "force": sensors.force, "diameter": sensors.diameter,
-        "gauge": sensors.pressure, "ruler": sensors.length, "pressure": highest,
+        "gauge": sensors.pressure, "pressure": highest,
+        "setting" if sensors.length_per_setting else "ruler": sensors.length,
     }  # fmt: skip
     absent = dict.fromkeys({"force", "diameter"} - set(recorded))
     found = replace(Means(), **absent | {name: value for name, value in known.items() if value})
     written = (_read(rig) if rig else {}) | {k: v for k, v in said.items() if v is not None}
+    found = replace(found, setting=0.0) if "ruler" in written else found
+    found = replace(found, ruler=0.0) if found.setting else found
     file, off, plain = rig.name if rig else "the rig", dict(found.off), {}
     for name, value in written.items():
         if name in WORDS:

@@ -121,7 +121,7 @@ class Plan:
             "alone": {c: {"sd": sd / scale, "minutes": m} for c, (sd, m) in self.alone.items()},
             "ten_isobars_in_the_same_time": {"sd": self.isobars / scale},
             "recording_missed_by": dict(self.known.missed),
-            "assumed": dict(self.known.means.off),
+            "assumed": dict(self.known.means.assumed),
         }
 
     def __str__(self) -> str:

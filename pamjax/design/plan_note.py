@@ -26,7 +26,7 @@ def note(plan: Plan) -> str:
     means = plan.known.means
     if plan.chosen:
         lines += ["", *(f"  {words}" for words in less_words(plan))]
-    off = ", ".join(f"{n} {show(sd, meaning(n).show, 2)}" for n, sd in means.off.items())
+    off = ", ".join(f"{n} {show(sd, meaning(n).show, 2)}" for n, sd in means.assumed.items())
     lines += ["", f"  rig: {rig_words(means)}; {' and '.join(means.channels)} measured"]
     lines += [f"  taken as not better known than: {off}", f"  left out: {left_out(plan)}"]
     return "\n".join(lines)

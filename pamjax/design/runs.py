@@ -44,6 +44,11 @@ class Run:
     direct: dict[str, float]
     again: bool = True
 
+    @property
+    def still(self) -> bool:
+        """Whether the length stays where it is set."""
+        return self.length.size > 0 and float(np.ptp(self.length)) == 0.0
+
     def thinned(self, most: int) -> Run:
         """The same path in so many samples at most, evenly."""
         n = self.pressure.size
@@ -56,11 +61,20 @@ class Run:
 def runs(means: Means, rest: float) -> list[Run]:
     """Everything a rig can do with a muscle of this rest length, m."""
     pressures = means.pressure * np.arange(1, PRESSURES + 1) / PRESSURES
-    contractions = means.contraction * np.arange(CONTRACTIONS) / CONTRACTIONS
+    contractions = _contractions(means)
     out = [_stroke(means, rest, p) for p in pressures]
     out += [_ramp(means, rest, c) for c in contractions]
     out += [_hold(means, rest, p, c) for p in pressures[[0, 2, -1]] for c in contractions]
     return out + _checks(means)
+
+
+def set_lengths(means: Means, rest: float) -> np.ndarray:
+    """Return the lengths at which a rig's runs hold the muscle still, m."""
+    return rest * (1 - _contractions(means))
+
+
+def _contractions(means: Means) -> np.ndarray:
+    return means.contraction * np.arange(CONTRACTIONS) / CONTRACTIONS
 
 
 def _run(means: Means, says: str, seconds: float, corners: list[tuple[float, float, float]]) -> Run:
@@ -97,6 +111,8 @@ def _checks(means: Means) -> list[Run]:
     """What tells a rig's zeros and gains without the muscle."""
     many, none = READINGS**0.5, np.zeros(0)
     force, diameter = means.force or 0.0, means.diameter or 0.0
+    # A bar is one length: all its readings have the same error of setting.
+    ruler = max(means.ruler / many, means.setting)
     offered = {
         "reading of all channels, vented and unclamped": (
             3.0,
@@ -104,9 +120,9 @@ def _checks(means: Means) -> list[Run]:
         ),
         "reading of a steel bar of known length and width in the grips": (
             15.0,
-            {"length_offset.offset": max(means.ruler / many, BLOCK),
+            {"length_offset.offset": max(ruler, BLOCK),
              "diameter_offset.offset": max(diameter / many, BLOCK),
-             "rig_compliance.compliance": means.ruler / many / PULL},
+             "rig_compliance.compliance": ruler / PULL},
         ),
         "reading of dead weights and of a second gauge": (
             20.0,

@@ -46,7 +46,7 @@ def save_report(plan: Plan, course: Course, path: str | Path, command: str = "",
         settles=[_settled(name, one) for name, one in plan.settled.items()],
         beside=less_words(plan),
         rig=_rig(plan),
-        off=[_off(name, sd) for name, sd in plan.known.means.off.items()],
+        off=[_off(name, sd) for name, sd in plan.known.means.assumed.items()],
         left_out=f"{_upper(left_out(plan))}.",
         checksum=checksum,
         command=command or "pamjax.plan(...)",
@@ -123,11 +123,10 @@ def _rig(plan: Plan) -> list[list[str]]:
         [f"noise of {name}, a sample", show(sd, unit, 2) if sd is not None else "not measured"]
         for name, (sd, unit) in noise.items()
     ]
-    rows += [
-        ["noise of pressure, a sample", show(means.gauge, "kPa", 2)],
-        ["noise of length, a sample", show(means.ruler, "mm", 2)],
-    ]
-    return rows
+    length = ["noise of length, a sample", show(means.ruler, "mm", 2)]
+    if means.setting:
+        length = ["error of length, a setting", show(means.setting, "mm", 2)]
+    return [*rows, ["noise of pressure, a sample", show(means.gauge, "kPa", 2)], length]
 
 
 def _off(name: str, sd: float) -> list[str]:
