@@ -59,8 +59,8 @@ def commands():
 
 
 def mechanisms():
-    from pamjax.model.catalogue import catalogue
-    from pamjax.model.library import MECHANISMS
+    from pamjax.model.parameters import catalogue
+    from pamjax.model.registry import MECHANISMS
 
     lines = [
         "# Mechanisms",
@@ -89,7 +89,7 @@ def mechanisms():
 
 
 def numbers():
-    from pamjax.model.catalogue import catalogue
+    from pamjax.model.parameters import catalogue
 
     own = {n: m for n, m in sorted(catalogue().items()) if n.startswith(("muscle.", "thread."))}
     intro = "What a muscle is made of, by the names in `muscle.toml`, in reports and in `pamjax explain`."

@@ -5,70 +5,70 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pamjax.check import BadInput, InputWarning
-    from pamjax.design.export import export
-    from pamjax.design.inverse import Inverse, inverse
-    from pamjax.design.plan import Plan, plan
-    from pamjax.design.result import Design
-    from pamjax.design.size import size
-    from pamjax.design.tell import Contest, tell
-    from pamjax.infer.cache import keep_compiled
-    from pamjax.infer.determine import determine
-    from pamjax.infer.fit import fit
-    from pamjax.infer.load import load_muscle
-    from pamjax.infer.posterior import Posterior
-    from pamjax.infer.result import Fit
-    from pamjax.infer.sample import sample
-    from pamjax.infer.save import save
-    from pamjax.infer.save_posterior import save_posterior
+    from pamjax.compile.jax_cache import keep_compiled
+    from pamjax.control.export import export
+    from pamjax.control.inverse import Inverse, inverse
+    from pamjax.diagnosis.result import Diagnosis
+    from pamjax.diagnosis.run import diagnose
+    from pamjax.errors import BadInput, InputWarning
+    from pamjax.infer.fitting.fit import fit
+    from pamjax.infer.fitting.identifiability import determine
+    from pamjax.infer.fitting.io import save
+    from pamjax.infer.fitting.load import load_muscle
+    from pamjax.infer.fitting.result import Fit
+    from pamjax.infer.posterior.io import save_posterior
+    from pamjax.infer.posterior.result import Posterior
+    from pamjax.infer.posterior.sample import sample
     from pamjax.model.assembly import assemble
-    from pamjax.model.catalogue import catalogue
     from pamjax.model.muscle import Muscle, predict
+    from pamjax.model.parameters import catalogue
+    from pamjax.planning.discriminate import Contest, tell
+    from pamjax.planning.plan import Plan, plan
     from pamjax.records.case import Case, read_case
-    from pamjax.records.frame import case_from
+    from pamjax.records.dataframe import case_from
+    from pamjax.records.importing.importer import import_case
     from pamjax.records.recording import Recording
-    from pamjax.records.rig import import_case
     from pamjax.records.simulate import simulate
-    from pamjax.study.diagnose import diagnose
-    from pamjax.study.diagnosis import Diagnosis
+    from pamjax.sizing.result import Design
+    from pamjax.sizing.size import size
 
 #: When this process began to import pamjax: sources that were written later are not what runs.
 IMPORTED = time.time()
 
 #: Where each public name lives. They load when first used, so that `pamjax --help` loads no JAX.
 _HOME = {
-    "BadInput": "pamjax.check",
-    "InputWarning": "pamjax.check",
+    "BadInput": "pamjax.errors",
+    "InputWarning": "pamjax.errors",
     "Muscle": "pamjax.model.muscle",
     "predict": "pamjax.model.muscle",
     "assemble": "pamjax.model.assembly",
-    "catalogue": "pamjax.model.catalogue",
+    "catalogue": "pamjax.model.parameters",
     "Case": "pamjax.records.case",
     "read_case": "pamjax.records.case",
-    "case_from": "pamjax.records.frame",
-    "import_case": "pamjax.records.rig",
+    "case_from": "pamjax.records.dataframe",
+    "import_case": "pamjax.records.importing.importer",
     "Recording": "pamjax.records.recording",
     "simulate": "pamjax.records.simulate",
-    "Fit": "pamjax.infer.result",
-    "determine": "pamjax.infer.determine",
-    "keep_compiled": "pamjax.infer.cache",
-    "fit": "pamjax.infer.fit",
-    "load_muscle": "pamjax.infer.load",
-    "Posterior": "pamjax.infer.posterior",
-    "sample": "pamjax.infer.sample",
-    "save": "pamjax.infer.save",
-    "save_posterior": "pamjax.infer.save_posterior",
-    "Design": "pamjax.design.result",
-    "size": "pamjax.design.size",
-    "Diagnosis": "pamjax.study.diagnosis",
-    "Inverse": "pamjax.design.inverse",
-    "inverse": "pamjax.design.inverse",
-    "export": "pamjax.design.export",
-    "Plan": "pamjax.design.plan",
-    "plan": "pamjax.design.plan",
-    "Contest": "pamjax.design.tell",
-    "tell": "pamjax.design.tell",
-    "diagnose": "pamjax.study.diagnose",
+    "Fit": "pamjax.infer.fitting.result",
+    "determine": "pamjax.infer.fitting.identifiability",
+    "keep_compiled": "pamjax.compile.jax_cache",
+    "fit": "pamjax.infer.fitting.fit",
+    "load_muscle": "pamjax.infer.fitting.load",
+    "Posterior": "pamjax.infer.posterior.result",
+    "sample": "pamjax.infer.posterior.sample",
+    "save": "pamjax.infer.fitting.io",
+    "save_posterior": "pamjax.infer.posterior.io",
+    "Design": "pamjax.sizing.result",
+    "size": "pamjax.sizing.size",
+    "Diagnosis": "pamjax.diagnosis.result",
+    "Inverse": "pamjax.control.inverse",
+    "inverse": "pamjax.control.inverse",
+    "export": "pamjax.control.export",
+    "Plan": "pamjax.planning.plan",
+    "plan": "pamjax.planning.plan",
+    "Contest": "pamjax.planning.discriminate",
+    "tell": "pamjax.planning.discriminate",
+    "diagnose": "pamjax.diagnosis.run",
 }
 
 __all__ = [

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from pamjax.check import nearest, refuse
+from pamjax.errors import nearest, refuse
 
 # Fits difference forces of some kN to a fraction of a newton: single precision is not enough.
 jax.config.update("jax_enable_x64", True)

@@ -6,7 +6,7 @@ import re
 from functools import cache
 from typing import TYPE_CHECKING
 
-from pamjax.check import refuse
+from pamjax.errors import refuse
 
 if TYPE_CHECKING:
     import pint

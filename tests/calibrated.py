@@ -13,11 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.signal import lfilter
 
-from pamjax.infer.density import density_of
-from pamjax.infer.fit import fit
-from pamjax.infer.least_squares import solve
-from pamjax.infer.predictive import prior_draws
-from pamjax.records.entry import Sensors
+from pamjax.infer.fitting.fit import fit
+from pamjax.infer.fitting.least_squares import solve
+from pamjax.infer.posterior.log_density import density_of
+from pamjax.infer.posterior.predictive import prior_draws
+from pamjax.records.reading.muscle_toml import Sensors
 from tests.infer.made import made
 
 #: Sensors alone: the noise is exactly the likelihood's.

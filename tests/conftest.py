@@ -34,7 +34,7 @@ def pytest_configure(config):
 @pytest.fixture(scope="session", autouse=True)
 def kept_programs():
     """What one test compiled, no other compiles."""
-    from pamjax.infer.cache import keep_compiled
+    from pamjax.compile.jax_cache import keep_compiled
 
     keep_compiled()
 

@@ -76,8 +76,9 @@ def test_contributors_page_is_short():
 def test_every_word_of_a_file_is_on_its_page():
     from pydantic import BaseModel
 
-    from pamjax.design import means, schema
+    from pamjax.planning import bench as means
     from pamjax.records.protocol import Protocol
+    from pamjax.sizing import schema
 
     page = (ROOT / "docs/files.md").read_text("utf-8")
     tables = [t for t in vars(schema).values() if isinstance(t, type) and issubclass(t, BaseModel)]
@@ -90,8 +91,8 @@ def test_every_word_of_a_file_is_on_its_page():
 
 
 def test_every_word_of_an_import_is_in_its_table_and_no_other():
-    from pamjax.records.header import KINDS
-    from pamjax.records.rig_entry import Channel, Files, Rig, Tare, Test
+    from pamjax.records.importing.import_spec import Channel, Files, Rig, Tare, Test
+    from pamjax.records.reading.header import KINDS
 
     page = (ROOT / "docs/files.md").read_text("utf-8")
     section = re.search(r"^## An import\n(.*?)^## ", page, re.S | re.M)[1]

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from pamjax.check import BadInput
+from pamjax.errors import BadInput
 from pamjax.model.muscle import Muscle
 from pamjax.model.thread import LinearThread
 from pamjax.parameter import Meaning, Scalar, field_meanings, meanings, parameter, replace, values

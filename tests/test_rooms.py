@@ -1,26 +1,50 @@
-"""Imports run one way, and what loads nothing heavy stays so."""
+"""Check that imports run one way, that folders stay small, and that reading loads nothing heavy."""
 
 import ast
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
 import pamjax
 
-#: From left to right; `view` is the last but the words of the command line, so nothing else imports it.
-LEFT, RIGHT = ("check", "progress", "units", "parameter", "model"), ("study", "design", "view", "cli")
-ROOMS = [*LEFT, "records", "infer", *RIGHT]
+#: From left to right: a room imports from rooms to its left only.
+ROOMS = [
+    "errors",
+    "progress",
+    "units",
+    "channels",
+    "parameter",
+    "model",
+    "records",
+    "compile",
+    "infer",
+    "diagnosis",
+    "baselines",
+    "control",
+    "sizing",
+    "planning",
+    "benchmark",
+    "view",
+    "cli",
+]
 HOME = Path(pamjax.__file__).parent
 FILES = sorted(HOME.rglob("*.py"))
-#: What reads recordings and tables: a typo in a header must not cost the second that JAX takes to load.
-LIGHT = ("pamjax.check", "pamjax.units", "pamjax.records.case", "pamjax.records.tables")
+#: Modules that read recordings and tables: a typo in a header must not wait for JAX to load.
+LIGHT = ("pamjax.errors", "pamjax.units", "pamjax.records.case", "pamjax.records.shipped_tables")
+#: A folder with more modules than this needs sub-folders; `model/mechanisms` has one file for each mechanism.
+MAX_MODULES = 20
 
 
-def imported(source):
-    """(line, module) of everything a file imports, wherever in the file."""
-    for node in ast.walk(ast.parse(source)):
+def list_imports(source, typing=True):
+    """(line, module) of everything that a file imports; `typing` includes TYPE_CHECKING."""
+    tree = ast.parse(source)
+    skipped = set() if typing else {id(node) for node in _typing_only(tree)}
+    for node in ast.walk(tree):
+        if id(node) in skipped:
+            continue
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
@@ -30,46 +54,100 @@ def imported(source):
             yield node.lineno, "." * node.level
 
 
-def room(module):
+def _typing_only(tree):
+    for node in ast.walk(tree):
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            for statement in node.body:
+                yield from ast.walk(statement)
+
+
+def room_of(module):
     parts = module.split(".")
     return parts[1] if parts[0] == "pamjax" and len(parts) > 1 and parts[1] in ROOMS else None
 
 
-def against_the_arrow(source, here):
+def list_violations(source, here):
     """What a file in room `here` imports from a room to its right, as (line, module)."""
-    for line, module in imported(source):
-        there = room(module)
+    for line, module in list_imports(source):
+        there = room_of(module)
         if module.startswith("."):
             yield line, "a relative import"
         elif there and ROOMS.index(there) > ROOMS.index(here):
             yield line, module
 
 
-def place(path):
-    return path.relative_to(HOME).with_suffix("").parts[0]
+def module_name(path):
+    return ".".join(path.relative_to(HOME.parent).with_suffix("").parts).removesuffix(".__init__")
+
+
+def import_graph():
+    """Edges between modules, imports for type checkers left out."""
+    modules = {module_name(path) for path in FILES}
+    for path in FILES:
+        for _, name in list_imports(path.read_text("utf-8"), typing=False):
+            target = name if name in modules else name.rpartition(".")[0]
+            if target in modules and target != "pamjax" and module_name(path) not in ("pamjax", target):
+                yield module_name(path), target
+
+
+def find_cycle(edges):
+    """Nodes that lie on a cycle or lead from one cycle to another: empty where there is none."""
+    edges = {(a, b) for a, b in edges if a != b}
+    while edges:
+        inner = {a for a, _ in edges} & {b for _, b in edges}
+        kept = {(a, b) for a, b in edges if a in inner and b in inner}
+        if kept == edges:
+            return sorted(inner)
+        edges = kept
+    return []
+
+
+def folder_of(module):
+    """The sub-package of a module; a module directly in a room stands for itself."""
+    parts = module.split(".")
+    return ".".join(parts[:3])
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: p.relative_to(HOME).as_posix())
 def test_imports_run_one_way(path):
-    if place(path) in ROOMS:
-        assert list(against_the_arrow(path.read_text("utf-8"), place(path))) == []
+    first = path.relative_to(HOME).with_suffix("").parts[0]
+    if first in ROOMS:
+        assert list(list_violations(path.read_text("utf-8"), first)) == []
     else:
-        assert place(path) in ("__init__", "__main__"), "a file outside the rooms"
+        assert first in ("__init__", "__main__"), "a file outside the rooms"
 
 
 @pytest.mark.parametrize(
-    ("source", "here", "found"),
+    ("source", "here", "violations"),
     [
-        ("import pamjax.infer.fit", "model", [(1, "pamjax.infer.fit")]),
-        ("from pamjax import view", "study", [(1, "pamjax.view")]),
+        ("import pamjax.infer.fitting.fit", "model", [(1, "pamjax.infer.fitting.fit")]),
+        ("from pamjax import view", "diagnosis", [(1, "pamjax.view")]),
         ("def f():\n    from pamjax.cli import main", "view", [(2, "pamjax.cli.main")]),
         ("from . import thread", "model", [(1, "a relative import")]),
         ("from pamjax.model import thread\nimport jax", "infer", []),
-        ("from pamjax.view import page", "cli", []),
+        ("from pamjax.view import theme", "cli", []),
     ],
 )
-def test_a_planted_violation_is_found(source, here, found):
-    assert list(against_the_arrow(source, here)) == found
+def test_a_planted_violation_is_reported(source, here, violations):
+    assert list(list_violations(source, here)) == violations
+
+
+def test_no_module_imports_itself_in_a_circle():
+    assert find_cycle(import_graph()) == []
+
+
+def test_no_folder_imports_itself_in_a_circle():
+    assert find_cycle((folder_of(a), folder_of(b)) for a, b in import_graph()) == []
+
+
+def test_a_planted_cycle_is_reported():
+    assert find_cycle([("a", "b"), ("b", "c"), ("c", "a"), ("c", "d")]) == ["a", "b", "c"]
+
+
+def test_folders_are_small():
+    counts = Counter(p.parent.relative_to(HOME).as_posix() for p in FILES if p.stem != "__init__")
+    del counts["model/mechanisms"]
+    assert {folder: n for folder, n in counts.items() if n > MAX_MODULES} == {}
 
 
 def loaded_after(statement, package):
@@ -83,7 +161,10 @@ def test_reading_loads_no_jax():
 
 
 def test_no_room_but_view_loads_matplotlib():
-    assert not loaded_after("import pamjax.model.muscle, pamjax.infer, pamjax.study.rivals", "matplotlib")
+    modules = (
+        "pamjax.model.muscle, pamjax.infer.fitting.fit, pamjax.diagnosis.run, pamjax.baselines.empirical"
+    )
+    assert not loaded_after(f"import {modules}", "matplotlib")
 
 
 def test_loading_can_be_seen():

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from pamjax.check import BadInput
+from pamjax.errors import BadInput
 from pamjax.units import SI, example, factor, in_unit, number_in, parse, registry, show
 from tests.agreement import ROUNDING, agree
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from pamjax.records.tables import read_shipped
+from pamjax.records.shipped_tables import read_shipped
 
 HERE = Path(__file__).parent
 ARTICLE = "chambers_wereley_2022"

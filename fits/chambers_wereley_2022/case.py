@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from pamjax.infer.fit import fit
+from pamjax.infer.fitting.fit import fit
 from pamjax.records.case import read_case
 from pamjax.view.theme import theme
 

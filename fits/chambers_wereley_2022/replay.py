@@ -18,14 +18,14 @@ from pathlib import Path
 
 import numpy as np
 
-from pamjax.infer.cache import keep_compiled
+from pamjax.compile.jax_cache import keep_compiled
+from pamjax.diagnosis.library.library_problem import problem
+from pamjax.diagnosis.result import Diagnosis, save
+from pamjax.diagnosis.run import diagnose
 from pamjax.records.case import Case, read_case
-from pamjax.records.entry import Sensors
 from pamjax.records.protocol import Protocol
+from pamjax.records.reading.muscle_toml import Sensors
 from pamjax.records.recording import Recording
-from pamjax.study.diagnose import diagnose
-from pamjax.study.diagnosis import Diagnosis, save
-from pamjax.study.problem import problem
 
 HERE = Path(__file__).parent
 

@@ -21,7 +21,7 @@ from pamjax.model import braid
 from pamjax.model.balance import stretch_measured
 from pamjax.model.muscle import Muscle, predict
 from pamjax.model.thread import LinearThread
-from pamjax.records.tables import in_si, quantities, read_shipped
+from pamjax.records.shipped_tables import in_si, quantities, read_shipped
 from pamjax.units import in_unit
 
 ARTICLE = "chambers_wereley_2022"

@@ -14,12 +14,12 @@ from pathlib import Path
 
 from build import MUSCLES
 
-from pamjax.infer.cache import keep_compiled
-from pamjax.infer.fit import fit
-from pamjax.infer.result import Fit
+from fits.comparison import THREADS, Comparison, compare
+from pamjax.compile.jax_cache import keep_compiled
+from pamjax.infer.fitting.fit import fit
+from pamjax.infer.fitting.result import Fit
 from pamjax.records.case import read_case
-from pamjax.study.compare import THREADS, Comparison, compare
-from pamjax.view.fit_figures import save_figures
+from pamjax.view.figures.fit import save_figures
 
 HERE = Path(__file__).parent
 

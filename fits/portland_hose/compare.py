@@ -13,11 +13,11 @@ from pathlib import Path
 
 from words import taker
 
-from pamjax.infer.cache import keep_compiled
-from pamjax.infer.fit import fit
+from fits.comparison import THREADS, Comparison, compare
+from pamjax.compile.jax_cache import keep_compiled
+from pamjax.infer.fitting.fit import fit
 from pamjax.records.case import read_case
-from pamjax.study.compare import THREADS, Comparison, compare
-from pamjax.view.fit_figures import save_figures
+from pamjax.view.figures.fit import save_figures
 
 
 def cases_in(folder: Path) -> list[Path]:

@@ -18,15 +18,15 @@ from floor import floor
 from thin import thinned
 from words import taker
 
-from pamjax.check import BadInput
-from pamjax.infer.cache import keep_compiled
+from pamjax.baselines.comparison import contest, save_contest
+from pamjax.baselines.empirical import fit_sarosi
+from pamjax.compile.jax_cache import keep_compiled
+from pamjax.diagnosis.refit.misfit_weighting import weighed
+from pamjax.diagnosis.result import Diagnosis, save
+from pamjax.diagnosis.run import diagnose
+from pamjax.errors import BadInput
 from pamjax.records.case import read_case
 from pamjax.records.levels import find_levels, nearest_level
-from pamjax.study.contest import contest, save_contest
-from pamjax.study.diagnose import diagnose
-from pamjax.study.diagnosis import Diagnosis, save
-from pamjax.study.rivals import fit_sarosi
-from pamjax.study.temper import weighed
 
 
 def splits(one: Diagnosis) -> dict[str, list[np.ndarray]]:

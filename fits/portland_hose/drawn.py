@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from together import HOSES, agreement
 
+from pamjax.diagnosis.result import Diagnosis
 from pamjax.records.levels import find_levels, nearest_level
-from pamjax.study.diagnosis import Diagnosis
 from pamjax.view.theme import DOUBLE, OKABE_ITO, QUIET, figure, theme
 
 

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from together import agreement, believed
 from words import taker
 
-from pamjax.infer.cache import keep_compiled
-from pamjax.infer.fit import fit
-from pamjax.infer.result import Estimate
+from pamjax.compile.jax_cache import keep_compiled
+from pamjax.infer.fitting.fit import fit
+from pamjax.infer.fitting.result import Estimate
 
 #: Hoses of the same bore and bench, and what is fitted to each.
 HOSES = ("hose-10mm-83", "hose-10mm-132", "hose-10mm-257", "hose-10mm-281", "hose-10mm-521")

@@ -21,11 +21,11 @@ from scipy.stats import chi2
 from thin import thinned
 from words import taker
 
-from pamjax.infer.cache import keep_compiled
-from pamjax.infer.fit import fit
-from pamjax.infer.result import CaseFit, Estimate, Fit
+from pamjax.compile.jax_cache import keep_compiled
+from pamjax.infer.fitting.fit import fit
+from pamjax.infer.fitting.result import CaseFit, Estimate, Fit
 from pamjax.records.case import Case, read_case
-from pamjax.records.quantity import Measured
+from pamjax.records.reading.quantity import Measured
 
 #: The series, and what its specimens have in common.
 HOSES = ("hose-10mm-83", "hose-10mm-132", "hose-10mm-281", "hose-10mm-521")

@@ -11,9 +11,9 @@ from typing import NoReturn
 
 from cyclopts import App, CycloptsError
 
-from pamjax.check import BadInput
 from pamjax.cli.help import Paragraphs
 from pamjax.cli.misused import told
+from pamjax.errors import BadInput
 
 #: Exit codes: an answer, a bad input, an interruption.
 ANSWERED, REFUSED, INTERRUPTED = 0, 2, 130
@@ -47,7 +47,7 @@ for word, about in {
 }.items():
     # Named by path: a subcommand's module, and what it imports, is loaded when it is run.
     own = f"{word}_" if iskeyword(word) else word
-    app.command(f"pamjax.cli.{own}:{own}", name=word, help=about)
+    app.command(f"pamjax.cli.commands.{own}:{own}", name=word, help=about)
 app.register_install_completion_command(
     help="Let the shell (bash, zsh or fish) complete the commands of pamjax; writes to its start file."
 )

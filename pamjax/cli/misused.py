@@ -6,7 +6,7 @@ import difflib
 
 from cyclopts import CycloptsError, UnknownCommandError, UnknownOptionError, UnusedCliTokensError
 
-from pamjax.check import nearest, sentence
+from pamjax.errors import nearest, sentence
 
 #: How alike two options must be for one to be what was meant: those below share little but a few letters.
 ALIKE = 0.7

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from pamjax.check import refuse
+from pamjax.errors import refuse
 
 if TYPE_CHECKING:
     from pamjax.records.case import Case

@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from pamjax.check import refuse
+from pamjax.errors import refuse
 
 #: The page that most commands write, unless told not to.
 REPORT = "report.html"

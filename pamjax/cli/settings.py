@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pamjax.check import nearest, refuse
+from pamjax.errors import nearest, refuse
 from pamjax.units import number_in, show
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def settings(written: Iterable[str]) -> dict[str, float]:
 
 
 def _one(text: str) -> tuple[str, float]:
-    from pamjax.model.catalogue import meaning
+    from pamjax.model.parameters import meaning
 
     name, equals, quantity = text.partition("=")
     if not equals:

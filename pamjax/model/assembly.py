@@ -7,14 +7,14 @@ from typing import Any
 
 from jaxtyping import Array
 
-from pamjax.check import refuse
+from pamjax.errors import refuse
 from pamjax.model import braid
 from pamjax.model.bench import Bench
-from pamjax.model.catalogue import LAWS, law_numbers
-from pamjax.model.library import in_order
 from pamjax.model.mechanism import AbstractMechanism
 from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
 from pamjax.model.muscle import Muscle
+from pamjax.model.parameters import LAWS, law_numbers
+from pamjax.model.registry import in_order
 from pamjax.model.thread import AbstractThread, Inextensible
 from pamjax.parameter import field_meanings
 

@@ -36,7 +36,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from pamjax.model.braid import Real
-from pamjax.model.outcome import Outcome
+from pamjax.model.status import Outcome
 
 #: Share of the bursting load up to which a stretch is returned. At 0.98 threads are 50 times as long.
 BURST = 0.98

@@ -20,8 +20,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from pamjax.model.balance import Status
+from pamjax.model.barrier import written
+from pamjax.model.equilibrium import Pair, at_instant, slopes, solve
 from pamjax.model.history import History
-from pamjax.model.instant import Pair, at_instant, slopes, solve
 from pamjax.model.mechanism import (
     AbstractLine,
     AbstractMechanism,
@@ -36,7 +37,6 @@ from pamjax.model.mechanism import (
     Samples,
 )
 from pamjax.model.state import Cylinder, State
-from pamjax.model.written import written
 from pamjax.parameter import Scalar, parameter
 
 #: What leaves something to later samples, for which a recording is passed twice.

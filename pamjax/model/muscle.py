@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from pamjax.check import refuse
+from pamjax.errors import refuse
 from pamjax.model import braid
 from pamjax.model.balance import BURST, Status, solve_strain, stretch_linear
 from pamjax.model.state import AbstractGeometry, AbstractTerm, Cylinder, State

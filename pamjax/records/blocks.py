@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamjax.check import refuse
+from pamjax.errors import refuse
 from pamjax.records.levels import find_levels, nearest_level, on_levels
 from pamjax.records.recording import Recording
 from pamjax.units import show

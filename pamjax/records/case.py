@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pamjax.check import nearest, refuse
-from pamjax.records.entry import Entry, Measured, read_entry
+from pamjax.errors import nearest, refuse
+from pamjax.records.checks.stuck_sensors import stuck
+from pamjax.records.checks.unit_errors import no_slip
 from pamjax.records.files import decode, read_bytes
+from pamjax.records.reading.muscle_toml import Entry, Measured, read_entry
+from pamjax.records.reading.table import parse_table
 from pamjax.records.recording import SHOWN, Recording
-from pamjax.records.slips import no_slip
-from pamjax.records.stuck import stuck
-from pamjax.records.table import parse_table
 from pamjax.units import many, show
 
 RECORDING = "recording.csv"

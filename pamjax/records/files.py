@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pamjax.check import refuse
+from pamjax.errors import refuse
 
 
 def read_bytes(path: Path) -> bytes:

@@ -11,8 +11,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from pamjax.check import nearest, refuse
-from pamjax.records import wrong
+from pamjax.errors import nearest, refuse
+from pamjax.records.reading import toml_errors as wrong
 from pamjax.units import parse
 
 

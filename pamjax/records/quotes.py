@@ -6,7 +6,7 @@ import csv
 import io
 from collections.abc import Sequence
 
-from pamjax.check import refuse
+from pamjax.errors import refuse
 
 #: Characters of a wrong cell that an error shows.
 SHOWN = 30

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pamjax.check import refuse
+from pamjax.errors import refuse
 from pamjax.units import in_unit, show
 
 if TYPE_CHECKING:

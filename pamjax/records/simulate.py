@@ -11,8 +11,8 @@ from pamjax.model.balance import Status
 from pamjax.model.bench import Bench, record
 from pamjax.model.history import history
 from pamjax.model.muscle import Muscle, predict
-from pamjax.records.entry import Sensors
 from pamjax.records.protocol import Schedule
+from pamjax.records.reading.muscle_toml import Sensors
 from pamjax.records.recording import Recording
 
 

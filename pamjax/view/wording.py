@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pamjax.infer.note import told
+from pamjax.infer.fitting.report import told
 from pamjax.records.case import Case
 
 #: A noise within this of what the lab states is what the lab states.

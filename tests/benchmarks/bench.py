@@ -26,9 +26,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from pamjax.infer.cache import keep_compiled
+from pamjax.compile.jax_cache import keep_compiled
 from pamjax.model.history import history
-from pamjax.model.library import MECHANISMS
+from pamjax.model.registry import MECHANISMS
 from pamjax.parameter import replace, values
 from tests.benchmarks.by_hand import ByHand
 from tests.model.mechanisms.typical import LENGTH, full

@@ -17,7 +17,7 @@ import numpyro.distributions as dist
 from numpyro.infer import MCMC, NUTS, init_to_value
 from numpyro.infer.util import log_density
 
-from pamjax.infer.density import Density
+from pamjax.infer.posterior.log_density import Density
 from tests.infer.made import TRUE
 
 #: Newton steps of the toe; as in the twin in NumPy.

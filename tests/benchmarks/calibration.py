@@ -24,13 +24,13 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import chi2
 
-from pamjax.infer.cache import keep_compiled
-from pamjax.infer.chains import kept
-from pamjax.infer.checkpoint import Checkpoint
-from pamjax.infer.density import tempered
-from pamjax.infer.laplace import laplace
-from pamjax.infer.sample import PILOT, shaped
-from pamjax.infer.walk import together, walk_on
+from pamjax.compile.jax_cache import keep_compiled
+from pamjax.infer.posterior.checkpoint import Checkpoint
+from pamjax.infer.posterior.convergence import kept
+from pamjax.infer.posterior.laplace import laplace
+from pamjax.infer.posterior.log_density import tempered
+from pamjax.infer.posterior.sample import PILOT, shaped
+from pamjax.infer.posterior.sampler import together, walk_on
 from tests.benchmarks.together import Desk, Seated
 from tests.calibrated import Bench, believing_white
 

@@ -28,10 +28,10 @@ from rich.console import Console
 from rich.table import Table
 from scipy.optimize import least_squares
 
-from pamjax.infer.fit import joint_space, weigh_all
-from pamjax.infer.least_squares import Solution, solve
-from pamjax.infer.member import Member, member
-from pamjax.infer.space import Space
+from pamjax.infer.fitting.fit import joint_space, weigh_all
+from pamjax.infer.fitting.least_squares import Solution, solve
+from pamjax.infer.problem.dataset import Member, member
+from pamjax.infer.problem.parameter_space import Space
 from pamjax.records.protocol import PAPER
 from tests.infer.made import TRUE, made
 

@@ -26,15 +26,15 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import least_squares
 
-from pamjax.design.knowledge import Knowledge, knowledge
-from pamjax.design.means import USUAL, Means
-from pamjax.design.plan import Plan, plan
-from pamjax.design.runs import Run, isobars, runs
-from pamjax.infer.cache import keep_compiled
+from pamjax.compile.jax_cache import keep_compiled
 from pamjax.model import braid
 from pamjax.model.assembly import assemble
-from pamjax.records.entry import Entry, Sensors
-from pamjax.records.quantity import Measured
+from pamjax.planning.bench import USUAL, Means
+from pamjax.planning.information import Knowledge, knowledge
+from pamjax.planning.plan import Plan, plan
+from pamjax.planning.runs import Run, isobars, runs
+from pamjax.records.reading.muscle_toml import Entry, Sensors
+from pamjax.records.reading.quantity import Measured
 
 GOAL = "thread.modulus"
 

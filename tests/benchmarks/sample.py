@@ -20,13 +20,13 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from pamjax.infer.chains import health, kept
-from pamjax.infer.density import Density, density_of, log_densities
-from pamjax.infer.fit import fit
-from pamjax.infer.laplace import Ball, laplace
-from pamjax.infer.sample import sample
-from pamjax.records.entry import Sensors
+from pamjax.infer.fitting.fit import fit
+from pamjax.infer.posterior.convergence import health, kept
+from pamjax.infer.posterior.laplace import Ball, laplace
+from pamjax.infer.posterior.log_density import Density, density_of, log_densities
+from pamjax.infer.posterior.sample import sample
 from pamjax.records.protocol import PAPER
+from pamjax.records.reading.muscle_toml import Sensors
 from tests.benchmarks.fit import Twin
 from tests.infer.made import made
 

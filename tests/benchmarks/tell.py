@@ -26,22 +26,22 @@ from typing import Any, cast
 
 import numpy as np
 
-from pamjax.design.tell import alone, bare
-from pamjax.infer.cache import keep_compiled
+from pamjax.benchmark.inject_effect import Envelope, conceal
+from pamjax.benchmark.setups import draw
+from pamjax.compile.jax_cache import keep_compiled
+from pamjax.diagnosis.detect.score_test import signatures
+from pamjax.diagnosis.library.candidates import forms
+from pamjax.diagnosis.library.library_problem import COSTLY, Problem, problem
+from pamjax.diagnosis.next_experiment.experiment import Experiment, choose, stand_in, table
+from pamjax.diagnosis.next_experiment.power import prospect
+from pamjax.diagnosis.next_experiment.protocols import MENU
+from pamjax.diagnosis.next_experiment.testbed import Stage, contrast, readings
+from pamjax.diagnosis.noise.estimate import Whitening
+from pamjax.diagnosis.refit.candidate_fit import Model
+from pamjax.diagnosis.refit.least_squares import Refit, refit
+from pamjax.diagnosis.select.search import TIE, shortlist
+from pamjax.planning.discriminate import alone, bare
 from pamjax.records.protocol import Schedule
-from pamjax.study.conceal import Envelope, conceal
-from pamjax.study.experiment import Experiment, choose, stand_in, table
-from pamjax.study.forms import forms
-from pamjax.study.power import prospect
-from pamjax.study.problem import COSTLY, Problem, problem
-from pamjax.study.protocols import MENU
-from pamjax.study.refit import Refit, refit
-from pamjax.study.search import TIE, shortlist
-from pamjax.study.settled import Model
-from pamjax.study.setups import draw
-from pamjax.study.signature import signatures
-from pamjax.study.stage import Stage, contrast, readings
-from pamjax.study.whiten import Whitening
 
 #: Effects that are concealed, rms in noise standard deviations, and rivals that are tried.
 SMALLEST, LARGEST, RIVALS = 0.25, 1.0, 2

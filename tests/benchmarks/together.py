@@ -18,8 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from pamjax.infer.density import Density
-from pamjax.infer.ensemble import Ensemble
+from pamjax.infer.posterior.ensemble import Ensemble
+from pamjax.infer.posterior.log_density import Density
 
 
 class Desk:

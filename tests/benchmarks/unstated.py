@@ -13,9 +13,9 @@ import sys
 import numpy as np
 from scipy.stats import beta
 
-from pamjax.infer.cache import keep_compiled
-from pamjax.study.significance import DETECTED
-from pamjax.study.trial import Task, drawn, scored
+from pamjax.benchmark.trial import Task, drawn, scored
+from pamjax.compile.jax_cache import keep_compiled
+from pamjax.diagnosis.detect.significance import DETECTED
 
 SEED = 40
 SILENT = {

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-import pamjax.infer.fit
+import pamjax.infer.fitting.fit
 from pamjax.cli.main import main
 
 FITS = Path(__file__).parents[2] / "fits"
@@ -132,7 +132,7 @@ def test_new_takes_no_folder_with_something_in_it(tmp_path, capsys):
 @pytest.mark.parametrize("out", ["file", "file/below"])
 def test_a_fit_that_could_not_be_written_is_not_begun(out, bench, tmp_path, capsys, monkeypatch):
     (tmp_path / "file").write_text("mine")
-    monkeypatch.setattr(pamjax.infer.fit, "fit", None)
+    monkeypatch.setattr(pamjax.infer.fitting.fit, "fit", None)
     line = refused(["fit", bench / "made", "--out", tmp_path / out], capsys)
     assert "`--out` must be a folder to write to" in line
 
@@ -213,7 +213,7 @@ def test_an_interruption_leaves_nothing(bench, tmp_path, capsys, monkeypatch):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(pamjax.infer.fit, "hold_out", interrupted)
+    monkeypatch.setattr(pamjax.infer.fitting.fit, "hold_out", interrupted)
     assert main(["fit", str(bench / "made"), "--out", str(tmp_path / "out"), "--starts", "1"]) == 130
     assert capsys.readouterr().err.strip().endswith("pamjax: interrupted; nothing was written half")
     assert not (tmp_path / "out").exists()

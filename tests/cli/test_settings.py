@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from pamjax.check import BadInput
 from pamjax.cli.settings import of_each
+from pamjax.errors import BadInput
 
 CASES = [Path("labs/first"), Path("labs/second"), Path("third")]
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pamjax.records.case import read_case
-from pamjax.records.tables import read_shipped
+from pamjax.records.shipped_tables import read_shipped
 
 FOLDER = Path(__file__).parents[2] / "fits" / "chambers_wereley_2022"
 EXPECTED = json.loads((FOLDER / "expected.json").read_text(encoding="utf-8"))
@@ -231,7 +231,7 @@ def test_figures_show_what_they_say(case, t):
 
 @pytest.mark.slow
 def test_fit_of_the_case():
-    from pamjax.infer.fit import fit
+    from pamjax.infer.fitting.fit import fit
 
     found = fit(read_case(FOLDER), starts=1, fold_count=2).estimates
     for name, expected in EXPECTED["fit_elastic"].items():

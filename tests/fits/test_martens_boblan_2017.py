@@ -9,10 +9,10 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from pamjax.infer.fit import fit
+from fits.comparison import compare
+from pamjax.infer.fitting.fit import fit
 from pamjax.records.case import read_case
-from pamjax.records.tables import read_shipped
-from pamjax.study.compare import compare
+from pamjax.records.shipped_tables import read_shipped
 
 FOLDER = Path(__file__).parents[2] / "fits" / "martens_boblan_2017"
 EXPECTED = json.loads((FOLDER / "expected.json").read_text(encoding="utf-8"))

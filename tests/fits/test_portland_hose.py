@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pamjax.infer.fit import fit
+from fits.comparison import compare
+from pamjax.infer.fitting.fit import fit
 from pamjax.records.case import read_case
-from pamjax.study.compare import compare
 
 FOLDER = Path(__file__).parents[2] / "fits" / "portland_hose"
 #: No licence is stated for the recordings, so they are not part of the project.

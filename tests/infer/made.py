@@ -8,9 +8,9 @@ import numpy as np
 
 from pamjax.model.assembly import assemble
 from pamjax.records.case import Case
-from pamjax.records.entry import Entry, Sensors
 from pamjax.records.protocol import Protocol
-from pamjax.records.quantity import Measured
+from pamjax.records.reading.muscle_toml import Entry, Sensors
+from pamjax.records.reading.quantity import Measured
 from pamjax.records.simulate import simulate
 
 #: The muscle of the paper with softer threads and, for the laws that have one, a toe.

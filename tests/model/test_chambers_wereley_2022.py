@@ -12,7 +12,7 @@ from pamjax.model import braid
 from pamjax.model.balance import stretch_measured
 from pamjax.model.muscle import Muscle, predict
 from pamjax.model.thread import Inextensible, LinearThread
-from pamjax.records.tables import in_si, read_shipped
+from pamjax.records.shipped_tables import in_si, read_shipped
 from tests.agreement import printed
 
 REST, B0, N, THREADS, AREA = 0.235744, 0.251206, 1.09, 144, 0.0858e-6

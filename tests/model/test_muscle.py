@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from jaxtyping import Array
 
-from pamjax.check import BadInput
+from pamjax.errors import BadInput
 from pamjax.model import braid
 from pamjax.model.balance import BURST, Status
 from pamjax.model.muscle import BLOCK, Muscle, contraction, predict

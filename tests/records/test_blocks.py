@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pamjax.check import BadInput
+from pamjax.errors import BadInput
 from pamjax.records.blocks import Blocks, blocks, folds, setting_of_length
 from pamjax.records.levels import find_levels, on_levels
 from pamjax.records.recording import Recording

@@ -5,7 +5,7 @@ import hashlib
 import numpy as np
 import pytest
 
-from pamjax.check import BadInput
+from pamjax.errors import BadInput
 from pamjax.records.case import as_case, read_case
 
 from .conftest import MUSCLE, as_csv, strokes

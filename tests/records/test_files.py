@@ -4,7 +4,7 @@ import signal
 
 import pytest
 
-from pamjax.check import BadInput
+from pamjax.errors import BadInput
 from pamjax.records.files import folder_beside, write_beside
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pamjax.check import BadInput
+from pamjax.errors import BadInput
 from pamjax.records.protocol import PAPER, Protocol, read_protocol
 from pamjax.units import in_unit
 from tests.agreement import ROUNDING, agree

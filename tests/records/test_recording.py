@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from pamjax.check import BadInput
+from pamjax.errors import BadInput
 from pamjax.records.recording import Aside, Recording
 
 

@@ -10,8 +10,8 @@ from pamjax.model.bench import Bench
 from pamjax.model.mechanisms.channel_lag import ChannelLag
 from pamjax.model.muscle import Muscle, predict
 from pamjax.model.thread import LinearThread
-from pamjax.records.entry import Sensors
 from pamjax.records.protocol import Protocol
+from pamjax.records.reading.muscle_toml import Sensors
 from pamjax.records.simulate import coloured, outside, renumbered, simulate
 from tests.agreement import ROUNDING, agree
 

@@ -5,20 +5,20 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from pamjax.model.catalogue import meaning
+from pamjax.diagnosis.crossval.gain import gain, held_out
+from pamjax.diagnosis.detect.locate import Box
+from pamjax.diagnosis.detect.regions import axes
+from pamjax.diagnosis.detect.significance import Significance
+from pamjax.diagnosis.next_experiment.experiment import Experiment
+from pamjax.diagnosis.noise.estimate import Whitening
+from pamjax.diagnosis.result import Diagnosis, Moved, Number
+from pamjax.diagnosis.select.selection import Name, Naming
+from pamjax.infer.noise.ar1_filter import Colour
+from pamjax.model.parameters import meaning
 from pamjax.records.blocks import blocks
 from pamjax.records.case import Case
-from pamjax.records.entry import entry_from
+from pamjax.records.reading.muscle_toml import entry_from
 from pamjax.records.recording import Recording
-from pamjax.study.cells import axes
-from pamjax.study.colour import Colour
-from pamjax.study.diagnosis import Diagnosis, Moved, Number
-from pamjax.study.experiment import Experiment
-from pamjax.study.gain import gain, held_out
-from pamjax.study.locate import Box
-from pamjax.study.naming import Name, Naming
-from pamjax.study.significance import Significance
-from pamjax.study.whiten import Whitening
 
 SD = np.array([2.0, 5e-5])
 NAMES = ("thread.modulus", "muscle.turns", "braid_friction.coefficient")

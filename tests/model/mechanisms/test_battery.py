@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from pamjax.model.bench import record
 from pamjax.model.history import history
-from pamjax.model.library import ALTERNATIVES, MECHANISMS, TWICE, library
 from pamjax.model.mechanism import (
     AbstractMemory,
     AbstractRig,
@@ -23,6 +22,7 @@ from pamjax.model.mechanism import (
 )
 from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
 from pamjax.model.mechanisms.braid_friction import BraidFriction
+from pamjax.model.registry import ALTERNATIVES, MECHANISMS, TWICE, library
 from pamjax.parameter import field_meanings, replace, values
 from tests.agreement import BY_DIFFERENCE, ROUNDING, SOLVED, agree
 from tests.model.mechanisms.typical import anywhere, bench, full, own, strokes, usual

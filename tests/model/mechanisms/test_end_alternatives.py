@@ -4,14 +4,14 @@ import jax
 import numpy as np
 import pytest
 
-from pamjax.check import BadInput
+from pamjax.errors import BadInput
 from pamjax.model import braid
 from pamjax.model.bench import record
 from pamjax.model.history import history
-from pamjax.model.library import not_twice
 from pamjax.model.mechanisms.contraction_factor import ContractionFactor
 from pamjax.model.mechanisms.end_cones import EndCones
 from pamjax.model.net import net
+from pamjax.model.registry import not_twice
 from pamjax.model.state import Cylinder
 from tests.agreement import ROUNDING, SOLVED, agree
 from tests.model.mechanisms.test_end_taper import rings

@@ -5,7 +5,7 @@ import numpy as np
 
 from pamjax.model.bench import Bench
 from pamjax.model.history import history
-from pamjax.model.library import MECHANISMS
+from pamjax.model.registry import MECHANISMS
 from pamjax.parameter import meanings, values
 
 #: Chambers & Wereley 2022: thread length and rest length (m), turns, pressure of Table 1 (Pa), n A (m²).

@@ -1,0 +1,1 @@
+"""Empirical models, for comparison."""

@@ -1,0 +1,258 @@
+"""Rivals: what a user would fit without pamjax, fitted as well as it can be.
+
+A gain is told against these. Both are laws for the force alone, in numpy and scipy, and both are fitted to
+their global least-squares optimum, so that a comparison is not won by a bad start of the other side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize_scalar, nnls
+
+from pamjax.errors import refuse
+from pamjax.units import show
+
+Vector = NDArray[np.float64]
+
+#: Range of |c| × (span of contraction) that is searched. Below it the exponential is a parabola to 1 %,
+#: above it a step that only the last length feels.
+EXPONENT_LOW, EXPONENT_HIGH = 0.02, 50.0
+
+
+@dataclass(frozen=True)
+class Gaylord:
+    """A cylinder of inextensible threads, with a pressure that is spent before it pulls.
+
+    F = (P − P₀) (3 L² − B²) / (4 π N²)
+
+    ========  =================  ====  ==========================================
+    symbol    name               unit  meaning
+    ========  =================  ====  ==========================================
+    F         `force`            N     tension, positive pulls
+    P         `pressure`         Pa    gauge
+    L         `length`           m     between the fittings
+    B         `thread_length`    m     of one thread
+    N         `turns`            1     of one thread
+    P₀        `threshold`        Pa    spent on the rubber; 0 in the bare law
+    ========  =================  ====  ==========================================
+
+    Leaves out everything else: stretching threads, rubber, ends, friction. Nothing keeps it from pushing.
+    A threshold and an error of the gauge's zero are the same here.
+    Source: R. H. Gaylord, U.S. Patent 2,844,126 (1958); Chambers & Wereley, *Actuators* 2022, 11, 219, eq 12;
+    the threshold is the usual addition of users.
+
+    >>> f"{Gaylord(thread_length=0.2512, turns=1.09).force(689e3, 0.2357):.0f} N"
+    '4779 N'
+    """
+
+    thread_length: float
+    turns: float
+    threshold: float = 0.0
+
+    def force(self, pressure: ArrayLike, length: ArrayLike) -> Vector:
+        """Tension, N, at gauge pressure, Pa, and length, m."""
+        area = (3 * np.square(length) - self.thread_length**2) / (4 * np.pi * self.turns**2)
+        return (np.asarray(pressure, float) - self.threshold) * area
+
+    def __str__(self) -> str:
+        return (
+            f"Gaylord: thread length {show(self.thread_length, 'mm')}, {self.turns:.4g} turns, "
+            f"threshold {show(self.threshold, 'kPa')}"
+        )
+
+
+@dataclass(frozen=True)
+class Sarosi:
+    """The six-parameter formula in use for fluidic muscles.
+
+    F = (a P + b) exp(c κ) + d κ P + e P + f
+
+    ========  ==============  =====  ==========================================
+    symbol    name            unit   meaning
+    ========  ==============  =====  ==========================================
+    F         `force`         N      tension, positive pulls
+    P         `pressure`      Pa     gauge
+    κ         `contraction`   1      1 − length / rest length, as a fraction
+    a, e      `a`, `e`        N/Pa   fitted
+    b, f      `b`, `f`        N      fitted
+    c         `c`             1      fitted, of either sign
+    d         `d`             N/Pa   fitted
+    ========  ==============  =====  ==========================================
+
+    Papers write κ in percent and P in bar or kPa, which only rescales the coefficients. `at_limit` says that
+    c ran to an end of its searched range: the data want a parabola, or a step between two lengths.
+
+    Leaves out direction, rate and history, and knows no geometry: it holds for the muscle it was fitted to.
+    Source: J. Sárosi uses such a formula for Festo muscles in *Tehnički vjesnik* 2015, 22(6), 1489,
+    doi 10.17559/TV-20140716143627 (its abstract was checked, the equation was not). It is said to go back
+    to a conference paper of 2012; the year is uncertain.
+    """
+
+    a: float
+    b: float
+    c: float
+    d: float
+    e: float
+    f: float
+    at_limit: bool = False
+
+    def force(self, pressure: ArrayLike, contraction: ArrayLike) -> Vector:
+        """Tension, N, at gauge pressure, Pa, and contraction, a fraction."""
+        p, k = np.asarray(pressure, float), np.asarray(contraction, float)
+        return (self.a * p + self.b) * np.exp(self.c * k) + self.d * k * p + self.e * p + self.f
+
+    def __str__(self) -> str:
+        text = ", ".join(
+            f"{x.name} {getattr(self, x.name):.4g}" for x in fields(self) if x.name != "at_limit"
+        )
+        return f"Sárosi: {text}" + (" (c at a limit)" if self.at_limit else "")
+
+
+def fit_gaylord(
+    pressure: ArrayLike, length: ArrayLike, force: ArrayLike, *, threshold: bool = False
+) -> Gaylord:
+    """Thread length, turns and, if asked for, threshold with the least sum of squares in force.
+
+    Given the threshold the law is linear in 1/N² and B²/N²: one bounded linear solve is the global optimum.
+    The bound keeps the thread no shorter than the longest muscle: a shorter one could not be wound around it.
+
+    Args:
+        pressure: (n,) gauge pressure, Pa.
+        length: (n,) distance between the fittings, m.
+        force: (n,) tension, N. Rows with a blank (not a number) are left out.
+        threshold: fit a threshold pressure too.
+
+    Raises:
+        BadInput: if there are fewer than two lengths (or, with a threshold, pressures), or the force does not
+            grow with pressure.
+    """
+    p, l, tension = _complete(pressure=pressure, length=length, force=force)
+    _need_settings(l, 2, "length", "m")
+    spent = 0.0
+    if threshold:
+        _need_settings(p, 2, "pressure", "Pa")
+        # A threshold below zero is a gauge that reads low; one near the top leaves nothing to pull with.
+        spent = _lowest(lambda x: _cylinder(p - x, l, tension)[1], np.linspace(-0.5, 0.9, 57) * p.max())[1]
+    (slope, rest), _ = _cylinder(p - spent, l, tension)
+    if slope <= 0:
+        raise refuse(
+            "the muscle must pull harder under pressure", "a force that does not", remedy="Check signs."
+        )
+    thread = np.sqrt(l.max() ** 2 + 3 * rest / slope)
+    return Gaylord(float(thread), float(np.sqrt(3 / (4 * np.pi * slope))), float(spent))
+
+
+def fit_sarosi(pressure: ArrayLike, contraction: ArrayLike, force: ArrayLike) -> Sarosi:
+    """The six coefficients with the least sum of squares in force.
+
+    Given c the formula is linear, so only c is searched: on a grid of both signs over all useful sizes, then
+    by bounded minimisation around each dip of the grid. A start from one guess often ends in the wrong dip.
+
+    Args:
+        pressure: (n,) gauge pressure, Pa.
+        contraction: (n,) 1 − length / rest length, a fraction.
+        force: (n,) tension, N. Rows with a blank (not a number) are left out.
+
+    Raises:
+        BadInput: if there are fewer than two pressures, three contractions or six rows.
+    """
+    p, k, tension = _complete(pressure=pressure, contraction=contraction, force=force)
+    if p.size < 6:
+        raise refuse("six coefficients need six rows or more", f"{p.size}", remedy="Measure more settings.")
+    _need_settings(p, 2, "pressure", "Pa")
+    _need_settings(k, 3, "contraction", "")
+    rate, at_limit = _best_rate(p, k, tension)
+    a, b, d, e, f = map(float, _exponential(rate, p, k, tension)[0])
+    return Sarosi(a, b, rate, d, e, f, at_limit=at_limit)
+
+
+def _best_rate(p: Vector, k: Vector, force: Vector) -> tuple[float, bool]:
+    """The c with the least misfit, and whether it sits at an end of the searched range."""
+    span = np.ptp(k)
+    # Where all contractions lie close together far from zero, exp(c κ) itself must stay a number.
+    high = min(EXPONENT_HIGH, 300 * span / np.abs(k).max())
+    sizes = np.linspace(np.log(EXPONENT_LOW), np.log(high), 60)
+    sides = []
+    for sign in (-1.0, 1.0):
+
+        def misfit(size: float, sign: float = sign) -> float:
+            return _exponential(sign * np.exp(size) / span, p, k, force)[1]
+
+        value, size, at_end = _lowest(misfit, sizes)
+        sides.append((value, sign * float(np.exp(size)) / span, at_end))
+    _, rate, at_end = min(sides)
+    return rate, at_end
+
+
+def _lowest(misfit: Callable[[float], float], grid: Vector) -> tuple[float, float, bool]:
+    """The least value over the range of a grid, where, and whether at an end; every dip is refined."""
+    values = np.array([misfit(x) for x in grid])
+    best = []
+    for i in _dips(values):
+        around = (grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)])
+        found: Any = minimize_scalar(
+            misfit, bounds=around, method="bounded", options={"xatol": 1e-9 * np.ptp(grid)}
+        )
+        best.append(min((float(found.fun), float(found.x)), (float(values[i]), float(grid[i]))))
+    value, at = min(best)
+    return value, at, bool(min(at - grid[0], grid[-1] - at) < 1e-6 * np.ptp(grid))
+
+
+def _dips(values: Vector) -> NDArray[np.intp]:
+    """Indices of the local minima of a row of values, ends included."""
+    padded = np.concatenate([[np.inf], values, [np.inf]])
+    return np.flatnonzero((values <= padded[:-2]) & (values <= padded[2:]))
+
+
+def _cylinder(p: Vector, l: Vector, force: Vector) -> tuple[Vector, float]:
+    """The two linear coefficients of the cylinder, none below zero, and the sum of squares."""
+    longest = l.max()
+    design = np.column_stack([p * (l**2 - longest**2 / 3), -p])
+    scale = np.linalg.norm(design, axis=0)
+    if not scale.all():
+        raise refuse("some `pressure` must differ from zero", "0 Pa in every row", remedy="Check its column.")
+    scaled, norm = nnls(design / scale, force)
+    return scaled / scale, float(norm**2)
+
+
+def _exponential(rate: float, p: Vector, k: Vector, force: Vector) -> tuple[Vector, float]:
+    """Coefficients a, b, d, e, f for a given c, and the sum of squares."""
+    # Measured from the end where it is largest the exponential cannot overflow; a and b are moved back after.
+    end = k.max() if rate > 0 else k.min()
+    curve = np.exp(rate * (k - end))
+    design = np.column_stack([p * curve, curve, k * p, p, np.ones_like(p)])
+    scale = np.linalg.norm(design, axis=0)
+    scaled = np.linalg.lstsq(design / scale, force, rcond=None)[0]
+    misfit = force - (design / scale) @ scaled
+    back = np.exp(-rate * end) * np.array([1, 1, 0, 0, 0]) + np.array([0, 0, 1, 1, 1])
+    return scaled / scale * back, float(misfit @ misfit)
+
+
+def _complete(**columns: ArrayLike) -> list[Vector]:
+    """The columns as flat arrays, without the rows in which one of them is blank."""
+    arrays = {name: np.asarray(column, float).ravel() for name, column in columns.items()}
+    sizes = {name: array.size for name, array in arrays.items()}
+    if len(set(sizes.values())) > 1:
+        got = ", ".join(f"{size} of `{name}`" for name, size in sizes.items())
+        raise refuse("columns must have as many rows as each other", got, remedy="Pass one row a sample.")
+    whole = np.all(np.isfinite(list(arrays.values())), axis=0)
+    if not whole.any():
+        raise refuse("a fit needs rows in which nothing is blank", "none", remedy="Check the columns.")
+    return [array[whole] for array in arrays.values()]
+
+
+def _need_settings(values: Vector, least: int, name: str, unit: str) -> None:
+    """Refuse a column that takes too few values; a thousandth of the largest is one value still."""
+    size = np.abs(values).max()
+    count = np.unique(np.round(values / size, 3)).size if size > 0 else 1
+    if count < least:
+        raise refuse(
+            f"this fit needs at least {least} different values of `{name}`",
+            f"{count}, near {np.mean(values):.4g} {unit}".rstrip(),
+            remedy=f"Measure at another {name}.",
+        )

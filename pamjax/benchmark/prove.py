@@ -1,0 +1,164 @@
+"""Prove: conceal known physics, diagnose, open the envelope. A stopped run goes on where it was."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from itertools import islice
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+
+import pamjax.benchmark.trial
+from pamjax.benchmark.trial import Task, Trial, read_line
+from pamjax.errors import refuse
+from pamjax.progress import Progress, silent
+
+#: One thread a process: two processes with two threads each are slower than with one. (Not the compiler's
+#: flags: programs compiled under other flags would not be found in the cache.)
+SINGLE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+Attempt = Callable[[Task], Trial]
+
+
+def prove(
+    tasks: Sequence[Task],
+    file: Path,
+    *,
+    workers: int = 1,
+    progress: Progress = silent,
+    attempt: Attempt | None = None,
+) -> list[Trial]:
+    """Diagnose envelopes that are not in the file yet.
+
+    Args:
+        tasks: the envelopes.
+        file: of trials, one line each; every trial is added as soon as it is there.
+        workers: processes.
+        progress: called with what is being done and the share done.
+        attempt: what turns a task into a trial, `trial.attempt` by itself; importable by name where there are
+            several workers.
+
+    Returns:
+        the trials of these tasks, in their order.
+    """
+    have = {trial.key: trial for trial in read_trials(file)} if file.exists() else {}
+    wanted = [task for task in tasks if task.key not in have]
+    for done, trial in enumerate(
+        _attempts(wanted, workers, attempt or pamjax.benchmark.trial.attempt), start=1
+    ):
+        _add(file, trial)
+        have[trial.key] = trial
+        progress(f"{done} of {len(wanted)}", done / len(wanted))
+    return [have[task.key] for task in tasks]
+
+
+def _attempts(tasks: Sequence[Task], workers: int, attempt: Attempt) -> Iterator[Trial]:
+    if workers == 1 or len(tasks) < 2:
+        yield from map(attempt, tasks)
+        return
+    spawn = multiprocessing.get_context("spawn")
+    with (
+        _environment(SINGLE),
+        ProcessPoolExecutor(min(workers, len(tasks)), mp_context=spawn, initializer=_keep) as pool,
+    ):
+        left = iter(tasks)
+        running = {pool.submit(attempt, task) for task in islice(left, 2 * workers)}
+        try:
+            while running:
+                over, running = wait(running, return_when=FIRST_COMPLETED)
+                running |= {pool.submit(attempt, task) for task in islice(left, len(over))}
+                yield from (one.result() for one in over)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _keep() -> None:
+    from pamjax.compile.jax_cache import keep_compiled
+
+    threading.Thread(target=_leave_with, args=(multiprocessing.parent_process(),), daemon=True).start()
+    keep_compiled()
+
+
+def _leave_with(parent: BaseProcess | None) -> None:
+    """End with the process that asked, which tells nobody when it is killed: a helper would wait for ever."""
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+@contextmanager
+def _environment(settings: dict[str, str]) -> Iterator[None]:
+    """Settings for the processes that are started inside the block."""
+    before = {name: os.environ.get(name) for name in settings}
+    os.environ.update(settings)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def _add(file: Path, trial: Trial) -> None:
+    """Append one line in one write; what a power cut leaves of a line is no trial."""
+    with file.open("ab") as out:
+        if out.tell() and not _ends(file):
+            out.write(b"\n")
+        out.write(trial.line().encode() + b"\n")
+        out.flush()
+        os.fsync(out.fileno())
+
+
+def _ends(file: Path) -> bool:
+    with file.open("rb") as read:
+        read.seek(-1, os.SEEK_END)
+        return read.read(1) == b"\n"
+
+
+def read_trials(file: Path) -> list[Trial]:
+    """Trials from their file; a line that was cut off is left out.
+
+    Raises:
+        BadInput: if a whole line is no trial.
+    """
+    trials = []
+    lines = file.read_text(encoding="utf-8").split("\n")
+    for number, line in enumerate(lines, start=1):
+        if not line:
+            continue
+        try:
+            trials.append(read_line(line))
+        except json.JSONDecodeError:
+            continue
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise refuse(
+                "trials stand one a line, as `pamjax prove` writes them", "something else",
+                f"line {number} of {file.name}", "Name another folder with --out.",
+            ) from error  # fmt: skip
+    return trials
+
+
+def tasks_of(
+    counts: dict[str, int], correlations: Iterable[float], *, stage: str = "all", seed: int = 0,
+    rivals: bool = False, form_error: float = 0.0,
+) -> list[Task]:  # fmt: skip
+    """So many envelopes of each kind at each correlation, kinds and correlations by turns.
+
+    >>> [(t.kind, t.number) for t in tasks_of({"nothing": 1, "pair": 2}, [0.5])]
+    [('nothing', 0), ('pair', 0), ('pair', 1)]
+    """
+    return [
+        Task(stage, kind, correlation, number, seed, rivals, form_error)
+        for number in range(max(counts.values(), default=0))
+        for correlation in correlations
+        for kind, many in counts.items()
+        if number < many
+    ]

@@ -1,0 +1,155 @@
+"""Setups: the muscles, benches and sensors that a proof draws, so that it is not about one muscle.
+
+| drawn                        | from                                                                   |
+|------------------------------|------------------------------------------------------------------------|
+| braid                        | 62 to 74 degrees at rest, 9 to 28 mm wide, 8 to 16 diameters long       |
+| stretch of its threads       | 0.3 to 3 % at the highest pressure, 300 to 700 kPa; none if inelastic   |
+| bench                        | strokes at five pressures, or ramps of pressure at five lengths         |
+| noise of a sample, 1 sd      | force 0.03 to 0.2 % of full scale, diameter 0.1 to 0.4 %,               |
+|                              | pressure 0.03 to 0.15 %, length 0.003 to 0.015 %                        |
+| what the lab believes        | thread length to 0.15 %, turns to 0.4 %, stiffness to 20 %              |
+
+What it leaves out: rulers read once a setting, static maps, several muscles in one fit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from pamjax.records.protocol import Protocol
+from pamjax.records.reading.muscle_toml import Entry, Sensors
+from pamjax.records.reading.quantity import Measured
+from pamjax.records.recording import Recording
+
+#: Rows of a drawn recording, about.
+ROWS = 850
+
+#: Shares of the benches that sweep pressure, and of the labs that believe in inelastic threads.
+RAMPS, INELASTIC = 0.2, 0.25
+
+#: What a lab believes of its own numbers: sd of thread length and of stiffness as shares, of turns.
+THREAD, STIFFNESS, TURNS = 1.5e-3, 0.2, 4e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """A muscle on a bench, before anything is measured.
+
+    Attributes:
+        entry: what the lab says of it.
+        plan: pressure and length as they were set; force and diameter stand for "measured here".
+    """
+
+    entry: Entry
+    plan: Recording
+
+
+def known() -> Setup:
+    """One muscle that is always the same: the paper's, with softer threads, at five isobars."""
+    entry = Entry(
+        name="a known muscle",
+        rest_length=Measured(0.2357),
+        thread_length=Measured(0.2512, 0.4e-3),
+        turns=Measured(1.09, 0.004),
+        threads=144,
+        thread_area=Measured(0.0858e-6),
+        modulus=Measured(40e9, 8e9),
+        sensors=Sensors(force=3.0, diameter=0.05e-3, pressure=500.0, length=0.02e-3),
+        baseline="elastic",
+    )
+    protocol = Protocol(
+        kind="strokes",
+        pressures=["100 kPa", "200 kPa", "350 kPa", "500 kPa", "650 kPa"],
+        contractions=[0.1, 0.17, 0.24, 0.27, 0.29],
+        cycles=2,
+        speed="1.2 mm/s",
+        rate="0.5 Hz",
+        diameter_every=1,
+    )
+    return Setup(entry, _plan(protocol, entry.rest_length.value))
+
+
+def draw(rng: np.random.Generator, rows: int = ROWS, law: str | None = None) -> Setup:
+    """A muscle and a bench nobody chose.
+
+    Args:
+        rng: what draws them.
+        rows: of the recording, about.
+        law: "elastic" or "inelastic"; None draws it.
+    """
+    angle = math.radians(rng.uniform(62.0, 74.0))
+    diameter = _log_uniform(rng, 9e-3, 28e-3)
+    rest = diameter * rng.uniform(8.0, 16.0)
+    thread = rest / math.sin(angle)
+    turns = thread * math.cos(angle) / (math.pi * diameter)
+    top = rng.uniform(300e3, 700e3)
+    load = top * rest * thread / (2 * math.pi * turns**2)
+    stiffness = float(np.clip(load / _log_uniform(rng, 0.003, 0.03), 2e3, 5e6))
+    full = top * (3 * rest**2 - thread**2) / (4 * math.pi * turns**2)
+    law = law or ("inelastic" if rng.random() < INELASTIC else "elastic")
+    entry = Entry(
+        name="a drawn muscle",
+        rest_length=Measured(rest),
+        thread_length=Measured(thread, THREAD * thread),
+        turns=Measured(turns, TURNS),
+        stiffness=Measured(stiffness, STIFFNESS * stiffness),
+        sensors=Sensors(
+            force=full * _log_uniform(rng, 3e-4, 2e-3),
+            diameter=diameter * _log_uniform(rng, 1e-3, 4e-3),
+            pressure=top * _log_uniform(rng, 3e-4, 1.5e-3),
+            length=rest * _log_uniform(rng, 3e-5, 1.5e-4),
+        ),
+        baseline=law,
+    )
+    # Where inextensible threads of this angle pull no more: 3 L² = B².
+    free = 1 - 1 / (math.sqrt(3) * math.sin(angle))
+    make = _ramps if rng.random() < RAMPS else _strokes
+    return Setup(entry, _plan(make(rng, top, free, rest, rows), rest))
+
+
+def _strokes(rng: np.random.Generator, top: float, free: float, rest: float, rows: int) -> Protocol:
+    """Two strokes at each of five pressures, further at the higher ones."""
+    shares = np.linspace(0.16, 1.0, 5) * rng.uniform([0.9] * 5, [1.0] * 5)
+    reach = free * np.linspace(rng.uniform(0.3, 0.5), rng.uniform(0.65, 0.78), 5)
+    speed = _log_uniform(rng, 0.004, 0.012) * rest
+    seconds = 4 * float(reach.sum()) * rest / speed
+    return Protocol(
+        kind="strokes",
+        pressures=[f"{share * top:.0f} Pa" for share in shares],
+        contractions=[float(k) for k in reach.round(3)],
+        cycles=2,
+        speed=f"{speed * 1e3:.6f} mm/s",
+        rate=f"{rows / seconds:.6f} Hz",
+        diameter_every=int(rng.choice([2, 4])),
+    )
+
+
+def _ramps(rng: np.random.Generator, top: float, free: float, rest: float, rows: int) -> Protocol:
+    """Two fillings at each of five lengths."""
+    duration = rng.uniform(15.0, 60.0)
+    reach = free * np.linspace(0.0, rng.uniform(0.6, 0.75), 5)
+    return Protocol(
+        kind="ramps",
+        pressures=[f"{top:.0f} Pa"],
+        contractions=[float(k) for k in reach.round(3)],
+        cycles=2,
+        duration=f"{duration:.3f} s",
+        rate=f"{rows / (20 * duration):.6f} Hz",
+        diameter_every=int(rng.choice([2, 4])),
+    )
+
+
+def _plan(protocol: Protocol, rest: float) -> Recording:
+    """The schedule as a recording without noise; force and diameter are filled in later."""
+    plan = protocol.schedule(rest)
+    return Recording.from_arrays(
+        time=plan.time, pressure=plan.pressure, length=plan.length, cycle=plan.cycle,
+        force=np.full(plan.time.size, 1e3), diameter=np.where(plan.optical, 1.0, np.nan),
+    )  # fmt: skip
+
+
+def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    return math.exp(rng.uniform(math.log(low), math.log(high)))

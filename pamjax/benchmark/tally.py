@@ -1,0 +1,241 @@
+"""Tally: what came out of a proof, line by line, for pamjax and for common practice.
+
+Effects of one recording are counted as if they were independent, which makes the intervals of recall, of
+precision and of coverage somewhat too narrow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from scipy.stats import kstest
+
+from pamjax.benchmark.rates import Line, Rate, counted
+from pamjax.benchmark.trial import Trial
+
+#: Effect, in noise standard deviations, from which it is obvious, and from which pairs and triples count.
+OBVIOUS, CLEAR = 8.0, 5.0
+#: 90 % intervals reach so many standard deviations.
+NINETY = 1.6449
+#: Held-out error over noise that counts as down to the noise.
+DOWN = 1.15
+#: Edges of the stated probabilities that are held against how often they were right.
+EDGES = (0.5, 0.8, 0.95, 0.995, 1.0)
+
+
+def alarms(trials: Sequence[Trial]) -> list[Line]:
+    """What was said of recordings in which nothing is, for each stage and correlation."""
+    lines = []
+    nothing = [t for t in trials if t.kind == "nothing" and not t.error]
+    for stage, correlation in dict.fromkeys((t.stage, t.correlation) for t in nothing):
+        some = [t for t in nothing if (t.stage, t.correlation) == (stage, correlation)]
+        p = [t.p_value for t in some]
+        told = {"detected (p < 0.01)": [t.detected for t in some]}
+        if stage == "all":
+            told |= {
+                "named": [bool(t.named) for t in some],
+                "unexplained": [t.unexplained for t in some],
+                "an alarm of any kind": [t.alarm for t in some],
+            }
+        where = f"noise {correlation:g}, {'scoring stage' if stage == 'score' else 'whole pipeline'}"
+        for word, hits in told.items():
+            rate = Rate.of_all(hits)
+            usual = ""
+            if word == "named":
+                asked = [t for t in some if t.selected is not None]
+                usual = str(Rate.of_all(bool(t.selected) for t in asked)) if asked else ""
+            lines.append(
+                Line(f"{where}: {word}", rate, f"{rate}; at most {rate.at_most:.1%}", usual, "at most 2 %")
+            )
+        test = kstest(p, "uniform")
+        below = ", ".join(f"{np.mean(np.array(p) < edge):.3f} below {edge:g}" for edge in (0.05, 0.1, 0.5))
+        text = f"p = {test.pvalue:.2g} (distance {test.statistic:.3f}); {below}"
+        lines.append(Line(f"{where}: are p-values uniform (Kolmogorov-Smirnov)", None, text, "", "uniform"))
+    return lines
+
+
+def recovery(trials: Sequence[Trial]) -> list[Line]:
+    """How much of what was concealed was named, and how much besides."""
+    some = [t for t in trials if t.stage == "all" and not t.error and t.kind in ("single", "pair", "triple")]
+    asked = [t for t in some if t.selected is not None]
+    single, several = [t for t in some if t.kind == "single"], [t for t in some if t.kind != "single"]
+    lines = []
+    for word, low, high, target in (
+        ("just detectable (3 to 8 sd)", 0.0, OBVIOUS, ">= 80 %"),
+        ("obvious (8 sd and more)", OBVIOUS, np.inf, ">= 95 %"),
+    ):
+        sized = [t for t in single if low <= t.sizes[0] < high]
+        lines.append(
+            counted(
+                f"single, {word}: first name right",
+                [bool(t.right) and t.right[0] for t in sized],
+                [_first(t) for t in sized if t.selected is not None],
+                target,
+            )
+        )
+        lines.append(
+            counted(
+                f"single, {word}: exactly that and nothing besides",
+                [t.exact for t in sized],
+                [set(t.selected or ()) == set(t.concealed) for t in sized if t.selected is not None],
+            )
+        )
+    for word, group in (("single", single), ("pairs and triples", several)):
+        lines += _named(word, group)
+    lines.append(
+        counted(
+            "pairs and triples: exactly the set",
+            [t.exact for t in several],
+            [set(t.selected or ()) == set(t.concealed) for t in several if t.selected is not None],
+        )
+    )
+    outside = [t for t in trials if t.kind == "outside" and t.stage == "all" and not t.error]
+    told = [t for t in outside if t.selected is not None]
+    lines.append(
+        counted("outside the catalogue: unexplained", [t.unexplained for t in outside], None, ">= 90 %")
+    )
+    lines.append(
+        counted(
+            "outside the catalogue: given a name",
+            [bool(t.named) for t in outside],
+            [bool(t.selected) for t in told],
+            "<= 10 %",
+        )
+    )
+    lines.append(
+        counted("one to three effects: something said to be unexplained", [t.unexplained for t in some])
+    )
+    offered = [(t, tie) for t in some for ties in t.ties for tie in ties]
+    real = [any((id, tie) in t.stand_ins for id in t.concealed) for t, tie in offered]
+    lines.append(counted("ids offered as ties that truly are", real))
+    return [line for line in lines if line.rate and line.rate.of] if asked or some or outside else []
+
+
+def _first(t: Trial) -> bool:
+    return bool(t.selected) and (t.selected or ("",))[0] in t.concealed
+
+
+def _named(word: str, group: Sequence[Trial]) -> list[Line]:
+    """Recall, of all effects and of the clear ones, precision and F1."""
+    asked = [t for t in group if t.selected is not None]
+    clear = [(t, i) for t in group for i, size in enumerate(t.sizes) if size >= CLEAR]
+    lines = [
+        counted(
+            f"{word}: effects named",
+            [hit for t in group for hit in t.found],
+            [id in (t.selected or ()) for t in asked for id in t.concealed],
+        ),
+        counted(
+            f"{word}: effects of {CLEAR:g} sd and more named",
+            [t.found[i] for t, i in clear],
+            [t.concealed[i] in (t.selected or ()) for t, i in clear if t.selected is not None],
+        ),
+        counted(
+            f"{word}: names that are right",
+            [hit for t in group for hit in t.right],
+            [id in t.concealed for t in asked for id in t.selected or ()],
+            ">= 90 %",
+        ),
+    ]
+    recall, precision = lines[1].rate, lines[2].rate
+    if recall and precision and recall.of and precision.of and recall.share + precision.share > 0:
+        f1 = 2 * recall.share * precision.share / (recall.share + precision.share)
+        lines.append(
+            Line(f"{word}: F1 (effects of {CLEAR:g} sd and more)", recall, f"{f1:.2f}", "", ">= 0.85")
+        )
+    return lines
+
+
+def reliability(trials: Sequence[Trial]) -> list[tuple[float, Rate]]:
+    """Mean stated probability, and how often names of about that probability were right."""
+    pairs = [
+        (p, hit)
+        for t in trials
+        if t.stage == "all" and not t.error
+        for p, hit in zip(t.probabilities, t.right, strict=True)
+    ]
+    out = []
+    for low, high in pairwise(EDGES):
+        last = high == EDGES[-1]
+        some = [(p, hit) for p, hit in pairs if low <= p and (p < high or last)]
+        if some:
+            out.append((float(np.mean([p for p, _ in some])), Rate.of_all(hit for _, hit in some)))
+    return out
+
+
+def covered(trials: Sequence[Trial], own: bool, same: bool = True) -> Rate:
+    """How often 90 % intervals hold the true number.
+
+    Args:
+        own: of the baseline's numbers, where the names are exactly right; else of the names' numbers.
+        same: only where the named form has the same numbers as the concealed one.
+    """
+    numbers = [
+        n
+        for t in trials
+        for n in t.numbers
+        if (n.name.partition(".")[0] in ("muscle", "thread")) == own and (n.same or not same) and n.sd > 0
+    ]
+    return Rate.of_all(abs(n.value - n.true) <= NINETY * n.sd for n in numbers)
+
+
+def gains(trials: Sequence[Trial]) -> list[Line]:
+    """Probabilities, intervals, held-out errors and places."""
+    some = [t for t in trials if t.stage == "all" and not t.error]
+    real = [t for t in some if t.kind in ("single", "pair", "triple")]
+    lines = []
+    for mean, rate in reliability(some):
+        lines.append(Line(f"names given with probability {mean:.3f} on average: right", rate, str(rate)))
+    for word, own in (("numbers of right names", False), ("baseline's numbers, names exactly right", True)):
+        rate = covered(real, own)
+        lines.append(Line(f"90 % intervals that hold the truth: {word}", rate, str(rate), "", "85 to 95 %"))
+    stiff = [n for t in real for n in t.numbers if n.name.startswith("thread.") and n.same and n.sd > 0]
+    rate = Rate.of_all(abs(n.value - n.true) <= NINETY * n.sd for n in stiff)
+    lines.append(
+        Line("90 % intervals that hold the truth: threads' stiffness", rate, str(rate), "", "85 to 95 %")
+    )
+    scores = [t for t in real if "force" in t.after]
+    lines.append(
+        counted(
+            f"held-out force down to {DOWN:g} of its noise",
+            [t.after["force"] <= DOWN for t in scores],
+            [t.selected_after <= DOWN for t in scores if t.selected_after is not None],
+            "all",
+        )
+    )
+    lines += _medians(scores)
+    boxes = [t for t in real if t.iou is not None]
+    if boxes:
+        blind, found = (np.mean([getattr(t, word) for t in boxes]) for word in ("iou_blind", "iou"))
+        error = np.std([t.iou for t in boxes if t.iou is not None]) / np.sqrt(len(boxes))
+        text = f"{found:.2f} ± {error:.2f}; all of the recording {blind:.2f}"
+        lines.append(Line("located box: mean overlap with a true one", None, text, "", ">= 0.75"))
+    return [line for line in lines if line.rate is None or line.rate.of]
+
+
+def _medians(scores: Sequence[Trial]) -> list[Line]:
+    columns = {
+        "baseline": [t.before["force"] for t in scores],
+        "named": [t.after["force"] for t in scores],
+        "selected by BIC": [t.selected_after for t in scores if t.selected_after is not None],
+        "Gaussian process": [t.curve_after for t in scores if t.curve_after is not None],
+    }
+    text = {word: f"{np.median(v):.2f} ({np.quantile(v, 0.9):.2f})" for word, v in columns.items() if len(v)}
+    mine = ", ".join(f"{word} {text[word]}" for word in ("baseline", "named") if word in text)
+    usual = ", ".join(f"{word} {v}" for word, v in text.items() if word not in ("baseline", "named"))
+    what = "held-out force error over its noise: median (nine in ten below)"
+    return [Line(what, None, mine, usual)] if text else []
+
+
+def table(trials: Sequence[Trial]) -> list[Line]:
+    """Everything that can be told of these trials."""
+    failed = [t for t in trials if t.error]
+    lines = [*alarms(trials), *recovery(trials)]
+    if any(t.stage == "all" and t.kind != "nothing" for t in trials):
+        lines += gains(trials)
+    if failed:
+        rate = Rate(len(failed), len(trials))
+        lines.append(Line(f"recordings without a verdict ({failed[0].error})", rate, str(rate)))
+    return lines

@@ -1,0 +1,117 @@
+"""`pamjax prove`: conceal known physics in simulated recordings, diagnose them, open the envelopes, score."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from pamjax.cli.options import Json
+from pamjax.cli.screen import say, say_json, say_written, working, writable
+
+#: What `--quick` conceals, at noise of no, some and much correlation together.
+QUICK = {"nothing": 1, "single": 3, "pair": 1, "triple": 0, "outside": 1}
+QUICK_NOISE = (0.0, 0.9)
+
+
+def prove(
+    *,
+    out: Path = Path("out"),
+    nothing: int = 1,
+    single: int = 2,
+    pair: int = 0,
+    triple: int = 0,
+    outside: int = 1,
+    correlation: Annotated[list[float] | None, Parameter(negative="")] = None,
+    stage: Literal["all", "score"] = "all",
+    form_error: float = 0.0,
+    rivals: bool = True,
+    quick: bool = False,
+    workers: int = 1,
+    seed: int = 0,
+    json: Json = False,
+) -> None:
+    """Conceal known physics in simulated recordings, diagnose them, open the envelopes, score.
+
+    Muscle, bench, noise and effects are drawn for every recording. Writes trials.jsonl after every
+    recording, so that a run that was stopped goes on where it was; at the end table.md, table.csv,
+    table.json and figures of all trials in the folder.
+
+    Args:
+        out: folder to write to.
+        nothing: how many recordings with nothing concealed, at each correlation.
+        single: with one effect.
+        pair: with two.
+        triple: with three.
+        outside: with something that is in no catalogue.
+        correlation: of neighbouring samples of noise, 0 to 0.95; may be given several times. Without it 0.
+        stage: "score" ends with the p-value of the baseline, before anything is named, and conceals nothing.
+        form_error: share by which concealed effects depart from their equations, smoothly over pressure and
+            length, 0 to 0.5: how well a diagnosis bears physics that is not quite textbook.
+        rivals: ask common practice as well.
+        quick: a small proof on two cores: counts and correlations are its own.
+        workers: processes; each compiles, or reads what was compiled, and holds some gigabytes.
+        seed: of everything that is drawn.
+        json: print the table as JSON.
+    """
+    from pamjax.errors import at_least, refuse
+
+    counts = {"nothing": nothing, "single": single, "pair": pair, "triple": triple, "outside": outside}
+    noise = tuple(correlation) if correlation else (0.0,)
+    if quick:
+        counts, noise, workers = QUICK, QUICK_NOISE, max(workers, 2)
+    if stage == "score":
+        counts = {"nothing": counts["nothing"]}
+    for name, count in (counts | {"seed": seed}).items():
+        at_least(name, count, 0)
+    for one in noise:
+        if not 0 <= one <= 0.95:
+            raise refuse("`correlation` must lie between 0 and 0.95", f"{one:g}")
+    if not 0 <= form_error <= 0.5:
+        raise refuse("`form_error` must lie between 0 and 0.5", f"{form_error:g}")
+    at_least("workers", workers, 1)
+    writable(out)
+    out.mkdir(parents=True, exist_ok=True)
+    from pamjax.benchmark.prove import prove as run
+    from pamjax.benchmark.prove import read_trials, tasks_of
+    from pamjax.benchmark.rates import as_rows, as_text
+    from pamjax.benchmark.tally import table
+    from pamjax.compile.jax_cache import keep_compiled
+
+    keep_compiled()
+    file = out / "trials.jsonl"
+    tasks = tasks_of(
+        counts, noise, stage=stage, seed=seed, rivals=rivals and stage == "all", form_error=form_error
+    )
+    with working(quiet=json) as progress:
+        trials = run(tasks, file, workers=workers, progress=progress)
+    found = table(trials)
+    say_json(as_rows(found)) if json else say("\n".join([as_text(found), *_each(trials)]))
+    say_written([file, *_tables(out, read_trials(file))])
+
+
+def _each(trials: list) -> Iterator[str]:
+    """What was concealed and what was named, of the first twenty."""
+    for trial in [t for t in trials if t.kind != "nothing"][:20]:
+        said = ", ".join(trial.named) or ("unexplained" if trial.unexplained else "nothing")
+        yield f"  {trial.kind} {trial.number + 1}: {', '.join(trial.concealed)} -> {said}"
+
+
+def _tables(out: Path, trials: list) -> list[Path]:
+    """The tables and figures of all trials in a folder."""
+    from pamjax.benchmark.rates import documents
+    from pamjax.benchmark.tally import table
+    from pamjax.records.files import write_beside
+    from pamjax.view.figures.benchmark import null_figure, proof_figure
+    from pamjax.view.theme import save
+
+    files = []
+    for name, document in documents(table(trials)).items():
+        with write_beside(out / name) as beside:
+            beside.write_text(document, encoding="utf-8")
+        files.append(out / name)
+    for name, made in (("nothing", null_figure(trials)), ("recovery", proof_figure(trials))):
+        files += save(made, out / name) if made else []
+    return files

@@ -1,0 +1,1 @@
+"""Compiled programs: caches on disk, and threads that run them."""

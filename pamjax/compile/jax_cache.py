@@ -1,0 +1,54 @@
+"""Compiled programs are kept on disk, so that a repeated command does not compile again."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import jax
+
+from pamjax.errors import refuse
+
+
+def keep_compiled(folder: str | Path | None = None) -> Path | None:
+    """Turn on JAX's persistent compilation cache; a folder already configured in JAX stays.
+
+    Args:
+        folder: where to keep compiled programs; None for `compiled` in `PAMJAX_CACHE_DIR`, or in the user's
+            cache folder.
+
+    Returns:
+        the folder in use; None where nobody named one and the user's own cannot be written to: then every
+        process compiles for itself.
+
+    Raises:
+        BadInput: for a named folder that cannot be written to.
+    """
+    configured = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
+    if configured:
+        return Path(configured)
+    named, place = folder, ""
+    if folder is None:
+        named, place = os.environ.get("PAMJAX_CACHE_DIR"), "PAMJAX_CACHE_DIR"
+        folder = Path(named or _user_folder()) / "compiled"
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if not os.access(folder, os.W_OK):
+            raise PermissionError(folder)
+    except OSError as error:
+        if not named:
+            return None
+        rule = "compiled programs need a folder to write to"
+        raise refuse(rule, f"{named}", place, "Name another.") from error
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    # The many small programs of a fit take longer together than the one large one.
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    return folder
+
+
+def _user_folder() -> Path:
+    from platformdirs import user_cache_path
+
+    return user_cache_path("pamjax", appauthor=False)

@@ -1,0 +1,1 @@
+"""Commands for a controller: the inverse model and its uncertainty."""

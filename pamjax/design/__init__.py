@@ -1,1 +1,0 @@
-"""What to build, what to command, what to measure next."""

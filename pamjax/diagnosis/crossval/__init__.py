@@ -1,0 +1,1 @@
+"""Test the selected mechanisms on held-out blocks."""

@@ -1,0 +1,1 @@
+"""Detect and locate a mismatch."""

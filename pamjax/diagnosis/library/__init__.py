@@ -1,0 +1,1 @@
+"""One recording and every mechanism of the library as one problem."""

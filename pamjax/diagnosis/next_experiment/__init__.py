@@ -1,0 +1,1 @@
+"""Propose the protocol that separates what a recording cannot."""

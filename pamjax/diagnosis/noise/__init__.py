@@ -1,0 +1,1 @@
+"""Noise of a recording under diagnosis."""

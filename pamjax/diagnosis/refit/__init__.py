@@ -1,0 +1,1 @@
+"""Refits of the baseline with candidate mechanisms."""

@@ -1,0 +1,1 @@
+"""Select the mechanisms that explain a mismatch."""

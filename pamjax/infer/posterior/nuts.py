@@ -1,0 +1,119 @@
+"""No-U-turn sampling (blackjax) in the coordinates in which the posterior's Gaussian is a unit ball.
+
+There every direction is equally long, so a few chains only have to find a step size. blackjax and not
+numpyro: a log-density is all it takes, and its state is a plain array that can be saved and resumed.
+
+Source: Hoffman & Gelman, J. Mach. Learn. Res. 15, 1593 (2014).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from pamjax.errors import refuse
+from pamjax.infer.posterior.checkpoint import Arrays
+from pamjax.infer.posterior.laplace import Ball
+from pamjax.infer.posterior.log_density import Density
+from pamjax.infer.posterior.sampler import Walk
+
+CHAINS = 4
+#: Draws that find the step size (as many as Stan gives it first), and the acceptance it aims at.
+WARMUP, ACCEPTANCE = 75, 0.8
+
+
+@dataclass(frozen=True)
+class Nuts(Walk):
+    """Chains whose state is positions, step size, random key and the number of draws so far."""
+
+    #: R̂ and ESS of independent chains suffice.
+    long: ClassVar[bool] = False
+
+    def begin(self, seed: int) -> Arrays:
+        """Chains drawn from the ball, and a step size for each."""
+        keys = jax.random.split(jax.random.key(seed), 3)
+        x = jax.random.normal(keys[0], (CHAINS, self.density.at.size))
+        x, step = _warm(self.density, self.ball, x, keys[1])
+        # The chains share the middle one's step size.
+        return {
+            "x": np.asarray(x),
+            "step": np.median(np.asarray(step)),
+            "key": np.asarray(jax.random.key_data(keys[2])),
+            "n": np.array(0),
+        }
+
+    def advance(self, state: Arrays) -> tuple[Arrays, Arrays]:
+        """`chunk` draws on: the draws (n, chains, p) with their statistics, and the new state."""
+        base = jax.random.wrap_key_data(jnp.asarray(state["key"]))
+        # A key for each draw by its number: chunks of any size give the same chain.
+        keys = jax.vmap(jax.random.fold_in, (None, 0))(base, int(state["n"]) + jnp.arange(self.chunk))
+        draws = _walk(self.density, self.ball, jnp.asarray(state["x"]), jnp.asarray(state["step"]), keys)
+        draws = {name: np.asarray(v) for name, v in draws.items()}
+        return draws, {**state, "x": draws["x"][-1], "n": state["n"] + self.chunk}
+
+
+def _blackjax() -> Any:
+    try:
+        import blackjax
+    except ImportError as error:
+        remedy = "Install it with `pip install 'pamjax[nuts]'`."
+        raise refuse("the sampler nuts needs blackjax", "no such package", "", remedy) from error
+    return blackjax
+
+
+def _log_density(density: Density, ball: Ball):
+    def value(x):
+        # NUTS takes a finite wall for a divergence; an infinite one has no slope.
+        return jnp.maximum(density(ball(x)), -1e30)
+
+    return value
+
+
+@eqx.filter_jit
+def _warm(density: Density, ball: Ball, x: Float[Array, "c p"], key: Array) -> tuple[Array, Array]:
+    """Positions after the warm-up, and the step sizes it ended with."""
+    from blackjax.optimizers.dual_averaging import dual_averaging
+
+    blackjax = _blackjax()
+    value, identity = _log_density(density, ball), jnp.ones(x.shape[1])
+    kernel = blackjax.nuts.build_kernel()
+    first, update, final = dual_averaging()
+
+    def one(x, key):
+        def draw(carry, key):
+            state, average = carry
+            step = jnp.exp(average.log_x)
+            state, info = kernel(key, state, value, step, identity)
+            return (state, update(average, ACCEPTANCE - info.acceptance_rate)), None
+
+        start = (blackjax.nuts.init(x, value), first(0.5))
+        (state, average), _ = jax.lax.scan(draw, start, jax.random.split(key, WARMUP))
+        return state.position, final(average)
+
+    return jax.vmap(one)(x, jax.random.split(key, len(x)))
+
+
+@eqx.filter_jit
+def _walk(density: Density, ball: Ball, x: Array, step: Array, keys: Array) -> dict[str, Array]:
+    """Draws of every chain from where it stands, one for each key, (n, chains, ...)."""
+    blackjax = _blackjax()
+    nuts = blackjax.nuts(_log_density(density, ball), step, jnp.ones(x.shape[1]))
+
+    def draw(states, key):
+        states, info = jax.vmap(nuts.step)(jax.random.split(key, len(x)), states)
+        return states, {
+            "x": states.position,
+            "logp": states.logdensity,
+            "accepted": info.acceptance_rate,
+            "diverging": info.is_divergent,
+            "steps": info.num_integration_steps,
+        }
+
+    _, draws = jax.lax.scan(draw, jax.vmap(nuts.init)(x), keys)
+    return draws

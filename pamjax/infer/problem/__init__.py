@@ -1,0 +1,1 @@
+"""The numbers of a fit, their priors, and the arrays of a recording."""

@@ -1,0 +1,124 @@
+"""Every number a muscle can have, by the name it has in muscle.toml, in reports and in `pamjax explain`.
+
+A number is declared once: on the class that owns it, or here where a lab states it in another form
+than the model keeps it (a modulus and a thread count instead of their product, an angle and a
+diameter instead of thread length and turns). `assembly.py` turns named numbers into a muscle.
+"""
+
+from __future__ import annotations
+
+from pamjax.errors import nearest, refuse
+from pamjax.model.muscle import Muscle
+from pamjax.model.registry import library
+from pamjax.model.thread import (
+    AbstractThread,
+    ExponentialToe,
+    Inextensible,
+    LinearThread,
+    RecruitmentToe,
+    SmoothToe,
+)
+from pamjax.parameter import Meaning, field_meanings
+
+#: Thread laws by the name a user gives them.
+LAWS: dict[str, type[AbstractThread] | type[Inextensible]] = {
+    "inelastic": Inextensible,
+    "elastic": LinearThread,
+    "toe": SmoothToe,
+    "exponential-toe": ExponentialToe,
+    "recruitment-toe": RecruitmentToe,
+}
+
+#: Begins the name of what the ruler is off by at one length setting; the setting's number follows.
+RULER = "length_error."
+
+_RULER = Meaning(
+    "m",
+    "mm",
+    -1.0,
+    1.0,
+    "linear",
+    "true minus written length of one setting",
+    "as lengths; the ruler's own sd",
+)
+
+_STATED = {
+    "muscle.braid_angle": Meaning(
+        "rad",
+        "deg",
+        0.05,
+        1.55,
+        "linear",
+        "braid angle from the circumference, at rest",
+        "0 and 90 deg are no net",
+    ),
+    "muscle.diameter": Meaning(
+        "m", "mm", 1e-4, 5.0, "log", "diameter of the threads' surface, at rest", "as lengths"
+    ),
+    "muscle.threads": Meaning(
+        "1", "1", 2, 1e5, "log", "threads of both families together", "counted on the sleeve"
+    ),
+    "muscle.thread_area": Meaning(
+        "m^2", "mm^2", 1e-12, 1e-3, "log", "cross-section of one thread", "linear density over bulk density"
+    ),
+    "thread.modulus": Meaning(
+        "Pa",
+        "GPa",
+        0.3e9,
+        300e9,
+        "log",
+        "Young's modulus of the thread; only threads × area × modulus acts",
+        "rubbery nylon to ultra-high-modulus polyethylene; drawn yarns 3 to 150 GPa",
+    ),
+}
+
+
+def catalogue() -> dict[str, Meaning]:
+    """The meaning of every number a muscle can have, by name: unit, limits, source.
+
+    >>> modulus = catalogue()["thread.modulus"]
+    >>> modulus.unit, modulus.show, modulus.low
+    ('Pa', 'GPa', 300000000.0)
+    """
+    named = {f"muscle.{name}": meaning for name, meaning in field_meanings(Muscle).items()}
+    for law in LAWS.values():
+        named |= {f"thread.{name}": meaning for name, meaning in field_meanings(law).items()}
+    for kind in library().values():
+        named |= {f"{kind.id}.{name}": meaning for name, meaning in field_meanings(kind).items()}
+    return named | _STATED
+
+
+def meaning(name: str, where: str = "") -> Meaning:
+    """The meaning of one number.
+
+    Args:
+        name: as it stands in the catalogue.
+        where: it was named, for what is said of an unknown one.
+
+    Raises:
+        BadInput: if there is no such number, with the nearest that there is.
+    """
+    if name.startswith(RULER):
+        return _RULER
+    known = catalogue()
+    if name not in known:
+        hint = nearest(name, known, listing="pamjax explain")
+        raise refuse(f"{name!r} is no number pamjax knows", where=where, remedy=hint)
+    return known[name]
+
+
+def by_law(name: str) -> dict[str, Meaning]:
+    """What a number of the threads means to each law that has it; empty for any other number.
+
+    >>> {law: meaning.about for law, meaning in by_law("thread.crimp").items()}["recruitment-toe"]
+    'mean slack of the filaments'
+    """
+    own = {law: field_meanings(kind) for law, kind in LAWS.items()}
+    return {law: known[name[7:]] for law, known in own.items() if name[:7] == "thread." and name[7:] in known}
+
+
+def law_numbers(law: str) -> tuple[str, ...]:
+    """Names of the numbers that a law has beside its stiffness."""
+    if law not in LAWS:
+        raise refuse(f"{law!r} is no thread law", remedy=nearest(law, LAWS))
+    return tuple(f"thread.{name}" for name in field_meanings(LAWS[law]) if name != "stiffness")

@@ -1,0 +1,116 @@
+"""Every mechanism there is, by id, and which may not act together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from pamjax.errors import nearest, refuse
+from pamjax.model.mechanism import AbstractMechanism
+from pamjax.model.mechanisms.bladder_elasticity import BladderElasticity
+from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
+from pamjax.model.mechanisms.braid_friction import BraidFriction
+from pamjax.model.mechanisms.braid_locking import BraidLocking
+from pamjax.model.mechanisms.channel_lag import ChannelLag
+from pamjax.model.mechanisms.contact_pressure import ContactPressure
+from pamjax.model.mechanisms.contraction_factor import ContractionFactor
+from pamjax.model.mechanisms.diameter_offset import DiameterOffset
+from pamjax.model.mechanisms.end_cones import EndCones
+from pamjax.model.mechanisms.end_taper import EndTaper
+from pamjax.model.mechanisms.force_drift import ForceDrift
+from pamjax.model.mechanisms.force_gain import ForceGain
+from pamjax.model.mechanisms.force_offset import ForceOffset
+from pamjax.model.mechanisms.length_offset import LengthOffset
+from pamjax.model.mechanisms.mullins_softening import MullinsSoftening
+from pamjax.model.mechanisms.pressure_drop import PressureDrop
+from pamjax.model.mechanisms.pressure_gain import PressureGain
+from pamjax.model.mechanisms.pressure_offset import PressureOffset
+from pamjax.model.mechanisms.rig_compliance import RigCompliance
+from pamjax.model.mechanisms.thread_crimp import ThreadCrimp
+from pamjax.model.mechanisms.thread_slip import ThreadSlip
+from pamjax.model.mechanisms.viscoelastic_creep import ViscoelasticCreep
+from pamjax.model.mechanisms.viscous_damping import ViscousDamping
+
+#: The mechanisms, in the order in which those of one kind act. A gauge multiplies before it adds, so that
+#: an offset is undone before a gain, and read after it.
+MECHANISMS: tuple[type[AbstractMechanism], ...] = (
+    BraidElasticity,
+    ThreadCrimp,
+    BladderElasticity,
+    BraidLocking,
+    EndTaper,
+    BraidFriction,
+    ViscousDamping,
+    ViscoelasticCreep,
+    MullinsSoftening,
+    ThreadSlip,
+    PressureDrop,
+    ContactPressure,
+    RigCompliance,
+    PressureOffset,
+    PressureGain,
+    LengthOffset,
+    ForceGain,
+    ForceOffset,
+    ForceDrift,
+    DiameterOffset,
+    ChannelLag,
+)
+
+#: Textbook forms that stand in for one of the mechanisms: to fit and to compare, never beside it. A
+#: diagnosis does not give their names, and the bench that holds everything is without them.
+ALTERNATIVES: tuple[type[AbstractMechanism], ...] = (EndCones, ContractionFactor)
+
+_ENDS = "both stand for the same loss of force at the ends"
+
+#: Pairs that are the same thing twice, and why.
+TWICE: dict[frozenset[str], str] = {
+    frozenset({"force_gain", "pressure_gain"}): "force is in proportion to pressure, and to its own gain, so"
+    " that only a weight on the load cell or a second gauge can tell them apart",
+    frozenset({"pressure_offset", "contact_pressure"}): "above the threshold both take away one pressure",
+    frozenset({"bladder_elasticity", "contact_pressure"}): "a constant dead band is the hoop half of the"
+    " bladder's own threshold",
+    frozenset({"end_taper", "end_cones"}): _ENDS,
+    frozenset({"end_taper", "contraction_factor"}): _ENDS,
+    frozenset({"end_cones", "contraction_factor"}): _ENDS,
+}
+
+
+def library() -> dict[str, type[AbstractMechanism]]:
+    """The mechanisms and their alternatives by id."""
+    return {kind.id: kind for kind in MECHANISMS + ALTERNATIVES}
+
+
+def mechanism(id: str) -> type[AbstractMechanism]:
+    """One mechanism.
+
+    Raises:
+        BadInput: if there is none of this id, with the nearest there is.
+    """
+    known = library()
+    if id not in known:
+        raise refuse(f"{id!r} is no mechanism pamjax knows", remedy=nearest(id, known))
+    return known[id]
+
+
+def in_order(ids: Iterable[str]) -> tuple[type[AbstractMechanism], ...]:
+    """The named mechanisms in their order of acting.
+
+    Raises:
+        BadInput: if one is unknown.
+    """
+    wanted = {mechanism(id) for id in ids}
+    return tuple(kind for kind in MECHANISMS + ALTERNATIVES if kind in wanted)
+
+
+def not_twice(ids: Iterable[str]) -> None:
+    """Refuse mechanisms that are the same thing twice.
+
+    Raises:
+        BadInput: if two of them are.
+    """
+    wanted = set(ids)
+    for pair, why in TWICE.items():
+        if pair <= wanted:
+            first, second = sorted(pair)
+            rule = f"`{first}` and `{second}` are not switched on together: {why}"
+            raise refuse(rule, remedy="Name one of them.")

@@ -1,0 +1,1 @@
+"""Check a recording for unit errors and stuck sensors."""

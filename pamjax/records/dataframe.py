@@ -1,0 +1,71 @@
+"""A case from a table that is already in memory: pandas or xarray in place of recording.csv."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import tomlkit
+
+from pamjax.errors import nearest, refuse
+from pamjax.records.case import MUSCLE, Case, case_of
+from pamjax.records.files import read_bytes
+from pamjax.records.reading.header import KINDS
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+
+def case_from(
+    table: pd.DataFrame | xr.Dataset,
+    muscle: Mapping[str, Any] | str | Path,
+    *,
+    name: str = "table",
+    gaps: str = "carry",
+    before: str = "relaxed",
+) -> Case:
+    """A case from a table in memory, checked as a case folder is.
+
+    Args:
+        table: a DataFrame with columns `name [unit]` as recording.csv has, or a Dataset whose variables
+            have those names and an attribute `units`.
+        muscle: path of a muscle.toml, or the same as nested dictionaries.
+        name: what the case is called.
+        gaps, before: as for `read_case`.
+
+    Raises:
+        BadInput: in one sentence; rows count as they would in a file whose header is line 1.
+
+    >>> import pandas as pd
+    >>> table = pd.DataFrame({"pressure [kPa]": [200.0], "length [mm]": [200.0], "force [N]": [779.1]})
+    >>> braid = {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.2}
+    >>> case_from(table, {"muscle": braid}).recording.pressure
+    array([200000.])
+    """
+    if isinstance(muscle, Mapping):
+        said = tomlkit.dumps(muscle).encode()
+    else:
+        path = Path(muscle)
+        said = read_bytes(path / MUSCLE if path.is_dir() else path)
+    measured = _frame(table).to_csv(index=False).encode()
+    return case_of(said, measured, Path(name), gaps, before, "the table")
+
+
+def _frame(table: Any) -> pd.DataFrame:
+    """The table with headers `name [unit]`."""
+    if hasattr(table, "to_csv"):
+        return table
+    if not hasattr(table, "data_vars"):
+        got = type(table).__name__
+        raise refuse("a table is a pandas DataFrame or an xarray Dataset", got, remedy="Build one of them.")
+    frame = table.to_dataframe().reset_index()
+    known = [name for name in frame.columns if name in KINDS]
+    if not known:
+        remedy = nearest("pressure", [str(name) for name in frame.columns])
+        raise refuse("a Dataset must have `pressure` and `force` or `diameter`", "neither", remedy=remedy)
+    units = {name: table[name].attrs.get("units", "") for name in known}
+    return frame[known].rename(
+        columns={n: f"{n} [{u}]" if u and n != "cycle" else n for n, u in units.items()}
+    )

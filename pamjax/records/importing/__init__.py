@@ -1,0 +1,1 @@
+"""Import a rig's raw files."""

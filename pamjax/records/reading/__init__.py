@@ -1,0 +1,1 @@
+"""Read recording.csv and muscle.toml."""

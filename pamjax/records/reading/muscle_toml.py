@@ -1,0 +1,186 @@
+"""What the lab says about its muscle: muscle.toml as checked numbers in SI, each with its sd."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from pamjax.errors import BadInput, refuse
+from pamjax.records.reading.quantity import Measured
+from pamjax.records.reading.schema import Document, Muscle, Thread, read_document
+from pamjax.units import show
+
+__all__ = ["Bladder", "Entry", "Measured", "Sensors", "entry_from", "read_entry"]
+
+
+@dataclass(frozen=True)
+class Bladder:
+    """Size of the rubber tube, m, and its Young's modulus at small strain, Pa; None where not stated."""
+
+    inner_diameter: Measured | None = None
+    thickness: Measured | None = None
+    modulus: Measured | None = None
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Noise of one sample, one standard deviation, SI; None where it is to be estimated.
+
+    With `length_per_setting` the length's error is one for each length that was set, not one a sample.
+    """
+
+    force: float | None = None
+    diameter: float | None = None
+    pressure: float | None = None
+    length: float | None = None
+    length_per_setting: bool = False
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What muscle.toml says, SI.
+
+    The braid stands in one of two forms that determine each other: `thread_length` (m) and `turns`, or
+    `braid_angle` (rad, from the circumference) and mid-thread `diameter` (m), both at rest.
+
+    Attributes:
+        name: what the lab calls the muscle.
+        rest_length: m, the length from which contraction counts.
+        threads: how many there are, both families together.
+        thread_area: m^2, cross-section of one thread.
+        length: m, the one length of a recording without a length column.
+        fitting_diameter: m, where the braid is clamped.
+        modulus: Pa, of the thread.
+        stiffness: N, of all threads together, n·E·A.
+        bladder: None where the file has no such table.
+        sensors: noise of one sample.
+        baseline: "inelastic" or "elastic", what the lab believes so far.
+        columns: header texts of recording.csv for our names.
+    """
+
+    name: str
+    rest_length: Measured
+    thread_length: Measured | None = None
+    turns: Measured | None = None
+    braid_angle: Measured | None = None
+    diameter: Measured | None = None
+    threads: int | None = None
+    thread_area: Measured | None = None
+    length: float | None = None
+    fitting_diameter: Measured | None = None
+    modulus: Measured | None = None
+    stiffness: Measured | None = None
+    bladder: Bladder | None = None
+    sensors: Sensors = field(default_factory=Sensors)
+    baseline: str = "inelastic"
+    columns: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def braid(self) -> tuple[float, float]:
+        """Thread length (m) and turns as stated, whichever of the two forms they stand in.
+
+        From the triangle that one thread makes when unrolled: sin θ = L / B, cos θ = π D N / B.
+        """
+        if self.thread_length is not None and self.turns is not None:
+            return self.thread_length.value, self.turns.value
+        assert self.braid_angle is not None
+        assert self.diameter is not None
+        thread_length = self.rest_length.value / math.sin(self.braid_angle.value)
+        return thread_length, thread_length * math.cos(self.braid_angle.value) / (
+            math.pi * self.diameter.value
+        )
+
+
+def read_entry(raw: bytes, file: str = "muscle.toml") -> Entry:
+    """The entry in a muscle.toml's bytes.
+
+    Raises:
+        BadInput: in one sentence with table and key, if it is no TOML or states something impossible.
+    """
+    return entry_from(read_document(raw, file), file)
+
+
+def entry_from(document: Document | Mapping[str, Any], file: str = "muscle.toml") -> Entry:
+    """The entry of a document, checked for what no single number shows.
+
+    >>> entry_from({"muscle": {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.2}}).baseline
+    'inelastic'
+    """
+    said = document if isinstance(document, Document) else Document.of(document, file)
+    muscle, thread = said.muscle, said.thread
+    rest_length = _rest_length(muscle, file)
+    _one_braid(muscle, rest_length, file)
+    _one_stiffness(muscle, thread, file)
+    elastic = thread.modulus is not None or thread.stiffness is not None
+    sensors = said.sensors
+    return Entry(
+        name=muscle.name or "muscle",
+        rest_length=rest_length,
+        thread_length=muscle.thread_length,
+        turns=muscle.turns,
+        braid_angle=muscle.braid_angle,
+        diameter=muscle.diameter,
+        threads=muscle.threads,
+        thread_area=muscle.thread_area,
+        length=muscle.length.value if muscle.length else None,
+        fitting_diameter=muscle.fitting_diameter,
+        modulus=thread.modulus,
+        stiffness=thread.stiffness,
+        bladder=Bladder(**dict(said.bladder)) if said.bladder else None,
+        sensors=Sensors(
+            force=sensors.force.sd if sensors.force else None,
+            diameter=sensors.diameter.sd if sensors.diameter else None,
+            pressure=sensors.pressure.sd if sensors.pressure else None,
+            length=sensors.length.sd if sensors.length else None,
+            length_per_setting=sensors.length is not None and sensors.length.per == "setting",
+        ),
+        baseline=said.baseline.model or ("elastic" if elastic else "inelastic"),
+        columns=dict(said.columns),
+    )
+
+
+def _rest_length(muscle: Muscle, file: str) -> Measured:
+    found = muscle.rest_length or muscle.length
+    if found is None:
+        remedy = 'Write the length between the fittings at rest: rest_length = "235 mm".'
+        raise refuse("[muscle] must state `rest_length`", "none", file, remedy)
+    return found
+
+
+def _one_braid(muscle: Muscle, rest_length: Measured, file: str) -> None:
+    """Exactly one form of the braid, whole and possible."""
+    counted = {"thread_length": muscle.thread_length, "turns": muscle.turns}
+    angled = {"braid_angle": muscle.braid_angle, "diameter": muscle.diameter}
+    given = [name for name, value in (counted | angled).items() if value is not None]
+    if given not in (list(counted), list(angled)):
+        raise _no_braid(given, file)
+    thread = muscle.thread_length
+    if thread is not None and rest_length.value >= thread.value:
+        rule = f"`rest_length` must be shorter than the thread ({show(thread.value, 'mm')})"
+        remedy = "`thread_length` is measured along one thread, from fitting to fitting."
+        raise refuse(rule, show(rest_length.value, "mm"), f"[muscle] of {file}", remedy)
+
+
+def _no_braid(given: list[str], file: str) -> BadInput:
+    rule = "[muscle] must state the braid as `thread_length` and `turns`, or as `braid_angle` and `diameter`"
+    got = " and ".join(f"`{name}`" for name in given) or "neither"
+    remedy = "Remove one pair: each follows from the other." if len(given) > 2 else "Add what is missing."
+    if len(given) == 2:
+        remedy = "Complete one pair and remove the other."
+    return refuse(rule, got, file, remedy)
+
+
+def _one_stiffness(muscle: Muscle, thread: Thread, file: str) -> None:
+    if thread.modulus is None:
+        return
+    if thread.stiffness is not None:
+        remedy = "Keep one: the stiffness is threads x area x modulus."
+        raise refuse("[thread] must state `modulus` or `stiffness`", "both", file, remedy)
+    missing = [n for n in ("threads", "thread_area") if getattr(muscle, n) is None]
+    if missing:
+        rule = "`modulus` needs `threads` and `thread_area` in [muscle]"
+        got = "no " + " and no ".join(f"`{name}`" for name in missing)
+        remedy = 'Add what is missing, or state that of all threads together: [thread] stiffness = "1.4 MN".'
+        raise refuse(rule, got, file, remedy)

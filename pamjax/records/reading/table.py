@@ -1,0 +1,233 @@
+"""recording.csv, read at the door: units converted once, each bad cell told by row and column."""
+
+from __future__ import annotations
+
+import csv
+import re
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from pamjax.errors import BadInput, InputWarning, refuse
+from pamjax.records.files import decode, read_bytes
+from pamjax.records.quotes import check_quotes, lines_of
+from pamjax.records.reading.header import Column, find_columns
+from pamjax.records.reading.outliers import set_aside
+from pamjax.records.recording import Recording
+from pamjax.units import show
+
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_COMMA = re.compile(r"[+-]?\d+,\d+")
+_NOT_MEASURED = {"nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "?"}
+
+#: A gauge's zero is rarely off by more: the seven hose recordings' gauge reads 8 to 10 kPa at atmosphere,
+#: laboratory gauges state 0.25 to 1 % of full scale.
+ZERO_ERROR = 5e3
+ZERO_SHARE = 0.01
+
+
+def read_table(
+    path: str | Path, columns: Mapping[str, str] | None = None, default_length: float | None = None
+) -> Recording:
+    """Read a recording from a CSV file whose headers are `name [unit]`.
+
+    Args:
+        path: the CSV file; lines that begin with `#` are comments.
+        columns: header texts of the file for our names, as {"force": "Load (lbf)"}.
+        default_length: m, the length of every row where the file has no such column.
+
+    Raises:
+        BadInput: in one sentence with row and column, if the file cannot be used as it is.
+
+    Warns:
+        InputWarning: for columns that are kept out and for outlying cells that were set aside.
+    """
+    path = Path(path)
+    recording, notes, _ = parse_table(read_bytes(path), path.name, columns or {}, default_length)
+    for note in notes:
+        warnings.warn(note, InputWarning, stacklevel=2)
+    return recording
+
+
+def parse_table(
+    raw: bytes, file: str, columns: Mapping[str, str], default_length: float | None
+) -> tuple[Recording, list[str], dict[str, str]]:
+    """The recording in a CSV file's bytes, what its owner should know about it, and each column's unit."""
+    header, lines, cells = _split(decode(raw, file), file)
+    found, extra = find_columns(header, columns, file, default_length is not None)
+    place = _Place(file, lines)
+    values = {name: _numbers(column, cells, place) for name, column in found.items()}
+    recording = Recording.from_arrays(
+        pressure=values["pressure"],
+        length=values.get("length", default_length if default_length is not None else np.nan),
+        force=values.get("force"),
+        diameter=values.get("diameter"),
+        time=_times(values.get("time"), found, place),
+        cycle=_cycles(values.get("cycle"), place),
+        row=lines,
+    )
+    for name in ("length", "diameter"):
+        if name in found:
+            _positive(values[name], found[name], place)
+    units = {name: column.unit for name, column in found.items()}
+    recording = set_aside(recording, units)
+    _not_below_vent(recording.pressure, found["pressure"], place)
+    _something_measured(recording, file)
+    notes = [f"column `{title}` of {file} is none that pamjax knows, and was kept out." for title in extra]
+    return recording, notes + [f"{aside}." for aside in recording.aside], units
+
+
+class _Place:
+    """Where a row stands, in words."""
+
+    def __init__(self, file: str, lines: list[int]) -> None:
+        self.file = file
+        self.lines = lines
+
+    def __call__(self, index: int, column: str = "") -> str:
+        row = f"row {self.lines[index]} of {self.file}"
+        return f"column `{column}`, {row}" if column else row
+
+
+def _split(text: str, file: str) -> tuple[list[str], list[int], list[list[str]]]:
+    """Header, line number of each row, and each row's cells; comments and blank lines left out."""
+    # A comment may have any marks in it.
+    written = [line if not line.lstrip().startswith("#") else "\n" for line in lines_of(text)]
+    titles = next((line for line in written if line.strip(" ,\t\r\n")), "")
+    check_quotes(written, file, ",", titles)
+    rows = list(enumerate(csv.reader(written), 1))
+    rows = [(line, cells) for line, cells in rows if any(c.strip() for c in cells)]
+    rows = [(line, cells) for line, cells in rows if not cells[0].lstrip().startswith("#")]
+    if not rows:
+        raise refuse(
+            f"{file} must hold a recording", "an empty file", remedy="Write a header and a row a sample."
+        )
+    header = rows[0][1]
+    _comma_separated(header, file)
+    if len(rows) == 1:
+        raise refuse(f"{file} must hold a recording", "a header and no row below it")
+    while (
+        len(header) > 1 and not header[-1].strip() and not any("".join(r[1][len(header) - 1 :]) for r in rows)
+    ):
+        header = header[:-1]
+    cells = [_as_wide_as(header, line, row, file) for line, row in rows[1:]]
+    return header, [line for line, _ in rows[1:]], cells
+
+
+def _comma_separated(header: list[str], file: str) -> None:
+    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
+        if mark in ",".join(header) and len(header) <= ",".join(header).count(mark):
+            remedy = (
+                "Save it with commas between the cells and points in the numbers, or import it as it is:"
+                " `pamjax import`."
+            )
+            raise refuse(f"the cells of {file} must be separated by commas", name, "its header", remedy)
+
+
+def _as_wide_as(header: list[str], line: int, row: list[str], file: str) -> list[str]:
+    if not any(cell.strip() for cell in row[len(header) :]):
+        row = row[: len(header)]
+    if len(row) == len(header):
+        return row
+    many = "If the numbers have decimal commas, write points: 0.5, not 0,5."
+    remedy = many if len(row) > len(header) else "A cell that was not measured keeps its comma."
+    got = f"{len(row)} cells"
+    raise refuse(
+        f"each row must have as many cells as the header ({len(header)})",
+        got,
+        f"row {line} of {file}",
+        remedy,
+    )
+
+
+def _numbers(column: Column, cells: list[list[str]], place: _Place) -> np.ndarray:
+    """(n,) the column in SI, NaN where its cell is blank."""
+    values = np.empty(len(cells))
+    for i, row in enumerate(cells):
+        text = row[column.index].strip()
+        values[i] = _number(text, column, place, i) if text else np.nan
+    return values * column.factor
+
+
+def _number(text: str, column: Column, place: _Place, i: int) -> float:
+    value = float(text) if _NUMBER.fullmatch(text) else np.nan
+    if np.isfinite(value):
+        return value
+    remedy = "Leave a cell that was not measured blank."
+    if _COMMA.fullmatch(text):
+        remedy = f"Write a decimal point: {text.replace(',', '.')}."
+    elif text.lower() not in _NOT_MEASURED and "inf" not in text.lower() and np.isnan(value):
+        remedy = "Write a bare number, its unit in the header; " + remedy[0].lower() + remedy[1:]
+    raise refuse(
+        f"`{column.name}` must be a finite number or blank", f"{text!r}", place(i, column.header), remedy
+    )
+
+
+def _times(time: np.ndarray | None, found: Mapping[str, Column], place: _Place) -> np.ndarray | None:
+    if time is None or np.isnan(time).all():
+        return None
+    column = found["time"]
+    blank = np.isnan(time)
+    if blank.any():
+        where = place(int(np.argmax(blank)))
+        remedy = "Fill it in, or leave the column out where order means nothing."
+        raise refuse("`time` must stand in every row", "a blank", where, remedy)
+    wrong = np.diff(time) <= 0
+    if wrong.any():
+        i = int(np.argmax(wrong)) + 1
+        now, before = show(time[i], column.unit, 9), show(time[i - 1], column.unit, 9)
+        again = time[i] == time[i - 1]
+        remedy = (
+            "Give it enough digits."
+            if again
+            else "Sort the rows, and let a new test go on where the last ended."
+        )
+        got = f"{now} again" if again else f"{now} after {before}"
+        raise refuse("`time` must grow from row to row", got, place(i), remedy)
+    return time
+
+
+def _cycles(cycle: np.ndarray | None, place: _Place) -> np.ndarray | None:
+    if cycle is None or np.isnan(cycle).all():
+        return None
+    wrong = ~((cycle >= 0) & (cycle == np.round(cycle)))
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        got = "a blank" if np.isnan(cycle[i]) else f"{cycle[i]:g}"
+        raise refuse(
+            "`cycle` must be a whole number, 0 or more", got, place(i), "Number the strokes 1, 2, 3."
+        )
+    return cycle
+
+
+def _positive(values: np.ndarray, column: Column, place: _Place) -> None:
+    wrong = values <= 0
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        remedy = "Leave a cell that was not measured blank; check the sign and zero of the others."
+        raise refuse(f"`{column.name}` must be positive", show(values[i], column.unit), place(i), remedy)
+
+
+def _not_below_vent(pressure: np.ndarray, column: Column, place: _Place) -> None:
+    allowed = max(ZERO_ERROR, ZERO_SHARE * np.nanmax(pressure, initial=0.0))
+    wrong = pressure < -allowed
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        below = show(-allowed, column.unit)
+        rule = f"`pressure` is gauge pressure and must not be below the vent's zero error ({below})"
+        remedy = "Check its sign, and that its gauge reads zero at atmosphere."
+        raise refuse(rule, show(pressure[i], column.unit), place(i), remedy)
+
+
+def _something_measured(recording: Recording, file: str) -> None:
+    if not recording.usable.any():
+        raise _nothing("a pressure and a length", file)
+    channels = (recording.force, recording.diameter)
+    if not any((np.isfinite(channel) & recording.usable).any() for channel in channels):
+        raise _nothing("a force or a diameter beside its pressure and length", file)
+
+
+def _nothing(what: str, file: str) -> BadInput:
+    return refuse(f"at least one row must have {what}", "none", file, "Check which columns are blank.")

@@ -1,0 +1,117 @@
+"""Shipped tables: printed numbers of others, each with a sidecar that says what and whence.
+
+A table is `<folder>/<name>.csv` with headers `name [unit]` and a sidecar `<name>.toml` (title, how it was
+read, sha256 of the CSV's bytes, source, licence, a unit for each column). Text columns have no unit.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import tomllib
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from pamjax.errors import nearest, refuse
+from pamjax.units import in_unit
+
+_HEADER = re.compile(r"^(?P<name>.*?)\s*\[(?P<unit>[^\]]*)\]$")
+
+
+def data_folder() -> Path:
+    """Where the shipped tables lie: inside an installed package, beside the package in a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    # The package's own folder comes first: beside an installed one, `data` could be anybody's.
+    for folder in (package / "data", package.parent / "data"):
+        if folder.is_dir():
+            return folder
+    raise refuse("pamjax ships its tables in a folder `data`", "none", str(package), "Install pamjax again.")
+
+
+def shipped() -> list[str]:
+    """The names that `read_shipped` knows, as "chambers_wereley_2022/table1"."""
+    folder = data_folder()
+    return sorted(p.relative_to(folder).with_suffix("").as_posix() for p in folder.glob("*/*.csv"))
+
+
+def sidecar(name: str) -> dict[str, Any]:
+    """What a shipped table is: title, source, licence, how it was read, unit of each column.
+
+    Raises:
+        BadInput: if no table has this name.
+
+    >>> sidecar("chambers_wereley_2022/table1")["source"]["licence"]
+    'CC BY 4.0'
+    """
+    return tomllib.loads(_path(name, ".toml").read_text(encoding="utf-8"))
+
+
+def read_shipped(name: str) -> pd.DataFrame:
+    """A shipped table as printed, headers `name [unit]`; `in_si` converts it.
+
+    Raises:
+        BadInput: if no table has this name, or the file is not the one the sidecar was written for.
+
+    >>> read_shipped("chambers_wereley_2022/table1")["diameter [mm]"].iloc[0].item()
+    26.52
+    """
+    path = _path(name, ".csv")
+    content = path.read_bytes()
+    if hashlib.sha256(content).hexdigest() != sidecar(name)["sha256"]:
+        raise refuse(
+            "a shipped table must be the file its sidecar describes",
+            "another sha256",
+            str(path),
+            "Restore the file, or write its new sha256 into the sidecar if the change is meant.",
+        )
+    return pd.read_csv(BytesIO(content))
+
+
+def in_si(table: pd.DataFrame) -> pd.DataFrame:
+    """The same table in SI under bare names; columns without a unit stay as they are.
+
+    >>> in_si(read_shipped("chambers_wereley_2022/table1"))["pressure"].iloc[0].item()
+    689000.0
+
+    Raises:
+        BadInput: if two columns would get the same name, as table 2's "force_change" in percent and in N.
+    """
+    columns = {}
+    for header in table.columns:
+        match = _HEADER.match(header)
+        name = match["name"] if match else header
+        if name in columns:
+            raise refuse(
+                "a column can be converted once", f"`{name}` twice", remedy="Pick the columns first."
+            )
+        columns[name] = table[header] * in_unit(match["unit"]) if match else table[header]
+    return pd.DataFrame(columns)
+
+
+def quantities(name: str) -> dict[str, float]:
+    """SI values of a table that has a row for each quantity, by the quantity's name.
+
+    >>> round(quantities("chambers_wereley_2022/materials")["rest_length"], 6)
+    0.235744
+    """
+    table = read_shipped(name)
+    if not {"quantity", "value", "unit"} <= set(table.columns):
+        raise refuse(
+            "a table of quantities has the columns `quantity`, `value` and `unit`",
+            where=name,
+            remedy="Use `in_si`.",
+        )
+    return {
+        str(quantity): float(value) * in_unit(str(unit))
+        for quantity, value, unit in zip(table["quantity"], table["value"], table["unit"], strict=True)
+    }
+
+
+def _path(name: str, suffix: str) -> Path:
+    path = data_folder() / f"{name}{suffix}"
+    if name not in shipped() or not path.is_file():
+        raise refuse("a shipped table is read by its name", f"`{name}`", remedy=nearest(name, shipped()))
+    return path

@@ -1,0 +1,46 @@
+"""Write a case folder: the inverse of reading one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import tomlkit
+
+from pamjax.errors import refuse
+from pamjax.records.case import MUSCLE, RECORDING
+from pamjax.records.files import folder_beside
+from pamjax.records.recording import SHOWN, Recording
+
+#: Decimals of each column, in the unit a person reads: finer than any sensor.
+DECIMALS = {"time": 4, "pressure": 4, "length": 5, "force": 4, "diameter": 5}
+
+
+def write_case(folder: Path, recording: Recording, muscle: str) -> None:
+    """Write recording.csv and muscle.toml, both or neither.
+
+    Args:
+        folder: must not exist, or be empty.
+        recording: what was measured.
+        muscle: text of the muscle.toml; its mapping of foreign headers is dropped, since the columns
+            are written under their own names.
+
+    Raises:
+        BadInput: if the folder has something in it.
+    """
+    if folder.exists() and any(folder.iterdir()):
+        raise refuse("a new case needs an empty folder", f"{folder}, which is not", remedy="Name another.")
+    with folder_beside(folder) as beside:
+        table(recording).to_csv(beside / RECORDING, index=False)
+        (beside / MUSCLE).write_text(_own_headers(muscle), encoding="utf-8")
+
+
+def table(recording: Recording):
+    """The recording under its own headers, rounded to what a sensor could tell (pandas)."""
+    frame = recording.to_frame()
+    return frame.round({f"{name} [{unit}]": DECIMALS[name] for name, unit in SHOWN.items()})
+
+
+def _own_headers(muscle: str) -> str:
+    document = tomlkit.parse(muscle)
+    document.pop("columns", None)
+    return tomlkit.dumps(document)

@@ -1,0 +1,1 @@
+"""Size a muscle by gradient."""

@@ -1,0 +1,140 @@
+"""What a muscle can be made of: threads and bladders, shipped with their ranges or stated in a spec."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from pamjax.errors import nearest, refuse
+from pamjax.records.shipped_tables import in_si, read_shipped
+
+#: Cross-sections in which threads are taken to be sold, m, within a material's own range: a judgement.
+DIAMETERS = (0.05e-3, 0.1e-3, 0.15e-3, 0.2e-3, 0.3e-3, 0.4e-3, 0.5e-3, 0.7e-3, 1.0e-3)
+
+
+@dataclass(frozen=True)
+class Known:
+    """A property: what is typical, and the range that its sources span, SI."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class ThreadKind:
+    """A kind of thread, SI.
+
+    Attributes:
+        name, about: how it is called, and what it is.
+        modulus, strength: Pa, on the solid cross-section.
+        density: kg/m³.
+        fill: solid share of the round cross-section.
+        diameters: m, in which it is to be had.
+        price: of a kilogram, in any currency; None where unknown.
+        source: keys of the table's sources, or "stated".
+    """
+
+    name: str
+    about: str
+    modulus: Known
+    strength: Known
+    density: float
+    fill: float
+    diameters: tuple[float, ...]
+    price: float | None = None
+    source: str = "stated"
+
+    def area(self, diameter: float) -> float:
+        """Solid cross-section of one thread, m²."""
+        return self.fill * math.pi * diameter**2 / 4
+
+
+@dataclass(frozen=True)
+class BladderKind:
+    """A kind of rubber, SI.
+
+    Attributes:
+        name, about: how it is called, and what it is.
+        modulus: shear modulus at small strain, Pa.
+        mooney: share of the second invariant.
+        density: kg/m³.
+        elongation: at break, 1.
+        walls: thinnest and thickest wall to be had, m.
+        price: of a kilogram, in any currency; None where unknown.
+        source: keys of the table's sources, or "stated".
+    """
+
+    name: str
+    about: str
+    modulus: Known
+    mooney: float
+    density: float
+    elongation: float
+    walls: tuple[float, float]
+    price: float | None = None
+    source: str = "stated"
+
+
+@cache
+def threads() -> dict[str, ThreadKind]:
+    """The shipped kinds of thread, by name.
+
+    >>> print(f"{threads()['nylon'].modulus.value / 1e9:.1f} GPa")
+    4.6 GPa
+    """
+    return {row["name"]: _thread(row) for row in _rows("materials/threads")}
+
+
+@cache
+def bladders() -> dict[str, BladderKind]:
+    """The shipped kinds of rubber, by name."""
+    return {row["name"]: _bladder(row) for row in _rows("materials/bladders")}
+
+
+def of_name(name: str, known: dict[str, Any], what: str, where: str) -> Any:
+    """The kind of a name, from a spec's own and the shipped ones.
+
+    Raises:
+        BadInput: if there is none.
+    """
+    if name not in known:
+        raise refuse(f"{name!r} is no {what} pamjax knows", where=where, remedy=nearest(name, known))
+    return known[name]
+
+
+def _rows(table: str) -> list[dict[str, Any]]:
+    return [{str(k): v for k, v in row.items()} for row in in_si(read_shipped(table)).to_dict("records")]
+
+
+def _known(row: dict[str, Any], name: str) -> Known:
+    return Known(float(row[name]), float(row[f"{name} low"]), float(row[f"{name} high"]))
+
+
+def _thread(row: dict[str, Any]) -> ThreadKind:
+    low, high = float(row["diameter low"]), float(row["diameter high"])
+    return ThreadKind(
+        name=row["name"],
+        about=row["about"],
+        modulus=_known(row, "modulus"),
+        strength=_known(row, "strength"),
+        density=float(row["density"]),
+        fill=float(row["fill"]),
+        diameters=tuple(d for d in DIAMETERS if low * (1 - 1e-9) <= d <= high * (1 + 1e-9)),
+        source=row["source"],
+    )
+
+
+def _bladder(row: dict[str, Any]) -> BladderKind:
+    return BladderKind(
+        name=row["name"],
+        about=row["about"],
+        modulus=_known(row, "shear modulus"),
+        mooney=float(row["mooney"]),
+        density=float(row["density"]),
+        elongation=float(row["elongation"]),
+        walls=(float(row["wall low"]), float(row["wall high"])),
+        source=row["source"],
+    )

@@ -1,1 +1,0 @@
-"""What is missing from a model, and what else one could use."""

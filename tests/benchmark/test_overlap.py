@@ -1,0 +1,54 @@
+"""True boxes hold the middle of an effect, and two boxes overlap by what they share."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pamjax.benchmark.overlap import blind, overlap, true_boxes
+from pamjax.diagnosis.detect.locate import Box
+from pamjax.diagnosis.detect.regions import Axes
+
+#: A hundred pressures; at each, strokes that shorten and lengthen.
+GRID = np.meshgrid(np.linspace(0, 1e5, 101), np.linspace(0, 0.3, 61), [-1, 1], indexing="ij")
+AT = Axes(GRID[0].ravel(), GRID[1].ravel(), np.linspace(0, 100, GRID[0].size), GRID[2].ravel().astype(int))
+WHOLE = Box("force", "both", (0, 1e5), (0, 0.3), (0, 100), 1.0, "")
+
+
+def effect(weight):
+    out = np.zeros((1, 2, AT.pressure.size))
+    out[0, 0] = weight
+    return out
+
+
+def boxes(weight):
+    return true_boxes(AT, effect(weight), np.ones((2, AT.pressure.size)))
+
+
+def test_a_box_is_where_the_effect_is():
+    (box,) = boxes((AT.pressure > 5e4) & (AT.contraction < 0.1) & (AT.direction == 1))
+    assert (box.channel, box.direction) == ("force", "lengthening")
+    assert box.pressure == pytest.approx((5.25e4, 9.75e4), abs=1.5e3)
+    assert box.contraction == pytest.approx((0.005, 0.095), abs=0.006)
+
+
+def test_a_box_is_of_the_squared_effect():
+    (box,) = boxes(AT.pressure)
+    # ∫ p² dp: a share s lies below s^(1/3) of the range.
+    assert box.pressure == pytest.approx((1e5 * 0.05 ** (1 / 3), 1e5 * 0.95 ** (1 / 3)), abs=1.5e3)
+    assert box.direction == "both"
+
+
+def test_a_claim_of_the_box_itself_is_perfect_and_of_another_channel_worth_nothing():
+    (box,) = boxes(AT.pressure > 5e4)
+    assert overlap(AT, [box], [box]) == pytest.approx(1.0)
+    assert overlap(AT, [replace(box, channel="diameter")], [box]) == 0.0
+    assert overlap(AT, [], [box]) == 0.0
+
+
+def test_overlap_is_a_product_over_axes():
+    quarter = replace(WHOLE, pressure=(0, 5e4), contraction=(0, 0.15))
+    assert overlap(AT, [quarter], [WHOLE]) == pytest.approx(0.25)
+    assert overlap(AT, [replace(quarter, direction="shortening")], [WHOLE]) == pytest.approx(0.125)
+    assert blind(AT, [quarter]) == pytest.approx(0.25)
+    assert overlap(AT, [replace(WHOLE, pressure=(0, 4e4))], [replace(WHOLE, pressure=(6e4, 1e5))]) == 0.0

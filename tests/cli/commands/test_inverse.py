@@ -1,0 +1,227 @@
+"""`pamjax inverse`: a fitted muscle is commanded, with how sure it is, and exported."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from pamjax.cli.main import main
+from pamjax.control.command_uncertainty import force_sd
+from pamjax.control.posterior_draws import MANY
+from pamjax.control.standalone import Controller
+from pamjax.infer.fitting.load import load_muscle
+from pamjax.units import in_unit, show
+
+
+def test_a_fitted_muscle_is_commanded_with_its_doubt(fitted, capsys):
+    words = [str(fitted / "fit.json"), "--force", "300 N", "--length", "180 mm"]
+    assert main(["inverse", *words, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["command"], found["limit"]) == ("pressure", "OK")
+    assert 0 < found["sd"] < 0.05 * found["value"]
+    muscle = load_muscle(fitted / "fit.json").muscle
+    assert float(muscle(found["value"], 0.18).force) == pytest.approx(300.0, rel=1e-9)
+    assert main(["inverse", *words]) == 0
+    said = capsys.readouterr().out
+    assert " ± " in said
+    assert "for a newton more" in said
+
+
+def test_doubt_is_that_of_draws_from_the_covariance(fitted):
+    document = json.loads((fitted / "fit.json").read_text())
+    names = document["correlation"]["names"]
+    sd = np.array([document["parameters"][n]["sd"] for n in names])
+    root = np.linalg.cholesky(np.array(document["correlation"]["matrix"]) + 1e-9 * np.eye(len(names)))
+    to_si = {"mm": 1e-3, "GPa": 1e9, "1": 1.0}
+    scale = np.array([to_si[document["parameters"][n]["unit"]] for n in names])
+    case = document["cases"][next(iter(document["cases"]))]
+    rng, forces = np.random.default_rng(0), []
+    from pamjax.model.assembly import assemble
+
+    for _ in range(120):
+        moved = 0.2 * sd * scale * (root @ rng.standard_normal(sd.size))
+        numbers = case["muscle"]["numbers"] | {
+            n: case["muscle"]["numbers"][n] + step for n, step in zip(names, moved, strict=True)
+        }
+        forces.append(float(assemble(case["muscle"]["law"], numbers)(300e3, 0.18).force))
+    told = force_sd(fitted / "fit.json", np.array([300e3]), np.array([0.18]))[0]
+    # A hundred and twenty draws know a standard deviation to 6.5 %.
+    assert np.std(forces) / 0.2 == pytest.approx(told, rel=0.25)
+
+
+def test_what_a_diagnosis_left_over_is_part_of_the_doubt(fitted, tmp_path, capsys):
+    (tmp_path / "model.json").write_text((fitted / "fit.json").read_text())
+    words = [str(tmp_path / "model.json"), "--force", "300 N", "--length", "180 mm"]
+
+    def told():
+        assert main(["inverse", *words, "--json"]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    alone = told()
+    left = {"improvement": {"held_out": {"force": {"rmse_after": 5.0}}}, "noise": {"force": {"sd": 3.0}}}
+    (tmp_path / "diagnosis.json").write_text(json.dumps(left))
+    both = told()
+    assert (alone["force_missed"], both["force_missed"]) == (0.0, 4.0)
+    assert both["sd"] == pytest.approx(np.hypot(alone["sd"], 4.0 * both["by_force"]))
+    assert main(["inverse", *words]) == 0
+    assert "the muscle misses 4 N of held-out blocks beyond noise" in capsys.readouterr().out
+
+
+def test_what_cannot_be_met_is_an_answer(fitted, capsys):
+    assert main(["inverse", str(fitted / "fit.json"), "--force", "9 kN", "--pressure", "400 kPa"]) == 0
+    told = capsys.readouterr().out
+    loaded = load_muscle(fitted / "fit.json")
+    long = loaded.calibrated["length"][1]
+    most = float(loaded.muscle(400e3, long).force)
+    assert f"more force than the {show(most, 'N')} at the longest length, {show(long, 'mm')}" in told
+    short = loaded.calibrated["length"][0]
+    assert main(["inverse", str(fitted / "fit.json"), "--force", "300 N", "--length", "100 mm"]) == 0
+    told = capsys.readouterr().out
+    assert f"a length of 100 mm is outside {show(short, 'mm')} to {show(long, 'mm')}" in told
+    assert f", at {show(short, 'mm')}" in told
+    assert main(["inverse", str(fitted / "fit.json"), "--force", "-50 N", "--length", "180 mm"]) == 0
+    assert "less force than the 0 N at the lowest pressure, 0 kPa" in capsys.readouterr().out
+    words = ["--force", "9 kN", "--length", "180 mm", "--json"]
+    assert main(["inverse", str(fitted / "fit.json"), *words]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["limit"] == "TOO_STRONG"
+    assert "at the highest pressure" in document["says"]
+    assert document["there"] == pytest.approx(float(loaded.muscle(document["value"], 0.18).force))
+
+
+def test_an_export_says_how_far_it_is_off(fitted, tmp_path, capsys):
+    assert main(["inverse", str(fitted / "fit.json"), "--export", str(tmp_path)]) == 0
+    assert "off by less than pressure" in capsys.readouterr().out
+    robot = Controller(tmp_path / "controller.npz")
+    pressure, status = robot.pressure(300.0, 0.18)
+    assert status == 0
+    force = load_muscle(fitted / "fit.json").muscle(float(pressure), 0.18).force
+    assert float(force) == pytest.approx(300.0, rel=1e-3)
+
+
+def test_a_muscle_calibrated_at_one_length_is_commanded_at_others(fitted, tmp_path, capsys):
+    document = json.loads((fitted / "fit.json").read_text())
+    ((_, one),) = document["cases"].items()
+    one["calibrated"]["length"] = {"low": 0.2, "high": 0.2}
+    (tmp_path / "fit.json").write_text(json.dumps(document))
+    assert (
+        main(["inverse", str(tmp_path / "fit.json"), "--force", "300 N", "--length", "180 mm", "--json"]) == 0
+    )
+    found = json.loads(capsys.readouterr().out)
+    assert found["limit"] == "OK"
+    (beyond,) = (one for one in found["beyond"] if "length" in one)
+    assert beyond == "extrapolated: length 180 mm, calibrated at 200 mm; no ± counts it"
+
+
+@pytest.mark.parametrize("words", [[], ["--force", "3 N"], ["--force", "3 N", "--export", "x"]])
+def test_half_a_wish_is_refused(fitted, capsys, words):
+    assert main(["inverse", str(fitted / "fit.json"), *words]) == 2
+    assert "`--force` with `--length` or with `--pressure`" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def drawn(fitted, tmp_path_factory):
+    """Write a posterior.nc that is the fit's own normal distribution, so many times as wide."""
+    document = json.loads((fitted / "fit.json").read_text())
+    names = document["correlation"]["names"]
+    ((case, one),) = document["cases"].items()
+    value = np.array([one["muscle"]["numbers"][n] for n in names])
+    told = [document["parameters"][n] for n in names]
+    sd = np.array([t["sd"] * in_unit(t["unit"]) for t in told])
+    raw = np.random.default_rng(5).standard_normal((MANY, sd.size))
+    # Exactly of mean nothing and covariance one: what is left of a difference is no chance.
+    raw -= raw.mean(axis=0)
+    unit = raw @ np.linalg.inv(np.linalg.cholesky(np.cov(raw.T))).T
+    steps = unit @ np.linalg.cholesky(np.array(document["correlation"]["matrix"]) + 1e-9 * np.eye(sd.size)).T
+    about = {"law": one["muscle"]["law"], "mechanisms": "[]", "checksum": json.dumps({case: one["checksum"]})}
+
+    def _drawn(wide, **other):
+        values = value + wide * steps * sd
+        data = {n: (("chain", "draw"), values[None, :, k]) for k, n in enumerate(names)}
+        tree = xr.DataTree.from_dict({"posterior": xr.Dataset(data)})
+        tree.attrs = about | other
+        file = tmp_path_factory.mktemp("drawn") / "posterior.nc"
+        tree.to_netcdf(file, engine="h5netcdf")
+        return file
+
+    return _drawn
+
+
+@pytest.mark.parametrize("words", [["--length", "180 mm"], ["--pressure", "300 kPa"]])
+def test_draws_of_a_normal_posterior_say_what_its_covariance_says(fitted, drawn, capsys, words):
+    force = float(load_muscle(fitted / "fit.json").muscle(300e3, 0.18).force)
+    words = ["inverse", str(fitted / "fit.json"), "--force", f"{force:.3f} N", *words, "--json"]
+
+    def told(*more):
+        assert main([*words, *more]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    straight = told()
+    near, far = (told("--posterior", str(drawn(wide))) for wide in (0.2, 0.4))
+    # What is left is curvature.
+    assert near["sd"] / 0.2 == pytest.approx(straight["sd"], rel=5e-3)
+    assert far["sd"] / near["sd"] == pytest.approx(2.0, rel=5e-3)
+    assert near["value"] == pytest.approx(straight["value"], rel=1e-4)
+    assert near["draws"]["met"] == 1.0
+    width = near["draws"]["high"] - near["draws"]["low"]
+    assert width == pytest.approx(2 * 1.645 * near["sd"], rel=0.15)
+
+
+def test_draws_say_how_likely_a_wish_can_be_met(fitted, drawn, capsys):
+    muscle = load_muscle(fitted / "fit.json").muscle
+    top = load_muscle(fitted / "fit.json").calibrated["pressure"][1]
+    most = float(muscle(top, 0.18).force)
+    words = ["inverse", str(fitted / "fit.json"), "--force", f"{most:.9g} N", "--length", "180 mm"]
+    assert main([*words, "--posterior", str(drawn(1.0)), "--json"]) == 0
+    # The most that the middle of the draws can do is too much for half of them.
+    assert json.loads(capsys.readouterr().out)["draws"]["met"] == pytest.approx(0.5, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("other", "told"),
+    [
+        ({"law": "toe"}, "belongs to its own model (elastic here); got toe"),
+        ({"mechanisms": '["braid_friction"]'}, "got elastic + braid_friction"),
+        ({"checksum": '{"other": "0"}'}, "belongs to the recording that it was drawn for; got other"),
+    ],
+)
+def test_a_posterior_of_another_muscle_is_refused(fitted, drawn, capsys, other, told):
+    words = ["inverse", str(fitted / "fit.json"), "--force", "300 N", "--length", "180 mm"]
+    assert main([*words, "--posterior", str(drawn(1.0, **other))]) == 2
+    assert told in capsys.readouterr().err
+
+
+def rubbed(fitted, folder):
+    """The fitted muscle with friction, as a diagnosis writes it."""
+    document = json.loads((fitted / "fit.json").read_text())
+    ((_, one),) = document["cases"].items()
+    one["muscle"]["mechanisms"] = ["braid_friction", "force_offset"]
+    one["muscle"]["numbers"] |= {"braid_friction.coefficient": 0.3, "force_offset.offset": 1.0}
+    (folder / "model.json").write_text(json.dumps(document))
+    return folder / "model.json"
+
+
+@pytest.mark.slow
+def test_what_a_command_leaves_out_is_said_beside_the_doubt(fitted, tmp_path, capsys):
+    words = ["inverse", str(rubbed(fitted, tmp_path)), "--force", "300 N", "--length", "180 mm"]
+    assert main([*words, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["left_out"] == ["braid_friction", "force_offset"]
+    assert found["friction_force"] > 0
+    assert found["friction_command"] == pytest.approx(found["friction_force"] * found["by_force"])
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    assert f", and up to {show(found['friction_command'], 'kPa', 2)} to either side by friction" in said
+    assert f"force up to {show(found['friction_force'], 'N', 2)} more after lengthening" in said
+    assert "left out, as for true sensors and a rigid rig: force_offset" in said
+
+
+def test_an_answer_tells_how_the_stiffness_changes(fitted, capsys):
+    words = ["inverse", str(fitted / "fit.json"), "--force", "300 N", "--length", "180 mm"]
+    assert main([*words, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    assert f"{found['stiffness_by_pressure']:+.4g} N/mm for a kPa more" in said
+    assert "left out" not in said

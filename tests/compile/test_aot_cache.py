@@ -1,0 +1,157 @@
+"""A traced program is found again by a later process, and by none for which it would be wrong."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from shutil import copytree, ignore_patterns
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import pytest
+from filelock import FileLock
+
+import pamjax
+import pamjax.compile.aot_cache as under_test
+from pamjax.compile.aot_cache import compiled
+from tests.agreement import agree
+
+
+class Scale(eqx.Module):
+    """A factor, and what it is called: the name is part of the program."""
+
+    factor: jax.Array
+    name: str = eqx.field(static=True)
+
+
+@pytest.fixture
+def kept(tmp_path):
+    """Programs are kept in a folder of their own."""
+    before = jax.config.jax_compilation_cache_dir
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path))
+    yield tmp_path / "traced"
+    jax.config.update("jax_compilation_cache_dir", before)
+
+
+def traces(arguments, home: str = "pamjax.made_up") -> int:
+    """How often a function is traced that no one in this process has asked for yet."""
+    seen = []
+
+    def scaled(by, x):
+        seen.append(x)
+        return by.factor * x
+
+    scaled.__module__ = home
+    program = compiled(jax.jit(scaled), *arguments)
+    agree(program(*jax.tree_util.tree_leaves(arguments)), arguments[0].factor * arguments[1], to=0.0)
+    return len(seen)
+
+
+def asked(factor=2.0, name="a", rows=3):
+    return Scale(jnp.asarray(factor), name), jnp.arange(float(rows))
+
+
+def test_it_is_read_by_whoever_asks_again(kept):
+    assert traces(asked()) == 1
+    assert traces(asked()) == 0
+    assert traces(asked(factor=3.0)) == 0
+    assert len(list(kept.glob("*.stablehlo"))) == 1
+
+
+def test_another_shape_another_name_and_other_sources_are_another_program(kept, monkeypatch):
+    assert traces(asked()) == 1
+    assert traces(asked(rows=4)) == 1
+    assert traces(asked(name="b")) == 1
+    monkeypatch.setattr(under_test, "_tracer", lambda: "other sources")
+    assert traces(asked()) == 1
+    assert len(list(kept.glob("*.stablehlo"))) == 4
+
+
+def test_what_is_not_of_pamjax_is_not_kept(kept):
+    assert traces(asked(), "mine") == traces(asked(), "mine") == 1
+    assert not kept.exists()
+
+
+@pytest.mark.parametrize("folder", [None, "gs://bucket/programs"])
+def test_without_a_folder_nothing_is_kept(kept, folder, monkeypatch):
+    monkeypatch.chdir(kept.parent)
+    jax.config.update("jax_compilation_cache_dir", folder)
+    assert traces(asked()) == traces(asked()) == 1
+    assert not Path("gs:").exists()
+
+
+def test_sources_that_are_not_those_that_run_keep_nothing(kept, monkeypatch):
+    monkeypatch.setattr(pamjax, "IMPORTED", 0.0)
+    assert traces(asked()) == traces(asked()) == 1
+    assert not kept.exists()
+
+
+def test_a_library_that_is_not_all_pamjaxs_keeps_nothing(kept, monkeypatch):
+    monkeypatch.setattr(under_test, "MECHANISMS", (Scale,))
+    assert traces(asked()) == traces(asked()) == 1
+    assert not kept.exists()
+
+
+@pytest.mark.parametrize("whole", [b"", b"half a program" * 9])
+def test_what_was_cut_off_is_written_anew(kept, whole):
+    assert traces(asked()) == 1
+    (file,) = kept.glob("*.stablehlo")
+    file.write_bytes(whole)
+    assert traces(asked()) == 1
+    assert traces(asked()) == 0
+
+
+def test_a_folder_in_trouble_is_gone_without(kept, monkeypatch):
+    # A file where the folder should be: it can be neither made, nor locked, nor written to.
+    kept.write_text("mine")
+    assert traces(asked()) == traces(asked()) == 1
+    assert kept.read_text() == "mine"
+
+
+def test_who_holds_a_lock_is_not_waited_for_for_ever(kept, monkeypatch):
+    assert traces(asked()) == 1
+    (file,) = kept.glob("*.stablehlo")
+    file.unlink()
+    monkeypatch.setattr(under_test, "PATIENCE", 0.1)
+    with FileLock(file.with_suffix(".lock")):
+        assert traces(asked()) == 1
+
+
+def test_what_traces_is_known_by_its_sources(tmp_path):
+    """A process with another line in one file of the package gets another name."""
+    told = "import sys, pamjax.compile.aot_cache as t; print(t._tracer().splitlines()[-1])"
+
+    def of(root):
+        environment = {**os.environ, "PYTHONPATH": str(root)}
+        return subprocess.run(
+            [sys.executable, "-c", told],
+            env=environment,
+            cwd=root,
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+
+    package = Path(pamjax.__file__).parent
+    copytree(package, tmp_path / "pamjax", ignore=ignore_patterns("__pycache__"))
+    same = of(tmp_path)
+    assert same == of(package.parent)
+    with (tmp_path / "pamjax" / "model" / "scan.py").open("a") as file:
+        file.write("# another line\n")
+    assert of(tmp_path) != same
+
+
+def test_processes_that_ask_together_compile_once(kept):
+    """Two of them want what takes a while to trace: one of them traces it."""
+    asks = (
+        "import sys, time, jax, pamjax.compile.aot_cache as t\n"
+        "jax.config.update('jax_compilation_cache_dir', sys.argv[1])\n"
+        "def slow(x):\n    print('traced'); time.sleep(2); return 2 * x\n"
+        "slow.__module__ = 'pamjax.made_up'\n"
+        "print(t.compiled(jax.jit(slow), jax.numpy.ones(3))(jax.numpy.ones(3)).tolist())"
+    )
+    asked = [sys.executable, "-c", asks, str(kept.parent)]
+    both = [subprocess.Popen(asked, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    told = sorted(one.communicate(timeout=120)[0].split("\n")[:-1] for one in both)
+    assert told == [["[2.0, 2.0, 2.0]"], ["traced", "[2.0, 2.0, 2.0]"]]

@@ -1,0 +1,37 @@
+"""A program is compiled once, however many threads ask for it."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+from pamjax.compile.programs import begin, ready
+from tests.agreement import agree
+
+
+def test_threads_that_ask_together_compile_once():
+    traced = []
+
+    @jax.jit
+    def square(x):
+        traced.append(x.shape)
+        return x**2
+
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda k: ready(square, jnp.full(3, float(k))), range(8)))
+    assert traced == [(3,)]
+    agree(jnp.stack(found)[:, 0], [k**2 for k in range(8)], to=0.0)
+    # Another shape is another program.
+    ready(square, jnp.ones(4))
+    assert traced == [(3,), (4,)]
+
+
+def test_what_cannot_be_compiled_says_why_to_whoever_waits():
+    @jax.jit
+    def wrong(x):
+        raise ValueError("no such muscle")
+
+    begin(wrong, jnp.ones(3))
+    with pytest.raises(ValueError, match="no such muscle"):
+        ready(wrong, jnp.ones(3))

@@ -1,0 +1,79 @@
+"""A model that is wrong by something smooth does not overrule what the lab measured."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pamjax.diagnosis.noise.estimate import Whitening
+from pamjax.diagnosis.refit import misfit_weighting as under_test
+from pamjax.diagnosis.refit.candidate_fit import Model
+from pamjax.diagnosis.refit.least_squares import refit
+from pamjax.diagnosis.refit.misfit_weighting import repeats, tempered, weighed
+from pamjax.infer.noise.ar1_filter import Colour
+
+ROWS = 2000
+
+
+def line(smooth):
+    """Readings of a x + b, with unit noise and something smooth that the line cannot say; a is believed."""
+    rng = np.random.default_rng(6)
+    x = np.linspace(-1, 1, ROWS)
+    design = np.stack([x, np.ones(ROWS)])
+    measured = np.full((2, ROWS), np.nan)
+    measured[0] = 3 * x + 2 + smooth * np.where(x > 0.4, x - 0.4, 0.0) + rng.standard_normal(ROWS)
+
+    def slopes(values, places):
+        shown = np.stack([values @ design, np.zeros(ROWS)])
+        return shown, np.stack([np.stack([design[k], np.zeros(ROWS)]) for k in places])
+
+    found = SimpleNamespace(
+        start=np.array([3.0, 0.0]), sd=np.array([0.3, np.inf]), low=np.full(2, -50.0), high=np.full(2, 50.0),
+        meaning=(SimpleNamespace(neutral=None, scale="linear"),) * 2, log=np.zeros(2, bool),
+        own=np.ones(2, bool), n=ROWS,
+        measured=measured, slopes=slopes, shows=lambda values: slopes(values, [0])[0],
+    )  # fmt: skip
+    colours = (Colour(np.ones(ROWS), 1.0, 0.0, True), None)
+    white = Whitening(colours, (np.arange(ROWS), np.arange(0)), (np.zeros((0, 2), int),) * 2)
+    return found, Model((), white, refit(found, white, [0, 1], np.array([3.0, 0.0])))
+
+
+def test_what_was_believed_is_kept_where_the_model_is_wrong():
+    found, model = line(smooth=60.0)
+    a, kept = model.at.values[0], tempered(found, model).at.values[0]
+    # Weighed by noise alone, two thousand rows move the slope by tens of its sd.
+    assert abs(a - 3.0) > 20 * 0.3
+    assert abs(kept - 3.0) < abs(a - 3.0) / 2
+    assert tempered(found, model).at.covariance[0, 0] > 5**2 * model.at.covariance[0, 0]
+
+
+def test_a_model_that_leaves_noise_stays_as_it_is():
+    found, model = line(smooth=0.0)
+    assert tempered(found, model) is model
+
+
+def test_a_refit_is_weighed_by_what_is_left_where_it_begins(monkeypatch):
+    found, model = line(smooth=60.0)
+    settled = []
+    monkeypatch.setattr(under_test, "whitening", lambda *_: model.white)
+    monkeypatch.setattr(under_test, "settle", lambda *one: settled.append(one))
+    kept = weighed(found, np.ones(ROWS, bool), (), np.array([3.0, 2.0]))
+    assert not settled
+    assert kept.white.trust < 0.5
+    # Settled under the noise alone, the slope went tens of its sd away.
+    assert abs(kept.at.values[0] - 3.0) < abs(model.at.values[0] - 3.0) / 2
+    # A model that is wrong only where it begins is settled by the recording's noise.
+    found, model = line(smooth=0.0)
+    weighed(found, np.ones(ROWS, bool), (), np.array([-3.0, 20.0]))
+    weighed(found, np.ones(ROWS, bool), (), model.at.values)
+    assert [float(one[3][0]) for one in settled] == pytest.approx([3.0, 3.0], abs=0.3)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.8])
+def test_samples_that_repeat_each_other_are_counted_once(rho):
+    rng = np.random.default_rng(1)
+    noise = rng.standard_normal(20000)
+    for k in range(1, noise.size):
+        noise[k] = rho * noise[k - 1] + math.sqrt(1 - rho**2) * noise[k]
+    assert repeats(noise) == pytest.approx((1 + rho) / (1 - rho), rel=0.2)

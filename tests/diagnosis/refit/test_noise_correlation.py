@@ -1,0 +1,85 @@
+"""What a model leaves tells how long its noise remembers, where neighbours cannot."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from pamjax.diagnosis.noise.estimate import Whitening
+from pamjax.diagnosis.refit import noise_correlation as under_test
+from pamjax.diagnosis.refit.candidate_fit import Model
+from pamjax.diagnosis.refit.least_squares import refit
+from pamjax.diagnosis.refit.noise_correlation import with_memory
+from pamjax.infer.noise.ar1_filter import Colour
+from pamjax.records.simulate import coloured
+
+ROWS, MEMORY, SHARED, MANY = 900, 0.9, 0.3, 40
+X = np.linspace(-1, 1, ROWS)
+#: A model that is straight in its numbers, all of them slow.
+SHAPES = np.stack([np.ones(ROWS), X, X**2, X**3])
+
+
+def recording(seed: int, memory: float = MEMORY) -> Any:
+    """Three tenths of the noise repeat themselves, on numbers that are all zero."""
+    rng = np.random.default_rng(seed)
+    noise = np.sqrt(SHARED) * coloured(rng, ROWS, memory) + np.sqrt(1 - SHARED) * rng.standard_normal(ROWS)
+
+    def slopes(values, places):
+        shown = np.stack([values @ SHAPES, np.zeros(ROWS)])
+        return shown, np.stack([np.stack([SHAPES[k], np.zeros(ROWS)]) for k in places])
+
+    far = np.full(4, 1e3)
+    return SimpleNamespace(
+        n=ROWS, slopes=slopes, shows=lambda v: slopes(v, [0])[0], log=np.zeros(4, bool),
+        own=np.ones(4, bool), sd=np.full(4, np.inf), low=-far, high=far, start=np.zeros(4),
+        neutral=np.zeros(4),
+        meaning=(SimpleNamespace(neutral=0.0),) * 4, measured=np.stack([noise, np.full(ROWS, np.nan)]),
+    )  # fmt: skip
+
+
+def model(found, memory: float, given: bool = True) -> Model:
+    """Refitted under noise that is taken for one of some memory."""
+    colours = (Colour(np.ones(ROWS), SHARED, memory, given), None)
+    white = Whitening(
+        colours, (np.arange(ROWS), np.arange(0)), (np.array([[0, ROWS]]), np.zeros((0, 2), int))
+    )
+    return Model((), white, refit(found, white, [0, 1, 2, 3], np.zeros(4)))
+
+
+def told(found, memory: float = 0.4) -> Model:
+    return with_memory(found, model(found, memory))
+
+
+def memory_of(one: Model) -> float:
+    colour = one.white.colours[0]
+    assert colour is not None
+    return colour.correlation
+
+
+def off(one: Model) -> list[float]:
+    """Distance of each number from the truth, in the sd that is told of it."""
+    return [abs(one.at.values[k]) / one.sd(k) for k in range(4)]
+
+
+def test_memory_is_found_that_neighbours_do_not_tell(monkeypatch):
+    monkeypatch.setattr(under_test, "freed", lambda found, chosen, white, at: Model(chosen, white, at))
+    ends = [told(recording(seed)) for seed in range(MANY)]
+    found = np.array([memory_of(one) for one in ends])
+    assert abs(found.mean() - MEMORY) < 3 * found.std() / np.sqrt(MANY) + 0.01
+    assert np.mean([off(one) for one in ends]) < 1.0
+    # Able to fail: under the memory that neighbours seemed to tell the same numbers are told too surely.
+    assert np.mean([off(model(recording(seed), 0.4)) for seed in range(MANY)]) > 1.1
+
+
+def test_noise_without_memory_is_left_without(monkeypatch):
+    monkeypatch.setattr(under_test, "freed", lambda found, chosen, white, at: Model(chosen, white, at))
+    found = np.array([memory_of(told(recording(seed, 0.0), 0.0)) for seed in range(MANY)])
+    assert np.mean(found < 0.3) > 0.8
+
+
+def test_a_sensor_of_which_nothing_was_stated_and_a_model_that_is_wrong_stay_as_they_are():
+    one = model(recording(0), 0.4, given=False)
+    assert with_memory(recording(0), one) is one
+    wrong = replace(one, white=replace(one.white, trust=0.5))
+    assert with_memory(recording(0), wrong) is wrong

@@ -1,0 +1,37 @@
+"""What a diagnosis says of its numbers."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pamjax.diagnosis.result import number_of, told
+from pamjax.parameter import Meaning
+
+
+def _told(value, *, low=0.0, high=1.0, scale="linear", neutral=None):
+    """A number as its refit left it, in words."""
+    meaning = Meaning("1", "", 0.0, 1.0, scale, "made up", "here", neutral)
+    found: Any = SimpleNamespace(
+        low=np.array([low]), high=np.array([high]), log=np.array([scale == "log"]), meaning=(meaning,)
+    )
+    model: Any = SimpleNamespace(at=SimpleNamespace(moved=(0,), values=np.array([value])), sd=lambda k: 0.01)
+    return told("coefficient", number_of(found, model, 0))
+
+
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [
+        (_told(0.5), False),
+        (_told(0.9999), True),
+        (_told(1e-5), True),
+        (_told(1e-5, neutral=0.0), False),  # nothing there is no limit
+        (_told(0.9999, neutral=0.0), True),
+        (_told(0.3999, high=0.4), True),  # of this recording, whatever is possible elsewhere
+        (_told(1.0001e-6, low=1e-6, scale="log"), True),
+        (_told(1e-3, low=1e-6, scale="log"), False),  # linearly it would be at the lower end
+    ],
+)
+def test_a_number_driven_to_an_end_of_its_range_says_so(said, expected):
+    assert said.endswith(", at an end of its range") is expected

@@ -1,0 +1,146 @@
+"""The comparison ranks by truth: the braid wins where it is the truth, and loses where a wall is missing."""
+
+import json
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from fits.comparison import compare, splits
+from pamjax.baselines.empirical import fit_gaylord
+from pamjax.errors import BadInput
+from pamjax.infer.fitting.cross_validation import without
+from pamjax.infer.fitting.fit import fit
+from pamjax.infer.fitting.least_squares import solve
+from pamjax.infer.problem.dataset import read
+from pamjax.model.muscle import Muscle, predict
+from pamjax.records.case import Case
+from pamjax.records.reading.muscle_toml import entry_from
+from pamjax.records.recording import Recording
+
+LENGTHS = np.array([0.180, 0.185, 0.190, 0.195, 0.200])
+PRESSURES = np.linspace(30e3, 300e3, 12)
+LENGTH, PRESSURE = (grid.ravel() for grid in np.meshgrid(LENGTHS, PRESSURES, indexing="ij"))
+NOISE = 2.0
+
+BRAID, SAROSI = "braid, inelastic threads", "Sárosi"
+INNER, REST = "inner lengths held out", "rest length held out"
+
+
+def simulated(extra=0.0, pressure=PRESSURE, length=LENGTH):
+    """A bare braid's force with noise, on a rig whose ruler is right, plus whatever a wall adds."""
+    truth = predict(Muscle(0.200, 0.2142, 1.203), jnp.asarray(pressure), jnp.asarray(length)).force
+    noise = np.random.default_rng(3).normal(0, NOISE, pressure.size)
+    entry = entry_from(
+        {
+            "muscle": {
+                "rest_length": "200 mm",
+                "thread_length": {"value": "214 mm", "sd": "0.5 mm"},
+                "turns": {"value": 1.2, "sd": 0.01},
+            },
+            "sensors": {"force": f"{NOISE} N", "length": {"sd": "0.2 mm", "per": "setting"}},
+        }
+    )
+    force = np.asarray(truth) + noise + extra
+    recording = Recording.from_arrays(pressure=pressure, length=length, force=force)
+    return Case("simulated", Path(), entry, recording, "")
+
+
+def thick_wall(pressure, length):
+    """A wall that has to be blown up before the muscle pulls, and that is squeezed when it shortens."""
+    return -30.0 - 1e5 * (0.2 - length) ** 2 - 2e3 * (0.2 - length)
+
+
+@pytest.fixture(scope="module")
+def bare():
+    case = simulated()
+    fitted = fit(case, "inelastic", starts=1)
+    return fitted, compare(case, [fitted])
+
+
+def test_a_bare_braid_is_predicted_best_by_the_braid(bare):
+    _, found = bare
+    assert found.best(INNER) == found.best(REST) == BRAID
+    assert found.rmse(BRAID, INNER) < 1.5 * NOISE
+    assert found.rmse(BRAID, REST) < found.rmse("Gaylord, free threshold", REST)
+    assert found.rmse(SAROSI, REST) > 3 * NOISE
+
+
+def test_a_thick_wall_turns_the_ranking():
+    case = simulated(thick_wall(PRESSURE, LENGTH))
+    found = compare(case, [fit(case, "inelastic", starts=1)])
+    assert found.best("in sample") == found.best(INNER) == SAROSI
+    assert found.rmse(BRAID, INNER) > 5 * found.rmse(SAROSI, INNER)
+
+
+def test_rmse_is_that_of_a_recomputation_by_hand(bare):
+    fitted, found = bare
+    case = fitted.cases[0].case
+    force = case.recording.force
+    rows = force > 0.02 * force.max()
+    assert found.rows == rows.sum()
+    assert found.threshold == pytest.approx(0.02 * force.max())
+    misfit = []
+    for length in LENGTHS[1:-1]:
+        told, asked = rows & (length != LENGTH), rows & (length == LENGTH)
+        law = fit_gaylord(PRESSURE[told], LENGTH[told], force[told])
+        misfit += list((force - law.force(PRESSURE, LENGTH))[asked])
+    assert found.rmse("Gaylord", INNER) == pytest.approx(np.sqrt(np.mean(np.square(misfit))))
+
+
+def test_the_braid_is_told_nothing_of_a_held_out_length(bare):
+    fitted, found = bare
+    case = fitted.cases[0].case
+    asked = np.isclose(LENGTH, 0.2) & (case.recording.force > found.threshold)
+    hidden = without(fitted.members[0], np.isclose(LENGTH, 0.2) | (case.recording.force < found.threshold))
+    values = fitted.space.named(solve((hidden,), fitted.space, jnp.zeros(fitted.space.size), "square").u)
+    assert float(values["length_error.5"]) == pytest.approx(0.0, abs=1e-9)
+    assert abs(float(values["length_error.3"])) > 1e-6
+    force = read(hidden, jnp.array(list(values.values()))).force[: asked.size]
+    by_hand = np.sqrt(np.mean((case.recording.force - np.asarray(force))[asked] ** 2))
+    assert found.rmse(BRAID, REST) == pytest.approx(float(by_hand), rel=1e-4)
+
+
+def test_prints_as_a_table_and_as_numbers(bare):
+    _, found = bare
+    head, columns, *models = str(found).splitlines()
+    assert head.startswith("simulated: rmse of force [N], ")
+    assert columns.split("  ")[-3:] == ["in sample", INNER, REST]
+    assert [line.split("  ")[1] for line in models[:4]] == [
+        BRAID,
+        "Gaylord",
+        "Gaylord, free threshold",
+        SAROSI,
+    ]
+    numbers = json.loads(json.dumps(found.as_dict(), allow_nan=False))
+    assert numbers["rmse_N"][SAROSI][REST] == found.rmse(SAROSI, REST)
+
+
+def test_what_cannot_be_fitted_says_why():
+    case = simulated(np.where(LENGTH > 0.187, 0.0, np.nan))
+    found = compare(case, [fit(case, "inelastic", starts=1)])
+    assert np.isnan(found.rmse(SAROSI, INNER))
+    assert "* this fit needs at least 3 different values of `contraction`; got 2" in str(found)
+    assert found.as_dict()["rmse_N"][SAROSI][INNER] is None
+    assert np.isfinite(found.rmse(BRAID, INNER))
+
+
+def test_strokes_are_split_by_isobar():
+    length = np.random.default_rng(1).uniform(0.18, 0.2, 160)
+    case = simulated(0.0, np.repeat([100e3, 200e3, 300e3, 400e3], 40), length)
+    found = splits(case, np.ones(160, dtype=bool))
+    assert [split.name for split in found] == [
+        "in sample",
+        "inner isobars held out",
+        "highest isobar held out",
+    ]
+    assert [int(asked.sum()) for asked in found[1].asked] == [40, 40]
+    assert not (found[2].asked[0] & found[2].told[0]).any()
+
+
+def test_a_case_without_force_is_refused():
+    case = simulated()
+    blank = Recording.from_arrays(pressure=PRESSURE, length=LENGTH, diameter=np.full(PRESSURE.size, 0.02))
+    with pytest.raises(BadInput, match="a comparison of forces needs a measured force; got none"):
+        compare(Case("blank", case.folder, case.entry, blank, ""))

@@ -1,0 +1,86 @@
+"""Held out means whole blocks, predicted by a fit that never saw them."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from pamjax.infer.fitting.cross_validation import hold_out, without
+from pamjax.infer.fitting.fit import fit, joint_space
+from pamjax.infer.fitting.least_squares import solve
+from pamjax.infer.problem.dataset import member
+from pamjax.records.blocks import blocks
+from tests.infer.made import made
+
+
+@pytest.fixture(scope="module")
+def problem():
+    """The plain case in its space, solved, and its blocks."""
+    case = made()
+    at, (rename,) = joint_space([case], "elastic", ())
+    members = (member(case, "elastic", at, rename),)
+    return case, at, members, solve(members, at, jnp.zeros(at.size)), blocks(case.recording)
+
+
+def unseen(problem, members):
+    case, at, _, solution, found = problem
+    deals, predictions = hold_out([case], members, [found], at, solution, "square", 2, 0)
+    return deals[0], predictions[0]
+
+
+def wild(one, rows):
+    """The member with its measurements multiplied in some rows."""
+    mask = np.zeros(one.rows.force.size, dtype=bool)
+    mask[: rows.size] = rows
+    return eqx.tree_at(
+        lambda m: (m.rows.force, m.rows.diameter),
+        one,
+        (jnp.where(mask, 7 * one.rows.force, one.rows.force), jnp.where(mask, 0.1, one.rows.diameter)),
+    )
+
+
+def test_blocks_are_whole_and_each_is_held_out_once(problem):
+    found = problem[-1]
+    deal, _ = unseen(problem, problem[2])
+    assert np.all(np.sum(deal, axis=0) == (found.label >= 0))
+    for fold in deal:
+        held = np.unique(found.label[fold])
+        assert np.array_equal(fold, np.isin(found.label, held))
+
+
+def test_what_was_held_out_was_not_seen(problem):
+    deal, honest = unseen(problem, problem[2])
+    for fold in deal:
+        _, disturbed = unseen(problem, (wild(problem[2][0], fold),))
+        for channel in honest:
+            np.testing.assert_array_equal(disturbed[channel][fold], honest[channel][fold])
+            # The control: the other fold's fit did see them.
+            seen = ~fold & np.isfinite(honest[channel])
+            assert np.max(np.abs(disturbed[channel][seen] / honest[channel][seen] - 1)) > 0.1
+
+
+def test_without_leaves_rows_out_of_sight(problem):
+    one, n = problem[2][0], problem[0].recording.n
+    out = np.arange(n) < 10
+    assert float(without(one, out).rows.used.sum()) == n - 10
+    assert without(one, None) is one
+
+
+def test_the_score_is_that_of_the_unseen_predictions():
+    fitted = fit(made(), starts=1, fold_count=2)
+    (one,) = fitted.cases
+    for channel, value in one.held_out.rmse.items():
+        off = getattr(one.case.recording, channel) - one.unseen[channel]
+        assert value == pytest.approx(np.sqrt(np.nanmean(off**2)))
+        # Simulated by the model itself, an unseen isobar is predicted nearly to the noise.
+        assert 0.95 * one.rmse[channel] < value < 1.3 * one.rmse[channel]
+    assert one.held_out.kind == "isobars"
+    assert sorted(name for fold in one.held_out.folds for name in fold) == sorted(set(one.block))
+
+
+def test_one_block_is_never_held_out(problem):
+    case, at, members, solution, found = problem
+    single = type(found)(np.zeros_like(found.label), ("all",), "isobars")
+    deals, predictions = hold_out([case], members, [single], at, solution, "square", 2, 0)
+    assert deals == [[]]
+    assert np.isnan(predictions[0]["force"]).all()

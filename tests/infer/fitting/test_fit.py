@@ -1,0 +1,311 @@
+"""A fit finds what a simulated muscle was made of, and says how well it knows."""
+
+import dataclasses
+
+import equinox as eqx
+import jax.numpy as jnp
+import lmfit
+import numpy as np
+import pytest
+
+from pamjax.errors import BadInput
+from pamjax.infer.fitting.fit import fit, joint_space
+from pamjax.infer.fitting.least_squares import residual, soften, solve
+from pamjax.infer.problem.dataset import member
+from pamjax.records.reading.muscle_toml import Sensors
+from pamjax.records.reading.quantity import Measured
+from tests.agreement import RECOVERED, ROUNDING, agree
+from tests.infer.made import RAMPS, SD, SENSORS, TRUE, made, sds_off
+
+QUICK = {"starts": 1, "fold_count": 2}
+EXACT = Sensors()
+
+
+@pytest.fixture(scope="module")
+def found():
+    """The plain case, fitted."""
+    return fit(made(), **QUICK)
+
+
+def in_space(case, law="elastic"):
+    at, (rename,) = joint_space([case], law, ())
+    return at, (member(case, law, at, rename),)
+
+
+@pytest.mark.parametrize("law", ["inelastic", "elastic", "toe", "exponential-toe", "recruitment-toe"])
+def test_without_noise_nothing_is_left_at_the_truth(law):
+    at, members = in_space(made(law, bench=EXACT, off=(0, 0, 0)), law)
+    values = jnp.array([TRUE[n] for n in at.names])
+    assert members[0].rows.force_weight.sum() > 0
+    for misfit in members[0].misfit(values):
+        agree(misfit, 0.0, 1e-7, scale=1.0)
+
+
+@pytest.mark.parametrize(
+    ("law", "channels"),
+    [
+        ("inelastic", ("force", "diameter")),
+        ("elastic", ("force", "diameter")),
+        ("elastic", ("force",)),
+        ("elastic", ("diameter",)),
+        pytest.param("toe", ("force", "diameter"), marks=pytest.mark.slow),
+        pytest.param("exponential-toe", ("force", "diameter"), marks=pytest.mark.slow),
+        pytest.param("recruitment-toe", ("force", "diameter"), marks=pytest.mark.slow),
+    ],
+)
+def test_the_truth_is_found_again(law, channels):
+    fitted = fit(made(law, seed=3, channels=channels), law, **QUICK)
+    off = sds_off(fitted)
+    assert fitted.converged
+    assert set(off) >= {"muscle.thread_length", "muscle.turns"}
+    assert max(map(abs, off.values())) < RECOVERED, off
+
+
+def test_it_was_not_there_before(found):
+    # A negative control: the stated numbers, with the sds of the fit, lie far away.
+    moved = [abs(e.prior - TRUE[n]) / e.sd for n, e in found.estimates.items()]
+    assert min(moved) > 2 * RECOVERED
+
+
+def test_a_rest_length_that_only_counts_contraction_is_no_number_of_a_fit():
+    at, _ = in_space(made(rest_length=Measured(TRUE["muscle.rest_length"], 1e-3)))
+    assert at.names == ("muscle.thread_length", "muscle.turns", "thread.modulus")
+
+
+def test_same_seed_same_answer(found):
+    again = fit(made(), **QUICK)
+    assert {n: e.value for n, e in again.estimates.items()} == {
+        n: e.value for n, e in found.estimates.items()
+    }
+    assert str(again) == str(found)
+
+
+def test_every_start_ends_there(found):
+    several = fit(made(), starts=4, fold_count=2, seed=5)
+    assert several.agreeing == several.starts == 4
+    for name, e in several.estimates.items():
+        assert abs(e.value - found.estimates[name].value) < 1e-3 * e.sd
+
+
+def closed_form(length, turns, modulus, pressure, at):
+    """Force and diameter of linear threads in NumPy, from the closed form alone."""
+    stiffness = modulus * TRUE["muscle.threads"] * TRUE["muscle.thread_area"]
+    thread = length / (1 - pressure * at * length / (2 * np.pi * turns**2 * stiffness))
+    return (
+        pressure * (3 * at**2 - thread**2) / (4 * np.pi * turns**2),
+        np.sqrt(thread**2 - at**2) / (np.pi * turns),
+    )
+
+
+def test_lmfit_says_the_same(found):
+    (one,) = found.members
+    rows = one.rows
+    trust = np.asarray(one.trust)
+
+    def misfit(p):
+        force, diameter = closed_form(
+            p["length"], p["turns"], p["modulus"], np.asarray(rows.pressure), np.asarray(rows.length)
+        )
+        by_data = [
+            trust[0] * (rows.force - force) * rows.force_weight,
+            trust[1] * (rows.diameter - diameter) * rows.diameter_weight,
+        ]
+        priors = [
+            (p[key] - e.prior) / e.prior_sd
+            for key, e in zip(("length", "turns", "modulus"), found.estimates.values(), strict=True)
+        ]
+        return np.concatenate([*(np.asarray(r) for r in by_data), priors])
+
+    start = lmfit.Parameters()
+    for key, e in zip(("length", "turns", "modulus"), found.estimates.values(), strict=True):
+        start.add(key, e.prior)
+    oracle = lmfit.minimize(misfit, start, scale_covar=False, xtol=1e-12, ftol=1e-12)
+    for mine, theirs in zip(found.estimates.values(), oracle.params.values(), strict=True):
+        assert abs(mine.value - theirs.value) < 1e-4 * mine.sd
+        # The oracle's derivatives are finite differences.
+        agree(mine.sd, theirs.stderr, 1e-3)
+    agree(found.correlation[0, 1], oracle.params["length"].correl["turns"], 1e-3)
+
+
+@pytest.mark.slow
+def test_two_specimens_know_their_modulus_better_together():
+    cases = [made(name=n, seed=k, off=(0.7, -0.6 * k, 1.0)) for k, n in enumerate(("left", "right"))]
+    together = fit(cases, None, ["thread.modulus"], **QUICK)
+    assert list(together.estimates) == [
+        "left/muscle.thread_length",
+        "left/muscle.turns",
+        "thread.modulus",
+        "right/muscle.thread_length",
+        "right/muscle.turns",
+    ]
+    sd = together.estimates["thread.modulus"].sd
+    alone = [fit(case, **QUICK).estimates["thread.modulus"].sd for case in cases]
+    assert sd < 0.8 * min(alone)
+    assert abs(together.estimates["thread.modulus"].value - TRUE["thread.modulus"]) < RECOVERED * sd
+    assert together.correlation.shape == (5, 5)
+
+
+@pytest.mark.parametrize(
+    ("cases", "arguments", "text"),
+    [
+        ([], {}, "a fit needs at least one case; got none."),
+        ([made()], {"law": "tow"}, "'tow' is no thread law. Did you mean `toe`?"),
+        (
+            [made()],
+            {"share": ["thread.moduls"]},
+            "no case can move 'thread.moduls', so it cannot be shared. Did you mean `thread.modulus`?",
+        ),
+        ([made(), made()], {}, "cases that are fitted together need names of their own; got 'made' twice."),
+        (
+            [made(name="a"), made(name="b", off=(0, 0, 0))],
+            {"share": ["thread.modulus"]},
+            r"a shared number \(thread.modulus\) must be stated alike; got another value or sd in b/",
+        ),
+        (
+            [made(name="a"), made(name="b", turns=Measured(1.09))],
+            {"share": ["muscle.turns"]},
+            r"a shared number \(muscle.turns\) must be stated alike; got no sd, or no such number",
+        ),
+        (
+            [made(baseline="inelastic"), made(name="b")],
+            {},
+            "share one thread law; got elastic and inelastic in",
+        ),
+        (
+            [made(channels=())],
+            {},
+            "a fit needs a measured force or diameter; got neither in made/recording.csv.",
+        ),
+        ([made()], {"starts": 0}, "`starts` must be at least 1; got 0."),
+        ([made()], {"fold_count": 1}, "`folds` must be at least 2; got 1."),
+        ([made()], {"seed": -1}, "`seed` must be at least 0; got -1."),
+    ],
+)
+def test_what_cannot_be_fitted_is_told(cases, arguments, text):
+    with pytest.raises(BadInput, match=text):
+        fit(cases, **arguments)
+
+
+def test_a_muscle_without_a_number_to_move_is_told():
+    known = {name: Measured(TRUE[f"muscle.{name}"]) for name in ("thread_length", "turns")}
+    with pytest.raises(BadInput, match="a fit needs a number that may move; got every number stated without"):
+        fit(made(**known), "inelastic")
+
+
+def with_wrong_forces(case):
+    """The case with 2 % of its forces twice as large as they are."""
+    force = case.recording.force.copy()
+    wrong = np.random.default_rng(2).choice(case.recording.n, case.recording.n // 50, replace=False)
+    force[wrong] *= 2
+    return dataclasses.replace(case, recording=dataclasses.replace(case.recording, force=force))
+
+
+def test_a_soft_loss_resists_wrong_samples_where_a_square_one_does_not(found):
+    moved = {}
+    for loss in ("square", "soft"):
+        fitted = fit(with_wrong_forces(made()), loss=loss, **QUICK)
+        moved[loss] = max(abs(fitted.estimates[n].value - e.value) / e.sd for n, e in found.estimates.items())
+        if loss == "soft":
+            assert max(map(abs, sds_off(fitted).values())) < RECOVERED
+            # Its sds are not frightened by them either.
+            assert all(fitted.estimates[n].sd < 2 * e.sd for n, e in found.estimates.items())
+    assert moved["soft"] < 1.5
+    assert moved["square"] > 4
+
+
+def test_soft_residual_is_a_square_near_and_a_line_far():
+    r = np.array([-1e3, -1e-3, 0.0, 1e-3, 1e3])
+    agree(soften(jnp.asarray(r)) ** 2, 2 * (np.sqrt(1 + r**2) - 1), 1e-9, scale=1e-6)
+    assert np.all(np.sign(soften(jnp.asarray(r))) == np.sign(r))
+
+
+def test_errors_of_the_ruler_are_found_and_what_has_no_sd_stays():
+    ruler = dataclasses.replace(SENSORS, length=1e-3, length_per_setting=True)
+    case = made(plan=RAMPS, bench=ruler, sensors=ruler, seed=4, turns=Measured(TRUE["muscle.turns"]))
+    fitted = fit(case, **QUICK)
+    assert [n for n in fitted.estimates if n in TRUE] == ["muscle.thread_length", "thread.modulus"]
+    assert fitted.cases[0].numbers["muscle.turns"] == TRUE["muscle.turns"]
+    written = np.unique(case.recording.length)
+    true = np.sort(TRUE["muscle.rest_length"] * (1 - np.array(RAMPS.contractions)))
+    errors = [fitted.estimates[f"length_error.{k + 1}"] for k in range(5)]
+    assert max(abs(e.value - x) / e.sd for e, x in zip(errors, true - written, strict=True)) < RECOVERED
+    assert max(map(abs, sds_off(fitted).values())) < RECOVERED
+    assert "5 length settings off by" in str(fitted)
+
+
+def with_slack(case):
+    """The case with what its load cell shows where the model would push: nothing."""
+    recording = case.recording
+    force = np.where(np.isnan(recording.force), 0.5 * np.sin(np.arange(recording.n)), recording.force)
+    return dataclasses.replace(case, recording=dataclasses.replace(recording, force=force))
+
+
+def test_slack_rows_do_not_drag():
+    # A long thread pulls no more after a sixth of contraction.
+    case = with_slack(made(true={"muscle.thread_length": 0.34}, thread_length=Measured(0.3405, 0.8e-3)))
+    at, members = in_space(case)
+    (one,) = members
+    assert one.rows.slack.sum() > 20
+    true = TRUE | {"muscle.thread_length": 0.34}
+    fitted = fit(case, **QUICK)
+    assert max(map(abs, sds_off(fitted, true).values())) < RECOVERED
+    # Taken at their word they would.
+    blind = eqx.tree_at(lambda m: m.rows.slack, one, jnp.zeros_like(one.rows.slack))
+    dragged = at.named(solve((blind,), at, jnp.zeros(at.size)).u)
+    assert abs(float(dragged["muscle.turns"]) - 1.09) > 10 * fitted.estimates["muscle.turns"].sd
+
+
+def test_a_number_at_its_limit_has_no_sd_and_says_so():
+    # A bench that shows half the diameter: no number of turns within its limits explains that.
+    case = made(turns=Measured(199.0, 500.0), off=(0, 0, 0))
+    recording = dataclasses.replace(
+        case.recording, diameter=case.recording.diameter / 1e3, force=np.full(case.recording.n, np.nan)
+    )
+    fitted = fit(dataclasses.replace(case, recording=recording), **QUICK)
+    turns = fitted.estimates["muscle.turns"]
+    assert turns.at_limit
+    assert turns.sd is None
+    assert "muscle.turns" in str(fitted)
+    assert "AT A LIMIT (0.05 to 200)" in str(fitted)
+
+
+def test_a_number_that_nothing_holds_says_so():
+    # Without pressure no thread is pulled: its stiffness could be anything.
+    case = made(modulus=None, off=(0, 0, 0))
+    recording = dataclasses.replace(case.recording, pressure=0.0 * case.recording.pressure)
+    fitted = fit(dataclasses.replace(case, recording=recording), "elastic", **QUICK)
+    stiffness = fitted.estimates["thread.stiffness"]
+    assert stiffness.learned < 0.5
+    assert "hardly determined; before anywhere between its limits" in str(fitted)
+    assert np.isfinite(fitted.correlation).all()
+
+
+def test_what_contradicts_its_measurement_is_told():
+    fitted = fit(made(off=(0, 5.0, 0)), **QUICK)
+    assert "moved -5.0 sd, AGAINST ITS MEASUREMENT" in str(fitted)
+
+
+def test_padding_and_held_out_rows_leave_no_trace():
+    at, (one,) = in_space(made())
+    n = made().recording.n
+    assert one.rows.used.shape == (256,)
+    assert float(one.rows.used.sum()) == n
+    everything = residual((one,), at, jnp.zeros(at.size))
+    agree(everything[n:256], 0.0, ROUNDING, scale=1.0)
+
+
+def test_a_sd_is_the_curvature_of_the_misfit(found):
+    # Half the squared residual rises by a half at one sd, the other numbers following.
+    k = list(SD).index("thread.modulus")
+    e = found.estimates["thread.modulus"]
+
+    def cost(modulus):
+        fixed = eqx.tree_at(lambda s: (s.mean, s.sd), found.space, (
+            found.space.mean.at[k].set(modulus), found.space.sd.at[k].set(1e-6 * e.sd)))  # fmt: skip
+        ended = solve(found.members, fixed, found.solution.u)
+        own = 0.5 * float(found.space.prior_residual(ended.u)[k]) ** 2
+        tie = 0.5 * float(fixed.prior_residual(ended.u)[k]) ** 2
+        return float(ended.cost) - tie + own
+
+    rise = 0.5 * (cost(e.value + e.sd) + cost(e.value - e.sd)) - float(found.solution.cost)
+    assert rise == pytest.approx(0.5, rel=0.02)

@@ -1,0 +1,93 @@
+"""What a recording could determine is said in words, and the words are true."""
+
+import re
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from pamjax.infer.fitting.case_summary import Inspection
+from pamjax.infer.fitting.fit import fit
+from pamjax.infer.fitting.identifiability import determine
+from pamjax.model.assembly import assemble
+from pamjax.model.muscle import predict
+from pamjax.records.protocol import Protocol
+from pamjax.records.reading.muscle_toml import Sensors
+from tests.infer.made import TRUE, made
+
+#: As the paper's Table 1: diameters at one length, five pressures.
+TABLE = Protocol(
+    kind="holds",
+    pressures=["138 kPa", "276 kPa", "414 kPa", "552 kPa", "689 kPa"],
+    contractions=[0.0],
+    duration="1 s",
+)
+DIAMETERS = {"plan": TABLE, "channels": ("diameter",), "bench": Sensors(diameter=2e-5)}
+
+
+def test_a_whole_recording_determines_everything():
+    found, said = determine(made())
+    assert all(d.determined for d in found)
+    assert said == [
+        "This recording can determine `muscle.thread_length`, `muscle.turns` and `thread.modulus`, "
+        "if the model lacks nothing."
+    ]
+
+
+def test_diameters_at_one_length_cannot_tell_turns():
+    found, said = determine(made(**DIAMETERS))
+    assert {d.name: d.determined for d in found} == {
+        "muscle.thread_length": True,
+        "muscle.turns": False,
+        "thread.modulus": True,
+    }
+    assert (
+        said[-1]
+        == "The recording says little about `muscle.turns`: the stated sd will still speak after a fit."
+    )
+
+
+@pytest.mark.slow
+def test_a_fit_then_leaves_turns_to_the_prior():
+    fitted = fit(made(**DIAMETERS), starts=1)
+    turns = fitted.estimates["muscle.turns"]
+    assert turns.learned < 0.1
+    assert "mostly the prior's" in str(fitted)
+
+
+def test_forces_at_one_length_know_turns_only_with_something_else():
+    # F = P (3 L² − B²) / (4 π N²): one factor on the pressure, and two numbers in it.
+    case = made(plan=TABLE, channels=("force",), off=(0, 0, 0))
+    _, said = determine(case, "inelastic")
+    (sentence,) = (s for s in said if "only together" in s)
+    moves = dict(re.findall(r"`([\w.]+)` ([+-]?[\d.e-]+)", sentence))
+    assert set(moves) == {"muscle.thread_length", "muscle.turns"}
+
+    def force(**by):
+        numbers = {n: jnp.asarray(TRUE[n] + by.get(n.split(".")[1], 0.0)) for n in TRUE}
+        return np.asarray(
+            predict(assemble("inelastic", numbers), [6.89e5], [TRUE["muscle.rest_length"]]).force
+        )
+
+    length, turns = float(moves["muscle.thread_length"]) * 1e-3, float(moves["muscle.turns"])
+    together = abs(force(thread_length=length, turns=turns) - force())
+    assert together < 0.1 * abs(force(thread_length=length) - force())
+    assert together < 0.1 * abs(force(turns=turns) - force())
+
+
+def test_an_expected_sd_is_that_of_the_fit():
+    # Nothing was fitted, yet the sensors say how well it will be.
+    case = made(off=(0, 0, 0))
+    fitted = fit(case, starts=1, fold_count=2)
+    for d in determine(case)[0]:
+        assert d.after == pytest.approx(fitted.estimates[d.name].sd, rel=0.25)
+
+
+def test_an_inspection_prints_and_counts():
+    case = made()
+    seen = Inspection(case, *determine(case))
+    assert "4 isobars to hold out in turn" in str(seen)
+    document = seen.as_dict()
+    assert document["numbers"]["thread.modulus"]["unit"] == "GPa"
+    assert document["numbers"]["thread.modulus"]["sd_before"] == pytest.approx(8.0)
+    assert document["blocks"]["names"][0] == "isobar 100 kPa"

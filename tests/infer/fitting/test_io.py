@@ -1,0 +1,145 @@
+"""A fit on disk: complete, without NaN, and the same muscle when it is read again."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from pamjax.errors import BadInput
+from pamjax.infer.fitting.fit import fit
+from pamjax.infer.fitting.io import SCHEMA, as_dict, save
+from pamjax.infer.fitting.load import load_muscle
+from pamjax.model.muscle import predict
+from pamjax.records.case import read_case
+from pamjax.records.writing.case_folder import write_case
+from tests.agreement import ROUNDING, agree
+from tests.infer.made import made
+
+MUSCLE = """\
+[muscle]
+rest_length = "235.7 mm"
+thread_length = {value = "251.8 mm", sd = "0.8 mm"}
+turns = {value = 1.087, sd = 0.005}
+threads = 144
+thread_area = "0.0858 mm^2"
+
+[thread]
+modulus = {value = "48 GPa", sd = "8 GPa"}
+
+[sensors]
+force = "2 N"
+diameter = "0.05 mm"
+pressure = "0.7 kPa"
+length = "0.02 mm"
+"""
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory):
+    """A case on disk, fitted."""
+    folder = tmp_path_factory.mktemp("cases") / "hose"
+    write_case(folder, made().recording, MUSCLE)
+    return fit(read_case(folder), starts=1, fold_count=2)
+
+
+@pytest.fixture(scope="module")
+def written(fitted, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("out")
+    assert [path.name for path in save(fitted, folder)] == ["fit.json", "fit.nc"]
+    return folder
+
+
+def no_constant(name):
+    raise AssertionError(f"{name} is no JSON")
+
+
+def test_the_document_is_complete(fitted, written):
+    document = json.loads((written / "fit.json").read_text("utf-8"), parse_constant=no_constant)
+    assert document == json.loads(json.dumps(as_dict(fitted)))
+    assert document["schema"] == SCHEMA == "pamjax.fit/1"
+    assert set(document) >= {
+        "schema", "versions", "law", "mechanisms", "loss", "seed", "converged", "steps", "starts",
+        "parameters", "correlation", "cases",
+    }  # fmt: skip
+    modulus = document["parameters"]["thread.modulus"]
+    assert set(modulus) == {"value", "sd", "unit", "prior", "at_limit"}
+    assert modulus["unit"] == "GPa"
+    assert modulus["prior"] == {"value": pytest.approx(48.0), "sd": pytest.approx(8.0)}
+    assert np.shape(document["correlation"]["matrix"]) == (3, 3)
+    case = document["cases"]["hose"]
+    assert set(case) >= {
+        "checksum", "rows", "rmse", "noise", "held_out", "calibrated", "muscle", "muscle_toml", "failed",
+        "set_aside", "warnings",
+    }  # fmt: skip
+    assert case["rmse"]["force"]["unit"] == "N"
+    assert case["rmse"]["diameter"]["unit"] == "mm"
+    assert case["calibrated"]["pressure"]["high"] == pytest.approx(690e3, rel=0.01)
+
+
+def test_the_muscle_read_again_is_the_same(fitted, written):
+    loaded = load_muscle(written / "fit.json")
+    (one,) = fitted.cases
+    reading = predict(loaded.muscle, one.case.recording.pressure, one.case.recording.length)
+    for channel in ("force", "diameter"):
+        agree(getattr(reading, channel), one.prediction[channel], ROUNDING)
+    assert loaded.calibrated == one.calibrated
+    assert loaded.text == MUSCLE
+
+
+def test_every_row_is_kept_with_its_unit(fitted, written):
+    (one,) = fitted.cases
+    with xr.open_dataset(written / "fit.nc", engine="h5netcdf") as data:
+        assert data.sizes == {"row": one.case.recording.n}
+        units = {n: data[n].attrs["units"] for n in ("time", "pressure", "length", "force", "diameter_model")}
+        assert units == {"time": "s", "pressure": "Pa", "length": "m", "force": "N", "diameter_model": "m"}
+        agree(data["force_residual"] + data["force_model"], one.case.recording.force, ROUNDING)
+        assert list(data["block"].values) == one.block
+        assert data.attrs["case"] == "hose"
+        np.testing.assert_array_equal(data["force_unseen"], one.unseen["force"])
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("{", "a calibrated muscle is a fit.json; got"),
+        ("[]", "a calibrated muscle is a file of schema pamjax.fit/1; got no object in fit.json."),
+        ("{}", "a calibrated muscle is a file of schema pamjax.fit/1; got no schema in fit.json."),
+        ('{"schema": "pamjax.fit/1"}', "a fit.json must be whole; got no 'cases' in fit.json."),
+        ('{"schema": "pamjax.fit/1", "cases": {"a": {}}}', "a fit.json must be whole; got no 'muscle'"),
+        ('{"schema": "pamjax.fit/1", "cases": {}}', "a fit.json must be whole; got no 'case' in fit.json."),
+    ],
+)
+def test_what_is_no_fit_is_told(tmp_path, text, told):
+    (tmp_path / "fit.json").write_text(text)
+    with pytest.raises(BadInput, match=told):
+        load_muscle(tmp_path / "fit.json")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ({"case": "pipe"}, "'pipe' is no case of fit.json. Known are `hose`."),
+        ({"law": "toe"}, "a calibrated muscle keeps the law it was fitted with; got toe in fit.json."),
+        ({"settings": {"thread.modulus": 1e9}}, "only numbers of mechanisms can be set here"),
+    ],
+)
+def test_what_a_fit_does_not_have_is_told(written, arguments, told):
+    with pytest.raises(BadInput, match=told):
+        load_muscle(written / "fit.json", **arguments)
+
+
+def test_a_case_folder_has_no_cases(fitted):
+    with pytest.raises(BadInput, match=r"`--case` names a case of a fit\.json"):
+        load_muscle(fitted.cases[0].case.folder, case="a")
+
+
+def test_an_interrupted_save_leaves_nothing_half(fitted, tmp_path, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(xr.Dataset, "to_netcdf", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        save(fitted, tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["fit.json"]
+    json.loads((tmp_path / "fit.json").read_text("utf-8"))

@@ -1,0 +1,65 @@
+"""Posteriors of one recording are ranked by blocks they did not see; others are not compared."""
+
+import json
+
+import numpy as np
+import pytest
+
+from pamjax.cli.main import main
+from pamjax.errors import BadInput
+from pamjax.infer.fitting.fit import fit
+from pamjax.infer.posterior.compare import Comparison, Score, compare_posteriors
+from pamjax.infer.posterior.io import save_posterior
+from pamjax.infer.posterior.sample import sample
+from pamjax.records.case import read_case
+from tests.infer.posterior.test_sample import PAPER, drawn
+
+
+@pytest.fixture(scope="module")
+def elastic(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("elastic")
+    save_posterior(drawn(), folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def inelastic(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("inelastic")
+    found = fit(read_case(PAPER), "inelastic", starts=1, fold_count=2)
+    save_posterior(sample(found, seed=1, ess=400, rhat=1.05), folder)
+    return folder
+
+
+@pytest.mark.slow
+def test_threads_that_stretch_predict_better(elastic, inelastic, capsys):
+    found = compare_posteriors([inelastic, elastic])
+    assert found.scores[0].model == "elastic threads"
+    less, error = found.behind(found.scores[1])
+    assert less > 2 * error > 0
+    assert main(["compare", str(inelastic), str(elastic), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == found.as_dict()
+    assert "predicts better than" in str(found)
+
+
+def test_equals_are_not_told_apart():
+    each = np.random.default_rng(0).normal(size=10)
+    shift = np.random.default_rng(1).normal(size=10)
+    a, b = (
+        Score(n, "elastic threads", tuple("abcdefghij"), e, 0.1 + 0 * e)
+        for n, e in (("a", each), ("b", each + shift))
+    )
+    found = Comparison((a, b) if a.total > b.total else (b, a))
+    assert "cannot be told apart" in str(found)
+
+
+def test_a_block_it_leans_on_is_named():
+    one = Score("a", "elastic threads", ("isobar 1 kPa", "isobar 2 kPa"), np.zeros(2), np.array([0.2, 0.9]))
+    assert "a leans on isobar 2 kPa: its score there is a guess (k̂ up to 0.9)" in str(Comparison((one,)))
+
+
+def test_what_is_no_posterior_is_told(tmp_path):
+    with pytest.raises(BadInput, match="there is no file"):
+        compare_posteriors([tmp_path])
+    (tmp_path / "posterior.nc").write_text("no netCDF")
+    with pytest.raises(BadInput, match="a posterior is a netCDF that `pamjax sample` wrote"):
+        compare_posteriors([tmp_path])

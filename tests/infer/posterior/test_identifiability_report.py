@@ -1,0 +1,147 @@
+"""Two ridges are told in words: n E A, and thread length against modulus from diameters alone."""
+
+from types import SimpleNamespace
+
+import jax
+import numpy as np
+import pytest
+
+import pamjax
+from pamjax.infer.posterior.identifiability_report import Told, _kind, _product
+from pamjax.infer.posterior.profile import Profile
+from pamjax.infer.posterior.result import profile as profiles
+from pamjax.infer.problem.parameter_space import Free, space
+from pamjax.model.parameters import meaning
+from tests.infer.posterior.test_sample import drawn, fitted
+
+MUSCLE = """\
+[muscle]
+rest_length = "235.744 mm"
+length = "235.744 mm"
+threads = 144
+thread_area = {area}
+thread_length = {length}
+turns = 1.09
+
+[thread]
+modulus = {{value = "90 GPa", sd = "30 GPa"}}
+
+[sensors]
+diameter = "0.01 mm"
+"""
+KNOWN = '{value = "251.2 mm", sd = "0.1 mm"}'
+UNKNOWN = '{value = "251.2 mm", sd = "0.8 mm"}'
+
+
+def case(folder, pressures, **said):
+    """Diameters of 85 GPa and 251.3 mm, by the closed form."""
+    folder.mkdir()
+    (folder / "muscle.toml").write_text(MUSCLE.format(**said))
+    rest, thread, turns = 0.235744, 0.2513, 1.09
+    rows = ["pressure [kPa],diameter [mm]"]
+    for p in pressures:
+        pull = 1e3 * p * rest * thread / (2 * np.pi * turns**2 * 144 * 0.0858e-6 * 85e9)
+        diameter = np.sqrt((thread / (1 - pull)) ** 2 - rest**2) / (np.pi * turns)
+        rows.append(f"{p},{1e3 * diameter:.4f}")
+    (folder / "recording.csv").write_text("\n".join(rows) + "\n")
+    return pamjax.read_case(folder)
+
+
+def verdicts(case):
+    return pamjax.sample(case, ess=200, rhat=1.1, max_draws=1000).verdicts
+
+
+@pytest.mark.slow
+def test_only_the_product_of_modulus_and_area_acts(tmp_path):
+    area = '{value = "0.0858 mm^2", sd = "0.03 mm^2"}'
+    found = verdicts(case(tmp_path / "a", (138, 276, 414, 552, 689), area=area, length=KNOWN))
+    for name in ("thread.modulus", "muscle.thread_area"):
+        assert found[name].kind == "only in combination"
+        assert "thread.modulus × muscle.thread_area" in found[name].says or (
+            "muscle.thread_area × thread.modulus" in found[name].says
+        )
+    assert found["muscle.thread_length"].kind == "determined"
+
+
+@pytest.mark.slow
+def test_longer_threads_look_like_softer_ones_at_one_pressure(tmp_path):
+    found = verdicts(case(tmp_path / "b", (680, 684, 689), area='"0.0858 mm^2"', length=UNKNOWN))
+    said = found["thread.modulus"]
+    assert said.kind == "only in combination"
+    assert "go unnoticed together" in said.says
+    # A longer thread goes with a stiffer one.
+    assert said.says.count("+") == 2
+
+
+@pytest.mark.slow
+def test_five_diameters_tell_length_and_modulus_but_not_turns():
+    kinds = {name: v.kind for name, v in drawn().verdicts.items()}
+    assert kinds == {
+        "muscle.thread_length": "determined",
+        "muscle.turns": "not determined",
+        "thread.modulus": "determined",
+    }
+
+
+def test_a_profile_of_a_parabola_ends_where_least_squares_says():
+    # Two sd to each side, where the posterior is nearly Gaussian.
+    along = drawn().verdicts["muscle.thread_length"].profile
+    e = drawn().fit.estimates["muscle.thread_length"]
+    assert abs((along.high - along.low) / 4 / e.sd - 1) < 0.1
+    assert along.rise.min() == 0
+
+
+@pytest.mark.parametrize(
+    ("draws", "kind"),
+    [
+        # Where a number's range is wide, a value that is known well is not at a limit for being small.
+        (lambda rng: np.abs(rng.normal(0.12, 0.018, 4000)), "determined"),
+        (lambda rng: np.abs(rng.normal(0.0, 0.018, 4000)), "at a limit"),
+        (lambda rng: rng.exponential(0.1, 4000), "at a limit"),
+        (lambda rng: 5 - rng.exponential(0.1, 4000), "at a limit"),
+        (lambda rng: rng.uniform(0, 5, 4000), "determined"),
+        (lambda rng: 5 * np.sqrt(rng.uniform(0, 1, 4000)), "determined"),
+    ],
+)
+def test_a_number_is_at_a_limit_if_its_draws_pile_up_there(draws, kind):
+    told = Told(low=0.0, high=5.0, log=False, unit="1", value=0.1, believed=5 / np.sqrt(12), alone=True)
+    # The profile says determined; the draws say whether a limit comes first.
+    along = Profile(values=np.arange(3.0), rise=np.zeros(3), low=0.05, high=0.2)
+    assert _kind(told, draws(np.random.default_rng(2)), along)[0] == kind
+
+
+def test_a_profile_is_followed_where_a_wide_range_begins_close_by(monkeypatch):
+    """0.13 ± 0.05 N in a range of 500 N: hardly off its limit, and known on both sides."""
+    about = meaning("braid_friction.constant")
+    at = space([Free("braid_friction.constant", about, 0.13, np.inf)])
+    top = at.point({"braid_friction.constant": 0.13})
+    slope = jax.grad(lambda u: at.values(u)[0])(top)
+    monkeypatch.setattr(profiles, "spread_in_u", lambda _: 0.05 / np.asarray(slope))
+    monkeypatch.setattr(
+        profiles, "_held", lambda _, k, u: (0.5 * float(((at.values(u)[k] - 0.13) / 0.05) ** 2), u)
+    )
+    problem = profiles.Problem((), at, "square", SimpleNamespace(u=top))  # pyright: ignore[reportArgumentType]
+    found = profiles.profile(problem, "braid_friction.constant")
+    assert found.low == pytest.approx(0.03, abs=0.01)
+    assert found.high == pytest.approx(0.23, abs=0.01)
+
+
+def test_a_product_is_written_as_one():
+    assert _product(["a", "b"], np.array([1.0, -1.02])) == "a / b"
+    assert _product(["a", "b", "c"], np.array([1.0, 0.5, 0.95])) == "a × b^0.5 × c"
+
+
+def test_a_verdict_compares_with_what_was_told():
+    # Five diameters know the modulus to 4 GPa, as well as they who say so.
+    told = {"thread.modulus": {"value": 84e9, "sd": 3e9}}
+    found = pamjax.sample(fitted(), beliefs=told, ess=200, rhat=1.1, seed=1).verdicts["thread.modulus"]
+    assert found.kind == "not determined"
+    assert drawn().verdicts["thread.modulus"].kind == "determined"
+
+
+def test_a_profile_believes_what_was_told_of_the_others():
+    # With the turns known, the length that five diameters tell is known much better.
+    told = {"muscle.turns": {"value": 1.09, "sd": 1e-5}}
+    post = pamjax.sample(fitted(), beliefs=told, ess=200, rhat=1.1, seed=1)
+    loose, held = (p.verdicts["muscle.thread_length"].profile for p in (drawn(), post))
+    assert held.high - held.low < 0.5 * (loose.high - loose.low)

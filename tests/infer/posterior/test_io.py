@@ -1,0 +1,140 @@
+"""A posterior on disk is read by ArviZ, with units, blocks and what it belongs to; and its figures."""
+
+import json
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from pamjax.infer.posterior.identifiability_report import COMBINED
+from pamjax.infer.posterior.io import save_posterior
+from pamjax.infer.posterior.predictive import prior_draws
+from pamjax.view.figures.posterior import (
+    band_figure,
+    corner_figure,
+    profile_figure,
+    ridge_figure,
+    ridges,
+    save_posterior_figures,
+)
+from tests.agreement import ROUNDING, SAMPLED, agree
+from tests.infer.posterior.test_sample import drawn
+
+GROUPS = {
+    "posterior", "prior", "log_likelihood", "posterior_predictive", "prior_predictive", "observed_data",
+    "sample_stats",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("out")
+    assert [p.name for p in save_posterior(drawn(), folder)] == ["posterior.json", "posterior.nc"]
+    return folder
+
+
+def test_every_group_is_there_with_what_it_belongs_to(written):
+    with xr.open_datatree(written / "posterior.nc", engine="h5netcdf") as tree:
+        assert set(tree) == GROUPS
+        assert json.loads(tree.attrs["checksum"]) == {
+            "chambers_wereley_2022": drawn().fit.cases[0].case.checksum
+        }
+        assert tree.attrs["seed"] == 1
+        assert tree["posterior"]["thread.modulus"].attrs["units"] == "Pa"
+        agree(tree["posterior"]["thread.modulus"].values, drawn().draws[:, :, 2].T, ROUNDING)
+        assert tree["observed_data"]["diameter"].shape == (5,)
+        assert tree["posterior_predictive"]["diameter"].shape == (1, 100, 5)
+
+
+def test_arviz_reads_it(written):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import arviz
+
+        read = arviz.from_netcdf(written / "posterior.nc")
+        found = arviz.summary(read, var_names=["thread.modulus"], fmt="long", kind="diagnostics")
+        ess = arviz.ess(read.posterior)["thread.modulus"].item()
+    # Before ArviZ 1.0 a method that gives names; from then on paths, the root's among them.
+    names = read.groups() if callable(read.groups) else read.groups
+    assert {name.strip("/") for name in names} - {""} == GROUPS
+    assert found is not None
+    # Its own count of effective samples is of the same size as ours.
+    assert 0.7 < ess / drawn().health.ess[2] < 1.4
+
+
+def test_blocks_add_up_to_the_likelihood(written):
+    post = drawn()
+    with xr.open_datatree(written / "posterior.nc", engine="h5netcdf") as tree:
+        blocks = tree["log_likelihood"]["blocks"]
+        assert list(tree["log_likelihood"]["block"].values) == [f"row {k}" for k in range(2, 7)]
+        sums, draw = blocks.sum("block").values, blocks["draw"].values
+    at = post.density.at
+    for k in (0, 3):
+        value = dict(zip(post.names, post.draws[draw[k], 0], strict=True))
+        agree(sums[0, k], float(post.density.log_likelihood(at.point(value))), 1e-6)
+
+
+def test_the_prior_is_what_was_believed():
+    draws = prior_draws(drawn().density, 20_000, 0)
+    error = 20e9 / np.sqrt(20_000)
+    assert abs(draws[:, 2].mean() - 112e9) < SAMPLED * error
+    assert abs(draws[:, 2].std() - 20e9) < SAMPLED * error
+    low, high = (float(a[3]) for a in (drawn().density.at.low, drawn().density.at.high))
+    share = np.log(draws[:, 3] / low) / np.log(high / low)
+    assert abs(share.mean() - 0.5) < SAMPLED * np.sqrt(1 / 12 / 20_000)
+
+
+def test_an_interrupted_save_leaves_nothing_half(tmp_path, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(xr.DataTree, "to_netcdf", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        save_posterior(drawn(), tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["posterior.json"]
+
+
+def test_figures_show_every_number():
+    corner = corner_figure(drawn())
+    assert sum(axes.axison for axes in corner.axes) == 10
+    assert "move together most (correlation +0.9" in corner.get_suptitle()
+    (panel,) = (axes for axes in band_figure(drawn()).axes)
+    assert "of samples in the band that is to hold 90 %" in panel.get_title("left").replace("\n", " ")
+    points = [line for line in panel.lines if line.get_gid() == "measured"]
+    assert sum(line.get_xdata().size for line in points) == 5
+    lines = [
+        line for axes in profile_figure(drawn()).axes for line in axes.lines if line.get_gid() == "profile"
+    ]
+    assert len(lines) == 3
+    assert all(line.get_ydata().min() == 0 for line in lines)
+
+
+def test_a_ridge_stands_on_what_was_believed():
+    post = drawn()
+    assert ridges(post) == []
+    loose = {
+        name: replace(v, kind=COMBINED) if name != "thread.modulus" else v
+        for name, v in post.verdicts.items()
+    }
+    told = replace(post)
+    vars(told)["verdicts"] = loose
+    assert ridges(told) == [(0, 1)]
+    # The partner need not be told as a combination itself.
+    vars(told)["verdicts"] = loose | {"muscle.turns": post.verdicts["muscle.turns"]}
+    assert ridges(told) == [(0, 1)]
+    (panel,) = ridge_figure(told).axes
+    before, after = (
+        next(line for line in panel.lines if line.get_gid() == gid) for gid in ("prior", "posterior")
+    )
+    assert np.corrcoef(after.get_xydata().T)[0, 1] > 0.9
+    assert abs(np.corrcoef(before.get_xydata().T)[0, 1]) < 0.1
+
+
+@pytest.mark.slow
+def test_figures_are_written(tmp_path):
+    (tmp_path / "ridge.png").write_bytes(b"of an earlier posterior")
+    names = {path.name for path in save_posterior_figures(drawn(), tmp_path)}
+    assert names == {"corner.png", "belief.png", "trace.png", "profile.png", "band.png"}
+    assert names == {path.name for path in tmp_path.iterdir()}

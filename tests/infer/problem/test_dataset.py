@@ -1,0 +1,106 @@
+"""What a case says of its recording reaches the model."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from pamjax.infer.fitting.fit import joint_space
+from pamjax.infer.problem.dataset import SLACK, counts, member, slack
+from pamjax.records.blocks import blocks
+from pamjax.records.reading.quantity import Measured
+from pamjax.records.recording import Recording
+from tests.infer.made import made
+
+
+def history_of(case):
+    at, (rename,) = joint_space([case], "elastic", ())
+    return member(case, "elastic", at, rename).history
+
+
+def test_memory_goes_on_or_begins_anew_as_is_stated_for_each_recording():
+    case = made("elastic")
+    late = case.recording.time + 600.0 * (np.arange(case.recording.n) >= 100)
+    case = replace(case, recording=replace(case.recording, time=late))
+    carried, anew = history_of(case), history_of(replace(case, gaps="anew", before="settled"))
+    assert np.flatnonzero(carried.restart).tolist() == [0]
+    assert np.flatnonzero(anew.restart).tolist() == [0, 100]
+    assert not carried.settled
+    assert anew.settled
+
+
+def test_a_sample_is_not_called_slack_for_its_own_noise():
+    """Straight ramps to 300 N at five lengths: kept samples beside the threshold are as often low as high."""
+    rng = np.random.default_rng(4)
+    up = np.tile(np.linspace(-0.05, 1.0, 400), 5)
+    noise = rng.normal(0.0, 4.0, up.size)
+    recording = Recording.from_arrays(
+        pressure=6e5 * np.tile(np.linspace(0.0, 1.0, 400), 5),
+        length=np.repeat(0.2357 - 0.009 * np.arange(5), 400),
+        force=300.0 * up + noise,
+        diameter=np.full(up.size, np.nan),
+        time=0.1 * np.arange(up.size),
+    )
+    case = replace(made(), recording=recording)
+    assert blocks(recording).kind == "lengths"
+    beside = np.abs(300.0 * up - SLACK * 300.0) < 8.0
+    kept = counts(case, "force") & beside
+    by_itself = (recording.force >= SLACK * np.max(recording.force)) & beside
+    off, naive = (np.mean(noise[rows]) / (4.0 / np.sqrt(rows.sum())) for rows in (kept, by_itself))
+    assert naive > 3.0
+    assert abs(off) < 2.0
+
+
+def test_a_sample_far_below_its_neighbours_is_slack():
+    """A hose that straightens at once: the sample before it pulls is among others that pull already."""
+    force = np.tile(np.r_[np.zeros(30), np.full(70, 600.0)], 5)
+    recording = Recording.from_arrays(
+        pressure=6e5 * np.tile(np.linspace(0.0, 1.0, 100), 5),
+        length=np.repeat(0.2357 - 0.009 * np.arange(5), 100),
+        force=np.where(np.arange(500) % 100 == 32, 0.0, force),
+        diameter=np.full(500, np.nan),
+        time=0.1 * np.arange(500),
+    )
+    case = replace(made(), recording=recording)
+    assert case.entry.sensors.force
+    assert slack(case)[32::100].all()
+    unstated = replace(case.entry, sensors=replace(case.entry.sensors, force=None))
+    assert not slack(replace(case, entry=unstated))[32::100].any()
+
+
+def test_a_diameter_without_pressure_is_not_held_against_a_model():
+    """Ramps at fixed lengths, from a pressure that a sensor with 1 kPa of noise cannot tell from none."""
+    up = np.tile(np.linspace(0.0, 1.0, 101), 5)
+    recording = Recording.from_arrays(
+        pressure=6e5 * up,
+        length=np.repeat(0.2357 - 0.009 * np.arange(5), 101),
+        force=300.0 * up,
+        diameter=np.full(up.size, 0.02),
+        time=0.1 * np.arange(up.size),
+    )
+    entry = made().entry
+    noisy = replace(entry, sensors=replace(entry.sensors, pressure=1e3))
+    case = replace(made(), recording=recording, entry=noisy)
+    assert blocks(recording).kind == "lengths"
+    assert np.array_equal(counts(case, "diameter"), (recording.pressure > 3e3) & ~slack(case))
+    assert 0 < (slack(case) & (recording.pressure > 3e3)).sum() < 0.1 * recording.n
+    strokes = replace(recording, pressure=recording.length, length=recording.pressure)
+    assert counts(replace(case, recording=strokes), "diameter").all()
+
+
+def test_the_zero_of_a_load_cell_shows_where_the_muscle_is_slack():
+    # A long thread pulls no more after a sixth of contraction.
+    case = made(true={"muscle.thread_length": 0.34}, thread_length=Measured(0.3405, 0.8e-3))
+    force = np.where(np.isnan(case.recording.force), 0.0, case.recording.force) - 20.0
+    case = replace(case, recording=replace(case.recording, force=force))
+    at, (rename,) = joint_space([case], "elastic", (), ("force_offset",))
+    one = member(case, "elastic", at, rename, ("force_offset",))
+    values = np.array(at.mean)
+    values[at.names.index("force_offset.offset")] = -20.0
+    shown = np.asarray(one.reading(values).force)
+    pushes = np.asarray(
+        replace(one, rows=replace(one.rows, slack=one.rows.slack & False)).reading(values).force
+    )
+    loose = np.asarray(one.rows.slack) & (pushes < -30.0)
+    assert loose.sum() > 20
+    # It reads what it reads with nothing on it: not what a pushing muscle would do, and not nothing.
+    np.testing.assert_allclose(shown[loose], -20.0)

@@ -1,0 +1,372 @@
+"""A rig's files become a case: what went in comes out, in the right unit, order and place."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from pamjax.cli.main import main
+from pamjax.errors import BadInput
+from pamjax.records.case import read_case
+from pamjax.records.importing.importer import import_case
+
+ROOT = Path(__file__).parents[2]
+HOSE = ROOT / "fits" / "portland_hose" / "hose-10mm-132.toml"
+#: No licence is stated for the recordings, so they are not part of the project.
+PUBLISHED = ROOT.parent / "shared" / "data" / "portland-hose" / "hose-10mm-132"
+
+MUSCLE = """\
+[muscle]
+rest_length = {value = "132 mm", sd = "1 mm"}
+diameter = {value = "11.8 mm", sd = "0.9 mm"}
+braid_angle = {value = "61.4 deg", sd = "1 deg"}
+"""
+TESTS = [
+    f"10mm_15cm_{kink}_Test{k}" for kink in ("Unkink", "kinked25", "kinked50", "kinked75") for k in (8, 9, 10)
+]
+LENGTHS = np.repeat([132.0, 126.75, 121.5, 116.25], 3)
+LF = 4.4482216152605
+
+
+def raw(seed, seconds=3.0):
+    """(n, 4) a test as the hose's bench wrote it: force, pressure, uneven time in whole ms, valve."""
+    rng = np.random.default_rng(seed)
+    time = np.cumsum(np.r_[0.0, rng.choice([0.001, 0.002], int(seconds / 0.0015))])
+    pressure = 8.18 + 600 * np.sin(np.pi * time / seconds) ** 2 + 0.765 * rng.integers(-1, 2, time.size)
+    force = 0.5 * pressure + 0.683 * rng.integers(-2, 3, time.size)
+    return np.column_stack([force, pressure, time, 1 + (time > seconds / 2)]).round(4)
+
+
+@pytest.fixture
+def hose(tmp_path):
+    """The hose's folder with files of the same layout and other numbers in them."""
+    shutil.copy(HOSE, tmp_path)
+    (tmp_path / "muscle.toml").write_text(MUSCLE)
+    for k, name in enumerate(TESTS):
+        np.savetxt(tmp_path / f"{name}.csv", raw(k), delimiter=",", fmt="%.5g")
+    # Beside them lie files that no test is made of.
+    np.savetxt(tmp_path / "10mm_15cm_Unkink_Offset.csv", raw(99), delimiter=",", fmt="%.5g")
+    return tmp_path
+
+
+def by_hand(folder):
+    """What the hose's case must be, one block after another."""
+    begun, rows = 0.0, []
+    for number, (name, length) in enumerate(zip(TESTS, LENGTHS, strict=True), 1):
+        force, pressure, time, _ = np.loadtxt(folder / f"{name}.csv", delimiter=",").T
+        here = []
+        for low in np.arange(0, time[-1] + 0.05, 0.05):
+            there = (time >= low - 1e-9) & (time < low + 0.05 - 1e-9)
+            if there.any():
+                medians = [np.median(values[there]) for values in (time, pressure, force)]
+                here.append([begun + medians[0], *medians[1:], length, number])
+        rows += here
+        begun = here[-1][0] + 1.0
+    return np.array(rows).T
+
+
+def test_the_hoses_layout(hose):
+    made = import_case(hose / HOSE.name, hose / "case")
+    recording = made.case.recording
+    time, pressure, force, length, cycle = by_hand(hose)
+    assert made.tests == tuple(f"{name}.csv" for name in TESTS)
+    assert made.samples == sum(len(raw(k)) for k in range(12))
+    for got, wanted, digits in (
+        (recording.time, time, 1e-4),
+        (recording.pressure, pressure * 1e3, 0.1),
+        (recording.length, length * 1e-3, 1e-8),
+        (recording.force, force, 1e-4),
+    ):
+        np.testing.assert_allclose(got, wanted, rtol=0, atol=0.51 * digits)
+    np.testing.assert_array_equal(recording.cycle, cycle)
+    # The rig was moved between tests, and the case knows it.
+    assert recording.starts.sum() == 12
+
+
+@pytest.mark.skipif(not PUBLISHED.is_dir(), reason="no hose recordings beside the project")
+def test_a_hoses_recording_goes_in_and_comes_out(hose):
+    """Each row of the published case, written as one block of raw samples, is that row again."""
+    known = read_case(PUBLISHED).recording
+    for number, name in enumerate(TESTS, 1):
+        rows = np.flatnonzero(known.cycle == number)
+        begun = known.time[rows[0] - 1] + 1.0 if number > 1 else 0.0
+        time = (known.time[rows] - begun).round(3)
+        block = np.floor(time / 0.05 + 1e-9)
+        table = np.column_stack([known.force[rows], known.pressure[rows] / 1e3, time, np.ones(rows.size)])
+        # Three samples a row: the median is the one in the middle, and the first of a test is at zero.
+        before = 0.9 * (time - 0.05 * block)
+        before[0] = time[0]
+        after = 0.9 * (0.05 * (block + 1) - time)
+        samples = [table + np.outer(shift, [0, 0, 1, 0]) for shift in (-before, 0 * time, after)]
+        raw_rows = np.stack(samples, axis=1).reshape(-1, 4)
+        np.savetxt(hose / f"{name}.csv", raw_rows, delimiter=",", fmt="%.6f")
+    made = import_case(hose / HOSE.name, hose / "case").case.recording
+    assert made.n == known.n
+    np.testing.assert_allclose(made.force, known.force, atol=1e-3)
+    np.testing.assert_allclose(made.pressure, known.pressure, atol=1.0)
+    np.testing.assert_allclose(made.time, known.time, atol=2e-3)
+    np.testing.assert_array_equal(made.length, known.length)
+    np.testing.assert_array_equal(made.cycle, known.cycle)
+
+
+RIG = """\
+muscle = "muscle.toml"
+[files]
+{files}
+[columns]
+{columns}
+{more}
+[[tests]]
+file = {file}
+{length}
+"""
+
+
+@pytest.fixture
+def rig(tmp_path):
+    """Write a TOML and a file beside the muscle, import, and return the recording."""
+
+    def _rig(
+        text="",
+        *,
+        file='"run.csv"',
+        name="run.csv",
+        length='length = "130 mm"',
+        files="",
+        columns="",
+        more="",
+        muscle="muscle.toml",
+    ):
+        (tmp_path / "muscle.toml").write_text(MUSCLE)
+        (tmp_path / name).write_text(text)
+        said = RIG.format(files=files, columns=columns, more=more, file=file, length=length)
+        (tmp_path / "rig.toml").write_text(said.replace("muscle.toml", muscle))
+        return import_case(tmp_path / "rig.toml", tmp_path / "case").case.recording
+
+    return _rig
+
+
+PLAIN = 'force = "Load [lbf]"\npressure = {column = "P", unit = "psi"}'
+
+
+def test_headers_units_and_a_static_map(rig):
+    got = rig("P,other,Load [lbf]\n10,x,5\n20,y,11\n", columns=PLAIN)
+    np.testing.assert_allclose(got.force, [5 * LF, 11 * LF], atol=1e-4)
+    np.testing.assert_allclose(got.pressure, [68947.57, 137895.15], atol=0.1)
+    assert got.time is None
+    np.testing.assert_array_equal(got.cycle, [1, 1])
+
+
+def test_volts_decimal_commas_and_lines_above(rig):
+    text = "# bench 2\nPeter, Monday\nU_F;p\n0,50;1,0\n1,50;2,0\n"
+    columns = (
+        'force = {column = "U_F", unit = "N", zero = 0.25, scale = 40}\npressure = {column = 2, unit = "bar"}'
+    )
+    got = rig(text, columns=columns, files='separator = ";"\ndecimal = ","\nskip = 2')
+    np.testing.assert_allclose(got.force, [10, 50])
+    np.testing.assert_allclose(got.pressure, [1e5, 2e5])
+
+
+@pytest.mark.parametrize(("separator", "mark"), [(",", ","), (";", ";"), ("tab", "\t"), ("space", " ")])
+def test_a_cell_that_does_not_close_its_quotation_mark_is_refused(rig, separator, mark):
+    rows = 'P,other,Load\n10,x,5\n20,y,11\n30,"loose,12\n40,z,13\n'.replace(",", mark)
+    columns = PLAIN.replace('"Load [lbf]"', '{column = "Load", unit = "lbf"}')
+    with pytest.raises(BadInput) as error:
+        rig(rows, columns=columns, files=f'separator = "{separator}"')
+    assert str(error.value).startswith(
+        "a quoted cell must end with a quotation mark in its own row; got '\"loose"
+    )
+    assert "in column `other`, row 4 of run.csv. Close the quotation mark or take it out" in str(error.value)
+
+
+def test_quotation_marks_that_are_closed_or_above_the_table_do_no_harm(rig):
+    text = 'tube: 3/8"\n"Peter\nP,other,Load [lbf]\n10,"x, y",5\n20,"a ""b""",11\n'
+    got = rig(text, columns=PLAIN, files="skip = 2")
+    np.testing.assert_allclose(got.force, [5 * LF, 11 * LF], atol=1e-4)
+
+
+def test_a_rate_stands_for_a_clock(rig):
+    text = "P,Load [lbf]\n" + "\n".join(f"{10 * (k % 7) + 10},{5 * (k % 7) + 5}" for k in range(20))
+    got = rig(text, columns=PLAIN, files='rate = "500 Hz"')
+    np.testing.assert_allclose(got.time, np.arange(20) / 500, atol=1e-9)
+
+
+def test_the_zero_is_read_where_it_is_known(rig):
+    text = "t,P,Load [lbf]\n" + "\n".join(f"{k},{3 + 20 * (k > 3)},{7 + 10 * (k > 3)}" for k in range(8))
+    tare = '[tare]\nend = "3 s"\nforce = "0 N"\npressure = "0 psi"'
+    columns = PLAIN + '\ntime = {column = "t", unit = "s"}'
+    got = rig(text, columns=columns, more=tare)
+    np.testing.assert_allclose(got.force, [10 * LF] * 4, atol=1e-4)
+    np.testing.assert_allclose(got.pressure, [20 * 6894.757] * 4, atol=0.1)
+
+
+@pytest.mark.parametrize("more", ['force = "0 N"', ""])
+def test_a_tare_without_duration_takes_no_row_away(rig, more):
+    text = "t,P,Load [lbf]\n" + "\n".join(f"{k},{1 + 20 * k},{2 + 10 * k}" for k in range(4))
+    columns = PLAIN + '\ntime = {column = "t", unit = "s"}'
+    got = rig(text, columns=columns, more=f'[tare]\nend = "0 s"\n{more}')
+    np.testing.assert_allclose(got.force / LF, 10 * np.arange(4) + (0 if more else 2), atol=1e-4)
+
+
+def test_a_way_becomes_a_length(rig, tmp_path):
+    """A sensor of the way reads up while the muscle shortens, from a zero of its own, with a cell blank."""
+    way = np.linspace(0, 20, 9)
+    rows = [f"{k},{40 + 2 * k},{50 if k < 3 else ''},{12.35 + x}" for k, x in enumerate([0, 0, 0, *way])]
+    columns = PLAIN + '\ntime = {column = "t", unit = "s"}'
+    columns += '\nlength = {column = "way", unit = "mm", scale = -1}'
+    text = "t,P,Load [lbf],way\n" + "\n".join([*rows, "12,66,200,32.35"])
+    got = rig(text, columns=columns, length="", more='[tare]\nend = "2 s"\nlength = "130 mm"')
+    np.testing.assert_allclose(got.length, 0.13 - 1e-3 * np.r_[way, 20], atol=1e-6)
+    (tmp_path / "case" / "recording.csv").unlink()
+    (tmp_path / "case" / "muscle.toml").unlink()
+    said = str(import_case(tmp_path / "rig.toml", tmp_path / "case"))
+    assert "from 1 test with 10 samples" in said
+    assert "tare: length read -12.35 mm to -12.35 mm where it is 130 mm" in said
+    assert "9 rows without force" in said
+    with pytest.raises(BadInput, match="with a `scale` of -1 and the rest length as"):
+        rig(text, columns=columns.replace(", scale = -1", ""), length="")
+
+
+def test_a_file_for_each_channel_on_clocks_of_their_own(rig, tmp_path):
+    fast, slow = np.arange(0, 2.0, 0.002), np.arange(0, 2.0, 0.1)
+    np.savetxt(tmp_path / "a_p.csv", np.column_stack([slow, 100 + 10 * slow]), delimiter=",")
+    force = "\n".join(f"{t:.3f},{20 * t:.4f}" for t in fast)
+    columns = "\n".join(
+        f'{n} = {{column = {c}, unit = "{u}"}}'
+        for n, c, u in [("time", 1, "s"), ("force", 2, "N"), ("pressure", 2, "kPa")]
+    )
+    got = rig(
+        force,
+        name="a_f.csv",
+        columns=columns,
+        files="header = false",
+        file='{force = "a_f.csv", pressure = "a_p.csv"}',
+    )
+    assert got.n == fast.size
+    inside = fast <= slow[-1]
+    np.testing.assert_allclose(got.pressure[inside], 1e3 * (100 + 10 * fast[inside]), atol=0.1)
+    assert np.isnan(got.pressure[~inside]).all()
+
+
+@pytest.mark.parametrize("matrix", ["", 'matrix = "bench.data"'])
+def test_a_mat_file(rig, tmp_path, matrix):
+    time, pressure, force = np.arange(9.0), np.linspace(1e2, 3e2, 9), np.linspace(50, 90, 9)
+    inside = (
+        {"data": np.column_stack([time, pressure, force])}
+        if matrix
+        else {"t": time, "p": pressure, "F": force}
+    )
+    savemat(tmp_path / "run.mat", {"bench": inside})
+    where = (1, 2, 3) if matrix else ('"bench.t"', '"bench.p"', '"bench.F"')
+    columns = "\n".join(
+        f'{n} = {{column = {c}, unit = "{u}"}}'
+        for n, c, u in zip(("time", "pressure", "force"), where, ("s", "kPa", "N"), strict=True)
+    )
+    got = rig(columns=columns, files=matrix, file='"run.mat"')
+    np.testing.assert_allclose([got.time, got.pressure / 1e3, got.force], [time, pressure, force], atol=1e-4)
+
+
+def test_a_mat_file_of_the_new_kind(rig, tmp_path):
+    import h5py
+
+    with h5py.File(tmp_path / "run.mat", "w") as file:
+        file["p"], file["F"] = np.array([[1e2, 2e2]]), np.array([[50.0, 90.0]])
+    columns = 'pressure = {column = "p", unit = "kPa"}\nforce = {column = "F", unit = "N"}'
+    got = rig(columns=columns, file='"run.mat"')
+    np.testing.assert_allclose(got.force, [50, 90])
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (
+            {"text": "P,Load [lbf]\n1,2\n3,much\n"},
+            "must hold numbers or blanks; got 'much' in row 3 of run.csv.",
+        ),
+        (
+            {"text": "P,Load\n1,2\n"},
+            "run.csv must have a column `Load [lbf]`; got none. Known are `P`, `Load`.",
+        ),
+        ({"text": "P;Load [lbf]\n1;2\n"}, "must be separated by ','. Write separator = \";\" in [files]."),
+        (
+            {"text": "P,Load [lbf]\n1,2,3,4\n"},
+            "run.csv must be a table; got rows with more cells than the header",
+        ),
+        ({"text": "P,Load [lbf]\n"}, "run.csv must hold rows of numbers"),
+        ({"columns": PLAIN + "\nlenght = 3"}, "Did you mean `length`?"),
+        ({"columns": PLAIN.replace("psi", "mm")}, "a pressure must have a unit of pressure; got 'mm'"),
+        (
+            {"columns": 'force = {column = 9, unit = "N"}\npressure = "P [psi]"'},
+            "must have a column 9; got 2.",
+        ),
+        (
+            {"length": ""},
+            "`length` must be a column or stated for the test; got neither in test 1 of [[tests]].",
+        ),
+        ({"length": 'pressure = "1 bar"'}, "stated for the test; got both in test 1"),
+        ({"length": 'lenght = "1 mm"'}, "Did you mean `length`?"),
+        ({"file": '"nothing*.csv"'}, "got nothing that is called nothing*.csv"),
+        (
+            {"muscle": "mine.toml"},
+            "path of a muscle.toml; got mine.toml in rig.toml. `pamjax new`",
+        ),
+        ({"files": "header = maybe"}, "rig.toml must be TOML"),
+        (
+            {"files": 'separator = "|"'},
+            """`separator` is ",", ";", "tab" or "space"; got '|' in [files] of rig""",
+        ),
+        ({"files": "skip = -1"}, "`skip` must be at least 0; got -1 in [files] of rig.toml."),
+        ({"files": "header = 3"}, "`header` is true or false; got 3 in [files] of rig.toml."),
+        (
+            {"files": "seperator = 3"},
+            "`seperator` is no entry ([files] of rig.toml). Did you mean `separator`",
+        ),
+        (
+            {"columns": PLAIN.replace('"P"', "0")},
+            "`column` must be at least 1; got 0 in [columns] of rig.toml.",
+        ),
+        (
+            {"columns": 'force = {unit = "N"}'},
+            "`column` must be stated ([columns] of rig.toml). It says which",
+        ),
+        (
+            {"length": "interval = 3"},
+            "`interval` is no entry ([[tests]] of rig.toml). Known are `file`, `length`",
+        ),
+        ({"file": "3"}, "`file` is a text in quotes; got 3 in [[tests]] of rig.toml."),
+        ({"more": '[tare]\nforce = "0 N"'}, "`end` must be stated ([tare] of rig.toml). It says how long"),
+        ({"files": 'rate = "500 N"'}, "[files] rate"),
+        ({"more": '[tare]\nend = "1 s"\nforce = "0 N"'}, "[tare] needs a clock"),
+        (
+            {"length": 'length = "2 m"'},
+            "was not written: the longest `length` must be near the rest length (132 mm)",
+        ),
+    ],
+    ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
+)
+def test_what_cannot_be_used_is_told_and_writes_nothing(rig, tmp_path, change, told):
+    said = {"text": "P,Load [lbf]\n10,5\n20,11\n", "columns": PLAIN} | change
+    with pytest.raises(BadInput) as error:
+        rig(**said)
+    assert told in str(error.value)
+    assert "\n" not in str(error.value)
+    assert not (tmp_path / "case").exists()
+
+
+def test_a_clock_that_runs_back_is_told_by_its_row(hose):
+    lines = (hose / f"{TESTS[4]}.csv").read_text().splitlines()
+    lines[100], lines[101] = lines[101], lines[100]
+    (hose / f"{TESTS[4]}.csv").write_text("\n".join(lines))
+    with pytest.raises(BadInput, match=rf"row 102 of {TESTS[4]}.csv. One file is one test"):
+        import_case(hose / HOSE.name, hose / "case")
+
+
+def test_the_word(hose, capsys):
+    assert main(["import", str(hose / HOSE.name), "--out", str(hose / "case")]) == 0
+    said = capsys.readouterr().out
+    assert "from 12 tests with" in said
+    assert f"then: pamjax check {hose / 'case'}" in said
+    assert main(["import", str(hose / HOSE.name), "--out", str(hose / "case")]) == 2
+    assert "needs an empty folder" in capsys.readouterr().err

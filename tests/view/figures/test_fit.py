@@ -1,0 +1,280 @@
+"""Figures of a fit by what they hold: points, lines, units, band, finding; every kind of recording."""
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import jax.numpy as jnp
+import matplotlib
+import matplotlib.image
+import numpy as np
+import pytest
+
+from pamjax.errors import BadInput
+from pamjax.infer.fitting.result import CaseFit, Estimate, HeldOut
+from pamjax.infer.noise.sensor_noise import Noise
+from pamjax.model.muscle import Muscle, predict
+from pamjax.parameter import Meaning
+from pamjax.records.blocks import blocks
+from pamjax.records.case import Case
+from pamjax.records.reading.muscle_toml import entry_from
+from pamjax.records.recording import Recording
+from pamjax.view.figures.fit import (
+    held_out_figure,
+    prediction_figure,
+    prior_figure,
+    residual_figure,
+    save_figures,
+)
+from pamjax.view.figures.layout import CELLS, layout, thin
+
+MUSCLE = Muscle(0.200, 0.2142, 1.203)
+SD = {"force": 2.0, "diameter": 5e-5}
+
+
+def fitted(pressure, length, time=None, channels=("force", "diameter"), miss=0.0, given=True):
+    """What a fit of the true muscle says, on a recording that misses by `miss` times the noise."""
+    draw = np.random.default_rng(5).normal(size=len(pressure))
+    draw = (draw - draw.mean()) / draw.std()
+    reading = predict(MUSCLE, jnp.asarray(pressure), jnp.asarray(length))
+    prediction = {c: np.asarray(getattr(reading, c)) for c in SD}
+    n = len(pressure)
+    measured = {c: prediction[c] + SD[c] * (miss + draw) for c in channels}
+    entry = entry_from({"muscle": {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.2}})
+    recording = Recording.from_arrays(pressure=pressure, length=length, time=time, **measured)
+    found = blocks(recording)
+    rmse = {c: float(np.sqrt(np.mean((measured[c] - prediction[c]) ** 2))) for c in channels}
+    return CaseFit(
+        case=Case("bench", Path(), entry, recording, ""),
+        numbers={},
+        muscle=MUSCLE,
+        prediction=prediction,
+        unseen={c: 1.01 * prediction[c] for c in prediction},
+        block=[found.names[k] if k >= 0 else "" for k in found.label],
+        rmse=rmse,
+        noise={c: Noise(SD[c], given, rmse[c] / SD[c] if given else 1.0, 1.0, 0.0, n) for c in channels},
+        held_out=HeldOut(found.kind, (), {c: 1.5 * rmse[c] for c in channels}),
+        failed={},
+    )
+
+
+def strokes(**more):
+    """Four isobars, each stroked three times."""
+    phase = np.linspace(0, 6 * np.pi, 400)
+    length = np.tile(0.19 + 0.01 * np.cos(phase), 4)
+    pressure = np.repeat([1e5, 2e5, 3e5, 4e5], 400)
+    return fitted(pressure, length, np.arange(1600.0), **more)
+
+
+def lengths(**more):
+    """Three lengths, at each of which the pressure climbs and falls."""
+    ramp = np.concatenate([np.linspace(2e4, 4e5, 200), np.linspace(4e5, 2e4, 200)])
+    return fitted(np.tile(ramp, 3), np.repeat([0.18, 0.19, 0.2], 400), np.arange(1200.0), ("force",), **more)
+
+
+def holds(**more):
+    """Pressure and length set in turns and held."""
+    pressure = np.repeat([1e5, 3e5, 3e5, 2e5, 2e5, 1e5], 100)
+    length = np.repeat([0.2, 0.2, 0.18, 0.18, 0.19, 0.19], 100)
+    return fitted(pressure, length, np.arange(600.0), **more)
+
+
+def table(**more):
+    """Five readings of a diameter at one length."""
+    return fitted(np.linspace(1e5, 7e5, 5), np.full(5, 0.2), None, ("diameter",), **more)
+
+
+def drawn(figure, kind):
+    """The lines of a kind, panel by panel."""
+    return [
+        [line for line in panel.lines if str(line.get_gid()).split()[0] == kind] for panel in panels(figure)
+    ]
+
+
+def panels(figure):
+    return [axes for axes in figure.axes if axes.get_label() != "<colorbar>"]
+
+
+def keys(figure):
+    return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+
+
+@pytest.mark.parametrize(
+    ("one", "xlabel", "groups", "channels"),
+    [
+        (strokes(), "contraction [%]", 4, ["force [N]", "diameter [mm]"]),
+        (lengths(), "pressure [kPa]", 3, ["force [N]"]),
+        (holds(), "time [s]", 1, ["force [N]", "diameter [mm]"]),
+        (table(), "pressure [kPa]", 1, ["diameter [mm]"]),
+    ],
+    ids=["strokes", "lengths", "holds", "table"],
+)
+def test_measured_points_lie_beside_a_line_for_each_setting(one, xlabel, groups, channels):
+    figure = prediction_figure(one)
+    assert [panel.get_ylabel() for panel in panels(figure)] == channels
+    assert {panel.get_xlabel() for panel in panels(figure)} == {xlabel}
+    assert [len(lines) for lines in drawn(figure, "measured")] == [groups] * len(channels)
+    assert len({line.get_color() for line in drawn(figure, "model")[0]}) == groups
+    assert keys(figure)[:2] == ["measured", "fitted muscle"]
+    assert all(line.get_linestyle() == "None" for line in drawn(figure, "measured")[0])
+
+
+def test_settings_are_named_with_their_unit():
+    assert keys(prediction_figure(lengths()))[2:] == ["200 mm", "190 mm", "180 mm"]
+    (bar,) = (axes for axes in prediction_figure(strokes()).axes if axes.get_label() == "<colorbar>")
+    assert bar.get_ylabel() == "pressure [kPa]"
+    assert [tick.get_text() for tick in bar.get_yticklabels()] == ["100", "200", "300", "400"]
+
+
+def test_the_line_is_the_prediction():
+    one = lengths()
+    line = drawn(prediction_figure(one), "model")[0][-1]
+    x, y = line.get_data()
+    at_rest = predict(MUSCLE, jnp.asarray(x) * 1e3, jnp.full(len(x), 0.2)).force
+    np.testing.assert_allclose(y, at_rest, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("one", "finding"),
+    [
+        (lengths(miss=30.0), "Force is missed by 60 N rms,\n30 times its noise"),
+        (lengths(), "Force is met to 2 N rms;\nits noise is 2 N"),
+        (lengths(given=False), "Force is missed by 2 N rms,\n0.12 % of its largest value"),
+    ],
+    ids=["missed", "met", "noise unknown"],
+)
+def test_the_title_is_the_finding(one, finding):
+    assert panels(prediction_figure(one))[0].get_title("left") == finding
+
+
+def test_a_cloud_is_thinned_and_keeps_its_outline():
+    x, y = np.random.default_rng(0).normal(size=(2, 20_000))
+    x[7] = np.nan
+    kept = thin(x, y)
+    assert 7 not in kept
+    assert len(kept) < 0.5 * len(x)
+    assert len(kept) <= CELLS[0] * CELLS[1]
+    assert np.ptp(y[kept]) > 0.95 * np.ptp(y)
+    assert thin(np.zeros(3), np.zeros(3)).tolist() == [0]
+
+
+def test_residuals_stand_beside_the_noise_band():
+    figure = residual_figure(strokes(miss=30.0))
+    assert [panel.get_xlabel() for panel in panels(figure)[3:]] == [
+        "contraction [%]",
+        "pressure [kPa]",
+        "time [s]",
+    ]
+    assert panels(figure)[0].get_ylabel() == "force: measured − model [N]"
+    (band,) = (patch for patch in panels(figure)[0].patches if patch.get_gid() == "noise")
+    assert [band.get_y(), band.get_height()] == [-4.0, 8.0]
+    assert "± 2 sd of its noise" in keys(figure)
+    assert figure.get_suptitle().splitlines()[0].startswith("Force: 100 % of samples outside")
+    points = np.concatenate([line.get_ydata() for line in drawn(figure, "residual")[0]])
+    assert np.median(points) == pytest.approx(60.0, abs=1.0)
+
+
+def test_a_good_fit_has_one_sample_in_twenty_outside():
+    title = residual_figure(lengths()).get_suptitle()
+    assert title in {
+        f"Force: {k} % of samples outside ± 2 sd of its noise, where 5 % belong" for k in (4, 5, 6)
+    }
+
+
+def test_without_a_stated_noise_the_worst_miss_is_told():
+    figure = residual_figure(table(given=False))
+    assert figure.get_suptitle().startswith("Diameter: missed most at ")
+    assert figure.get_suptitle().endswith(" mm")
+    assert "± 2 sd of noise, or of the residual where none was stated" in keys(figure)
+
+
+def test_each_block_is_scored_seen_and_unseen():
+    one = lengths()
+    figure = held_out_figure(one)
+    (panel,) = panels(figure)
+    assert [tick.get_text() for tick in panel.get_yticklabels()] == [
+        "length 180 mm",
+        "length 190 mm",
+        "length 200 mm",
+    ]
+    seen, unseen = (drawn(figure, kind)[0][0].get_xdata() for kind in ("seen", "unseen"))
+    at_rest = np.isclose(one.case.recording.length, 0.2)
+    misfit = (one.case.recording.force - one.prediction["force"])[at_rest]
+    assert seen[2] == pytest.approx(np.sqrt(np.mean(misfit**2)))
+    assert (unseen > seen).all()
+    # No mark is cut at an edge.
+    assert panel.get_xlim() == (0, pytest.approx(1.08 * max(unseen)))
+    assert panel.get_xlabel() == "rmse of force [N]"
+    title = panel.get_title("left").splitlines()
+    assert title == ["Held-out lengths: force missed by 3 N,", "50 % more than where seen (2 N)"]
+
+
+def test_nothing_held_out_is_refused():
+    one = table()
+    object.__setattr__(one, "held_out", None)
+    with pytest.raises(BadInput, match="needs blocks that were held out; got one block in bench"):
+        held_out_figure(one)
+
+
+def estimates():
+    stiff = Meaning("N", "kN", 1.0, 1e6, "log", "stiffness", "test")
+    length = Meaning("m", "mm", 0.1, 0.3, "linear", "thread", "test")
+    return {
+        "muscle.thread_length": Estimate(0.2142, 1e-4, 0.214, 5e-4, length, False),
+        "muscle.rest_length": Estimate(0.1999, None, 0.2, 1e-3, length, True),
+        "thread.stiffness": Estimate(8e4, 2e3, 1e5, np.inf, stiff, False),
+    }
+
+
+def test_estimates_stand_on_the_scale_of_their_prior():
+    figure = prior_figure(SimpleNamespace(estimates=estimates()))
+    (panel,) = panels(figure)
+    # A number without a prior has no place on its scale.
+    assert [tick.get_text() for tick in panel.get_yticklabels()] == list(estimates())[:2]
+    (bar,) = panel.containers
+    assert bar.lines[0].get_xdata()[0] == pytest.approx(0.4)
+    assert len(drawn(figure, "undetermined")[0]) == 1
+    words = [text.get_text() for text in panel.texts]
+    assert words == ["214.20 ± 0.10 mm", "199.9 mm"]
+    assert figure.get_suptitle().startswith("The recording halves the uncertainty of 1 of 2 numbers that had")
+    assert figure.get_suptitle().endswith("muscle.thread_length moved farthest, +0.4 sd of its prior")
+    assert keys(figure) == ["prior ± 1 sd", "estimate ± 1 sd", "at a limit, or not determined"]
+
+
+def test_what_stays_at_its_prior_has_not_moved():
+    still = {name: replace(e, value=e.prior - 0.04 * e.prior_sd) for name, e in list(estimates().items())[:2]}
+    says = prior_figure(SimpleNamespace(estimates=still)).get_suptitle()
+    assert says.endswith(" of 2 numbers;\nnone moved from its prior")
+    assert "0.0" not in says
+
+
+@pytest.mark.parametrize("narrow", [False, True])
+def test_a_title_stays_on_its_figure(narrow):
+    figure = prior_figure(SimpleNamespace(estimates=estimates()), narrow)
+    figure.draw_without_rendering()
+    assert figure._suptitle.get_window_extent().x1 <= figure.bbox.x1
+
+
+def test_without_a_prior_there_is_no_figure_of_it(tmp_path):
+    (tmp_path / "prior.png").write_text("of an earlier fit")
+    free = {name: replace(e, prior_sd=np.inf) for name, e in estimates().items()}
+    assert prior_figure(SimpleNamespace(estimates=free)) is None
+    save_figures(SimpleNamespace(estimates=free, cases=()), tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_rows_between_settings_are_not_drawn():
+    one = strokes()
+    moving = one.case.recording.pressure
+    moving[10:20] = np.linspace(2.2e5, 2.8e5, 10)
+    assert (layout(one.case).group[10:20] == -1).sum() >= 5
+
+
+def test_figures_are_saved_and_no_setting_stays(tmp_path):
+    before = matplotlib.rcParams["font.size"]
+    written = save_figures(SimpleNamespace(estimates=estimates(), cases=(table(),)), tmp_path)
+    names = ["prior.png", "prediction.png", "residual.png", "held-out.png"]
+    assert [path.name for path in written] == names
+    assert all(path.is_file() for path in written)
+    assert matplotlib.image.imread(written[1]).shape[1] == 960
+    assert matplotlib.rcParams["font.size"] == before

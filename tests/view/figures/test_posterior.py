@@ -1,0 +1,56 @@
+"""Figures of a posterior on a phone: as narrow as its screen, letters that can be read, nothing cut."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pamjax.view.figures.posterior import NARROW_PANELS, corner_figure, profile_figure, trace_figure
+from pamjax.view.theme import SINGLE
+
+NAMES = tuple(f"braid_friction.number_{k}" for k in range(6))
+
+
+def posterior():
+    """Six numbers, of which the last two move together."""
+    draws = np.random.default_rng(2).normal(size=(300, 8, 6))
+    draws[..., 4] = draws[..., 5] + 0.1 * draws[..., 4]
+    flat = draws.reshape(-1, 6)
+    along = SimpleNamespace(values=np.linspace(-2, 2, 7), rise=np.linspace(-2, 2, 7) ** 2)
+    return SimpleNamespace(
+        names=NAMES,
+        fit=SimpleNamespace(estimates=dict.fromkeys(NAMES)),
+        units=lambda name: (1.0, "mm"),
+        draw=lambda count: flat[:count],
+        flat=flat,
+        draws=draws,
+        correlation=np.corrcoef(flat.T),
+        verdicts={name: SimpleNamespace(kind="not determined", profile=along) for name in NAMES},
+        health=SimpleNamespace(rhat=np.full(6, 1.01), ess=np.full(6, 400.0)),
+        reached=True,
+    )
+
+
+@pytest.mark.parametrize("draw", [corner_figure, profile_figure, trace_figure])
+def test_a_phone_has_a_figure_of_its_own(draw):
+    wide, narrow = (draw(posterior(), n) for n in (False, True))
+    assert wide.get_figwidth() > 1.8 * SINGLE
+    assert narrow.get_figwidth() == SINGLE
+    narrow.draw_without_rendering()
+    texts = [
+        text for panel in narrow.axes for text in (panel._left_title, panel.xaxis.label, panel.yaxis.label)
+    ]
+    titles = [narrow._suptitle] if narrow._suptitle else []
+    for text in [*texts, *titles]:
+        box = text.get_window_extent()
+        assert not text.get_text() or (box.x0 >= 0 and box.x1 <= narrow.bbox.x1), text
+    sizes = [text.get_fontsize() for text in texts if text.get_text()]
+    assert min(sizes) >= 6
+
+
+def test_a_phone_s_corner_holds_what_moves_together_most():
+    figure = corner_figure(posterior(), narrow=True)
+    assert len(figure.axes) == NARROW_PANELS**2
+    below = [panel.get_xlabel() for panel in figure.axes[-NARROW_PANELS:]]
+    assert below[-2:] == ["braid_friction.\nnumber_4 [mm]", "braid_friction.\nnumber_5 [mm]"]
+    assert " ".join(figure.get_suptitle().split()).endswith("; 4 of 6 numbers")
