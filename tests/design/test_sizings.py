@@ -14,6 +14,7 @@ from pamjax.infer.load import load_muscle
 from pamjax.model.bench import record
 from pamjax.model.history import history
 from tests.agreement import KEPT, SOLVED, ZOOMED, agree
+from tests.benchmarks.keep import arguments, keep
 from tests.design import by_grid
 
 HOME = Path(__file__).parents[2] / "fits" / "sizing"
@@ -100,8 +101,11 @@ def test_a_chart_is_the_same_muscle(design):
 
 
 if __name__ == "__main__":
-    # python -m tests.design.test_sizings: by how much the grid misses the search.
+    # python -m tests.design.test_sizings [--json FILE]: by how much the grid misses the search.
+    file, figures = arguments()[1], {}
     for name in NAMES:
         value, found, broken = beside_the_grid(pamjax.size(HOME / f"{name}.toml", margins=False))
         more = 100 * (np.exp(found - value) - 1)
+        figures[f"{name}, grid above search [%]"] = more
         print(f"{name}: the grid is {more:.2f} % above the search; its largest broken margin {broken:.1e}")
+    keep(file, figures)
