@@ -191,6 +191,7 @@ def main() -> None:
     console.print(f"{cores} cores, {jax.default_backend()}, Python {platform.python_version()}, {versions}")
     took = {what: ms for what, ms, _ in rows}
     ratios = {f"{what}, over {base}": ms / took[base] for what, ms, base in rows if base in took}
+    ratios |= {f"{what}, over the memory copy": ms / rows[0][1] for what, ms in took.items()}
     keep(file, {"states": states} | {f"{what} [ms]": ms for what, ms in took.items()} | ratios)
 
 
