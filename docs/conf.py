@@ -1,4 +1,4 @@
-"""The documentation site: pages in Markdown, and three that the code itself writes.
+"""Configuration of the documentation site: pages in Markdown, and three that are generated from the code.
 
 pip install -e '.[docs]'
 sphinx-build -W -b html docs out/site
@@ -16,7 +16,7 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx_copybutton",
 ]
-myst_enable_extensions = ["dollarmath", "colon_fence"]
+myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
 myst_heading_anchors = 3
 exclude_patterns = ["_build"]
 html_theme = "furo"
@@ -25,32 +25,33 @@ html_show_sourcelink = False
 copybutton_prompt_text = "$ "
 autodoc_typehints = "none"
 autodoc_member_order = "bysource"
-#: Attributes stand in the docstrings, in words.
+#: The docstrings describe the attributes.
 napoleon_use_ivar = True
 
 
-def written(_=None):
-    """Commands, mechanisms and numbers as pages: what `pamjax --help` and `pamjax explain` say."""
+def write_pages(_=None):
+    """Write the pages of commands, mechanisms and parameters from the code."""
     folder = HERE / "_generated"
     folder.mkdir(exist_ok=True)
-    for name, text in {"commands": commands(), "mechanisms": mechanisms(), "numbers": numbers()}.items():
+    for name, text in {"commands": commands(), "mechanisms": mechanisms(), "numbers": parameters()}.items():
         page = folder / f"{name}.md"
         if not page.exists() or page.read_text("utf-8") != text:
             page.write_text(text, "utf-8")
 
 
 def commands():
+    """Return the page of all commands with their options."""
     import inspect
 
     from pamjax.cli.main import app
 
-    lines = ["# Commands", "", "What `pamjax COMMAND --help` says, of every command.", ""]
-    for word in (name for name in app if not name.startswith("-")):
-        about = app[word]
-        said = inspect.getdoc(about.default_command) or about.help
-        lines += [f"## pamjax {word}", "", *said.split("Args:")[0].strip().splitlines(), ""]
-        for argument in about.assemble_argument_collection(parse_docstring=True):
-            if argument.name == "*":  # several options told one by one below
+    lines = ["# Commands", "", "Every command with its options, as `pamjax COMMAND --help` prints them.", ""]
+    for name in (name for name in app if not name.startswith("-")):
+        command = app[name]
+        text = inspect.getdoc(command.default_command) or command.help
+        lines += [f"## pamjax {name}", "", *text.split("Args:")[0].strip().splitlines(), ""]
+        for argument in command.assemble_argument_collection(parse_docstring=True):
+            if argument.name == "*":  # a group whose options follow one by one
                 continue
             help = " ".join((argument.parameter.help or "").split())
             lines += [f"- `{argument.name}`: {help}"]
@@ -59,14 +60,15 @@ def commands():
 
 
 def mechanisms():
+    """Return the page of all mechanisms: equation, signature, limits and source."""
     from pamjax.model.parameters import catalogue
     from pamjax.model.registry import MECHANISMS
 
     lines = [
         "# Mechanisms",
         "",
-        "What a model may leave out: the library of `pamjax diagnose`, `fit --with` and `simulate --with`.",
-        "Written by the code that computes it; `pamjax explain ID` prints the same, `--figure` draws it.",
+        "The library of `pamjax diagnose`, `fit --with` and `simulate --with`.",
+        "This page is generated. `pamjax explain ID` prints the same; `--figure` draws the effect.",
         "",
     ]
     for kind in MECHANISMS:
@@ -77,10 +79,10 @@ def mechanisms():
             f"[{c}](#{c})" if c in {k.id for k in MECHANISMS} else c for c in about.confusable
         )
         lines += [
-            f"- **Shows:** {about.signature}",
-            f"- **Leaves out:** {about.leaves_out}",
-            f"- **Mistaken for:** {mistaken or 'nothing in the library'}",
-            f"- **Told apart by:** {about.experiment}",
+            f"- **Signature:** {about.signature}",
+            f"- **Neglects:** {about.leaves_out}",
+            f"- **Easily confused with:** {mistaken or 'nothing in the library'}",
+            f"- **Distinguished by:** {about.experiment}",
             f"- **Source:** {about.source}",
             "",
         ]
@@ -88,20 +90,22 @@ def mechanisms():
     return "\n".join(lines) + "\n"
 
 
-def numbers():
+def parameters():
+    """Return the page of the parameters of a muscle and its threads."""
     from pamjax.model.parameters import catalogue
 
     own = {n: m for n, m in sorted(catalogue().items()) if n.startswith(("muscle.", "thread."))}
-    intro = "What a muscle is made of, by the names in `muscle.toml`, in reports and in `pamjax explain`."
-    return "\n".join(["# Numbers of a muscle", "", intro, "", *table(own)]) + "\n"
+    intro = "The parameters of a muscle, by their names in `muscle.toml`, reports and `pamjax explain`."
+    return "\n".join(["# Parameters of a muscle", "", intro, "", *table(own)]) + "\n"
 
 
 def table(meanings):
+    """Return a table of parameters with unit, limits and meaning."""
     from pamjax.units import in_unit
 
     if not meanings:
         return []
-    lines = ["| number | unit | limits | meaning |", "|---|---|---|---|"]
+    lines = ["| parameter | unit | limits | meaning |", "|---|---|---|---|"]
     for name, meaning in meanings.items():
         scale = in_unit(meaning.show)
         limits = f"{meaning.low / scale:g} to {meaning.high / scale:g}"
@@ -110,4 +114,4 @@ def table(meanings):
 
 
 def setup(app):
-    app.connect("builder-inited", written)
+    app.connect("builder-inited", write_pages)

@@ -1,5 +1,6 @@
-"""Is what the pages show what happens? Every block of code on them runs."""
+"""What the pages show is what happens, and every page can be read once and understood."""
 
+import json
 import re
 import shlex
 from pathlib import Path
@@ -11,10 +12,12 @@ from pamjax.cli.main import app, main
 
 ROOT = Path(__file__).parents[1]
 PAGES = ["README.md", "docs/write-a-mechanism.md"]
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.S | re.M)
 
 
 def blocks(page, language):
-    return re.findall(rf"^```{language}\n(.*?)^```", (ROOT / page).read_text(encoding="utf-8"), re.S | re.M)
+    found = FENCE.findall((ROOT / page).read_text(encoding="utf-8"))
+    return [body for word, body in found if word == language]
 
 
 @pytest.mark.slow
@@ -34,24 +37,24 @@ def test_readme_shows_the_note_that_fit_prints():
 
 
 def test_readme_shows_the_verdict_that_the_tutorial_prints():
-    (shown,) = (b for b in blocks("README.md", "text") if "baseline misses" in b)
-    beyond = "  the highest isobar"  # the tutorial stops before
-    lines = [line for line in shown.splitlines() if not line.startswith(beyond)]
-    assert set(lines) <= set("".join(blocks("docs/tutorial.md", "text")).splitlines())
+    (shown,) = blocks("README.md", "text")
+    assert "braid_friction" in shown
+    assert set(shown.splitlines()) <= set("".join(blocks("docs/tutorial.md", "text")).splitlines())
 
 
-def own_recording():
-    """The front page's commands for one's own recording: to copy from top to bottom, and the others."""
-    section = re.search(
-        r"^## Your own recording\n(.*?)^## ", (ROOT / "README.md").read_text("utf-8"), re.S | re.M
-    )[1]
-    copied = [shlex.split(line, comments=True) for line in re.findall(r"^    pamjax (.*)", section, re.M)]
-    return copied, [shlex.split(said) for said in re.findall(r"`pamjax (.*?)`", section)]
+def section(title):
+    return re.search(rf"^## {title}\n(.*?)^## ", (ROOT / "README.md").read_text("utf-8"), re.S | re.M)[1]
+
+
+def first_commands():
+    """The commands of the front page for one's own recording, to copy from top to bottom."""
+    lines = re.findall(r"^    pamjax (.*)", section("Command line"), re.M)
+    return [shlex.split(line, comments=True) for line in lines]
 
 
 @pytest.mark.slow
 def test_the_first_commands_of_the_front_page_follow_one_another(tmp_path, monkeypatch, capsys):
-    copied, _ = own_recording()
+    copied = first_commands()
     assert [word for word, *_ in copied] == ["new", "check", "fit", "diagnose"]
     assert {case for _, case, *_ in copied} == {"mine"}
     monkeypatch.chdir(tmp_path)
@@ -59,9 +62,17 @@ def test_the_first_commands_of_the_front_page_follow_one_another(tmp_path, monke
         assert main(words) == 0, capsys.readouterr().err
 
 
-def test_each_command_of_the_front_page_is_one():
-    copied, others = own_recording()
-    assert {word for word, *_ in (*copied, *others)} == {name for name in app if name[0] != "-"} - {"prove"}
+def test_the_table_of_commands_has_every_command_and_no_other():
+    shown = re.findall(r"`pamjax (\S+?)`", section("Commands"))
+    assert sorted(shown) == sorted(name for name in app if name[0] != "-")
+    assert {word for word, *_ in first_commands()} <= set(shown)
+
+
+def test_readme_has_the_test_command_that_ci_runs():
+    (line,) = re.findall(r"^    (python3.11 .*pytest.*)", section("Install"), re.M)
+    for word in ("-m venv", "install", "-e '.[test]'", "-m pytest -n 2"):
+        assert word in line
+        assert word in (ROOT / ".ci/run").read_text("utf-8")
 
 
 def _first_numbers(note):
@@ -104,3 +115,95 @@ def test_every_word_of_an_import_is_in_its_table_and_no_other():
     words |= {name for table in tables.values() for name in table.model_fields}
     words |= set(Rig.model_fields) - {"files", "columns", "tare", "tests"}
     assert shown == words
+
+
+FRONT = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"]
+READ = [*FRONT, *sorted(f"docs/{path.name}" for path in ROOT.glob("docs/*.md"))]
+#: Most words of a sentence. The rule is 25; some sentences with a name or a reference need more.
+WORDS = 30
+#: What is no prose: blocks of code, comments, equations, tables, indented code, quotations and headings.
+NO_PROSE = re.compile(
+    r"```.*?```|<!--.*?-->|\$\$.*?\$\$|\|[^\n]*$|^ {4}[^\n]*$|^>[^\n]*$|^#+ [^\n]*$", re.S | re.M
+)
+#: A sentence ends with its mark, an item of a list or a paragraph.
+END = re.compile(r"(?<=[.!?])[)*_\"]*\s+|\n\s*\n|\n\s*(?=[-*] |\d+\. )|\n(?=: )")
+
+
+def too_long(text):
+    """Return the sentences of a page above `WORDS` words; code within a line counts as one."""
+    prose = re.sub(r"`[^`]*`", "x", NO_PROSE.sub("\n\n", text))
+    return [sentence for sentence in END.split(prose) if len(sentence.split()) > WORDS]
+
+
+@pytest.mark.parametrize("page", READ)
+def test_no_sentence_of_a_page_is_long(page):
+    assert not too_long((ROOT / page).read_text(encoding="utf-8"))
+
+
+def test_a_long_sentence_is_detected_and_a_table_is_none():
+    long = "word " * WORDS + "word."
+    assert len(too_long(f"Short. {long} Short.\n\n- {long}\n- short\n\n    {long}\n\n{long}")) == 3
+    assert not too_long(f"| {long} |\n\n```\n{long}\n```\n\n    {long}\n\n> {long}\n")
+    assert not too_long("one two three\n- " + "\n- ".join(["one two three"] * WORDS))
+
+
+def test_readme_is_short_and_has_no_history():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 110
+    assert not hashes(text)
+    assert not re.search(r"\bseed\b|\bcommit\b", text, re.I)
+
+
+def hashes(text):
+    """Return what looks like a commit: a hexadecimal number of seven places or more."""
+    return re.findall(r"\b(?=\w*\d)(?=\w*[a-f])[0-9a-f]{7,40}\b", text)
+
+
+def test_a_hash_is_detected_and_a_word_or_a_number_is_none():
+    assert hashes("at `c1ad8a2`, of 20261123 recordings, facade, 1234567") == ["c1ad8a2"]
+
+
+def quoted():
+    """(page, figures of a row as text, kept file) of each row of a table that links to kept figures."""
+    for page in sorted(ROOT.glob("docs/*.md")):
+        for row in re.findall(r"^\|(.*)\|$", page.read_text("utf-8"), re.M):
+            _, *cells = row.split("|")
+            for name in re.findall(r"\]\((benchmarks/\S+\.json)\)", cells[-1] if cells else ""):
+                yield page.name, " ".join(cells[:-1]), ROOT / "docs" / name
+
+
+def is_kept(text, values):
+    """Is a figure one of the kept values, rounded as the page rounds?"""
+    number, half = float(text.replace(",", "")), 0.5 * 10.0 ** -len(text.partition(".")[2])
+    return any(abs(value - number) <= half * (1 + 1e-6) for value in values)
+
+
+def test_figures_of_a_page_are_those_of_the_kept_output():
+    rows = list(quoted())
+    assert {file for _, _, file in rows} == set(ROOT.glob("docs/benchmarks/*.json"))
+    for page, shown, file in rows:
+        kept = json.loads(file.read_text("utf-8"))["figures"].values()
+        values = [one for value in kept for one in (value if isinstance(value, list) else [value])]
+        numbers = re.findall(r"\d[\d,]*\.?\d*", shown)
+        assert numbers, (page, file.name)
+        for number in numbers:
+            assert is_kept(number, values), (page, file.name, number)
+
+
+def test_a_figure_that_was_not_kept_is_detected():
+    assert is_kept("43.2", [2.5, 43.21])
+    assert is_kept("1,234", [1234.4])
+    assert not is_kept("43.3", [2.5, 43.21])
+
+
+def test_terms_of_the_pages_are_in_the_glossary():
+    page = (ROOT / "docs/glossary.md").read_text("utf-8")
+    terms = (
+        "Baseline model", "Mechanism", "Held-out block", "Isobar", "False alarm", "Whitening",
+        "Integrated autocorrelation time", "Score test", "Identifiability", "Errors in variables",
+        "Unexplained", "Indistinguishable", "Form error", "Presliding",
+    )  # fmt: skip
+    for term in terms:
+        assert re.search(rf"^- \*\*{term}\b", page, re.M), term
+    defined = re.findall(r"^- \*\*(.+?)\*\*: ", page, re.M)
+    assert len(defined) == len(set(defined)) > 50

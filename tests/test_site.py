@@ -104,6 +104,7 @@ def test_the_site_builds_without_a_warning(tmp_path):
     assert done.returncode == 0, done.stderr
     pages = {path.name for path in (tmp_path / "site").rglob("*.html")}
     assert {"index.html", "mechanisms.html", "commands.html", "reference.html"} <= pages
+    assert {"validation.html", "performance.html", "glossary.html"} <= pages
     for page in (tmp_path / "site").rglob("*.html"):
         assert not re.search(r"/tmp/|/home/|/root/", page.read_text("utf-8")), page.name
 

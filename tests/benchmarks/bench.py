@@ -1,6 +1,6 @@
 """How long a whole bench takes: every mechanism switched on, a recording of 5,000 rows.
 
-    taskset -c 0 python -m tests.benchmarks.bench [rows]
+    taskset -c 0 python -m tests.benchmarks.bench [rows] [--json FILE]
 
 Reported, never asserted. Prediction and Jacobian in every number, warm, against the same physics in plain
 NumPy with finite differences (`by_hand.py`; that both predict the same is checked and printed); and how
@@ -31,6 +31,7 @@ from pamjax.model.history import history
 from pamjax.model.registry import MECHANISMS
 from pamjax.parameter import replace, values
 from tests.benchmarks.by_hand import ByHand
+from tests.benchmarks.keep import arguments, keep
 from tests.model.mechanisms.typical import LENGTH, full
 
 #: Numbers of the usual size for the paper's muscle, by path; the rest at their defaults, and mechanisms
@@ -120,14 +121,15 @@ def milliseconds(call: Callable[[], object], repeats: int) -> tuple[float, float
     return tuple(1e3 * np.median(times, axis=0))
 
 
-def agreement(console: Console, task: Task) -> None:
+def agreement(console: Console, task: Task) -> dict[str, float]:
     off = np.max(np.abs(task.predict(task.x, task.at) - task.by_hand(task.x)) / task.scale)
     console.print(f"By hand and pamjax differ by {off:.1g} of full scale at most.")
+    return {"largest difference of NumPy and pamjax [full scale]": off}
 
 
-def warm(console: Console, rows: int, repeats: int = 15) -> None:
+def warm(console: Console, rows: int, repeats: int = 15) -> dict[str, float]:
     task = Task(rows)
-    agreement(console, task)
+    figures = agreement(console, task)
     mine = {
         "prediction": lambda: task.predict(task.x, task.at),
         f"Jacobian in {task.x.size} numbers": lambda: task.slopes(task.x, task.at),
@@ -141,7 +143,15 @@ def warm(console: Console, rows: int, repeats: int = 15) -> None:
         (clock, busy), (slow, slow_busy) = milliseconds(own, repeats), milliseconds(hand, often)
         row = (f"{t:,.1f} ms" for t in (clock, busy, slow, slow_busy))
         table.add_row(name, *row, f"{slow_busy / busy:.0f}")
+        figures |= {
+            f"{name}, clock [ms]": clock,
+            f"{name}, processor [ms]": busy,
+            f"{name}, NumPy, clock [ms]": slow,
+            f"{name}, NumPy, processor [ms]": slow_busy,
+            f"{name}, NumPy over pamjax, processor": slow_busy / busy,
+        }
     console.print(table)
+    return figures
 
 
 def compiling(rows: int) -> None:
@@ -155,27 +165,31 @@ def compiling(rows: int) -> None:
     print(json.dumps(taken))
 
 
-def cold(console: Console, rows: int) -> None:
+def cold(console: Console, rows: int) -> dict[str, float]:
     titles = {"slopes": "value and Jacobian", "predict": "value alone"}
-    table = Table("compiling", *(f"{t}, {w}" for t in titles.values() for w in ("clock", "processor")))
+    columns = [f"{t}, {w}" for t in titles.values() for w in ("clock", "processor")]
+    table, figures = Table("compiling", *columns), {}
     with tempfile.TemporaryDirectory() as scratch:
         environment = os.environ | {"PAMJAX_CACHE_DIR": scratch}
         words = [sys.executable, "-m", "tests.benchmarks.bench", str(rows), "compiling"]
         for name in ("empty cache", "with the cache"):
             said = subprocess.run(words, env=environment, check=True, capture_output=True, text=True).stdout
-            table.add_row(name, *(f"{t:.1f} s" for k in titles for t in json.loads(said)[k]))
+            times = [t for k in titles for t in json.loads(said)[k]]
+            table.add_row(name, *(f"{t:.1f} s" for t in times))
+            figures |= {f"compile, {name}, {c} [s]": t for c, t in zip(columns, times, strict=True)}
     console.print(table)
+    return figures
 
 
 def main() -> None:
-    rows = int(sys.argv[1]) if len(sys.argv) > 1 else 5000
-    if sys.argv[2:] == ["compiling"]:
+    words, file = arguments()
+    rows = int(words[0]) if words else 5000
+    if words[1:] == ["compiling"]:
         return compiling(rows)
     console = Console()
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     console.print(f"{cores} of {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} before this began")
-    warm(console, rows)
-    return cold(console, rows)
+    return keep(file, warm(console, rows) | cold(console, rows))
 
 
 if __name__ == "__main__":

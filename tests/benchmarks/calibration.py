@@ -1,6 +1,6 @@
 """Are the posteriors' intervals true? Simulation-based calibration over 300 recordings, elastic and toe.
 
-    python -m tests.benchmarks.calibration [count] [elastic|toe|white ...]
+    python -m tests.benchmarks.calibration [count] [elastic|toe|white ...] [--json FILE]
 
 "white" is the elastic bench read with a likelihood that takes correlated samples for independent: it must
 be caught. Ranks of the truth among `DRAWS` draws fall into `BINS` bins; a number passes if the χ² of their
@@ -12,7 +12,6 @@ A recording that is done is a line of out/calibration/WORD.jsonl, with which the
 from __future__ import annotations
 
 import json
-import sys
 import threading
 import time
 from pathlib import Path
@@ -20,17 +19,18 @@ from queue import Empty, SimpleQueue
 
 import jax.numpy as jnp
 import numpy as np
+from pamjax.infer.posterior.result.checkpoint import Checkpoint
+from pamjax.infer.posterior.result.convergence import kept
+from pamjax.infer.posterior.result.laplace import laplace
+from pamjax.infer.posterior.result.log_density import tempered
+from pamjax.infer.posterior.result.sample import PILOT, shaped
+from pamjax.infer.posterior.result.sampler import together, walk_on
 from rich.console import Console
 from rich.table import Table
 from scipy.stats import chi2
 
 from pamjax.compile.jax_cache import keep_compiled
-from pamjax.infer.posterior.checkpoint import Checkpoint
-from pamjax.infer.posterior.convergence import kept
-from pamjax.infer.posterior.laplace import laplace
-from pamjax.infer.posterior.log_density import tempered
-from pamjax.infer.posterior.sample import PILOT, shaped
-from pamjax.infer.posterior.sampler import together, walk_on
+from tests.benchmarks.keep import arguments, keep
 from tests.benchmarks.together import Desk, Seated
 from tests.calibrated import Bench, believing_white
 
@@ -129,7 +129,7 @@ def covered(rank: np.ndarray, level: float) -> float:
     return float(np.mean((rank + 0.5 > tail) & (rank + 0.5 < DRAWS + 1 - tail)))
 
 
-def report(console: Console, word: str, count: int) -> None:
+def report(console: Console, word: str, count: int) -> dict[str, float]:
     names, lines = read_all(word, count, console)
     found = np.array([line["ranks"] for line in lines])
     short = sum(line["ess"] < ESS or line["rhat"] > RHAT for line in lines)
@@ -139,11 +139,12 @@ def report(console: Console, word: str, count: int) -> None:
         title=f"{title}: {count} recordings",
     )  # fmt: skip
     tested = [k for k, name in enumerate(names) if not (word == "white" and name.endswith("_correlation"))]
-    worst = 1.0
+    worst, at_90 = 1.0, []
     for k in tested:
         p = p_value(found[:, k])
         worst = min(worst, p)
         bars = np.histogram(found[:, k], BINS, (0, DRAWS + 1))[0]
+        at_90.append(100 * covered(found[:, k], 0.9))
         shares = (f"{100 * covered(found[:, k], level):.0f} %" for level in LEVELS)
         table.add_row(names[k], f"{p:.2g}", *shares, " ".join(map(str, bars)))
     console.print(table)
@@ -151,15 +152,25 @@ def report(console: Console, word: str, count: int) -> None:
     console.print(
         f"{short} chains fell short; ranks are {'NOT uniform' if caught else 'uniform'}: least p {worst:.2g}"
     )
+    return {
+        f"{word}, recordings": count,
+        f"{word}, numbers tested": len(tested),
+        f"{word}, chains that fell short": short,
+        f"{word}, least p of uniform ranks": worst,
+        f"{word}, least coverage of 90 % intervals [%]": min(at_90),
+        f"{word}, largest coverage of 90 % intervals [%]": max(at_90),
+    }
 
 
 def main() -> None:
-    words = sys.argv[1:]
+    words, file = arguments()
     count = int(words.pop(0)) if words and words[0].isdigit() else 300
     keep_compiled()
     console = Console(width=150)
+    figures = {}
     for word in words or ["elastic", "toe", "white"]:
-        report(console, word, count)
+        figures |= report(console, word, count)
+    keep(file, figures)
 
 
 if __name__ == "__main__":

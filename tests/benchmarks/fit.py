@@ -1,23 +1,19 @@
 """How long a fit takes, against what one would write by hand with SciPy or lmfit.
 
-    python -m tests.benchmarks.fit [case folder]
+    python -m tests.benchmarks.fit [--json FILE]
 
 Reported, never asserted: medians of several repeats on one machine, of which only the ratios mean
 something elsewhere. The same residual of the paper's protocol, force and diameter, from the same start;
 the others get it in NumPy, and their derivatives by finite differences. That they end at the same place
-is checked. With a case folder: also `pamjax fit` as a user waits for it, first compiling, then again.
+is checked. What a user waits for is in `command.py`.
 """
 
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Literal
 
 import jax
@@ -33,6 +29,7 @@ from pamjax.infer.fitting.least_squares import Solution, solve
 from pamjax.infer.problem.dataset import Member, member
 from pamjax.infer.problem.parameter_space import Space
 from pamjax.records.protocol import PAPER
+from tests.benchmarks.keep import arguments, keep
 from tests.infer.made import TRUE, made
 
 #: Newton steps of the twin's toe; its start is the linear thread's.
@@ -143,9 +140,10 @@ def milliseconds(call: Callable[[], object], repeats: int) -> float:
     return 1e3 * float(np.median(times))
 
 
-def warm(console: Console, repeats: int = 9) -> None:
+def warm(console: Console, repeats: int = 9) -> dict[str, float]:
     """Processor time of a solve with its curvature, and of the others' solves."""
     table = Table("thread law", "rows", "pamjax", "SciPy lm", "SciPy trf", "lmfit", "SciPy's best / pamjax")
+    figures = {}
     for law in ("elastic", "toe"):
         members, at = problem(law)
         twin, begin = Twin(law, members[0], at), jnp.zeros(at.size)
@@ -162,7 +160,11 @@ def warm(console: Console, repeats: int = 9) -> None:
         best = min(theirs["SciPy lm"], theirs["SciPy trf"])
         times = (f"{time:.1f} ms" for time in (own, *theirs.values()))
         table.add_row(law, f"{int(members[0].rows.used.sum())}", *times, f"{best / own:.1f}")
+        taken = {"pamjax": own} | theirs
+        figures |= {f"{law}, {name}, processor [ms]": time for name, time in taken.items()}
+        figures[f"{law}, SciPy's best over pamjax"] = best / own
     console.print("One fit, warm, processor time:", table)
+    return figures
 
 
 def _same_place(console: Console, name: str, u: np.ndarray, mine: Solution) -> None:
@@ -172,29 +174,12 @@ def _same_place(console: Console, name: str, u: np.ndarray, mine: Solution) -> N
         console.print(f"{name}: ends {off:.2g} sd from pamjax, so its time tells nothing")
 
 
-def as_a_user(console: Console, folder: Path) -> None:
-    """The whole command, in a process of its own."""
-    table = Table("pamjax fit", "wall", "processor")
-    with tempfile.TemporaryDirectory() as scratch:
-        environment = os.environ | {"PAMJAX_CACHE_DIR": f"{scratch}/cache"}
-        code = "import sys; from pamjax.cli.main import main; sys.exit(main(sys.argv[1:]))"
-        words = [sys.executable, "-c", code, "fit", str(folder), "--out", f"{scratch}/out"]
-        for name in ("first, compiling", "again", "again"):
-            before, begin = os.times(), time.perf_counter()
-            subprocess.run(words, env=environment, check=True, capture_output=True)
-            wall, after = time.perf_counter() - begin, os.times()
-            busy = after.children_user + after.children_system - before.children_user - before.children_system
-            table.add_row(name, f"{wall:.1f} s", f"{busy:.1f} s")
-    console.print(table)
-
-
 def main() -> None:
+    _, file = arguments()
     console = Console()
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
     console.print(f"{os.cpu_count()} cores, load {load:.1f} before this began")
-    warm(console)
-    if len(sys.argv) > 1:
-        as_a_user(console, Path(sys.argv[1]))
+    keep(file, warm(console))
 
 
 if __name__ == "__main__":

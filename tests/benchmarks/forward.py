@@ -1,6 +1,6 @@
 """How long a million states take, against a memory copy and against what one would write by hand.
 
-    python -m tests.benchmarks.forward [states]
+    python -m tests.benchmarks.forward [states] [--json FILE]
 
 Reported, never asserted. Every line is the median of several repeats in one run on one machine; only
 the ratios mean something elsewhere. What loops in Python is timed on fewer states and scaled.
@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import os
 import platform
-import sys
 import time
 from collections.abc import Callable
 
@@ -28,6 +27,7 @@ from pamjax.model import braid
 from pamjax.model.balance import stretch_measured
 from pamjax.model.muscle import Muscle, predict
 from pamjax.model.thread import ExponentialToe, LinearThread, RecruitmentToe, SmoothToe
+from tests.benchmarks.keep import arguments, keep
 
 REST, B0, N, S = 0.235744, 0.251206, 1.09, 9.88e5
 TOE = SmoothToe(S, toe_ratio=0.5, crimp=0.003, width=1e-3)
@@ -181,12 +181,18 @@ def show(rows: list[tuple[str, float, str]], states: int) -> Table:
 
 
 def main() -> None:
-    states = int(float(sys.argv[1])) if len(sys.argv) > 1 else 1_000_000
+    words, file = arguments()
+    states = int(float(words[0])) if words else 1_000_000
     console = Console(width=110)
-    console.print(show(measure(states), states))
+    rows = measure(states)
+    console.print(show(rows, states))
     versions = ", ".join(f"{m.__name__} {m.__version__}" for m in (jax, np, scipy, eqx, optx))
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     console.print(f"{cores} cores, {jax.default_backend()}, Python {platform.python_version()}, {versions}")
+    took = {what: ms for what, ms, _ in rows}
+    ratios = {f"{what}, over {base}": ms / took[base] for what, ms, base in rows if base in took}
+    ratios |= {f"{what}, over the memory copy": ms / rows[0][1] for what, ms in took.items()}
+    keep(file, {"states": states} | {f"{what} [ms]": ms for what, ms in took.items()} | ratios)
 
 
 if __name__ == "__main__":

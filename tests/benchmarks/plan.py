@@ -1,7 +1,7 @@
 """Does a plan keep its promise: simulated muscles are measured as planned, fitted, held against the truth.
 
-    python -m tests.benchmarks.plan [muscles] [minutes]
-    python -m tests.benchmarks.plan muscles minutes alike
+    python -m tests.benchmarks.plan [muscles] [minutes] [--json FILE]
+    python -m tests.benchmarks.plan muscles minutes alike [--json FILE]
 
 Each muscle is another: length, slenderness, angle, threads, how well it is known, and how good the rig is.
 Its truth, zeros, gains and give of the rig included, is drawn from what is believed. The planned runs, and
@@ -16,10 +16,10 @@ isobars     rms error after ten isobars over rms error after the plan, both rela
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, cast
+from pathlib import Path
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -35,6 +35,7 @@ from pamjax.planning.plan import Plan, plan
 from pamjax.planning.runs import Run, isobars, runs
 from pamjax.records.reading.muscle_toml import Entry, Sensors
 from pamjax.records.reading.quantity import Measured
+from tests.benchmarks.keep import arguments, keep
 
 GOAL = "thread.modulus"
 
@@ -192,19 +193,31 @@ def trial(seed: int, minutes: float) -> tuple[Plan, Outcome, Outcome]:
     )
 
 
-def interval(values: np.ndarray, function, rng=None) -> str:
-    """A statistic with its 95 % interval, by bootstrap."""
+class Interval(NamedTuple):
+    """A statistic with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return f"{self.value:.3f} ({self.low:.3f} to {self.high:.3f})"
+
+
+def interval(values: np.ndarray, function, rng=None) -> Interval:
+    """Return a statistic with its 95 % interval, by bootstrap."""
     rng = rng or np.random.default_rng(0)
     again = [function(values[rng.integers(len(values), size=len(values))]) for _ in range(1000)]
     low, high = np.quantile(again, [0.025, 0.975])
-    return f"{function(values):.3f} ({low:.3f} to {high:.3f})"
+    return Interval(float(function(values)), float(low), float(high))
 
 
 def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def report(trials: list[tuple[Plan, Outcome, Outcome]]) -> str:
+def statistics(trials: list[tuple[Plan, Outcome, Outcome]]) -> dict[str, Any]:
+    """Return what came of the plans, by what it is."""
     promised = np.array([found.sd for found, _, _ in trials])
     true = np.array([p.true for _, p, _ in trials])
     by_plan = np.array([(p.value - p.true) for _, p, _ in trials]) / promised
@@ -212,30 +225,39 @@ def report(trials: list[tuple[Plan, Outcome, Outcome]]) -> str:
     fitted = np.array([p.sd for _, p, _ in trials]) / promised
     both = np.stack([by_plan, by_isobars], axis=1)
     planned = np.array([found.isobars / found.sd for found, _, _ in trials])
+    figures = {
+        "expected to reach the goal [%]": 100 * float(np.mean([f.reached for f, _, _ in trials])),
+        "minutes of a plan, median": float(np.median([f.minutes for f, _, _ in trials])),
+        "fitted sd over promised sd, rms": interval(fitted, rms),
+        "error over promised sd, rms": interval(by_plan, rms),
+        "error over the true value, rms": interval(by_plan * promised / true, rms),
+        "error of ten isobars over plan's, rms": interval(both, lambda b: rms(b[:, 1]) / rms(b[:, 0])),
+        "the same as promised, median": float(np.median(planned)),
+    }
+    for channel in ("force", "diameter"):
+        alone = np.mean([f.alone[channel][0] <= f.wanted * (1 + 1e-9) for f, _, _ in trials])
+        figures[f"{channel} alone is promised to be enough [%]"] = 100 * float(alone)
+    return figures
+
+
+def report(trials: list[tuple[Plan, Outcome, Outcome]]) -> str:
+    """Return the statistics as lines to read."""
+    figures = statistics(trials)
     lines = [
-        f"{len(trials)} muscles, goal {GOAL} to 5 %",
-        f"  plans: {np.mean([f.reached for f, _, _ in trials]):.0%} expected to reach it, "
-        f"{np.median([f.minutes for f, _, _ in trials]):.0f} min in the middle",
-        f"  fitted sd over promised sd, rms       {interval(fitted, rms)}",
-        f"  error over promised sd, rms           {interval(by_plan, rms)}",
-        f"  error over the true value, rms        {interval(by_plan * promised / true, rms)}",
-        f"  error of ten isobars over plan's, rms {interval(both, lambda b: rms(b[:, 1]) / rms(b[:, 0]))}",
-        f"  the same as promised, median          {np.median(planned):.2f}",
-        "  diameter or force alone is enough in "
-        + ", ".join(
-            f"{c} {np.mean([f.alone[c][0] <= f.wanted * (1 + 1e-9) for f, _, _ in trials]):.0%}"
-            for c in ("force", "diameter")
-        ),
+        f"  {name}: {value if isinstance(value, Interval) else f'{value:.3g}'}"
+        for name, value in figures.items()
     ]
-    return "\n".join(lines)
+    return "\n".join([f"{len(trials)} muscles, goal {GOAL} to 5 %", *lines])
 
 
-def main(muscles: int, minutes: float, how: str) -> None:
+def main(muscles: int, minutes: float, how: str, file: Path | None = None) -> None:
     keep_compiled()
     if how == "alike":
         ends = [alike(seed, minutes) for seed in range(muscles)]
         errors = np.array([(one.value - one.true) / one.sd for one in ends])
-        print(f"{muscles} muscles, the same runs: error over fitted sd, rms {interval(errors, rms)}")
+        off = interval(errors, rms)
+        print(f"{muscles} muscles, the same runs: error over fitted sd, rms {off}")
+        keep(file, {"muscles": muscles, "error over fitted sd, rms": off})
         return
     trials = []
     for seed in range(muscles):
@@ -248,8 +270,10 @@ def main(muscles: int, minutes: float, how: str) -> None:
             flush=True,
         )
     print(report(trials))
+    keep(file, {"muscles": muscles} | statistics(trials))
 
 
 if __name__ == "__main__":
-    words = [*sys.argv[1:], *("200", "60", "planned")[len(sys.argv) - 1 :]]
-    main(int(words[0]), float(words[1]), words[2])
+    given, file = arguments()
+    words = [*given, *("200", "60", "planned")[len(given) :]]
+    main(int(words[0]), float(words[1]), words[2], file)

@@ -1,6 +1,6 @@
 """Effective samples a second: pamjax's two samplers, emcee on a NumPy likelihood, and numpyro's own NUTS.
 
-    python -m tests.benchmarks.sample
+    python -m tests.benchmarks.sample [--json FILE]
 
 One recording of the paper's protocol, threads with a toe: B0, N, E, the toe's three numbers, and of force
 and diameter sd and lag-one correlation. All draw from the same posterior; a time is processor time once
@@ -28,6 +28,7 @@ from pamjax.infer.posterior.sample import sample
 from pamjax.records.protocol import PAPER
 from pamjax.records.reading.muscle_toml import Sensors
 from tests.benchmarks.fit import Twin
+from tests.benchmarks.keep import arguments, keep
 from tests.infer.made import made
 
 #: Two sensors: the noise is exactly the likelihood's.
@@ -109,6 +110,7 @@ def problem() -> tuple[object, Density, Ball]:
 
 
 def main() -> None:
+    _, file = arguments()
     console = Console()
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
     console.print(f"{os.cpu_count()} cores, load {load:.1f} before this began")
@@ -130,7 +132,7 @@ def main() -> None:
     except ImportError:
         console.print("numpyro is not installed, so it is left out")
     table = Table("sampler", "effective samples", "processor", "a second", "against emcee on NumPy", "R̂")
-    rates = {}
+    rates, figures = {}, {}
     for name, call in rivals.items():
         if name != "emcee on NumPy":
             call()
@@ -139,7 +141,15 @@ def main() -> None:
     for name, (rate, ess, busy, rhat) in rates.items():
         times = f"{rate / rates['emcee on NumPy'][0]:.1f}"
         table.add_row(name, f"{ess:.0f}", f"{busy:.1f} s", f"{rate:.1f}", times, f"{rhat:.3f}")
+        figures |= {
+            f"{name}, least effective samples": ess,
+            f"{name}, processor [s]": busy,
+            f"{name}, effective samples a second": rate,
+            f"{name}, against emcee on NumPy": rate / rates["emcee on NumPy"][0],
+            f"{name}, largest R-hat": rhat,
+        }
     console.print(table)
+    keep(file, figures)
 
 
 if __name__ == "__main__":

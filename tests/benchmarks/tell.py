@@ -1,6 +1,6 @@
 """Does a promised power hold: concealed muscles are measured as told, both rivals refitted, one given up.
 
-    python -m tests.benchmarks.tell [muscles] [repeats]
+    python -m tests.benchmarks.tell [muscles] [repeats] [--json FILE]
 
 Each muscle, bench and noise is another (`study.setups`), and conceals one mechanism, faintly: an effect of
 0.25 to 1 noise standard deviations. The rival is the mechanism that fits the recording best in its place;
@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -42,6 +41,8 @@ from pamjax.diagnosis.refit.least_squares import Refit, refit
 from pamjax.diagnosis.select.search import TIE, shortlist
 from pamjax.planning.discriminate import alone, bare
 from pamjax.records.protocol import Schedule
+from tests.benchmarks.keep import arguments, keep
+from tests.benchmarks.plan import Interval
 
 #: Effects that are concealed, rms in noise standard deviations, and rivals that are tried.
 SMALLEST, LARGEST, RIVALS = 0.25, 1.0, 2
@@ -206,51 +207,70 @@ def report(lines: list[dict[str, Any]]) -> str:
     for told in ("chosen", "middling"):
         done = [one for line in lines for one in line["made"] if one["told"] == told]
         out.append(f"{told} protocols: {len(done)}")
-        out += [f"  {words}" for words in _rates(done)]
+        out += _words(_rates(done))
     every = [one for line in lines for one in line["made"]]
     for low, high in ((0.0, 0.3), (0.3, 0.7), (0.7, 0.9), (0.9, 0.99), (0.99, 1.01)):
         there = [one for one in every if low <= one["power"] < high]
         if there:
-            out.append(f"promised {low:.2f} to {min(high, 1):.2f}: {len(there)}; {_rates(there)[0]}")
+            out.append(f"promised {low:.2f} to {min(high, 1):.2f}: {len(there)}")
+            out += _words(_rates(there))
     return "\n".join(out)
 
 
-def _rates(done: list[dict[str, Any]]) -> list[str]:
+def figures(lines: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the rates of the chosen protocols and of those of middling promise, to be kept."""
+    kept: dict[str, Any] = {"muscles": len(lines)}
+    for told in ("chosen", "middling"):
+        done = [one for line in lines for one in line["made"] if one["told"] == told]
+        kept[f"{told}, protocols"] = len(done)
+        kept |= {f"{told}, {name}": value for name, value in _rates(done).items()}
+    return kept
+
+
+def _words(rates: dict[str, float | Interval]) -> list[str]:
+    return [f"  {name}: {v if isinstance(v, Interval) else f'{v:.3f}'}" for name, v in rates.items()]
+
+
+def _rates(done: list[dict[str, Any]]) -> dict[str, float | Interval]:
     promised = np.array([one["power"] for one in done])
     reached = np.array([np.mean(np.array(one["worse"]) > _limit(one["limit"])) for one in done])
     alarms = np.array([np.mean(-np.array(one["worse"]) > _limit(one["back_limit"])) for one in done])
     rng = np.random.default_rng(0)
     again = rng.integers(len(done), size=(2000, len(done)))
 
-    def told(values: np.ndarray) -> str:
+    def rate(values: np.ndarray) -> Interval:
         low, high = np.quantile(values[again].mean(axis=1), [0.025, 0.975])
-        return f"{values.mean():.3f} ({low:.3f} to {high:.3f})"
+        return Interval(float(values.mean()), float(low), float(high))
 
-    return [
-        f"power promised {promised.mean():.3f}, reached {told(reached)}, "
-        f"more than promised {told(reached - promised)}",
-        f"false alarms, 0.05 promised: {told(alarms)}",
-    ]
+    return {
+        "power promised": float(promised.mean()),
+        "power reached": rate(reached),
+        "more than promised": rate(reached - promised),
+        "false alarms, 0.05 promised": rate(alarms),
+    }
 
 
 def _limit(limit: float | None) -> float:
     return np.inf if limit is None else limit
 
 
-def main(muscles: int = 100, repeats: int = 1) -> None:
+def main(muscles: int = 100, repeats: int = 1, file: Path | None = None) -> None:
     keep_compiled()
-    file = Path("out/tell.jsonl")
-    file.parent.mkdir(parents=True, exist_ok=True)
+    trials = Path("out/tell.jsonl")
+    trials.parent.mkdir(parents=True, exist_ok=True)
     # A run that was killed may have left half a line.
-    whole = [t for t in file.read_text("utf-8").splitlines() if t.endswith("]}")] if file.exists() else []
+    whole = [t for t in trials.read_text("utf-8").splitlines() if t.endswith("]}")] if trials.exists() else []
     done = {line["muscle"]: line for line in map(json.loads, whole)}
     for seed in range(muscles):
         if seed not in done:
             done[seed] = trial(seed, repeats)
-            with file.open("a", encoding="utf-8") as out:
+            with trials.open("a", encoding="utf-8") as out:
                 out.write(json.dumps(done[seed]) + "\n")
-    print(report([done[seed] for seed in range(muscles)]))
+    lines = [done[seed] for seed in range(muscles)]
+    print(report(lines))
+    keep(file, figures(lines))
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    words, file = arguments()
+    main(*map(int, words), file=file)

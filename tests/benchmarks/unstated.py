@@ -1,6 +1,6 @@
 """Does a diagnosis cry wolf where nothing is missing, and nothing was stated of the sensors' noise?
 
-    python -m tests.benchmarks.unstated 200
+    python -m tests.benchmarks.unstated 200 [--json FILE]
 
 Simulated recordings with nothing in them, noise of each correlation, whose lab says nothing of force and
 diameter sensors, or of any. The scoring stage alone; some seconds each on one core.
@@ -8,7 +8,7 @@ diameter sensors, or of any. The scoring stage alone; some seconds each on one c
 
 import dataclasses
 import multiprocessing
-import sys
+from pathlib import Path
 
 import numpy as np
 from scipy.stats import beta
@@ -16,6 +16,7 @@ from scipy.stats import beta
 from pamjax.benchmark.trial import Task, drawn, scored
 from pamjax.compile.jax_cache import keep_compiled
 from pamjax.diagnosis.detect.significance import DETECTED
+from tests.benchmarks.keep import arguments, keep
 
 SEED = 40
 SILENT = {
@@ -33,18 +34,24 @@ def p_value(asked: tuple[str, float, int]) -> float:
     return scored(dataclasses.replace(case, entry=entry), number).p_value
 
 
-def main(many: int = 200) -> None:
+def main(many: int = 200, file: Path | None = None) -> None:
     kinds = [(silent, correlation) for silent in SILENT for correlation in (0.0, 0.5, 0.9)]
     asked = [(*kind, number) for number in range(many) for kind in kinds]
     with multiprocessing.get_context("spawn").Pool(2, keep_compiled) as pool:
         found = np.array(pool.map(p_value, asked, chunksize=6)).reshape(many, len(kinds))
+    figures: dict[str, float] = {"recordings of each kind": many}
     print(f"{'nothing is stated of':<20} noise  below 0.01, 0.05, 0.1, 0.5 and at most (95 %) below 0.01")
     for (silent, correlation), values in zip(kinds, found.T, strict=True):
         shares = [float(np.mean(values < level)) for level in (DETECTED, 0.05, 0.1, 0.5)]
         alarms = int(np.sum(values < DETECTED))
         most = float(beta.ppf(0.95, alarms + 1, many - alarms))
         print(f"{silent:<20} {correlation:<5}  " + ", ".join(f"{s:.3f}" for s in shares) + f"; {most:.3f}")
+        about = f"{silent} not stated, correlation {correlation}"
+        figures |= {f"{about}, alarms": alarms, f"{about}, upper limit [%]": 100 * most}
+        figures[f"{about}, p below 0.05 [%]"] = 100 * shares[1]
+    keep(file, figures)
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    words, file = arguments()
+    main(*map(int, words), file=file)

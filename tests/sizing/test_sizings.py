@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.design import by_grid
 
 import pamjax
 from pamjax.infer.fitting.load import load_muscle
@@ -15,6 +14,8 @@ from pamjax.sizing.candidate import many
 from pamjax.sizing.io import as_dict, save
 from pamjax.sizing.problem import boxes
 from tests.agreement import KEPT, SOLVED, ZOOMED, agree
+from tests.benchmarks.keep import arguments, keep
+from tests.sizing import by_grid
 
 HOME = Path(__file__).parents[2] / "fits" / "sizing"
 NAMES = ("elbow-orthosis", "lift-2kN", "gripper-3mm")
@@ -100,8 +101,11 @@ def test_a_chart_is_the_same_muscle(design):
 
 
 if __name__ == "__main__":
-    # python -m tests.sizing.test_sizings: by how much the grid misses the search.
+    # python -m tests.sizing.test_sizings [--json FILE]: by how much the grid misses the search.
+    file, figures = arguments()[1], {}
     for name in NAMES:
         value, found, broken = beside_the_grid(pamjax.size(HOME / f"{name}.toml", margins=False))
         more = 100 * (np.exp(found - value) - 1)
+        figures[f"{name}, grid above search [%]"] = more
         print(f"{name}: the grid is {more:.2f} % above the search; its largest broken margin {broken:.1e}")
+    keep(file, figures)

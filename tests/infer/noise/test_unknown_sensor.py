@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from pamjax.infer.noise.unknown_sensor import LAGS, TRIED, Seen, _expected, second_differences, unstated
+from pamjax.infer.noise.unknown_sensor import (
+    LAGS,
+    TRIED,
+    Seen,
+    _expected,
+    second_differences,
+    unstated,
+)
 from tests.diagnosis.noise_draws import repeating
 
 N = 850

@@ -1,0 +1,94 @@
+"""Keep a benchmark's figures in a small JSON file, which the pages quote.
+
+    python -m tests.benchmarks.bench --json docs/benchmarks/bench.json
+
+Each benchmark takes `--json FILE`. The file has the command, the date, the machine, the versions and the
+figures. Without the option nothing is written.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import os
+import platform
+import sys
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+OPTION = "--json"
+PACKAGES = ("jax", "numpy", "pamjax")
+
+#: Significant digits of a kept figure.
+DIGITS = 4
+
+#: Load of the machine before the benchmark began; None where the system does not report it.
+LOAD = round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None
+
+
+def arguments(words: Sequence[str] | None = None) -> tuple[list[str], Path | None]:
+    """Return the words of the command line without `--json FILE`, and FILE (None if it is not there)."""
+    left = list(sys.argv[1:] if words is None else words)
+    if OPTION not in left:
+        return left, None
+    k = left.index(OPTION)
+    if k + 1 == len(left):
+        raise SystemExit(f"{OPTION} needs the name of a file")
+    return left[:k] + left[k + 2 :], Path(left[k + 1])
+
+
+def keep(file: Path | None, figures: Mapping[str, Any]) -> None:
+    """Write the figures of a benchmark to a file, with what they were measured on.
+
+    Args:
+        file: to be written; nothing is written if None.
+        figures: numbers, or (value, low, high), by what they are, with the unit in brackets.
+    """
+    if file is None:
+        return
+    about = {
+        "command": command(),
+        "date": datetime.now(UTC).date().isoformat(),
+        "machine": machine(),
+        "versions": versions(),
+    }
+    rounded = {name: _rounded(value) for name, value in figures.items()}
+    file.parent.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(about | {"figures": rounded}, indent=1, ensure_ascii=False)
+    file.write_text(f"{text}\n", encoding="utf-8")
+
+
+def command() -> str:
+    """Return the command that runs this process, without the option that keeps its figures."""
+    spec = getattr(sys.modules["__main__"], "__spec__", None)
+    program = f"-m {spec.name}" if spec else Path(sys.argv[0]).name
+    return " ".join(["python", program, *arguments()[0]])
+
+
+def machine() -> dict[str, Any]:
+    """Return the processor, the cores this process may use, those there are, and the load before."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return {"processor": _processor(), "cores used": cores, "cores": os.cpu_count(), "load before": LOAD}
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of Python and of the packages that a figure depends on."""
+    return {"python": platform.python_version()} | {p: importlib.metadata.version(p) for p in PACKAGES}
+
+
+def _processor() -> str:
+    """Return the processor's name; Linux has it in a file."""
+    file = Path("/proc/cpuinfo")
+    lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
+    names = (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    return next(names, platform.processor())
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, tuple | list):
+        return [_rounded(one) for one in value]
+    if isinstance(value, str | int):
+        return value
+    return float(f"{float(value):.{DIGITS}g}")

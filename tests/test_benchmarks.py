@@ -1,0 +1,33 @@
+"""The figures of a benchmark are kept with what they were measured on."""
+
+import json
+
+import pytest
+
+from tests.benchmarks.keep import arguments, keep
+
+
+def test_a_kept_file_has_figures_command_machine_and_versions(tmp_path):
+    file = tmp_path / "new" / "one.json"
+    keep(file, {"prediction [ms]": 23.45678, "ratio": (1.0, 0.91234, 2), "recordings": 3})
+    kept = json.loads(file.read_text("utf-8"))
+    assert kept["figures"] == {"prediction [ms]": 23.46, "ratio": [1.0, 0.9123, 2], "recordings": 3}
+    assert kept["command"].startswith("python")
+    assert kept["machine"]["cores"] >= kept["machine"]["cores used"] >= 1
+    assert {"python", "jax", "numpy", "pamjax"} <= set(kept["versions"])
+    assert len(kept["date"].split("-")) == 3
+
+
+def test_nothing_is_written_without_a_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    keep(None, {"prediction [ms]": 1.0})
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_option_is_taken_out_of_the_words(tmp_path):
+    file = tmp_path / "bench.json"
+    assert arguments(["5000", "--json", str(file)]) == (["5000"], file)
+    assert arguments(["--json", str(file), "5000"]) == (["5000"], file)
+    assert arguments(["5000"]) == (["5000"], None)
+    with pytest.raises(SystemExit, match="needs the name of a file"):
+        arguments(["--json"])
