@@ -21,11 +21,12 @@ import numpy as np
 
 from pamjax.baselines.empirical import fit_sarosi
 from pamjax.baselines.gaussian_process import discrepancy, inputs
+from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.crossval.gain import rmse
 from pamjax.diagnosis.library.library_problem import Problem
 from pamjax.diagnosis.refit.candidate_fit import settle
 from pamjax.diagnosis.refit.misfit_weighting import weighed
-from pamjax.diagnosis.result import PER_SI, UNIT, Diagnosis
+from pamjax.diagnosis.result import Diagnosis
 from pamjax.errors import BadInput
 from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.records.files import write_beside
@@ -81,13 +82,15 @@ class Contest:
         """As it stands in gain.json."""
         return {
             "schema": SCHEMA,
-            "noise": {c: {"sd": v * PER_SI[c], "unit": UNIT[c]} for c, v in self.noise.items()},
+            "noise": {c: {"sd": to_display(c, v), "unit": DISPLAY_UNIT[c]} for c, v in self.noise.items()},
             "splits": [
                 {
                     "name": split.name,
                     "rows": split.rows,
                     "rmse": {
-                        model: {c: {"value": v * PER_SI[c], "unit": UNIT[c]} for c, v in by.items()}
+                        model: {
+                            c: {"value": to_display(c, v), "unit": DISPLAY_UNIT[c]} for c, v in by.items()
+                        }
                         for model, by in split.rmse.items()
                     },
                     "remarks": split.remarks,
@@ -104,7 +107,7 @@ class Contest:
                 models = [m for m in split.rmse if split.name != HELD_OUT or m in (SAROSI, PROCESS)]
                 told = [_score(split, m, channel) for m in models if channel in split.rmse[m]]
                 if told:
-                    lines.append(f"  {_asked(split)}: {channel} by {', '.join(told)} {UNIT[channel]}")
+                    lines.append(f"  {_asked(split)}: {channel} by {', '.join(told)} {DISPLAY_UNIT[channel]}")
         return "\n".join(lines)
 
 
@@ -114,7 +117,7 @@ def _asked(split: Split) -> str:
 
 def _score(split: Split, model: str, channel: str) -> str:
     star = "*" if model in split.remarks else ""
-    off = split.rmse[model][channel] * PER_SI[channel]
+    off = to_display(channel, split.rmse[model][channel])
     return f"{TITLE[model]} {off:.3g}{star}" if off < 1000 else f"{TITLE[model]} {off:.0f}{star}"
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from pamjax.channels import DISPLAY_UNIT
 from pamjax.control.command_uncertainty import force_sd, left_over
 from pamjax.control.inverse import Inverse, Limit
 from pamjax.control.neglected import half_loop, left_out
@@ -164,7 +165,7 @@ def _beyond(calibrated: Mapping[str, tuple[float, float]], at: Mapping[str, floa
     """What lies beyond where a muscle was calibrated, a sentence each."""
     said = []
     for name, (low, high) in calibrated.items():
-        unit, value = {"pressure": "kPa", "length": "mm"}[name], at[name]
+        unit, value = DISPLAY_UNIT[name], at[name]
         if not low - BEYOND * abs(low) <= value <= high * (1 + BEYOND):
             known = show(low, unit) if low == high else f"{show(low, unit)} to {show(high, unit)}"
             said.append(f"extrapolated: {name} {show(value, unit)}, calibrated at {known}; no ± counts it")

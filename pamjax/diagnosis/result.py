@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.crossval.gain import Gain
 from pamjax.diagnosis.detect.locate import Box
 from pamjax.diagnosis.detect.significance import DETECTED, Significance
@@ -31,8 +32,6 @@ from pamjax.units import in_unit
 
 SCHEMA = "pamjax.diagnosis/1"
 
-#: Units in which a diagnosis tells a channel, and how many of them an SI unit is.
-UNIT, PER_SI = {"force": "N", "diameter": "mm"}, {"force": 1.0, "diameter": 1e3}
 
 #: Most lines of the verdict on a screen.
 LINES = 25
@@ -154,7 +153,7 @@ class Diagnosis:
         }
         for c, channel in enumerate(CHANNELS):
             for when, prediction in (("before", gain.before), ("after", gain.after)):
-                columns[f"{channel}_{when} [{UNIT[channel]}]"] = prediction[c] * PER_SI[channel]
+                columns[f"{channel}_{when} [{DISPLAY_UNIT[channel]}]"] = to_display(channel, prediction[c])
         return pd.DataFrame(columns)
 
     def __str__(self) -> str:
@@ -205,7 +204,7 @@ def _or_none(value: float) -> float | None:
 
 
 def _in_unit(channel: str, value: float) -> dict[str, Any]:
-    return {"value": value * PER_SI[channel], "unit": UNIT[channel]}
+    return {"value": to_display(channel, value), "unit": DISPLAY_UNIT[channel]}
 
 
 def _rmse(found: Problem, model: Model) -> dict[str, float]:
@@ -225,8 +224,8 @@ def _noise(one: Diagnosis) -> dict[str, Any]:
             continue
         sd = float(np.sqrt(np.mean(colour.sd[rows] ** 2)))
         out[channel] = {
-            "sd": sd * PER_SI[channel],
-            "unit": UNIT[channel],
+            "sd": to_display(channel, sd),
+            "unit": DISPLAY_UNIT[channel],
             "correlation_time_s": _correlation_time(one.found, rows, colour.correlation),
         }
     return out
@@ -266,9 +265,9 @@ def _name(one: Diagnosis, name: Name) -> dict[str, Any]:
 def _improvement(gain: Gain) -> dict[str, Any]:
     return {
         c: {
-            "rmse_before": gain.rmse_before[c] * PER_SI[c],
-            "rmse_after": gain.rmse_after[c] * PER_SI[c],
-            "unit": UNIT[c],
+            "rmse_before": to_display(c, gain.rmse_before[c]),
+            "rmse_after": to_display(c, gain.rmse_after[c]),
+            "unit": DISPLAY_UNIT[c],
         }
         for c in gain.rmse_before
     }
@@ -305,10 +304,10 @@ def _lines(one: Diagnosis) -> list[str]:
         lines.append(f"  unexplained: {one.rest_share:.0%} of the misfit is none of what pamjax knows")
         lines += [f"    {box.says}" for box in one.rest_where[:2]]
     for channel, before in gain.rmse_before.items():
-        after, per = gain.rmse_after[channel], PER_SI[channel]
+        before, after = (to_display(channel, rmse) for rmse in (before, gain.rmse_after[channel]))
         lines.append(
-            f"  held out ({gain.blocks.split(':')[0]}): {channel} {before * per:.3g} -> {after * per:.3g}"
-            f" {UNIT[channel]}, noise {_noise(one)[channel]['sd']:.3g}"
+            f"  held out ({gain.blocks.split(':')[0]}): {channel} {before:.3g} -> {after:.3g}"
+            f" {DISPLAY_UNIT[channel]}, noise {_noise(one)[channel]['sd']:.3g}"
         )
     for n, m in sorted(one.moved.items(), key=lambda pair: -abs(pair[1].shift))[:2]:
         scale, unit = _scale(m.meaning)

@@ -12,6 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.infer.fitting.load import Loaded
 from pamjax.infer.problem.dataset import CHANNELS, case_history, counts, slack, starting_sd
 from pamjax.model.balance import Status
@@ -25,9 +26,6 @@ from pamjax.units import many
 
 #: Rmse over the channel's noise up to which a block counts as fitted: a quarter more than noise.
 FITS = 1.25
-
-#: Units in which a channel is told, and how many of them an SI unit is.
-UNIT = {"force": ("N", 1.0), "diameter": ("mm", 1e3)}
 
 
 @dataclass(frozen=True)
@@ -76,9 +74,9 @@ class Validation:
         told = "fitted to this very recording, which is no test of it" if self.seen else "that never saw it"
         lines = [f"{self.case}: a model {told}"]
         for channel, rmse in self.rmse.items():
-            unit, per = UNIT[channel]
-            noise = self.noise[channel] * per
-            lines.append(f"  {channel}: rmse {rmse * per:.3g} {unit}, noise {noise:.3g} {unit}")
+            unit, noise = DISPLAY_UNIT[channel], to_display(channel, self.noise[channel])
+            rmse = to_display(channel, rmse)
+            lines.append(f"  {channel}: rmse {rmse:.3g} {unit}, noise {noise:.3g} {unit}")
         good = [block.name for block in self.blocks if self.fits(block)]
         head = f"  fits {len(good)} of {len(self.blocks)} blocks, to {FITS} of noise"
         lines.append(head + (f": {', '.join(good)}" if good else ""))

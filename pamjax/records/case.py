@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
+from pamjax.channels import DISPLAY_UNIT
 from pamjax.errors import nearest, refuse
 from pamjax.records.checks.stuck_sensors import stuck
 from pamjax.records.checks.unit_errors import no_slip
 from pamjax.records.files import decode, read_bytes
 from pamjax.records.reading.muscle_toml import Entry, Measured, read_entry
 from pamjax.records.reading.table import parse_table
-from pamjax.records.recording import SHOWN, Recording
+from pamjax.records.recording import Recording
 from pamjax.units import many, show
 
 RECORDING = "recording.csv"
@@ -137,7 +138,7 @@ def case_of(
     entry = read_entry(said, MUSCLE)
     recording, notes, units = parse_table(measured, file, entry.columns, entry.length)
     notes += [*no_slip(recording, entry, units, file), *stuck(recording, file)]
-    _within_thread(recording, entry, units.get("length", SHOWN["length"]), file)
+    _within_thread(recording, entry, units.get("length", DISPLAY_UNIT["length"]), file)
     return Case(
         name=folder.resolve().name,
         folder=folder,

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pamjax.channels import DISPLAY_UNIT
 from pamjax.errors import refuse
 from pamjax.units import in_unit, show
 
 if TYPE_CHECKING:
     import pandas as pd
 
-#: The columns a recording may have, with the unit in which a person reads them.
-SHOWN = {"time": "s", "pressure": "kPa", "length": "mm", "force": "N", "diameter": "mm"}
 
 #: A time step this many times the usual one, and the one before it, is a pause in which the rig was moved.
 PAUSE = 4.0
@@ -161,7 +160,9 @@ class Recording:
 
     def select(self, mask: np.ndarray) -> Recording:
         """The rows of a mask (or of row indices), with the line numbers they came from."""
-        taken = {name: getattr(self, name)[mask] for name in (*SHOWN, "cycle", "row") if name != "time"}
+        taken = {
+            name: getattr(self, name)[mask] for name in (*DISPLAY_UNIT, "cycle", "row") if name != "time"
+        }
         time = None if self.time is None else self.time[mask]
         kept = set(taken["row"].tolist())
         return Recording(time=time, **taken, aside=tuple(a for a in self.aside if a.row in kept))
@@ -177,7 +178,7 @@ class Recording:
 
         table = {
             f"{name} [{unit}]": getattr(self, name) / in_unit(unit)
-            for name, unit in SHOWN.items()
+            for name, unit in DISPLAY_UNIT.items()
             if name in ("pressure", "length", *self.channels) or (name == "time" and self.has_time)
         }
         return pd.DataFrame({**table, "cycle": self.cycle})

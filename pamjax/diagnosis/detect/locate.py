@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.detect.regions import LENGTHENING, SHORTENING, Axes, axes
 from pamjax.diagnosis.library.library_problem import Problem
 from pamjax.diagnosis.refit.candidate_fit import Model, effect
@@ -29,9 +30,6 @@ ONE_SIDED = 0.4
 TREND = 0.9
 #: Share of the samples at either end of it that say from what to what.
 END = 0.1
-
-#: Unit and scale in which a person reads a channel.
-SHOWN = {"force": ("N", 1.0), "diameter": ("mm", 1e3)}
 
 
 @dataclass(frozen=True)
@@ -152,7 +150,7 @@ def _share(found, model: Model, residual, channel: int, inside: np.ndarray) -> f
 
 
 def _sentence(channel, direction, pressure, contraction, signed, inside, at: Axes) -> str:
-    unit, scale = SHOWN[channel]
+    unit, scale = DISPLAY_UNIT[channel], to_display(channel, 1.0)
     where = f"Between {pressure[0] / 1e3:.0f} and {pressure[1] / 1e3:.0f} kPa"
     if contraction[1] - contraction[0] > 1e-3:
         where += f", {100 * contraction[0]:z.0f} to {100 * contraction[1]:z.0f} % contracted"

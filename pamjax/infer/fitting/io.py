@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.records.files import write_beside
 from pamjax.units import in_unit
 
@@ -78,8 +79,7 @@ def _case(one: CaseFit, law: str, mechanisms: tuple[str, ...]) -> dict[str, Any]
 
 
 def _shown(channel: str, value: float, key: str = "value") -> dict[str, Any]:
-    unit = {"force": "N", "diameter": "mm"}[channel]
-    return {key: value / in_unit(unit), "unit": unit}
+    return {key: to_display(channel, value), "unit": DISPLAY_UNIT[channel]}
 
 
 def as_dataset(one: CaseFit):

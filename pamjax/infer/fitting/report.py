@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.infer.problem.priors import is_ruler
 from pamjax.units import in_unit
 
@@ -19,9 +20,6 @@ STRONG = 0.8
 
 #: A number that moved by more of its own standard deviations contradicts how it was measured.
 FAR = 3.0
-
-#: Unit in which a channel is reported.
-UNIT = {"force": "N", "diameter": "mm"}
 
 
 def note(fit: Fit) -> str:
@@ -53,7 +51,7 @@ def told(value: float, channel: str) -> str:
     >>> told(2.21e-5, "diameter")
     '0.0221 mm'
     """
-    return f"{value / in_unit(UNIT[channel]):.3g} {UNIT[channel]}"
+    return f"{to_display(channel, value):.3g} {DISPLAY_UNIT[channel]}"
 
 
 def _title(fit: Fit) -> str:

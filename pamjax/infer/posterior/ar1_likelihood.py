@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from pamjax.channels import DISPLAY_UNIT, SI_UNIT
 from pamjax.infer.fitting.reweight import misfit_of
 from pamjax.infer.noise.sensor_noise import effective_sd, inflation
 from pamjax.infer.problem.dataset import CHANNELS, Member, starting_sd
@@ -36,12 +37,11 @@ UNSTATED = (0.01, 100.0)
 #: Limits of a lag-one correlation; white noise is no limit of it.
 CORRELATION = (-0.5, 0.9995)
 
-_UNIT = {"force": ("N", "N"), "diameter": ("m", "mm")}
-
 
 def noise_units(name: str) -> tuple[str, str]:
     """SI unit of a number of the noise, and the unit in which a person reads it."""
-    return _UNIT.get(name.rpartition(".")[2], ("1", "1"))
+    channel = name.rpartition(".")[2]
+    return (SI_UNIT[channel], DISPLAY_UNIT[channel]) if channel in SI_UNIT else ("1", "1")
 
 
 class Stream(eqx.Module):
@@ -158,7 +158,7 @@ def _own_sd(misfit: np.ndarray, carried: np.ndarray) -> float:
 
 def _sd_number(name: str, channel: str, own: float, reference: float, stated: bool) -> Free:
     low, high = (factor * reference for factor in (STATED if stated else UNSTATED))
-    unit, show = _UNIT[channel]
+    unit, show = SI_UNIT[channel], DISPLAY_UNIT[channel]
     source = "half to 200 times the stated sensor" if stated else "1e-4 to 1 of the channel's range"
     about = Meaning(unit, show, low, high, "log", f"sd of a sample of {channel}", source)
     return Free(name, about, float(np.clip(own, 1.05 * low, 0.95 * high)))

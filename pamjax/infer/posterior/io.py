@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from pamjax.channels import SI_UNIT
 from pamjax.infer.posterior.log_density import Density
 from pamjax.infer.posterior.predictive import by_block, predictions, prior_draws, with_noise
 from pamjax.infer.posterior.result import Posterior
@@ -157,7 +158,7 @@ def _head(post: Posterior, one) -> str:
 
 
 def _channel(name: str) -> dict[str, str]:
-    return {"units": {"force": "N", "pressure": "Pa"}.get(name, "m")}
+    return {"units": SI_UNIT[name]}
 
 
 def posterior_dict(post: Posterior) -> dict[str, Any]:

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pamjax.records.recording import SHOWN, Recording
+from pamjax.channels import DISPLAY_UNIT
+from pamjax.records.recording import Recording
 from pamjax.units import show
 
 #: Readings alike one after another, rows and share of all of them, from which on a channel stands still.
@@ -40,8 +41,8 @@ def stuck(recording: Recording, file: str) -> list[str]:
         if last - first >= enough and any(_moves(channel, first, last) for channel in by):
             rows = f"rows {recording.row[first]} to {recording.row[last - 1]}"
             said.append(
-                f"`{name}` reads {show(values[first], SHOWN[name])} in {rows} of {file}, while the muscle is"
-                " moved: blank it there if its sensor was stuck, at the end of its range, or not read."
+                f"`{name}` reads {show(values[first], DISPLAY_UNIT[name])} in {rows} of {file}, while the"
+                " muscle is moved: blank it there if its sensor was stuck, at the end of its range, or not read."
             )
     return said
 

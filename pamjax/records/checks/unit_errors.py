@@ -13,9 +13,10 @@ import math
 
 import numpy as np
 
+from pamjax.channels import DISPLAY_UNIT
 from pamjax.errors import refuse
 from pamjax.records.reading.muscle_toml import Entry
-from pamjax.records.recording import SHOWN, Recording
+from pamjax.records.recording import Recording
 from pamjax.units import in_unit, show
 
 #: Ratio of measured to ideal force near rest: a muscle that lost two thirds of it still passes.
@@ -59,7 +60,7 @@ def no_slip(recording: Recording, entry: Entry, units: dict[str, str], file: str
     Raises:
         BadInput: with the likely slip named.
     """
-    shown = {**SHOWN, **units}
+    shown = {**DISPLAY_UNIT, **units}
     odd = _length(recording, entry, shown, file)
     odd += _force(recording, entry, shown, file)
     _diameter(recording, entry, shown, file)

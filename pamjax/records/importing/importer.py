@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from pamjax.channels import DISPLAY_UNIT
 from pamjax.errors import BadInput, refuse
 from pamjax.records.case import Case, read_case
 from pamjax.records.files import decode, read_bytes
@@ -19,7 +20,7 @@ from pamjax.records.importing.import_spec import Rig, Test, read_rig
 from pamjax.records.importing.rig_file import RigFile
 from pamjax.records.reading.header import KINDS
 from pamjax.records.reading.muscle_toml import read_entry
-from pamjax.records.recording import SHOWN, Recording
+from pamjax.records.recording import Recording
 from pamjax.records.writing.case_folder import write_case
 from pamjax.units import many, parse, show
 
@@ -49,7 +50,7 @@ class Imported:
             f"  from {many(len(self.tests), 'test')} with {many(self.samples, 'sample')}",
         ]
         for name, (low, high, true) in self.tare.items():
-            low, high, true = (show(value, SHOWN[name]) for value in (low, high, true))
+            low, high, true = (show(value, DISPLAY_UNIT[name]) for value in (low, high, true))
             lines.append(f"  tare: {name} read {low} to {high} where it is {true}")
         recording = self.case.recording
         for name in recording.channels:

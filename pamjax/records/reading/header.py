@@ -7,28 +7,15 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from pamjax.channels import CHANNEL_BY_NAME
 from pamjax.errors import BadInput, nearest, refuse
 from pamjax.units import example, factor
 
-#: What each column of a recording measures.
-KINDS = {
-    "time": "time",
-    "pressure": "pressure",
-    "length": "length",
-    "force": "force",
-    "diameter": "length",
-    "cycle": "count",
-}
+#: Kind of quantity of each column.
+KINDS = {c.name: c.kind for c in CHANNEL_BY_NAME.values()}
 
-#: How each column is written when nobody mapped it, for error texts.
-USUAL = {
-    "time": "time [s]",
-    "pressure": "pressure [kPa]",
-    "length": "length [mm]",
-    "force": "force [N]",
-    "diameter": "diameter [mm]",
-    "cycle": "cycle",
-}
+#: Header of each column when nobody mapped it, for error texts.
+USUAL = {c.name: c.header for c in CHANNEL_BY_NAME.values()}
 
 #: Units that say "gauge" aloud; a recording's pressure is gauge pressure anyway.
 GAUGE = {"psig": "psi", "barg": "bar", "kPag": "kPa", "MPag": "MPa"}

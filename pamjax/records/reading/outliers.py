@@ -19,7 +19,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pamjax.records.recording import SHOWN, Aside, Recording
+from pamjax.channels import DISPLAY_UNIT
+from pamjax.records.recording import Aside, Recording
 from pamjax.units import show
 
 #: Share of the channel's range.
@@ -43,7 +44,7 @@ def set_aside(recording: Recording, units: Mapping[str, str] | None = None) -> R
         recording: what was measured.
         units: unit in which each column is shown to a person, where it is not the usual one.
     """
-    shown = {**SHOWN, **(units or {})}
+    shown = {**DISPLAY_UNIT, **(units or {})}
     run = np.cumsum(recording.starts)
     cells: dict[str, np.ndarray] = {}
     notes: list[Aside] = []

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import tomlkit
 
+from pamjax.channels import DISPLAY_UNIT
 from pamjax.errors import refuse
 from pamjax.records.case import MUSCLE, RECORDING
 from pamjax.records.files import folder_beside
-from pamjax.records.recording import SHOWN, Recording
+from pamjax.records.recording import Recording
 
 #: Decimals of each column, in the unit a person reads: finer than any sensor.
 DECIMALS = {"time": 4, "pressure": 4, "length": 5, "force": 4, "diameter": 5}
@@ -37,7 +38,7 @@ def write_case(folder: Path, recording: Recording, muscle: str) -> None:
 def table(recording: Recording):
     """The recording under its own headers, rounded to what a sensor could tell (pandas)."""
     frame = recording.to_frame()
-    return frame.round({f"{name} [{unit}]": DECIMALS[name] for name, unit in SHOWN.items()})
+    return frame.round({f"{name} [{unit}]": DECIMALS[name] for name, unit in DISPLAY_UNIT.items()})
 
 
 def _own_headers(muscle: str) -> str:

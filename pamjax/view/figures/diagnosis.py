@@ -20,10 +20,12 @@ from matplotlib.axes import Axes as Panel
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from pamjax.diagnosis.result import PER_SI, UNIT, Diagnosis
+from pamjax.channels import DISPLAY_UNIT, to_display
+from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.select.search import TIE, TIE_SHARE
 from pamjax.diagnosis.select.selection import Name
 from pamjax.infer.problem.dataset import CHANNELS
+from pamjax.units import in_unit
 from pamjax.view.figures.diagnosis_loops import rms, told
 from pamjax.view.figures.layout import mark
 from pamjax.view.theme import DOUBLE, OKABE_ITO, QUIET, SINGLE, figure, theme
@@ -59,13 +61,13 @@ def held_out_figure(one: Diagnosis, narrow: bool = False) -> Figure | None:
 
 
 def _scores(panel: Panel, one: Diagnosis, channel: str, names: list[str]) -> None:
-    c, per = CHANNELS.index(channel), PER_SI[channel]
+    c = CHANNELS.index(channel)
     found = {}
     for kind, prediction in (("before", one.gain.before), ("after", one.gain.after)):
         misfit = np.where(one.gain.held_out, one.found.measured[c] - prediction[c], np.nan)
         masks = [one.blocks.mask(one.blocks.names.index(name)) for name in names]
         together = [rms(misfit)] if len(names) > 1 else []
-        found[kind] = per * np.array([rms(misfit[m]) for m in masks] + together)
+        found[kind] = to_display(channel, np.array([rms(misfit[m]) for m in masks] + together))
     at = np.arange(len(found["before"]))
     noise = one.as_dict()["noise"][channel]["sd"]
     panel.plot(found["before"], at, "D", color=BEFORE, mfc="none", ms=5.5, gid="before")
@@ -82,8 +84,10 @@ def _scores(panel: Panel, one: Diagnosis, channel: str, names: list[str]) -> Non
         panel.set_xlim(0, 1.08 * max(noise, *found["before"], *found["after"]))
     before, after = (told(score[channel], channel) for score in (one.gain.rmse_before, one.gain.rmse_after))
     change = f"{before} → {after}" if one.names else before
-    title = f"Held-out {channel}: {change};\nits noise is {told(noise / per, channel)}"
-    panel.set(xlabel=f"rmse of {channel} [{UNIT[channel]}]", title=title)
+    title = (
+        f"Held-out {channel}: {change};\nits noise is {told(noise * in_unit(DISPLAY_UNIT[channel]), channel)}"
+    )
+    panel.set(xlabel=f"rmse of {channel} [{DISPLAY_UNIT[channel]}]", title=title)
 
 
 def candidates_figure(one: Diagnosis, name: Name, narrow: bool = False) -> Figure:

@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes as Panel
 from matplotlib.figure import Figure
 
-from pamjax.diagnosis.result import PER_SI, UNIT, Diagnosis
+from pamjax.channels import DISPLAY_UNIT, to_display
+from pamjax.diagnosis.result import Diagnosis
 from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.view.figures.layout import Layout, key, layout, lines, mark
 from pamjax.view.figures.mismatch_map import main_channel
@@ -37,7 +38,7 @@ def loops_figure(one: Diagnosis, narrow: bool = False) -> Figure:
             _loops(panel, one, form, c, prediction[c])
             missed = told(rms(one.found.measured[c] - prediction[c]), CHANNELS[c])
             title = f"{words[0].upper()}{words[1:]}: {CHANNELS[c]} missed by {missed}"
-            panel.set(xlabel=form.xlabel, ylabel=f"{CHANNELS[c]} [{UNIT[CHANNELS[c]]}]")
+            panel.set(xlabel=form.xlabel, ylabel=f"{CHANNELS[c]} [{DISPLAY_UNIT[CHANNELS[c]]}]")
             panel.set_title(textwrap.fill(title, 46))
             panel.label_outer()
         key(made, panels, form, mark("measured", marker="o", ms=3), mark("predicted", ls="-"))
@@ -70,7 +71,7 @@ def _some(one: Diagnosis) -> Layout:
 
 def _loops(panel: Panel, one: Diagnosis, form: Layout, c: int, prediction: np.ndarray) -> None:
     channel = CHANNELS[c]
-    measured, predicted = one.found.measured[c] * PER_SI[channel], prediction * PER_SI[channel]
+    measured, predicted = to_display(channel, one.found.measured[c]), to_display(channel, prediction)
     there = np.isfinite(measured)
     for group, colour in enumerate(form.colours):
         rows = np.flatnonzero((form.group == group) & there)
@@ -89,8 +90,8 @@ def left_out_figure(one: Diagnosis, narrow: bool = False) -> Figure | None:
         return None
     form, c = _some(one), main_channel(one)
     channel = CHANNELS[c]
-    left = (one.found.measured[c] - one.gain.before[c]) * PER_SI[channel]
-    added = (one.gain.after[c] - one.gain.before[c]) * PER_SI[channel]
+    left = to_display(channel, one.found.measured[c] - one.gain.before[c])
+    added = to_display(channel, one.gain.after[c] - one.gain.before[c])
     many = len(form.names)
     columns = min(2, many) if narrow else many
     with theme():
@@ -107,7 +108,9 @@ def left_out_figure(one: Diagnosis, narrow: bool = False) -> Figure | None:
             for run in lines(one.found.case, form, k, np.isfinite(left)):
                 panel.plot(form.x[run], added[run], color=OKABE_ITO["blue"], lw=1.2, zorder=3, gid="added")
             panel.set(
-                xlabel=form.xlabel, ylabel=f"{channel} − baseline [{UNIT[channel]}]", title=form.names[k]
+                xlabel=form.xlabel,
+                ylabel=f"{channel} − baseline [{DISPLAY_UNIT[channel]}]",
+                title=form.names[k],
             )
             panel.label_outer()
         made.suptitle(textwrap.fill(resembles(one, left, added), 48 if narrow else 104), x=0.01, ha="left")
@@ -132,4 +135,4 @@ def rms(misfit: np.ndarray) -> float:
 
 def told(value: float, channel: str) -> str:
     """A channel's SI value as a person reads it."""
-    return f"{value * PER_SI[channel]:.3g} {UNIT[channel]}"
+    return f"{to_display(channel, value):.3g} {DISPLAY_UNIT[channel]}"

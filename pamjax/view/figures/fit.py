@@ -19,8 +19,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from pamjax.channels import DISPLAY_UNIT
 from pamjax.errors import refuse
-from pamjax.infer.fitting.report import UNIT, quantity
+from pamjax.infer.fitting.report import quantity
 from pamjax.infer.fitting.result import CaseFit, Estimate, Fit
 from pamjax.units import in_unit, show
 from pamjax.view.figures.layout import Layout, axes_of, key, layout, lines, mark, thin
@@ -44,14 +45,16 @@ def prediction_figure(one: CaseFit, narrow: bool = False) -> Figure:
         made, panels = panels_of(len(channels), narrow)
         for panel, channel in zip(panels, channels, strict=True):
             _points_and_lines(panel, one, form, channel)
-            panel.set(xlabel=form.xlabel, ylabel=f"{channel} [{UNIT[channel]}]", title=missed(one, channel))
+            panel.set(
+                xlabel=form.xlabel, ylabel=f"{channel} [{DISPLAY_UNIT[channel]}]", title=missed(one, channel)
+            )
         style = {"ls": "-"} if form.connected else {"marker": "x"}
         key(made, panels, form, mark("measured", marker="o", ms=3), mark("fitted muscle", **style))
     return made
 
 
 def _points_and_lines(panel: Axes, one: CaseFit, form: Layout, channel: str) -> None:
-    scale = in_unit(UNIT[channel])
+    scale = in_unit(DISPLAY_UNIT[channel])
     measured = getattr(one.case.recording, channel) / scale
     model = one.prediction[channel] / scale
     there = np.isfinite(measured)
@@ -101,7 +104,7 @@ def missed(one: CaseFit, channel: str) -> str:
 
 
 def _size(value: float, channel: str) -> str:
-    return f"{value / in_unit(UNIT[channel]):.3g} {UNIT[channel]}"
+    return f"{value / in_unit(DISPLAY_UNIT[channel]):.3g} {DISPLAY_UNIT[channel]}"
 
 
 def residual_figure(one: CaseFit, narrow: bool = False) -> Figure:
@@ -116,7 +119,7 @@ def residual_figure(one: CaseFit, narrow: bool = False) -> Figure:
         for row, channel in zip(grid, channels, strict=True):
             for panel, x in zip(row, columns.values(), strict=True):
                 _residuals(panel, one, form, channel, x)
-            row[0].set_ylabel(f"{channel}: measured − model [{UNIT[channel]}]")
+            row[0].set_ylabel(f"{channel}: measured − model [{DISPLAY_UNIT[channel]}]")
         for panel, label in zip(grid[-1], columns, strict=True):
             panel.set_xlabel(label)
         said = [outside(one, channel) for channel in channels]
@@ -132,11 +135,11 @@ def residual_figure(one: CaseFit, narrow: bool = False) -> Figure:
 def _residual(one: CaseFit, channel: str) -> np.ndarray:
     """(n,) measured − model in the unit of the figure."""
     misfit = getattr(one.case.recording, channel) - one.prediction[channel]
-    return np.where(one.case.recording.usable, misfit, np.nan) / in_unit(UNIT[channel])
+    return np.where(one.case.recording.usable, misfit, np.nan) / in_unit(DISPLAY_UNIT[channel])
 
 
 def _residuals(panel: Axes, one: CaseFit, form: Layout, channel: str, x: np.ndarray) -> None:
-    misfit, sd = _residual(one, channel), one.noise[channel].sd / in_unit(UNIT[channel])
+    misfit, sd = _residual(one, channel), one.noise[channel].sd / in_unit(DISPLAY_UNIT[channel])
     panel.axhspan(-2 * sd, 2 * sd, color=QUIET, alpha=0.3, lw=0, gid="noise")
     panel.axhline(0, color=QUIET, lw=0.6)
     kept = thin(x, np.where(form.group >= 0, misfit, np.nan))
@@ -153,8 +156,8 @@ def outside(one: CaseFit, channel: str) -> str:
         row = int(np.nanargmax(misfit))
         pressure, length = one.case.recording.pressure[row], one.case.recording.length[row]
         at = f"{show(pressure, 'kPa', 3)} and {show(length, 'mm')}"
-        return f"{channel.capitalize()}: missed most at {at}, by {misfit[row]:.3g} {UNIT[channel]}"
-    far = 100 * np.mean(misfit[np.isfinite(misfit)] > 2 * noise.sd / in_unit(UNIT[channel]))
+        return f"{channel.capitalize()}: missed most at {at}, by {misfit[row]:.3g} {DISPLAY_UNIT[channel]}"
+    far = 100 * np.mean(misfit[np.isfinite(misfit)] > 2 * noise.sd / in_unit(DISPLAY_UNIT[channel]))
     return f"{channel.capitalize()}: {far:.0f} % of samples outside ± 2 sd of its noise, where 5 % belong"
 
 
@@ -197,7 +200,7 @@ def _in_order(one: CaseFit) -> list[str]:
 
 
 def _blocks(panel: Axes, one: CaseFit, channel: str, names: list[str]) -> None:
-    scale = in_unit(UNIT[channel])
+    scale = in_unit(DISPLAY_UNIT[channel])
     label = np.array(one.block)
     rmse = {}
     for kind, predicted in (("seen", one.prediction), ("unseen", one.unseen)):
@@ -211,7 +214,7 @@ def _blocks(panel: Axes, one: CaseFit, channel: str, names: list[str]) -> None:
     # Room for half a mark: a limit on one side alone would freeze the other where it is.
     most = np.nanmax([*rmse["seen"], *rmse["unseen"], one.noise[channel].sd / scale])
     panel.set_xlim(0, 1.08 * most)
-    panel.set(xlabel=f"rmse of {channel} [{UNIT[channel]}]", title=generalises(one, channel))
+    panel.set(xlabel=f"rmse of {channel} [{DISPLAY_UNIT[channel]}]", title=generalises(one, channel))
 
 
 def _rms(misfit: np.ndarray) -> float:

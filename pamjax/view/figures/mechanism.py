@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.typing import ColorType
 
+from pamjax.channels import DISPLAY_UNIT
 from pamjax.model.mechanism import AbstractMechanism
 from pamjax.parameter import field_meanings
 from pamjax.units import show
@@ -24,7 +25,6 @@ NONE = {"force": 0.05, "diameter": 2e-3}
 SEEN = 0.05
 
 SCALE = {"force": 1.0, "diameter": 1e-3}
-UNIT = {"force": "N", "diameter": "mm"}
 
 #: Colours of the fixed lengths, which are kinds: pressures have shades.
 FIXED = tuple(OKABE_ITO[name] for name in ("blue", "orange", "purple"))
@@ -74,7 +74,7 @@ def _strokes(panel: Axes, strokes: Sequence[Run], colours: Sequence[ColorType], 
         _path(panel, 100 * (1 - run.length / REST), change, run.rising, colour)
     panel.set(
         xlabel="contraction [%]",
-        ylabel=f"change of {channel} [{UNIT[channel]}]",
+        ylabel=f"change of {channel} [{DISPLAY_UNIT[channel]}]",
         title=f"{channel}: {_finding(changes, channel)}",
     )
     _room(panel, channel)
@@ -139,18 +139,22 @@ def _finding(changes: Sequence[np.ndarray], channel: str) -> str:
     low, high = min(np.nanmin(c) for c in changes), max(np.nanmax(c) for c in changes)
     most = max(abs(low), abs(high))
     if most < NONE[channel]:
-        return f"less than {NONE[channel]:g} {UNIT[channel]}" if most > SEEN * NONE[channel] else "no change"
+        return (
+            f"less than {NONE[channel]:g} {DISPLAY_UNIT[channel]}"
+            if most > SEEN * NONE[channel]
+            else "no change"
+        )
     said = f"{_number(low, channel)} to {_number(high, channel)}"
     if high - low < NONE[channel]:
         said = _number(high, channel)
     first, last = (max(_width(c, cycle) for c in changes) for cycle in (0, CYCLES - 1))
     if max(first, last) < NONE[channel]:
-        return f"{said} {UNIT[channel]}"
+        return f"{said} {DISPLAY_UNIT[channel]}"
     # What is there once, as the first stretch of rubber, is no loop that comes again.
     loop = (
         f"loop {_number(last, channel)}" if last > NONE[channel] else f"first loop {_number(first, channel)}"
     )
-    return f"{said} {UNIT[channel]}, {loop.replace('+', '')}"
+    return f"{said} {DISPLAY_UNIT[channel]}, {loop.replace('+', '')}"
 
 
 def _number(value: float, channel: str) -> str:

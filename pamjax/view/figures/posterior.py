@@ -20,7 +20,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pamjax.infer.fitting.report import UNIT
+from pamjax.channels import DISPLAY_UNIT
 from pamjax.infer.fitting.result import CaseFit
 from pamjax.infer.posterior.identifiability_report import COMBINED
 from pamjax.infer.posterior.predictive import predictions, prior_draws, with_noise
@@ -277,9 +277,11 @@ def band_figure(post: Posterior, k: int = 0, narrow: bool = False) -> Figure:
         made, panels = panels_of(len(streams), narrow)
         for panel, stream in zip(panels, streams, strict=True):
             channel = CHANNELS[stream.channel]
-            rows = with_noise(one, stream, smooth[channel], values, post.seed) / in_unit(UNIT[channel])
+            rows = with_noise(one, stream, smooth[channel], values, post.seed) / in_unit(
+                DISPLAY_UNIT[channel]
+            )
             _band(panel, one, form, channel, rows)
-            panel.set(xlabel=form.xlabel, ylabel=f"{channel} [{UNIT[channel]}]")
+            panel.set(xlabel=form.xlabel, ylabel=f"{channel} [{DISPLAY_UNIT[channel]}]")
         key(
             made,
             panels,
@@ -291,7 +293,7 @@ def band_figure(post: Posterior, k: int = 0, narrow: bool = False) -> Figure:
 
 
 def _band(panel: Axes, one: CaseFit, form, channel: str, rows: np.ndarray) -> None:
-    measured = getattr(one.case.recording, channel) / in_unit(UNIT[channel])
+    measured = getattr(one.case.recording, channel) / in_unit(DISPLAY_UNIT[channel])
     there = np.isfinite(measured) & np.all(np.isfinite(rows), axis=0)
     low, high = np.full(there.size, np.nan), np.full(there.size, np.nan)
     low[there], high[there] = np.quantile(rows[:, there], (0.05, 0.95), axis=0)

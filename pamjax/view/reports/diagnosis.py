@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from pamjax.baselines.comparison import BASELINE, TITLE, Contest
+from pamjax.channels import DISPLAY_UNIT
 from pamjax.diagnosis.detect.significance import DETECTED
-from pamjax.diagnosis.result import PER_SI, Diagnosis, baseline_numbers
+from pamjax.diagnosis.result import Diagnosis, baseline_numbers
 from pamjax.infer.fitting.report import quantity
 from pamjax.model.registry import mechanism
 from pamjax.parameter import Meaning
-from pamjax.units import show
+from pamjax.units import in_unit, show
 from pamjax.view.figures import diagnosis as figures
 from pamjax.view.figures.diagnosis_loops import left_out_figure, loops_figure
 from pamjax.view.figures.mismatch_map import map_figure, other_channels
@@ -234,7 +235,7 @@ def _assumed(one: Diagnosis) -> Iterator[str]:
         assert colour is not None
         shared = f"; neighbours share it by {colour.correlation:.2f}" if colour.correlation else ""
         if colour.given:
-            yield f"{noise_says(case, channel, noise['sd'] / PER_SI[channel])}{shared}."
+            yield f"{noise_says(case, channel, noise['sd'] * in_unit(DISPLAY_UNIT[channel]))}{shared}."
             continue
         yield (
             f"Noise of {channel} is {noise['sd']:.3g} {noise['unit']} a sample, read off neighbouring"

@@ -6,6 +6,7 @@ import math
 from functools import partial
 from pathlib import Path
 
+from pamjax.channels import DISPLAY_UNIT
 from pamjax.model.parameters import meaning
 from pamjax.planning.plan import ALL, Plan, Settled
 from pamjax.planning.report import (
@@ -110,7 +111,7 @@ def _settled(name: str, one: Settled) -> list[str]:
 
 def _rig(plan: Plan) -> list[list[str]]:
     means = plan.known.means
-    noise = {"force": (means.force, "N"), "diameter": (means.diameter, "mm")}
+    noise = {"force": means.force, "diameter": means.diameter}
     rows = [
         ["highest pressure", show(means.pressure, "kPa", 3)],
         ["largest contraction", f"{means.contraction:.0%}"],
@@ -120,8 +121,8 @@ def _rig(plan: Plan) -> list[list[str]]:
         ["time there is", minutes_words(means.minutes)],
     ]
     rows += [
-        [f"noise of {name}, a sample", show(sd, unit, 2) if sd is not None else "not measured"]
-        for name, (sd, unit) in noise.items()
+        [f"noise of {name}, a sample", show(sd, DISPLAY_UNIT[name], 2) if sd is not None else "not measured"]
+        for name, sd in noise.items()
     ]
     length = ["noise of length, a sample", show(means.ruler, "mm", 2)]
     if means.setting:

@@ -1,0 +1,59 @@
+"""Channels of a recording: the quantity that each measures, its SI unit, and the unit people read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pamjax.units import in_unit
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One column of a recording.
+
+    Attributes:
+        name: of the column.
+        kind: of quantity, as in `units.py`.
+        si_unit: in which arrays hold it.
+        display_unit: in which people read it.
+        about: what is measured.
+    """
+
+    name: str
+    kind: str
+    si_unit: str
+    display_unit: str
+    about: str
+
+    @property
+    def header(self) -> str:
+        """The usual header of the column."""
+        return self.name if self.kind == "count" else f"{self.name} [{self.display_unit}]"
+
+
+CHANNEL_BY_NAME = {
+    channel.name: channel
+    for channel in (
+        Channel("time", "time", "s", "s", "time"),
+        Channel("pressure", "pressure", "Pa", "kPa", "gauge pressure"),
+        Channel("length", "length", "m", "mm", "distance between the fittings"),
+        Channel("force", "force", "N", "N", "tension"),
+        Channel("diameter", "length", "m", "mm", "outer mean diameter"),
+        Channel("cycle", "count", "1", "1", "stroke, step or test"),
+    )
+}
+
+#: SI unit of each channel that has a unit.
+SI_UNIT = {c.name: c.si_unit for c in CHANNEL_BY_NAME.values() if c.kind != "count"}
+
+#: Unit in which people read each channel that has a unit.
+DISPLAY_UNIT = {c.name: c.display_unit for c in CHANNEL_BY_NAME.values() if c.kind != "count"}
+
+
+def to_display(channel: str, value):
+    """Return a value or an array, SI, in the unit in which people read the channel.
+
+    >>> to_display("diameter", 0.0254)
+    25.4
+    """
+    return value / in_unit(DISPLAY_UNIT[channel])
