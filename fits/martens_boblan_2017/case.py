@@ -1,9 +1,9 @@
-"""Two factory fluidic muscles: the bare braid fitted, and beside Gaylord and Sárosi with lengths held out.
+"""Two factory muscles: the bare braid compared with the formulas of Gaylord and Sárosi, lengths held out.
 
 python fits/martens_boblan_2017/case.py --out out/martens_boblan_2017
 
-prints the fits and the comparison of both maps and draws the figures. `--write` renews expected.json, against
-which a test holds the comparison.
+prints the fits and the comparison of both maps and draws the figures. `--write` writes the scores to
+expected.json, with which a test compares them.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from pamjax.view.fit_figures import save_figures
 HERE = Path(__file__).parent
 
 
-def compared(name: str) -> tuple[list[Fit], Comparison]:
-    """Both kinds of threads fitted to a map, and their scores beside the rivals'."""
+def compare_map(name: str) -> tuple[list[Fit], Comparison]:
+    """Return the fits of a map with each thread law, and their comparison with the formulas."""
     case = read_case(HERE / name)
     fits = [fit(case, law) for law in THREADS]
     return fits, compare(case, fits)
@@ -37,18 +37,18 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument(
         "--out", type=Path, default=Path("out/martens_boblan_2017"), help="folder for the figures"
     )
-    parser.add_argument("--write", action="store_true", help="renew expected.json")
-    asked = parser.parse_args(arguments)
+    parser.add_argument("--write", action="store_true", help="write the scores to expected.json")
+    options = parser.parse_args(arguments)
     keep_compiled()
     expected = {}
     for name in MUSCLES:
-        fits, found = compared(name)
-        for one in fits:
-            print(one, end="\n\n")
-            save_figures(one, asked.out / name / one.law)
-        print(found, end="\n\n")
-        expected[name] = found.as_dict()["rmse_N"]
-    if asked.write:
+        fits, comparison = compare_map(name)
+        for result in fits:
+            print(result, end="\n\n")
+            save_figures(result, options.out / name / result.law)
+        print(comparison, end="\n\n")
+        expected[name] = comparison.as_dict()["rmse_N"]
+    if options.write:
         rounded = json.loads(json.dumps(expected), parse_float=lambda number: float(f"{float(number):.4g}"))
         text = json.dumps(rounded, indent=2, ensure_ascii=False, allow_nan=False)
         (HERE / "expected.json").write_text(text + "\n", encoding="utf-8", newline="\n")
