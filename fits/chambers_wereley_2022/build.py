@@ -1,7 +1,7 @@
-"""The case folder of the Kevlar muscle of Chambers & Wereley (2022), made from the shipped tables.
+"""Build the case folder of the Kevlar muscle of Chambers & Wereley (2022) from the shipped tables.
 
-Run `python fits/chambers_wereley_2022/build.py` after a change here or in the tables; a test keeps the
-committed files equal to what this writes, so every number has one owner.
+Run `python fits/chambers_wereley_2022/build.py` after a change here or in the tables. A test compares the
+committed files with the output of this script.
 """
 
 from __future__ import annotations
@@ -33,34 +33,34 @@ model = "elastic"
 """
 
 
-def recording() -> str:
-    """Table 1's measured rows; the row at 0 kPa is the article's extrapolation and stays out."""
+def format_recording() -> str:
+    """Return the measured rows of Table 1, without the extrapolated row at 0 kPa."""
     table = read_shipped(f"{ARTICLE}/table1")
     measured = table.loc[table["read"] == "measured", ["pressure [kPa]", "diameter [mm]"]]
     return measured.to_csv(index=False, lineterminator="\n")
 
 
-def muscle() -> str:
-    """What the muscle is, each number in the unit in which it is printed."""
+def format_muscle() -> str:
+    """Return the text of muscle.toml, with each number in its printed unit."""
     stated = read_shipped(f"{ARTICLE}/materials").set_index("quantity")
     words = {}
     for name, row in stated.iterrows():
         unit = "" if row["unit"] == "1" else f" {row['unit']}"
-        words[name] = _number(row["value"]) + unit
+        words[name] = _format_number(row["value"]) + unit
         if pd.notna(row["tolerance"]):
-            words[f"{name}_sd"] = _number(row["tolerance"]) + unit
+            words[f"{name}_sd"] = _format_number(row["tolerance"]) + unit
     return MUSCLE.format(**words)
 
 
-def _number(value: float) -> str:
+def _format_number(value: float) -> str:
     return f"{value:.10g}"
 
 
-def build() -> dict[str, str]:
-    """Every file of the case folder, by name."""
-    return {"recording.csv": recording(), "muscle.toml": muscle()}
+def build_files() -> dict[str, str]:
+    """Return the text of every file of the case folder, by name."""
+    return {"recording.csv": format_recording(), "muscle.toml": format_muscle()}
 
 
 if __name__ == "__main__":
-    for name, text in build().items():
+    for name, text in build_files().items():
         (HERE / name).write_text(text, encoding="utf-8", newline="\n")

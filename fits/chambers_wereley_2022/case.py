@@ -1,4 +1,4 @@
-"""The article reproduced: Tables 1 and 2, five figures, and the threads calibrated on Table 1.
+"""Reproduction of the article: Tables 1 and 2, five figures, and the threads fitted to Table 1.
 
 python fits/chambers_wereley_2022/case.py --out out/chambers_wereley_2022
 """
@@ -21,24 +21,26 @@ from pamjax.records.case import read_case
 from pamjax.view.theme import theme
 
 HERE = Path(__file__).parent
-#: Share of a terminal that the names of the rows may take.
+#: Largest share of the terminal width for the names of the rows.
 NAMES = 0.4
 
 
-def lines(title: str, frame: pd.DataFrame, width: int, note: str = "") -> list[Table]:
-    """A table for the terminal, in as many parts as keep every number whole; each begins with the names.
+def split_table(title: str, frame: pd.DataFrame, width: int, note: str = "") -> list[Table]:
+    """Return a table for the terminal, split into parts so that no number is cut.
+
+    Each part begins with the names of the rows.
 
     Args:
-        width: of the terminal, letters.
+        width: of the terminal, characters.
     """
     cells = frame.map(lambda value: f"{value:.2f}" if isinstance(value, float) else str(value))
     heads = [name.replace("_", " ").replace(" [", "\n[") for name in frame.columns]
-    wide = [_least(head, cells.iloc[:, k]) for k, head in enumerate(heads)]
-    # Names may take a second line; numbers may not.
+    wide = [_minimum_width(head, cells.iloc[:, k]) for k, head in enumerate(heads)]
+    # Names may be wrapped; numbers may not.
     wide[0] = min(wide[0], int(NAMES * width))
-    parts = list(_parts(wide, width))
+    parts = list(_split_columns(wide, width))
     return [
-        _table(
+        _build_part(
             title if k == 0 else f"{title} (continued)",
             cells.iloc[:, part],
             [(heads[j], wide[j]) for j in part],
@@ -48,13 +50,13 @@ def lines(title: str, frame: pd.DataFrame, width: int, note: str = "") -> list[T
     ]
 
 
-def _least(head: str, cells: pd.Series) -> int:
-    """Letters without which a column would cut a number, or a word of its head."""
+def _minimum_width(head: str, cells: pd.Series) -> int:
+    """Return the characters that a column needs for its longest number or word of its head."""
     return max(len(text) for text in [*head.split(), *cells])
 
 
-def _parts(wide: list[int], width: int) -> Iterator[list[int]]:
-    """Columns that fit side by side, the first in each; a column has two blanks and a line besides."""
+def _split_columns(wide: list[int], width: int) -> Iterator[list[int]]:
+    """Yield the columns of each part; the first column is in every part, a column adds 3 characters."""
     part, used = [0], wide[0] + 4
     for k in range(1, len(wide)):
         if used + wide[k] + 3 > width and len(part) > 1:
@@ -65,8 +67,8 @@ def _parts(wide: list[int], width: int) -> Iterator[list[int]]:
     yield part
 
 
-def _table(title: str, cells: pd.DataFrame, heads: list[tuple[str, int]], note: str) -> Table:
-    """One part, with a column's unit on its own line."""
+def _build_part(title: str, cells: pd.DataFrame, heads: list[tuple[str, int]], note: str) -> Table:
+    """Return one part, with the unit of a column on its own line."""
     shown = Table(title=title, title_justify="left", caption=note, caption_justify="left")
     for head, wide in heads:
         shown.add_column(escape(head), justify="right", width=wide)
@@ -75,12 +77,12 @@ def _table(title: str, cells: pd.DataFrame, heads: list[tuple[str, int]], note: 
     return shown
 
 
-def calibrated(show: Console, laws: tuple[str, ...] = ("elastic", "toe", "exponential-toe")):
-    """Fit each law to the case folder and print its note and its moduli; returns the first muscle."""
+def fit_laws(show: Console, laws: tuple[str, ...] = ("elastic", "toe", "exponential-toe")):
+    """Fit each thread law to the case, print the report and the moduli, and return the first muscle."""
     case = read_case(HERE)
     results = [fit(case, law=law) for law in laws]
     for result in results:
-        low, high = t.law_slopes(result.muscle).items()
+        low, high = t.compute_law_slopes(result.muscle).items()
         show.print(
             f"{result}\n  modulus {low[1]:.0f} GPa at {low[0]}, {high[1]:.0f} GPa at {high[0]}\n",
             highlight=False,
@@ -99,19 +101,19 @@ def main(arguments: list[str] | None = None) -> None:
     show = Console()
     if not show.is_terminal:
         show.width = 170
-    force, reference = t.found()[0]
-    note = f"found from the cells: blocked force {force:.1f} N, reference thread {1e3 * reference:.3f} mm"
+    force, reference = t.fit_force_and_reference()[0]
+    note = f"fitted to the cells: blocked force {force:.1f} N, reference thread {1e3 * reference:.3f} mm"
     for title, frame, below in (
-        ("Table 1, printed and computed", t.table1(), ""),
-        ("Straight lines through Table 1", t.slopes().rename_axis("rows").reset_index(), ""),
-        ("Cells of Table 2, of 36, by how it may have been computed", t.counts(), ""),
-        ("Table 2 as the article computed it: printed | computed", t.side_by_side(), note),
-        ("Table 2 in balance: each material under its own force", t.table2(), ""),
+        ("Table 1, printed and computed", t.compute_table1(), ""),
+        ("Straight lines through Table 1", t.fit_slopes().rename_axis("rows").reset_index(), ""),
+        ("Cells of Table 2, of 36, by how it may have been computed", t.tabulate_agreement(), ""),
+        ("Table 2 as the article computed it: printed | computed", t.tabulate_side_by_side(), note),
+        ("Table 2 in balance: each material under its own force", t.compute_table2(), ""),
     ):
-        show.print(*lines(title, frame, show.width, below), sep="\n")
-    muscle = calibrated(show)
+        show.print(*split_table(title, frame, show.width, below), sep="\n")
+    muscle = fit_laws(show)
     with theme():
-        for path in figures.draw(out, muscle):
+        for path in figures.draw_figures(out, muscle):
             show.print(path, highlight=False)
 
 

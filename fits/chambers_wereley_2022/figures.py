@@ -1,8 +1,8 @@
 """Figures 5, 7, 8, 9 and 10 of Chambers & Wereley (2022), redrawn from the model.
 
-Every line is the muscle in balance under its own force; the article drew its elastic lines with the
-measured force, which is not tabulated. Isobars run from rest length to the model's free contraction.
-Points exist for Fig. 5 only: Table 1.
+Every line is the muscle in balance under its own force. The article drew its elastic lines with the
+measured force, which is not tabulated. Isobars run from rest length to the model's free contraction. Only
+Fig. 5 has points, those of Table 1.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pamjax.model.muscle import Muscle, Reading, predict
 from pamjax.units import in_unit
 from pamjax.view.theme import DOUBLE, OKABE_ITO, QUIET, figure, letter, pressure_bar, pressures, save
 
-#: The ten isobars, Pa, and as a person reads them, kPa.
+#: The ten isobars, Pa and kPa.
 ISOBARS = np.arange(1, 11) * t.STATED["pressure_step"]
 LEVELS = ISOBARS / 1e3
 #: Moduli of the article's case studies and of the last row of Table 2, Pa.
@@ -25,45 +25,47 @@ STIFF, SOFT, SOFTEST = 80e9, 8e9, 500e3 * in_unit("psi")
 PERCENT = "contraction [%]"
 
 
-def free_length(modulus: float, pressure: float) -> float:
-    """Length at which the muscle pulls with nothing, m.
+def compute_free_length(modulus: float, pressure: float) -> float:
+    """Return the length at which the muscle has no force, m.
 
     F = 0 where B = √3 L; with B = B0 / (1 − k L), k = P B0 / (2πN² S), that is √3 k L² − √3 L + B0 = 0,
-    whose smaller root is written here so that inelastic threads (k = 0) are no exception.
+    whose smaller root has here a form that also holds for inelastic threads (k = 0).
     """
     k = pressure * t.THREAD / (2 * np.pi * t.TURNS**2 * t.AREA * modulus)
     return 2 * t.THREAD / (np.sqrt(3) + np.sqrt(3 - 4 * np.sqrt(3) * k * t.THREAD))
 
 
-def isobar(modulus: float, pressure: float, points: int = 150) -> tuple[np.ndarray, np.ndarray, Reading]:
-    """Contraction in percent, length and reading along one isobar, from rest to free contraction."""
-    length = np.linspace(t.LENGTH, free_length(modulus, pressure), points)
+def compute_isobar(
+    modulus: float, pressure: float, points: int = 150
+) -> tuple[np.ndarray, np.ndarray, Reading]:
+    """Return contraction in percent, length and reading on one isobar, from rest to free contraction."""
+    length = np.linspace(t.LENGTH, compute_free_length(modulus, pressure), points)
     return (
         100 * (1 - length / t.LENGTH),
         length,
-        predict(t.muscle(modulus), np.full(points, pressure), length),
+        predict(t.build_muscle(modulus), np.full(points, pressure), length),
     )
 
 
-def _isobars(panel: Axes, modulus: float, shown) -> None:
-    """One line an isobar; `shown(length, reading)` gives what it shows."""
+def _draw_isobars(panel: Axes, modulus: float, shown) -> None:
+    """Draw one line per isobar; `shown(length, reading)` returns its values."""
     colours, norm = pressures(LEVELS)
     for pressure, level in zip(ISOBARS, LEVELS, strict=True):
-        percent, length, reading = isobar(modulus, pressure)
+        percent, length, reading = compute_isobar(modulus, pressure)
         panel.plot(percent, shown(length, reading), color=colours(norm(level)), lw=1.0)
 
 
-def _angle(length, thread):
+def _compute_angle(length, thread):
     return np.degrees(np.asarray(braid.angle(length, thread)))
 
 
-def _width(length, thread):
+def _compute_diameter(length, thread):
     return 1e3 * np.asarray(braid.diameter(length, thread, t.TURNS))
 
 
-def figure_5(calibrated: Muscle) -> Figure:
-    """Table 1 as points, the calibrated muscle as line."""
-    table = t.table1()
+def draw_figure_5(calibrated: Muscle) -> Figure:
+    """Draw Table 1 as points and the calibrated muscle as line."""
+    table = t.compute_table1()
     line = np.linspace(1.0, 720e3, 80)
     reading = predict(calibrated, line, np.full(80, t.LENGTH))
     strain = 100 * np.asarray(reading.strain)
@@ -130,15 +132,15 @@ def figure_5(calibrated: Muscle) -> Figure:
     return result
 
 
-def figure_7() -> Figure:
-    """Thread tension and thread length along the isobars."""
+def draw_figure_7() -> Figure:
+    """Draw thread tension and thread length along the isobars."""
     result = figure(DOUBLE, 2.9)
     left, right = result.subplots(1, 2)
-    _isobars(left, STIFF, lambda length, reading: reading.load / t.STATED["threads"])
-    _isobars(right, STIFF, lambda length, reading: 1e3 * reading.thread)
+    _draw_isobars(left, STIFF, lambda length, reading: reading.load / t.STATED["threads"])
+    _draw_isobars(right, STIFF, lambda length, reading: 1e3 * reading.thread)
     right.axhline(1e3 * t.THREAD, color=QUIET, ls="--", lw=1)
     right.annotate("unloaded", (0, 1e3 * t.THREAD), (2, -3), "data", "offset points", va="top", color=QUIET)
-    reading = predict(t.muscle(STIFF), ISOBARS[-1:], np.array([t.LENGTH]))
+    reading = predict(t.build_muscle(STIFF), ISOBARS[-1:], np.array([t.LENGTH]))
     tension, stretch = (
         float(reading.load[0]) / t.STATED["threads"],
         1e3 * (float(reading.thread[0]) - t.THREAD),
@@ -154,32 +156,35 @@ def figure_7() -> Figure:
     return result
 
 
-def dimensions(modulus: float, finding: str) -> Figure:
-    """Figs. 8 and 9: thread, angle and diameter along the isobars, elastic and inelastic."""
+def draw_dimensions(modulus: float, finding: str) -> Figure:
+    """Draw Fig. 8 or 9: thread, angle and diameter along the isobars, elastic and inelastic."""
     result = figure(DOUBLE, 4.8)
     grid = list(result.subplots(2, 2).flat)
     shown = {
         "thread length [mm]": lambda length, thread: 1e3 * thread * np.ones_like(length),
-        "braid angle [°]": _angle,
-        "diameter [mm]": _width,
+        "braid angle [°]": _compute_angle,
+        "diameter [mm]": _compute_diameter,
     }
-    percent, length, _ = isobar(np.inf, ISOBARS[-1])
+    percent, length, _ = compute_isobar(np.inf, ISOBARS[-1])
     for panel, (name, what) in zip(grid, shown.items(), strict=False):
-        _isobars(panel, modulus, lambda length, reading, what=what: what(length, np.asarray(reading.thread)))
+        _draw_isobars(
+            panel, modulus, lambda length, reading, what=what: what(length, np.asarray(reading.thread))
+        )
         panel.plot(percent, what(length, t.THREAD), "--", color="black", lw=1.0, label="inelastic")
         panel.set(xlabel=PERCENT, ylabel=name)
-    _isobars(
-        grid[3], modulus,
-        lambda length, reading: _width(length, np.asarray(reading.thread)) - _width(length, t.THREAD),
-    )  # fmt: skip
+
+    def widening(length, reading):
+        return _compute_diameter(length, np.asarray(reading.thread)) - _compute_diameter(length, t.THREAD)
+
+    _draw_isobars(grid[3], modulus, widening)
     grid[3].axhline(0, color="black", ls="--", lw=1.0)
     grid[3].set(xlabel=PERCENT, ylabel="wider than inelastic [mm]")
-    thread = float(predict(t.muscle(modulus), ISOBARS[-1:], np.array([t.LENGTH])).thread[0])
-    fall = _angle(t.LENGTH, t.THREAD) - _angle(t.LENGTH, thread)
-    rise = _width(t.LENGTH, thread) - _width(t.LENGTH, t.THREAD)
+    thread = float(predict(t.build_muscle(modulus), ISOBARS[-1:], np.array([t.LENGTH])).thread[0])
+    fall = _compute_angle(t.LENGTH, t.THREAD) - _compute_angle(t.LENGTH, thread)
+    rise = _compute_diameter(t.LENGTH, thread) - _compute_diameter(t.LENGTH, t.THREAD)
     grid[0].set_title(f"at most {1e3 * (thread - t.THREAD):.1f} mm longer")
     grid[1].set_title(f"at most {fall:.1f}° smaller")
-    grid[2].set_title(f"at most {100 * rise / _width(t.LENGTH, t.THREAD):.0f} % wider")
+    grid[2].set_title(f"at most {100 * rise / _compute_diameter(t.LENGTH, t.THREAD):.0f} % wider")
     grid[3].set_title(f"at most {rise:.1f} mm wider, at rest length")
     grid[1].legend(loc="upper right")
     letter(grid)
@@ -188,17 +193,17 @@ def dimensions(modulus: float, finding: str) -> Figure:
     return result
 
 
-def figure_10() -> Figure:
-    """Force along the isobars for three braids, elastic and inelastic."""
+def draw_figure_10() -> Figure:
+    """Draw the force along the isobars for three braids, elastic and inelastic."""
     result = figure(DOUBLE, 2.9)
     panels = list(result.subplots(1, 3, sharey=True))
     for panel, modulus in zip(panels, (STIFF, SOFT, SOFTEST), strict=True):
         for pressure in ISOBARS:
-            percent, length, _ = isobar(np.inf, pressure)
+            percent, length, _ = compute_isobar(np.inf, pressure)
             force = np.asarray(braid.gaylord_force(pressure, length, t.THREAD, t.TURNS))
             panel.plot(percent, force / 1e3, "--", color="black", lw=0.6, label="inelastic")
-        _isobars(panel, modulus, lambda length, reading: np.asarray(reading.force) / 1e3)
-        thread = float(predict(t.muscle(modulus), ISOBARS[-1:], np.array([t.LENGTH])).thread[0])
+        _draw_isobars(panel, modulus, lambda length, reading: np.asarray(reading.force) / 1e3)
+        thread = float(predict(t.build_muscle(modulus), ISOBARS[-1:], np.array([t.LENGTH])).thread[0])
         force, inelastic = (
             float(braid.gaylord_force(ISOBARS[-1], t.LENGTH, b, t.TURNS)) for b in (thread, t.THREAD)
         )
@@ -209,21 +214,21 @@ def figure_10() -> Figure:
     letter(panels)
     pressure_bar(panels, LEVELS)
     result.suptitle(
-        "The softer the threads, the less force and stroke; Kevlar loses next to nothing", x=0.01, ha="left"
+        "The softer the threads, the less force and stroke; Kevlar loses little", x=0.01, ha="left"
     )
     return result
 
 
-def draw(folder, calibrated: Muscle) -> list:
-    """Write all five figures as PNG and PDF into a folder; returns the paths."""
+def draw_figures(folder, calibrated: Muscle) -> list:
+    """Write all five figures as PNG and PDF into a folder and return the paths."""
     made = {
-        "figure-5": figure_5(calibrated),
-        "figure-7": figure_7(),
-        "figure-8": dimensions(STIFF, "Kevlar of 80 GPa: elastic and inelastic braid are hard to tell apart"),
-        "figure-9": dimensions(
+        "figure-5": draw_figure_5(calibrated),
+        "figure-7": draw_figure_7(),
+        "figure-8": draw_dimensions(STIFF, "Kevlar of 80 GPa: elastic and inelastic braid are nearly equal"),
+        "figure-9": draw_dimensions(
             SOFT,
             "A braid of 8 GPa is far wider than an inelastic one, most of all at rest length",
         ),
-        "figure-10": figure_10(),
+        "figure-10": draw_figure_10(),
     }
     return [path for name, drawn in made.items() for path in save(drawn, folder / name)]

@@ -1,14 +1,16 @@
-"""Tables 1 and 2 of Chambers & Wereley (2022) computed again, and Table 2 as it should be.
+"""Tables 1 and 2 of Chambers & Wereley (2022) computed again, and Table 2 in balance.
 
-The muscle stands at rest length and 100 psi in Table 2. Three numbers of that table's making are not
-in the article; they are found here from its 36 printed cells (`found`) and then held:
+In Table 2 the muscle has its rest length and 100 psi. The article does not print three inputs of that
+table. Force and reference length are fitted to its 36 printed cells (`fit_force_and_reference`) and then
+fixed. The moduli are round numbers of psi, chosen to agree as well. The agreement with Table 2 is therefore
+a reconstruction and no prediction.
 
     FORCE      4701 N       one blocked force, put into Eq. 11 for every material alike
     REFERENCE  251.364 mm   thread of the inelastic muscle in the columns of diameter and force,
                             while the column of stretch starts from the stated 251.206 mm
     PSI        16.3 Mpsi ...  moduli before they were rounded to GPa (620 ksi is printed as 4.3 GPa)
 
-Percentages are of the elastic value.
+As in the article, percentages are of the elastic value.
 """
 
 from __future__ import annotations
@@ -47,16 +49,16 @@ CELLS = [
 ]
 
 
-def muscle(modulus: float) -> Muscle:
-    """The article's muscle with linear threads of a modulus, Pa."""
+def build_muscle(modulus: float) -> Muscle:
+    """Return the article's muscle with linear threads of this modulus, Pa."""
     return Muscle(LENGTH, THREAD, TURNS, LinearThread(AREA * modulus))
 
 
-def table1() -> pd.DataFrame:
-    """Table 1 as printed, with thread length and angle from its diameters (Eqs. 1 and 9).
+def compute_table1() -> pd.DataFrame:
+    """Return Table 1 as printed, with thread length and angle computed from its diameters (Eqs. 1 and 9).
 
-    Beside it what the article plots in Fig. 5: tension of one thread from the hoop balance, so that
-    no measured force is needed, and stress. SI but for the columns that say otherwise.
+    Two more columns are those of Fig. 5: tension of one thread and stress. The tension follows from the
+    hoop balance, which needs no measured force. Columns without a unit are in SI.
     """
     printed = read_shipped(f"{ARTICLE}/table1")
     table = in_si(printed)
@@ -75,13 +77,13 @@ def table1() -> pd.DataFrame:
     )
 
 
-def slopes() -> pd.DataFrame:
-    """Modulus as slope of stress over strain, straight lines through Table 1's measured rows.
+def fit_slopes() -> pd.DataFrame:
+    """Return the modulus as slope of stress over strain: straight lines through the rows of Table 1.
 
     Returns:
-        "modulus [GPa]", and "thread_length [mm]" at which the line meets zero stress.
+        "modulus [GPa]", and "thread_length [mm]" at which the line has zero stress.
     """
-    table = table1().iloc[:5]
+    table = compute_table1().iloc[:5]
     thread, stress = table["computed thread_length [mm]"].to_numpy(), table["stress [MPa]"].to_numpy()
     rows = {}
     for name, part in {
@@ -95,8 +97,8 @@ def slopes() -> pd.DataFrame:
     return pd.DataFrame(rows).T
 
 
-def stiffening(noise: float) -> tuple[float, float]:
-    """By how much the high-pressure line is steeper than the low one, GPa, and its standard deviation.
+def estimate_stiffening(noise: float) -> tuple[float, float]:
+    """Return the slope at high pressure less the slope at low pressure, GPa, and its sd.
 
     Args:
         noise: standard deviation of one diameter, m.
@@ -116,8 +118,8 @@ def stiffening(noise: float) -> tuple[float, float]:
     return float(steeper(diameter)), float(noise * np.linalg.norm(slope))
 
 
-def law_slopes(calibrated: Muscle) -> dict[str, float]:
-    """Modulus of a fitted thread law, GPa: its chord over the pressures of each of `slopes`' lines."""
+def compute_law_slopes(calibrated: Muscle) -> dict[str, float]:
+    """Return the modulus of a fitted thread law over the pressures of each line of `fit_slopes`, GPa."""
     pressure = 1e3 * np.array([138.0, 414.0, 689.0])
     reading = predict(calibrated, pressure, np.full(3, LENGTH))
     stress, strain = np.asarray(reading.load) / AREA / 1e9, np.asarray(reading.strain)
@@ -125,10 +127,10 @@ def law_slopes(calibrated: Muscle) -> dict[str, float]:
     return {"138 to 414 kPa": float(low), "414 to 689 kPa": float(high)}
 
 
-def cells(
+def compute_cells(
     thread: np.ndarray, reference: float = THREAD, unloaded: float = THREAD, length: float = LENGTH
 ) -> np.ndarray:
-    """The six cells of each row of Table 2, in its units and its order.
+    """Return the six cells of each row of Table 2, in the units and the order of the article.
 
     Args:
         thread: (n,) stretched threads, m.
@@ -136,8 +138,8 @@ def cells(
         unloaded: thread from which stretch is counted, m.
         length: of the muscle, m.
     """
-    width, force = _width(thread, length), _force(thread, length)
-    wider, stronger = width - _width(reference, length), force - _force(reference, length)
+    width, force = _compute_diameter(thread, length), _compute_force(thread, length)
+    wider, stronger = width - _compute_diameter(reference, length), force - _compute_force(reference, length)
     stretch = thread - unloaded
     shown = [
         wider / width * 100,
@@ -150,91 +152,104 @@ def cells(
     return np.stack(shown, axis=-1)
 
 
-def as_printed_law(moduli: np.ndarray = MODULI, force: float = FORCE, length: float = LENGTH) -> np.ndarray:
-    """Stretched threads by the article's Eq. 11 (corrected) under one force for all materials, m."""
+def stretch_by_equation_11(
+    moduli: np.ndarray = MODULI, force: float = FORCE, length: float = LENGTH
+) -> np.ndarray:
+    """Return the stretched threads by the article's Eq. 11 (corrected), one force for all materials, m."""
     strain, _ = stretch_measured(force, PRESSURE, length, THREAD, TURNS, AREA * moduli)
     return THREAD * (1 + np.asarray(strain))
 
 
-def in_balance(moduli: np.ndarray = MODULI) -> np.ndarray:
-    """Stretched threads under the force that the stretched muscle itself has, closed form, m."""
-    readings = [predict(muscle(modulus), np.array([PRESSURE]), np.array([LENGTH])) for modulus in moduli]
+def stretch_in_balance(moduli: np.ndarray = MODULI) -> np.ndarray:
+    """Return the stretched threads under the muscle's own force, in closed form, m."""
+    readings = [
+        predict(build_muscle(modulus), np.array([PRESSURE]), np.array([LENGTH])) for modulus in moduli
+    ]
     return np.concatenate([np.asarray(reading.thread) for reading in readings])
 
 
-def printed() -> np.ndarray:
-    """The 36 printed cells, (6, 6)."""
+def read_printed_cells() -> np.ndarray:
+    """Return the 36 printed cells, (6, 6)."""
     return read_shipped(f"{ARTICLE}/table2")[CELLS].to_numpy(float)
 
 
-def readings() -> dict[str, np.ndarray]:
-    """Table 2 under each way in which it may have been computed; the last is what was found."""
+def compute_alternatives() -> dict[str, np.ndarray]:
+    """Return Table 2 for each set of inputs; the last set was fitted to the table."""
     rounded = read_shipped(f"{ARTICLE}/table2")["modulus [GPa]"].to_numpy() * 1e9
-    inelastic = float(_force(np.asarray(THREAD)))
+    inelastic = float(_compute_force(np.asarray(THREAD)))
     return {
-        "own force, moduli as printed": cells(in_balance(rounded)),
-        "inelastic force 4785 N, moduli as printed": cells(as_printed_law(rounded, inelastic)),
-        "4701 N, moduli in psi": cells(as_printed_law()),
-        "4701 N, moduli in psi, reference 251.364 mm": cells(as_printed_law(), REFERENCE),
+        "own force, moduli as printed": compute_cells(stretch_in_balance(rounded)),
+        "inelastic force 4785 N, moduli as printed": compute_cells(
+            stretch_by_equation_11(rounded, inelastic)
+        ),
+        "4701 N, moduli in psi": compute_cells(stretch_by_equation_11()),
+        "4701 N, moduli in psi, reference 251.364 mm": compute_cells(stretch_by_equation_11(), REFERENCE),
     }
 
 
-def agreement(computed: np.ndarray) -> dict[float, int]:
-    """How many of the 36 cells lie within half a printed unit, one unit, one and a half."""
-    off = np.abs(computed - printed())
+def count_agreement(computed: np.ndarray) -> dict[float, int]:
+    """Return how many of the 36 cells agree within half, one, and one and a half printed units."""
+    off = np.abs(computed - read_printed_cells())
     return {limit: int((off <= limit + 1e-9).sum()) for limit in (0.05, 0.10, 0.15)}
 
 
-def counts() -> pd.DataFrame:
-    """Cells of Table 2 that agree, for each way of computing it."""
+def tabulate_agreement() -> pd.DataFrame:
+    """Return the number of cells of Table 2 that agree, for each set of inputs."""
     return pd.DataFrame(
-        {"computed with": how} | {f"within {limit:g}": n for limit, n in agreement(computed).items()}
-        for how, computed in readings().items()
+        {"computed with": how} | {f"within {limit:g}": n for limit, n in count_agreement(computed).items()}
+        for how, computed in compute_alternatives().items()
     )
 
 
-def side_by_side() -> pd.DataFrame:
-    """Table 2 as the article computed it, each cell as "printed | computed"."""
-    computed = list(readings().values())[-1]
-    pairs = np.array([f"{p:g} | {c:.2f}" for p, c in zip(printed().ravel(), computed.ravel(), strict=True)])
+def tabulate_side_by_side() -> pd.DataFrame:
+    """Return Table 2 with the fitted inputs, each cell as "printed | computed"."""
+    computed = list(compute_alternatives().values())[-1]
+    pairs = np.array(
+        [f"{p:g} | {c:.2f}" for p, c in zip(read_printed_cells().ravel(), computed.ravel(), strict=True)]
+    )
     table = pd.DataFrame(pairs.reshape(6, 6), columns=CELLS)
-    table.insert(0, "material", _materials())
+    table.insert(0, "material", _read_materials())
     return table
 
 
-def found(length_too: bool = False) -> tuple[np.ndarray, np.ndarray, float]:
-    """FORCE (N) and REFERENCE (m), and the length (m) if asked, from the 36 printed cells.
+def fit_force_and_reference(length_too: bool = False) -> tuple[np.ndarray, np.ndarray, float]:
+    """Fit FORCE (N) and REFERENCE (m), and optionally the length (m), to the 36 printed cells.
 
-    Each cell weighs as a number rounded to 0.1, whose standard deviation is 0.1/√12.
+    The sd of each cell is that of a number rounded to 0.1, which is 0.1/√12.
 
     Returns:
-        values, their standard deviations, and how far off the worst cell then is.
+        values, their standard deviations, and the largest deviation of a cell.
     """
     scale = np.array([FORCE, REFERENCE, LENGTH][: 2 + length_too])
 
     def off(numbers):
         force, reference, length = (*(numbers * scale), LENGTH)[:3]
-        return (cells(as_printed_law(MODULI, force, length), reference, length=length) - printed()).ravel()
+        return (
+            compute_cells(stretch_by_equation_11(MODULI, force, length), reference, length=length)
+            - read_printed_cells()
+        ).ravel()
 
-    # The three-point slope of a function this smooth is good to nine digits.
+    # Three-point differences of this smooth function are accurate to nine digits.
     result = least_squares(off, np.ones_like(scale), jac="3-point", x_scale=1e-5, xtol=1e-12)
     sd = 0.1 / np.sqrt(12) * np.sqrt(np.diag(np.linalg.inv(result.jac.T @ result.jac)))
     return result.x * scale, sd * scale, float(np.abs(result.fun).max())
 
 
-def table2() -> pd.DataFrame:
-    """Table 2 in balance: one unloaded thread, each material under the force it leaves.
+def compute_table2() -> pd.DataFrame:
+    """Return Table 2 in balance: one unloaded thread, each material under the muscle's own force.
 
-    The percentages are of the elastic value, as printed; those of the inelastic value stand beside
-    them, because a designer starts from the inelastic one.
+    The percentages are of the elastic value, as printed. Two more columns have those of the inelastic
+    value, which a designer knows first.
     """
-    thread = in_balance()
-    values = cells(thread)
-    inelastic = 100 * np.stack([values[:, 1] / 1e3 / _width(THREAD), values[:, 5] / _force(THREAD)], axis=-1)
+    thread = stretch_in_balance()
+    values = compute_cells(thread)
+    inelastic = 100 * np.stack(
+        [values[:, 1] / 1e3 / _compute_diameter(THREAD), values[:, 5] / _compute_force(THREAD)], axis=-1
+    )
     pull = np.asarray(braid.hoop_pull(PRESSURE, LENGTH, thread, TURNS)) / STATED["threads"]
     table = pd.DataFrame(values, columns=CELLS)
     table.insert(0, "modulus [GPa]", MODULI / 1e9)
-    table.insert(0, "material", _materials())
+    table.insert(0, "material", _read_materials())
     table["diameter_change [% of inelastic]"] = inelastic[:, 0]
     table["force_change [% of inelastic]"] = inelastic[:, 1]
     table["strain [percent]"] = 100 * (thread / THREAD - 1)
@@ -242,13 +257,13 @@ def table2() -> pd.DataFrame:
     return table
 
 
-def _materials() -> pd.Series:
+def _read_materials() -> pd.Series:
     return read_shipped(f"{ARTICLE}/table2")["material"].str.replace(r"( stiffness)? \(.*", "", regex=True)
 
 
-def _width(thread, length: float = LENGTH) -> np.ndarray:
+def _compute_diameter(thread, length: float = LENGTH) -> np.ndarray:
     return np.asarray(braid.diameter(length, thread, TURNS))
 
 
-def _force(thread, length: float = LENGTH) -> np.ndarray:
+def _compute_force(thread, length: float = LENGTH) -> np.ndarray:
     return np.asarray(braid.gaylord_force(PRESSURE, length, thread, TURNS))

@@ -1,7 +1,7 @@
-"""Case folders of the two force maps of Martens & Boblan (2017), made from the shipped tables.
+"""Build the case folders of the two force maps of Martens & Boblan (2017) from the shipped tables.
 
-Run `python fits/martens_boblan_2017/build.py` after a change here or in the tables; a test keeps the
-committed folders equal to what this writes, so every force has one owner.
+Run `python fits/martens_boblan_2017/build.py` after a change here or in the tables. A test compares the
+committed folders with the output of this script.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ model = "inelastic"
 """
 
 
-def recording(table: pd.DataFrame) -> str:
-    """The map as a recording: a force of 0 says slack and was not measured, so its cell is blank."""
+def format_recording(table: pd.DataFrame) -> str:
+    """Return the map as a recording; a force of 0 means a slack muscle, so its cell is blank."""
     force = table["force [N]"]
     return table.assign(**{"force [N]": force.where(force > 0)}).to_csv(index=False, lineterminator="\n")
 
 
-def muscle(name: str) -> str:
-    """What the muscle is, from bore, wall and thread angle."""
+def format_muscle(name: str) -> str:
+    """Return the text of muscle.toml, from bore, wall and thread angle."""
     bore, length = MUSCLES[name]
     return MUSCLE.format(
         name=f"Festo {name.upper()}",
@@ -55,16 +55,16 @@ def muscle(name: str) -> str:
     )
 
 
-def build() -> dict[str, str]:
-    """Every file of the case folders, by its path below this folder."""
+def build_files() -> dict[str, str]:
+    """Return the text of every file of the case folders, by its path below this folder."""
     files = {}
     for name in MUSCLES:
-        files[f"{name}/recording.csv"] = recording(read_shipped(f"martens_boblan_2017/{name}"))
-        files[f"{name}/muscle.toml"] = muscle(name)
+        files[f"{name}/recording.csv"] = format_recording(read_shipped(f"martens_boblan_2017/{name}"))
+        files[f"{name}/muscle.toml"] = format_muscle(name)
     return files
 
 
 if __name__ == "__main__":
-    for path, text in build().items():
+    for path, text in build_files().items():
         (HERE / path).parent.mkdir(exist_ok=True)
         (HERE / path).write_text(text, encoding="utf-8", newline="\n")

@@ -1,10 +1,11 @@
-"""Hoses diagnosed: what the inelastic braid leaves out, and how well the named model predicts.
+"""Hoses diagnosed: what the inelastic braid omits, and how well the named mechanisms predict.
 
 python fits/portland_hose/diagnose.py FOLDER_WITH_CASES --out out/portland_hose
 
-diagnoses each case folder (medians of six samples, `thin.py`), then refits the named model without each inner
-length, without the longest length and without the last test of every length, beside Sárosi's formula on the
-same rows and the floor of `floor.py`; writes the diagnoses, gains.json and two figures, prints the tables.
+Each case folder is diagnosed on medians of `--samples` samples (`block_medians.py`). The model with the named
+mechanisms is then refitted without each inner length, without the longest length, and without the last
+test of every length. Sárosi's formula is fitted to the same rows. The script writes the diagnoses,
+gains.json and the figures, and prints the table with the floor of `repeatability_floor.py`.
 """
 
 from __future__ import annotations
@@ -13,10 +14,10 @@ import json
 from pathlib import Path
 
 import numpy as np
-from drawn import loops, walls
-from floor import floor
-from thin import thinned
-from words import taker
+from block_medians import take_medians
+from command_line import build_parser, list_cases
+from hose_figures import draw_loops, draw_wall_moduli
+from repeatability_floor import measure_floor
 
 from pamjax.baselines.comparison import contest, save_contest
 from pamjax.baselines.empirical import fit_sarosi
@@ -29,109 +30,119 @@ from pamjax.records.case import read_case
 from pamjax.records.levels import find_levels, nearest_level
 
 
-def splits(one: Diagnosis) -> dict[str, list[np.ndarray]]:
-    """Rows to hold out, by question."""
-    recording = one.found.case.recording
-    at = nearest_level(recording.length, find_levels(recording.length))
-    seen = np.isfinite(one.found.measured[0])
-    last = [recording.cycle == recording.cycle[at == k].max() for k in np.unique(at)]
+def make_splits(diagnosis: Diagnosis) -> dict[str, list[np.ndarray]]:
+    """Return the masks of the rows to hold out, by split."""
+    recording = diagnosis.found.case.recording
+    level = nearest_level(recording.length, find_levels(recording.length))
+    measured = np.isfinite(diagnosis.found.measured[0])
+    last = [recording.cycle == recording.cycle[level == k].max() for k in np.unique(level)]
     return {
-        "inner lengths": [seen & (at == k) for k in range(1, at.max())],
-        "longest length": [seen & (at == at.max())],
-        "last tests": [seen & np.any([(at == k) & last[k] for k in np.unique(at)], axis=0)],
+        "inner lengths": [measured & (level == k) for k in range(1, level.max())],
+        "longest length": [measured & (level == level.max())],
+        "last tests": [measured & np.any([(level == k) & last[k] for k in np.unique(level)], axis=0)],
     }
 
 
-def named(one: Diagnosis, out: np.ndarray) -> np.ndarray:
-    """Force of the named model, refitted without some rows, N."""
-    model = weighed(one.found, ~out, one.model.chosen, one.model.at.values)
-    return one.found.shows(model.at.values)[0]
+def predict_named(diagnosis: Diagnosis, held_out: np.ndarray) -> np.ndarray:
+    """Return the force of the model with the named mechanisms, refitted without some rows, N."""
+    model = weighed(diagnosis.found, ~held_out, diagnosis.model.chosen, diagnosis.model.at.values)
+    return diagnosis.found.shows(model.at.values)[0]
 
 
-def sarosi(one: Diagnosis, out: np.ndarray) -> np.ndarray:
-    """Force of Sárosi's formula, fitted without some rows, N; NaN where it cannot be fitted."""
-    recording = one.found.case.recording
-    contraction = 1 - recording.length / one.found.case.entry.rest_length.value
-    told = np.where(out, np.nan, one.found.measured[0])
+def predict_sarosi(diagnosis: Diagnosis, held_out: np.ndarray) -> np.ndarray:
+    """Return the force of Sárosi's formula, fitted without some rows, N; NaN where it cannot be fitted."""
+    problem = diagnosis.found
+    recording = problem.case.recording
+    contraction = 1 - recording.length / problem.case.entry.rest_length.value
+    training = np.where(held_out, np.nan, problem.measured[0])
     try:
-        return fit_sarosi(recording.pressure, contraction, told).force(recording.pressure, contraction)
+        law = fit_sarosi(recording.pressure, contraction, training)
     except BadInput:
-        return np.full(one.found.n, np.nan)
+        return np.full(problem.n, np.nan)
+    return law.force(recording.pressure, contraction)
 
 
-def scores(one: Diagnosis) -> dict[str, dict[str, float]]:
-    """Rmse and largest error of both models on each split, N."""
-    found = {}
-    for split, outs in splits(one).items():
-        models = (named, sarosi)
-        off = {model.__name__: [] for model in models}
-        for out in outs:
-            for model in models:
-                off[model.__name__].append((one.found.measured[0] - model(one, out))[out])
-        errors = {name: np.concatenate(parts) for name, parts in off.items()}
-        found[split] = {name: float(np.sqrt(np.mean(e**2))) for name, e in errors.items()}
-        found[split]["largest"] = float(np.abs(errors["named"]).max())
-    return found
+#: Models that are scored, by their name in gains.json.
+MODELS = {"named": predict_named, "sarosi": predict_sarosi}
 
 
-def answered(folder: Path, out: Path) -> tuple[Diagnosis, dict]:
-    """One hose: diagnosed, saved and scored."""
+def score_splits(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
+    """Return the rmse of both models on each split, and the largest error of the named model, N."""
+    force = diagnosis.found.measured[0]
+    scores = {}
+    for split, masks in make_splits(diagnosis).items():
+        errors = {
+            name: np.concatenate([(force - predict(diagnosis, mask))[mask] for mask in masks])
+            for name, predict in MODELS.items()
+        }
+        scores[split] = {name: float(np.sqrt(np.mean(e**2))) for name, e in errors.items()}
+        scores[split]["largest"] = float(np.abs(errors["named"]).max())
+    return scores
+
+
+def diagnose_hose(folder: Path, out: Path, samples: int = 6) -> tuple[Diagnosis, dict]:
+    """Return the diagnosis of one hose and its numbers for gains.json; save and print the diagnosis."""
     case = read_case(folder)
-    short = thinned(case)
-    one = diagnose(short)
-    save(one, out / case.name)
-    held = contest(one)
-    save_contest(held, out / case.name)
-    print(one, held, sep="\n", end="\n\n", flush=True)
-    repeat = floor(case)
-    numbers = {f"{id}.{name}": (v.value, v.sd) for id, by in one.parameters.items() for name, v in by.items()}
-    return one, {
-        "names": [name.id for name in one.names],
+    diagnosis = diagnose(take_medians(case, samples))
+    save(diagnosis, out / case.name)
+    comparison = contest(diagnosis)
+    save_contest(comparison, out / case.name)
+    print(diagnosis, comparison, sep="\n", end="\n\n", flush=True)
+    floor = measure_floor(case)
+    numbers = {
+        f"{id}.{name}": (v.value, v.sd) for id, by in diagnosis.parameters.items() for name, v in by.items()
+    }
+    return diagnosis, {
+        "names": [name.id for name in diagnosis.names],
         "numbers": numbers,
-        "floor": repeat.floor,
-        "tests": repeat.test,
-        "full_scale": repeat.full_scale,
-        "scores": scores(one),
+        "floor": floor.floor,
+        "tests": floor.tests,
+        "full_scale": floor.full_scale,
+        "scores": score_splits(diagnosis),
     }
 
 
-def table(found: dict[str, dict]) -> str:
-    """All hoses side by side, as Markdown."""
+def format_table(results: dict[str, dict]) -> str:
+    """Return all hoses as Markdown."""
     lines = [
-        "| hose | named | inner lengths: named, Sárosi, floor | longest length: named, Sárosi"
-        " | last tests: named, of full scale, Sárosi |",
+        "| hose | mechanisms named | inner lengths held out: named, Sárosi, floor"
+        " | longest length held out: named, Sárosi"
+        " | last tests held out: named, named in % of full scale, Sárosi |",
         "|---|---|---|---|---|",
     ]
-    for name, one in found.items():
-        inner, rest, last = (one["scores"][s] for s in ("inner lengths", "longest length", "last tests"))
+    for name, result in results.items():
+        splits = ("inner lengths", "longest length", "last tests")
+        inner, rest, last = (result["scores"][split] for split in splits)
+        percent = 100 * last["named"] / result["full_scale"]
         cells = [
             name.removeprefix("hose-"),
-            ", ".join(one["names"]),
-            f"{inner['named']:.3g}, {inner['sarosi']:.3g}, {one['floor']:.3g}",
+            ", ".join(result["names"]),
+            f"{inner['named']:.3g}, {inner['sarosi']:.3g}, {result['floor']:.3g}",
             f"{rest['named']:.3g}, {rest['sarosi']:.3g}",
-            f"{last['named']:.3g}, {100 * last['named'] / one['full_scale']:.2g} %, {last['sarosi']:.3g}",
+            f"{last['named']:.3g}, {percent:.2g} %, {last['sarosi']:.3g}",
         ]
         lines.append("| " + " | ".join(cells).replace("nan", "–") + " |")
     return "\n".join(lines)
 
 
 def main(arguments: list[str] | None = None) -> None:
-    parser = taker(__doc__)
-    parser.add_argument("--only", default="", help="names of cases, with commas between them")
-    asked = parser.parse_args(arguments)
-    folders = sorted(toml.parent for toml in asked.cases.glob("*/muscle.toml"))
-    if asked.only:
-        folders = [asked.cases / name for name in asked.only.split(",")]
+    parser = build_parser(__doc__)
+    parser.add_argument("--only", default="", help="names of the cases, separated by commas")
+    parser.add_argument("--samples", type=int, default=6, help="number of samples in a median")
+    options = parser.parse_args(arguments)
+    folders = list_cases(options.cases)
+    if options.only:
+        folders = [options.cases / name for name in options.only.split(",")]
     keep_compiled()
-    asked.out.mkdir(parents=True, exist_ok=True)
-    found = {}
+    options.out.mkdir(parents=True, exist_ok=True)
+    results = {}
     for folder in folders:
-        one, found[folder.name] = answered(folder, asked.out)
-        loops(one, asked.out / f"{folder.name}.png")
-        text = json.dumps(found, indent=1, allow_nan=True)
-        (asked.out / "gains.json").write_text(text + "\n", encoding="utf-8")
-    print(f"rmse of force, N\n\n{table(found)}")
-    walls(found, asked.out / "walls.png")
+        diagnosis, results[folder.name] = diagnose_hose(folder, options.out, options.samples)
+        draw_loops(diagnosis, options.out / f"{folder.name}.png")
+        text = json.dumps(results, indent=1, allow_nan=True)
+        (options.out / "gains.json").write_text(text + "\n", encoding="utf-8")
+    print(f"rmse of force, N\n\n{format_table(results)}")
+    draw_wall_moduli(results, options.out / "walls.png")
 
 
 if __name__ == "__main__":

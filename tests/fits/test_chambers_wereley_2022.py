@@ -1,33 +1,24 @@
-"""The article's tables come out, its misprints do not, and the case folder is made of the shipped tables."""
+"""The article's tables are reproduced, its misprints are not, and build.py makes the case folder."""
 
-import importlib
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pamjax.records.case import read_case
 from pamjax.records.shipped_tables import read_shipped
+from tests.fits.scripts import FITS, import_scripts
 
-FOLDER = Path(__file__).parents[2] / "fits" / "chambers_wereley_2022"
+FOLDER = FITS / "chambers_wereley_2022"
 EXPECTED = json.loads((FOLDER / "expected.json").read_text(encoding="utf-8"))
-OURS = ("build", "tables", "errata", "figures")
+SCRIPTS = ("build", "tables", "errata", "figures")
 
 
 @pytest.fixture(scope="module")
 def case():
-    """The modules of the case folder by name; the folder is no package, and leaves no trace."""
-    sys.path.insert(0, str(FOLDER))
-    kept = {name: sys.modules.pop(name) for name in OURS if name in sys.modules}
-    try:
-        yield {name: importlib.import_module(name) for name in OURS}
-    finally:
-        sys.path.remove(str(FOLDER))
-        for name in OURS:
-            sys.modules.pop(name, None)
-        sys.modules.update(kept)
+    """The scripts of the case folder, by name."""
+    with import_scripts("chambers_wereley_2022", *SCRIPTS) as modules:
+        yield dict(zip(SCRIPTS, modules, strict=True))
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +32,7 @@ def errata(case):
 
 
 def test_folder_holds_what_is_built(case):
-    for name, text in case["build"].build().items():
+    for name, text in case["build"].build_files().items():
         assert (FOLDER / name).read_text(encoding="utf-8") == text, f"run build.py: {name} is out of date"
 
 
@@ -54,7 +45,7 @@ def test_case_is_table_1_without_the_extrapolated_row():
 
 
 def test_table_1(t):
-    table = t.table1()
+    table = t.compute_table1()
     limits = EXPECTED["table1"]
     length = table["computed thread_length [mm]"] - table["thread_length [mm]"]
     angle = table["computed braid_angle [deg]"] - table["braid_angle [deg]"]
@@ -63,35 +54,35 @@ def test_table_1(t):
 
 
 def test_tension_agrees_with_the_article(t):
-    assert round(t.table1()["tension [N]"].max()) == 38
+    assert round(t.compute_table1()["tension [N]"].max()) == 38
 
 
 def test_slopes(t):
-    assert t.slopes()["modulus [GPa]"].round(2).to_dict() == EXPECTED["slopes_GPa"]
+    assert t.fit_slopes()["modulus [GPa]"].round(2).to_dict() == EXPECTED["slopes_GPa"]
 
 
 def test_table_1_alone_does_not_prove_a_toe(t):
-    steeper, sd = t.stiffening(0.028e-3)
+    steeper, sd = t.estimate_stiffening(0.028e-3)
     assert (round(steeper), round(sd)) == (12, 13)
-    assert round(t.stiffening(0.015e-3)[1]) == 7
+    assert round(t.estimate_stiffening(0.015e-3)[1]) == 7
 
 
 def test_cells_of_table_2(t):
     counted = {
-        how: {f"{limit:g}": n for limit, n in t.agreement(computed).items()}
-        for how, computed in t.readings().items()
+        how: {f"{limit:g}": n for limit, n in t.count_agreement(computed).items()}
+        for how, computed in t.compute_alternatives().items()
     }
     assert counted == EXPECTED["table2_cells_within"]
 
 
 def test_only_the_last_reading_makes_table_2(t):
-    within = [t.agreement(computed)[0.15] for computed in t.readings().values()]
+    within = [t.count_agreement(computed)[0.15] for computed in t.compute_alternatives().values()]
     assert within[-1] >= 34
     assert max(within[:-1]) < 24
 
 
 def test_force_and_reference_are_what_the_cells_say(t):
-    (force, reference), (force_sd, reference_sd), worst = t.found()
+    (force, reference), (force_sd, reference_sd), worst = t.fit_force_and_reference()
     assert worst < 0.15
     assert force == pytest.approx(EXPECTED["table2_found"]["force_N"], abs=0.05)
     assert 1e3 * reference == pytest.approx(EXPECTED["table2_found"]["reference_mm"], abs=5e-4)
@@ -101,7 +92,7 @@ def test_force_and_reference_are_what_the_cells_say(t):
 
 
 def test_leftovers_of_table_2_go_with_a_length_within_the_rulers_error(t):
-    (force, _, length), _, worst = t.found(length_too=True)
+    (force, _, length), _, worst = t.fit_force_and_reference(length_too=True)
     assert worst < 0.0902
     assert abs(length - t.LENGTH) < 0.1e-3
     assert force == pytest.approx(4697.7, abs=0.1)
@@ -114,14 +105,14 @@ def test_moduli_round_to_the_printed_ones(t):
 
 
 def test_percentages_are_of_the_elastic_value(t):
-    material = t.printed()[3]
+    material = t.read_printed_cells()[3]
     inelastic = 1e3 * float(t.braid.diameter(t.LENGTH, t.THREAD, t.TURNS))
     assert 100 * material[1] / (inelastic + material[1]) == pytest.approx(material[0], abs=0.3)
     assert 100 * material[1] / inelastic == pytest.approx(43.4, abs=0.1)
 
 
 def test_table_2_in_balance(t):
-    table = t.table2()
+    table = t.compute_table2()
     for name, expected in EXPECTED["table2_in_balance"].items():
         half = 0.5 * 10.0 ** -len(f"{expected[0]}".split(".")[1])
         np.testing.assert_allclose(table[name], expected, atol=half + 1e-9, rtol=0, err_msg=name)
@@ -129,7 +120,7 @@ def test_table_2_in_balance(t):
 
 def test_frozen_force_against_balance(t):
     """Stiff rows of the article are too small in force, soft rows too large."""
-    excess = 100 * (t.printed()[:, 5] / t.table2()["force_change [N]"].to_numpy() - 1)
+    excess = 100 * (t.read_printed_cells()[:, 5] / t.compute_table2()["force_change [N]"].to_numpy() - 1)
     assert np.round(excess).astype(int).tolist() == [-17, -12, -6, 5, 17, 27]
 
 
@@ -140,7 +131,7 @@ def test_equation_10_needs_a_minus(t, errata):
     def off(thread):
         return thread - t.THREAD * (1 + thread * pull / (t.LENGTH * t.AREA * errata.STIFF))
 
-    derived, printed = errata.equation_10(-1), errata.equation_10(+1)
+    derived, printed = errata.solve_equation_10(-1), errata.solve_equation_10(+1)
     assert off(derived) == pytest.approx(0, abs=1e-15)
     assert 1e3 * derived == pytest.approx(252.58, abs=0.005)
     assert off(printed) < -2e-3
@@ -149,18 +140,18 @@ def test_equation_10_needs_a_minus(t, errata):
 
 
 def test_equation_11_needs_its_one_outside_the_bracket(t, errata):
-    derived, printed = errata.equation_11(False), errata.equation_11(True)
+    derived, printed = errata.solve_equation_11(False), errata.solve_equation_11(True)
     assert np.isreal(derived).all()
     root = derived[derived.real > 0].real.min()
     assert 1e3 * root == pytest.approx(252.59, abs=0.005)
-    assert root == pytest.approx(t.as_printed_law(np.array([errata.STIFF]))[0], rel=1e-9)
+    assert root == pytest.approx(t.stretch_by_equation_11(np.array([errata.STIFF]))[0], rel=1e-9)
     assert not (np.isreal(printed) & (printed.real > 0)).any(), "as printed it has no positive real root"
     np.testing.assert_allclose(1e3 * printed.real, [-1706, 853, 853], atol=0.5)
     np.testing.assert_allclose(np.abs(1e3 * printed.imag), [0, 1493, 1493], atol=0.5)
 
 
 def test_degrees_of_section_4_2(errata):
-    soft, stiff = errata.angles(errata.SOFT), errata.angles(errata.STIFF)
+    soft, stiff = errata.compute_angle_fall(errata.SOFT), errata.compute_angle_fall(errata.STIFF)
     assert soft["percent"] == pytest.approx(12.3, abs=0.05)
     assert soft["deg"] == pytest.approx(7.62, abs=0.005), "printed 6.3"
     assert stiff["deg"] == pytest.approx(0.73, abs=0.01)
@@ -168,7 +159,7 @@ def test_degrees_of_section_4_2(errata):
 
 
 def test_headline_percentage_is_of_the_inelastic_force(errata):
-    free = errata.free_contraction(210 / 0.704)
+    free = errata.compute_free_contraction(210 / 0.704)
     assert free["soft"] == pytest.approx(210, abs=5)
     assert free["stiff"] == pytest.approx(13, abs=2)
     assert free["overestimate_percent"] == pytest.approx(226, abs=2)
@@ -178,7 +169,7 @@ def test_headline_percentage_is_of_the_inelastic_force(errata):
 
 
 def test_areas(errata, t):
-    by_diameter, by_inch, cut, titre = errata.areas().values()
+    by_diameter, by_inch, cut, titre = errata.compute_areas().values()
     assert by_diameter == pytest.approx(0.0869, abs=5e-5)
     assert by_inch == pytest.approx(0.0860, abs=5e-5)
     assert cut == pytest.approx(t.STATED["thread_area"] * 1e6, abs=5e-5), "the stated area"
@@ -186,19 +177,19 @@ def test_areas(errata, t):
 
 
 def test_last_row_puts_in_a_force_that_does_not_come_out(errata):
-    row = errata.last_row()
+    row = errata.compute_last_row()
     assert row["force out"] == pytest.approx(3612, abs=1)
     assert row["tension"] / row["tension in balance"] == pytest.approx(1.25, abs=0.005)
 
 
 def test_strain_depends_on_the_unloaded_thread(errata):
-    table, ruler = errata.strains().values()
+    table, ruler = errata.compute_strains().values()
     assert round(table, 4) == 0.0052
     assert round(ruler, 4) == 0.0057
 
 
 def test_strength_and_stress_difference(errata, t):
-    strength, difference = errata.conversions().values()
+    strength, difference = errata.convert_units().values()
     assert round(strength) == t.STATED["breaking_strength_section3"] == 264
     assert t.STATED["breaking_strength_section2"] == 254
     assert difference == pytest.approx(2.29, abs=0.005)
@@ -213,7 +204,7 @@ def test_nylon_and_pet_are_swapped(t):
 @pytest.mark.parametrize("modulus", [3.45e9, 80e9, np.inf])
 def test_isobars_end_at_free_contraction(case, t, modulus):
     figures = case["figures"]
-    percent, _, reading = figures.isobar(modulus, t.PRESSURE, 20)
+    percent, _, reading = figures.compute_isobar(modulus, t.PRESSURE, 20)
     assert percent[0] == 0
     assert float(reading.force[-1]) == pytest.approx(0, abs=1e-8)
     assert (np.diff(np.asarray(reading.force)) < 0).all()
@@ -222,7 +213,7 @@ def test_isobars_end_at_free_contraction(case, t, modulus):
 def test_figures_show_what_they_say(case, t):
     """By their elements: every isobar is there, and Table 1 is points."""
     figures = case["figures"]
-    five, seven = figures.figure_5(t.muscle(83e9)), figures.figure_7()
+    five, seven = figures.draw_figure_5(t.build_muscle(83e9)), figures.draw_figure_7()
     points = [line for line in five.axes[0].lines if line.get_marker() == "o"]
     assert sum(len(line.get_xdata()) for line in points) == 6
     assert [len(panel.lines) for panel in seven.axes[:2]] == [10, 11]
@@ -233,7 +224,7 @@ def test_figures_show_what_they_say(case, t):
 def test_fit_of_the_case():
     from pamjax.infer.fitting.fit import fit
 
-    found = fit(read_case(FOLDER), starts=1, fold_count=2).estimates
+    estimates = fit(read_case(FOLDER), starts=1, fold_count=2).estimates
     for name, expected in EXPECTED["fit_elastic"].items():
-        assert abs(found[name].value - expected["value"]) < 0.1 * expected["sd"], name
-        assert found[name].sd == pytest.approx(expected["sd"], rel=0.1), name
+        assert abs(estimates[name].value - expected["value"]) < 0.1 * expected["sd"], name
+        assert estimates[name].sd == pytest.approx(expected["sd"], rel=0.1), name

@@ -1,10 +1,7 @@
-"""The committed force maps are what the build script makes, and score as they did."""
+"""build.py makes the committed force maps, and their scores are unchanged."""
 
-import importlib
 import json
-import sys
 from io import StringIO
-from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -13,37 +10,31 @@ from fits.comparison import compare
 from pamjax.infer.fitting.fit import fit
 from pamjax.records.case import read_case
 from pamjax.records.shipped_tables import read_shipped
+from tests.fits.scripts import FITS, import_scripts
 
-FOLDER = Path(__file__).parents[2] / "fits" / "martens_boblan_2017"
+FOLDER = FITS / "martens_boblan_2017"
 EXPECTED = json.loads((FOLDER / "expected.json").read_text(encoding="utf-8"))
-OURS = ("build", "case")
+SCRIPTS = ("build", "case")
 
 INELASTIC, SAROSI = "braid, inelastic threads", "Sárosi"
 INNER, REST = "inner lengths held out", "rest length held out"
 
 
 @pytest.fixture(scope="module")
-def ours():
-    """The modules of the folder by name; the folder is no package, and leaves no trace."""
-    sys.path.insert(0, str(FOLDER))
-    kept = {name: sys.modules.pop(name) for name in OURS if name in sys.modules}
-    try:
-        yield {name: importlib.import_module(name) for name in OURS}
-    finally:
-        sys.path.remove(str(FOLDER))
-        for name in OURS:
-            sys.modules.pop(name, None)
-        sys.modules.update(kept)
+def scripts():
+    """The scripts of the folder, by name."""
+    with import_scripts("martens_boblan_2017", *SCRIPTS) as modules:
+        yield dict(zip(SCRIPTS, modules, strict=True))
 
 
 @pytest.fixture(scope="module")
-def built(ours):
-    return ours["build"].build()
+def built(scripts):
+    return scripts["build"].build_files()
 
 
 @pytest.fixture(scope="module", params=["dmsp-10-250", "dmsp-20-300"])
 def scored(request):
-    """A map's name, and the scores of the braid with inelastic threads beside the rivals'."""
+    """The name of a map, and the scores of the braid with inelastic threads and of the formulas."""
     case = read_case(FOLDER / request.param)
     return request.param, compare(case, [fit(case, "inelastic", starts=1)])
 
@@ -66,33 +57,33 @@ def test_only_slack_cells_are_blank(built, name, slack):
 
 
 def test_scores_are_unchanged(scored):
-    name, found = scored
-    for model in found.scores:
+    name, comparison = scored
+    for model in comparison.scores:
         for split, rmse in EXPECTED[name][model].items():
-            # Far beyond full scale a formula's extrapolation is but a number of digits.
-            if rmse < found.full_scale:
-                assert found.rmse(model, split) == pytest.approx(rmse, rel=0.01), f"{model}, {split}"
+            # Far beyond full scale the digits of a diverged extrapolation are not reproducible.
+            if rmse < comparison.full_scale:
+                assert comparison.rmse(model, split) == pytest.approx(rmse, rel=0.01), f"{model}, {split}"
 
 
 def test_the_bare_braid_loses_to_the_formula_between_lengths(scored):
-    _, found = scored
-    assert found.best("in sample") == found.best(INNER) == SAROSI
-    assert found.rmse(INELASTIC, INNER) > 5 * found.rmse(SAROSI, INNER)
+    _, comparison = scored
+    assert comparison.best("in sample") == comparison.best(INNER) == SAROSI
+    assert comparison.rmse(INELASTIC, INNER) > 5 * comparison.rmse(SAROSI, INNER)
 
 
-def test_nobody_predicts_the_rest_length(scored):
-    _, found = scored
-    assert min(found.rmse(model, REST) for model in found.scores) > 0.1 * found.full_scale
+def test_no_model_predicts_the_rest_length(scored):
+    _, comparison = scored
+    assert min(comparison.rmse(model, REST) for model in comparison.scores) > 0.1 * comparison.full_scale
 
 
 @pytest.mark.slow
-def test_stretching_threads_are_not_what_is_missing():
+def test_elastic_threads_do_not_reduce_the_misfit():
     case, model = read_case(FOLDER / "dmsp-20-300"), "braid, elastic threads"
-    found = compare(case, [fit(case, "elastic", starts=1)])
+    comparison = compare(case, [fit(case, "elastic", starts=1)])
     expected = EXPECTED["dmsp-20-300"]
-    assert found.rmse(model, "in sample") == pytest.approx(expected[model]["in sample"], rel=0.01)
-    assert found.rmse(model, "in sample") > 0.9 * expected[INELASTIC]["in sample"]
+    assert comparison.rmse(model, "in sample") == pytest.approx(expected[model]["in sample"], rel=0.01)
+    assert comparison.rmse(model, "in sample") > 0.9 * expected[INELASTIC]["in sample"]
 
 
-def test_every_map_is_expected(ours):
-    assert list(EXPECTED) == list(ours["case"].MUSCLES)
+def test_every_map_is_expected(scripts):
+    assert list(EXPECTED) == list(scripts["case"].MUSCLES)

@@ -1,9 +1,11 @@
-"""Hoses with a thick wall: the bare braid is far off, and is told so; recordings beside the project only."""
+"""Thick-walled hoses: the bare braid is far off and the fit reports it.
 
-import importlib
+The tests run on two simulated hoses, which are part of the project. The same tests run on the hoses of
+the bench where their case folders are present (README of the folder: how to make them).
+"""
+
 import json
-import sys
-from contextlib import contextmanager
+import os
 from pathlib import Path
 
 import numpy as np
@@ -12,102 +14,167 @@ import pytest
 from fits.comparison import compare
 from pamjax.infer.fitting.fit import fit
 from pamjax.records.case import read_case
+from tests.fits.scripts import FITS, import_scripts
 
-FOLDER = Path(__file__).parents[2] / "fits" / "portland_hose"
-#: No licence is stated for the recordings, so they are not part of the project.
-HOSES = Path(__file__).parents[2].parent / "shared" / "data" / "portland-hose"
-#: Every tenth row has every length and every test still, and is fitted ten times as fast.
+#: Two hoses with a known wall, written by simulate_hoses.py.
+SIMULATED = FITS / "portland_hose" / "simulated"
+#: No licence is stated for the recordings of the bench, so they are not part of the project.
+HOSES = Path(os.environ.get("PAMJAX_HOSES", FITS.parents[1] / "shared" / "data" / "portland-hose"))
+#: Every tenth row of a real hose still has every length and every test, and its fit is ten times as fast.
 EVERY = 10
 
 BRAID, SAROSI, GAYLORD = "braid, inelastic threads", "Sárosi", "Gaylord"
 INNER = "inner lengths held out"
 
-pytestmark = pytest.mark.skipif(not HOSES.is_dir(), reason="no hose recordings beside the project")
+needs_hoses = pytest.mark.skipif(not HOSES.is_dir(), reason="the recordings of the bench are not present")
 
 
-def thinned(name, folder):
-    """A copy of a case with every tenth row."""
-    made = folder / name
-    made.mkdir(parents=True)
-    head, *rows = (HOSES / name / "recording.csv").read_text(encoding="utf-8").splitlines(keepends=True)
-    (made / "recording.csv").write_text(head + "".join(rows[::EVERY]), encoding="utf-8")
-    (made / "muscle.toml").write_bytes((HOSES / name / "muscle.toml").read_bytes())
-    return made
+def copy_rows(source, folder, every):
+    """Write every n-th row of a case into a folder, and return the new case folder."""
+    target = folder / source.name
+    target.mkdir(parents=True)
+    head, *rows = (source / "recording.csv").read_text(encoding="utf-8").splitlines(keepends=True)
+    (target / "recording.csv").write_text(head + "".join(rows[::every]), encoding="utf-8")
+    (target / "muscle.toml").write_bytes((source / "muscle.toml").read_bytes())
+    return target
 
 
-@pytest.fixture(scope="module", params=["hose-10mm-132", "hose-20mm-275"])
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(SIMULATED / "hose-10mm-132", id="simulated"),
+        pytest.param(HOSES / "hose-10mm-132", id="hose-10mm-132", marks=needs_hoses),
+        pytest.param(HOSES / "hose-20mm-275", id="hose-20mm-275", marks=needs_hoses),
+    ],
+)
 def scored(request, tmp_path_factory):
-    """A fit of a hose with inelastic threads, and its scores beside the rivals'."""
-    case = read_case(thinned(request.param, tmp_path_factory.mktemp("hoses")))
-    fitted = fit(case, "inelastic", starts=1)
-    return fitted, compare(case, [fitted])
+    """A hose fitted with inelastic threads, and its comparison with the formulas."""
+    folder = request.param
+    if folder.parent == HOSES:
+        folder = copy_rows(folder, tmp_path_factory.mktemp("hoses"), EVERY)
+    case = read_case(folder)
+    result = fit(case, "inelastic", starts=1)
+    return result, compare(case, [result])
 
 
 def test_the_bare_braid_misses_more_than_its_noise(scored):
-    fitted, _ = scored
-    assert fitted.cases[0].noise["force"].excess > 20
-    assert "the model misses something" in str(fitted)
+    result, _ = scored
+    assert result.cases[0].noise["force"].excess > 20
+    assert "the model misses something" in str(result)
 
 
 def test_the_formula_wins_between_lengths(scored):
-    _, found = scored
-    assert found.best("in sample") == found.best(INNER) == SAROSI
-    assert found.rmse(BRAID, INNER) > 1.5 * found.rmse(SAROSI, INNER)
+    _, comparison = scored
+    assert comparison.best("in sample") == comparison.best(INNER) == SAROSI
+    assert comparison.rmse(BRAID, INNER) > 1.5 * comparison.rmse(SAROSI, INNER)
 
 
-def test_it_is_the_law_not_its_priors(scored):
-    """Gaylord's law is the same braid without priors: freed of them it is still far off."""
-    _, found = scored
-    assert found.rmse(BRAID, "in sample") > found.rmse(GAYLORD, "in sample")
-    assert found.rmse(GAYLORD, "in sample") > 4 * found.rmse(SAROSI, "in sample")
+def test_the_law_is_wrong_and_not_its_priors(scored):
+    """Gaylord's law is the same braid without priors; it is still far off."""
+    _, comparison = scored
+    assert comparison.rmse(BRAID, "in sample") > comparison.rmse(GAYLORD, "in sample")
+    assert comparison.rmse(GAYLORD, "in sample") > 4 * comparison.rmse(SAROSI, "in sample")
 
 
 def test_slack_rows_are_left_out_of_the_comparison(scored):
-    fitted, found = scored
-    force = fitted.cases[0].case.recording.force
-    assert found.rows == np.sum(force > found.threshold) < len(force)
-
-
-@contextmanager
-def script(name):
-    """A module of the folder, which imports its neighbours by name as a script does."""
-    before = set(sys.modules)
-    sys.path.insert(0, str(FOLDER))
-    try:
-        yield importlib.import_module(name)
-    finally:
-        sys.path.remove(str(FOLDER))
-        for one in {path.stem for path in FOLDER.glob("*.py")} - before:
-            sys.modules.pop(one, None)
+    result, comparison = scored
+    force = result.cases[0].case.recording.force
+    assert comparison.rows == np.sum(force > comparison.threshold) < len(force)
 
 
 @pytest.mark.slow
-def test_the_script_writes_its_comparison_and_figures(tmp_path, capsys):
-    with script("compare") as compared:
-        compared.THREADS = ("inelastic",)
-        thinned("hose-20mm-275", tmp_path / "cases")
-        compared.main([str(tmp_path / "cases"), "--out", str(tmp_path / "out")])
-    said = capsys.readouterr().out
-    assert f"| {INNER} | {BRAID} | Gaylord | Gaylord, free threshold | {SAROSI} |" in said
-    assert "| hose-20mm-275 | " in said
+@pytest.mark.parametrize(
+    "source",
+    [
+        pytest.param(SIMULATED / "hose-10mm-132", id="simulated"),
+        pytest.param(HOSES / "hose-20mm-275", id="hose-20mm-275", marks=needs_hoses),
+    ],
+)
+def test_the_script_writes_its_comparison_and_figures(source, tmp_path, capsys):
+    with import_scripts("portland_hose", "compare_models") as (script,):
+        script.THREADS = ("inelastic",)
+        copy_rows(source, tmp_path / "cases", EVERY if source.parent == HOSES else 2)
+        script.main([str(tmp_path / "cases"), "--out", str(tmp_path / "out")])
+    printed = capsys.readouterr().out
+    assert f"| {INNER} | {BRAID} | Gaylord | Gaylord, free threshold | {SAROSI} |" in printed
+    assert f"| {source.name} | " in printed
     (report,) = json.loads((tmp_path / "out" / "comparison.json").read_text(encoding="utf-8"))
     assert report["rmse_N"][SAROSI]["in sample"] < 0.2 * report["rmse_N"][BRAID]["in sample"]
-    assert (tmp_path / "out" / "hose-20mm-275" / "inelastic" / "prediction.png").is_file()
+    assert (tmp_path / "out" / source.name / "inelastic" / "prediction.png").is_file()
+
+
+def test_the_script_refuses_a_folder_without_cases(tmp_path, capsys):
+    with import_scripts("portland_hose", "compare_models") as (script,), pytest.raises(SystemExit):
+        script.main([str(tmp_path)])
+    assert "A case folder contains muscle.toml and recording.csv." in capsys.readouterr().err
 
 
 @pytest.mark.slow
-def test_two_hoses_of_a_series_have_one_wall():
-    with script("together") as series:
+@pytest.mark.parametrize(
+    ("folder", "samples"),
+    [
+        pytest.param(SIMULATED, 2, id="simulated"),
+        pytest.param(HOSES, 30, id="hoses", marks=needs_hoses),
+    ],
+)
+def test_two_hoses_of_a_series_have_one_wall(folder, samples):
+    with import_scripts("portland_hose", "shared_wall", "simulate_hoses") as (wall, simulation):
         names = ("hose-10mm-132", "hose-10mm-281")
-        cases = [series.thinned(series.believed(HOSES / name), 5) for name in names]
-        apart = [series.fitted([case], folds=2).estimates[series.WALL[0]] for case in cases]
-        *_, squares, p = series.agreement([(one.value, one.sd) for one in apart])
-        assert p > 0.05
-        shared = series.fitted(cases, series.WALL, folds=2).estimates[series.WALL[0]]
-        assert min(one.value - 2 * one.sd for one in apart) < shared.value
-        assert shared.value < max(one.value + 2 * one.sd for one in apart)
-        # A wall that is another is told apart.
-        other = (apart[0].value + 1e6, apart[0].sd)
-        *_, farther, refuted = series.agreement([other, (apart[1].value, apart[1].sd)])
-        assert farther > squares + 3
-        assert refuted < 0.05
+        cases = [wall.read_hose(folder / name, samples) for name in names]
+        separate = [wall.fit_wall([case], folds=2).estimates[wall.WALL[0]] for case in cases]
+        agreement = wall.average_values([(one.value, one.sd) for one in separate])
+        assert agreement.p_value > 0.05
+        shared = wall.fit_wall(cases, wall.WALL, folds=2).estimates[wall.WALL[0]]
+        assert min(one.value - 2 * one.sd for one in separate) < shared.value
+        assert shared.value < max(one.value + 2 * one.sd for one in separate)
+        if folder == SIMULATED:
+            assert abs(shared.value - simulation.WALL["modulus"]) < 4 * shared.sd
+        # A different wall is detected.
+        other = (separate[0].value + 1e6, separate[0].sd)
+        refuted = wall.average_values([other, (separate[1].value, separate[1].sd)])
+        assert refuted.chi2 > agreement.chi2 + 3
+        assert refuted.p_value < 0.05
+
+
+def test_weighted_mean():
+    """Two values one tenth from their mean, each with sd 0.1: chi² is 2 with one degree of freedom."""
+    with import_scripts("portland_hose", "shared_wall") as (wall,):
+        average = wall.average_values([(1.0, 0.1), (1.2, 0.1)])
+    assert average.mean == pytest.approx(1.1)
+    assert average.sd == pytest.approx(0.1 / np.sqrt(2))
+    assert average.chi2 == pytest.approx(2.0)
+    assert average.p_value == pytest.approx(0.1573, abs=1e-4)
+
+
+def test_floor_of_simulated_tests_is_the_noise():
+    """Simulated tests differ by sensor noise alone; interpolation averages a part of it away."""
+    case = read_case(SIMULATED / "hose-10mm-281")
+    with import_scripts("portland_hose", "repeatability_floor") as (script,):
+        floor = script.measure_floor(case)
+    # Pressure noise adds its sd times the slope of force with pressure, at most 440 N in 620 kPa.
+    noise = np.hypot(case.entry.sensors.force, case.entry.sensors.pressure * 440 / 620e3)
+    assert 0.5 * noise < floor.tests_all_lengths < noise
+    assert floor.floor == pytest.approx(np.hypot(floor.tests, floor.ruler))
+
+
+def test_medians_keep_tests_apart():
+    case = read_case(SIMULATED / "hose-10mm-132")
+    with import_scripts("portland_hose", "block_medians") as (script,):
+        shorter = script.take_medians(case, 6).recording
+    tests = np.unique(case.recording.cycle)
+    rows = [np.ceil(np.sum(case.recording.cycle == number) / 6) for number in tests]
+    assert [np.sum(shorter.cycle == number) for number in tests] == rows
+    np.testing.assert_array_equal(np.unique(shorter.length), np.unique(case.recording.length))
+    assert shorter.force[0] == np.median(case.recording.force[:6])
+
+
+def test_simulated_hoses_are_what_the_script_writes(tmp_path):
+    with import_scripts("portland_hose", "simulate_hoses") as (script,):
+        script.main([str(tmp_path)])
+    for folder in sorted(tmp_path.iterdir()):
+        committed, made = read_case(SIMULATED / folder.name), read_case(folder)
+        assert made.entry == committed.entry
+        # Twice the last digit that is written, SI.
+        for channel, digit in {"time": 1e-4, "pressure": 0.1, "length": 1e-8, "force": 1e-4}.items():
+            values = [getattr(case.recording, channel) for case in (made, committed)]
+            np.testing.assert_allclose(*values, rtol=0, atol=2 * digit, err_msg=f"{folder.name}, {channel}")

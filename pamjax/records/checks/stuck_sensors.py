@@ -42,7 +42,7 @@ def stuck(recording: Recording, file: str) -> list[str]:
             rows = f"rows {recording.row[first]} to {recording.row[last - 1]}"
             said.append(
                 f"`{name}` reads {show(values[first], DISPLAY_UNIT[name])} in {rows} of {file}, while the"
-                " muscle is moved: blank it there if its sensor was stuck, at the end of its range, or not read."
+                " muscle is moved. Blank it there if its sensor was stuck, at its limit, or not read."
             )
     return said
 

@@ -1,13 +1,14 @@
-"""The paper's story, told to a diagnosis that does not know it.
+"""Two diagnoses of the article's muscle: its Table 1, and a simulation with threads that stiffen.
 
-python fits/chambers_wereley_2022/replay.py --out out/replay
+python fits/chambers_wereley_2022/diagnose.py --out out/chambers_wereley_2022
 
-table     Table 1 alone and threads that do not stretch: what is missing?
-protocol  ten isobars of the paper's muscle, simulated with threads that are soft until they are straight,
-          and a model of threads that are equally stiff at every load: what is missing now?
+table     Table 1, with inelastic threads as baseline
+isobars   ten isobars of the same muscle with soft threads (`thread_crimp`), with linear elastic threads as
+          baseline
 
-The second is a simulation with pamjax's own equations, since the paper's forces were never tabulated; its
-sensors are as good as Table 1 (0.02 mm), its toe as large as the two moduli of the paper ask for.
+The second recording is simulated with pamjax's own equations, since the article does not tabulate its
+forces. Its diameter sensor is as accurate as Table 1 (0.02 mm). Its crimp has the size that the two moduli
+of the article imply.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import numpy as np
 
 from pamjax.compile.jax_cache import keep_compiled
 from pamjax.diagnosis.library.library_problem import problem
-from pamjax.diagnosis.result import Diagnosis, save
+from pamjax.diagnosis.result import save
 from pamjax.diagnosis.run import diagnose
 from pamjax.records.case import Case, read_case
 from pamjax.records.protocol import Protocol
@@ -32,20 +33,19 @@ HERE = Path(__file__).parent
 #: Sensors of the simulated bench: N, m, Pa, m.
 SENSORS = Sensors(force=2.0, diameter=0.02e-3, pressure=200.0, length=0.01e-3)
 
-#: The concealed toe: straight threads of 112 GPa, and a crimp of 0.15 % that is out at 1.5 kN in all.
-TOE = {"thread.modulus": 112e9, "thread_crimp.crimp": 1.5e-3, "thread_crimp.load": 1500.0}
+#: The simulated threads: 112 GPa when straight, and a crimp of 0.15 % that is straight at 1.5 kN in all.
+CRIMP = {"thread.modulus": 112e9, "thread_crimp.crimp": 1.5e-3, "thread_crimp.load": 1500.0}
 
 
-def table() -> Case:
-    """Table 1 with a model of inextensible threads."""
+def read_table() -> Case:
+    """Return Table 1 with inelastic threads as baseline."""
     case = read_case(HERE)
-    return dataclasses.replace(
-        case, name="table-1", entry=dataclasses.replace(case.entry, baseline="inelastic")
-    )
+    entry = dataclasses.replace(case.entry, baseline="inelastic")
+    return dataclasses.replace(case, name="table-1", entry=entry)
 
 
-def protocol(seed: int = 0) -> Case:
-    """The paper's muscle on ten isobars, twice each, with a concealed toe."""
+def simulate_isobars(seed: int = 0) -> Case:
+    """Return ten simulated isobars of the article's muscle, two strokes each, with crimped threads."""
     entry = dataclasses.replace(read_case(HERE).entry, sensors=SENSORS, baseline="elastic")
     plan = Protocol(
         kind="strokes",
@@ -56,13 +56,14 @@ def protocol(seed: int = 0) -> Case:
         rate="0.45 Hz",
         diameter_every=1,
     ).schedule(entry.rest_length.value)
-    asked = Recording.from_arrays(
+    # The model is evaluated at rows that have a measurement; these placeholders stand for them.
+    rows = Recording.from_arrays(
         time=plan.time, pressure=plan.pressure, length=plan.length, cycle=plan.cycle,
         force=np.full(plan.time.size, 1e3), diameter=np.full(plan.time.size, 1.0),
     )  # fmt: skip
-    bench = problem(Case("true", HERE, entry, asked, "simulated"))
+    bench = problem(Case("true", HERE, entry, rows, "simulated"))
     values = bench.neutral.copy()
-    for name, value in TOE.items():
+    for name, value in CRIMP.items():
         values[bench.place(name)] = value
     force, diameter = bench.shows(values)
     rng = np.random.default_rng(seed)
@@ -76,25 +77,28 @@ def protocol(seed: int = 0) -> Case:
     return Case("ten-isobars", HERE, entry, recording, "simulated")
 
 
-def told(case: Case, out: Path) -> Diagnosis:
-    """One act: diagnosed, saved and printed."""
-    found = diagnose(case)
-    save(found, out / case.name)
-    print(found, end="\n\n", flush=True)
-    return found
+#: The recordings, by their name on the command line.
+CASES = {"table": read_table, "isobars": simulate_isobars}
+
+
+def diagnose_case(case: Case, out: Path) -> None:
+    """Diagnose a case, save the diagnosis and print it."""
+    diagnosis = diagnose(case)
+    save(diagnosis, out / case.name)
+    print(diagnosis, end="\n\n", flush=True)
 
 
 def main(arguments: list[str] | None = None) -> None:
     style = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=style)
-    parser.add_argument("--out", type=Path, default=Path("out/replay"), help="folder for the diagnoses")
-    parser.add_argument("--act", choices=("table", "protocol"), help="one act alone")
-    asked = parser.parse_args(arguments)
+    default = Path("out/chambers_wereley_2022")
+    parser.add_argument("--out", type=Path, default=default, help="folder for the diagnoses")
+    parser.add_argument("--only", choices=tuple(CASES), help="diagnose one recording alone")
+    options = parser.parse_args(arguments)
     keep_compiled()
-    if asked.act != "protocol":
-        told(table(), asked.out)
-    if asked.act != "table":
-        told(protocol(), asked.out)
+    for name, make in CASES.items():
+        if options.only in (None, name):
+            diagnose_case(make(), options.out)
 
 
 if __name__ == "__main__":
