@@ -64,11 +64,11 @@ def axes(found: Problem) -> Axes:
 
 def parts(at: Axes) -> list[np.ndarray]:
     """(n,) masks of the parts of a recording."""
-    pressures = _ranges(at.pressure, RANGES)
-    lengths = _ranges(at.contraction, RANGES)
+    pressures = ranges(at.pressure, RANGES)
+    lengths = ranges(at.contraction, RANGES)
     ways = [at.direction == way for way in (SHORTENING, STILL, LENGTHENING)]
     ways = [way for way in ways if way.any()]
-    stretches = _ranges(at.time, STRETCHES)
+    stretches = ranges(at.time, STRETCHES)
     crossed = [a & b for one, other in _pairs(pressures, lengths, ways) for a in one for b in other]
     return [*pressures, *lengths, *ways, *stretches, *crossed]
 
@@ -77,7 +77,7 @@ def _pairs(*families):
     return [(families[i], families[k]) for i in range(len(families)) for k in range(i + 1, len(families))]
 
 
-def _ranges(values: np.ndarray, many: int) -> list[np.ndarray]:
+def ranges(values: np.ndarray, many: int) -> list[np.ndarray]:
     """Masks of about equally wide ranges; no mask where the values hardly differ."""
     low, high = np.nanmin(values), np.nanmax(values)
     if not high > low:

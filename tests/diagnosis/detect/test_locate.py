@@ -1,8 +1,12 @@
-"""What a box says of a departure that changes sign."""
+"""What a box says of a departure that changes sign, and which part of the misfit it counts."""
+
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+import pytest
 
-from pamjax.diagnosis.detect.locate import _sentence
+from pamjax.diagnosis.detect.locate import Box, _extremes, _parts, _Region, _sentence, _shared
 from pamjax.diagnosis.detect.regions import LENGTHENING, SHORTENING, Axes
 
 PRESSURE = np.array([138e3, 276e3, 414e3, 552e3, 689e3])
@@ -11,7 +15,7 @@ PRESSURE = np.array([138e3, 276e3, 414e3, 552e3, 689e3])
 def said(off):
     at = Axes(PRESSURE, np.zeros(5), np.arange(5.0), np.zeros(5, int))
     ends = (138e3, 689e3), (0.0, 0.0)
-    return _sentence("diameter", "both", *ends, np.array(off) * 1e-3, np.ones(5, bool), at)
+    return _sentence("diameter", "both", *ends, np.array(off) * 1e-3, np.ones(5, bool), at, np.zeros(5))
 
 
 def test_a_diameter_that_grows_with_pressure_is_told_so():
@@ -33,7 +37,88 @@ def test_a_departure_along_pressure_is_not_told_as_one_of_direction():
 
     def told(by_way):
         off = np.linspace(-6, 6, 20).repeat(2) + np.where(way == LENGTHENING, by_way, -by_way)
-        return _sentence("force", "both", (1e5, 4e5), (0.0, 0.0), off, np.ones(40, bool), at)
+        return _sentence("force", "both", (1e5, 4e5), (0.0, 0.0), off, np.ones(40, bool), at, np.zeros(40))
 
     assert "force grows with pressure against the baseline, from about 5.7 N lower" in told(0.1)
     assert "while the muscle lengthens and" in told(9.0)
+
+
+def at_lengths(means, noise=2.0, way=0):
+    """What is said of a hose that was inflated at four lengths, with a mean departure in N at each."""
+    rng, many = np.random.default_rng(0), 200
+    pressure = np.tile(np.linspace(368e3, 624e3, many), len(means))
+    contraction = np.repeat([0.0, 0.04, 0.08, 0.12][: len(means)], many)
+    n = pressure.size
+    at = Axes(pressure, contraction, np.arange(float(n)), np.full(n, way))
+    off = np.repeat(means, many) + noise * rng.standard_normal(n)
+    ends, direction = ((368e3, 624e3), (0.0, 0.12)), {0: "both", SHORTENING: "shortening"}[way]
+    return _sentence("force", direction, *ends, off, np.ones(n, bool), at, np.full(n, noise))
+
+
+PLACE = "Between 368 and 624 kPa, 0 to 12 % contracted, force"
+
+
+def test_a_departure_with_the_other_sign_at_one_length_is_given_as_a_trend():
+    assert at_lengths([74.0, -26.0, -78.0, -104.0]) == (
+        f"{PLACE} falls with contraction against the baseline, from about 74 N higher to about 104 N lower."
+    )
+
+
+@pytest.mark.parametrize(("way", "end"), [(0, "."), (SHORTENING, " while the muscle shortens.")])
+def test_without_a_trend_the_extremes_of_its_parts_are_given(way, end):
+    said = at_lengths([-26.0, 74.0, -104.0, -78.0], way=way)
+    assert said == (
+        f"{PLACE} is between about 104 N lower (near 8 % contracted) and about 74 N higher"
+        f" (near 4 % contracted) than the baseline says{end}"
+    )
+
+
+def test_a_part_with_the_other_sign_by_noise_alone_changes_nothing():
+    assert at_lengths([-100.0, -100.0, -80.0, 1.0]) == f"{PLACE} is about 81 N lower than the baseline says."
+
+
+def test_a_departure_of_one_direction_must_hold_in_all_its_parts():
+    """Friction of one sign at three lengths, and of the other at the fourth."""
+    way = np.tile([SHORTENING, LENGTHENING], 400)
+    contraction = np.repeat([0.0, 0.04, 0.08, 0.12], 200)
+    at = Axes(np.full(800, 4e5), contraction, np.arange(800.0), way)
+
+    def told(last):
+        off = way * np.where(contraction == 0.12, last, 20.0) + 0.5
+        ends = (4e5, 4e5), (0.0, 0.12)
+        return _sentence("force", "both", *ends, off, np.ones(800, bool), at, np.ones(800))
+
+    assert "while the muscle lengthens and" in told(10.0)
+    assert "either way" in told(-10.0)
+
+
+def test_boxes_do_not_count_the_same_misfit_twice():
+    """Two names in the same rows, one with three times the squared effect; a third reaches farther."""
+    standard = np.array([5.0] * 40 + [3.0] * 40 + [0.1] * 20)
+    found: Any = SimpleNamespace(measured=np.stack([np.zeros(100), np.full(100, np.nan)]), n=100)
+    model: Any = SimpleNamespace(white=SimpleNamespace(colours=(SimpleNamespace(sd=np.ones(100)), None)))
+    rows = np.arange(100)
+
+    def region(inside, weight):
+        box = Box("force", "both", (0.0, 1.0), (0.0, 1.0), (0.0, 1.0), 0.0, f"{weight}")
+        return _Region(box, inside, weight * inside)
+
+    residual = np.stack([standard, np.zeros(100)])
+    boxes = _shared(
+        found, model, residual, [region(rows < 40, 1.0), region(rows < 40, 3.0), region(rows < 80, 0.0)]
+    )
+    shares = {box.says: box.share for box in boxes}
+    assert sum(shares.values()) == pytest.approx(1.0)
+    assert shares["3.0"] == pytest.approx(3 * shares["1.0"])
+    assert shares["0.0"] == pytest.approx(40 * 8 / (40 * 24 + 40 * 8))
+    assert [box.share for box in boxes] == sorted(shares.values(), reverse=True)
+
+
+def test_extremes_in_different_directions_are_given_so():
+    way = np.repeat([SHORTENING, LENGTHENING], 100)
+    at = Axes(np.full(200, 4e5), np.full(200, 0.1), np.arange(200.0), way)
+    off = np.where(way == SHORTENING, -10.0, 50.0)
+    parts = _parts(np.ones(200, bool), at)
+    assert _extremes(off, parts, at, 1.0, "N") == (
+        "between about 10 N lower (shortening) and about 50 N higher (lengthening)"
+    )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pamjax.diagnosis.detect.regions import RANGES, _ranges
+from pamjax.diagnosis.detect.regions import RANGES, ranges
 
 
 def test_an_isobar_on_an_edge_stays_whole():
@@ -11,7 +11,7 @@ def test_an_isobar_on_an_edge_stays_whole():
     levels = np.array([0.0, 100e3, 200e3, 300e3, 500e3])
     isobar = np.repeat(np.arange(5), 200)
     pressure = levels[isobar] + 500.0 * rng.standard_normal(isobar.size)
-    masks = _ranges(pressure, RANGES)
+    masks = ranges(pressure, RANGES)
     assert sum(int(mask.sum()) for mask in masks) == pressure.size
     for k in range(5):
         assert sorted({bool(mask[isobar == k].all()) for mask in masks}) == [False, True]
@@ -19,6 +19,6 @@ def test_an_isobar_on_an_edge_stays_whole():
 
 def test_what_is_spread_evenly_is_parted_evenly():
     values = np.linspace(0, 1, 1001)
-    shares = [mask.mean() for mask in _ranges(values, 5)]
+    shares = [mask.mean() for mask in ranges(values, 5)]
     assert np.allclose(shares, 0.2, atol=0.06)
-    assert _ranges(np.full(10, 3.0), 5) == []
+    assert ranges(np.full(10, 3.0), 5) == []
