@@ -12,9 +12,11 @@ from pamjax.model.bench import record
 from pamjax.model.history import history
 from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
 from pamjax.model.mechanisms.end_taper import EndTaper
-from pamjax.model.net import net
+from pamjax.model.net import Net, net
 from pamjax.model.net_table import tabulate
-from tests.agreement import agree
+from pamjax.model.state import Cylinder
+from tests.agreement import ROUNDING, agree
+from tests.model.mechanisms import triangle
 from tests.model.mechanisms.typical import LENGTH, PRESSURE, THREAD, TURNS, bench
 
 NU = 2 * np.pi * TURNS
@@ -156,3 +158,28 @@ def test_beyond_its_ends_the_table_goes_over_into_a_cylinder():
     cylinder = (THREAD**2 - 3 * length**2) / (4 * np.pi * TURNS**2)
     assert np.all(np.isfinite(found))
     assert abs(float(found[0] - cylinder[0])) * PRESSURE < 1.0
+
+
+def test_a_share_of_what_the_net_has_more_than_a_cylinder_is_added():
+    # Of a net with 8 ml less, a mean radius 2 mm less and a middle 1 mm wider, a quarter: the mean diameter
+    # loses twice a quarter of 2 mm.
+    taper = EndTaper(0.25, 0.0121, lambda length, thread: Net(-8e-6, -2e-3, 1e-3))
+    at = triangle.state(0.2)
+    found = taper.near(0.2, triangle.THREAD).shape(at)
+    agree(found.volume - at.volume, -2e-6, ROUNDING, 1e-3)
+    agree(found.diameter - at.diameter, -1e-3, ROUNDING, 1e-1)
+    agree(found.radius - at.radius, 0.25e-3, ROUNDING, 1e-1)
+    for name in ("length", "thread", "turns"):
+        agree(getattr(found, name), getattr(at, name), ROUNDING)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("prepare", [False, True])
+def test_the_middle_is_wider_than_a_cylinder_and_the_mean_narrower(prepare):
+    """Section D1, a contraction of 0.2: 51 mm wide in the middle, 48.5 as a cylinder, 46.2 in the mean."""
+    taper, at = EndTaper(1.0, REST), Cylinder()(jnp.asarray(0.8 * LENGTH), THREAD, TURNS)
+    found = jax.jit(lambda at: (taper.prepared(THREAD, TURNS).held() if prepare else taper).shape(at))(at)
+    assert abs(2e3 * float(found.radius) - 51.0) < 0.1
+    assert abs(2e3 * float(at.radius) - 48.5) < 0.05
+    assert abs(1e3 * float(found.diameter) - 46.2) < 0.1
+    assert 0.9 < float(found.volume / at.volume) < 0.98
