@@ -8,7 +8,7 @@ import pytest
 
 from pamjax.model.mechanisms.braid_friction import BraidFriction
 from tests.agreement import ROUNDING, SOLVED, agree, printed
-from tests.model.mechanisms.triangle import THREAD, TURNS, one_run, past, state
+from tests.model.mechanisms.triangle import THREAD, TURNS, compiled, one_run, past, state
 
 #: Force of a coefficient of one at 0.2 m and 300 kPa, N: (2/3) r P L / N, patches of 0.5 mm.
 FULL = 2 / 3 * 0.5e-3 * 300e3 * 0.2 / 1.25
@@ -79,7 +79,7 @@ def force(friction, moves, pressure=300e3):
     length = 0.2 + np.concatenate([[0.0], np.cumsum(moves)])
     went = past(length, pressure)
     strains = friction.strains(went.state, went.pressure).T
-    found = friction.stresses(one_run(np.arange(length.size)), jnp.asarray(strains), went)
+    found = compiled(friction.stresses, one_run(np.arange(length.size)), strains, went)
     return np.asarray(found)[:, 0] / THREAD
 
 

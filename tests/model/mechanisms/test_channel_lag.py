@@ -1,17 +1,17 @@
 """A lag: how many seconds the force channel is late."""
 
-import jax.numpy as jnp
 import numpy as np
 
 from pamjax.model.mechanisms.channel_lag import ChannelLag
 from tests.agreement import ROUNDING, agree
-from tests.model.mechanisms.triangle import one_run
+from tests.model.mechanisms.triangle import compiled, one_run
 
 TIME = np.arange(20.0)
 
 
 def late(lag):
-    force, diameter = ChannelLag(lag).read(jnp.asarray(10 * TIME), jnp.full(20, 0.03), None, one_run(TIME))
+    read = ChannelLag(lag).read
+    force, diameter = compiled(read, 10 * TIME, np.full(20, 0.03), None, one_run(TIME))
     agree(diameter, 0.03, ROUNDING)
     return np.asarray(force)
 
