@@ -19,7 +19,7 @@ from pamjax.model.state import Cylinder, State
 
 THREAD, TURNS = 0.25, 1.25
 
-#: Call a function compiled in one piece: a recurrence takes ten times as long as many small programs.
+#: Call a function compiled in one piece: operation by operation, a recurrence takes ten times as long.
 compiled = eqx.filter_jit(lambda function, *at: function(*at))
 
 
