@@ -31,7 +31,7 @@ def state(length):
 
 def tube(length, radius):
     """Return a state of a length and a radius (m) for a wall: nothing else of it is used."""
-    unused = jnp.nan
+    unused = jnp.asarray(jnp.nan)
     return State(jnp.asarray(length), unused, unused, jnp.asarray(radius), unused, unused)
 
 
