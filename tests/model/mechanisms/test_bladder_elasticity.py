@@ -26,6 +26,7 @@ from tests.model.mechanisms.rubber import (
     cylinder,
     shown,
 )
+from tests.model.mechanisms.triangle import tube
 
 #: The middle of the wall stands for a thick wall.
 MIDDLE = 2e-3
@@ -229,3 +230,18 @@ def test_what_pressure_does_to_force_length_does_to_volume():
     for pressure, to in ((4e4, 5e-3), (3e5, 1e-9)):
         (by_pressure, _), (_, by_length) = slopes(jnp.asarray(pressure), jnp.asarray(0.8 * REST))
         agree(by_pressure, -by_length, to)
+
+
+# --- one number at a time
+
+
+@pytest.mark.parametrize("mooney", [0.0, 0.25, 1.0])
+def test_energy_of_a_wall_worked_out_by_hand(mooney):
+    # A tube of 16 mm bore and 2 mm wall at half its 0.2 m, its middle widened by 1.5: (R + Ri) = 27 mm and
+    # R² − Ri² = t (d + t) / λz = 72 mm², so R − Ri = 72/27 mm. Stretches 1/2, 3/2 and 4/3:
+    # I1 − 3 = 1/4 + 9/4 + 16/9 − 3 = 23/18, I2 − 3 = 4 + 4/9 + 9/16 − 3 = 289/144, V = π t (d + t) l.
+    rubber = BladderElasticity(0.4e6, mooney, inner_diameter=16e-3, thickness=2e-3, length=0.2)
+    of_first, of_second = (1 - mooney) * 23 / 18, mooney * 289 / 144
+    volume = np.pi * 2e-3 * 18e-3 * 0.2
+    found = rubber.energy(tube(0.1, 0.5 * (27 + 72 / 27) * 1e-3))
+    agree(found, 0.5 * 0.4e6 * volume * (of_first + of_second), ROUNDING)

@@ -10,6 +10,7 @@ from pamjax.model.history import history
 from pamjax.model.mechanisms.braid_locking import BraidLocking
 from pamjax.model.state import Cylinder
 from tests.agreement import ROUNDING, agree, printed
+from tests.model.mechanisms import triangle
 from tests.model.mechanisms.typical import LENGTH, THREAD, TURNS, bench
 
 ANGLE = np.radians([25.0, 33.0, 45.0, 57.0, 65.0, 69.8, 75.0, 80.0])
@@ -56,3 +57,22 @@ def test_spacing_of_the_kevlar_muscle(contraction, spacing):
     energy = float(BraidLocking(1.0, width).energy(state))
     full = 0.5 * THREAD**3 / (4 * np.pi * TURNS**2)
     printed(1e3 * width * (1 - np.sqrt(energy / full)) / N, spacing)
+
+
+@pytest.mark.parametrize(
+    ("length", "spacing"),
+    # S = 2 L √(B² − L²) / (B N): 2 × 0.2 × 0.15 / 0.3125 and 2 × 0.24 × 0.07 / 0.3125 m, none when straight.
+    [(0.2, 0.192), (0.24, 0.10752), (0.26, 0.0)],
+)
+def test_energy_of_jammed_threads_worked_out_by_hand(length, spacing):
+    # W = K B³ / (8πN²) ⟨c⟩² with c = 1 − S/w and ⟨c⟩ = [c + √(c² + 0.01²)] / 2.
+    closer = 1 - spacing / 0.24
+    rounded = 0.5 * (closer + np.sqrt(closer**2 + 1e-4))
+    found = BraidLocking(0.2e6, 0.24).energy(triangle.state(length))
+    agree(found, 0.2e6 * 0.25**3 / (8 * np.pi * 1.25**2) * rounded**2, ROUNDING)
+
+
+def test_threads_that_do_not_touch_store_next_to_nothing():
+    # S = 0.192 m of threads 0.1 m wide: c = −0.92, of which the rounded corner leaves 1e-4 / (4 × 0.92).
+    found = BraidLocking(0.2e6, 0.1).energy(triangle.state(0.2))
+    agree(found, 0.2e6 * 0.25**3 / (8 * np.pi * 1.25**2) * (1e-4 / (4 * 0.92)) ** 2, 1e-3)

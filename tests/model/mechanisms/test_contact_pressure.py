@@ -3,10 +3,12 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from pamjax.model.mechanisms.contact_pressure import ContactPressure
-from tests.agreement import SOLVED, agree
+from tests.agreement import ROUNDING, SOLVED, agree
 from tests.model.mechanisms.rubber import REST, bench, clock, shown
+from tests.model.mechanisms.triangle import past
 
 
 def test_dead_band_shifts_pressure_above_it_and_leaves_none_below():
@@ -23,3 +25,34 @@ def test_dead_band_begins_as_the_slope_of_pressure():
     of_band = jax.jit(jax.jacfwd(lambda p: bench(ContactPressure(p))(pressure, length, clock(3)).force))(0.0)
     by_pressure = jax.jit(jax.jacfwd(lambda p: bench()(pressure + p, length, clock(3)).force))(0.0)
     agree(of_band, -by_pressure, SOLVED)
+
+
+def inside(pressure, length=0.2, **numbers):
+    return ContactPressure(**numbers).pressure(None, past(length, pressure))[0]
+
+
+@pytest.mark.parametrize("ratio", [0.5, 1.0, 3.0])
+def test_pressure_that_reaches_the_braid(ratio):
+    # P − Pc [1 + (Pc/P)⁸]^(−1/8).
+    knee = (1 + ratio**-8) ** -0.125
+    agree(inside(ratio * 32e3, threshold=32e3), 32e3 * (ratio - knee), 1e-11)
+
+
+@pytest.mark.parametrize("pressure", [-5e3, 0.0, 1e-4])
+def test_no_pressure_is_spent_where_there_is_none(pressure):
+    assert float(inside(pressure, threshold=32e3)) == pressure
+
+
+@pytest.mark.parametrize(
+    ("length", "fill", "share"),
+    [
+        # 1 − (c / cos θ)⁴ with cos θ = 0.6 and 0.8; a tube as wide as it was made or narrower counts as wider
+        # by a thousandth.
+        (0.20, 0.3, 1 - 1 / 16),
+        (0.15, 0.4, 1 - 1 / 16),
+        (0.24, 0.5, 1 - (500 / 501) ** 4),
+    ],
+)
+def test_the_threshold_is_lower_where_the_braid_is_narrow(length, fill, share):
+    # At 100 times the threshold the knee is gone.
+    agree(inside(3.2e6, length, threshold=32e3, fill=fill), 3.2e6 - 32e3 * share, ROUNDING)

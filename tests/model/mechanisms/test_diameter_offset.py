@@ -1,5 +1,6 @@
 """A diameter that is read from outside: wider by the braid, and by less where pressure flattens its yarns."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -7,6 +8,7 @@ from pamjax.model.bench import record
 from pamjax.model.history import history
 from pamjax.model.mechanisms.diameter_offset import DiameterOffset
 from tests.agreement import ROUNDING, agree
+from tests.model.mechanisms.triangle import past
 from tests.model.mechanisms.typical import LENGTH, bench
 
 PRESSURE = np.array([-2e3, 0.0, 5e4, 1e5, 4e5, 7e5])
@@ -33,3 +35,12 @@ def test_yarns_flatten_by_half_at_the_half_pressure_and_not_under_suction():
     # In proportion to pressure it would be another law.
     with pytest.raises(AssertionError):
         agree(outer - bare, 0.6e-3 - 0.1e-3 * PRESSURE.clip(0) / 8e5, 1e-3)
+
+
+def test_recorded_diameter_is_the_true_one_plus_the_offset_less_the_compaction():
+    # D + d − c P / (P + Ph) = 30 + 0.6 − 0.1 × (3/4, 0, 0) mm at P = 3 Ph, 0 and under suction.
+    pressure = np.array([6e5, 0.0, -1e4])
+    sensor, went = DiameterOffset(0.6e-3, 0.1e-3, 2e5), past(np.full(3, 0.2), pressure)
+    force, diameter = sensor.read(jnp.full(3, 100.0), jnp.full(3, 0.03), went, None)
+    agree(diameter, [30.525e-3, 30.6e-3, 30.6e-3], ROUNDING)
+    agree(force, 100.0, ROUNDING)

@@ -10,11 +10,14 @@ from scipy.optimize import brentq, minimize
 
 from pamjax.model.bench import record
 from pamjax.model.history import history
+from pamjax.model.mechanisms import end_taper
 from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
 from pamjax.model.mechanisms.end_taper import EndTaper
-from pamjax.model.net import net
+from pamjax.model.net import Net, net
 from pamjax.model.net_table import tabulate
-from tests.agreement import agree
+from pamjax.model.state import Cylinder
+from tests.agreement import ROUNDING, agree
+from tests.model.mechanisms import triangle
 from tests.model.mechanisms.typical import LENGTH, PRESSURE, THREAD, TURNS, bench
 
 NU = 2 * np.pi * TURNS
@@ -110,6 +113,15 @@ def test_the_share_is_straight_in_force():
     agree(half, 0.5 * (full + none), 1e-9, 1e3)
 
 
+def test_narrower_fittings_take_force_at_rest():
+    """Section D1: −194 N on fittings of 11.1 mm, and nothing on those as wide as the muscle."""
+    gaylord = PRESSURE * (3 * LENGTH**2 - THREAD**2) / (4 * np.pi * TURNS**2)
+    # A radius printed to 0.1 mm is off by 0.05 mm at most, which is 6 N here.
+    for radius, lost, within in ((0.0111, -194.0, 6.0), (REST, 0.0, 0.1)):
+        found = record(bench(EndTaper(1.0, radius)), np.full(8, PRESSURE), np.full(8, LENGTH), STILL)
+        assert abs(float(found.force[0]) - gaylord - lost) < within
+
+
 @jax.jit
 def slopes(length, thread):
     """∂V/∂L at a thread length, m², by the table of a thread at rest and of the net itself."""
@@ -156,3 +168,37 @@ def test_beyond_its_ends_the_table_goes_over_into_a_cylinder():
     cylinder = (THREAD**2 - 3 * length**2) / (4 * np.pi * TURNS**2)
     assert np.all(np.isfinite(found))
     assert abs(float(found[0] - cylinder[0])) * PRESSURE < 1.0
+
+
+def test_a_share_of_what_the_net_has_more_than_a_cylinder_is_added():
+    # Of a net with 8 ml less, a mean radius 2 mm less and a middle 1 mm wider, a quarter: the mean diameter
+    # loses twice a quarter of 2 mm.
+    taper = EndTaper(0.25, 0.0121, lambda length, thread: Net(-8e-6, -2e-3, 1e-3))
+    at = triangle.state(0.2)
+    found = taper.near(0.2, triangle.THREAD).shape(at)
+    agree(found.volume - at.volume, -2e-6, ROUNDING, 1e-3)
+    agree(found.diameter - at.diameter, -1e-3, ROUNDING, 1e-1)
+    agree(found.radius - at.radius, 0.25e-3, ROUNDING, 1e-1)
+    for name in ("length", "thread", "turns"):
+        agree(getattr(found, name), getattr(at, name), ROUNDING)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("prepare", [False, True])
+def test_the_middle_is_wider_than_a_cylinder_and_the_mean_narrower(prepare):
+    """Section D1, a contraction of 0.2: 51 mm wide in the middle, 48.5 as a cylinder, 46.2 in the mean."""
+    taper, at = EndTaper(1.0, REST), Cylinder()(jnp.asarray(0.8 * LENGTH), THREAD, TURNS)
+    found = jax.jit(lambda at: (taper.prepared(THREAD, TURNS).held() if prepare else taper).shape(at))(at)
+    assert abs(2e3 * float(found.radius) - 51.0) < 0.1
+    assert abs(2e3 * float(at.radius) - 48.5) < 0.05
+    assert abs(1e3 * float(found.diameter) - 46.2) < 0.1
+    assert 0.9 < float(found.volume / at.volume) < 0.98
+
+
+def test_the_net_is_that_of_the_braid_and_of_the_fittings(monkeypatch):
+    asked = []
+    monkeypatch.setattr(end_taper, "tabulate", lambda *of: asked.append(of) or (lambda *at: Net(-8e-6, 0, 0)))
+    EndTaper(1.0, 0.0121).prepared(0.3, 1.5)
+    found = EndTaper(1.0, 0.0121).shape(triangle.state(0.2))
+    agree(np.array(asked, float), [[0.3, 1.5, 0.0121], [triangle.THREAD, triangle.TURNS, 0.0121]], ROUNDING)
+    agree(found.volume - triangle.state(0.2).volume, -8e-6, ROUNDING, 1e-3)

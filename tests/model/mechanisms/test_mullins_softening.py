@@ -1,5 +1,7 @@
 """Softening: only virgin stretch is stiffer, and no closed path gains from it."""
 
+import math
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,6 +16,7 @@ from pamjax.model.mechanisms.mullins_softening import MullinsSoftening
 from pamjax.parameter import field_meanings
 from tests.agreement import ROUNDING, SOLVED, agree
 from tests.model.mechanisms.rubber import REST, SIZE, WALKS, returning, shown
+from tests.model.mechanisms.triangle import one_run, static_map, tube
 
 #: Rows of a walk: a twentieth of the narrowest width from one to the next, along its longest piece.
 FINE = 20_000
@@ -77,3 +80,28 @@ def test_a_rubber_that_hardens_would_gain(width):
     there_and_back = [(0.8, 2.0, 10.0)]
     assert gained(there_and_back, width) < -0.1
     assert gained(there_and_back, width, lambda stress: stress.max() - stress) > 0.1
+
+
+def test_softening_worked_out_by_hand():
+    # η = 1 − erf[(m − e) / (w m)] of virgin, half and full returns of the largest energy, and virgin again.
+    rubber, volume = MullinsSoftening(2e6, 0.5, **SIZE), math.pi * 1.5875e-3 * 20.6125e-3 * REST
+    energy = 1e6 * volume * np.array([[1.0], [2.0], [1.5], [0.0], [4.0]])
+    left = [1.0, 1.0, math.erfc(0.5), math.erfc(2.0), 1.0]
+    found = stresses(rubber, energy, one_run(np.arange(5.0)))
+    agree(found[:, 0], 2e6 * np.array(left), 1e-9)
+    agree(stresses(rubber, energy, static_map(5)), 0.0, ROUNDING, 1.0)
+
+
+def test_a_wall_that_was_hardly_stretched_softens_over_its_least_energy():
+    # A millionth of the rubber's volume is added to the width w m: (m − e) / (w m + V/10⁶) = 2 / (1 + 1).
+    rubber, volume = MullinsSoftening(2e6, 0.5, **SIZE), math.pi * 1.5875e-3 * 20.6125e-3 * REST
+    energy = 1e-6 * volume * np.array([[0.0], [2.0], [0.0]])
+    found = stresses(rubber, energy, one_run(np.arange(3.0)))
+    agree(found[:, 0], 2e6 * np.array([1.0, 1.0, math.erfc(1.0)]), SOLVED)
+
+
+def test_energy_that_softens_worked_out_by_hand():
+    # As in the test of the elastic bladder: stretches 1/2, 3/2, 4/3, so that e = V (I1 − 3) / 2 = V × 23/36.
+    rubber = MullinsSoftening(1.0, 0.5, inner_diameter=16e-3, thickness=2e-3, length=0.2)
+    found = rubber.strains(tube(0.1, 0.5 * (27 + 72 / 27) * 1e-3), 0.0)
+    agree(found, [math.pi * 2e-3 * 18e-3 * 0.2 * 23 / 36], ROUNDING)

@@ -1,5 +1,7 @@
 """Relaxation: between nothing and a spring, from both sides, and never a gain."""
 
+import math
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +14,7 @@ from pamjax.model.history import history
 from pamjax.model.mechanism import Past
 from pamjax.model.mechanisms.bladder_elasticity import BladderElasticity
 from pamjax.model.mechanisms.viscoelastic_creep import ViscoelasticCreep
-from tests.agreement import SOLVED, agree
+from tests.agreement import ROUNDING, SOLVED, agree
 from tests.model.mechanisms.rubber import (
     LATEX,
     REST,
@@ -24,6 +26,7 @@ from tests.model.mechanisms.rubber import (
     shown,
     strokes,
 )
+from tests.model.mechanisms.triangle import compiled, one_run, tube
 
 
 @jax.jit
@@ -115,3 +118,44 @@ def test_relaxation_only_loses_energy(walk):
     done = 0.5 * (stress[1:] + stress[:-1]) * np.diff(path, axis=0)
     # The rule of trapezoids is off by the square of a step.
     assert done.sum() > -1e-3 * np.abs(done).sum()
+
+
+#: Shares 1/4 and 3/4 with times of 10 and 20 s, of a straight change over 10 s that is then held for 10 s:
+#: g (1 − e^(−x)) / x with x = 10/10 and 10/20, and each times e^(−x) after the hold.
+RAMPED = 0.25 * (1 - math.exp(-1)) + 0.75 * (1 - math.exp(-0.5)) / 0.5
+HELD = 0.25 * (1 - math.exp(-1)) * math.exp(-1) + 0.75 * (1 - math.exp(-0.5)) / 0.5 * math.exp(-0.5)
+
+
+def after(rubber, strains, force):
+    """Return the stresses at 0, 10 and 20 s."""
+    nothing = jnp.zeros(3)
+    bare = Past(None, nothing, nothing, jnp.asarray(force))
+    return np.asarray(compiled(rubber.stresses, one_run([0.0, 10.0, 20.0]), jnp.asarray(strains), bare))
+
+
+@pytest.mark.parametrize("step", [100.0, -100.0])
+def test_a_share_of_the_force_relaxes(step):
+    # The stress on the length is a force in the direction of the change: f × ΔF × the above.
+    rubber = ViscoelasticCreep(0.0, 0.25, 10.0, 20.0, 0.1, **SIZE)
+    found = after(rubber, [[1.0, 1.0, 0.2]] * 3, [500.0, 500.0 + step, 500.0 + step])
+    agree(found[:, 2], 0.1 * step * np.array([0.0, RAMPED, HELD]), ROUNDING, 1.0)
+    agree(found[:, :2], 0.0, ROUNDING, 1.0)
+
+
+def test_stresses_of_the_wall_relax():
+    # From the unstretched wall to stretches 1/2, 3/2, 4/3: S = λ − λr² / λ = 1/2 − 32/9 along and 3/2 − 32/27
+    # around, times μ V.
+    rubber = ViscoelasticCreep(0.4e6, 0.25, 10.0, 20.0, 0.0, **SIZE)
+    found = after(rubber, [[1.0, 1.0, 0.2], [0.5, 1.5, 0.1], [0.5, 1.5, 0.1]], [0.0, 700.0, 700.0])
+    stiff = 0.4e6 * math.pi * 1.5875e-3 * 20.6125e-3 * REST
+    grown = np.array([0.0, RAMPED, HELD])
+    agree(found[:, 0], stiff * (1 / 2 - 32 / 9) * grown, ROUNDING, stiff)
+    agree(found[:, 1], stiff * (3 / 2 - 32 / 27) * grown, ROUNDING, stiff)
+    agree(found[:, 2], 0.0, ROUNDING, 1.0)
+
+
+def test_strains_are_the_stretches_of_the_wall_and_the_length():
+    # The wall of the tests of the elastic bladder: stretches 1/2 and 3/2.
+    rubber = ViscoelasticCreep(1.0, inner_diameter=16e-3, thickness=2e-3, length=0.2)
+    found = rubber.strains(tube(0.1, 0.5 * (27 + 72 / 27) * 1e-3), 0.0)
+    agree(found, [0.5, 1.5, 0.1], ROUNDING)

@@ -1,0 +1,140 @@
+"""Friction of threads: its strength, what rubs, and the four stops, one number at a time."""
+
+import math
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from pamjax.model.mechanisms.braid_friction import BraidFriction
+from tests.agreement import ROUNDING, SOLVED, agree, printed
+from tests.model.mechanisms.triangle import THREAD, TURNS, compiled, one_run, past, state
+
+#: Force of a coefficient of one at 0.2 m and 300 kPa, N: (2/3) r P L / N, patches of 0.5 mm.
+FULL = 2 / 3 * 0.5e-3 * 300e3 * 0.2 / 1.25
+
+
+def strength(pressure=300e3, length=0.2, **numbers):
+    return BraidFriction(**numbers).strength(jnp.asarray(pressure), state(length))
+
+
+def test_strength_of_turning_crossings():
+    """Section E2: (2/3) μ r P L / N is 10 N at rest for μ = 0.2 on the Kevlar muscle."""
+    agree(strength(), FULL, ROUNDING)
+    agree(strength(600e3, 0.1), FULL, ROUNDING)
+    kevlar = 689.48e3 * 0.235744 / 1.09
+    printed(0.2 * FULL / (300e3 * 0.2 / 1.25) * kevlar, "10")
+
+
+@pytest.mark.parametrize(
+    ("numbers", "share"),
+    [
+        # (sin θ)^(p−1) with sin θ = 0.8, and (cos θ)^k with cos θ = 0.6.
+        ({"reach": 0.0}, 1 / 0.8),
+        ({"reach": -1.0}, 1 / 0.8**2),
+        ({"girth": 2.0}, 0.6**2),
+        ({"girth": -1.0}, 1 / 0.6),
+        ({"reach": 0.0, "girth": 1.0}, 0.6 / 0.8),
+    ],
+)
+def test_strength_grows_with_powers_of_length_and_radius(numbers, share):
+    agree(strength(**numbers), FULL * share, ROUNDING)
+
+
+def test_strength_grows_with_a_power_of_pressure():
+    # P (P/Pr)^(m−1): eight times the pressure is four times the strength at m = 2/3, none under suction;
+    # below 1 kPa it is in proportion to pressure, with the factor that the power has at 1 kPa.
+    agree(strength(2400e3, exponent=2 / 3), 4 * FULL, ROUNDING)
+    agree(strength(300e3, exponent=2 / 3), FULL, ROUNDING)
+    agree(strength(-1e5), 0.0, ROUNDING, 1.0)
+    agree(strength(0.3e3, exponent=0.5), FULL / 1000 * math.sqrt(300), ROUNDING)
+
+
+def test_strength_of_a_straight_muscle_is_finite():
+    # No power of a cosine below a thousandth is asked for.
+    agree(strength(length=0.25, girth=-1.0), FULL * 0.25 / 0.2 * 1000, ROUNDING)
+
+
+# What rubs.
+
+
+def rubbing(pressure=0.0, **numbers):
+    return BraidFriction(**numbers).strains(state(0.2), pressure)[0]
+
+
+def test_what_rubs_is_the_sine_or_the_angle_less_what_gives():
+    # (1 − h) sin θ + h θ − γ P / B, with θ = arcsin 0.8.
+    angle = math.asin(0.8)
+    agree(rubbing(), 0.8, ROUNDING)
+    agree(rubbing(angle=1.0), angle, ROUNDING)
+    agree(rubbing(angle=0.25), 0.75 * 0.8 + 0.25 * angle, ROUNDING)
+    agree(rubbing(5e5, give=2e-9), 0.8 - 2e-9 * 5e5 / THREAD, ROUNDING)
+
+
+# The stops. With h = 0 a stress over B is a force, and what moves is the length itself.
+
+
+def force(friction, moves, pressure=300e3):
+    """Return the force (N) after moves of the length (m) one after the other from 0.2 m."""
+    length = 0.2 + np.concatenate([[0.0], np.cumsum(moves)])
+    went = past(length, pressure)
+    strains = friction.strains(went.state, went.pressure).T
+    found = compiled(friction.stresses, one_run(np.arange(length.size)), strains, went)
+    return np.asarray(found)[:, 0] / THREAD
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize(
+    ("spread", "mean"),
+    [
+        # A move of 1.5 mm over distances of 4 mm × [1 − w (3/4, 2/4, 1/4, 0)], each share one at most.
+        (0.0, 1.5 / 4),
+        (0.5, (1.5 / 2.5 + 1.5 / 3.0 + 1.5 / 3.5 + 1.5 / 4.0) / 4),
+        (1.0, (1 + 1.5 / 2.0 + 1.5 / 3.0 + 1.5 / 4.0) / 4),
+    ],
+)
+def test_elements_give_way_one_after_the_other(spread, mean, way):
+    """Section E: lengthening pulls harder; 5 N of Coulomb friction."""
+    friction = BraidFriction(constant=5.0, presliding=4e-3, spread=spread)
+    agree(force(friction, [way * 1.5e-3]), [0.0, way * 5 * mean], SOLVED, 1.0)
+    agree(force(friction, [way * 9e-3])[-1], way * 5.0, ROUNDING)
+
+
+def test_a_coefficient_pulls_with_its_strength():
+    # The stiffness is that at 300 kPa and sin θ = 1, (2/3) r Pr B / N over 4 mm; the limit that at 600 kPa.
+    friction = BraidFriction(0.2, presliding=4e-3, spread=0.0)
+    stiff = 0.2 * 2 / 3 * 0.5e-3 * 300e3 * THREAD / TURNS / 4e-3
+    agree(force(friction, [1e-3], 600e3)[-1], stiff * 1e-3, SOLVED)
+    agree(force(friction, [20e-3], 600e3)[-1], 0.2 * 2 * FULL * 0.22 / 0.2, SOLVED)
+    agree(force(friction, [-20e-3], 600e3)[-1], -0.2 * 2 * FULL * 0.18 / 0.2, SOLVED)
+
+
+def test_both_frictions_add_up():
+    friction = BraidFriction(0.2, 5.0, presliding=1e-3)
+    agree(force(friction, [20e-3])[-1], 5 + 0.2 * FULL * 0.22 / 0.2, SOLVED)
+
+
+@pytest.mark.parametrize("start", [-0.5, 1.0])
+def test_elements_start_dragged(start):
+    # s (Fc + μ S) in the first sample; one is full by lengthening.
+    friction = BraidFriction(0.2, 5.0, start=start)
+    agree(force(friction, []), [start * (5 + 0.2 * FULL)], ROUNDING)
+
+
+def test_a_full_drag_is_that_of_both_frictions():
+    friction = BraidFriction(0.2, 5.0)
+    agree(friction.dragged(past(0.2, 300e3)), [[(5 + 0.2 * FULL) * THREAD]], ROUNDING)
+
+
+def test_a_turning_braid_pulls_harder_towards_rest():
+    # With h = 1 the stress is a moment on θ: F = Fc B ∂θ/∂L = Fc / cos θ; the elements are full here.
+    friction = BraidFriction(constant=5.0, presliding=1e-6, angle=1.0)
+    agree(force(friction, [1e-3])[-1], 5.0, ROUNDING)
+    there = np.array([friction.strains(state(0.2 + z), 0.0)[0] for z in (-1e-6, 1e-6)])
+    agree(5 * THREAD * np.diff(there) / 2e-6, [5 / 0.6], 1e-6)
+
+
+def test_a_rise_of_pressure_moves_as_a_shortening_does():
+    # γ dP = 1e-8 m/Pa × 100 kPa = 1 mm of 4 mm.
+    friction = BraidFriction(constant=5.0, presliding=4e-3, spread=0.0, give=1e-8)
+    agree(force(friction, [0.0], np.array([3e5, 4e5]))[-1], -5 / 4, SOLVED)

@@ -1,0 +1,19 @@
+"""A narrow line: flow into the muscle costs pressure."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from pamjax.model.mechanisms.pressure_drop import PressureDrop
+from tests.agreement import SOLVED, agree
+from tests.model.mechanisms.triangle import one_run, past
+
+
+def test_pressure_inside_is_lower_while_the_muscle_fills():
+    # P − Z dV/dt with Z = 1e9 Pa s/m³: 2 ml/s into the muscle cost 2 kPa, and out of it add 2 kPa.
+    time = np.arange(9.0)
+    for flow, inside in ((2e-6, 98e3), (-2e-6, 102e3)):
+        filling = eqx.tree_at(
+            lambda p: p.state.volume, past(np.full(9, 0.2), 1e5), 1e-4 + flow * jnp.asarray(time)
+        )
+        agree(PressureDrop(1e9).pressure(one_run(time), filling), inside, SOLVED)

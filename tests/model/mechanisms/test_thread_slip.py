@@ -1,0 +1,36 @@
+"""Bedding-in and one slip: threads that are longer for good."""
+
+import math
+
+import numpy as np
+
+from pamjax.model.mechanisms.thread_slip import ThreadSlip
+from tests.agreement import ROUNDING, agree
+from tests.model.mechanisms.triangle import compiled, one_run, past, static_map
+
+LOAD = 500 * np.log([1.0, 2.0, 1.5, 4.0, 1.0])
+
+
+def bedded(slip, when):
+    return compiled(slip.extension, when, past(np.full(LOAD.size, 0.2), 0.0, load=LOAD))
+
+
+def test_threads_are_longer_by_the_bedding_in_of_the_largest_load_so_far():
+    # e [1 − e^(−Tmax/Tc)] with Tmax / Tc = ln 1, ln 2, ln 2, ln 4, ln 4.
+    found = bedded(ThreadSlip(4e-3, 500.0), one_run(np.arange(5.0)))
+    agree(found, np.array([0.0, 2e-3, 2e-3, 3e-3, 3e-3]), ROUNDING, 1e-3)
+
+
+def test_threads_are_longer_by_the_slip_around_its_time():
+    # a / [1 + e^(−(t − t0)/w)] = a/4, a/2, 3a/4 at t0 − w ln 3, t0, t0 + w ln 3.
+    time = 70 + 3 * math.log(3) * np.array([-1.0, 0.0, 1.0])
+    slip = ThreadSlip(step=4e-3, when=70.0, during=3.0)
+    found = compiled(slip.extension, one_run(time), past(np.full(3, 0.2), 0.0))
+    agree(found, np.array([1e-3, 2e-3, 3e-3]), ROUNDING)
+
+
+def test_both_add_up_and_a_static_map_has_neither():
+    slip = ThreadSlip(4e-3, 500.0, step=2e-3, when=2.0, during=0.1)
+    # At t0 half of the slip is there, and half of the bedding-in.
+    agree(bedded(slip, one_run(np.arange(5.0)))[2], 1e-3 + 2e-3, ROUNDING)
+    agree(bedded(slip, static_map(5)), 0.0, ROUNDING, 1e-3)
