@@ -61,7 +61,7 @@ def commands():
 
 def mechanisms():
     """Return the page of all mechanisms: equation, signature, limits and source."""
-    from pamjax.model.parameters import catalogue
+    from pamjax.model.parameters import list_parameters
     from pamjax.model.registry import MECHANISMS
 
     lines = [
@@ -86,28 +86,28 @@ def mechanisms():
             f"- **Source:** {about.source}",
             "",
         ]
-        lines += table({n: m for n, m in catalogue().items() if n.startswith(f"{kind.id}.")})
+        lines += table({n: m for n, m in list_parameters().items() if n.startswith(f"{kind.id}.")})
     return "\n".join(lines) + "\n"
 
 
 def parameters():
     """Return the page of the parameters of a muscle and its threads."""
-    from pamjax.model.parameters import catalogue
+    from pamjax.model.parameters import list_parameters
 
-    own = {n: m for n, m in sorted(catalogue().items()) if n.startswith(("muscle.", "thread."))}
+    own = {n: m for n, m in sorted(list_parameters().items()) if n.startswith(("muscle.", "thread."))}
     intro = "The parameters of a muscle, by their names in `muscle.toml`, reports and `pamjax explain`."
     return "\n".join(["# Parameters of a muscle", "", intro, "", *table(own)]) + "\n"
 
 
 def table(meanings):
     """Return a table of parameters with unit, limits and meaning."""
-    from pamjax.units import in_unit
+    from pamjax.units import compute_si_factor
 
     if not meanings:
         return []
     lines = ["| parameter | unit | limits | meaning |", "|---|---|---|---|"]
     for name, meaning in meanings.items():
-        scale = in_unit(meaning.show)
+        scale = compute_si_factor(meaning.show)
         limits = f"{meaning.low / scale:g} to {meaning.high / scale:g}"
         lines.append(f"| `{name}` | {meaning.show} | {limits} | {meaning.about.replace('|', '∣')} |")
     return [*lines, ""]

@@ -26,13 +26,13 @@ import numpy as np
 
 from pamjax.baselines.empirical import fit_gaylord, fit_sarosi
 from pamjax.errors import BadInput, refuse
-from pamjax.infer.fitting.cross_validation import without
+from pamjax.infer.fitting.cross_validation import exclude_rows
 from pamjax.infer.fitting.fit import fit
-from pamjax.infer.fitting.least_squares import solve
+from pamjax.infer.fitting.least_squares import solve_least_squares
 from pamjax.infer.fitting.result import Fit
-from pamjax.infer.problem.dataset import SLACK, read
+from pamjax.infer.problem.dataset import MAX_SLACK_FORCE_SHARE, predict_rows
 from pamjax.records.case import Case
-from pamjax.records.levels import find_levels, on_levels
+from pamjax.records.levels import assign_levels, find_levels
 
 #: Fewer settings than this leave no inner one.
 ENOUGH = 3
@@ -133,14 +133,14 @@ def compare(case: Case, fits: Sequence[Fit] = ()) -> Comparison:
         raise refuse("a comparison of forces needs a measured force", "none", f"{case.name}/recording.csv")
     there = recording.usable & np.isfinite(recording.force)
     full_scale = float(np.abs(recording.force[there]).max())
-    rows = there & (recording.force >= SLACK * full_scale)
+    rows = there & (recording.force >= MAX_SLACK_FORCE_SHARE * full_scale)
     fits = fits or [fit(case, law, starts=1) for law in THREADS]
     models = {_name(one): _braid(one) for one in fits} | _rivals(case)
     found = splits(case, rows)
     return Comparison(
         case=case.name,
         rows=int(rows.sum()),
-        threshold=SLACK * full_scale,
+        threshold=MAX_SLACK_FORCE_SHARE * full_scale,
         full_scale=full_scale,
         scores={
             name: {split.name: _score(model, split, recording.force) for split in found}
@@ -162,7 +162,7 @@ def splits(case: Case, rows: np.ndarray) -> list[Split]:
         (recording.pressure, "inner isobars", "highest isobar"),
     ):
         levels = find_levels(channel)
-        label = np.where(rows, on_levels(channel, levels), -1)
+        label = np.where(rows, assign_levels(channel, levels), -1)
         settings = np.unique(label[label >= 0])
         if len(settings) >= ENOUGH:
             between = tuple(label == k for k in settings[1:-1])
@@ -179,11 +179,11 @@ def _name(fitted: Fit) -> str:
 
 def _braid(fitted: Fit) -> Model:
     """The muscle under its priors, its samples weighed as in the fit; one program for all splits."""
-    (one,) = fitted.members
+    (one,) = fitted.datasets
 
     def model(told: np.ndarray) -> tuple[np.ndarray, str]:
-        left = solve((without(one, ~told),), fitted.space, fitted.solution.u, fitted.loss)
-        force = np.asarray(read(one, fitted.space.values(left.u)).force)[: told.size]
+        left = solve_least_squares((exclude_rows(one, ~told),), fitted.space, fitted.solution.u, fitted.loss)
+        force = np.asarray(predict_rows(one, fitted.space.to_values(left.u)).force)[: told.size]
         return force, "" if left.converged else "the braid's fit did not converge"
 
     return model

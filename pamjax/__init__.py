@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from pamjax.diagnosis.run import diagnose
     from pamjax.errors import BadInput, InputWarning
     from pamjax.infer.fitting.fit import fit
-    from pamjax.infer.fitting.identifiability import determine
+    from pamjax.infer.fitting.identifiability import check_identifiability
     from pamjax.infer.fitting.io import save
     from pamjax.infer.fitting.load import load_muscle
     from pamjax.infer.fitting.result import Fit
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from pamjax.infer.posterior.sample import sample
     from pamjax.model.assembly import assemble
     from pamjax.model.muscle import Muscle, predict
-    from pamjax.model.parameters import catalogue
-    from pamjax.planning.discriminate import Contest, tell
+    from pamjax.model.parameters import list_parameters
+    from pamjax.planning.discriminate import Discrimination, discriminate
     from pamjax.planning.plan import Plan, plan
     from pamjax.records.case import Case, read_case
     from pamjax.records.dataframe import case_from
@@ -33,16 +33,16 @@ if TYPE_CHECKING:
     from pamjax.sizing.size import size
 
 #: When this process began to import pamjax: sources that were written later are not what runs.
-IMPORTED = time.time()
+IMPORT_TIME = time.time()
 
 #: Where each public name lives. They load when first used, so that `pamjax --help` loads no JAX.
-_HOME = {
+_MODULE_OF_NAME = {
     "BadInput": "pamjax.errors",
     "InputWarning": "pamjax.errors",
     "Muscle": "pamjax.model.muscle",
     "predict": "pamjax.model.muscle",
     "assemble": "pamjax.model.assembly",
-    "catalogue": "pamjax.model.parameters",
+    "list_parameters": "pamjax.model.parameters",
     "Case": "pamjax.records.case",
     "read_case": "pamjax.records.case",
     "case_from": "pamjax.records.dataframe",
@@ -50,7 +50,7 @@ _HOME = {
     "Recording": "pamjax.records.recording",
     "simulate": "pamjax.records.simulate",
     "Fit": "pamjax.infer.fitting.result",
-    "determine": "pamjax.infer.fitting.identifiability",
+    "check_identifiability": "pamjax.infer.fitting.identifiability",
     "keep_compiled": "pamjax.compile.jax_cache",
     "fit": "pamjax.infer.fitting.fit",
     "load_muscle": "pamjax.infer.fitting.load",
@@ -66,17 +66,17 @@ _HOME = {
     "export": "pamjax.control.export",
     "Plan": "pamjax.planning.plan",
     "plan": "pamjax.planning.plan",
-    "Contest": "pamjax.planning.discriminate",
-    "tell": "pamjax.planning.discriminate",
+    "Discrimination": "pamjax.planning.discriminate",
+    "discriminate": "pamjax.planning.discriminate",
     "diagnose": "pamjax.diagnosis.run",
 }
 
 __all__ = [
     "BadInput",
     "Case",
-    "Contest",
     "Design",
     "Diagnosis",
+    "Discrimination",
     "Fit",
     "InputWarning",
     "Inverse",
@@ -86,14 +86,15 @@ __all__ = [
     "Recording",
     "assemble",
     "case_from",
-    "catalogue",
-    "determine",
+    "check_identifiability",
     "diagnose",
+    "discriminate",
     "export",
     "fit",
     "import_case",
     "inverse",
     "keep_compiled",
+    "list_parameters",
     "load_muscle",
     "plan",
     "predict",
@@ -103,14 +104,13 @@ __all__ = [
     "save_posterior",
     "simulate",
     "size",
-    "tell",
 ]
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOME:
+    if name not in _MODULE_OF_NAME:
         raise AttributeError(f"module 'pamjax' has no attribute {name!r}")
-    return getattr(import_module(_HOME[name]), name)
+    return getattr(import_module(_MODULE_OF_NAME[name]), name)
 
 
 def __dir__() -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pamjax.units import in_unit
+from pamjax.units import compute_si_factor
 
 
 @dataclass(frozen=True)
@@ -56,4 +56,4 @@ def to_display(channel: str, value):
     >>> to_display("diameter", 0.0254)
     25.4
     """
-    return value / in_unit(DISPLAY_UNIT[channel])
+    return value / compute_si_factor(DISPLAY_UNIT[channel])

@@ -17,7 +17,7 @@ class InputWarning(UserWarning):
     """An input that is used all the same, but about which the user should know."""
 
 
-def sentence(rule: str, got: str = "", where: str = "", remedy: str = "") -> str:
+def compose_message(rule: str, got: str = "", where: str = "", remedy: str = "") -> str:
     """Put the four parts of a complaint into the one order every complaint has.
 
     Args:
@@ -40,10 +40,10 @@ def sentence(rule: str, got: str = "", where: str = "", remedy: str = "") -> str
 
 def refuse(rule: str, got: str = "", where: str = "", remedy: str = "") -> BadInput:
     """The exception for a broken rule, to be raised by the caller."""
-    return BadInput(sentence(rule, got, where, remedy))
+    return BadInput(compose_message(rule, got, where, remedy))
 
 
-def at_least(name: str, value: int, least: int) -> None:
+def check_minimum(name: str, value: int, least: int) -> None:
     """Refuse a count that is too small.
 
     Raises:
@@ -53,7 +53,7 @@ def at_least(name: str, value: int, least: int) -> None:
         raise refuse(f"`{name}` must be at least {least}", f"{value}")
 
 
-def nearest(word: str, known: Iterable[str], listing: str = "") -> str:
+def suggest_word(word: str, known: Iterable[str], listing: str = "") -> str:
     """A hint that names the nearest known word, or lists the known ones.
 
     Args:

@@ -12,13 +12,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from pamjax.errors import nearest, refuse
+from pamjax.errors import refuse, suggest_word
 
 # Fits difference forces of some kN to a fraction of a newton: single precision is not enough.
 jax.config.update("jax_enable_x64", True)
 
 Scalar = Float[Array, ""]
-Model = TypeVar("Model", bound=eqx.Module)
+ModelType = TypeVar("ModelType", bound=eqx.Module)
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Meaning:
     neutral: float | None = None
 
 
-def as_scalar(value: Any) -> Array:
+def convert_scalar(value: Any) -> Array:
     """A number as a 64-bit array; arrays, tracers and placeholders of other libraries pass unchanged."""
     return jnp.asarray(value, dtype=float) if isinstance(value, (int, float)) else value
 
@@ -70,48 +70,50 @@ def parameter(
     'N/m'
     """
     meaning = Meaning(unit, show or unit, low, high, scale, about, source, neutral)
-    return eqx.field(converter=as_scalar, metadata={"meaning": meaning}, **default)
+    return eqx.field(converter=convert_scalar, metadata={"meaning": meaning}, **default)
 
 
-def _walk(model: Any, prefix: str = "") -> Iterator[tuple[str, Meaning, Any]]:
+def _iterate_parameters(model: Any, prefix: str = "") -> Iterator[tuple[str, Meaning, Any]]:
     for field in dataclasses.fields(model):
         value = getattr(model, field.name)
         path = f"{prefix}{field.name}"
         if "meaning" in field.metadata:
             yield path, field.metadata["meaning"], value
         elif dataclasses.is_dataclass(value):
-            yield from _walk(value, f"{path}.")
+            yield from _iterate_parameters(value, f"{path}.")
         elif isinstance(value, tuple):
             for item in value:
                 if dataclasses.is_dataclass(item):
-                    yield from _walk(item, f"{getattr(item, 'id', type(item).__name__)}.")
+                    yield from _iterate_parameters(item, f"{getattr(item, 'id', type(item).__name__)}.")
 
 
-def field_meanings(kind: type) -> dict[str, Meaning]:
+def list_field_meanings(kind: type) -> dict[str, Meaning]:
     """The numbers that a class of models declares itself, by field."""
     return {f.name: f.metadata["meaning"] for f in dataclasses.fields(kind) if "meaning" in f.metadata}
 
 
-def meanings(model: eqx.Module) -> dict[str, Meaning]:
+def list_meanings(model: eqx.Module) -> dict[str, Meaning]:
     """Every declared number of a model, by path."""
-    return {path: meaning for path, meaning, _ in _walk(model)}
+    return {path: meaning for path, meaning, _ in _iterate_parameters(model)}
 
 
-def values(model: eqx.Module) -> dict[str, Any]:
+def list_values(model: eqx.Module) -> dict[str, Any]:
     """The value of every declared number of a model, SI, by path."""
-    return {path: value for path, _, value in _walk(model)}
+    return {path: value for path, _, value in _iterate_parameters(model)}
 
 
-def replace(model: Model, new: Mapping[str, Any]) -> Model:
+def replace_values(model: ModelType, new_values: Mapping[str, Any]) -> ModelType:
     """A copy of the model with the named numbers replaced.
 
     Raises:
         BadInput: if a name is not one of the model's.
     """
-    known = list(values(model))
-    for name in new:
+    known = list(list_values(model))
+    for name in new_values:
         if name not in known:
-            raise refuse(f"{name!r} is no number of this model", remedy=nearest(name, known))
-    names = list(new)
-    # Identity finds the leaf: `_walk` returns the very objects that `tree_at` marks.
-    return eqx.tree_at(lambda m: [values(m)[n] for n in names], model, [as_scalar(new[n]) for n in names])
+            raise refuse(f"{name!r} is no number of this model", remedy=suggest_word(name, known))
+    names = list(new_values)
+    # Identity finds the leaf: `_iterate_parameters` returns the very objects that `tree_at` marks.
+    return eqx.tree_at(
+        lambda m: [list_values(m)[n] for n in names], model, [convert_scalar(new_values[n]) for n in names]
+    )

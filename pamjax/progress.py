@@ -7,5 +7,5 @@ from collections.abc import Callable
 Progress = Callable[[str, float], None]
 
 
-def silent(doing: str, share: float) -> None:
+def ignore_progress(step: str, fraction: float) -> None:
     """Tell nobody."""

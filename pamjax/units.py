@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import pint
 
 #: The SI unit in which each kind of quantity is kept inside pamjax.
-SI = {
+SI_UNITS = {
     "length": "m",
     "area": "m^2",
     "volume": "m^3",
@@ -25,11 +25,11 @@ SI = {
     "count": "1",
 }
 
-_NUMBER = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$")
+_QUANTITY_PATTERN = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$")
 
 
 @cache
-def registry() -> pint.UnitRegistry:
+def load_unit_registry() -> pint.UnitRegistry:
     """The one unit registry; built at the first conversion, because it takes a third of a second."""
     import pint
 
@@ -39,12 +39,12 @@ def registry() -> pint.UnitRegistry:
 
 
 @cache
-def factor(unit: str, kind: str, where: str = "") -> float:
+def parse_unit(unit: str, kind: str, where: str = "") -> float:
     """How many SI units one `unit` is.
 
     Args:
         unit: any unit name pint knows, as "psi", "lbf", "mm^2", "deg"; "" and "1" for a pure number.
-        kind: what it has to measure, a key of `SI`.
+        kind: what it has to measure, a key of `SI_UNITS`.
         where: the place to name in the error text.
 
     Raises:
@@ -53,32 +53,34 @@ def factor(unit: str, kind: str, where: str = "") -> float:
     >>> round(factor("psi", "pressure"), 3)
     6894.757
     """
-    si = SI[kind]
+    si = SI_UNITS[kind]
     if unit in ("", "1"):
         if kind == "count":
             return 1.0
-        raise refuse(f"a {kind} needs a unit", "none", where, f"Write one, such as {example(kind)}.")
+        raise refuse(f"a {kind} needs a unit", "none", where, f"Write one, such as {suggest_units(kind)}.")
     if kind == "count":
         raise refuse("this number has no unit", f"{unit!r}", where, "Leave the unit out.")
-    return _ratio(unit, si, kind, where)
+    return _convert_unit(unit, si, kind, where)
 
 
-def _ratio(unit: str, si: str, kind: str, where: str) -> float:
+def _convert_unit(unit: str, si: str, kind: str, where: str) -> float:
     import pint
 
     try:
-        quantity = registry().Quantity(1.0, unit)
+        quantity = load_unit_registry().Quantity(1.0, unit)
     except (pint.UndefinedUnitError, pint.errors.DefinitionSyntaxError, ValueError, TypeError) as error:
         raise refuse(
             f"{unit!r} is no unit that pamjax knows",
             where=where,
-            remedy=f"A {kind} is written as {example(kind)}." if kind in SI else f"Write it in {si}.",
+            remedy=f"A {kind} is written as {suggest_units(kind)}."
+            if kind in SI_UNITS
+            else f"Write it in {si}.",
         ) from error
-    if not quantity.check(registry().Quantity(1.0, si).dimensionality):
+    if not quantity.check(load_unit_registry().Quantity(1.0, si).dimensionality):
         rule = f"a {kind} must have a unit of {kind}"
-        if kind not in SI:
+        if kind not in SI_UNITS:
             rule = f"this number must be in {si}, or in a unit that converts to it"
-        raise refuse(rule, f"{unit!r}", where, f"Use one such as {example(kind)}.")
+        raise refuse(rule, f"{unit!r}", where, f"Use one such as {suggest_units(kind)}.")
     if not quantity._is_multiplicative:
         raise refuse(
             f"the unit of a {kind} must be a multiple of {si}", f"{unit!r}", where, "It has an offset."
@@ -86,7 +88,7 @@ def _ratio(unit: str, si: str, kind: str, where: str) -> float:
     return float(quantity.to(si).magnitude)
 
 
-def example(kind: str) -> str:
+def suggest_units(kind: str) -> str:
     """Units a user is likely to want for this kind of quantity, for error texts."""
     return {
         "length": "mm, cm, m or in",
@@ -102,7 +104,7 @@ def example(kind: str) -> str:
     }.get(kind, kind.removeprefix("number in "))
 
 
-def parse(text: str | float, kind: str, where: str = "") -> float:
+def parse_quantity(text: str | float, kind: str, where: str = "") -> float:
     """SI value of a quantity written as "235.74 mm", or of a bare number where `kind` is "count".
 
     Raises:
@@ -112,16 +114,16 @@ def parse(text: str | float, kind: str, where: str = "") -> float:
     0.251206
     """
     if isinstance(text, (int, float)) and not isinstance(text, bool):
-        return float(text) * factor("", kind, where)
-    match = _NUMBER.match(str(text))
+        return float(text) * parse_unit("", kind, where)
+    match = _QUANTITY_PATTERN.match(str(text))
     if match is None:
         raise refuse(
-            "a quantity is a number and a unit", f"{text!r}", where, f"Write {example(kind)} after it."
+            "a quantity is a number and a unit", f"{text!r}", where, f"Write {suggest_units(kind)} after it."
         )
-    return float(match[1]) * factor(match[2], kind, where)
+    return float(match[1]) * parse_unit(match[2], kind, where)
 
 
-def number_in(text: str, si: str, where: str = "") -> float:
+def parse_number(text: str, si: str, where: str = "") -> float:
     """SI value of "5 kPa", or of a bare number where there is no unit to state; 0 is 0 in any.
 
     Raises:
@@ -130,7 +132,7 @@ def number_in(text: str, si: str, where: str = "") -> float:
     >>> number_in("5 kPa", "Pa"), number_in("0.2", "1"), number_in("0", "N")
     (5000.0, 0.2, 0.0)
     """
-    match = _NUMBER.match(text)
+    match = _QUANTITY_PATTERN.match(text)
     if match is None:
         raise refuse("a value is a number and a unit", f"{text!r}", where, f"Its unit is {si}.")
     unit = match[2]
@@ -141,29 +143,33 @@ def number_in(text: str, si: str, where: str = "") -> float:
         return float(match[1])
     if si == "1":
         raise refuse("this number has no unit", f"{unit!r}", where, "Leave the unit out.")
-    return float(match[1]) * _ratio(unit, si, f"number in {si}", where)
+    return float(match[1]) * _convert_unit(unit, si, f"number in {si}", where)
 
 
 @cache
-def in_unit(unit: str) -> float:
+def compute_si_factor(unit: str) -> float:
     """How many SI units one `unit` is, of whatever kind; for showing numbers, not for reading them."""
-    return 1.0 if unit in ("", "1") else float(registry().Quantity(1.0, unit).to_base_units().magnitude)
+    return (
+        1.0
+        if unit in ("", "1")
+        else float(load_unit_registry().Quantity(1.0, unit).to_base_units().magnitude)
+    )
 
 
-def many(number: int, what: str) -> str:
+def format_count(count: int, noun: str) -> str:
     """A count and what is counted.
 
     >>> many(1, "row"), many(2, "row")
     ('1 row', '2 rows')
     """
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
-def show(value: float, unit: str, digits: int = 4) -> str:
+def format_quantity(value: float, unit: str, digits: int = 4) -> str:
     """An SI number as a person reads it.
 
     >>> show(0.235744, "mm")
     '235.7 mm'
     """
-    number = f"{value / in_unit(unit):.{digits}g}"
+    number = f"{value / compute_si_factor(unit):.{digits}g}"
     return number if unit in ("", "1") else f"{number} {unit}"

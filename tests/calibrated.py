@@ -14,9 +14,9 @@ import numpy as np
 from scipy.signal import lfilter
 
 from pamjax.infer.fitting.fit import fit
-from pamjax.infer.fitting.least_squares import solve
-from pamjax.infer.posterior.log_density import density_of
-from pamjax.infer.posterior.predictive import prior_draws
+from pamjax.infer.fitting.least_squares import solve_least_squares
+from pamjax.infer.posterior.log_density import build_density
+from pamjax.infer.posterior.predictive import sample_prior
 from pamjax.records.reading.muscle_toml import Sensors
 from tests.infer.made import made
 
@@ -42,29 +42,29 @@ class Bench:
     def __init__(self, law: str, count: int, seed: int = 0) -> None:
         case = made(law, bench=BENCH, sensors=BENCH, seed=seed)
         self.fit = fit(case, law, starts=1, fold_count=2, seed=seed)
-        self.density, _ = density_of(self.fit, NOISE | (TOE if law == "toe" else {}))
-        self.true = prior_draws(self.density, count, seed)
+        self.density, _ = build_density(self.fit, NOISE | (TOE if law == "toe" else {}))
+        self.true = sample_prior(self.density, count, seed)
         self.starts = case.recording.starts
         self.seed = seed
 
     def recording(self, k: int):
         """The density of recording k (the same rows, other measurements), and where a fit of it ends."""
-        (one,), values = self.density.members, self.true[k]
+        (one,), values = self.density.datasets, self.true[k]
         nothing = eqx.tree_at(
             lambda m: (m.rows.force, m.rows.diameter), one, (jnp.zeros_like(one.rows.force),) * 2
         )
         shown = [-np.asarray(channel) for channel in model(nothing, jnp.asarray(values))]
         random = np.random.default_rng([self.seed, 3, k])
-        for stream in self.density.streams[0]:
-            noise = self._noise(random, shown[stream.channel].size, values[stream.correlation])
-            shown[stream.channel] += noise * values[stream.sd] * np.asarray(stream.there)
-        (member,) = self.fit.members
-        end = solve((_measured(member, shown),), self.fit.space, jnp.zeros(self.fit.space.size))
-        density = dataclasses.replace(self.density, members=(_measured(one, shown),))
-        at = density.at
-        start = dict(zip(at.names, np.asarray(at.values(jnp.zeros(at.size))), strict=True))
-        start |= dict(zip(self.fit.space.names, np.asarray(self.fit.space.values(end.u)), strict=True))
-        return density, at.point(start)
+        for stream in self.density.likelihoods[0]:
+            noise = self._noise(random, shown[stream.channel].size, values[stream.correlation_index])
+            shown[stream.channel] += noise * values[stream.sd_index] * np.asarray(stream.measured)
+        (member,) = self.fit.datasets
+        end = solve_least_squares((_measured(member, shown),), self.fit.space, jnp.zeros(self.fit.space.size))
+        density = dataclasses.replace(self.density, datasets=(_measured(one, shown),))
+        at = density.space
+        start = dict(zip(at.names, np.asarray(at.to_values(jnp.zeros(at.size))), strict=True))
+        start |= dict(zip(self.fit.space.names, np.asarray(self.fit.space.to_values(end.u)), strict=True))
+        return density, at.to_point(start)
 
     def _noise(self, random: np.random.Generator, size: int, memory: float) -> np.ndarray:
         """Noise of unit sd with a memory that every run begins anew."""
@@ -87,10 +87,10 @@ def _measured(one, shown):
 
 @eqx.filter_jit
 def model(one, values):
-    return one.misfit(values)
+    return one.compute_standardised_residuals(values)
 
 
 def believing_white(density):
     """The planted wrong likelihood: every sample is taken for independent."""
-    streams = tuple(dataclasses.replace(s, correlation=-1) for s in density.streams[0])
-    return dataclasses.replace(density, streams=(streams,))
+    streams = tuple(dataclasses.replace(s, correlation_index=-1) for s in density.likelihoods[0])
+    return dataclasses.replace(density, likelihoods=(streams,))

@@ -94,26 +94,34 @@ def test_every_word_of_a_file_is_on_its_page():
     page = (ROOT / "docs/files.md").read_text("utf-8")
     tables = [t for t in vars(schema).values() if isinstance(t, type) and issubclass(t, BaseModel)]
     words = {name for table in (*tables, Protocol) for name in table.model_fields}
-    words |= {*means.WORDS, *means.KINDS}
+    words |= {*means.ERROR_ENTRIES, *means.ENTRY_KINDS}
     assert len(words) > 50
-    in_tables = {f"[{name}]" for name, field in schema.Words.model_fields.items() if f"[{name}]" in page}
+    in_tables = {
+        f"[{name}]" for name, field in schema.SpecEntries.model_fields.items() if f"[{name}]" in page
+    }
     missing = {word for word in words if f"`{word}`" not in page and f"[{word}]" not in in_tables}
     assert not missing
 
 
 def test_every_word_of_an_import_is_in_its_table_and_no_other():
-    from pamjax.records.importing.import_spec import Channel, Files, Rig, Tare, Test
-    from pamjax.records.reading.header import KINDS
+    from pamjax.records.importing.import_spec import (
+        ChannelEntry,
+        FilesTable,
+        ImportSpec,
+        TareTable,
+        TestTable,
+    )
+    from pamjax.records.reading.header import COLUMN_KINDS
 
     page = (ROOT / "docs/files.md").read_text("utf-8")
     section = re.search(r"^## An import\n(.*?)^## ", page, re.S | re.M)[1]
     shown = {
         entry for cell in re.findall(r"^\| (.*?) \|", section, re.M) for entry in re.findall("`(.*?)`", cell)
     }
-    tables = {"[files]": Files, "[tare]": Tare, "[[tests]]": Test}
-    words = {*KINDS, *Channel.model_fields, *tables, "[columns]"}
+    tables = {"[files]": FilesTable, "[tare]": TareTable, "[[tests]]": TestTable}
+    words = {*COLUMN_KINDS, *ChannelEntry.model_fields, *tables, "[columns]"}
     words |= {name for table in tables.values() for name in table.model_fields}
-    words |= set(Rig.model_fields) - {"files", "columns", "tare", "tests"}
+    words |= set(ImportSpec.model_fields) - {"files", "columns", "tare", "tests"}
     assert shown == words
 
 
@@ -130,7 +138,7 @@ END = re.compile(r"(?<=[.!?])[)*_\"]*\s+|\n\s*\n|\n\s*(?=[-*] |\d+\. )|\n(?=: )"
 
 
 def too_long(text):
-    """Return the sentences of a page above `WORDS` words; code within a line counts as one."""
+    """Return the sentences of a page above `ERROR_ENTRIES` words; code within a line counts as one."""
     prose = re.sub(r"`[^`]*`", "x", NO_PROSE.sub("\n\n", text))
     return [sentence for sentence in END.split(prose) if len(sentence.split()) > WORDS]
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pamjax.errors import BadInput, InputWarning, nearest, refuse, sentence
+from pamjax.errors import BadInput, InputWarning, compose_message, refuse, suggest_word
 
 
 @pytest.mark.parametrize(
@@ -18,7 +18,7 @@ from pamjax.errors import BadInput, InputWarning, nearest, refuse, sentence
     ],
 )
 def test_sentence(parts, text):
-    assert sentence(*parts) == text
+    assert compose_message(*parts) == text
     assert str(refuse(*parts)) == text
 
 
@@ -29,10 +29,13 @@ def test_a_complaint_is_a_value_error():
 
 
 def test_nearest_names_one_or_all():
-    assert nearest("presure", ["length", "pressure"]) == "Did you mean `pressure`?"
-    assert nearest("xyz", ["length", "pressure"]) == "Known are `length`, `pressure`."
+    assert suggest_word("presure", ["length", "pressure"]) == "Did you mean `pressure`?"
+    assert suggest_word("xyz", ["length", "pressure"]) == "Known are `length`, `pressure`."
 
 
 def test_nearest_names_who_lists_what_is_too_much_for_a_sentence():
-    assert nearest("presure", ["length", "pressure"], "pamjax explain") == "Did you mean `pressure`?"
-    assert nearest("xyz", ["length", "pressure"], "pamjax explain") == "`pamjax explain` lists what there is."
+    assert suggest_word("presure", ["length", "pressure"], "pamjax explain") == "Did you mean `pressure`?"
+    assert (
+        suggest_word("xyz", ["length", "pressure"], "pamjax explain")
+        == "`pamjax explain` lists what there is."
+    )

@@ -76,7 +76,7 @@ def test_it_runs_where_there_is_no_checkout(installed):
     assert installed("--version").strip() == version
     assert "diagnose" in installed("--help")
     assert "unit      GPa" in installed("explain", "thread.modulus")
-    shipped = "from pamjax.records.shipped_tables import shipped; print(len(shipped()))"
+    shipped = "from pamjax.records.shipped_tables import list_shipped; print(len(list_shipped()))"
     assert int(installed(shipped, module=True)) >= 6
     installed("new", "mine")
     said = json.loads(installed("fit", "mine", "--starts", "1", "--folds", "2", "--json"))

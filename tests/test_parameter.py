@@ -8,7 +8,15 @@ import pytest
 from pamjax.errors import BadInput
 from pamjax.model.muscle import Muscle
 from pamjax.model.thread import LinearThread
-from pamjax.parameter import Meaning, Scalar, field_meanings, meanings, parameter, replace, values
+from pamjax.parameter import (
+    Meaning,
+    Scalar,
+    list_field_meanings,
+    list_meanings,
+    list_values,
+    parameter,
+    replace_values,
+)
 
 
 class Spring(eqx.Module):
@@ -33,29 +41,31 @@ STRUT = Strut(0.5, Spring(100), (Damper(2.0),))
 def test_a_number_is_double_and_knows_its_meaning():
     assert STRUT.length.dtype == jnp.float64
     assert STRUT.spring.rate.dtype == jnp.float64  # written as an integer
-    assert field_meanings(Spring) == {"rate": Meaning("N/m", "N/mm", 1.0, 1e6, "log", "rate", "here", None)}
-    assert field_meanings(Damper)["loss"].show == "N*s/m"
-    assert field_meanings(Damper)["loss"].neutral == 0.0
+    assert list_field_meanings(Spring) == {
+        "rate": Meaning("N/m", "N/mm", 1.0, 1e6, "log", "rate", "here", None)
+    }
+    assert list_field_meanings(Damper)["loss"].show == "N*s/m"
+    assert list_field_meanings(Damper)["loss"].neutral == 0.0
 
 
 def test_walking_names_parts_by_field_and_members_by_id():
-    assert list(meanings(STRUT)) == list(values(STRUT)) == ["length", "spring.rate", "damper.loss"]
-    assert float(values(STRUT)["damper.loss"]) == 2.0
+    assert list(list_meanings(STRUT)) == list(list_values(STRUT)) == ["length", "spring.rate", "damper.loss"]
+    assert float(list_values(STRUT)["damper.loss"]) == 2.0
 
 
 def test_replace_changes_the_named_and_nothing_else():
-    changed = replace(STRUT, {"spring.rate": 7.0, "damper.loss": 1})
-    assert {k: float(v) for k, v in values(changed).items()} == {
+    changed = replace_values(STRUT, {"spring.rate": 7.0, "damper.loss": 1})
+    assert {k: float(v) for k, v in list_values(changed).items()} == {
         "length": 0.5,
         "spring.rate": 7.0,
         "damper.loss": 1.0,
     }
     assert float(STRUT.spring.rate) == 100.0
-    assert replace(STRUT, {}) == STRUT
+    assert replace_values(STRUT, {}) == STRUT
 
 
 def test_replace_is_differentiable():
-    slope = jax.grad(lambda k: replace(STRUT, {"spring.rate": k}).spring.rate ** 2)(3.0)
+    slope = jax.grad(lambda k: replace_values(STRUT, {"spring.rate": k}).spring.rate ** 2)(3.0)
     assert slope == 6.0
 
 
@@ -63,11 +73,11 @@ def test_two_equal_numbers_stay_two():
     """A number is found by what it is and not by its value."""
     one = jnp.asarray(0.25)
     muscle = Muscle(one, one, 1.0, LinearThread(1e6))
-    changed = replace(muscle, {"rest_length": 0.2})
+    changed = replace_values(muscle, {"rest_length": 0.2})
     assert (float(changed.rest_length), float(changed.thread_length)) == (0.2, 0.25)
 
 
 def test_an_unknown_number_is_told():
     with pytest.raises(BadInput) as told:
-        replace(STRUT, {"spring.rat": 1.0})
+        replace_values(STRUT, {"spring.rat": 1.0})
     assert str(told.value) == "'spring.rat' is no number of this model. Did you mean `spring.rate`?"

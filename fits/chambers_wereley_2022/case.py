@@ -18,7 +18,7 @@ from rich.table import Table
 
 from pamjax.infer.fitting.fit import fit
 from pamjax.records.case import read_case
-from pamjax.view.theme import theme
+from pamjax.view.theme import apply_theme
 
 HERE = Path(__file__).parent
 #: Largest share of the terminal width for the names of the rows.
@@ -112,7 +112,7 @@ def main(arguments: list[str] | None = None) -> None:
     ):
         show.print(*split_table(title, frame, show.width, below), sep="\n")
     muscle = fit_laws(show)
-    with theme():
+    with apply_theme():
         for path in figures.draw_figures(out, muscle):
             show.print(path, highlight=False)
 

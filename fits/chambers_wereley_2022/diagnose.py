@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 
 from pamjax.compile.jax_cache import keep_compiled
-from pamjax.diagnosis.library.library_problem import problem
-from pamjax.diagnosis.result import save
+from pamjax.diagnosis.library.library_problem import build_library_problem
+from pamjax.diagnosis.result import save_diagnosis
 from pamjax.diagnosis.run import diagnose
 from pamjax.records.case import Case, read_case
 from pamjax.records.protocol import Protocol
@@ -55,17 +55,17 @@ def simulate_isobars(seed: int = 0) -> Case:
         speed="1 mm/s",
         rate="0.45 Hz",
         diameter_every=1,
-    ).schedule(entry.rest_length.value)
+    ).build_schedule(entry.rest_length.value)
     # The model is evaluated at rows that have a measurement; these placeholders stand for them.
     rows = Recording.from_arrays(
         time=plan.time, pressure=plan.pressure, length=plan.length, cycle=plan.cycle,
         force=np.full(plan.time.size, 1e3), diameter=np.full(plan.time.size, 1.0),
     )  # fmt: skip
-    bench = problem(Case("true", HERE, entry, rows, "simulated"))
+    bench = build_library_problem(Case("true", HERE, entry, rows, "simulated"))
     values = bench.neutral.copy()
     for name, value in CRIMP.items():
-        values[bench.place(name)] = value
-    force, diameter = bench.shows(values)
+        values[bench.index(name)] = value
+    force, diameter = bench.predict(values)
     rng = np.random.default_rng(seed)
     noise = {name: getattr(SENSORS, name) * rng.standard_normal(plan.time.size)
              for name in ("force", "diameter", "pressure", "length")}  # fmt: skip
@@ -84,7 +84,7 @@ CASES = {"table": read_table, "isobars": simulate_isobars}
 def diagnose_case(case: Case, out: Path) -> None:
     """Diagnose a case, save the diagnosis and print it."""
     diagnosis = diagnose(case)
-    save(diagnosis, out / case.name)
+    save_diagnosis(diagnosis, out / case.name)
     print(diagnosis, end="\n\n", flush=True)
 
 

@@ -13,15 +13,24 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pamjax.model import braid
-from pamjax.model.muscle import Muscle, Reading, predict
-from pamjax.units import in_unit
-from pamjax.view.theme import DOUBLE, OKABE_ITO, QUIET, figure, letter, pressure_bar, pressures, save
+from pamjax.model.muscle import Muscle, MuscleReading, predict
+from pamjax.units import compute_si_factor
+from pamjax.view.theme import (
+    DOUBLE_COLUMN,
+    OKABE_ITO,
+    REFERENCE_COLOUR,
+    add_panel_letters,
+    add_pressure_bar,
+    build_pressure_colours,
+    create_figure,
+    save_figure,
+)
 
 #: The ten isobars, Pa and kPa.
 ISOBARS = np.arange(1, 11) * t.STATED["pressure_step"]
 LEVELS = ISOBARS / 1e3
 #: Moduli of the article's case studies and of the last row of Table 2, Pa.
-STIFF, SOFT, SOFTEST = 80e9, 8e9, 500e3 * in_unit("psi")
+STIFF, SOFT, SOFTEST = 80e9, 8e9, 500e3 * compute_si_factor("psi")
 PERCENT = "contraction [%]"
 
 
@@ -37,7 +46,7 @@ def compute_free_length(modulus: float, pressure: float) -> float:
 
 def compute_isobar(
     modulus: float, pressure: float, points: int = 150
-) -> tuple[np.ndarray, np.ndarray, Reading]:
+) -> tuple[np.ndarray, np.ndarray, MuscleReading]:
     """Return contraction in percent, length and reading on one isobar, from rest to free contraction."""
     length = np.linspace(t.LENGTH, compute_free_length(modulus, pressure), points)
     return (
@@ -49,7 +58,7 @@ def compute_isobar(
 
 def _draw_isobars(panel: Axes, modulus: float, shown) -> None:
     """Draw one line per isobar; `shown(length, reading)` returns its values."""
-    colours, norm = pressures(LEVELS)
+    colours, norm = build_pressure_colours(LEVELS)
     for pressure, level in zip(ISOBARS, LEVELS, strict=True):
         percent, length, reading = compute_isobar(modulus, pressure)
         panel.plot(percent, shown(length, reading), color=colours(norm(level)), lw=1.0)
@@ -88,7 +97,7 @@ def draw_figure_5(calibrated: Muscle) -> Figure:
         ),
         "thread stress [MPa]": (100 * (own - 1), table["stress [MPa]"], strain, stress),
     }
-    result = figure(DOUBLE, 4.6)
+    result = create_figure(DOUBLE_COLUMN, 4.6)
     grid = list(result.subplots(2, 2).flat)
     for panel, (name, (x, y, line_x, line_y)) in zip(grid, panels.items(), strict=True):
         panel.plot(line_x, line_y, color=OKABE_ITO["blue"], label="model", zorder=2)
@@ -98,7 +107,7 @@ def draw_figure_5(calibrated: Muscle) -> Figure:
     modulus = float(calibrated.thread.stiffness) / t.AREA / 1e9
     cited = t.STATED["modulus_cited"] / 1e9
     last = grid[3]
-    last.plot([0, 0.46], [0, 4.6 * cited], "--", color=QUIET, lw=1, zorder=1)
+    last.plot([0, 0.46], [0, 4.6 * cited], "--", color=REFERENCE_COLOUR, lw=1, zorder=1)
     last.annotate(
         f"{cited:.0f} GPa, cited",
         (0.40, 4.0 * cited),
@@ -106,7 +115,7 @@ def draw_figure_5(calibrated: Muscle) -> Figure:
         "data",
         "offset points",
         ha="right",
-        color=QUIET,
+        color=REFERENCE_COLOUR,
     )
     last.annotate(
         f"{modulus:.0f} GPa, fitted",
@@ -127,19 +136,21 @@ def draw_figure_5(calibrated: Muscle) -> Figure:
     grid[1].set_title(f"threads {stretch:.1f} mm longer")
     grid[2].set_title(f"at most {table['tension [N]'].max():.0f} N, from pressure and diameter")
     grid[3].set_title(f"modulus {modulus:.0f} GPa in place")
-    letter(grid)
+    add_panel_letters(grid)
     result.suptitle("Held at its rest length, the muscle widens as its threads stretch", x=0.01, ha="left")
     return result
 
 
 def draw_figure_7() -> Figure:
     """Draw thread tension and thread length along the isobars."""
-    result = figure(DOUBLE, 2.9)
+    result = create_figure(DOUBLE_COLUMN, 2.9)
     left, right = result.subplots(1, 2)
     _draw_isobars(left, STIFF, lambda length, reading: reading.load / t.STATED["threads"])
     _draw_isobars(right, STIFF, lambda length, reading: 1e3 * reading.thread)
-    right.axhline(1e3 * t.THREAD, color=QUIET, ls="--", lw=1)
-    right.annotate("unloaded", (0, 1e3 * t.THREAD), (2, -3), "data", "offset points", va="top", color=QUIET)
+    right.axhline(1e3 * t.THREAD, color=REFERENCE_COLOUR, ls="--", lw=1)
+    right.annotate(
+        "unloaded", (0, 1e3 * t.THREAD), (2, -3), "data", "offset points", va="top", color=REFERENCE_COLOUR
+    )
     reading = predict(t.build_muscle(STIFF), ISOBARS[-1:], np.array([t.LENGTH]))
     tension, stretch = (
         float(reading.load[0]) / t.STATED["threads"],
@@ -150,15 +161,15 @@ def draw_figure_7() -> Figure:
     )
     right.set(xlabel=PERCENT, ylabel="thread length [mm]", title=f"at most {stretch:.1f} mm longer")
     right.set_ylim(1e3 * t.THREAD - 0.15, None)
-    letter([left, right])
-    pressure_bar([left, right], LEVELS)
+    add_panel_letters([left, right])
+    add_pressure_bar([left, right], LEVELS)
     result.suptitle("Threads are tightest, and longest, at rest length (80 GPa)", x=0.01, ha="left")
     return result
 
 
 def draw_dimensions(modulus: float, finding: str) -> Figure:
     """Draw Fig. 8 or 9: thread, angle and diameter along the isobars, elastic and inelastic."""
-    result = figure(DOUBLE, 4.8)
+    result = create_figure(DOUBLE_COLUMN, 4.8)
     grid = list(result.subplots(2, 2).flat)
     shown = {
         "thread length [mm]": lambda length, thread: 1e3 * thread * np.ones_like(length),
@@ -187,15 +198,15 @@ def draw_dimensions(modulus: float, finding: str) -> Figure:
     grid[2].set_title(f"at most {100 * rise / _compute_diameter(t.LENGTH, t.THREAD):.0f} % wider")
     grid[3].set_title(f"at most {rise:.1f} mm wider, at rest length")
     grid[1].legend(loc="upper right")
-    letter(grid)
-    pressure_bar(grid, LEVELS)
+    add_panel_letters(grid)
+    add_pressure_bar(grid, LEVELS)
     result.suptitle(finding, x=0.01, ha="left")
     return result
 
 
 def draw_figure_10() -> Figure:
     """Draw the force along the isobars for three braids, elastic and inelastic."""
-    result = figure(DOUBLE, 2.9)
+    result = create_figure(DOUBLE_COLUMN, 2.9)
     panels = list(result.subplots(1, 3, sharey=True))
     for panel, modulus in zip(panels, (STIFF, SOFT, SOFTEST), strict=True):
         for pressure in ISOBARS:
@@ -211,8 +222,8 @@ def draw_figure_10() -> Figure:
         panel.set(xlabel=PERCENT, ylim=(0, None), xlim=(0, None))
     panels[0].set_ylabel("force [kN]")
     panels[0].legend(handles=panels[0].lines[:1], loc="upper right")
-    letter(panels)
-    pressure_bar(panels, LEVELS)
+    add_panel_letters(panels)
+    add_pressure_bar(panels, LEVELS)
     result.suptitle(
         "The softer the threads, the less force and stroke; Kevlar loses little", x=0.01, ha="left"
     )
@@ -231,4 +242,4 @@ def draw_figures(folder, calibrated: Muscle) -> list:
         ),
         "figure-10": draw_figure_10(),
     }
-    return [path for name, drawn in made.items() for path in save(drawn, folder / name)]
+    return [path for name, drawn in made.items() for path in save_figure(drawn, folder / name)]

@@ -23,11 +23,11 @@ from pamjax.model import braid
 from pamjax.model.balance import stretch_measured
 from pamjax.model.muscle import Muscle, predict
 from pamjax.model.thread import LinearThread
-from pamjax.records.shipped_tables import in_si, quantities, read_shipped
-from pamjax.units import in_unit
+from pamjax.records.shipped_tables import convert_to_si, read_quantities, read_shipped
+from pamjax.units import compute_si_factor
 
 ARTICLE = "chambers_wereley_2022"
-STATED = quantities(f"{ARTICLE}/materials")
+STATED = read_quantities(f"{ARTICLE}/materials")
 LENGTH, THREAD, TURNS = STATED["rest_length"], STATED["thread_length"], STATED["turns"]
 #: Cross-section of all threads together, m².
 AREA = STATED["threads"] * STATED["thread_area"]
@@ -37,7 +37,7 @@ PRESSURE = STATED["greatest_pressure"]
 FORCE = 4701.0
 REFERENCE = 0.251364
 PSI = np.array([16.3e6, 11.6e6, 5.8e6, 1.16e6, 620e3, 500e3])
-MODULI = PSI * in_unit("psi")
+MODULI = PSI * compute_si_factor("psi")
 
 CELLS = [
     "diameter_change [percent]",
@@ -61,7 +61,7 @@ def compute_table1() -> pd.DataFrame:
     hoop balance, which needs no measured force. Columns without a unit are in SI.
     """
     printed = read_shipped(f"{ARTICLE}/table1")
-    table = in_si(printed)
+    table = convert_to_si(printed)
     thread = np.asarray(braid.thread_from_diameter(LENGTH, table["diameter"].to_numpy(), TURNS))
     tension = (
         np.asarray(braid.hoop_pull(table["pressure"].to_numpy(), LENGTH, thread, TURNS)) / STATED["threads"]
@@ -103,7 +103,7 @@ def estimate_stiffening(noise: float) -> tuple[float, float]:
     Args:
         noise: standard deviation of one diameter, m.
     """
-    table = in_si(read_shipped(f"{ARTICLE}/table1")).iloc[:5]
+    table = convert_to_si(read_shipped(f"{ARTICLE}/table1")).iloc[:5]
 
     def steeper(diameter):
         thread = np.asarray(braid.thread_from_diameter(LENGTH, diameter, TURNS))

@@ -19,7 +19,7 @@ from pamjax.compile.jax_cache import keep_compiled
 from pamjax.infer.fitting.fit import fit
 from pamjax.infer.fitting.result import Fit
 from pamjax.records.case import read_case
-from pamjax.view.figures.fit import save_figures
+from pamjax.view.figures.fit import save_fit_figures
 
 # The checkout, in which `fits` is a package.
 sys.path.insert(0, str(Path(__file__).parents[2]))
@@ -49,7 +49,7 @@ def main(arguments: list[str] | None = None) -> None:
         fits, comparison = compare_map(name)
         for result in fits:
             print(result, end="\n\n")
-            save_figures(result, options.out / name / result.law)
+            save_fit_figures(result, options.out / name / result.law)
         print(comparison, end="\n\n")
         expected[name] = comparison.as_dict()["rmse_N"]
     if options.write:

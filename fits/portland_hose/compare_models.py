@@ -17,7 +17,7 @@ from command_line import build_parser, list_cases
 from pamjax.compile.jax_cache import keep_compiled
 from pamjax.infer.fitting.fit import fit
 from pamjax.records.case import read_case
-from pamjax.view.figures.fit import save_figures
+from pamjax.view.figures.fit import save_fit_figures
 
 # The checkout, in which `fits` is a package.
 sys.path.insert(0, str(Path(__file__).parents[2]))
@@ -36,7 +36,7 @@ def compare_case(folder: Path, out: Path) -> Comparison:
     fits = [fit(case, law) for law in THREADS]
     for result in fits:
         print(result, end="\n\n")
-        save_figures(result, out / case.name / result.law)
+        save_fit_figures(result, out / case.name / result.law)
     comparison = compare(case, fits)
     print(comparison, end="\n\n")
     return comparison

@@ -19,22 +19,22 @@ from command_line import build_parser, list_cases
 from hose_figures import draw_loops, draw_wall_moduli
 from repeatability_floor import measure_floor
 
-from pamjax.baselines.comparison import contest, save_contest
+from pamjax.baselines.comparison import compare_models, save_comparison
 from pamjax.baselines.empirical import fit_sarosi
 from pamjax.compile.jax_cache import keep_compiled
-from pamjax.diagnosis.refit.misfit_weighting import weighed
-from pamjax.diagnosis.result import Diagnosis, save
+from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
+from pamjax.diagnosis.result import Diagnosis, save_diagnosis
 from pamjax.diagnosis.run import diagnose
 from pamjax.errors import BadInput
 from pamjax.records.case import read_case
-from pamjax.records.levels import find_levels, nearest_level
+from pamjax.records.levels import find_levels, find_nearest_level
 
 
 def make_splits(diagnosis: Diagnosis) -> dict[str, list[np.ndarray]]:
     """Return the masks of the rows to hold out, by split."""
-    recording = diagnosis.found.case.recording
-    level = nearest_level(recording.length, find_levels(recording.length))
-    measured = np.isfinite(diagnosis.found.measured[0])
+    recording = diagnosis.problem.case.recording
+    level = find_nearest_level(recording.length, find_levels(recording.length))
+    measured = np.isfinite(diagnosis.problem.measured[0])
     last = [recording.cycle == recording.cycle[level == k].max() for k in np.unique(level)]
     return {
         "inner lengths": [measured & (level == k) for k in range(1, level.max())],
@@ -45,13 +45,15 @@ def make_splits(diagnosis: Diagnosis) -> dict[str, list[np.ndarray]]:
 
 def predict_named(diagnosis: Diagnosis, held_out: np.ndarray) -> np.ndarray:
     """Return the force of the model with the named mechanisms, refitted without some rows, N."""
-    model = weighed(diagnosis.found, ~held_out, diagnosis.model.chosen, diagnosis.model.at.values)
-    return diagnosis.found.shows(model.at.values)[0]
+    model = fit_with_misfit_weight(
+        diagnosis.problem, ~held_out, diagnosis.model.mechanisms, diagnosis.model.estimate.values
+    )
+    return diagnosis.problem.predict(model.estimate.values)[0]
 
 
 def predict_sarosi(diagnosis: Diagnosis, held_out: np.ndarray) -> np.ndarray:
     """Return the force of Sárosi's formula, fitted without some rows, N; NaN where it cannot be fitted."""
-    problem = diagnosis.found
+    problem = diagnosis.problem
     recording = problem.case.recording
     contraction = 1 - recording.length / problem.case.entry.rest_length.value
     training = np.where(held_out, np.nan, problem.measured[0])
@@ -68,7 +70,7 @@ MODELS = {"named": predict_named, "sarosi": predict_sarosi}
 
 def score_splits(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
     """Return the rmse of both models on each split, and the largest error of the named model, N."""
-    force = diagnosis.found.measured[0]
+    force = diagnosis.problem.measured[0]
     scores = {}
     for split, masks in make_splits(diagnosis).items():
         errors = {
@@ -84,16 +86,16 @@ def diagnose_hose(folder: Path, out: Path, samples: int = 6) -> tuple[Diagnosis,
     """Return the diagnosis of one hose and its numbers for gains.json; save and print the diagnosis."""
     case = read_case(folder)
     diagnosis = diagnose(take_medians(case, samples))
-    save(diagnosis, out / case.name)
-    comparison = contest(diagnosis)
-    save_contest(comparison, out / case.name)
+    save_diagnosis(diagnosis, out / case.name)
+    comparison = compare_models(diagnosis)
+    save_comparison(comparison, out / case.name)
     print(diagnosis, comparison, sep="\n", end="\n\n", flush=True)
     floor = measure_floor(case)
     numbers = {
         f"{id}.{name}": (v.value, v.sd) for id, by in diagnosis.parameters.items() for name, v in by.items()
     }
     return diagnosis, {
-        "names": [name.id for name in diagnosis.names],
+        "names": [name.id for name in diagnosis.named_mechanisms],
         "numbers": numbers,
         "floor": floor.floor,
         "tests": floor.tests,

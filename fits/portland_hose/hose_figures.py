@@ -8,32 +8,32 @@ import numpy as np
 from shared_wall import HOSES, average_values
 
 from pamjax.diagnosis.result import Diagnosis
-from pamjax.records.levels import find_levels, nearest_level
-from pamjax.view.theme import DOUBLE, OKABE_ITO, QUIET, figure, theme
+from pamjax.records.levels import find_levels, find_nearest_level
+from pamjax.view.theme import DOUBLE_COLUMN, OKABE_ITO, REFERENCE_COLOUR, apply_theme, create_figure
 
 
 def draw_loops(diagnosis: Diagnosis, path: Path) -> None:
     """Draw force against pressure at each length: measured, baseline, and with the named mechanisms."""
-    problem = diagnosis.found
+    problem = diagnosis.problem
     recording, entry = problem.case.recording, problem.case.entry
     lengths = find_levels(recording.length)
-    level = nearest_level(recording.length, lengths)
-    before = problem.shows(diagnosis.baseline.at.values)[0]
-    after = problem.shows(diagnosis.model.at.values)[0]
+    level = find_nearest_level(recording.length, lengths)
+    before = problem.predict(diagnosis.baseline.estimate.values)[0]
+    after = problem.predict(diagnosis.model.estimate.values)[0]
     rmse = [float(np.sqrt(np.nanmean((problem.measured[0] - force) ** 2))) for force in (before, after)]
-    with theme():
-        drawing = figure(DOUBLE, 3.4)
+    with apply_theme():
+        drawing = create_figure(DOUBLE_COLUMN, 3.4)
         panels = drawing.subplots(1, len(lengths), sharey=True)
         for k, panel in enumerate(panels):
             rows = np.flatnonzero((level == k) & np.isfinite(problem.measured[0]))
             p = recording.pressure[rows] / 1e3
-            panel.plot(p, problem.measured[0, rows], ".", ms=2, color=QUIET, label="measured")
+            panel.plot(p, problem.measured[0, rows], ".", ms=2, color=REFERENCE_COLOUR, label="measured")
             panel.plot(p, before[rows], ".", ms=1.2, color=OKABE_ITO["vermilion"], label="inelastic braid")
             panel.plot(p, after[rows], ".", ms=1.2, color=OKABE_ITO["blue"], label="named mechanisms added")
             contraction = 100 * (1 - lengths[k] / entry.rest_length.value)
             panel.set(xlabel="pressure [kPa]", title=f"{1e3 * lengths[k]:.0f} mm, {contraction:.0f} %")
         panels[0].set_ylabel("force [N]")
-        names = ", ".join(name.id for name in diagnosis.names) or "no mechanism named"
+        names = ", ".join(name.id for name in diagnosis.named_mechanisms) or "no mechanism named"
         title = f"{entry.name}: rmse {rmse[0]:.3g} N, {rmse[1]:.2g} N with the named mechanisms\n{names}"
         drawing.suptitle(title, x=0.01, ha="left")
         handles, labels = panels[0].get_legend_handles_labels()
@@ -56,8 +56,8 @@ def draw_wall_moduli(results: dict[str, dict], path: Path) -> None:
     average = average_values(list(zip(values, sds, strict=True)))
     lengths = [f"{n.rpartition('-')[2]} mm" for n in names]
     summary = f"mean {average.mean:.2f} ± {average.sd:.2f} MPa, χ² {average.chi2:.2g}"
-    with theme():
-        drawing = figure(4.2, 2.6)
+    with apply_theme():
+        drawing = create_figure(4.2, 2.6)
         panel = drawing.subplots()
         at = np.arange(len(names))
         low, high = average.mean - average.sd, average.mean + average.sd

@@ -22,7 +22,7 @@ import numpy as np
 from command_line import build_parser, list_cases
 
 from pamjax.records.case import Case, read_case
-from pamjax.records.levels import find_levels, nearest_level
+from pamjax.records.levels import find_levels, find_nearest_level
 
 #: Sd of the ruler, m; share of the largest force below which the hose is slack; pressures of the grid.
 RULER, SLACK, GRID = 1e-3, 0.02, 40
@@ -55,7 +55,7 @@ def interpolate_tests(case: Case) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     recording = case.recording
     top = np.nanmax(recording.force)
     lengths = find_levels(recording.length)
-    level = nearest_level(recording.length, lengths)
+    level = find_nearest_level(recording.length, lengths)
     grid = np.linspace(np.nanmin(recording.pressure), np.nanmax(recording.pressure), GRID)
     tests = [np.unique(recording.cycle[level == k]) for k in range(len(lengths))]
     force = np.full((len(lengths), max(map(len, tests)), 2, GRID), np.nan)

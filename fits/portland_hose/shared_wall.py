@@ -27,7 +27,7 @@ from pamjax.compile.jax_cache import keep_compiled
 from pamjax.infer.fitting.fit import fit
 from pamjax.infer.fitting.result import CaseFit, Estimate, Fit
 from pamjax.records.case import Case, read_case
-from pamjax.records.reading.quantity import Measured
+from pamjax.records.reading.quantity import MeasuredValue
 
 #: The series, and the parameters that its hoses share.
 HOSES = ("hose-10mm-83", "hose-10mm-132", "hose-10mm-281", "hose-10mm-521")
@@ -57,7 +57,7 @@ def read_hose(folder: Path, samples: int = 6) -> Case:
     assert bladder is not None
     assert bladder.thickness is not None
     assert outer is not None
-    bore = Measured(outer.value - 2 * bladder.thickness.value, outer.sd)
+    bore = MeasuredValue(outer.value - 2 * bladder.thickness.value, outer.sd)
     return replace(case, entry=replace(case.entry, bladder=replace(bladder, inner_diameter=bore)))
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from pamjax.model.assembly import assemble_bench
 from pamjax.records.protocol import Protocol
-from pamjax.records.reading.muscle_toml import read_entry
+from pamjax.records.reading.muscle_toml import read_muscle_toml
 from pamjax.records.recording import Recording
 from pamjax.records.simulate import simulate
 from pamjax.records.writing.case_folder import write_case
@@ -64,7 +64,7 @@ def simulate_hose(name: str) -> tuple[Recording, str]:
     """Return the recording of one hose and the text of its muscle.toml."""
     length, seed = HOSES[name]
     text = MUSCLE.format(length=length)
-    entry = read_entry(text.encode())
+    entry = read_muscle_toml(text.encode())
     assert entry.diameter is not None
     assert entry.braid_angle is not None
     numbers = {
@@ -74,7 +74,7 @@ def simulate_hose(name: str) -> tuple[Recording, str]:
         "bladder_elasticity.length": entry.rest_length.value,
     } | {f"bladder_elasticity.{field}": value for field, value in WALL.items()}
     bench = assemble_bench("inelastic", ("bladder_elasticity",), numbers)
-    schedule = PROTOCOL.schedule(entry.rest_length.value)
+    schedule = PROTOCOL.build_schedule(entry.rest_length.value)
     first = np.r_[True, np.diff(schedule.cycle) != 0]
     schedule = replace(schedule, cycle=np.cumsum(first))
     recording = simulate(bench, schedule, replace(entry.sensors, force=None), seed=seed)

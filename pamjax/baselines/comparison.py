@@ -20,73 +20,78 @@ from typing import Any
 import numpy as np
 
 from pamjax.baselines.empirical import fit_sarosi
-from pamjax.baselines.gaussian_process import discrepancy, inputs
+from pamjax.baselines.gaussian_process import build_inputs, predict_discrepancy
 from pamjax.channels import DISPLAY_UNIT, to_display
-from pamjax.diagnosis.crossval.gain import rmse
-from pamjax.diagnosis.library.library_problem import Problem
-from pamjax.diagnosis.refit.candidate_fit import settle
-from pamjax.diagnosis.refit.misfit_weighting import weighed
+from pamjax.diagnosis.crossval.gain import compute_rmse
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.refit.candidate_fit import fit_candidate
+from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.errors import BadInput
 from pamjax.infer.problem.dataset import CHANNELS
-from pamjax.records.files import write_beside
-from pamjax.records.levels import find_levels, on_levels
-from pamjax.units import show
+from pamjax.records.files import write_atomically
+from pamjax.records.levels import assign_levels, find_levels
+from pamjax.units import format_quantity
 
-SCHEMA = "pamjax.gain/1"
+GAIN_SCHEMA = "pamjax.gain/1"
 
-HELD_OUT, EXTRAPOLATION = "held out", "extrapolation"
-BASELINE, NAMED, SAROSI, PROCESS = "baseline", "named", "sarosi", "gaussian_process"
+HELD_OUT_SPLIT, EXTRAPOLATION_SPLIT = "held out", "extrapolation"
+BASELINE_MODEL, SELECTED_MODEL, SAROSI_MODEL, GAUSSIAN_PROCESS_MODEL = (
+    "baseline",
+    "named",
+    "sarosi",
+    "gaussian_process",
+)
 
 #: How a model is called before people.
-TITLE = {
-    BASELINE: "baseline",
-    NAMED: "with names",
-    SAROSI: "Sárosi's formula",
-    PROCESS: "a Gaussian process",
+MODEL_TITLES = {
+    BASELINE_MODEL: "baseline",
+    SELECTED_MODEL: "with names",
+    SAROSI_MODEL: "Sárosi's formula",
+    GAUSSIAN_PROCESS_MODEL: "a Gaussian process",
 }
 
 #: Fewer settings than this leave none to go beyond.
-ENOUGH = 3
+MIN_SETTINGS_FOR_EXTRAPOLATION = 3
 #: Share of the range of contraction that is held out where nothing settles.
-BEYOND = 0.2
+EXTRAPOLATION_RANGE_SHARE = 0.2
 
 
 @dataclass(frozen=True, eq=False)
-class Split:
+class ComparisonSplit:
     """One question, and how each model answers it.
 
     Attributes:
         name: "held out" or "extrapolation".
-        rows: what was held out, in words.
-        out: (n,) which rows.
+        rows_description: what was held out, in words.
+        held_out_rows: (n,) which rows.
         rmse: by model, then channel, SI; a model that cannot be fitted is missing.
         remarks: by model, what to know of its fit.
     """
 
     name: str
-    rows: str
-    out: np.ndarray
+    rows_description: str
+    held_out_rows: np.ndarray
     rmse: dict[str, dict[str, float]]
     remarks: dict[str, str]
 
 
 @dataclass(frozen=True, eq=False)
-class Contest:
+class ModelComparison:
     """The splits of one recording, with the noise that nobody can beat, by channel, SI."""
 
-    splits: tuple[Split, ...]
-    noise: dict[str, float]
+    splits: tuple[ComparisonSplit, ...]
+    noise_sd: dict[str, float]
 
     def as_dict(self) -> dict[str, Any]:
         """As it stands in gain.json."""
         return {
-            "schema": SCHEMA,
-            "noise": {c: {"sd": to_display(c, v), "unit": DISPLAY_UNIT[c]} for c, v in self.noise.items()},
+            "schema": GAIN_SCHEMA,
+            "noise": {c: {"sd": to_display(c, v), "unit": DISPLAY_UNIT[c]} for c, v in self.noise_sd.items()},
             "splits": [
                 {
                     "name": split.name,
-                    "rows": split.rows,
+                    "rows": split.rows_description,
                     "rmse": {
                         model: {
                             c: {"value": to_display(c, v), "unit": DISPLAY_UNIT[c]} for c, v in by.items()
@@ -103,112 +108,145 @@ class Contest:
         """Two lines a channel: the rivals on the rows of the diagnosis, and everybody beyond."""
         lines = []
         for split in self.splits:
-            for channel in (c for c in self.noise if c in split.rmse[BASELINE]):
-                models = [m for m in split.rmse if split.name != HELD_OUT or m in (SAROSI, PROCESS)]
-                told = [_score(split, m, channel) for m in models if channel in split.rmse[m]]
-                if told:
-                    lines.append(f"  {_asked(split)}: {channel} by {', '.join(told)} {DISPLAY_UNIT[channel]}")
+            for channel in (c for c in self.noise_sd if c in split.rmse[BASELINE_MODEL]):
+                models = [
+                    m
+                    for m in split.rmse
+                    if split.name != HELD_OUT_SPLIT or m in (SAROSI_MODEL, GAUSSIAN_PROCESS_MODEL)
+                ]
+                scores = [_format_rmse(split, m, channel) for m in models if channel in split.rmse[m]]
+                if scores:
+                    lines.append(
+                        f"  {_format_split(split)}: {channel} by {', '.join(scores)} {DISPLAY_UNIT[channel]}"
+                    )
         return "\n".join(lines)
 
 
-def _asked(split: Split) -> str:
-    return "the same rows" if split.name == HELD_OUT else f"{split.rows}, held out"
+def _format_split(split: ComparisonSplit) -> str:
+    return "the same rows" if split.name == HELD_OUT_SPLIT else f"{split.rows_description}, held out"
 
 
-def _score(split: Split, model: str, channel: str) -> str:
+def _format_rmse(split: ComparisonSplit, model: str, channel: str) -> str:
     star = "*" if model in split.remarks else ""
-    off = to_display(channel, split.rmse[model][channel])
-    return f"{TITLE[model]} {off:.3g}{star}" if off < 1000 else f"{TITLE[model]} {off:.0f}{star}"
+    rmse = to_display(channel, split.rmse[model][channel])
+    return (
+        f"{MODEL_TITLES[model]} {rmse:.3g}{star}"
+        if rmse < 1000
+        else f"{MODEL_TITLES[model]} {rmse:.0f}{star}"
+    )
 
 
-def contest(one: Diagnosis, seed: int = 0) -> Contest:
+def compare_models(diagnosis: Diagnosis, seed: int = 0) -> ModelComparison:
     """Hold a diagnosis' model against a formula and a Gaussian process, between settings and beyond them.
 
     Args:
-        one: the diagnosis.
+        diagnosis: the diagnosis.
         seed: of the Gaussian process' search.
     """
-    found, gain = one.found, one.gain
+    problem, gain = diagnosis.problem, diagnosis.gain
     splits = []
     if gain.held_out.any():
         rows = gain.blocks.split(": ")[-1]
-        splits.append(_split(one, HELD_OUT, rows, gain.held_out, gain.before, gain.after, seed))
-    far, words = beyond(found)
-    if far.any():
-        before, after = _refitted(one, far)
-        splits.append(_split(one, EXTRAPOLATION, words, far, before, after, seed))
+        splits.append(
+            _evaluate_split(diagnosis, HELD_OUT_SPLIT, rows, gain.held_out, gain.before, gain.after, seed)
+        )
+    extrapolation_rows, words = find_extrapolation_rows(problem)
+    if extrapolation_rows.any():
+        before, after = _predict_without_rows(diagnosis, extrapolation_rows)
+        splits.append(
+            _evaluate_split(diagnosis, EXTRAPOLATION_SPLIT, words, extrapolation_rows, before, after, seed)
+        )
     noise = {}
     for c, channel in enumerate(CHANNELS):
-        colour, rows = one.model.white.colours[c], one.model.white.rows[c]
-        if colour is not None:
-            noise[channel] = float(np.sqrt(np.mean(colour.sd[rows] ** 2)))
-    return Contest(tuple(splits), noise)
+        channel_noise, rows = diagnosis.model.noise.channels[c], diagnosis.model.noise.rows[c]
+        if channel_noise is not None:
+            noise[channel] = float(np.sqrt(np.mean(channel_noise.sd[rows] ** 2)))
+    return ModelComparison(tuple(splits), noise)
 
 
-def beyond(found: Problem) -> tuple[np.ndarray, str]:
+def find_extrapolation_rows(problem: LibraryProblem) -> tuple[np.ndarray, str]:
     """(n,) the rows at the end of what was measured, and what they are, in words; none where that is all."""
-    recording = found.case.recording
-    seen = np.isfinite(found.measured).any(axis=0)
+    recording = problem.case.recording
+    measured_rows = np.isfinite(problem.measured).any(axis=0)
     for channel, what, end in ((recording.pressure, "kPa", max), (recording.length, "mm", min)):
-        label = np.where(seen, on_levels(channel, levels := find_levels(channel, recording.has_time)), -1)
+        label = np.where(
+            measured_rows, assign_levels(channel, levels := find_levels(channel, recording.has_time)), -1
+        )
         settings = np.unique(label[label >= 0])
-        if settings.size >= ENOUGH:
+        if settings.size >= MIN_SETTINGS_FOR_EXTRAPOLATION:
             last = end(settings.tolist())
             kind = "the highest isobar" if what == "kPa" else "the most contracted length"
-            return label == last, f"{kind}, {show(float(levels[last]), what, 3)}"
-    low, high = np.nanquantile(recording.length[seen], [0.0, 1.0]) if seen.any() else (0.0, 0.0)
-    short = seen & (recording.length < low + BEYOND * (high - low))
-    return short, f"lengths below {show(low + BEYOND * (high - low), 'mm', 3)}"
+            return label == last, f"{kind}, {format_quantity(float(levels[last]), what, 3)}"
+    low, high = (
+        np.nanquantile(recording.length[measured_rows], [0.0, 1.0]) if measured_rows.any() else (0.0, 0.0)
+    )
+    short = measured_rows & (recording.length < low + EXTRAPOLATION_RANGE_SHARE * (high - low))
+    return short, f"lengths below {format_quantity(low + EXTRAPOLATION_RANGE_SHARE * (high - low), 'mm', 3)}"
 
 
-def _refitted(one: Diagnosis, out: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _predict_without_rows(diagnosis: Diagnosis, held_out_rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Predictions of the baseline and of the named model, both refitted without some rows."""
-    found = one.found
-    before = settle(found, ~out, (), one.baseline.at.values)
-    shown = found.shows(before.at.values)
-    if not one.names:
-        return shown, shown
-    after = weighed(found, ~out, one.model.chosen, one.naming.values)
-    return shown, found.shows(after.at.values)
+    problem = diagnosis.problem
+    before = fit_candidate(problem, ~held_out_rows, (), diagnosis.baseline.estimate.values)
+    prediction = problem.predict(before.estimate.values)
+    if not diagnosis.named_mechanisms:
+        return prediction, prediction
+    after = fit_with_misfit_weight(
+        problem, ~held_out_rows, diagnosis.model.mechanisms, diagnosis.selection.start_values
+    )
+    return prediction, problem.predict(after.estimate.values)
 
 
-def _split(one: Diagnosis, name, rows: str, out: np.ndarray, before, after, seed: int) -> Split:
-    found = one.found
-    shown: dict[str, np.ndarray] = {BASELINE: before}
+def _evaluate_split(
+    diagnosis: Diagnosis, name, rows: str, held_out_rows: np.ndarray, before, after, seed: int
+) -> ComparisonSplit:
+    problem = diagnosis.problem
+    predictions: dict[str, np.ndarray] = {BASELINE_MODEL: before}
     remarks: dict[str, str] = {}
-    if one.names:
-        shown[NAMED] = after
+    if diagnosis.named_mechanisms:
+        predictions[SELECTED_MODEL] = after
     try:
-        force, remark = _sarosi(found, ~out)
-        shown[SAROSI] = np.stack([force, np.full(found.n, np.nan)])
-        remarks |= {SAROSI: remark} if remark else {}
+        force, remark = _predict_sarosi(problem, ~held_out_rows)
+        predictions[SAROSI_MODEL] = np.stack([force, np.full(problem.n, np.nan)])
+        remarks |= {SAROSI_MODEL: remark} if remark else {}
     except BadInput:
         pass
-    x, left = inputs(found), found.measured - before
-    learnt = [
-        discrepancy(x, left[c], ~out, seed) if _enough(left[c], ~out) else left[c] * np.nan for c in (0, 1)
+    x, residual = build_inputs(problem), problem.measured - before
+    discrepancy = [
+        predict_discrepancy(x, residual[c], ~held_out_rows, seed)
+        if _has_enough_samples(residual[c], ~held_out_rows)
+        else residual[c] * np.nan
+        for c in (0, 1)
     ]
-    shown[PROCESS] = before + np.stack(learnt)
-    return Split(name, rows, out, {m: rmse(found, v, out) for m, v in shown.items()}, remarks)
+    predictions[GAUSSIAN_PROCESS_MODEL] = before + np.stack(discrepancy)
+    return ComparisonSplit(
+        name,
+        rows,
+        held_out_rows,
+        {m: compute_rmse(problem, v, held_out_rows) for m, v in predictions.items()},
+        remarks,
+    )
 
 
-def _enough(left: np.ndarray, told: np.ndarray) -> bool:
-    return int(np.count_nonzero(np.isfinite(left) & told)) >= ENOUGH
+def _has_enough_samples(residual: np.ndarray, training_rows: np.ndarray) -> bool:
+    return int(np.count_nonzero(np.isfinite(residual) & training_rows)) >= MIN_SETTINGS_FOR_EXTRAPOLATION
 
 
-def _sarosi(found: Problem, told: np.ndarray) -> tuple[np.ndarray, str]:
-    recording = found.case.recording
-    contraction = 1 - recording.length / found.case.entry.rest_length.value
-    force = np.where(told, found.measured[0], np.nan)
+def _predict_sarosi(problem: LibraryProblem, training_rows: np.ndarray) -> tuple[np.ndarray, str]:
+    recording = problem.case.recording
+    contraction = 1 - recording.length / problem.case.entry.rest_length.value
+    force = np.where(training_rows, problem.measured[0], np.nan)
     law = fit_sarosi(recording.pressure, contraction, force)
     return law.force(recording.pressure, contraction), (
         "its exponent ran to an end of its range" if law.at_limit else ""
     )
 
 
-def save_contest(held: Contest, folder: Path) -> Path:
+def save_comparison(comparison: ModelComparison, folder: Path) -> Path:
     """Write gain.json, beside and then renamed."""
     path = folder / "gain.json"
-    with write_beside(path) as beside:
-        beside.write_text(json.dumps(held.as_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    with write_atomically(path) as beside:
+        beside.write_text(
+            json.dumps(comparison.as_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8"
+        )
     return path

@@ -15,13 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar, nnls
 
 from pamjax.errors import refuse
-from pamjax.units import show
+from pamjax.units import format_quantity
 
 Vector = NDArray[np.float64]
 
 #: Range of |c| × (span of contraction) that is searched. Below it the exponential is a parabola to 1 %,
 #: above it a step that only the last length feels.
-EXPONENT_LOW, EXPONENT_HIGH = 0.02, 50.0
+MIN_EXPONENT_SPAN, MAX_EXPONENT_SPAN = 0.02, 50.0
 
 
 @dataclass(frozen=True)
@@ -61,8 +61,8 @@ class Gaylord:
 
     def __str__(self) -> str:
         return (
-            f"Gaylord: thread length {show(self.thread_length, 'mm')}, {self.turns:.4g} turns, "
-            f"threshold {show(self.threshold, 'kPa')}"
+            f"Gaylord: thread length {format_quantity(self.thread_length, 'mm')}, {self.turns:.4g} turns, "
+            f"threshold {format_quantity(self.threshold, 'kPa')}"
         )
 
 
@@ -131,20 +131,22 @@ def fit_gaylord(
         BadInput: if there are fewer than two lengths (or, with a threshold, pressures), or the force does not
             grow with pressure.
     """
-    p, l, tension = _complete(pressure=pressure, length=length, force=force)
-    _need_settings(l, 2, "length", "m")
-    spent = 0.0
+    p, l, tension = _drop_blank_rows(pressure=pressure, length=length, force=force)
+    _check_settings(l, 2, "length", "m")
+    pressure_threshold = 0.0
     if threshold:
-        _need_settings(p, 2, "pressure", "Pa")
+        _check_settings(p, 2, "pressure", "Pa")
         # A threshold below zero is a gauge that reads low; one near the top leaves nothing to pull with.
-        spent = _lowest(lambda x: _cylinder(p - x, l, tension)[1], np.linspace(-0.5, 0.9, 57) * p.max())[1]
-    (slope, rest), _ = _cylinder(p - spent, l, tension)
+        pressure_threshold = _minimise_on_grid(
+            lambda x: _fit_gaylord_coefficients(p - x, l, tension)[1], np.linspace(-0.5, 0.9, 57) * p.max()
+        )[1]
+    (slope, offset), _ = _fit_gaylord_coefficients(p - pressure_threshold, l, tension)
     if slope <= 0:
         raise refuse(
             "the muscle must pull harder under pressure", "a force that does not", remedy="Check signs."
         )
-    thread = np.sqrt(l.max() ** 2 + 3 * rest / slope)
-    return Gaylord(float(thread), float(np.sqrt(3 / (4 * np.pi * slope))), float(spent))
+    thread = np.sqrt(l.max() ** 2 + 3 * offset / slope)
+    return Gaylord(float(thread), float(np.sqrt(3 / (4 * np.pi * slope))), float(pressure_threshold))
 
 
 def fit_sarosi(pressure: ArrayLike, contraction: ArrayLike, force: ArrayLike) -> Sarosi:
@@ -161,55 +163,55 @@ def fit_sarosi(pressure: ArrayLike, contraction: ArrayLike, force: ArrayLike) ->
     Raises:
         BadInput: if there are fewer than two pressures, three contractions or six rows.
     """
-    p, k, tension = _complete(pressure=pressure, contraction=contraction, force=force)
+    p, k, tension = _drop_blank_rows(pressure=pressure, contraction=contraction, force=force)
     if p.size < 6:
         raise refuse("six coefficients need six rows or more", f"{p.size}", remedy="Measure more settings.")
-    _need_settings(p, 2, "pressure", "Pa")
-    _need_settings(k, 3, "contraction", "")
-    rate, at_limit = _best_rate(p, k, tension)
-    a, b, d, e, f = map(float, _exponential(rate, p, k, tension)[0])
+    _check_settings(p, 2, "pressure", "Pa")
+    _check_settings(k, 3, "contraction", "")
+    rate, at_limit = _search_exponent(p, k, tension)
+    a, b, d, e, f = map(float, _fit_sarosi_coefficients(rate, p, k, tension)[0])
     return Sarosi(a, b, rate, d, e, f, at_limit=at_limit)
 
 
-def _best_rate(p: Vector, k: Vector, force: Vector) -> tuple[float, bool]:
+def _search_exponent(p: Vector, k: Vector, force: Vector) -> tuple[float, bool]:
     """The c with the least misfit, and whether it sits at an end of the searched range."""
     span = np.ptp(k)
     # Where all contractions lie close together far from zero, exp(c κ) itself must stay a number.
-    high = min(EXPONENT_HIGH, 300 * span / np.abs(k).max())
-    sizes = np.linspace(np.log(EXPONENT_LOW), np.log(high), 60)
+    high = min(MAX_EXPONENT_SPAN, 300 * span / np.abs(k).max())
+    sizes = np.linspace(np.log(MIN_EXPONENT_SPAN), np.log(high), 60)
     sides = []
     for sign in (-1.0, 1.0):
 
         def misfit(size: float, sign: float = sign) -> float:
-            return _exponential(sign * np.exp(size) / span, p, k, force)[1]
+            return _fit_sarosi_coefficients(sign * np.exp(size) / span, p, k, force)[1]
 
-        value, size, at_end = _lowest(misfit, sizes)
+        value, size, at_end = _minimise_on_grid(misfit, sizes)
         sides.append((value, sign * float(np.exp(size)) / span, at_end))
     _, rate, at_end = min(sides)
     return rate, at_end
 
 
-def _lowest(misfit: Callable[[float], float], grid: Vector) -> tuple[float, float, bool]:
+def _minimise_on_grid(misfit: Callable[[float], float], grid: Vector) -> tuple[float, float, bool]:
     """The least value over the range of a grid, where, and whether at an end; every dip is refined."""
     values = np.array([misfit(x) for x in grid])
     best = []
-    for i in _dips(values):
+    for i in _find_local_minima(values):
         around = (grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)])
-        found: Any = minimize_scalar(
+        minimum: Any = minimize_scalar(
             misfit, bounds=around, method="bounded", options={"xatol": 1e-9 * np.ptp(grid)}
         )
-        best.append(min((float(found.fun), float(found.x)), (float(values[i]), float(grid[i]))))
-    value, at = min(best)
-    return value, at, bool(min(at - grid[0], grid[-1] - at) < 1e-6 * np.ptp(grid))
+        best.append(min((float(minimum.fun), float(minimum.x)), (float(values[i]), float(grid[i]))))
+    value, argument = min(best)
+    return value, argument, bool(min(argument - grid[0], grid[-1] - argument) < 1e-6 * np.ptp(grid))
 
 
-def _dips(values: Vector) -> NDArray[np.intp]:
+def _find_local_minima(values: Vector) -> NDArray[np.intp]:
     """Indices of the local minima of a row of values, ends included."""
     padded = np.concatenate([[np.inf], values, [np.inf]])
     return np.flatnonzero((values <= padded[:-2]) & (values <= padded[2:]))
 
 
-def _cylinder(p: Vector, l: Vector, force: Vector) -> tuple[Vector, float]:
+def _fit_gaylord_coefficients(p: Vector, l: Vector, force: Vector) -> tuple[Vector, float]:
     """The two linear coefficients of the cylinder, none below zero, and the sum of squares."""
     longest = l.max()
     design = np.column_stack([p * (l**2 - longest**2 / 3), -p])
@@ -220,7 +222,7 @@ def _cylinder(p: Vector, l: Vector, force: Vector) -> tuple[Vector, float]:
     return scaled / scale, float(norm**2)
 
 
-def _exponential(rate: float, p: Vector, k: Vector, force: Vector) -> tuple[Vector, float]:
+def _fit_sarosi_coefficients(rate: float, p: Vector, k: Vector, force: Vector) -> tuple[Vector, float]:
     """Coefficients a, b, d, e, f for a given c, and the sum of squares."""
     # Measured from the end where it is largest the exponential cannot overflow; a and b are moved back after.
     end = k.max() if rate > 0 else k.min()
@@ -233,7 +235,7 @@ def _exponential(rate: float, p: Vector, k: Vector, force: Vector) -> tuple[Vect
     return scaled / scale * back, float(misfit @ misfit)
 
 
-def _complete(**columns: ArrayLike) -> list[Vector]:
+def _drop_blank_rows(**columns: ArrayLike) -> list[Vector]:
     """The columns as flat arrays, without the rows in which one of them is blank."""
     arrays = {name: np.asarray(column, float).ravel() for name, column in columns.items()}
     sizes = {name: array.size for name, array in arrays.items()}
@@ -246,13 +248,13 @@ def _complete(**columns: ArrayLike) -> list[Vector]:
     return [array[whole] for array in arrays.values()]
 
 
-def _need_settings(values: Vector, least: int, name: str, unit: str) -> None:
+def _check_settings(values: Vector, min_count: int, name: str, unit: str) -> None:
     """Refuse a column that takes too few values; a thousandth of the largest is one value still."""
     size = np.abs(values).max()
     count = np.unique(np.round(values / size, 3)).size if size > 0 else 1
-    if count < least:
+    if count < min_count:
         raise refuse(
-            f"this fit needs at least {least} different values of `{name}`",
+            f"this fit needs at least {min_count} different values of `{name}`",
             f"{count}, near {np.mean(values):.4g} {unit}".rstrip(),
             remedy=f"Measure at another {name}.",
         )

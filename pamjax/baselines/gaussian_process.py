@@ -16,44 +16,46 @@ from typing import Any, cast
 
 import numpy as np
 
-from pamjax.diagnosis.detect.regions import SHORTENING, axes
-from pamjax.diagnosis.library.library_problem import Problem
+from pamjax.diagnosis.detect.regions import SHORTENING, build_axes
+from pamjax.diagnosis.library.library_problem import LibraryProblem
 
 #: Most rows it learns from, evenly picked: its cost is their cube.
-LEARNT = 300
+MAX_TRAINING_ROWS = 300
 
 #: Limits of its length scales, in standard deviations of an input.
-SHORTEST, FARTHEST = 0.03, 100.0
+MIN_LENGTH_SCALE, MAX_LENGTH_SCALE = 0.03, 100.0
 
 #: Share of a channel's fastest usual rate above which it moves.
-MOVING = 0.05
+MIN_RATE_SHARE = 0.05
 
 #: Speeds that differ by less than this factor are one.
-SPEEDS = 1.5
+MIN_SPEED_RATIO_FOR_INPUT = 1.5
 
 
-def inputs(found: Problem) -> np.ndarray:
+def build_inputs(problem: LibraryProblem) -> np.ndarray:
     """(n, k) standardised: pressure, contraction, direction; speed too where there are several."""
-    at = axes(found)
-    pressure = np.asarray(found.member.history.rate(found.member.rows.pressure))[: found.n]
-    length = np.asarray(found.member.history.rate(found.member.rows.length))[: found.n]
+    axes = build_axes(problem)
+    pressure = np.asarray(problem.dataset.history.rate(problem.dataset.rows.pressure))[: problem.n]
+    length = np.asarray(problem.dataset.history.rate(problem.dataset.rows.length))[: problem.n]
     # Where the length is held, what climbs and falls is the pressure.
-    strokes = bool(np.any(at.direction != 0))
-    rate, way = (length, at.direction / SHORTENING) if strokes else (pressure, _sign(pressure))
-    columns = [at.pressure, at.contraction, way]
-    speeds = np.abs(rate)[way != 0]
-    if speeds.size and np.quantile(speeds, 0.9) > SPEEDS * np.quantile(speeds, 0.3):
+    strokes = bool(np.any(axes.direction != 0))
+    rate, direction = (
+        (length, axes.direction / SHORTENING) if strokes else (pressure, _compute_rate_sign(pressure))
+    )
+    columns = [axes.pressure, axes.contraction, direction]
+    speeds = np.abs(rate)[direction != 0]
+    if speeds.size and np.quantile(speeds, 0.9) > MIN_SPEED_RATIO_FOR_INPUT * np.quantile(speeds, 0.3):
         columns.append(np.arcsinh(np.abs(rate) / max(float(np.median(speeds)), 1e-300)))
     kept = [c for c in columns if np.nanstd(c) > 0]
     return np.stack([(c - np.nanmean(c)) / np.nanstd(c) for c in kept], axis=1)
 
 
-def _sign(rate: np.ndarray) -> np.ndarray:
+def _compute_rate_sign(rate: np.ndarray) -> np.ndarray:
     fast = float(np.nanquantile(np.abs(rate), 0.95)) if rate.size else 0.0
-    return np.where(np.abs(rate) > MOVING * fast, np.sign(rate), 0.0)
+    return np.where(np.abs(rate) > MIN_RATE_SHARE * fast, np.sign(rate), 0.0)
 
 
-def widest_gap(values: np.ndarray) -> float:
+def find_widest_gap(values: np.ndarray) -> float:
     """The widest distance between neighbours among some values: the shortest length scale worth asking for.
 
     A shorter one fits each isobar by itself and knows nothing of one between them: no curve that anybody
@@ -62,20 +64,26 @@ def widest_gap(values: np.ndarray) -> float:
     >>> widest_gap(np.array([0.0, 1.0, 1.01, 3.0]))
     1.99
     """
-    return float(np.clip(np.max(np.diff(np.sort(values)), initial=SHORTEST), SHORTEST, FARTHEST / 2))
+    return float(
+        np.clip(
+            np.max(np.diff(np.sort(values)), initial=MIN_LENGTH_SCALE), MIN_LENGTH_SCALE, MAX_LENGTH_SCALE / 2
+        )
+    )
 
 
-def discrepancy(x: np.ndarray, left: np.ndarray, told: np.ndarray, seed: int = 0) -> np.ndarray:
+def predict_discrepancy(
+    x: np.ndarray, residual: np.ndarray, training_rows: np.ndarray, seed: int = 0
+) -> np.ndarray:
     """What the baseline leaves, learnt from some rows, at every row.
 
     Args:
         x: (n, k) inputs, standardised.
-        left: (n,) measured minus baseline, any unit.
-        told: (n,) rows it may learn from.
+        residual: (n,) measured minus baseline, any unit.
+        training_rows: (n,) rows it may learn from.
         seed: of the start of its second search.
 
     Returns:
-        (n,) δ in the unit of `left`; NaN where an input is not known.
+        (n,) δ in the unit of `residual`; NaN where an input is not known.
     """
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.gaussian_process import GaussianProcessRegressor
@@ -83,11 +91,11 @@ def discrepancy(x: np.ndarray, left: np.ndarray, told: np.ndarray, seed: int = 0
     from threadpoolctl import threadpool_limits
 
     known = np.all(np.isfinite(x), axis=1)
-    rows = np.flatnonzero(told & known & np.isfinite(left))
-    rows = rows[np.unique(np.linspace(0, rows.size - 1, min(LEARNT, rows.size)).astype(int))]
-    out = np.full(left.size, np.nan)
-    size = float(np.sqrt(np.mean(left[rows] ** 2))) or 1.0
-    nearest = [(widest_gap(x[rows, k]), FARTHEST) for k in range(x.shape[1])]
+    rows = np.flatnonzero(training_rows & known & np.isfinite(residual))
+    rows = rows[np.unique(np.linspace(0, rows.size - 1, min(MAX_TRAINING_ROWS, rows.size)).astype(int))]
+    out = np.full(residual.size, np.nan)
+    residual_rms = float(np.sqrt(np.mean(residual[rows] ** 2))) or 1.0
+    nearest = [(find_widest_gap(x[rows, k]), MAX_LENGTH_SCALE) for k in range(x.shape[1])]
     start = np.clip(1.0, *np.array(nearest).T)
     kernel = ConstantKernel(1.0, (1e-4, 1e4)) * RBF(cast(Any, start), cast(Any, nearest))
     process = GaussianProcessRegressor(
@@ -97,6 +105,6 @@ def discrepancy(x: np.ndarray, left: np.ndarray, told: np.ndarray, seed: int = 0
     with warnings.catch_warnings(), threadpool_limits(1, user_api="blas"):
         # A length scale at its limit says that an input does not matter, or matters from row to row.
         warnings.simplefilter("ignore", ConvergenceWarning)
-        process.fit(x[rows], left[rows] / size)
-    out[known] = size * np.asarray(process.predict(x[known]))
+        process.fit(x[rows], residual[rows] / residual_rms)
+    out[known] = residual_rms * np.asarray(process.predict(x[known]))
     return out

@@ -9,7 +9,7 @@ is the noise model, that nothing accounts for how many forms were tried, and tha
 but that BIC falls.
 
 It sees the rows that pamjax's own fit sees. The other common practice, a flexible curve on what the baseline
-leaves, is in `discrepancy.py`.
+leaves, is in `gaussian_process.py`.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamjax.diagnosis.detect.score_test import Signature, signatures
-from pamjax.diagnosis.library.candidates import Form, forms
-from pamjax.diagnosis.library.library_problem import Problem
-from pamjax.diagnosis.noise.estimate import Whitening, whitening
-from pamjax.diagnosis.refit.candidate_fit import begun
-from pamjax.diagnosis.refit.least_squares import Refit, refit
-from pamjax.diagnosis.select.search import shortlist
+from pamjax.diagnosis.detect.score_test import ScoreDirection, compute_score_directions
+from pamjax.diagnosis.library.candidates import Candidate, build_candidates
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.noise.estimate import NoiseModel, estimate_noise
+from pamjax.diagnosis.refit.candidate_fit import switch_on_candidate
+from pamjax.diagnosis.refit.least_squares import MapEstimate, fit_parameters
+from pamjax.diagnosis.select.search import shortlist_candidates
 
 #: Most names; how many mechanisms are refitted at each step, and evaluations of such a refit.
-MOST, TRIED, EVALUATIONS = 6, 2, 15
+MAX_STEPWISE_MECHANISMS, TRIALS_PER_STEP, STEPWISE_EVALUATIONS = 6, 2, 15
 
 
 @dataclass(frozen=True, eq=False)
-class Selection:
+class StepwiseSelection:
     """What independent noise and BIC select.
 
     Attributes:
@@ -44,43 +44,57 @@ class Selection:
     force: np.ndarray
 
 
-def select(found: Problem, used: np.ndarray) -> Selection:
+def select_by_bic(problem: LibraryProblem, training_rows: np.ndarray) -> StepwiseSelection:
     """Forward selection by BIC under independent noise.
 
     Args:
-        found: the recording before the library.
-        used: (n,) the rows that may be looked at.
+        problem: the recording before the library.
+        training_rows: (n,) the rows that may be looked at.
     """
-    candidates = forms(found)
-    own = np.flatnonzero(found.own).tolist()
-    white = _independent(whitening(found, found.neutral, used))
-    at = refit(found, white, own, found.neutral)
-    white = _independent(whitening(found, at.values, used))
-    at = refit(found, white, own, at.values)
-    chosen: list[Form] = []
-    while len(chosen) < MOST:
-        scored = signatures(found, white, at, candidates)
-        promising = shortlist(scored, [form.id for form in chosen], TRIED)
-        trials = [(s.form, _with(found, white, at, own, chosen, s)) for s in promising]
-        form, best = min(trials, key=lambda pair: pair[1].misfit)
-        if bic(best.misfit, white.size, len(best.moved)) >= bic(at.misfit, white.size, len(at.moved)):
+    candidates = build_candidates(problem)
+    baseline_indices = np.flatnonzero(problem.is_baseline).tolist()
+    noise = _remove_correlation(estimate_noise(problem, problem.neutral, training_rows))
+    estimate = fit_parameters(problem, noise, baseline_indices, problem.neutral)
+    noise = _remove_correlation(estimate_noise(problem, estimate.values, training_rows))
+    estimate = fit_parameters(problem, noise, baseline_indices, estimate.values)
+    mechanisms: list[Candidate] = []
+    while len(mechanisms) < MAX_STEPWISE_MECHANISMS:
+        scored = compute_score_directions(problem, noise, estimate, candidates)
+        promising = shortlist_candidates(scored, [candidate.id for candidate in mechanisms], TRIALS_PER_STEP)
+        trials = [
+            (s.candidate, _fit_with_candidate(problem, noise, estimate, baseline_indices, mechanisms, s))
+            for s in promising
+        ]
+        candidate, best_estimate = min(trials, key=lambda pair: pair[1].chi2)
+        if compute_bic(best_estimate.chi2, noise.size, len(best_estimate.free)) >= compute_bic(
+            estimate.chi2, noise.size, len(estimate.free)
+        ):
             break
-        at, chosen = best, [*chosen, form]
-    return Selection(tuple(form.id for form in chosen), found.shows(at.values)[0])
+        estimate, mechanisms = best_estimate, [*mechanisms, candidate]
+    return StepwiseSelection(
+        tuple(candidate.id for candidate in mechanisms), problem.predict(estimate.values)[0]
+    )
 
 
-def bic(misfit: float, samples: int, numbers: int) -> float:
+def compute_bic(chi2: float, samples: int, parameters: int) -> float:
     """Schwarz's criterion with the noise level profiled out."""
-    return samples * float(np.log(misfit / samples)) + numbers * float(np.log(samples))
+    return samples * float(np.log(chi2 / samples)) + parameters * float(np.log(samples))
 
 
-def _independent(white: Whitening) -> Whitening:
-    colours = tuple(c and dataclasses.replace(c, correlation=0.0) for c in white.colours)
-    return dataclasses.replace(white, colours=colours)
+def _remove_correlation(noise: NoiseModel) -> NoiseModel:
+    channels = tuple(c and dataclasses.replace(c, correlation=0.0) for c in noise.channels)
+    return dataclasses.replace(noise, channels=channels)
 
 
-def _with(found: Problem, white: Whitening, at: Refit, own, chosen, signature: Signature) -> Refit:
-    start = begun(found, at.values, signature.form, signature.amplitudes)
-    names = [name for one in (*chosen, signature.form) for name in one.moves]
-    moved = sorted({*own, *(found.place(name) for name in names)})
-    return refit(found, white, moved, start, EVALUATIONS)
+def _fit_with_candidate(
+    problem: LibraryProblem,
+    noise: NoiseModel,
+    estimate: MapEstimate,
+    baseline_indices,
+    mechanisms,
+    direction: ScoreDirection,
+) -> MapEstimate:
+    start = switch_on_candidate(problem, estimate.values, direction.candidate, direction.amplitudes)
+    names = [name for candidate in (*mechanisms, direction.candidate) for name in candidate.free_parameters]
+    free = sorted({*baseline_indices, *(problem.index(name) for name in names)})
+    return fit_parameters(problem, noise, free, start, STEPWISE_EVALUATIONS)

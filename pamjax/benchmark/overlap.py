@@ -12,86 +12,99 @@ from collections.abc import Sequence
 import numpy as np
 
 from pamjax.diagnosis.detect.locate import Box
-from pamjax.diagnosis.detect.regions import LENGTHENING, SHORTENING, Axes
+from pamjax.diagnosis.detect.regions import LENGTHENING, SHORTENING, RecordingAxes
 from pamjax.infer.problem.dataset import CHANNELS
 
 #: What of a squared effect lies outside a box at each end, and from which share a direction counts.
-TAIL, SIDE = 0.05, 0.15
+TRUE_BOX_TAIL_SHARE, MIN_TRUE_DIRECTION_SHARE = 0.05, 0.15
 #: Rms on a channel, over the largest, from which an effect has a box there.
-CHANNEL = 0.5
+MIN_TRUE_BOX_RMS_RATIO = 0.5
 #: Intervals thinner than this share of what was recorded are widened to it: a point can match a point.
-THIN = 0.02
+MIN_INTERVAL_SHARE = 0.02
 
-WAYS = {"shortening": {SHORTENING}, "lengthening": {LENGTHENING}, "both": {SHORTENING, LENGTHENING}}
-AXES = ("pressure", "contraction", "time")
+DIRECTION_SETS = {"shortening": {SHORTENING}, "lengthening": {LENGTHENING}, "both": {SHORTENING, LENGTHENING}}
+BOX_AXES = ("pressure", "contraction", "time")
 
 
-def true_boxes(at: Axes, effects: np.ndarray, noise: np.ndarray) -> list[Box]:
+def compute_true_boxes(axes: RecordingAxes, effects: np.ndarray, noise: np.ndarray) -> list[Box]:
     """Boxes of effects.
 
     Args:
-        at: what the recording did, row by row.
+        axes: what the recording did, row by row.
         effects: (k, 2, n) SI, NaN where not measured.
         noise: (2, n) standard deviation of a sample, SI.
     """
     boxes = []
     for effect in effects:
         square = np.nan_to_num((effect / noise) ** 2)
-        measured = [max(int(np.isfinite(one).sum()), 1) for one in effect]
-        sizes = [float(np.sqrt(one.sum() / many)) for one, many in zip(square, measured, strict=True)]
+        measured = [max(int(np.isfinite(channel_square).sum()), 1) for channel_square in effect]
+        sizes = [
+            float(np.sqrt(channel_square.sum() / sample_count))
+            for channel_square, sample_count in zip(square, measured, strict=True)
+        ]
         for c, size in enumerate(sizes):
-            if size > 0 and size >= CHANNEL * max(sizes):
-                boxes.append(_box(at, CHANNELS[c], square[c]))
+            if size > 0 and size >= MIN_TRUE_BOX_RMS_RATIO * max(sizes):
+                boxes.append(_build_true_box(axes, CHANNELS[c], square[c]))
     return boxes
 
 
-def _box(at: Axes, channel: str, square: np.ndarray) -> Box:
-    spans = [_middle(getattr(at, axis), square) for axis in AXES]
-    moving = {way: float(square[at.direction == way].sum()) for way in (SHORTENING, LENGTHENING)}
+def _build_true_box(axes: RecordingAxes, channel: str, square: np.ndarray) -> Box:
+    spans = [_compute_middle_range(getattr(axes, axis), square) for axis in BOX_AXES]
+    moving = {way: float(square[axes.direction == way].sum()) for way in (SHORTENING, LENGTHENING)}
     direction, both = "both", sum(moving.values())
     if both >= 0.5 * square.sum():
-        if moving[SHORTENING] < SIDE * both:
+        if moving[SHORTENING] < MIN_TRUE_DIRECTION_SHARE * both:
             direction = "lengthening"
-        elif moving[LENGTHENING] < SIDE * both:
+        elif moving[LENGTHENING] < MIN_TRUE_DIRECTION_SHARE * both:
             direction = "shortening"
     return Box(channel, direction, spans[0], spans[1], spans[2], 1.0, "")
 
 
-def _middle(values: np.ndarray, weights: np.ndarray) -> tuple[float, float]:
+def _compute_middle_range(values: np.ndarray, weights: np.ndarray) -> tuple[float, float]:
     order = np.argsort(values)
     share = np.cumsum(weights[order]) / weights.sum()
-    low, high = (min(int(np.searchsorted(share, edge)), order.size - 1) for edge in (TAIL, 1 - TAIL))
+    low, high = (
+        min(int(np.searchsorted(share, edge)), order.size - 1)
+        for edge in (TRUE_BOX_TAIL_SHARE, 1 - TRUE_BOX_TAIL_SHARE)
+    )
     return float(values[order][low]), float(values[order][high])
 
 
-def overlap(at: Axes, claims: Sequence[Box], boxes: Sequence[Box]) -> float:
+def compute_overlap(axes: RecordingAxes, claims: Sequence[Box], boxes: Sequence[Box]) -> float:
     """The best overlap of any claim with any true box."""
-    domain = _domain(at)
-    return max((_overlap(claim, box, domain) for claim in claims for box in boxes), default=0.0)
+    domain = _compute_domain(axes)
+    return max((_compute_box_overlap(claim, box, domain) for claim in claims for box in boxes), default=0.0)
 
 
-def blind(at: Axes, boxes: Sequence[Box]) -> float:
+def compute_blind_overlap(axes: RecordingAxes, boxes: Sequence[Box]) -> float:
     """The overlap that a claim of the whole recording has, for comparison."""
-    pressure, contraction, time = (span for span in _domain(at).values())
+    pressure, contraction, time = (span for span in _compute_domain(axes).values())
     whole = [Box(channel, "both", pressure, contraction, time, 1.0, "") for channel in CHANNELS]
-    return overlap(at, whole, boxes)
+    return compute_overlap(axes, whole, boxes)
 
 
-def _domain(at: Axes) -> dict[str, tuple[float, float]]:
-    return {axis: (float(np.min(v)), float(np.max(v))) for axis in AXES for v in (getattr(at, axis),)}
+def _compute_domain(axes: RecordingAxes) -> dict[str, tuple[float, float]]:
+    return {axis: (float(np.min(v)), float(np.max(v))) for axis in BOX_AXES for v in (getattr(axes, axis),)}
 
 
-def _overlap(one: Box, other: Box, domain: dict[str, tuple[float, float]]) -> float:
-    if one.channel != other.channel:
+def _compute_box_overlap(claim: Box, other: Box, domain: dict[str, tuple[float, float]]) -> float:
+    if claim.channel != other.channel:
         return 0.0
-    shared, together = (len(f(WAYS[one.direction], WAYS[other.direction])) for f in (set.__and__, set.__or__))
+    shared, together = (
+        len(f(DIRECTION_SETS[claim.direction], DIRECTION_SETS[other.direction]))
+        for f in (set.__and__, set.__or__)
+    )
     out = shared / together
     for axis, (low, high) in domain.items():
-        out *= interval_overlap(getattr(one, axis), getattr(other, axis), THIN * (high - low))
+        out *= compute_interval_overlap(
+            getattr(claim, axis), getattr(other, axis), MIN_INTERVAL_SHARE * (high - low)
+        )
     return out
 
 
-def interval_overlap(one: tuple[float, float], other: tuple[float, float], thin: float) -> float:
+def compute_interval_overlap(
+    claim: tuple[float, float], other: tuple[float, float], min_length: float
+) -> float:
     """Length shared over length covered together, of intervals at least so thick.
 
     >>> interval_overlap((0.0, 2.0), (1.0, 3.0), 0.01)
@@ -101,13 +114,13 @@ def interval_overlap(one: tuple[float, float], other: tuple[float, float], thin:
     >>> interval_overlap((0.0, 1.0), (2.0, 3.0), 0.01)
     0.0
     """
-    (a, b), (c, d) = _thick(one, thin), _thick(other, thin)
+    (a, b), (c, d) = _widen_interval(claim, min_length), _widen_interval(other, min_length)
     if b == a and d == c:
         return float(a == c)
     return max(min(b, d) - max(a, c), 0.0) / (max(b, d) - min(a, c))
 
 
-def _thick(interval: tuple[float, float], thin: float) -> tuple[float, float]:
+def _widen_interval(interval: tuple[float, float], min_length: float) -> tuple[float, float]:
     low, high = interval
-    more = max(thin - (high - low), 0.0) / 2
-    return low - more, high + more
+    extra = max(min_length - (high - low), 0.0) / 2
+    return low - extra, high + extra

@@ -14,24 +14,24 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import pamjax.benchmark.trial
-from pamjax.benchmark.trial import Task, Trial, read_line
+from pamjax.benchmark.trial import Trial, TrialTask, parse_trial
 from pamjax.errors import refuse
-from pamjax.progress import Progress, silent
+from pamjax.progress import Progress, ignore_progress
 
 #: One thread a process: two processes with two threads each are slower than with one. (Not the compiler's
 #: flags: programs compiled under other flags would not be found in the cache.)
-SINGLE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+SINGLE_THREAD_ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
-Attempt = Callable[[Task], Trial]
+TrialRunner = Callable[[TrialTask], Trial]
 
 
-def prove(
-    tasks: Sequence[Task],
+def run_proof(
+    tasks: Sequence[TrialTask],
     file: Path,
     *,
     workers: int = 1,
-    progress: Progress = silent,
-    attempt: Attempt | None = None,
+    progress: Progress = ignore_progress,
+    attempt: TrialRunner | None = None,
 ) -> list[Trial]:
     """Diagnose envelopes that are not in the file yet.
 
@@ -40,7 +40,7 @@ def prove(
         file: of trials, one line each; every trial is added as soon as it is there.
         workers: processes.
         progress: called with what is being done and the share done.
-        attempt: what turns a task into a trial, `trial.attempt` by itself; importable by name where there are
+        attempt: what turns a task into a trial, `trial.run_trial` by itself; importable by name where there are
             several workers.
 
     Returns:
@@ -49,22 +49,24 @@ def prove(
     have = {trial.key: trial for trial in read_trials(file)} if file.exists() else {}
     wanted = [task for task in tasks if task.key not in have]
     for done, trial in enumerate(
-        _attempts(wanted, workers, attempt or pamjax.benchmark.trial.attempt), start=1
+        _run_trials(wanted, workers, attempt or pamjax.benchmark.trial.run_trial), start=1
     ):
-        _add(file, trial)
+        _append_trial(file, trial)
         have[trial.key] = trial
         progress(f"{done} of {len(wanted)}", done / len(wanted))
     return [have[task.key] for task in tasks]
 
 
-def _attempts(tasks: Sequence[Task], workers: int, attempt: Attempt) -> Iterator[Trial]:
+def _run_trials(tasks: Sequence[TrialTask], workers: int, attempt: TrialRunner) -> Iterator[Trial]:
     if workers == 1 or len(tasks) < 2:
         yield from map(attempt, tasks)
         return
     spawn = multiprocessing.get_context("spawn")
     with (
-        _environment(SINGLE),
-        ProcessPoolExecutor(min(workers, len(tasks)), mp_context=spawn, initializer=_keep) as pool,
+        _set_environment(SINGLE_THREAD_ENVIRONMENT),
+        ProcessPoolExecutor(
+            min(workers, len(tasks)), mp_context=spawn, initializer=_initialise_worker
+        ) as pool,
     ):
         left = iter(tasks)
         running = {pool.submit(attempt, task) for task in islice(left, 2 * workers)}
@@ -72,20 +74,20 @@ def _attempts(tasks: Sequence[Task], workers: int, attempt: Attempt) -> Iterator
             while running:
                 over, running = wait(running, return_when=FIRST_COMPLETED)
                 running |= {pool.submit(attempt, task) for task in islice(left, len(over))}
-                yield from (one.result() for one in over)
+                yield from (finished.result() for finished in over)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
 
 
-def _keep() -> None:
+def _initialise_worker() -> None:
     from pamjax.compile.jax_cache import keep_compiled
 
-    threading.Thread(target=_leave_with, args=(multiprocessing.parent_process(),), daemon=True).start()
+    threading.Thread(target=_exit_with_parent, args=(multiprocessing.parent_process(),), daemon=True).start()
     keep_compiled()
 
 
-def _leave_with(parent: BaseProcess | None) -> None:
+def _exit_with_parent(parent: BaseProcess | None) -> None:
     """End with the process that asked, which tells nobody when it is killed: a helper would wait for ever."""
     if parent is not None:
         parent.join()
@@ -93,7 +95,7 @@ def _leave_with(parent: BaseProcess | None) -> None:
 
 
 @contextmanager
-def _environment(settings: dict[str, str]) -> Iterator[None]:
+def _set_environment(settings: dict[str, str]) -> Iterator[None]:
     """Settings for the processes that are started inside the block."""
     before = {name: os.environ.get(name) for name in settings}
     os.environ.update(settings)
@@ -107,17 +109,17 @@ def _environment(settings: dict[str, str]) -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _add(file: Path, trial: Trial) -> None:
+def _append_trial(file: Path, trial: Trial) -> None:
     """Append one line in one write; what a power cut leaves of a line is no trial."""
     with file.open("ab") as out:
-        if out.tell() and not _ends(file):
+        if out.tell() and not _ends_with_newline(file):
             out.write(b"\n")
-        out.write(trial.line().encode() + b"\n")
+        out.write(trial.format_line().encode() + b"\n")
         out.flush()
         os.fsync(out.fileno())
 
 
-def _ends(file: Path) -> bool:
+def _ends_with_newline(file: Path) -> bool:
     with file.open("rb") as read:
         read.seek(-1, os.SEEK_END)
         return read.read(1) == b"\n"
@@ -135,7 +137,7 @@ def read_trials(file: Path) -> list[Trial]:
         if not line:
             continue
         try:
-            trials.append(read_line(line))
+            trials.append(parse_trial(line))
         except json.JSONDecodeError:
             continue
         except (ValueError, TypeError, KeyError, AttributeError) as error:
@@ -146,17 +148,17 @@ def read_trials(file: Path) -> list[Trial]:
     return trials
 
 
-def tasks_of(
+def build_tasks(
     counts: dict[str, int], correlations: Iterable[float], *, stage: str = "all", seed: int = 0,
-    rivals: bool = False, form_error: float = 0.0,
-) -> list[Task]:  # fmt: skip
+    with_baselines: bool = False, form_error: float = 0.0,
+) -> list[TrialTask]:  # fmt: skip
     """So many envelopes of each kind at each correlation, kinds and correlations by turns.
 
     >>> [(t.kind, t.number) for t in tasks_of({"nothing": 1, "pair": 2}, [0.5])]
     [('nothing', 0), ('pair', 0), ('pair', 1)]
     """
     return [
-        Task(stage, kind, correlation, number, seed, rivals, form_error)
+        TrialTask(stage, kind, correlation, number, seed, with_baselines, form_error)
         for number in range(max(counts.values(), default=0))
         for correlation in correlations
         for kind, many in counts.items()

@@ -20,18 +20,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from pamjax.records.protocol import Protocol
-from pamjax.records.reading.muscle_toml import Entry, Sensors
-from pamjax.records.reading.quantity import Measured
+from pamjax.records.reading.muscle_toml import MuscleToml, Sensors
+from pamjax.records.reading.quantity import MeasuredValue
 from pamjax.records.recording import Recording
 
 #: Rows of a drawn recording, about.
-ROWS = 850
+DRAWN_RECORDING_ROWS = 850
 
 #: Shares of the benches that sweep pressure, and of the labs that believe in inelastic threads.
-RAMPS, INELASTIC = 0.2, 0.25
+RAMP_BENCH_SHARE, INELASTIC_SHARE = 0.2, 0.25
 
 #: What a lab believes of its own numbers: sd of thread length and of stiffness as shares, of turns.
-THREAD, STIFFNESS, TURNS = 1.5e-3, 0.2, 4e-3
+THREAD_LENGTH_SD_SHARE, STIFFNESS_SD_SHARE, TURNS_SD = 1.5e-3, 0.2, 4e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,20 +43,20 @@ class Setup:
         plan: pressure and length as they were set; force and diameter stand for "measured here".
     """
 
-    entry: Entry
+    entry: MuscleToml
     plan: Recording
 
 
-def known() -> Setup:
+def build_reference_setup() -> Setup:
     """One muscle that is always the same: the paper's, with softer threads, at five isobars."""
-    entry = Entry(
+    entry = MuscleToml(
         name="a known muscle",
-        rest_length=Measured(0.2357),
-        thread_length=Measured(0.2512, 0.4e-3),
-        turns=Measured(1.09, 0.004),
+        rest_length=MeasuredValue(0.2357),
+        thread_length=MeasuredValue(0.2512, 0.4e-3),
+        turns=MeasuredValue(1.09, 0.004),
         threads=144,
-        thread_area=Measured(0.0858e-6),
-        modulus=Measured(40e9, 8e9),
+        thread_area=MeasuredValue(0.0858e-6),
+        modulus=MeasuredValue(40e9, 8e9),
         sensors=Sensors(force=3.0, diameter=0.05e-3, pressure=500.0, length=0.02e-3),
         baseline="elastic",
     )
@@ -69,10 +69,10 @@ def known() -> Setup:
         rate="0.5 Hz",
         diameter_every=1,
     )
-    return Setup(entry, _plan(protocol, entry.rest_length.value))
+    return Setup(entry, _build_plan(protocol, entry.rest_length.value))
 
 
-def draw(rng: np.random.Generator, rows: int = ROWS, law: str | None = None) -> Setup:
+def draw_setup(rng: np.random.Generator, rows: int = DRAWN_RECORDING_ROWS, law: str | None = None) -> Setup:
     """A muscle and a bench nobody chose.
 
     Args:
@@ -81,41 +81,43 @@ def draw(rng: np.random.Generator, rows: int = ROWS, law: str | None = None) -> 
         law: "elastic" or "inelastic"; None draws it.
     """
     angle = math.radians(rng.uniform(62.0, 74.0))
-    diameter = _log_uniform(rng, 9e-3, 28e-3)
-    rest = diameter * rng.uniform(8.0, 16.0)
-    thread = rest / math.sin(angle)
+    diameter = _draw_log_uniform(rng, 9e-3, 28e-3)
+    rest_length = diameter * rng.uniform(8.0, 16.0)
+    thread = rest_length / math.sin(angle)
     turns = thread * math.cos(angle) / (math.pi * diameter)
     top = rng.uniform(300e3, 700e3)
-    load = top * rest * thread / (2 * math.pi * turns**2)
-    stiffness = float(np.clip(load / _log_uniform(rng, 0.003, 0.03), 2e3, 5e6))
-    full = top * (3 * rest**2 - thread**2) / (4 * math.pi * turns**2)
-    law = law or ("inelastic" if rng.random() < INELASTIC else "elastic")
-    entry = Entry(
+    load = top * rest_length * thread / (2 * math.pi * turns**2)
+    stiffness = float(np.clip(load / _draw_log_uniform(rng, 0.003, 0.03), 2e3, 5e6))
+    full = top * (3 * rest_length**2 - thread**2) / (4 * math.pi * turns**2)
+    law = law or ("inelastic" if rng.random() < INELASTIC_SHARE else "elastic")
+    entry = MuscleToml(
         name="a drawn muscle",
-        rest_length=Measured(rest),
-        thread_length=Measured(thread, THREAD * thread),
-        turns=Measured(turns, TURNS),
-        stiffness=Measured(stiffness, STIFFNESS * stiffness),
+        rest_length=MeasuredValue(rest_length),
+        thread_length=MeasuredValue(thread, THREAD_LENGTH_SD_SHARE * thread),
+        turns=MeasuredValue(turns, TURNS_SD),
+        stiffness=MeasuredValue(stiffness, STIFFNESS_SD_SHARE * stiffness),
         sensors=Sensors(
-            force=full * _log_uniform(rng, 3e-4, 2e-3),
-            diameter=diameter * _log_uniform(rng, 1e-3, 4e-3),
-            pressure=top * _log_uniform(rng, 3e-4, 1.5e-3),
-            length=rest * _log_uniform(rng, 3e-5, 1.5e-4),
+            force=full * _draw_log_uniform(rng, 3e-4, 2e-3),
+            diameter=diameter * _draw_log_uniform(rng, 1e-3, 4e-3),
+            pressure=top * _draw_log_uniform(rng, 3e-4, 1.5e-3),
+            length=rest_length * _draw_log_uniform(rng, 3e-5, 1.5e-4),
         ),
         baseline=law,
     )
     # Where inextensible threads of this angle pull no more: 3 L² = B².
     free = 1 - 1 / (math.sqrt(3) * math.sin(angle))
-    make = _ramps if rng.random() < RAMPS else _strokes
-    return Setup(entry, _plan(make(rng, top, free, rest, rows), rest))
+    draw_protocol = _draw_ramps if rng.random() < RAMP_BENCH_SHARE else _draw_strokes
+    return Setup(entry, _build_plan(draw_protocol(rng, top, free, rest_length, rows), rest_length))
 
 
-def _strokes(rng: np.random.Generator, top: float, free: float, rest: float, rows: int) -> Protocol:
+def _draw_strokes(
+    rng: np.random.Generator, top: float, free: float, rest_length: float, rows: int
+) -> Protocol:
     """Two strokes at each of five pressures, further at the higher ones."""
     shares = np.linspace(0.16, 1.0, 5) * rng.uniform([0.9] * 5, [1.0] * 5)
     reach = free * np.linspace(rng.uniform(0.3, 0.5), rng.uniform(0.65, 0.78), 5)
-    speed = _log_uniform(rng, 0.004, 0.012) * rest
-    seconds = 4 * float(reach.sum()) * rest / speed
+    speed = _draw_log_uniform(rng, 0.004, 0.012) * rest_length
+    seconds = 4 * float(reach.sum()) * rest_length / speed
     return Protocol(
         kind="strokes",
         pressures=[f"{share * top:.0f} Pa" for share in shares],
@@ -127,7 +129,7 @@ def _strokes(rng: np.random.Generator, top: float, free: float, rest: float, row
     )
 
 
-def _ramps(rng: np.random.Generator, top: float, free: float, rest: float, rows: int) -> Protocol:
+def _draw_ramps(rng: np.random.Generator, top: float, free: float, rest_length: float, rows: int) -> Protocol:
     """Two fillings at each of five lengths."""
     duration = rng.uniform(15.0, 60.0)
     reach = free * np.linspace(0.0, rng.uniform(0.6, 0.75), 5)
@@ -142,14 +144,14 @@ def _ramps(rng: np.random.Generator, top: float, free: float, rest: float, rows:
     )
 
 
-def _plan(protocol: Protocol, rest: float) -> Recording:
+def _build_plan(protocol: Protocol, rest_length: float) -> Recording:
     """The schedule as a recording without noise; force and diameter are filled in later."""
-    plan = protocol.schedule(rest)
+    plan = protocol.build_schedule(rest_length)
     return Recording.from_arrays(
         time=plan.time, pressure=plan.pressure, length=plan.length, cycle=plan.cycle,
-        force=np.full(plan.time.size, 1e3), diameter=np.where(plan.optical, 1.0, np.nan),
+        force=np.full(plan.time.size, 1e3), diameter=np.where(plan.diameter_measured, 1.0, np.nan),
     )  # fmt: skip
 
 
-def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+def _draw_log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     return math.exp(rng.uniform(math.log(low), math.log(high)))

@@ -10,49 +10,49 @@ from typing import Any
 
 import numpy as np
 
-from pamjax.baselines.gaussian_process import discrepancy, inputs
-from pamjax.baselines.stepwise_bic import select
-from pamjax.benchmark.inject_effect import Envelope, conceal
-from pamjax.benchmark.overlap import blind, overlap, true_boxes
-from pamjax.benchmark.setups import draw
-from pamjax.benchmark.stand_in import stands_in
-from pamjax.diagnosis.crossval.gain import held_out
-from pamjax.diagnosis.detect.regions import axes
-from pamjax.diagnosis.detect.score_test import signatures
-from pamjax.diagnosis.detect.significance import DETECTED, Significance, significance
-from pamjax.diagnosis.library.candidates import forms
-from pamjax.diagnosis.library.library_problem import problem
-from pamjax.diagnosis.refit.candidate_fit import settle
+from pamjax.baselines.gaussian_process import build_inputs, predict_discrepancy
+from pamjax.baselines.stepwise_bic import select_by_bic
+from pamjax.benchmark.inject_effect import GroundTruth, inject_effects
+from pamjax.benchmark.overlap import compute_blind_overlap, compute_overlap, compute_true_boxes
+from pamjax.benchmark.setups import draw_setup
+from pamjax.benchmark.stand_in import is_indistinguishable
+from pamjax.diagnosis.crossval.gain import select_held_out_rows
+from pamjax.diagnosis.detect.regions import build_axes
+from pamjax.diagnosis.detect.score_test import compute_score_directions
+from pamjax.diagnosis.detect.significance import DETECTION_P_VALUE, Significance, compute_significance
+from pamjax.diagnosis.library.candidates import build_candidates
+from pamjax.diagnosis.library.library_problem import build_library_problem
+from pamjax.diagnosis.refit.candidate_fit import fit_candidate
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.run import diagnose
 from pamjax.infer.problem.dataset import CHANNELS
-from pamjax.records.blocks import blocks
+from pamjax.records.blocks import find_blocks
 from pamjax.records.case import Case
 
 #: Kinds of envelopes: nothing in it, one effect, two, three, or one that is in no catalogue.
-KINDS = {"nothing": 0, "single": 1, "pair": 2, "triple": 3, "outside": 1}
+TRIAL_KINDS = {"nothing": 0, "single": 1, "pair": 2, "triple": 3, "outside": 1}
 
 #: How far a diagnosis is taken: to the end, or to the baseline's p-value, before anything is named.
-STAGES = ("all", "score")
+TRIAL_STAGES = ("all", "score")
 
 #: Effects, rms in noise standard deviations: from just detectable over obvious (8) to large.
-SMALLEST, LARGEST = 3.0, 25.0
+MIN_EFFECT_SD, MAX_EFFECT_SD = 3.0, 25.0
 
 #: What tells trials apart.
-Key = tuple[str, str, float, int, int, float]
+TrialKey = tuple[str, str, float, int, int, float]
 
 
 @dataclass(frozen=True)
-class Task:
+class TrialTask:
     """Which envelope; the same task is the same recording.
 
     Attributes:
-        stage: one of `STAGES`.
-        kind: a key of `KINDS`.
+        stage: one of `TRIAL_STAGES`.
+        kind: a key of `MAX_LENGTH_COLOURS`.
         correlation: of neighbouring samples of noise.
         number: of the envelope.
         seed: of the proof.
-        rivals: whether common practice is asked as well.
+        with_baselines: whether common practice is asked as well.
         form_error: share by which effects depart from their equations.
     """
 
@@ -61,11 +61,11 @@ class Task:
     correlation: float
     number: int
     seed: int = 0
-    rivals: bool = False
+    with_baselines: bool = False
     form_error: float = 0.0
 
     @property
-    def key(self) -> Key:
+    def key(self) -> TrialKey:
         """What tells it from others."""
         return (
             self.stage, self.kind, round(self.correlation, 6), self.number, self.seed,
@@ -74,7 +74,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Recovered:
+class RecoveredParameter:
     """A number, SI: as it was, as it was found, its sd; whether the concealed form has the same numbers."""
 
     name: str
@@ -126,7 +126,7 @@ class Trial:
     after: dict[str, float] = field(default_factory=dict)
     iou: float | None = None
     iou_blind: float | None = None
-    numbers: tuple[Recovered, ...] = ()
+    numbers: tuple[RecoveredParameter, ...] = ()
     selected: tuple[str, ...] | None = None
     selected_after: float | None = None
     curve_after: float | None = None
@@ -135,182 +135,218 @@ class Trial:
     error: str = ""
 
     @property
-    def key(self) -> Key:
+    def key(self) -> TrialKey:
         """That of its task."""
-        return Task(
+        return TrialTask(
             self.stage, self.kind, self.correlation, self.number, self.seed, form_error=self.form_error
         ).key
 
     @property
     def detected(self) -> bool:
         """Whether the mismatch counts as one."""
-        return self.p_value < DETECTED
+        return self.p_value < DETECTION_P_VALUE
 
     @property
-    def alarm(self) -> bool:
+    def is_alarm(self) -> bool:
         """Whether anything was said to be wrong."""
         return self.detected or bool(self.named) or self.unexplained
 
-    def meets(self, name: str, concealed: str) -> bool:
+    def matches(self, name: str, concealed: str) -> bool:
         """Whether a name is what was concealed, or what this recording truly cannot tell from it."""
         return name == concealed or (concealed, name) in self.stand_ins
 
     @property
-    def found(self) -> tuple[bool, ...]:
+    def effects_found(self) -> tuple[bool, ...]:
         """Which of the concealed effects have a name."""
-        return tuple(any(self.meets(name, id) for name in self.named) for id in self.concealed)
+        return tuple(any(self.matches(name, id) for name in self.named) for id in self.concealed)
 
     @property
-    def right(self) -> tuple[bool, ...]:
+    def names_right(self) -> tuple[bool, ...]:
         """Which of the names stand for something that was concealed."""
-        return tuple(any(self.meets(name, id) for id in self.concealed) for name in self.named)
+        return tuple(any(self.matches(name, id) for id in self.concealed) for name in self.named)
 
     @property
-    def exact(self) -> bool:
+    def is_exact(self) -> bool:
         """Whether everything was named and nothing besides."""
-        return all(self.found) and all(self.right)
+        return all(self.effects_found) and all(self.names_right)
 
-    def line(self) -> str:
+    def format_line(self) -> str:
         """One line of a file, without what is as in any trial."""
-        told = asdict(self)
-        return json.dumps({k: v for k, v in told.items() if v != _USUAL.get(k, ...)}, allow_nan=False)
+        values = asdict(self)
+        return json.dumps(
+            {k: v for k, v in values.items() if v != _DEFAULT_VALUES.get(k, ...)}, allow_nan=False
+        )
 
 
-_USUAL = asdict(Trial("", "", math.nan, -1, -1, "", ""))
+_DEFAULT_VALUES = asdict(Trial("", "", math.nan, -1, -1, "", ""))
 
 
-def read_line(line: str) -> Trial:
+def parse_trial(line: str) -> Trial:
     """A trial from its line."""
-    told = json.loads(line)
+    document = json.loads(line)
     known = {f.name for f in fields(Trial)}
-    values = {k: _tuples(v) for k, v in told.items() if k in known and k != "numbers"}
-    return Trial(**values, numbers=tuple(Recovered(**one) for one in told.get("numbers", ())))
+    values = {k: _convert_to_tuples(v) for k, v in document.items() if k in known and k != "numbers"}
+    return Trial(
+        **values, numbers=tuple(RecoveredParameter(**parameter) for parameter in document.get("numbers", ()))
+    )
 
 
-def _tuples(value: Any) -> Any:
-    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value
+def _convert_to_tuples(value: Any) -> Any:
+    return tuple(_convert_to_tuples(v) for v in value) if isinstance(value, list) else value
 
 
-def attempt(task: Task) -> Trial:
+def run_trial(task: TrialTask) -> Trial:
     """Draw an envelope, diagnose what the lab would see, open it."""
-    begun = time.process_time()
-    envelope = drawn(task)
-    told: dict[str, Any] = {
+    start_time = time.process_time()
+    ground_truth = draw_ground_truth(task)
+    values: dict[str, Any] = {
         "stage": task.stage, "kind": task.kind, "correlation": task.correlation,
         "number": task.number, "seed": task.seed, "form_error": task.form_error,
-        "law": envelope.case.entry.baseline,
-        "blocks": blocks(envelope.case.recording).kind,
-        "concealed": envelope.concealed, "sizes": envelope.sizes,
+        "law": ground_truth.case.entry.baseline,
+        "blocks": find_blocks(ground_truth.case.recording).kind,
+        "concealed": ground_truth.effect_ids, "sizes": ground_truth.effect_sizes,
     }  # fmt: skip
     try:
         if task.stage == "score":
-            told["p_value"] = scored(envelope.case, task.number).p_value
+            values["p_value"] = score_recording(ground_truth.case, task.number).p_value
         else:
-            told |= _compared(envelope, diagnose(envelope.case, seed=task.number), task.rivals)
+            values |= _compare_with_truth(
+                ground_truth, diagnose(ground_truth.case, seed=task.number), task.with_baselines
+            )
     except Exception as error:  # one recording that breaks the tool is a result of the proof, not its end
-        told["error"] = f"{type(error).__name__}: {error}"[:300]
-    return Trial(**told, seconds=round(time.process_time() - begun, 2))
+        values["error"] = f"{type(error).__name__}: {error}"[:300]
+    return Trial(**values, seconds=round(time.process_time() - start_time, 2))
 
 
-def drawn(task: Task) -> Envelope:
+def draw_ground_truth(task: TrialTask) -> GroundTruth:
     """The envelope of a task."""
-    words = [task.seed, list(KINDS).index(task.kind), task.number, round(1e3 * task.correlation)]
+    words = [task.seed, list(TRIAL_KINDS).index(task.kind), task.number, round(1e3 * task.correlation)]
     rng = np.random.default_rng(words)
-    return conceal(
-        KINDS[task.kind], rng, setup=draw(rng), outside=task.kind == "outside",
-        correlation=task.correlation, smallest=SMALLEST, largest=LARGEST,
+    return inject_effects(
+        TRIAL_KINDS[task.kind], rng, setup=draw_setup(rng), unmodelled=task.kind == "outside",
+        correlation=task.correlation, smallest=MIN_EFFECT_SD, largest=MAX_EFFECT_SD,
         form_error=task.form_error, number=task.number,
     )  # fmt: skip
 
 
-def scored(case: Case, seed: int = 0) -> Significance:
+def score_recording(case: Case, seed: int = 0) -> Significance:
     """The baseline's own fit and its p-value, before anything is named."""
-    found = problem(case)
-    used = ~held_out(blocks(case.recording))
-    baseline = settle(found, used, (), found.neutral)
-    seen = signatures(found, baseline.white, baseline.at, forms(found))
-    return significance(found, baseline.white, baseline.at, seen, seed)
+    problem = build_library_problem(case)
+    training_rows = ~select_held_out_rows(find_blocks(case.recording))
+    baseline = fit_candidate(problem, training_rows, (), problem.neutral)
+    directions = compute_score_directions(
+        problem, baseline.noise, baseline.estimate, build_candidates(problem)
+    )
+    return compute_significance(problem, baseline.noise, baseline.estimate, directions, seed)
 
 
-def _compared(envelope: Envelope, one: Diagnosis, rivals: bool) -> dict[str, Any]:
-    names = one.naming.established
-    noise = _noise(one)
-    told: dict[str, Any] = {
-        "p_value": one.mismatch.p_value,
+def _compare_with_truth(
+    ground_truth: GroundTruth, diagnosis: Diagnosis, with_baselines: bool
+) -> dict[str, Any]:
+    names = diagnosis.selection.established
+    noise = _compute_noise_sd(diagnosis)
+    values: dict[str, Any] = {
+        "p_value": diagnosis.mismatch.p_value,
         "named": tuple(name.id for name in names),
-        "ties": tuple(tuple(name.ties) for name in names),
+        "ties": tuple(tuple(name.indistinguishable) for name in names),
         "probabilities": tuple(float(name.probability) for name in names),
-        "stand_ins": _stand_ins(envelope, one),
-        "unexplained": one.unexplained,
-        "before": _over_noise(one, one.gain.rmse_before, noise),
-        "after": _over_noise(one, one.gain.rmse_after, noise),
-        "numbers": tuple(_numbers(envelope, one)),
+        "stand_ins": _find_indistinguishable(ground_truth, diagnosis),
+        "unexplained": diagnosis.unexplained,
+        "before": _divide_by_noise(diagnosis, diagnosis.gain.rmse_before, noise),
+        "after": _divide_by_noise(diagnosis, diagnosis.gain.rmse_after, noise),
+        "numbers": tuple(_compare_parameters(ground_truth, diagnosis)),
     }
-    at = axes(one.found)
-    boxes = true_boxes(at, envelope.effects, noise)
+    axes = build_axes(diagnosis.problem)
+    boxes = compute_true_boxes(axes, ground_truth.effects, noise)
     if boxes:
-        claims = one.where if one.detected else []
-        told |= {"iou": overlap(at, claims, boxes), "iou_blind": blind(at, boxes)}
-    return told | (_rivals(one, noise) if rivals else {})
+        claims = diagnosis.mismatch_boxes if diagnosis.detected else []
+        values |= {
+            "iou": compute_overlap(axes, claims, boxes),
+            "iou_blind": compute_blind_overlap(axes, boxes),
+        }
+    return values | (_fit_baselines(diagnosis, noise) if with_baselines else {})
 
 
-def _noise(one: Diagnosis) -> np.ndarray:
+def _compute_noise_sd(diagnosis: Diagnosis) -> np.ndarray:
     """(2, n) effective noise of every sample, SI."""
-    out = np.ones((len(CHANNELS), one.found.n))
-    for c, colour in enumerate(one.model.white.colours):
-        if colour is not None:
-            out[c] = np.broadcast_to(colour.sd, one.found.n)
+    out = np.ones((len(CHANNELS), diagnosis.problem.n))
+    for c, channel in enumerate(diagnosis.model.noise.channels):
+        if channel is not None:
+            out[c] = np.broadcast_to(channel.sd, diagnosis.problem.n)
     return out
 
 
-def _over_noise(one: Diagnosis, rmse: dict[str, float], noise: np.ndarray) -> dict[str, float]:
+def _divide_by_noise(diagnosis: Diagnosis, rmse: dict[str, float], noise: np.ndarray) -> dict[str, float]:
     out = {}
     for c, channel in enumerate(CHANNELS):
-        rows = one.gain.held_out & np.isfinite(one.found.measured[c])
+        rows = diagnosis.gain.held_out & np.isfinite(diagnosis.problem.measured[c])
         if channel in rmse and rows.any():
             out[channel] = rmse[channel] / float(np.sqrt(np.mean(noise[c][rows] ** 2)))
     return out
 
 
-def _stand_ins(envelope: Envelope, one: Diagnosis) -> tuple[tuple[str, str], ...]:
+def _find_indistinguishable(ground_truth: GroundTruth, diagnosis: Diagnosis) -> tuple[tuple[str, str], ...]:
     """Which of what was said, and was not concealed, this recording cannot tell from what was."""
-    real = [form.id for form in envelope.forms]
-    said = {id for name in one.names for id in (name.id, *name.ties)} - set(real)
+    effect_ids = [candidate.id for candidate in ground_truth.candidates]
+    reported_ids = {
+        id for name in diagnosis.named_mechanisms for id in (name.id, *name.indistinguishable)
+    } - set(effect_ids)
     return tuple(
-        (id, other) for id in real for other in sorted(said) if stands_in(one.found, envelope, id, other)
+        (id, other)
+        for id in effect_ids
+        for other in sorted(reported_ids)
+        if is_indistinguishable(diagnosis.problem, ground_truth, id, other)
     )
 
 
-def _numbers(envelope: Envelope, one: Diagnosis) -> list[Recovered]:
+def _compare_parameters(ground_truth: GroundTruth, diagnosis: Diagnosis) -> list[RecoveredParameter]:
     """The numbers of right names, and of the baseline, beside the true ones."""
-    found, out = one.found, []
-    concealed = {form.id: set(form.moves) for form in envelope.forms}
-    chosen = {form.id: set(form.moves) for form in one.model.chosen}
-    for id, numbers in one.parameters.items():
-        for word, number in numbers.items() if id in concealed else ():
+    problem, out = diagnosis.problem, []
+    free_by_effect = {candidate.id: set(candidate.free_parameters) for candidate in ground_truth.candidates}
+    free_by_mechanism = {
+        candidate.id: set(candidate.free_parameters) for candidate in diagnosis.model.mechanisms
+    }
+    for id, numbers in diagnosis.parameters.items():
+        for word, number in numbers.items() if id in free_by_effect else ():
             name = f"{id}.{word}"
-            same = concealed[id] == chosen[id]
-            out.append(_recovered(envelope, name, number.value, number.sd, same))
-    exact = set(concealed) == set(chosen)
+            same = free_by_effect[id] == free_by_mechanism[id]
+            out.append(_build_recovered(ground_truth, name, number.value, number.sd, same))
+    exact = set(free_by_effect) == set(free_by_mechanism)
     # What noise made of a held length has no true number.
-    for k in (k for k in np.flatnonzero(found.own).tolist() if found.names[k] in envelope.true):
-        out.append(_recovered(envelope, found.names[k], one.model.at.values[k], one.model.sd(k), exact))
+    for k in (
+        k
+        for k in np.flatnonzero(problem.is_baseline).tolist()
+        if problem.names[k] in ground_truth.true_values
+    ):
+        out.append(
+            _build_recovered(
+                ground_truth,
+                problem.names[k],
+                diagnosis.model.estimate.values[k],
+                diagnosis.model.sd(k),
+                exact,
+            )
+        )
     return [number for number in out if np.isfinite([number.true, number.value, number.sd]).all()]
 
 
-def _recovered(envelope: Envelope, name: str, value: float, sd: float, same: bool) -> Recovered:
-    return Recovered(name, float(envelope.true[name]), float(value), float(sd), bool(same))
+def _build_recovered(
+    ground_truth: GroundTruth, name: str, value: float, sd: float, same: bool
+) -> RecoveredParameter:
+    return RecoveredParameter(
+        name, float(ground_truth.true_values[name]), float(value), float(sd), bool(same)
+    )
 
 
-def _rivals(one: Diagnosis, noise: np.ndarray) -> dict[str, Any]:
-    found, used, out = one.found, ~one.gain.held_out, {}
-    selection = select(found, used)
+def _fit_baselines(diagnosis: Diagnosis, noise: np.ndarray) -> dict[str, Any]:
+    problem, training_rows, out = diagnosis.problem, ~diagnosis.gain.held_out, {}
+    selection = select_by_bic(problem, training_rows)
     out["selected"] = selection.ids
-    before = one.gain.before[0]
-    curve = before + discrepancy(inputs(found), found.measured[0] - before, used)
-    rows = one.gain.held_out & np.isfinite(found.measured[0])
+    before = diagnosis.gain.before[0]
+    curve = before + predict_discrepancy(build_inputs(problem), problem.measured[0] - before, training_rows)
+    rows = diagnosis.gain.held_out & np.isfinite(problem.measured[0])
     if rows.any():
         floor = float(np.sqrt(np.mean(noise[0][rows] ** 2)))
         for word, force in (("selected_after", selection.force), ("curve_after", curve)):
-            out[word] = float(np.sqrt(np.mean((found.measured[0] - force)[rows] ** 2))) / floor
+            out[word] = float(np.sqrt(np.mean((problem.measured[0] - force)[rows] ** 2))) / floor
     return out

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 
-class Paragraphs:
+class ParagraphFormatter:
     """The usual formatter of help pages, whose rows would break where the docstring's lines do."""
 
     def __call__(self, console: Any, options: Any, panel: Any) -> None:
@@ -13,9 +13,9 @@ class Paragraphs:
         from rich.text import Text
 
         for entry in panel.entries:
-            said = getattr(entry.description, "primary_renderable", None)
-            if isinstance(said, Text):
-                said.plain = " ".join(said.plain.split())
+            text = getattr(entry.description, "primary_renderable", None)
+            if isinstance(text, Text):
+                text.plain = " ".join(text.plain.split())
         DefaultFormatter()(console, options, panel)
 
     def render_usage(self, console: Any, options: Any, usage: Any) -> None:

@@ -11,25 +11,25 @@ from typing import NoReturn
 
 from cyclopts import App, CycloptsError
 
-from pamjax.cli.help import Paragraphs
-from pamjax.cli.misused import told
+from pamjax.cli.help import ParagraphFormatter
+from pamjax.cli.misused import format_usage_error
 from pamjax.errors import BadInput
 
 #: Exit codes: an answer, a bad input, an interruption.
-ANSWERED, REFUSED, INTERRUPTED = 0, 2, 130
+EXIT_OK, EXIT_REFUSED, EXIT_INTERRUPTED = 0, 2, 130
 
 #: Errors of a disk that the user can mend: full, over quota, read-only, closed, too long a name.
-DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENAMETOOLONG)
+DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENAMETOOLONG)
 
 app = App(
     name="pamjax",
     help="Pneumatic artificial muscles: calibrated on recordings, with honest uncertainty.",
     version=lambda: version("pamjax"),
     help_format="plaintext",
-    help_formatter=Paragraphs(),
+    help_formatter=ParagraphFormatter(),
     suppress_keyboard_interrupt=False,  # it is told below
 )
-for word, about in {
+for command_name, summary in {
     "new": "Write a commented case folder to fill in.",
     "import": "Make a case folder from a rig's files, CSV or MAT, one a test or a channel.",
     "check": "Say whether a case is fit to be fitted, without fitting it.",
@@ -46,8 +46,8 @@ for word, about in {
     "explain": "Say what a number or a mechanism means; without a name, list them all.",
 }.items():
     # Named by path: a subcommand's module, and what it imports, is loaded when it is run.
-    own = f"{word}_" if iskeyword(word) else word
-    app.command(f"pamjax.cli.commands.{own}:{own}", name=word, help=about)
+    module_name = f"{command_name}_" if iskeyword(command_name) else command_name
+    app.command(f"pamjax.cli.commands.{module_name}:{module_name}", name=command_name, help=summary)
 app.register_install_completion_command(
     help="Let the shell (bash, zsh or fish) complete the commands of pamjax; writes to its start file."
 )
@@ -62,39 +62,42 @@ def main(arguments: list[str] | None = None) -> int:
     Returns:
         the exit code: 0 for an answer, 2 for a bad input, 130 if interrupted.
     """
-    from pamjax.cli.screen import heard, heed, heeding
+    from pamjax.cli.screen import defer_interrupts, raise_interrupt, remember_command
 
     # A busy machine draws a compilation out, and XLA shouts about it; what fails raises all the same.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
-    heard(sys.argv[1:] if arguments is None else arguments)
+    remember_command(sys.argv[1:] if arguments is None else arguments)
     try:
-        with heeding():
+        with defer_interrupts():
             app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
-            heed()
+            raise_interrupt()
         sys.stdout.flush()
     except (BadInput, CycloptsError) as error:
-        print(f"pamjax: {told(error) if isinstance(error, CycloptsError) else error}", file=sys.stderr)
-        return REFUSED
+        print(
+            f"pamjax: {format_usage_error(error) if isinstance(error, CycloptsError) else error}",
+            file=sys.stderr,
+        )
+        return EXIT_REFUSED
     except BrokenPipeError:
         # The reader had enough, as `head` has; nor is there anything left to flush at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
-        if error.errno not in DISK:
+        if error.errno not in DISK_ERRORS:
             raise
         place = f" ({error.filename})" if error.filename else ""
-        said = f"the disk says: {error.strerror}{place}"
-        print(f"pamjax: {said}. Read or write somewhere else.", file=sys.stderr)
-        return REFUSED
+        message = f"the disk says: {error.strerror}{place}"
+        print(f"pamjax: {message}. Read or write somewhere else.", file=sys.stderr)
+        return EXIT_REFUSED
     except KeyboardInterrupt:
         print("pamjax: interrupted; nothing was written half", file=sys.stderr)
-        return INTERRUPTED
-    return ANSWERED
+        return EXIT_INTERRUPTED
+    return EXIT_OK
 
 
 def run() -> NoReturn:
     """The process `pamjax`: `main` on its own words, and its exit code."""
     code = main()
-    if code == INTERRUPTED:
+    if code == EXIT_INTERRUPTED:
         # A compilation that was broken off leaves JAX's runtime in a state in which Python's own clearing up
         # now and then ends in a segmentation fault. Everything is written or thrown away by now.
         sys.stdout.flush()

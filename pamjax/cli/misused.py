@@ -6,35 +6,37 @@ import difflib
 
 from cyclopts import CycloptsError, UnknownCommandError, UnknownOptionError, UnusedCliTokensError
 
-from pamjax.errors import nearest, sentence
+from pamjax.errors import compose_message, suggest_word
 
 #: How alike two options must be for one to be what was meant: those below share little but a few letters.
-ALIKE = 0.7
+MIN_SIMILARITY = 0.7
 
 
-def told(error: CycloptsError) -> str:
+def format_usage_error(error: CycloptsError) -> str:
     """What is wrong with a command line, in one sentence."""
-    of = " ".join(["pamjax", *(error.command_chain or ())])
+    program = " ".join(["pamjax", *(error.command_chain or ())])
     if isinstance(error, UnknownCommandError):
-        return _command((error.unused_tokens or [""])[0], error)
+        return _format_unknown_command((error.unused_tokens or [""])[0], error)
     if isinstance(error, UnknownOptionError):
-        return _option(error, of)
+        return _format_unknown_option(error, program)
     if isinstance(error, UnusedCliTokensError):
-        got = " ".join(error.unused_tokens or ())
-        return sentence(f"`{of}` has no place for {got!r}", remedy=f"See `{of} --help`.")
+        tokens = " ".join(error.unused_tokens or ())
+        return compose_message(f"`{program}` has no place for {tokens!r}", remedy=f"See `{program} --help`.")
     return str(error)
 
 
-def _command(got: str, error: CycloptsError) -> str:
-    if got.startswith("-"):
-        return sentence(f"`{got}` is no option of `pamjax`", remedy="See `pamjax --help`.")
+def _format_unknown_command(token: str, error: CycloptsError) -> str:
+    if token.startswith("-"):
+        return compose_message(f"`{token}` is no option of `pamjax`", remedy="See `pamjax --help`.")
     known = [name for name in error.app or () if not name.startswith("-")]
-    return sentence(f"`{got}` is no command of `pamjax`", remedy=nearest(got, known))
+    return compose_message(f"`{token}` is no command of `pamjax`", remedy=suggest_word(token, known))
 
 
-def _option(error: UnknownOptionError, of: str) -> str:
-    got = error.token.keyword or error.token.value or ""
-    known = [name for one in error.argument_collection for name in one.names if name.startswith("--")]
-    close = difflib.get_close_matches(got.partition("=")[0], known, n=1, cutoff=ALIKE)
-    remedy = f"Did you mean `{close[0]}`?" if close else f"See `{of} --help`."
-    return sentence(f"`{got}` is no option of `{of}`", remedy=remedy)
+def _format_unknown_option(error: UnknownOptionError, program: str) -> str:
+    token = error.token.keyword or error.token.value or ""
+    known = [
+        name for argument in error.argument_collection for name in argument.names if name.startswith("--")
+    ]
+    close = difflib.get_close_matches(token.partition("=")[0], known, n=1, cutoff=MIN_SIMILARITY)
+    remedy = f"Did you mean `{close[0]}`?" if close else f"See `{program} --help`."
+    return compose_message(f"`{token}` is no option of `{program}`", remedy=remedy)

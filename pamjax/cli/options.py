@@ -17,15 +17,15 @@ if TYPE_CHECKING:
 Json = Annotated[bool, Parameter(negative="")]
 
 #: Several words after one option, or the option several times.
-Words = Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")]
+WordList = Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")]
 
 #: The same as `--with`, which is no name in Python.
-With = Annotated[list[str] | None, Parameter(name="--with", consume_multiple=True, negative="")]
+MechanismList = Annotated[list[str] | None, Parameter(name="--with", consume_multiple=True, negative="")]
 
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class Model:
+class ModelOptions:
     """What is held against recordings, and what became of the muscle between and before their samples.
 
     Attributes:
@@ -40,18 +40,18 @@ class Model:
     """
 
     law: str | None = None
-    share: Words = None
-    with_: With = None
-    gaps: Words = None
-    before: Words = None
+    share: WordList = None
+    with_: MechanismList = None
+    gaps: WordList = None
+    before: WordList = None
 
-    def read(self, cases: list[Path]) -> list[Case]:
+    def read_cases(self, cases: list[Path]) -> list[Case]:
         """The cases, with what is said of their memory.
 
         Raises:
             BadInput: as `settings.read_each`, or where one case alone is to share a number.
         """
-        from pamjax.cli.settings import read_each
+        from pamjax.cli.settings import read_cases
 
         if self.share and len(cases) < 2:
             rule, remedy = (
@@ -60,13 +60,13 @@ class Model:
             )
             raise refuse(rule, "one case", remedy=remedy)
 
-        return read_each(cases, self.gaps, self.before)
+        return read_cases(cases, self.gaps, self.before)
 
     @property
-    def asked(self) -> tuple[str | None, list[str], list[str]]:
+    def fit_arguments(self) -> tuple[str | None, list[str], list[str]]:
         """Law, shared numbers, mechanisms: what a fit begins with."""
         return self.law, self.share or [], self.with_ or []
 
 
 #: Nothing asked: each case's own baseline.
-PLAIN = Model()
+DEFAULT_MODEL = ModelOptions()

@@ -18,106 +18,110 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from pamjax.errors import refuse
 
 #: The page that most commands write, unless told not to.
-REPORT = "report.html"
+REPORT_FILE = "report.html"
 #: The words of the command that runs, for reports that say how to repeat them.
-_said: list[str] = []
+_command_words: list[str] = []
 #: Interruptions that were asked for.
-_asked: list[int] = []
+_interrupts: list[int] = []
 
 
-def heard(words: Sequence[str]) -> None:
+def remember_command(words: Sequence[str]) -> None:
     """Remember the words of a command."""
-    _said[:] = words
+    _command_words[:] = words
 
 
-def command() -> str:
+def format_command() -> str:
     """What repeats the command that runs, in a shell."""
-    return shlex.join(["pamjax", *_said])
+    return shlex.join(["pamjax", *_command_words])
 
 
 @contextmanager
-def working(quiet: bool = False) -> Iterator[Callable[[str, float], None]]:
+def show_progress(quiet: bool = False) -> Iterator[Callable[[str, float], None]]:
     """A progress bar with an estimate, on standard error; yields what a verb's `progress` takes."""
     console = Console(stderr=True)
     columns = TextColumn("{task.description:<20}"), BarColumn(), TimeRemainingColumn()
     # Where nobody watches, a bar would leave blank lines in the log.
-    shown = Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal)
-    with shown as bar:
+    progress_bar = Progress(
+        *columns, console=console, transient=True, disable=quiet or not console.is_terminal
+    )
+    with progress_bar as bar:
         task = bar.add_task("starting", total=1.0)
 
-        def tell(doing: str, share: float) -> None:
-            heed()
+        def report_progress(doing: str, share: float) -> None:
+            raise_interrupt()
             bar.update(task, description=doing, completed=share)
 
-        yield tell
-        heed()
+        yield report_progress
+        raise_interrupt()
 
 
 @contextmanager
-def heeding() -> Iterator[None]:
+def defer_interrupts() -> Iterator[None]:
     """Remember an interruption: what is raised inside a callback, as of an import, is swallowed there."""
 
     def remember(number: int, _: object) -> NoReturn:
-        _asked.append(number)
+        _interrupts.append(number)
         raise KeyboardInterrupt
 
-    def quiet(swallowed: sys.UnraisableHookArgs) -> None:
+    def ignore_interrupt(swallowed: sys.UnraisableHookArgs) -> None:
         # It is told when it is heeded; here it would be a traceback.
         if not isinstance(swallowed.exc_value, KeyboardInterrupt):
             hook(swallowed)
 
-    _asked.clear()
+    _interrupts.clear()
     hook = sys.unraisablehook
     before = signal.getsignal(signal.SIGINT)
-    ours = before is signal.default_int_handler and threading.current_thread() is threading.main_thread()
-    if ours:
+    handles_interrupts = (
+        before is signal.default_int_handler and threading.current_thread() is threading.main_thread()
+    )
+    if handles_interrupts:
         signal.signal(signal.SIGINT, remember)
-        sys.unraisablehook = quiet
+        sys.unraisablehook = ignore_interrupt
     try:
         yield
     finally:
-        if ours:
+        if handles_interrupts:
             sys.unraisablehook = hook
             signal.signal(signal.SIGINT, before)
 
 
-def heed() -> None:
+def raise_interrupt() -> None:
     """Be interrupted, if that was asked for and swallowed."""
-    if _asked:
+    if _interrupts:
         raise KeyboardInterrupt
 
 
-def writable(folder: Path, what: str = "`--out`") -> None:
+def check_writable(folder: Path, what: str = "`--out`") -> None:
     """Refuse a folder that cannot be written to, or made.
 
     Raises:
         BadInput: naming what stands in the way.
     """
-    from pamjax.records.files import takes_files
+    from pamjax.records.files import is_writable
 
     nearest = folder.absolute()
     while not nearest.exists():
         nearest = nearest.parent
-    if not nearest.is_dir() or not takes_files(nearest):
+    if not nearest.is_dir() or not is_writable(nearest):
         raise refuse(
             f"{what} must be a folder to write to", f"{nearest}, which is none", remedy="Name another."
         )
 
 
-def say(text: str) -> None:
+def print_text(text: str) -> None:
     """Print for people."""
     print(text)
 
 
-def say_json(document: Any) -> None:
+def print_json(document: Any) -> None:
     """Print for programs."""
     print(json.dumps(document, indent=2, allow_nan=False))
 
 
-def say_written(files: list[Path]) -> None:
+def print_written_files(files: list[Path]) -> None:
     """Tell what was written, folder by folder, and what lies beside it from an earlier run."""
     for folder in dict.fromkeys(file.parent for file in files):
         names = [file.name for file in files if file.parent == folder]
         print(f"wrote {folder}/: {', '.join(names)}", file=sys.stderr)
-        if REPORT not in names and (folder / REPORT).exists():
-            print(f"{folder / REPORT} is of an earlier run", file=sys.stderr)
+        if REPORT_FILE not in names and (folder / REPORT_FILE).exists():
+            print(f"{folder / REPORT_FILE} is of an earlier run", file=sys.stderr)

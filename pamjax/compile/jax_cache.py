@@ -30,7 +30,7 @@ def keep_compiled(folder: str | Path | None = None) -> Path | None:
     named, place = folder, ""
     if folder is None:
         named, place = os.environ.get("PAMJAX_CACHE_DIR"), "PAMJAX_CACHE_DIR"
-        folder = Path(named or _user_folder()) / "compiled"
+        folder = Path(named or _find_user_folder()) / "compiled"
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -48,7 +48,7 @@ def keep_compiled(folder: str | Path | None = None) -> Path | None:
     return folder
 
 
-def _user_folder() -> Path:
+def _find_user_folder() -> Path:
     from platformdirs import user_cache_path
 
     return user_cache_path("pamjax", appauthor=False)

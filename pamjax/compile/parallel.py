@@ -13,20 +13,20 @@ A = TypeVar("A")
 B = TypeVar("B")
 
 #: Most threads.
-MOST = 4
+MAX_THREADS = 4
 
 
-def abreast(call: Callable[[A], B], items: Iterable[A]) -> list[B]:
+def parallel_map(function: Callable[[A], B], items: Iterable[A]) -> list[B]:
     """What a function gives for each item, in their order, on all cores.
 
     >>> abreast(abs, [-1, 2, -3])
     [1, 2, 3]
     """
-    pool = ThreadPoolExecutor(min(os.cpu_count() or 1, MOST))
+    pool = ThreadPoolExecutor(min(os.cpu_count() or 1, MAX_THREADS))
     try:
         # Each has a core: threads of linear algebra besides would wait for each other.
         with threadpool_limits(1, user_api="blas"):
-            return list(pool.map(call, items))
+            return list(pool.map(function, items))
     finally:
         # An interruption waits for what runs, not for what has not begun.
         pool.shutdown(cancel_futures=True)

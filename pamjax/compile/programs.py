@@ -13,31 +13,31 @@ from typing import Any
 
 import jax
 
-from pamjax.compile.aot_cache import compiled
+from pamjax.compile.aot_cache import load_or_compile
 
 #: Programs that are compiled at the same time.
-ABREAST = 2
+MAX_CONCURRENT_COMPILATIONS = 2
 
-_begun: dict[Hashable, Future] = {}
-_lock = threading.Lock()
-_compilers = ThreadPoolExecutor(ABREAST, thread_name_prefix="compile")
+_compilations: dict[Hashable, Future] = {}
+_compilations_lock = threading.Lock()
+_compile_pool = ThreadPoolExecutor(MAX_CONCURRENT_COMPILATIONS, thread_name_prefix="compile")
 
 
-def begin(call: Any, *arguments: Any) -> Future:
+def start_compilation(function: Any, *arguments: Any) -> Future:
     """Compile a function for arguments like these, no more than once.
 
     Args:
-        call: a jitted function.
+        function: a jitted function.
         arguments: pytrees of arrays.
     """
     leaves, shape = jax.tree_util.tree_flatten(arguments)
-    key = (call, shape, tuple((leaf.shape, leaf.dtype) for leaf in leaves))
-    with _lock:
-        if key not in _begun:
-            _begun[key] = _compilers.submit(compiled, call, *arguments)
-        return _begun[key]
+    key = (function, shape, tuple((leaf.shape, leaf.dtype) for leaf in leaves))
+    with _compilations_lock:
+        if key not in _compilations:
+            _compilations[key] = _compile_pool.submit(load_or_compile, function, *arguments)
+        return _compilations[key]
 
 
-def ready(call: Any, *arguments: Any) -> Any:
+def run_compiled(function: Any, *arguments: Any) -> Any:
     """What the function gives, once it is compiled."""
-    return begin(call, *arguments).result()(*jax.tree_util.tree_leaves(arguments))
+    return start_compilation(function, *arguments).result()(*jax.tree_util.tree_leaves(arguments))

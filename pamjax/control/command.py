@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT
-from pamjax.control.command_uncertainty import force_sd, left_over
-from pamjax.control.inverse import Inverse, Limit
-from pamjax.control.neglected import half_loop, left_out
-from pamjax.control.posterior_draws import MIDDLE, Draws, Spread
-from pamjax.units import show
+from pamjax.control.command_uncertainty import compute_force_sd, read_unexplained_force
+from pamjax.control.inverse import CommandLimit, Inverse
+from pamjax.control.neglected import compute_friction_half_loop, list_neglected
+from pamjax.control.posterior_draws import INTERVAL_SHARE, CommandSpread, PosteriorDraws
+from pamjax.units import format_quantity
 
 #: Share of the largest below which a number is the rounding of nothing, and by which an end may be passed.
-ROUNDED, BEYOND = 1e-9, 1e-3
+ZERO_SHARE, RANGE_TOLERANCE = 1e-9, 1e-3
 
 
 @dataclass(frozen=True)
-class Answer:
+class CommandResult:
     """What to command, SI.
 
     Attributes:
@@ -44,180 +44,209 @@ class Answer:
         past, lab: ids of mechanisms that take no part: what past and speed leave; sensors and rig.
     """
 
-    what: str
+    quantity: str
     value: float
     sd: float
     force: float
-    other: float
+    given: float
     by_force: float
-    by_other: float
+    by_given: float
     stiffness: float
-    by_pressure: float
-    by_length: float
-    limit: Limit
-    spread: Spread | None = None
-    missed: float = 0.0
-    there: float = math.nan
+    stiffness_by_pressure: float
+    stiffness_by_length: float
+    limit: CommandLimit
+    spread: CommandSpread | None = None
+    unexplained_force: float = 0.0
+    reached_force: float = math.nan
     friction: float = 0.0
-    ends: tuple[float, float] = (-math.inf, math.inf)
-    beyond: tuple[str, ...] = ()
-    past: tuple[str, ...] = ()
-    lab: tuple[str, ...] = ()
+    given_range: tuple[float, float] = (-math.inf, math.inf)
+    extrapolations: tuple[str, ...] = ()
+    neglected_history: tuple[str, ...] = ()
+    neglected_rig: tuple[str, ...] = ()
 
     @property
-    def rubs(self) -> float:
+    def friction_shift(self) -> float:
         """By how much friction moves the value to either side, Pa or m."""
         return abs(self.by_force) * self.friction
 
     @property
-    def why(self) -> str:
+    def reason(self) -> str:
         """Which limit binds, with the force that there is at it."""
         ends = {
-            Limit.TOO_STRONG: ("more", "highest", "longest"),
-            Limit.TOO_WEAK: ("less", "lowest", "shortest"),
+            CommandLimit.TOO_STRONG: ("more", "highest", "longest"),
+            CommandLimit.TOO_WEAK: ("less", "lowest", "shortest"),
         }
-        if self.limit == Limit.OUTSIDE:
-            given = "length" if self.what == "pressure" else "pressure"
-            low, high = (show(end, self._units[1]) for end in self.ends)
-            return f"a {given} of {show(self.other, self._units[1])} is outside {low} to {high}"
+        if self.limit == CommandLimit.OUTSIDE:
+            given_name = "length" if self.quantity == "pressure" else "pressure"
+            low, high = (format_quantity(end, self._units[1]) for end in self.given_range)
+            return (
+                f"a {given_name} of {format_quantity(self.given, self._units[1])} is outside {low} to {high}"
+            )
         if self.limit not in ends:
-            return self.limit.says
-        than, pressure, length = ends[self.limit]
-        at = f"{pressure} pressure, " if self.what == "pressure" else f"{length} length, "
-        at += show(self.value, "kPa" if self.what == "pressure" else "mm")
-        return f"{than} force than the {show(self.there, 'N')} at the {at}"
+            return self.limit.message
+        comparison, pressure, length = ends[self.limit]
+        end_text = f"{pressure} pressure, " if self.quantity == "pressure" else f"{length} length, "
+        end_text += format_quantity(self.value, "kPa" if self.quantity == "pressure" else "mm")
+        return f"{comparison} force than the {format_quantity(self.reached_force, 'N')} at the {end_text}"
 
     def as_dict(self) -> dict[str, Any]:
         """As plain numbers, SI; None where there is none."""
         numbers = {
-            "value": self.value, "sd": self.sd, "force": self.force, "given": self.other,
-            "by_force": self.by_force, "by_given": self.by_other, "stiffness": self.stiffness,
-            "stiffness_by_pressure": self.by_pressure, "stiffness_by_length": self.by_length,
-            "force_missed": self.missed, "friction_force": self.friction, "friction_command": self.rubs,
+            "value": self.value, "sd": self.sd, "force": self.force, "given": self.given,
+            "by_force": self.by_force, "by_given": self.by_given, "stiffness": self.stiffness,
+            "stiffness_by_pressure": self.stiffness_by_pressure, "stiffness_by_length": self.stiffness_by_length,
+            "force_missed": self.unexplained_force, "friction_force": self.friction, "friction_command": self.friction_shift,
         }  # fmt: skip
-        found: dict[str, Any] = {"command": self.what} | {n: _finite(x) for n, x in numbers.items()}
-        found |= {"limit": self.limit.name, "says": self.why, "there": _finite(self.there)}
-        found["left_out"], found["beyond"] = [*self.past, *self.lab], list(self.beyond)
+        document: dict[str, Any] = {"command": self.quantity} | {
+            n: _finite_or_none(x) for n, x in numbers.items()
+        }
+        document |= {
+            "limit": self.limit.name,
+            "says": self.reason,
+            "there": _finite_or_none(self.reached_force),
+        }
+        document["left_out"], document["beyond"] = (
+            [*self.neglected_history, *self.neglected_rig],
+            list(self.extrapolations),
+        )
         if self.spread is not None:
-            ends = {"low": _finite(self.spread.low), "high": _finite(self.spread.high)}
-            found["draws"] = ends | {"middle": MIDDLE, "met": self.spread.met}
-        return found
+            ends = {"low": _finite_or_none(self.spread.low), "high": _finite_or_none(self.spread.high)}
+            document["draws"] = ends | {"middle": INTERVAL_SHARE, "met": self.spread.feasible_share}
+        return document
 
     def __str__(self) -> str:
-        lines = self._met() if self.limit == Limit.OK else self._nearest()
-        if self.spread is not None and self.spread.met < 1:
-            lines.append(f"{self.spread.met:.0%} of the draws can meet it")
+        lines = self._format_value() if self.limit == CommandLimit.OK else self._format_nearest()
+        if self.spread is not None and self.spread.feasible_share < 1:
+            lines.append(f"{self.spread.feasible_share:.0%} of the draws can meet it")
         lines.append(f"stiffness there {self.stiffness / 1e3:.4g} N/mm")
-        if math.isfinite(self.by_pressure) and math.isfinite(self.by_length):
-            slopes = (
-                f"{self.by_pressure:+.4g} N/mm for a kPa more, {1e-6 * self.by_length:+.4g} N/mm for a mm"
-            )
+        if math.isfinite(self.stiffness_by_pressure) and math.isfinite(self.stiffness_by_length):
+            slopes = f"{self.stiffness_by_pressure:+.4g} N/mm for a kPa more, {1e-6 * self.stiffness_by_length:+.4g} N/mm for a mm"
             lines[-1] += f": {slopes} more"
-        return "\n  ".join(lines + self._left_out())
+        return "\n  ".join(lines + self._format_neglected())
 
     @property
     def _units(self) -> tuple[str, str]:
         """Of the value, and of what is given."""
-        return ("kPa", "mm") if self.what == "pressure" else ("mm", "kPa")
+        return ("kPa", "mm") if self.quantity == "pressure" else ("mm", "kPa")
 
-    def _nearest(self) -> list[str]:
-        nearest = f"nearest {self.what} {show(self.value, self._units[0])}"
-        if self.limit == Limit.OUTSIDE:
-            nearest += f", at {show(min(max(self.other, self.ends[0]), self.ends[1]), self._units[1])}"
-        return [f"cannot be met: {self.why}", nearest]
+    def _format_nearest(self) -> list[str]:
+        nearest = f"nearest {self.quantity} {format_quantity(self.value, self._units[0])}"
+        if self.limit == CommandLimit.OUTSIDE:
+            nearest += f", at {format_quantity(min(max(self.given, self.given_range[0]), self.given_range[1]), self._units[1])}"
+        return [f"cannot be met: {self.reason}", nearest]
 
-    def _met(self) -> list[str]:
+    def _format_value(self) -> list[str]:
         """The value with all that it may be off by, and how it changes."""
-        unit, given = self._units
-        sure = f" ± {show(self.sd, unit, 2)}" if math.isfinite(self.sd) else ""
+        unit, given_unit = self._units
+        uncertainty = f" ± {format_quantity(self.sd, unit, 2)}" if math.isfinite(self.sd) else ""
         if self.spread is not None and math.isfinite(self.spread.low):
-            low, high = show(self.spread.low, unit).partition(" ")[0], show(self.spread.high, unit)
-            sure += f" ({MIDDLE:.0%} of draws: {low} to {high})"
-        if self.friction:
-            sure += f", and up to {show(self.rubs, unit, 2)} to either side by friction"
-        by, other = (1e-3, 1e3) if self.what == "pressure" else (1e3, 1e-3)
-        lines = [
-            f"{self.what} {show(self.value, unit)}{sure}",
-            f"{by * self.by_force:+.4g} {unit} for a newton more",
-            f"{self.by_other * by / other:+.4g} {unit} for a {given} more",
-        ]
-        if self.missed:
-            off, left = show(abs(self.by_force) * self.missed, unit, 2), show(self.missed, "N", 2)
-            lines.append(f"{off} of the ± since the muscle misses {left} of held-out blocks beyond noise")
-        return lines
-
-    def _left_out(self) -> list[str]:
-        """What takes no part, a line each."""
-        lines = [*self.beyond]
-        if self.past:
-            lines.append(f"left out, as for a muscle at rest: {', '.join(self.past)}")
-        if self.friction:
-            way = "more after lengthening and as much less after shortening"
-            lines.append(
-                f"braid_friction makes force up to {show(self.friction, 'N', 2)} {way}; no ± counts it"
+            low, high = (
+                format_quantity(self.spread.low, unit).partition(" ")[0],
+                format_quantity(self.spread.high, unit),
             )
-        if self.lab:
-            lines.append(f"left out, as for true sensors and a rigid rig: {', '.join(self.lab)}")
+            uncertainty += f" ({INTERVAL_SHARE:.0%} of draws: {low} to {high})"
+        if self.friction:
+            uncertainty += (
+                f", and up to {format_quantity(self.friction_shift, unit, 2)} to either side by friction"
+            )
+        force_scale, given_scale = (1e-3, 1e3) if self.quantity == "pressure" else (1e3, 1e-3)
+        lines = [
+            f"{self.quantity} {format_quantity(self.value, unit)}{uncertainty}",
+            f"{force_scale * self.by_force:+.4g} {unit} for a newton more",
+            f"{self.by_given * force_scale / given_scale:+.4g} {unit} for a {given_unit} more",
+        ]
+        if self.unexplained_force:
+            command_error, unexplained = (
+                format_quantity(abs(self.by_force) * self.unexplained_force, unit, 2),
+                format_quantity(self.unexplained_force, "N", 2),
+            )
+            lines.append(
+                f"{command_error} of the ± since the muscle misses {unexplained} of held-out blocks beyond noise"
+            )
+        return lines
+
+    def _format_neglected(self) -> list[str]:
+        """What takes no part, a line each."""
+        lines = [*self.extrapolations]
+        if self.neglected_history:
+            lines.append(f"left out, as for a muscle at rest: {', '.join(self.neglected_history)}")
+        if self.friction:
+            directions = "more after lengthening and as much less after shortening"
+            lines.append(
+                f"braid_friction makes force up to {format_quantity(self.friction, 'N', 2)} {directions}; no ± counts it"
+            )
+        if self.neglected_rig:
+            lines.append(f"left out, as for true sensors and a rigid rig: {', '.join(self.neglected_rig)}")
         return lines
 
 
-def _beyond(calibrated: Mapping[str, tuple[float, float]], at: Mapping[str, float]) -> tuple[str, ...]:
+def _list_extrapolations(
+    calibrated_range: Mapping[str, tuple[float, float]], point: Mapping[str, float]
+) -> tuple[str, ...]:
     """What lies beyond where a muscle was calibrated, a sentence each."""
-    said = []
-    for name, (low, high) in calibrated.items():
-        unit, value = DISPLAY_UNIT[name], at[name]
-        if not low - BEYOND * abs(low) <= value <= high * (1 + BEYOND):
-            known = show(low, unit) if low == high else f"{show(low, unit)} to {show(high, unit)}"
-            said.append(f"extrapolated: {name} {show(value, unit)}, calibrated at {known}; no ± counts it")
-    return tuple(said)
+    sentences = []
+    for name, (low, high) in calibrated_range.items():
+        unit, value = DISPLAY_UNIT[name], point[name]
+        if not low - RANGE_TOLERANCE * abs(low) <= value <= high * (1 + RANGE_TOLERANCE):
+            range_text = (
+                format_quantity(low, unit)
+                if low == high
+                else f"{format_quantity(low, unit)} to {format_quantity(high, unit)}"
+            )
+            sentences.append(
+                f"extrapolated: {name} {format_quantity(value, unit)}, calibrated at {range_text}; no ± counts it"
+            )
+    return tuple(sentences)
 
 
-def _finite(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def answer(
-    of: Inverse, force: float, *, length: float | None = None, pressure: float | None = None,
-    file: Path | None = None, case: str | None = None, draws: Draws | None = None,
-    calibrated: Mapping[str, tuple[float, float]] | None = None,
-) -> Answer:  # fmt: skip
+def solve_command(
+    inverse: Inverse, force: float, *, length: float | None = None, pressure: float | None = None,
+    file: Path | None = None, case: str | None = None, draws: PosteriorDraws | None = None,
+    calibrated_range: Mapping[str, tuple[float, float]] | None = None,
+) -> CommandResult:  # fmt: skip
     """Answer one wish.
 
     Args:
-        of: the inverse.
+        inverse: the inverse.
         force: wanted, N.
         length: at which the pressure is sought, m; or
         pressure: at which the length is sought, Pa.
         file: the fit.json that knows how sure the muscle's numbers are.
         case: which case of it.
         draws: what a posterior knows of the muscle, instead of that file.
-        calibrated: lowest and highest "pressure" and "length" that the muscle was calibrated on, SI.
+        calibrated_range: lowest and highest "pressure" and "length" that the muscle was calibrated on, SI.
     """
-    what, other = ("pressure", length) if length is not None else ("length", pressure)
-    assert other is not None
-    command = (of.pressure if length is not None else of.length)(force, other)
-    value, by_force, by_other, stiffness = (
+    quantity, given = ("pressure", length) if length is not None else ("length", pressure)
+    assert given is not None
+    command = (inverse.pressure if length is not None else inverse.length)(force, given)
+    value, by_force, by_given, stiffness = (
         float(np.asarray(x)[0])
-        for x in (command.value, command.by_force, command.by_other, command.stiffness)
+        for x in (command.value, command.by_force, command.by_given, command.stiffness)
     )
-    ends, into = (of.lengths, of.pressures) if length is not None else (of.pressures, of.lengths)
+    given_range, value_range = (
+        (inverse.lengths, inverse.pressures) if length is not None else (inverse.pressures, inverse.lengths)
+    )
     # What a root leaves of nothing is nothing.
-    value = value if abs(value) > ROUNDED * into[1] else 0.0
-    p, l = (value, other) if length is not None else (other, value)
-    spread = draws.spread(of, force, length=length, pressure=pressure) if draws else None
-    there = float(of.force(p, l)[0][0])
-    there = there if abs(there) > ROUNDED * abs(force) else 0.0
-    missed = (left_over(file) if file else None) or 0.0
+    value = value if abs(value) > ZERO_SHARE * value_range[1] else 0.0
+    p, l = (value, given) if length is not None else (given, value)
+    spread = draws.compute_spread(inverse, force, length=length, pressure=pressure) if draws else None
+    reached_force = float(inverse.force(p, l)[0][0])
+    reached_force = reached_force if abs(reached_force) > ZERO_SHARE * abs(force) else 0.0
+    unexplained_force = (read_unexplained_force(file) if file else None) or 0.0
     if spread is not None:
-        sd = math.hypot(spread.sd, by_force * missed)
+        sd = math.hypot(spread.sd, by_force * unexplained_force)
     else:
-        off = force_sd(file, np.array([p]), np.array([l]), case)[0] if file else math.nan
-        sd = abs(by_force) * math.hypot(float(off), missed)
-    limit = Limit(int(np.asarray(command.status)[0]))
-    by_pressure, by_length = of.stiffening(p, l)[0]
-    past, lab = left_out(of.muscle)
-    return Answer(
-        what, value, sd, force, other, by_force, by_other, stiffness, float(by_pressure), float(by_length),
-        limit, spread, missed, there, float(half_loop(of.muscle, p, l)[0]), ends,
-        _beyond(calibrated or {}, {"pressure": p, "length": l}), past, lab,
+        force_error = compute_force_sd(file, np.array([p]), np.array([l]), case)[0] if file else math.nan
+        sd = abs(by_force) * math.hypot(float(force_error), unexplained_force)
+    limit = CommandLimit(int(np.asarray(command.status)[0]))
+    by_pressure, by_length = inverse.stiffness_slopes(p, l)[0]
+    neglected_history, neglected_rig = list_neglected(inverse.muscle)
+    return CommandResult(
+        quantity, value, sd, force, given, by_force, by_given, stiffness, float(by_pressure), float(by_length),
+        limit, spread, unexplained_force, reached_force, float(compute_friction_half_loop(inverse.muscle, p, l)[0]), given_range,
+        _list_extrapolations(calibrated_range or {}, {"pressure": p, "length": l}), neglected_history, neglected_rig,
     )  # fmt: skip

@@ -18,31 +18,37 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from pamjax.control.inverse import static_force
+from pamjax.control.inverse import compute_static_force
 from pamjax.errors import refuse
 from pamjax.model.assembly import assemble, assemble_bench
 from pamjax.records.files import read_bytes
-from pamjax.units import in_unit
+from pamjax.units import compute_si_factor
 
 #: Standard deviation of the force at rest, N, at pressures, Pa, and lengths, m, each (n,).
-Doubt = Callable[[np.ndarray, np.ndarray], np.ndarray]
+ForceUncertainty = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
-def doubt_of(file: Path, case: str | None = None, known: Doubt | None = None) -> Doubt | None:
+def combine_force_sd(
+    file: Path, case: str | None = None, posterior_sd: ForceUncertainty | None = None
+) -> ForceUncertainty | None:
     """How surely a muscle's force is known, with what its diagnosis left over; None where it is as stated.
 
     Args:
         file: a fit.json or model.json.
         case: which case of several.
-        known: what a posterior says instead of the file's covariance.
+        posterior_sd: what a posterior says instead of the file's covariance.
     """
     if file.suffix != ".json":
-        return known
-    missed = left_over(file) or 0.0
-    return lambda p, l: np.hypot(known(p, l) if known else force_sd(file, p, l, case), missed)
+        return posterior_sd
+    unexplained_force = read_unexplained_force(file) or 0.0
+    return lambda p, l: np.hypot(
+        posterior_sd(p, l) if posterior_sd else compute_force_sd(file, p, l, case), unexplained_force
+    )
 
 
-def force_sd(file: Path, pressure: np.ndarray, length: np.ndarray, case: str | None = None) -> np.ndarray:
+def compute_force_sd(
+    file: Path, pressure: np.ndarray, length: np.ndarray, case: str | None = None
+) -> np.ndarray:
     """Standard deviation of the force at rest, N, (n,); NaN where the file knows no covariance.
 
     Args:
@@ -57,44 +63,51 @@ def force_sd(file: Path, pressure: np.ndarray, length: np.ndarray, case: str | N
     if name not in document["cases"]:
         raise refuse(f"{name!r} is no case of {file.name}")
     muscle = document["cases"][name]["muscle"]
-    own = {n: n.removeprefix(f"{name}/") for n in document["correlation"]["names"]}
-    moving = {n: short for n, short in own.items() if short in muscle["numbers"]}
-    places = [k for k, n in enumerate(own) if n in moving]
-    told = [document["parameters"][n] for n in moving]
-    sd = np.array([np.nan if t["sd"] is None else t["sd"] * in_unit(t["unit"]) for t in told])
-    correlation = np.array(document["correlation"]["matrix"])[np.ix_(places, places)]
+    own_names = {n: n.removeprefix(f"{name}/") for n in document["correlation"]["names"]}
+    free_names = {n: short for n, short in own_names.items() if short in muscle["numbers"]}
+    indices = [k for k, n in enumerate(own_names) if n in free_names]
+    parameters = [document["parameters"][n] for n in free_names]
+    sd = np.array(
+        [
+            np.nan if parameter["sd"] is None else parameter["sd"] * compute_si_factor(parameter["unit"])
+            for parameter in parameters
+        ]
+    )
+    correlation = np.array(document["correlation"]["matrix"])[np.ix_(indices, indices)]
     numbers = {n: jnp.asarray(v) for n, v in muscle["numbers"].items()}
-    start = jnp.array([numbers[short] for short in moving.values()])
-    slopes = _slopes(
-        (muscle["law"], tuple(muscle["mechanisms"]), tuple(moving.values())), numbers, start,
+    start = jnp.array([numbers[short] for short in free_names.values()])
+    force_slopes = _compute_force_slopes(
+        (muscle["law"], tuple(muscle["mechanisms"]), tuple(free_names.values())), numbers, start,
         jnp.asarray(pressure, float), jnp.asarray(length, float),
     )  # fmt: skip
-    by = np.asarray(slopes) * sd
-    return np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", by, correlation, by), 0.0))
+    scaled_slopes = np.asarray(force_slopes) * sd
+    return np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", scaled_slopes, correlation, scaled_slopes), 0.0))
 
 
-def left_over(file: Path) -> float | None:
+def read_unexplained_force(file: Path) -> float | None:
     """Force that a diagnosed muscle misses on held-out blocks beyond noise, N, as the diagnosis.json beside
     its model.json says; None where there is none."""
-    beside = file.parent / "diagnosis.json"
-    if file.name != "model.json" or not beside.exists():
+    diagnosis_file = file.parent / "diagnosis.json"
+    if file.name != "model.json" or not diagnosis_file.exists():
         return None
     try:
-        told = json.loads(read_bytes(beside))
-        rmse = float(told["improvement"]["held_out"]["force"]["rmse_after"])
-        noise = float(told["noise"]["force"]["sd"])
+        diagnosis = json.loads(read_bytes(diagnosis_file))
+        rmse = float(diagnosis["improvement"]["held_out"]["force"]["rmse_after"])
+        noise = float(diagnosis["noise"]["force"]["sd"])
     except (KeyError, TypeError, ValueError):
         return None
     return math.sqrt(max(rmse**2 - noise**2, 0.0))
 
 
 @eqx.filter_jit
-def _slopes(what, numbers: dict[str, Array], start: Array, pressure: Array, length: Array) -> Array:
-    law, ids, moving = what
+def _compute_force_slopes(
+    model_key, numbers: dict[str, Array], start: Array, pressure: Array, length: Array
+) -> Array:
+    law, ids, free_names = model_key
 
     def force(values, p, l):
-        every = numbers | dict(zip(moving, values, strict=True))
-        muscle = assemble_bench(law, ids, every) if ids else assemble(law, every)
-        return static_force(muscle, p, l)[0]
+        all_numbers = numbers | dict(zip(free_names, values, strict=True))
+        muscle = assemble_bench(law, ids, all_numbers) if ids else assemble(law, all_numbers)
+        return compute_static_force(muscle, p, l)[0]
 
     return jax.vmap(jax.jacfwd(force), in_axes=(None, 0, 0))(start, pressure, length)

@@ -11,35 +11,35 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebfit, chebvander
 
 from pamjax.control import standalone
-from pamjax.control.command_uncertainty import Doubt
-from pamjax.control.inverse import Inverse, Limit
-from pamjax.control.neglected import half_loop
-from pamjax.errors import at_least, refuse
-from pamjax.records.files import write_beside
-from pamjax.units import show
+from pamjax.control.command_uncertainty import ForceUncertainty
+from pamjax.control.inverse import CommandLimit, Inverse
+from pamjax.control.neglected import compute_friction_half_loop
+from pamjax.errors import check_minimum, refuse
+from pamjax.records.files import write_atomically
+from pamjax.units import format_quantity
 
 #: Degrees that are tried, in turn, until the error is small enough.
-DEGREES = (8, 12, 16, 24, 32, 48)
+CHEBYSHEV_DEGREES = (8, 12, 16, 24, 32, 48)
 
 #: Error that is small enough, as a share of the range, and whose.
-ENOUGH, JUDGED = 1e-5, ("force", "stiffness", "pressure", "length")
+TARGET_ERROR, JUDGED_OUTPUTS = 1e-5, ("force", "stiffness", "pressure", "length")
 
 #: Random points at which the error is measured, and the factor between the largest found and the stated one.
-POINTS, MARGIN = 20_000, 2.0
+TEST_POINTS, ERROR_MARGIN = 20_000, 2.0
 
 #: The same for what is itself no better known than to a few hundredths, and the degree of its sum.
-FEW, LOW = 500, 12
+ROUGH_TEST_POINTS, ROUGH_DEGREE = 500, 12
 
 #: The least share of the highest pressure at which a length can be commanded: without pressure, no stiffness.
-LEAST = 0.05
+MIN_PRESSURE_SHARE = 0.05
 
 #: Shares of the highest pressure at which a table may begin where it cannot begin at the lowest, and the
 #: share of the lengths that it must then keep: below, rubber may hold the muscle open by itself.
-BEGIN, KEEP = (0.05, 0.1, 0.2, 0.3, 0.5), 0.6
+START_PRESSURE_SHARES, MIN_LENGTH_SHARE = (0.05, 0.1, 0.2, 0.3, 0.5), 0.6
 
 
 @dataclass(frozen=True)
-class Exported:
+class ExportedController:
     """What was written.
 
     Attributes:
@@ -55,173 +55,205 @@ class Exported:
     lengths: tuple[float, float]
     degree: int
     error: dict[str, float]
-    share: float
+    largest_share: float
 
     def __str__(self) -> str:
         units = {"pressure": "Pa", "length": "um", "force": "N", "stiffness": "N/m"}
-        told = ", ".join(f"{n} {show(self.error[n], u, 2)}" for n, u in units.items())
+        errors = ", ".join(f"{n} {format_quantity(self.error[n], u, 2)}" for n, u in units.items())
         (low, high), (short, long) = self.pressures, self.lengths
-        covers = f"{show(low, 'kPa')} to {show(high, 'kPa')}, {show(short, 'mm')} to {show(long, 'mm')}"
-        return f"for {covers}; sums of degree {self.degree}; off by less than {told}"
+        covered_range = f"{format_quantity(low, 'kPa')} to {format_quantity(high, 'kPa')}, {format_quantity(short, 'mm')} to {format_quantity(long, 'mm')}"
+        return f"for {covered_range}; sums of degree {self.degree}; off by less than {errors}"
 
 
-def export(of: Inverse, folder: Path, *, doubt: Doubt | None = None, seed: int = 0) -> Exported:
+def export(
+    inverse: Inverse, folder: Path, *, force_sd: ForceUncertainty | None = None, seed: int = 0
+) -> ExportedController:
     """Write controller.npz and controller.py.
 
     Args:
-        of: the inverse of a muscle. Its range is narrowed to where every wish between the least and the
+        inverse: the inverse of a muscle. Its range is narrowed to where every wish between the least and the
             most force has an answer.
         folder: where to.
-        doubt: how surely the force is known; None where that is not.
+        force_sd: how surely the force is known; None where that is not.
         seed: of the random points at which the error is measured.
 
     Raises:
         BadInput: where there is no such range.
     """
-    at_least("seed", seed, 0)
-    of = narrowed(of)
+    check_minimum("seed", seed, 0)
+    inverse = narrow_range(inverse)
     folder.mkdir(parents=True, exist_ok=True)
     table, share, degree = {}, np.inf, 0
-    for degree in DEGREES:
-        trial = _table(of, degree)
-        found = _measured(of, trial, folder, seed)
-        if max(found[1].values()) < share:
-            table, share, error = trial, max(found[1].values()), found[0]
-        if share < ENOUGH:
+    for degree in CHEBYSHEV_DEGREES:
+        trial_table = _build_table(inverse, degree)
+        errors_and_shares = _measure_errors(inverse, trial_table, folder, seed)
+        if max(errors_and_shares[1].values()) < share:
+            table, share, error = trial_table, max(errors_and_shares[1].values()), errors_and_shares[0]
+        if share < TARGET_ERROR:
             break
-    rough = {"friction": lambda p, l: half_loop(of.muscle, p, l), "sd": doubt or _unknown}
-    for name, values in rough.items():
-        table[name], error[name] = _rough(of, values, seed)
-    stated = {name: MARGIN * value for name, value in error.items()}
+    rough_outputs = {
+        "friction": lambda p, l: compute_friction_half_loop(inverse.muscle, p, l),
+        "sd": force_sd or _return_unknown,
+    }
+    for name, values in rough_outputs.items():
+        table[name], error[name] = _fit_rough(inverse, values, seed)
+    stated = {name: ERROR_MARGIN * value for name, value in error.items()}
     files = folder / "controller.npz", folder / "controller.py"
-    _write(files[0], table | {f"error_{name}": np.array(value) for name, value in stated.items()})
-    with write_beside(files[1]) as beside:
+    _write_table(files[0], table | {f"error_{name}": np.array(value) for name, value in stated.items()})
+    with write_atomically(files[1]) as beside:
         shutil.copyfile(standalone.__file__, beside)
-    return Exported(files, of.pressures, of.lengths, degree, stated, MARGIN * share)
+    return ExportedController(files, inverse.pressures, inverse.lengths, degree, stated, ERROR_MARGIN * share)
 
 
-def narrowed(of: Inverse) -> Inverse:
+def narrow_range(inverse: Inverse) -> Inverse:
     """The part of the range in which every force between the ends' has an answer.
 
     From the lowest pressure that leaves most lengths; where none does, from the one that leaves most.
     """
-    lowest, high = of.pressures
-    begins = [lowest, *(share * high for share in BEGIN if share * high > lowest)]
-    best, most = of, 0.0
-    for low in begins:
-        lengths = np.linspace(*of.lengths, 201)
-        first = _first_good(Inverse(of.muscle, (low, high), of.lengths), lengths)
-        kept = 1 - first / lengths.size
-        if kept > most:
-            best, most = Inverse(of.muscle, (low, high), (float(lengths[first]), float(lengths[-1]))), kept
-        if kept >= KEEP:
+    lowest, high = inverse.pressures
+    start_pressures = [lowest, *(share * high for share in START_PRESSURE_SHARES if share * high > lowest)]
+    best, best_share = inverse, 0.0
+    for low in start_pressures:
+        lengths = np.linspace(*inverse.lengths, 201)
+        first_index = _find_first_solvable(Inverse(inverse.muscle, (low, high), inverse.lengths), lengths)
+        length_share = 1 - first_index / lengths.size
+        if length_share > best_share:
+            best, best_share = (
+                Inverse(inverse.muscle, (low, high), (float(lengths[first_index]), float(lengths[-1]))),
+                length_share,
+            )
+        if length_share >= MIN_LENGTH_SHARE:
             break
-    if most < 0.1:
+    if best_share < 0.1:
         rule = "a controller needs a range of pressure and length in which pressure pulls"
         raise refuse(rule, "hardly any length", remedy="Give a longer one, or a higher pressure.")
     return best
 
 
-def _first_good(of: Inverse, lengths: np.ndarray) -> int:
+def _find_first_solvable(inverse: Inverse, lengths: np.ndarray) -> int:
     """The shortest of rising lengths from which on to the longest all have an answer."""
-    good = np.ones(lengths.size, dtype=bool)
-    low, high = of.pressures
+    solvable = np.ones(lengths.size, dtype=bool)
+    low, high = inverse.pressures
     for pressure in np.linspace(low, high, 9):
-        force, stiffness = of.force(pressure, lengths)
-        command = of.pressure(force, lengths)
-        good &= (np.asarray(command.status) == Limit.OK) & np.isfinite(force)
-        if pressure >= LEAST * high:
-            good &= stiffness > 0
-    bad = np.flatnonzero(~good)
-    return int(bad.max()) + 1 if bad.size else 0
+        force, stiffness = inverse.force(pressure, lengths)
+        command = inverse.pressure(force, lengths)
+        solvable &= (np.asarray(command.status) == CommandLimit.OK) & np.isfinite(force)
+        if pressure >= MIN_PRESSURE_SHARE * high:
+            solvable &= stiffness > 0
+    unsolvable = np.flatnonzero(~solvable)
+    return int(unsolvable.max()) + 1 if unsolvable.size else 0
 
 
-def _holding(of: Inverse) -> Inverse:
+def _restrict_pressures(inverse: Inverse) -> Inverse:
     """The same from the least pressure at which a length can be commanded."""
-    low, high = of.pressures
-    return Inverse(of.muscle, (max(low, LEAST * high), high), of.lengths)
+    low, high = inverse.pressures
+    return Inverse(inverse.muscle, (max(low, MIN_PRESSURE_SHARE * high), high), inverse.lengths)
 
 
-def _nodes(degree: int) -> np.ndarray:
+def _compute_nodes(degree: int) -> np.ndarray:
     """Chebyshev points, ends included."""
     return -np.cos(np.pi * np.arange(degree + 1) / degree)
 
 
-def _to(x: np.ndarray, ends: tuple[float, float]) -> np.ndarray:
-    return (ends[0] + ends[1]) / 2 + x * (ends[1] - ends[0]) / 2
+def _map_to_range(x: np.ndarray, limits: tuple[float, float]) -> np.ndarray:
+    return (limits[0] + limits[1]) / 2 + x * (limits[1] - limits[0]) / 2
 
 
-def _fitted(values: np.ndarray, degree: int) -> np.ndarray:
+def _fit_chebyshev(values: np.ndarray, degree: int) -> np.ndarray:
     """(i, j) coefficients of values at Chebyshev points in both directions."""
-    inverse = np.linalg.inv(chebvander(_nodes(degree), degree))
-    return inverse @ values @ inverse.T
+    inverse_vandermonde = np.linalg.inv(chebvander(_compute_nodes(degree), degree))
+    return inverse_vandermonde @ values @ inverse_vandermonde.T
 
 
-def _table(of: Inverse, degree: int) -> dict[str, np.ndarray]:
-    x = _nodes(degree)
-    p, l = (g.ravel() for g in np.meshgrid(_to(x, of.pressures), _to(x, of.lengths), indexing="ij"))
+def _build_table(inverse: Inverse, degree: int) -> dict[str, np.ndarray]:
+    x = _compute_nodes(degree)
+    p, l = (
+        g.ravel()
+        for g in np.meshgrid(
+            _map_to_range(x, inverse.pressures), _map_to_range(x, inverse.lengths), indexing="ij"
+        )
+    )
     square = degree + 1, degree + 1
-    holding = _holding(of)
+    restricted = _restrict_pressures(inverse)
     table = {
-        "pressures": np.array(of.pressures), "holding": np.array(holding.pressures),
-        "lengths": np.array(of.lengths),
+        "pressures": np.array(inverse.pressures), "holding": np.array(restricted.pressures),
+        "lengths": np.array(inverse.lengths),
     }  # fmt: skip
-    table |= {name: _fitted(values.reshape(square), degree) for name, values in _forward(of, p, l).items()}
+    table |= {
+        name: _fit_chebyshev(values.reshape(square), degree)
+        for name, values in _compute_forward(inverse, p, l).items()
+    }
     inverses: list[tuple[str, Callable, tuple[float, float], tuple[float, float]]] = [
-        ("pressure", of.pressure, of.lengths, of.pressures),
-        ("length", holding.length, holding.pressures, of.lengths),
+        ("pressure", inverse.pressure, inverse.lengths, inverse.pressures),
+        ("length", restricted.length, restricted.pressures, inverse.lengths),
     ]
-    for name, solve, range_, into in inverses:
-        other = _to(x, range_)
-        ends = [of.force(e, other)[0] if name == "pressure" else of.force(other, e)[0] for e in into]
-        for end, values in zip(("least", "most"), ends, strict=True):
+    for name, solve, given_range, value_range in inverses:
+        given = _map_to_range(x, given_range)
+        end_forces = [
+            inverse.force(e, given)[0] if name == "pressure" else inverse.force(given, e)[0]
+            for e in value_range
+        ]
+        for end, values in zip(("least", "most"), end_forces, strict=True):
             table[f"{name}_{end}"] = chebfit(x, values, degree)
-        wanted = ends[0] + (x[:, None] + 1) / 2 * (ends[1] - ends[0])
-        asked = np.broadcast_to(other, square)
-        solved = np.asarray(solve(wanted.ravel(), asked.ravel()).value)
-        table[name] = _fitted(solved.reshape(square), degree)
+        forces = end_forces[0] + (x[:, None] + 1) / 2 * (end_forces[1] - end_forces[0])
+        given_grid = np.broadcast_to(given, square)
+        solved = np.asarray(solve(forces.ravel(), given_grid.ravel()).value)
+        table[name] = _fit_chebyshev(solved.reshape(square), degree)
     return table
 
 
-def _measured(of: Inverse, table, folder: Path, seed: int) -> tuple[dict[str, float], dict[str, float]]:
+def _measure_errors(
+    inverse: Inverse, table, folder: Path, seed: int
+) -> tuple[dict[str, float], dict[str, float]]:
     """Largest errors at random points, SI and as shares of the range, of the code that is handed over."""
-    _write(folder / "controller.npz", table)
-    robot = standalone.Controller(folder / "controller.npz")
+    _write_table(folder / "controller.npz", table)
+    controller = standalone.Controller(folder / "controller.npz")
     rng = np.random.default_rng(seed)
-    p, l = (rng.uniform(*ends, POINTS) for ends in (of.pressures, of.lengths))
-    true = _forward(of, p, l)
-    pairs = {name: (getattr(robot, name)(p, l), values) for name, values in true.items()}
-    pairs["pressure"] = robot.pressure(true["force"], l)[0], p
-    held = _to(2 * (p - of.pressures[0]) / np.ptp(of.pressures) - 1, _holding(of).pressures)
-    pairs["length"] = robot.length(of.force(held, l)[0], held)[0], l
-    errors = {name: float(np.max(np.abs(got - want))) for name, (got, want) in pairs.items()}
-    return errors, {name: errors[name] / float(np.ptp(pairs[name][1])) for name in JUDGED}
+    p, l = (rng.uniform(*ends, TEST_POINTS) for ends in (inverse.pressures, inverse.lengths))
+    exact = _compute_forward(inverse, p, l)
+    pairs = {name: (getattr(controller, name)(p, l), values) for name, values in exact.items()}
+    pairs["pressure"] = controller.pressure(exact["force"], l)[0], p
+    restricted_pressures = _map_to_range(
+        2 * (p - inverse.pressures[0]) / np.ptp(inverse.pressures) - 1, _restrict_pressures(inverse).pressures
+    )
+    pairs["length"] = controller.length(inverse.force(restricted_pressures, l)[0], restricted_pressures)[0], l
+    errors = {name: float(np.max(np.abs(got - expected))) for name, (got, expected) in pairs.items()}
+    return errors, {name: errors[name] / float(np.ptp(pairs[name][1])) for name in JUDGED_OUTPUTS}
 
 
-def _forward(of: Inverse, pressure: np.ndarray, length: np.ndarray) -> dict[str, np.ndarray]:
+def _compute_forward(inverse: Inverse, pressure: np.ndarray, length: np.ndarray) -> dict[str, np.ndarray]:
     """Force and its derivatives, each (n,), by the names under which a robot asks for them."""
-    force, stiffness = of.force(pressure, length)
-    by_pressure, by_length = of.stiffening(pressure, length).T
+    force, stiffness = inverse.force(pressure, length)
+    by_pressure, by_length = inverse.stiffness_slopes(pressure, length).T
     return {
-        "force": force, "pull": of.pull(pressure, length), "stiffness": stiffness,
+        "force": force, "pull": inverse.pull(pressure, length), "stiffness": stiffness,
         "stiffness_by_pressure": by_pressure, "stiffness_by_length": by_length,
     }  # fmt: skip
 
 
-def _rough(of: Inverse, values: Doubt, seed: int) -> tuple[np.ndarray, float]:
+def _fit_rough(inverse: Inverse, function: ForceUncertainty, seed: int) -> tuple[np.ndarray, float]:
     """A sum of low degree, and its largest error at some random points."""
-    x = _nodes(LOW)
-    p, l = (g.ravel() for g in np.meshgrid(_to(x, of.pressures), _to(x, of.lengths), indexing="ij"))
-    table = _fitted(values(p, l).reshape(LOW + 1, LOW + 1), LOW)
-    a, b = np.random.default_rng(seed).uniform(-1, 1, (2, FEW))
-    got = np.einsum("ni,ij,nj->n", chebvander(a, LOW), table, chebvander(b, LOW))
-    return table, float(np.max(np.abs(got - values(_to(a, of.pressures), _to(b, of.lengths)))))
+    x = _compute_nodes(ROUGH_DEGREE)
+    p, l = (
+        g.ravel()
+        for g in np.meshgrid(
+            _map_to_range(x, inverse.pressures), _map_to_range(x, inverse.lengths), indexing="ij"
+        )
+    )
+    coefficients = _fit_chebyshev(function(p, l).reshape(ROUGH_DEGREE + 1, ROUGH_DEGREE + 1), ROUGH_DEGREE)
+    a, b = np.random.default_rng(seed).uniform(-1, 1, (2, ROUGH_TEST_POINTS))
+    fitted = np.einsum("ni,ij,nj->n", chebvander(a, ROUGH_DEGREE), coefficients, chebvander(b, ROUGH_DEGREE))
+    return coefficients, float(
+        np.max(
+            np.abs(fitted - function(_map_to_range(a, inverse.pressures), _map_to_range(b, inverse.lengths)))
+        )
+    )
 
 
-def _unknown(pressure: np.ndarray, length: np.ndarray) -> np.ndarray:
+def _return_unknown(pressure: np.ndarray, length: np.ndarray) -> np.ndarray:
     return np.full(np.shape(pressure), np.nan)
 
 
-def _write(path: Path, table: dict[str, np.ndarray]) -> None:
-    with write_beside(path) as beside, beside.open("wb") as file:
+def _write_table(path: Path, table: dict[str, np.ndarray]) -> None:
+    with write_atomically(path) as beside, beside.open("wb") as file:
         np.savez(file, **table)  # pyright: ignore[reportArgumentType]

@@ -24,40 +24,40 @@ import numpy as np
 from jaxtyping import Array
 from numpy.typing import ArrayLike
 
-from pamjax.control.standalone import LIMITS
+from pamjax.control.standalone import STATUS_TEXTS
 from pamjax.errors import refuse
-from pamjax.infer.fitting.load import Loaded
+from pamjax.infer.fitting.load import LoadedMuscle
 from pamjax.model.balance import Status
 from pamjax.model.bench import Bench
-from pamjax.model.history import history
+from pamjax.model.history import build_time_history
 from pamjax.model.mechanism import AbstractLine, AbstractRig, Past
 from pamjax.model.muscle import Muscle
-from pamjax.model.status import Outcome
+from pamjax.model.status import StatusCode
 
 #: Most Newton steps, or halvings of the bracket where a step would leave it; and the share of the range
 #: below which a step is the last.
-STEPS, EXACT = 60, 1e-13
+MAX_ROOT_STEPS, ROOT_TOLERANCE = 60, 1e-13
 
 #: Wishes that are answered at once: few, or many. All others are cut and padded to these.
-FEW, MANY = 16, 4096
+SMALL_BATCH, LARGE_BATCH = 16, 4096
 
 #: Where nothing was calibrated: pressures, Pa, and contractions.
-PRESSURES, CONTRACTIONS = (0.0, 600e3), (0.0, 0.45)
+DEFAULT_PRESSURES, DEFAULT_CONTRACTIONS = (0.0, 600e3), (0.0, 0.45)
 
 #: A range narrower than this share of itself is one point, held as well as it was.
-NARROW = 0.01
+MIN_RANGE_WIDTH = 0.01
 
 #: Share of the pull of a pascal at the longest length below which pressure commands nothing.
-PULLS = 0.02
+MIN_PULL_SHARE = 0.02
 
 
-class Limit(Outcome):
+class CommandLimit(StatusCode):
     """What keeps a wish from being met: of a table for a robot the same."""
 
-    OK = 0, LIMITS[0]
-    TOO_STRONG = 1, LIMITS[1]
-    TOO_WEAK = 2, LIMITS[2]
-    OUTSIDE = 3, LIMITS[3]
+    OK = 0, STATUS_TEXTS[0]
+    TOO_STRONG = 1, STATUS_TEXTS[1]
+    TOO_WEAK = 2, STATUS_TEXTS[2]
+    OUTSIDE = 3, STATUS_TEXTS[3]
     NO_ANSWER = 4, "no balance there: threads too soft or straight, or pressure does not pull"
 
 
@@ -69,49 +69,52 @@ class Command(eqx.Module):
         by_force: its derivative by force.
         by_other: its derivative by the given length, or pressure.
         stiffness: ∂F/∂L there, N/m.
-        status: a `Limit`.
+        status: a `CommandLimit`.
     """
 
     value: Array
     by_force: Array
-    by_other: Array
+    by_given: Array
     stiffness: Array
     status: Array
 
 
-def static_force(muscle: Muscle | Bench, pressure: Array, length: Array) -> tuple[Array, Array]:
+def compute_static_force(muscle: Muscle | Bench, pressure: Array, length: Array) -> tuple[Array, Array]:
     """Force at rest, N, and whether there is a balance, at one true pressure (Pa) and length (m)."""
     if isinstance(muscle, Muscle):
         reading = muscle(pressure, length)
         return reading.force, reading.status == int(Status.OK)
-    past, status = at_rest(off_the_rig(muscle), pressure, length)
+    past, status = solve_at_rest(remove_rig(muscle), pressure, length)
     return past.force, status == int(Status.OK)
 
 
-def off_the_rig(bench: Bench) -> Bench:
+def remove_rig(bench: Bench) -> Bench:
     """The same muscle between rigid ends, prepared: a rig's give belongs to the lab."""
-    kept = tuple(m for m in bench.mechanisms if not isinstance(m, AbstractRig))
-    return Bench(bench.thread_length, bench.turns, kept).prepared()
+    mechanisms = tuple(m for m in bench.mechanisms if not isinstance(m, AbstractRig))
+    return Bench(bench.thread_length, bench.turns, mechanisms).prepare()
 
 
-def at_rest(bench: Bench, pressure: Array, length: Array) -> tuple[Past, Array]:
+def solve_at_rest(bench: Bench, pressure: Array, length: Array) -> tuple[Past, Array]:
     """A prepared bench without memory at one true pressure (Pa) and length (m), and its status.
 
     Returns:
         where everything is, with the pressure that arrives inside, and a `balance.Status`.
     """
-    nothing = jnp.zeros_like(pressure)
-    past, status = bench.instant(pressure, length, nothing, (nothing, nothing))
-    if not bench.of(AbstractLine):
+    zero = jnp.zeros_like(pressure)
+    past, status = bench.solve_instant(pressure, length, zero, (zero, zero))
+    if not bench.find_mechanisms(AbstractLine):
         return past, status
     # What arrives depends on the state without the line, as in `Bench.passed`.
-    still, one = history(None, np.ones(1, dtype=bool)), jax.tree.map(lambda x: x[None], past)
-    for line in bench.of(AbstractLine):
-        one = eqx.tree_at(lambda p: p.pressure, one, line.pressure(still, one))
-    return bench.instant(one.pressure[0], length, nothing, (nothing, nothing))
+    static_history, one_sample = (
+        build_time_history(None, np.ones(1, dtype=bool)),
+        jax.tree.map(lambda x: x[None], past),
+    )
+    for line in bench.find_mechanisms(AbstractLine):
+        one_sample = eqx.tree_at(lambda p: p.pressure, one_sample, line.pressure(static_history, one_sample))
+    return bench.solve_instant(one_sample.pressure[0], length, zero, (zero, zero))
 
 
-def _root(function: Callable[[Array], Array], low: Array, high: Array) -> Array:
+def _find_root(function: Callable[[Array], Array], low: Array, high: Array) -> Array:
     """Root of a rising function between two ends, or the nearer end; its derivative is the implicit one."""
 
     def slope(f, x):
@@ -120,7 +123,7 @@ def _root(function: Callable[[Array], Array], low: Array, high: Array) -> Array:
     def solve(f, start):
         def on(carry):
             _, below, above, moved, count = carry
-            return (moved > EXACT * (high - low)) & (above > below) & (count < STEPS)
+            return (moved > ROOT_TOLERANCE * (high - low)) & (above > below) & (count < MAX_ROOT_STEPS)
 
         def step(carry):
             x, below, above, _, count = carry
@@ -128,8 +131,8 @@ def _root(function: Callable[[Array], Array], low: Array, high: Array) -> Array:
             below, above = jnp.where(value < 0, x, below), jnp.where(value < 0, above, x)
             newton = x - value / jnp.where(rise > 0, rise, jnp.inf)
             inside = (newton >= below) & (newton <= above) & (rise > 0)
-            to = jnp.where(inside, newton, (below + above) / 2)
-            return to, below, above, jnp.abs(to - x), count + 1
+            next_x = jnp.where(inside, newton, (below + above) / 2)
+            return next_x, below, above, jnp.abs(next_x - x), count + 1
 
         return jax.lax.while_loop(on, step, (start, low, high, high - low, 0))[0]
 
@@ -156,118 +159,142 @@ class Inverse:
 
     def force(self, pressure: ArrayLike, length: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Force at rest, N, and stiffness ∂F/∂L, N/m, each (n,)."""
-        value, slopes, _ = _in_parts(lambda p, l: _forces(self.muscle, p, l), pressure, length)
+        value, slopes, _ = _map_in_batches(lambda p, l: _compute_forces(self.muscle, p, l), pressure, length)
         return np.asarray(value), np.asarray(slopes[:, 1])
 
     def pull(self, pressure: ArrayLike, length: ArrayLike) -> np.ndarray:
         """What a pascal more pulls, ∂F/∂P, N/Pa, (n,)."""
-        return np.asarray(_in_parts(lambda p, l: _forces(self.muscle, p, l), pressure, length)[1][:, 0])
+        return np.asarray(
+            _map_in_batches(lambda p, l: _compute_forces(self.muscle, p, l), pressure, length)[1][:, 0]
+        )
 
-    def stiffening(self, pressure: ArrayLike, length: ArrayLike) -> np.ndarray:
+    def stiffness_slopes(self, pressure: ArrayLike, length: ArrayLike) -> np.ndarray:
         """Derivatives of the stiffness by pressure, ∂²F/∂P∂L, N/(m Pa), and length, ∂²F/∂L², N/m²; (n, 2)."""
-        return np.asarray(_in_parts(lambda p, l: _stiffenings(self.muscle, p, l), pressure, length))
+        return np.asarray(
+            _map_in_batches(lambda p, l: _compute_stiffness_slopes(self.muscle, p, l), pressure, length)
+        )
 
     def pressure(self, force: ArrayLike, length: ArrayLike) -> Command:
         """The pressure at which the muscle pulls with a force (n,), N, at a length (n,), m."""
         ends = jnp.array(self.pressures), jnp.array(self.lengths)
-        return _in_parts(lambda f, l: pressures_of(self.muscle, *ends, f, l), force, length)
+        return _map_in_batches(lambda f, l: solve_pressures(self.muscle, *ends, f, l), force, length)
 
     def length(self, force: ArrayLike, pressure: ArrayLike) -> Command:
         """The length at which the muscle pulls with a force (n,), N, at a pressure (n,), Pa."""
         ends = jnp.array(self.pressures), jnp.array(self.lengths)
-        return _in_parts(lambda f, p: lengths_of(self.muscle, *ends, f, p), force, pressure)
+        return _map_in_batches(lambda f, p: solve_lengths(self.muscle, *ends, f, p), force, pressure)
 
 
-def _in_parts(function: Callable, one: ArrayLike, other: ArrayLike):
+def _map_in_batches(function: Callable, first: ArrayLike, second: ArrayLike):
     """A function of two rows, in parts of one size: each size would be compiled anew."""
-    pair = np.broadcast_arrays(*(np.atleast_1d(np.asarray(x, dtype=float)) for x in (one, other)))
+    pair = np.broadcast_arrays(*(np.atleast_1d(np.asarray(x, dtype=float)) for x in (first, second)))
     n = pair[0].size
-    size = FEW if n <= FEW else MANY
+    size = SMALL_BATCH if n <= SMALL_BATCH else LARGE_BATCH
     parts = max(-(-n // size), 1)
     rows = [np.concatenate([x, np.full(parts * size - n, x[-1] if n else 1.0)]) for x in pair]
-    found = [function(*(jnp.asarray(x[k * size : (k + 1) * size]) for x in rows)) for k in range(parts)]
-    return jax.tree.map(lambda *x: jnp.concatenate(x)[:n], *found)
+    results = [function(*(jnp.asarray(x[k * size : (k + 1) * size]) for x in rows)) for k in range(parts)]
+    return jax.tree.map(lambda *x: jnp.concatenate(x)[:n], *results)
 
 
 @eqx.filter_jit
-def _forces(muscle, pressure, length):
+def _compute_forces(muscle, pressure, length):
     """Force, its slopes by pressure and by length, and whether there is a balance; each (n,)."""
-    return jax.vmap(lambda p, l: _around(muscle, p, l))(pressure, length)
+    return jax.vmap(lambda p, l: _evaluate_force(muscle, p, l))(pressure, length)
 
 
 @eqx.filter_jit
-def _stiffenings(muscle, pressure, length):
+def _compute_stiffness_slopes(muscle, pressure, length):
     """Slopes of the stiffness by pressure and length, (n, 2)."""
 
     def stiffness(at):
-        return jax.jvp(lambda l: static_force(muscle, at[0], l)[0], (at[1],), (jnp.ones_like(at[1]),))[1]
+        return jax.jvp(
+            lambda l: compute_static_force(muscle, at[0], l)[0], (at[1],), (jnp.ones_like(at[1]),)
+        )[1]
 
     return jax.vmap(jax.jacfwd(stiffness))(jnp.stack([pressure, length], axis=1))
 
 
-def _around(muscle, pressure, length):
+def _evaluate_force(muscle, pressure, length):
     """Force, its slopes by pressure and length, and whether there is a balance."""
 
     def force(p, l):
-        return static_force(muscle, p, l)
+        return compute_static_force(muscle, p, l)
 
     def along(by_pressure, by_length):
         return jax.jvp(force, (pressure, length), (by_pressure, by_length), has_aux=True)
 
-    value, slopes, there = jax.vmap(along, out_axes=(None, 0, None))(jnp.eye(2)[0], jnp.eye(2)[1])
-    return value, slopes, there
+    value, slopes, balanced = jax.vmap(along, out_axes=(None, 0, None))(jnp.eye(2)[0], jnp.eye(2)[1])
+    return value, slopes, balanced
 
 
 @eqx.filter_jit
-def pressures_of(muscle, pressures, lengths, force, length) -> Command:
+def solve_pressures(muscle, pressures, lengths, force, length) -> Command:
     """Pressures for forces at lengths, each (n,), within the ends (2,) of a range."""
     (low, high), (short, long) = pressures, lengths
 
-    def one(wanted, at):
-        inside = (at >= short) & (at <= long)
-        at_ = jnp.clip(at, short, long)
-        value = _root(lambda p: static_force(muscle, p, at_)[0] - wanted, low, high)
+    def solve_single(wanted_force, given_length):
+        inside = (given_length >= short) & (given_length <= long)
+        clipped_length = jnp.clip(given_length, short, long)
+        value = _find_root(
+            lambda p: compute_static_force(muscle, p, clipped_length)[0] - wanted_force, low, high
+        )
         value = jnp.clip(value, low, high)
         # Together, so that the balance is compiled once: the answer, both ends, and the longest length.
-        points = jnp.stack([value, low, high, value]), jnp.stack([at_, at_, at_, long])
-        forces, slopes, there = jax.vmap(lambda p, l: _around(muscle, p, l))(*points)
+        points = (
+            jnp.stack([value, low, high, value]),
+            jnp.stack([clipped_length, clipped_length, clipped_length, long]),
+        )
+        forces, slopes, balanced = jax.vmap(lambda p, l: _evaluate_force(muscle, p, l))(*points)
         by_p, by_l = slopes[0]
-        pulls = there[0] & (by_p > PULLS * slopes[3, 0])
+        pulls = balanced[0] & (by_p > MIN_PULL_SHARE * slopes[3, 0])
         return Command(
-            value, 1 / by_p, -by_l / by_p, by_l, _status(wanted, forces[1], forces[2], inside, pulls)
+            value,
+            1 / by_p,
+            -by_l / by_p,
+            by_l,
+            _classify_status(wanted_force, forces[1], forces[2], inside, pulls),
         )
 
-    return jax.vmap(one)(force, length)
+    return jax.vmap(solve_single)(force, length)
 
 
 @eqx.filter_jit
-def lengths_of(muscle, pressures, lengths, force, pressure) -> Command:
+def solve_lengths(muscle, pressures, lengths, force, pressure) -> Command:
     """Lengths for forces at pressures, each (n,), within the ends (2,) of a range."""
     (low, high), (short, long) = pressures, lengths
 
-    def one(wanted, at):
-        inside = (at >= low) & (at <= high)
-        at_ = jnp.clip(at, low, high)
-        value = jnp.clip(_root(lambda l: static_force(muscle, at_, l)[0] - wanted, short, long), short, long)
-        points = jnp.stack([at_, at_, at_]), jnp.stack([value, short, long])
-        forces, slopes, there = jax.vmap(lambda p, l: _around(muscle, p, l))(*points)
+    def solve_single(wanted_force, given_pressure):
+        inside = (given_pressure >= low) & (given_pressure <= high)
+        clipped_pressure = jnp.clip(given_pressure, low, high)
+        value = jnp.clip(
+            _find_root(
+                lambda l: compute_static_force(muscle, clipped_pressure, l)[0] - wanted_force, short, long
+            ),
+            short,
+            long,
+        )
+        points = (
+            jnp.stack([clipped_pressure, clipped_pressure, clipped_pressure]),
+            jnp.stack([value, short, long]),
+        )
+        forces, slopes, balanced = jax.vmap(lambda p, l: _evaluate_force(muscle, p, l))(*points)
         by_p, by_l = slopes[0]
-        status = _status(wanted, forces[1], forces[2], inside, there[0] & (by_l > 0))
+        status = _classify_status(wanted_force, forces[1], forces[2], inside, balanced[0] & (by_l > 0))
         return Command(value, 1 / by_l, -by_p / by_l, by_l, status)
 
-    return jax.vmap(one)(force, pressure)
+    return jax.vmap(solve_single)(force, pressure)
 
 
-def _status(wanted, least, most, inside, there):
-    status = jnp.where(there, int(Limit.OK), int(Limit.NO_ANSWER))
-    near = 1e-9 * (jnp.abs(least) + jnp.abs(most))
-    status = jnp.where(wanted > most + near, int(Limit.TOO_STRONG), status)
-    status = jnp.where(wanted < least - near, int(Limit.TOO_WEAK), status)
-    return jnp.where(inside, status, int(Limit.OUTSIDE))
+def _classify_status(wanted_force, min_force, max_force, inside, balanced):
+    status = jnp.where(balanced, int(CommandLimit.OK), int(CommandLimit.NO_ANSWER))
+    tolerance = 1e-9 * (jnp.abs(min_force) + jnp.abs(max_force))
+    status = jnp.where(wanted_force > max_force + tolerance, int(CommandLimit.TOO_STRONG), status)
+    status = jnp.where(wanted_force < min_force - tolerance, int(CommandLimit.TOO_WEAK), status)
+    return jnp.where(inside, status, int(CommandLimit.OUTSIDE))
 
 
 def inverse(
-    muscle: Muscle | Bench | Loaded,
+    muscle: Muscle | Bench | LoadedMuscle,
     pressures: tuple[float, float] | None = None,
     lengths: tuple[float, float] | None = None,
 ) -> Inverse:
@@ -283,18 +310,27 @@ def inverse(
     Raises:
         BadInput: for an empty range, or a muscle without a rest length where no lengths are given.
     """
-    known = muscle.calibrated if isinstance(muscle, Loaded) else {}
-    known = {name: (low, high) for name, (low, high) in known.items() if high > low * (1 + NARROW)}
-    bare = muscle.muscle if isinstance(muscle, Loaded) else muscle
-    if lengths is None and "length" not in known:
+    calibrated_range = muscle.calibrated_range if isinstance(muscle, LoadedMuscle) else {}
+    calibrated_range = {
+        name: (low, high)
+        for name, (low, high) in calibrated_range.items()
+        if high > low * (1 + MIN_RANGE_WIDTH)
+    }
+    bare_muscle = muscle.muscle if isinstance(muscle, LoadedMuscle) else muscle
+    if lengths is None and "length" not in calibrated_range:
         if isinstance(muscle, Bench):
             raise refuse("a bench needs `lengths`", "none", remedy="Give the shortest and the longest.")
-        rest = muscle.entry.rest_length.value if isinstance(muscle, Loaded) else float(muscle.rest_length)
-        lengths = rest * (1 - CONTRACTIONS[1]), rest * (1 - CONTRACTIONS[0])
-    ends = pressures or known.get("pressure", PRESSURES), lengths or known["length"]
+        rest_length = (
+            muscle.entry.rest_length.value if isinstance(muscle, LoadedMuscle) else float(muscle.rest_length)
+        )
+        lengths = rest_length * (1 - DEFAULT_CONTRACTIONS[1]), rest_length * (1 - DEFAULT_CONTRACTIONS[0])
+    ranges = (
+        pressures or calibrated_range.get("pressure", DEFAULT_PRESSURES),
+        lengths or calibrated_range["length"],
+    )
     # Arrays, so that another range is no other program.
-    found = Inverse(bare, *((float(low), float(high)) for low, high in ends))
-    for name, (low, high) in (("pressures", found.pressures), ("lengths", found.lengths)):
+    result = Inverse(bare_muscle, *((float(low), float(high)) for low, high in ranges))
+    for name, (low, high) in (("pressures", result.pressures), ("lengths", result.lengths)):
         if not low < high:
             raise refuse(f"`{name}` go from low to high", f"{low:g} to {high:g}")
-    return found
+    return result

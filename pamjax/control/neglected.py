@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array
 from numpy.typing import ArrayLike
 
-from pamjax.control.inverse import at_rest, off_the_rig
+from pamjax.control.inverse import remove_rig, solve_at_rest
 from pamjax.model.bench import Bench
 from pamjax.model.mechanism import AbstractMemory, AbstractRig, AbstractSensor, AbstractSlip
 from pamjax.model.mechanisms.braid_friction import BraidFriction
@@ -27,43 +27,47 @@ from pamjax.model.mechanisms.pressure_drop import PressureDrop
 from pamjax.model.muscle import Muscle
 
 #: Kinds that rest leaves out; and those of the lab.
-PAST, LAB = (AbstractMemory, AbstractSlip, PressureDrop), (AbstractSensor, AbstractRig)
+NEGLECTED_HISTORY, NEGLECTED_RIG = (AbstractMemory, AbstractSlip, PressureDrop), (AbstractSensor, AbstractRig)
 
 
-def left_out(muscle: Muscle | Bench) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def list_neglected(muscle: Muscle | Bench) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Ids of the mechanisms that take no part in a command: of past or speed, and of sensors and rig."""
     if isinstance(muscle, Muscle):
         return (), ()
-    past, lab = ([m.id for m in muscle.mechanisms if isinstance(m, k)] for k in (PAST, LAB))
+    past, lab = (
+        [m.id for m in muscle.mechanisms if isinstance(m, k)] for k in (NEGLECTED_HISTORY, NEGLECTED_RIG)
+    )
     return tuple(past), tuple(lab)
 
 
-def half_loop(muscle: Muscle | Bench, pressure: ArrayLike, length: ArrayLike) -> np.ndarray:
+def compute_friction_half_loop(muscle: Muscle | Bench, pressure: ArrayLike, length: ArrayLike) -> np.ndarray:
     """Half the width of the friction's loop in force, N, (n,), at true pressures and lengths; or 0."""
     p, l = (jnp.atleast_1d(jnp.asarray(x, float)) for x in (pressure, length))
-    if isinstance(muscle, Muscle) or not muscle.of(BraidFriction):
+    if isinstance(muscle, Muscle) or not muscle.find_mechanisms(BraidFriction):
         return np.zeros(p.shape)
-    return np.asarray(_half_loops(muscle, p, l))
+    return np.asarray(_compute_half_loops(muscle, p, l))
 
 
 @eqx.filter_jit
-def _half_loops(muscle: Bench, pressure: Array, length: Array) -> Array:
-    return jax.vmap(lambda p, l: _half_loop(muscle, p, l))(pressure, length)
+def _compute_half_loops(muscle: Bench, pressure: Array, length: Array) -> Array:
+    return jax.vmap(lambda p, l: _compute_half_loop(muscle, p, l))(pressure, length)
 
 
-def _half_loop(muscle: Bench, pressure: Array, length: Array) -> Array:
-    bench = off_the_rig(muscle)
-    past, _ = at_rest(bench, pressure, length)
+def _compute_half_loop(muscle: Bench, pressure: Array, length: Array) -> Array:
+    bench = remove_rig(muscle)
+    past, _ = solve_at_rest(bench, pressure, length)
 
     def stress(memory):
-        nothing = jnp.zeros_like(memory.strains(past.state, past.pressure))
-        return memory.dragged(past) if isinstance(memory, BraidFriction) else nothing
+        zeros = jnp.zeros_like(memory.strains(past.state, past.pressure))
+        return memory.full_sliding_stress(past) if isinstance(memory, BraidFriction) else zeros
 
-    frozen = bench.frozen(past, [stress(memory) for memory in bench.of(AbstractMemory)])
+    memory_loads = bench.compute_memory_loads(
+        past, [stress(memory) for memory in bench.find_mechanisms(AbstractMemory)]
+    )
 
-    def force(way):
-        pulled = frozen[0] * way, frozen[1] * way
-        return bench.instant(past.pressure, length, jnp.zeros_like(length), pulled)[0].force
+    def force(direction):
+        signed_loads = memory_loads[0] * direction, memory_loads[1] * direction
+        return bench.solve_instant(past.pressure, length, jnp.zeros_like(length), signed_loads)[0].force
 
     # Both ways side by side, so that the balance is compiled once.
     after_lengthening, after_shortening = jax.vmap(force)(jnp.array([1.0, -1.0]))

@@ -18,104 +18,109 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from pamjax.control.inverse import Inverse, Limit, lengths_of, pressures_of, static_force
+from pamjax.control.inverse import CommandLimit, Inverse, compute_static_force, solve_lengths, solve_pressures
 from pamjax.errors import refuse
-from pamjax.infer.fitting.load import Loaded, build
+from pamjax.infer.fitting.load import LoadedMuscle, build_muscle
 
 #: Draws that are inverted: a standard deviation is known from them to 3.5 %.
-MANY = 400
+DRAW_COUNT = 400
 
 #: The middle share that is told.
-MIDDLE = 0.9
+INTERVAL_SHARE = 0.9
 
 
 @dataclass(frozen=True)
-class Spread:
+class CommandSpread:
     """What draws make of a command, SI.
 
     Attributes:
-        sd, low, high: standard deviation and ends of the middle `MIDDLE`, of the draws that meet the wish.
+        sd, low, high: standard deviation and ends of the middle `INTERVAL_SHARE`, of the draws that meet the wish.
         met: share of draws that do.
     """
 
     sd: float
     low: float
     high: float
-    met: float
+    feasible_share: float
 
 
 @dataclass(frozen=True, eq=False)
-class Draws:
+class PosteriorDraws:
     """A muscle as it may be.
 
     Attributes:
         loaded: the muscle at the means of its draws.
-        moving: (`MANY`,) SI, by name of the number.
+        moving: (`DRAW_COUNT`,) SI, by name of the number.
     """
 
-    loaded: Loaded
-    moving: Mapping[str, Array]
+    loaded: LoadedMuscle
+    samples: Mapping[str, Array]
 
-    def force_sd(self, pressure: np.ndarray, length: np.ndarray) -> np.ndarray:
+    def compute_force_sd(self, pressure: np.ndarray, length: np.ndarray) -> np.ndarray:
         """Standard deviation of the force at rest over the draws, N, (n,)."""
-        what, numbers = (self.loaded.law, self.loaded.mechanisms), dict(self.loaded.numbers)
-        drawn = _forces(what, numbers, dict(self.moving), jnp.asarray(pressure), jnp.asarray(length))
-        return np.asarray(drawn).std(axis=0, ddof=1)
+        model_key, numbers = (self.loaded.law, self.loaded.mechanisms), dict(self.loaded.numbers)
+        forces = _compute_draw_forces(
+            model_key, numbers, dict(self.samples), jnp.asarray(pressure), jnp.asarray(length)
+        )
+        return np.asarray(forces).std(axis=0, ddof=1)
 
-    def spread(
-        self, of: Inverse, force: float, *, length: float | None = None, pressure: float | None = None
-    ) -> Spread:
+    def compute_spread(
+        self, inverse: Inverse, force: float, *, length: float | None = None, pressure: float | None = None
+    ) -> CommandSpread:
         """How far a command may be off.
 
         Args:
-            of: the inverse that commands, for its range.
+            inverse: the inverse that commands, for its range.
             force: wanted, N.
             length: at which the pressure is sought, m; or
             pressure: at which the length is sought, Pa.
         """
-        what = self.loaded.law, self.loaded.mechanisms, length is not None
+        model_key = self.loaded.law, self.loaded.mechanisms, length is not None
         numbers = dict(self.loaded.numbers)
         given = length if length is not None else pressure
-        ends = jnp.array(of.pressures), jnp.array(of.lengths)
+        ranges = jnp.array(inverse.pressures), jnp.array(inverse.lengths)
         value, status = (
-            np.asarray(x) for x in _commands(what, numbers, dict(self.moving), ends, force, given)
+            np.asarray(x)
+            for x in _compute_draw_commands(model_key, numbers, dict(self.samples), ranges, force, given)
         )
-        there = value[status == Limit.OK]
-        if there.size < 2:
-            return Spread(np.nan, np.nan, np.nan, there.size / value.size)
-        tail = (1 - MIDDLE) / 2
-        low, high = np.quantile(there, [tail, 1 - tail])
-        return Spread(float(there.std(ddof=1)), float(low), float(high), there.size / value.size)
+        feasible = value[status == CommandLimit.OK]
+        if feasible.size < 2:
+            return CommandSpread(np.nan, np.nan, np.nan, feasible.size / value.size)
+        tail = (1 - INTERVAL_SHARE) / 2
+        low, high = np.quantile(feasible, [tail, 1 - tail])
+        return CommandSpread(float(feasible.std(ddof=1)), float(low), float(high), feasible.size / value.size)
 
 
 @eqx.filter_jit
-def _forces(what, numbers: dict[str, Array], moving: dict[str, Array], pressure, length):
+def _compute_draw_forces(model_key, numbers: dict[str, Array], samples: dict[str, Array], pressure, length):
     """Force at rest of every draw, (k, n)."""
-    law, ids = what
+    law, ids = model_key
 
-    def one(drawn):
-        muscle = build(law, ids, numbers | drawn)
-        return jax.vmap(lambda p, l: static_force(muscle, p, l)[0])(pressure, length)
+    def compute_one_draw(draw):
+        muscle = build_muscle(law, ids, numbers | draw)
+        return jax.vmap(lambda p, l: compute_static_force(muscle, p, l)[0])(pressure, length)
 
-    return jax.vmap(one)(moving)
+    return jax.vmap(compute_one_draw)(samples)
 
 
 @eqx.filter_jit
-def _commands(what, numbers: dict[str, Array], moving: dict[str, Array], ends, force, given):
+def _compute_draw_commands(
+    model_key, numbers: dict[str, Array], samples: dict[str, Array], ranges, force, given
+):
     """Value and status of one wish for every draw, each (k,)."""
-    (law, ids, by_length), (pressures, lengths) = what, ends
-    command = pressures_of if by_length else lengths_of
-    wanted, at = (jnp.reshape(jnp.asarray(x, float), 1) for x in (force, given))
+    (law, ids, by_length), (pressures, lengths) = model_key, ranges
+    command = solve_pressures if by_length else solve_lengths
+    wanted_force, given_value = (jnp.reshape(jnp.asarray(x, float), 1) for x in (force, given))
 
-    def one(drawn):
-        muscle = build(law, ids, numbers | drawn)
-        found = command(muscle, pressures, lengths, wanted, at)
-        return found.value[0], found.status[0]
+    def compute_one_draw(draw):
+        muscle = build_muscle(law, ids, numbers | draw)
+        result = command(muscle, pressures, lengths, wanted_force, given_value)
+        return result.value[0], result.status[0]
 
-    return jax.vmap(one)(moving)
+    return jax.vmap(compute_one_draw)(samples)
 
 
-def draws_of(file: Path, loaded: Loaded) -> Draws:
+def load_draws(file: Path, loaded: LoadedMuscle) -> PosteriorDraws:
     """What a posterior.nc knows of a muscle.
 
     Args:
@@ -125,49 +130,53 @@ def draws_of(file: Path, loaded: Loaded) -> Draws:
     Raises:
         BadInput: if the file is none, or belongs to another recording, thread law or set of mechanisms.
     """
-    drawn, about = _read(file)
-    case = _same(about, loaded, file)
-    own = {name.removeprefix(f"{case}."): values for name, values in drawn.items()}
-    moving = {name: values for name, values in own.items() if name in loaded.numbers}
-    if not moving:
-        raise refuse("a posterior must hold a number of this muscle", ", ".join(drawn), file.name)
-    size = next(iter(moving.values())).size
-    rows = np.linspace(0, size - 1, MANY).round().astype(int)
-    means = {name: jnp.asarray(values.mean()) for name, values in moving.items()}
+    all_samples, attributes = _read_posterior(file)
+    case = _match_case(attributes, loaded, file)
+    case_samples = {name.removeprefix(f"{case}."): values for name, values in all_samples.items()}
+    samples = {name: values for name, values in case_samples.items() if name in loaded.numbers}
+    if not samples:
+        raise refuse("a posterior must hold a number of this muscle", ", ".join(all_samples), file.name)
+    size = next(iter(samples.values())).size
+    rows = np.linspace(0, size - 1, DRAW_COUNT).round().astype(int)
+    means = {name: jnp.asarray(values.mean()) for name, values in samples.items()}
     numbers = dict(loaded.numbers) | means
-    middle = replace(loaded, numbers=numbers, muscle=build(loaded.law, loaded.mechanisms, numbers))
-    return Draws(middle, {name: jnp.asarray(values[rows]) for name, values in moving.items()})
+    mean_muscle = replace(
+        loaded, numbers=numbers, muscle=build_muscle(loaded.law, loaded.mechanisms, numbers)
+    )
+    return PosteriorDraws(mean_muscle, {name: jnp.asarray(values[rows]) for name, values in samples.items()})
 
 
-def _read(file: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+def _read_posterior(file: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Draws by name, SI, and what the file says it belongs to."""
     import xarray as xr
 
     if not file.exists():
         raise refuse(f"there is no file {file}", remedy="`pamjax sample` writes posterior.nc.")
     try:
-        with xr.open_dataset(file, engine="h5netcdf") as head:
-            about = dict(head.attrs)
-        with xr.open_dataset(file, group="posterior", engine="h5netcdf") as held:
-            return {str(name): np.asarray(held[name]).ravel() for name in held.data_vars}, about
+        with xr.open_dataset(file, engine="h5netcdf") as dataset:
+            attributes = dict(dataset.attrs)
+        with xr.open_dataset(file, group="posterior", engine="h5netcdf") as posterior:
+            return {
+                str(name): np.asarray(posterior[name]).ravel() for name in posterior.data_vars
+            }, attributes
     except (OSError, ValueError, KeyError) as error:
         rule, remedy = "a posterior is a posterior.nc", "`pamjax sample` writes one."
         raise refuse(rule, f"{file.name}, which is none", remedy=remedy) from error
 
 
-def _same(about: dict[str, Any], loaded: Loaded, file: Path) -> str:
+def _match_case(attributes: dict[str, Any], loaded: LoadedMuscle, file: Path) -> str:
     """Name of the posterior's case that is this muscle's."""
-    law, ids = about.get("law"), tuple(json.loads(about.get("mechanisms", "[]")))
+    law, ids = attributes.get("law"), tuple(json.loads(attributes.get("mechanisms", "[]")))
     if (law, sorted(ids)) != (loaded.law, sorted(loaded.mechanisms)):
-        rule = f"a posterior belongs to its own model ({_model(loaded.law, loaded.mechanisms)} here)"
-        raise refuse(rule, _model(str(law), ids), file.name, "Name the fit.json of the same model.")
-    sums = json.loads(about.get("checksum", "{}"))
-    for name, checksum in sums.items():
+        rule = f"a posterior belongs to its own model ({_format_model(loaded.law, loaded.mechanisms)} here)"
+        raise refuse(rule, _format_model(str(law), ids), file.name, "Name the fit.json of the same model.")
+    checksums = json.loads(attributes.get("checksum", "{}"))
+    for name, checksum in checksums.items():
         if checksum == loaded.checksum:
             return name
     rule = "a posterior belongs to the recording that it was drawn for"
-    raise refuse(rule, ", ".join(sums) or "none", file.name, "Name its case folder, or a fit of it.")
+    raise refuse(rule, ", ".join(checksums) or "none", file.name, "Name its case folder, or a fit of it.")
 
 
-def _model(law: str, ids: tuple[str, ...]) -> str:
+def _format_model(law: str, ids: tuple[str, ...]) -> str:
     return " + ".join([law, *ids])

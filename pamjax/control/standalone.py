@@ -13,7 +13,7 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebval, chebvander
 
 #: What a status means.
-LIMITS = {
+STATUS_TEXTS = {
     0: "met",
     1: "more force than there is at the highest pressure, or at the longest length",
     2: "less force than there is at the lowest pressure, or at the shortest length",
@@ -21,12 +21,12 @@ LIMITS = {
 }
 
 
-def _unit(x, low, high):
+def _scale_to_unit(x, low, high):
     """From [low, high] to [-1, 1]."""
     return (2 * np.asarray(x, dtype=float) - (low + high)) / (high - low)
 
 
-def _sum(table, x, y):
+def _sum_chebyshev(table, x, y):
     """Sum of table[i, j] T_i(x) T_j(y)."""
     x, y = np.broadcast_arrays(x, y)
     rows = chebvander(x.ravel(), table.shape[0] - 1) @ table
@@ -53,39 +53,39 @@ class Controller:
 
     def force(self, pressure, length):
         """Force, N, at a pressure, Pa, and a length, m."""
-        return self._at("force", pressure, length)
+        return self._evaluate("force", pressure, length)
 
     def pull(self, pressure, length):
         """Slope of force in pressure, N/Pa."""
-        return self._at("pull", pressure, length)
+        return self._evaluate("pull", pressure, length)
 
     def stiffness(self, pressure, length):
         """Slope of force in length, N/m."""
-        return self._at("stiffness", pressure, length)
+        return self._evaluate("stiffness", pressure, length)
 
     def stiffness_by_pressure(self, pressure, length):
         """Slope of the stiffness in pressure, N/(m Pa)."""
-        return self._at("stiffness_by_pressure", pressure, length)
+        return self._evaluate("stiffness_by_pressure", pressure, length)
 
     def stiffness_by_length(self, pressure, length):
         """Slope of the stiffness in length, N/m2."""
-        return self._at("stiffness_by_length", pressure, length)
+        return self._evaluate("stiffness_by_length", pressure, length)
 
     def friction(self, pressure, length):
         """By how much force is higher after lengthening and lower after shortening, N; 0 without friction."""
-        return self._at("friction", pressure, length)
+        return self._evaluate("friction", pressure, length)
 
     def sd(self, pressure, length):
         """One standard deviation of the force as it was calibrated, N; NaN where that is not known."""
-        return self._at("sd", pressure, length)
+        return self._evaluate("sd", pressure, length)
 
     def pressure(self, force, length):
         """Pressure, Pa, for a force, N, at a length, m; and a status."""
-        return self._inverse("pressure", force, length, self.lengths, self.pressures)
+        return self._invert("pressure", force, length, self.lengths, self.pressures)
 
     def length(self, force, pressure):
         """Length, m, for a force, N, at a pressure, Pa; and a status."""
-        return self._inverse("length", force, pressure, self.holding, self.lengths)
+        return self._invert("length", force, pressure, self.holding, self.lengths)
 
     def pressure_slopes(self, pressure, length):
         """How the pressure that was found changes, with force (Pa/N) and with length (Pa/m)."""
@@ -97,19 +97,19 @@ class Controller:
         stiffness = self.stiffness(pressure, length)
         return 1 / stiffness, -self.pull(pressure, length) / stiffness
 
-    def _at(self, name, pressure, length):
-        x, y = _unit(pressure, *self.pressures), _unit(length, *self.lengths)
+    def _evaluate(self, name, pressure, length):
+        x, y = _scale_to_unit(pressure, *self.pressures), _scale_to_unit(length, *self.lengths)
         # A rounding beyond an end is that end.
         inside = (np.abs(x) <= 1 + 1e-9) & (np.abs(y) <= 1 + 1e-9)
-        return np.where(inside, _sum(self._table[name], x, y), np.nan)
+        return np.where(inside, _sum_chebyshev(self._table[name], x, y), np.nan)
 
-    def _inverse(self, name, force, other, range_, into):
-        y = _unit(np.clip(other, *range_), *range_)
-        least, most = (chebval(y, self._table[f"{name}_{end}"]) for end in ("least", "most"))
+    def _invert(self, name, force, given, given_range, value_range):
+        y = _scale_to_unit(np.clip(given, *given_range), *given_range)
+        min_force, max_force = (chebval(y, self._table[f"{name}_{end}"]) for end in ("least", "most"))
         # Where between the least and the most force, from -1 to 1.
-        x = _unit(force, least, most)
-        value = np.clip(_sum(self._table[name], np.clip(x, -1, 1), y), *into)
-        slack = 1e-6
-        status = np.where(x > 1 + slack, 1, np.where(x < -1 - slack, 2, 0))
-        inside = (np.abs(_unit(other, *range_)) <= 1 + 1e-9) & np.isfinite(force)
+        x = _scale_to_unit(force, min_force, max_force)
+        value = np.clip(_sum_chebyshev(self._table[name], np.clip(x, -1, 1), y), *value_range)
+        tolerance = 1e-6
+        status = np.where(x > 1 + tolerance, 1, np.where(x < -1 - tolerance, 2, 0))
+        inside = (np.abs(_scale_to_unit(given, *given_range)) <= 1 + 1e-9) & np.isfinite(force)
         return value, np.where(inside, status, 3)

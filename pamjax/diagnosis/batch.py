@@ -9,7 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.run import diagnose
 from pamjax.errors import BadInput
-from pamjax.progress import Progress, silent
+from pamjax.progress import Progress, ignore_progress
 from pamjax.records.case import Case
 
 
@@ -17,7 +17,7 @@ def diagnose_all(
     cases: Sequence[Case],
     *,
     seed: int = 0,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
     workers: int | None = None,
 ) -> Iterator[tuple[Case, Diagnosis | BadInput]]:
     """Diagnose each recording, and hand out each verdict as soon as it is there.
@@ -34,9 +34,9 @@ def diagnose_all(
     """
     done = 0
 
-    def one(case: Case, tell: Progress) -> Diagnosis | BadInput:
+    def diagnose_case(case: Case, report_progress: Progress) -> Diagnosis | BadInput:
         try:
-            return diagnose(case, seed=seed, progress=tell)
+            return diagnose(case, seed=seed, progress=report_progress)
         except BadInput as error:
             return error
 
@@ -44,17 +44,19 @@ def diagnose_all(
     if workers == 1:
         for case in cases:
             whole = done
-            yield case, one(case, lambda doing, s, w=whole: progress(doing, (w + s) / len(cases)))
+            yield case, diagnose_case(case, lambda doing, s, w=whole: progress(doing, (w + s) / len(cases)))
             done += 1
         return
     pool = ThreadPoolExecutor(workers)
     try:
-        waiting: dict[Future, Case] = {pool.submit(one, case, silent): case for case in cases}
+        cases_by_future: dict[Future, Case] = {
+            pool.submit(diagnose_case, case, ignore_progress): case for case in cases
+        }
         progress(f"{len(cases)} recordings", 0.0)
-        for future in as_completed(waiting):
+        for future in as_completed(cases_by_future):
             done += 1
             progress(f"{done} of {len(cases)}", done / len(cases))
-            yield waiting[future], future.result()
+            yield cases_by_future[future], future.result()
     finally:
         # Who is interrupted waits for no other recording.
         pool.shutdown(wait=False, cancel_futures=True)

@@ -9,44 +9,57 @@ from __future__ import annotations
 
 import numpy as np
 
-from pamjax.diagnosis.library.library_problem import Problem
-from pamjax.diagnosis.refit.candidate_fit import Model
-from pamjax.diagnosis.refit.least_squares import driven
-from pamjax.infer.fitting.identifiability import USEFUL, listed, unnoticed, words
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit
+from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit
+from pamjax.infer.fitting.identifiability import (
+    RELATIVE_SD_WITHOUT_PRIOR,
+    find_undetermined_combinations,
+    format_combination,
+    format_list,
+)
 
 
-def notes(found: Problem, baseline: Model, model: Model) -> list[str]:
+def format_notes(problem: LibraryProblem, baseline: CandidateFit, fit: CandidateFit) -> list[str]:
     """All sentences, what was driven too far first.
 
     Args:
-        found: the recording before the library.
+        problem: the recording before the library.
         baseline: the baseline, refitted.
-        model: it with what was named; the baseline itself where nothing was.
+        fit: it with what was named; the baseline itself where nothing was.
     """
-    return [*strained(found, model), *unasked(found), *undetermined(found, baseline)]
+    return [
+        *format_strained_parameters(problem, fit),
+        *format_untestable_mechanisms(problem),
+        *format_unidentified_combinations(problem, baseline),
+    ]
 
 
-def strained(found: Problem, model: Model) -> list[str]:
+def format_strained_parameters(problem: LibraryProblem, fit: CandidateFit) -> list[str]:
     """A sentence on the baseline's own numbers that ended as far off as they may, if some did.
 
     Args:
-        found: the recording before the library.
-        model: what is left of them is not laid to what it names.
+        problem: the recording before the library.
+        fit: what is left of them is not laid to what it names.
     """
-    ends = [model.at.moved[k] for k in driven(found, model.at)]
-    names = [f"`{found.names[k]}`" for k in ends if found.own[k] and np.isfinite(found.sd[k])]
+    at_limit = [fit.estimate.free[k] for k in find_parameters_at_limit(problem, fit.estimate)]
+    names = [
+        f"`{problem.names[k]}`"
+        for k in at_limit
+        if problem.is_baseline[k] and np.isfinite(problem.prior_sd[k])
+    ]
     if not names:
         return []
     it, its = ("it", "its") if len(names) == 1 else ("them", "their")
     return [
-        f"{listed(names)} ended as far from what is stated as is believed possible: something that is missing"
+        f"{format_list(names)} ended as far from what is stated as is believed possible: something that is missing"
         f" pulls at {it}, or {its} sd is too small."
     ]
 
 
-def unasked(found: Problem) -> list[str]:
+def format_untestable_mechanisms(problem: LibraryProblem) -> list[str]:
     """A sentence on the mechanisms that a static table cannot show, if the recording is one."""
-    if found.case.recording.has_time:
+    if problem.case.recording.has_time:
         return []
     return [
         "Without a column `time` rows count as equilibria: friction, damping, relaxation, lag and drift were"
@@ -54,19 +67,26 @@ def unasked(found: Problem) -> list[str]:
     ]
 
 
-def undetermined(found: Problem, baseline: Model) -> list[str]:
+def format_unidentified_combinations(problem: LibraryProblem, baseline: CandidateFit) -> list[str]:
     """Sentences, one for each combination of the baseline's numbers that its refit leaves open.
 
     Args:
-        found: the recording before the library.
+        problem: the recording before the library.
         baseline: the baseline, refitted; samples count as its noise lets them.
     """
-    at = baseline.at
-    moved = list(at.moved)
-    if not moved:
+    estimate = baseline.estimate
+    free = list(estimate.free)
+    if not free:
         return []
-    scale = np.where(np.isfinite(found.sd[moved]), found.sd[moved], USEFUL * np.abs(found.start[moved]))
+    scale = np.where(
+        np.isfinite(problem.prior_sd[free]),
+        problem.prior_sd[free],
+        RELATIVE_SD_WITHOUT_PRIOR * np.abs(problem.start[free]),
+    )
     # From the refit's coordinates (a logarithm for some) to SI.
-    by_value = at.jacobian / np.where(at.scale != 0, at.scale, 1.0)
+    by_value = estimate.jacobian / np.where(estimate.scale != 0, estimate.scale, 1.0)
     information = by_value.T @ by_value
-    return [words(moves) for moves in unnoticed([found.names[k] for k in moved], information, scale)]
+    return [
+        format_combination(moves)
+        for moves in find_undetermined_combinations([problem.names[k] for k in free], information, scale)
+    ]

@@ -15,33 +15,33 @@ import pandas as pd
 from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.crossval.gain import Gain
 from pamjax.diagnosis.detect.locate import Box
-from pamjax.diagnosis.detect.significance import DETECTED, Significance
-from pamjax.diagnosis.library.library_problem import Problem
+from pamjax.diagnosis.detect.significance import DETECTION_P_VALUE, Significance
+from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.next_experiment.experiment import Experiment
-from pamjax.diagnosis.refit.candidate_fit import Model
-from pamjax.diagnosis.refit.least_squares import AT_LIMIT, driven
-from pamjax.diagnosis.saved_model import improved
-from pamjax.diagnosis.select.selection import Name, Naming
-from pamjax.infer.fitting.report import quantity
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit
+from pamjax.diagnosis.refit.least_squares import AT_LIMIT_RANGE_SHARE, find_parameters_at_limit
+from pamjax.diagnosis.saved_model import build_model_document
+from pamjax.diagnosis.select.selection import NamedMechanism, Selection
+from pamjax.infer.fitting.report import format_estimate
 from pamjax.infer.problem.dataset import CHANNELS
-from pamjax.model.registry import mechanism
+from pamjax.model.registry import find_mechanism
 from pamjax.parameter import Meaning
 from pamjax.records.blocks import Blocks
-from pamjax.records.files import write_beside
-from pamjax.units import in_unit
+from pamjax.records.files import write_atomically
+from pamjax.units import compute_si_factor
 
-SCHEMA = "pamjax.diagnosis/1"
+DIAGNOSIS_SCHEMA = "pamjax.diagnosis/1"
 
 
 #: Most lines of the verdict on a screen.
-LINES = 25
+MAX_VERDICT_LINES = 25
 
 #: Most notes below it.
-NOTES = 3
+MAX_VERDICT_NOTES = 3
 
 
 @dataclass(frozen=True)
-class Number:
+class ParameterEstimate:
     """A number with its standard deviation, SI; NaN where that is not defined."""
 
     value: float
@@ -51,7 +51,7 @@ class Number:
 
 
 @dataclass(frozen=True)
-class Moved:
+class ParameterShift:
     """A baseline parameter before and after naming, SI, and the shift in standard deviations of before."""
 
     before: float
@@ -65,87 +65,92 @@ class Diagnosis:
     """What a recording says of its model.
 
     Attributes:
-        found: the recording before the library.
-        naming: what was named, from the rows that were not held out.
+        problem: the recording before the library.
+        selection: what was named, from the rows that were not held out.
         model: the named model, refitted to every row.
         baseline: the baseline, refitted to every row.
         mismatch: the baseline's residual, judged.
-        where: boxes of the mismatch.
-        rest: the named model's residual, judged.
+        mismatch_boxes: boxes of the mismatch.
+        residual_test: the named model's residual, judged.
         unexplained: whether something is left that no name explains.
-        rest_where: boxes of that.
-        rest_share: share of the excess misfit that is left.
+        residual_boxes: boxes of that.
+        residual_share: share of the excess misfit that is left.
         blocks: the blocks of the recording.
         gain: before and after on held-out blocks.
         parameters: of each name, by id, the amplitude first.
-        moved: the baseline's parameters before and after.
+        parameter_shifts: the baseline's parameters before and after.
         notes: what the reader of the case noticed, what the recording cannot tell, what it drives too far.
         experiments: what to do next.
     """
 
-    found: Problem
-    naming: Naming
-    model: Model
-    baseline: Model
+    problem: LibraryProblem
+    selection: Selection
+    model: CandidateFit
+    baseline: CandidateFit
     mismatch: Significance
-    where: list[Box]
-    rest: Significance
+    mismatch_boxes: list[Box]
+    residual_test: Significance
     unexplained: bool
-    rest_where: list[Box]
-    rest_share: float
+    residual_boxes: list[Box]
+    residual_share: float
     blocks: Blocks
     gain: Gain
-    parameters: dict[str, dict[str, Number]]
-    moved: dict[str, Moved]
+    parameters: dict[str, dict[str, ParameterEstimate]]
+    parameter_shifts: dict[str, ParameterShift]
     notes: list[str]
     experiments: list[Experiment]
 
     @property
-    def names(self) -> tuple[Name, ...]:
+    def named_mechanisms(self) -> tuple[NamedMechanism, ...]:
         """What the model holds, most probable first."""
-        return self.naming.names
+        return self.selection.named_mechanisms
 
     @property
     def detected(self) -> bool:
         """Whether there is a mismatch beyond noise."""
-        return bool(self.mismatch.p_value < DETECTED)
+        return bool(self.mismatch.p_value < DETECTION_P_VALUE)
 
     @property
-    def faint(self) -> bool:
+    def is_faint(self) -> bool:
         """Whether the mismatch is beyond noise, and yet too small to be named or called unexplained."""
-        return self.detected and not self.names and not self.unexplained
+        return self.detected and not self.named_mechanisms and not self.unexplained
 
     def as_dict(self) -> dict[str, Any]:
         """The verdict as `pamjax.diagnosis/1`."""
         return {
-            "schema": SCHEMA,
-            "case": self.found.case.name,
+            "schema": DIAGNOSIS_SCHEMA,
+            "case": self.problem.case.name,
             "baseline": {
-                "model": self.found.law,
-                "parameters": {n: _number(v) for n, v in baseline_numbers(self).items()},
-                "rmse": {c: _in_unit(c, v) for c, v in _rmse(self.found, self.baseline).items()},
+                "model": self.problem.law,
+                "parameters": {n: _serialise_estimate(v) for n, v in get_baseline_estimates(self).items()},
+                "rmse": {
+                    c: _serialise_channel_value(c, v)
+                    for c, v in _compute_channel_rmse(self.problem, self.baseline).items()
+                },
             },
-            "noise": _noise(self),
+            "noise": _serialise_noise(self),
             "mismatch": {
                 "detected": self.detected,
                 "p_value": self.mismatch.p_value,
-                "where": [_box(b) for b in self.where] if self.detected else [],
+                "where": [_serialise_box(b) for b in self.mismatch_boxes] if self.detected else [],
             },
-            "missing_physics": [_name(self, name) for name in self.naming.established],
+            "missing_physics": [
+                _serialise_mechanism(self, mechanism) for mechanism in self.selection.established
+            ],
             "unexplained": {
                 "detected": self.unexplained,
-                "p_value": self.rest.p_value,
-                "share": self.rest_share,
-                "where": [_box(b) for b in self.rest_where] if self.unexplained else [],
+                "p_value": self.residual_test.p_value,
+                "share": self.residual_share,
+                "where": [_serialise_box(b) for b in self.residual_boxes] if self.unexplained else [],
             },
-            "improvement": {"held_out": {"blocks": self.gain.blocks} | _improvement(self.gain)},
-            "parameters_moved": {n: _moved(m) for n, m in self.moved.items()},
+            "improvement": {"held_out": {"blocks": self.gain.blocks} | _serialise_gain(self.gain)},
+            "parameters_moved": {n: _serialise_shift(m) for n, m in self.parameter_shifts.items()},
             "next_experiment": [e.as_dict() for e in self.experiments],
         }
 
     def predictions(self) -> pd.DataFrame:
         """One line a row: what was predicted before and after, held-out rows by fits that never saw them."""
-        recording, gain = self.found.case.recording, self.gain
+        recording, gain = self.problem.case.recording, self.gain
         columns: dict[str, Any] = {
             "row": recording.row,
             "block": [self.blocks.names[k] if k >= 0 else "" for k in self.blocks.label],
@@ -157,58 +162,63 @@ class Diagnosis:
         return pd.DataFrame(columns)
 
     def __str__(self) -> str:
-        return "\n".join(_lines(self)[:LINES])
+        return "\n".join(_format_lines(self)[:MAX_VERDICT_LINES])
 
 
-def save(diagnosis: Diagnosis, folder: Path) -> list[Path]:
+def save_diagnosis(diagnosis: Diagnosis, folder: Path) -> list[Path]:
     """Write diagnosis.json, prediction.csv and the improved model, each beside and then renamed."""
     folder.mkdir(parents=True, exist_ok=True)
     document = json.dumps(diagnosis.as_dict(), indent=1, allow_nan=False) + "\n"
     table = io.StringIO()
     diagnosis.predictions().to_csv(table, index=False, float_format="%.6g")
-    model = json.dumps(improved(diagnosis.found, diagnosis.model), indent=1, allow_nan=False) + "\n"
+    model = (
+        json.dumps(build_model_document(diagnosis.problem, diagnosis.model), indent=1, allow_nan=False) + "\n"
+    )
     files = {"diagnosis.json": document, "prediction.csv": table.getvalue(), "model.json": model}
     for name, text in files.items():
-        with write_beside(folder / name) as beside:
+        with write_atomically(folder / name) as beside:
             beside.write_text(text)
     return [folder / name for name in files]
 
 
-def baseline_numbers(one: Diagnosis) -> dict[str, Number]:
+def get_baseline_estimates(diagnosis: Diagnosis) -> dict[str, ParameterEstimate]:
     """The baseline's own parameters."""
-    return {one.found.names[k]: number_of(one.found, one.baseline, k) for k in one.baseline.at.moved}
+    return {
+        diagnosis.problem.names[k]: build_parameter_estimate(diagnosis.problem, diagnosis.baseline, k)
+        for k in diagnosis.baseline.estimate.free
+    }
 
 
-def number_of(found: Problem, model: Model, k: int) -> Number:
+def build_parameter_estimate(problem: LibraryProblem, fit: CandidateFit, index: int) -> ParameterEstimate:
     """A number of a model, and whether it was driven to an end of its range that switches nothing off."""
-    value, meaning = float(model.at.values[k]), found.meaning[k]
-    ends = {model.at.moved[j] for j in driven(found, model.at)}
-    off = AT_LIMIT * (found.high[k] - found.low[k])
-    neutral = meaning.neutral is not None and abs(value - meaning.neutral) < off
-    return Number(value, model.sd(k), meaning, k in ends and not neutral)
+    value, meaning = float(fit.estimate.values[index]), problem.meanings[index]
+    at_limit = {fit.estimate.free[j] for j in find_parameters_at_limit(problem, fit.estimate)}
+    limit_tolerance = AT_LIMIT_RANGE_SHARE * (problem.high[index] - problem.low[index])
+    is_neutral = meaning.neutral is not None and abs(value - meaning.neutral) < limit_tolerance
+    return ParameterEstimate(value, fit.sd(index), meaning, index in at_limit and not is_neutral)
 
 
-def _scale(meaning: Meaning) -> tuple[float, str]:
+def _get_display_unit(meaning: Meaning) -> tuple[float, str]:
     """How many SI units the shown unit is, and its name; a pure number stays one."""
     unit = "1" if meaning.unit == "1" else meaning.show
-    return in_unit(unit), unit
+    return compute_si_factor(unit), unit
 
 
-def _number(number: Number) -> dict[str, Any]:
-    scale, unit = _scale(number.meaning)
-    return {"value": number.value / scale, "sd": _or_none(number.sd / scale), "unit": unit}
+def _serialise_estimate(estimate: ParameterEstimate) -> dict[str, Any]:
+    scale, unit = _get_display_unit(estimate.meaning)
+    return {"value": estimate.value / scale, "sd": _replace_non_finite(estimate.sd / scale), "unit": unit}
 
 
-def _or_none(value: float) -> float | None:
+def _replace_non_finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _in_unit(channel: str, value: float) -> dict[str, Any]:
+def _serialise_channel_value(channel: str, value: float) -> dict[str, Any]:
     return {"value": to_display(channel, value), "unit": DISPLAY_UNIT[channel]}
 
 
-def _rmse(found: Problem, model: Model) -> dict[str, float]:
-    misfit = found.measured - found.shows(model.at.values)
+def _compute_channel_rmse(problem: LibraryProblem, fit: CandidateFit) -> dict[str, float]:
+    misfit = problem.measured - problem.predict(fit.estimate.values)
     return {
         channel: float(np.sqrt(np.nanmean(misfit[c] ** 2)))
         for c, channel in enumerate(CHANNELS)
@@ -216,29 +226,31 @@ def _rmse(found: Problem, model: Model) -> dict[str, float]:
     }
 
 
-def _noise(one: Diagnosis) -> dict[str, Any]:
+def _serialise_noise(diagnosis: Diagnosis) -> dict[str, Any]:
     out = {}
     for c, channel in enumerate(CHANNELS):
-        colour, rows = one.model.white.colours[c], one.model.white.rows[c]
-        if colour is None:
+        channel_noise, rows = diagnosis.model.noise.channels[c], diagnosis.model.noise.rows[c]
+        if channel_noise is None:
             continue
-        sd = float(np.sqrt(np.mean(colour.sd[rows] ** 2)))
+        sd = float(np.sqrt(np.mean(channel_noise.sd[rows] ** 2)))
         out[channel] = {
             "sd": to_display(channel, sd),
             "unit": DISPLAY_UNIT[channel],
-            "correlation_time_s": _correlation_time(one.found, rows, colour.correlation),
+            "correlation_time_s": _compute_correlation_time(
+                diagnosis.problem, rows, channel_noise.correlation
+            ),
         }
     return out
 
 
-def _correlation_time(found: Problem, rows: np.ndarray, correlation: float) -> float:
-    time = found.case.recording.time
+def _compute_correlation_time(problem: LibraryProblem, rows: np.ndarray, correlation: float) -> float:
+    time = problem.case.recording.time
     if time is None or correlation <= 0 or rows.size < 2:
         return 0.0
     return float(-np.median(np.diff(time[rows])) / math.log(correlation))
 
 
-def _box(box: Box) -> dict[str, Any]:
+def _serialise_box(box: Box) -> dict[str, Any]:
     return {
         "channel": box.channel,
         "direction": box.direction,
@@ -246,23 +258,23 @@ def _box(box: Box) -> dict[str, Any]:
         "contraction": list(box.contraction),
         "time_s": list(box.time),
         "share": box.share,
-        "says": box.says,
+        "says": box.description,
     }
 
 
-def _name(one: Diagnosis, name: Name) -> dict[str, Any]:
-    about = mechanism(name.id).about
+def _serialise_mechanism(diagnosis: Diagnosis, named: NamedMechanism) -> dict[str, Any]:
+    about = find_mechanism(named.id).about
     return {
-        "id": name.id,
+        "id": named.id,
         "name": about.title,
-        "probability": name.probability,
-        "parameters": {n: _number(v) for n, v in one.parameters[name.id].items()},
-        "indistinguishable_from": list(name.ties),
+        "probability": named.probability,
+        "parameters": {n: _serialise_estimate(v) for n, v in diagnosis.parameters[named.id].items()},
+        "indistinguishable_from": list(named.indistinguishable),
         "says": about.signature,
     }
 
 
-def _improvement(gain: Gain) -> dict[str, Any]:
+def _serialise_gain(gain: Gain) -> dict[str, Any]:
     return {
         c: {
             "rmse_before": to_display(c, gain.rmse_before[c]),
@@ -273,52 +285,65 @@ def _improvement(gain: Gain) -> dict[str, Any]:
     }
 
 
-def _moved(moved: Moved) -> dict[str, Any]:
-    scale, unit = _scale(moved.meaning)
+def _serialise_shift(shift: ParameterShift) -> dict[str, Any]:
+    scale, unit = _get_display_unit(shift.meaning)
     return {
-        "before": moved.before / scale,
-        "after": moved.after / scale,
+        "before": shift.before / scale,
+        "after": shift.after / scale,
         "unit": unit,
-        "shift_in_sd": moved.shift,
+        "shift_in_sd": shift.shift,
     }
 
 
-def _lines(one: Diagnosis) -> list[str]:
-    case, gain = one.found.case, one.gain
-    lines = [f"{case.name}: {case.entry.name}, {one.found.law} baseline"]
-    p = one.mismatch.p_value
-    if not one.detected:
+def _format_lines(diagnosis: Diagnosis) -> list[str]:
+    case, gain = diagnosis.problem.case, diagnosis.gain
+    lines = [f"{case.name}: {case.entry.name}, {diagnosis.problem.law} baseline"]
+    p = diagnosis.mismatch.p_value
+    if not diagnosis.detected:
         lines.append(f"  nothing is missing that this recording could show (p = {p:.2g})")
     else:
         lines.append(f"  the baseline misses something (p {'< 1e-12' if p < 1e-12 else f'= {p:.1g}'})")
-        lines += [f"    {box.says} ({box.share:.0%} of the misfit)" for box in one.where[:3]]
-    for name in one.names:
-        lines.append(f"  {name.id}: {mechanism(name.id).about.title}, probability {name.probability:.2f}")
-        lines.append("    " + ", ".join(told(n, v) for n, v in list(one.parameters[name.id].items())[:3]))
-        if name.ties:
-            lines.append(f"    it or {' or '.join(name.ties)}: this recording cannot tell them apart")
-    if one.faint:
-        share = math.sqrt(max(one.mismatch.square - 1, 0.0))
+        lines += [
+            f"    {box.description} ({box.share:.0%} of the misfit)" for box in diagnosis.mismatch_boxes[:3]
+        ]
+    for name in diagnosis.named_mechanisms:
+        lines.append(
+            f"  {name.id}: {find_mechanism(name.id).about.title}, probability {name.probability:.2f}"
+        )
+        lines.append(
+            "    "
+            + ", ".join(
+                format_named_estimate(n, v) for n, v in list(diagnosis.parameters[name.id].items())[:3]
+            )
+        )
+        if name.indistinguishable:
+            lines.append(
+                f"    it or {' or '.join(name.indistinguishable)}: this recording cannot tell them apart"
+            )
+    if diagnosis.is_faint:
+        share = math.sqrt(max(diagnosis.mismatch.mean_square - 1, 0.0))
         lines.append(f"  too faint to be named: {share:.2f} of the noise in rms, seen only over many samples")
-    if one.unexplained:
-        lines.append(f"  unexplained: {one.rest_share:.0%} of the misfit is none of what pamjax knows")
-        lines += [f"    {box.says}" for box in one.rest_where[:2]]
+    if diagnosis.unexplained:
+        lines.append(
+            f"  unexplained: {diagnosis.residual_share:.0%} of the misfit is none of what pamjax knows"
+        )
+        lines += [f"    {box.description}" for box in diagnosis.residual_boxes[:2]]
     for channel, before in gain.rmse_before.items():
         before, after = (to_display(channel, rmse) for rmse in (before, gain.rmse_after[channel]))
         lines.append(
             f"  held out ({gain.blocks.split(':')[0]}): {channel} {before:.3g} -> {after:.3g}"
-            f" {DISPLAY_UNIT[channel]}, noise {_noise(one)[channel]['sd']:.3g}"
+            f" {DISPLAY_UNIT[channel]}, noise {_serialise_noise(diagnosis)[channel]['sd']:.3g}"
         )
-    for n, m in sorted(one.moved.items(), key=lambda pair: -abs(pair[1].shift))[:2]:
-        scale, unit = _scale(m.meaning)
-        if one.names and abs(m.shift) > 1:
+    for n, m in sorted(diagnosis.parameter_shifts.items(), key=lambda pair: -abs(pair[1].shift))[:2]:
+        scale, unit = _get_display_unit(m.meaning)
+        if diagnosis.named_mechanisms and abs(m.shift) > 1:
             unit = "" if unit == "1" else f" {unit}"
             lines.append(f"  {n} moved from {m.before / scale:.4g} to {m.after / scale:.4g}{unit}")
-    lines += [f"  next: {e.protocol} (power {e.power:.2f})" for e in one.experiments[:2]]
-    return lines + [f"  note: {words}" for words in one.notes[:NOTES]]
+    lines += [f"  next: {e.protocol} (power {e.power:.2f})" for e in diagnosis.experiments[:2]]
+    return lines + [f"  note: {words}" for words in diagnosis.notes[:MAX_VERDICT_NOTES]]
 
 
-def told(name: str, number: Number) -> str:
+def format_named_estimate(name: str, estimate: ParameterEstimate) -> str:
     """A number for people, as "coefficient 0.210 ± 0.012"."""
-    limit = ", at an end of its range" if number.at_limit else ""
-    return f"{name} {quantity(number.value, number.sd, _scale(number.meaning)[1])}{limit}"
+    limit = ", at an end of its range" if estimate.at_limit else ""
+    return f"{name} {format_estimate(estimate.value, estimate.sd, _get_display_unit(estimate.meaning)[1])}{limit}"

@@ -8,32 +8,40 @@ from pathlib import Path
 
 import numpy as np
 
-from pamjax.diagnosis.crossval.cross_validated import borne_out, doubted, untold
-from pamjax.diagnosis.crossval.gain import gain, held_out
-from pamjax.diagnosis.detect.locate import locate_names, locate_rest
-from pamjax.diagnosis.detect.residual_test import leaves_more, leaves_much, rest_of
-from pamjax.diagnosis.detect.score_test import signatures
-from pamjax.diagnosis.detect.significance import DETECTED, Significance, significance
-from pamjax.diagnosis.identifiability import notes
-from pamjax.diagnosis.library.candidates import forms
-from pamjax.diagnosis.library.library_problem import Problem, problem
-from pamjax.diagnosis.next_experiment.experiment import experiments
-from pamjax.diagnosis.refit.candidate_fit import Model, settle
-from pamjax.diagnosis.refit.misfit_weighting import weighed
-from pamjax.diagnosis.refit.noise_correlation import with_memory
-from pamjax.diagnosis.result import Diagnosis, Moved, Number, number_of
-from pamjax.diagnosis.select.model_averaging import spread
-from pamjax.diagnosis.select.selection import Naming, name_mechanisms, without_small
-from pamjax.progress import Progress, silent
-from pamjax.records.blocks import blocks
-from pamjax.records.case import Case, as_case
+from pamjax.diagnosis.crossval.cross_validated import (
+    cross_validate_selection,
+    format_dropped_mechanisms,
+    keep_time_dependent,
+)
+from pamjax.diagnosis.crossval.gain import compute_gain, select_held_out_rows
+from pamjax.diagnosis.detect.locate import locate_effects, locate_residual
+from pamjax.diagnosis.detect.residual_test import (
+    is_residual_large,
+    is_residual_significant,
+    run_residual_test,
+)
+from pamjax.diagnosis.detect.score_test import compute_score_directions
+from pamjax.diagnosis.detect.significance import DETECTION_P_VALUE, Significance, compute_significance
+from pamjax.diagnosis.identifiability import format_notes
+from pamjax.diagnosis.library.candidates import build_candidates
+from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem
+from pamjax.diagnosis.next_experiment.experiment import propose_experiments
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate
+from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
+from pamjax.diagnosis.refit.noise_correlation import fit_noise_correlation
+from pamjax.diagnosis.result import Diagnosis, ParameterEstimate, ParameterShift, build_parameter_estimate
+from pamjax.diagnosis.select.model_averaging import average_models
+from pamjax.diagnosis.select.selection import Selection, drop_small_effects, select_mechanisms
+from pamjax.progress import Progress, ignore_progress
+from pamjax.records.blocks import find_blocks
+from pamjax.records.case import Case, load_case
 
 
 def diagnose(
     case: Case | str | Path,
     *,
     seed: int = 0,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> Diagnosis:
     """Say what a recording's baseline leaves out.
 
@@ -45,101 +53,136 @@ def diagnose(
     Raises:
         BadInput: for a baseline that no bench has, or a recording without force and diameter.
     """
-    case = as_case(case)
+    case = load_case(case)
     progress("compiling", 0.0)
-    found = problem(case)
-    found.compile()
-    laid = blocks(case.recording)
-    out = held_out(laid)
-    naming = name_mechanisms(found, ~out, progress)
+    problem = build_library_problem(case)
+    problem.compile()
+    blocks_of_case = find_blocks(case.recording)
+    held_out_rows = select_held_out_rows(blocks_of_case)
+    selection = select_mechanisms(problem, ~held_out_rows, progress)
     progress("judging", 0.85)
-    mismatch = _mismatch(found, naming, seed)
-    detected = mismatch.p_value < DETECTED
+    mismatch = _test_baseline(problem, selection, seed)
+    detected = mismatch.p_value < DETECTION_P_VALUE
     if not detected:
-        naming = replace(naming, model=naming.baseline, names=(), near=None, before=None)
-    rest = _rest(found, naming, mismatch, seed)
-    unexplained = detected and leaves_more(mismatch, rest)
-    if unexplained and naming.before is not None:
+        selection = replace(
+            selection,
+            model=selection.baseline,
+            named_mechanisms=(),
+            weighted_values=None,
+            fit_before_small_effects=None,
+        )
+    residual_test = _test_residual(problem, selection, mismatch, seed)
+    unexplained = detected and is_residual_significant(mismatch, residual_test)
+    if unexplained and selection.fit_before_small_effects is not None:
         # What is small beside a name is told only where nothing else is: it bends to that.
-        naming = without_small(found, naming)
-        rest = _rest(found, naming, mismatch, seed)
-        unexplained = leaves_more(mismatch, rest)
-    came = naming
-    if naming.names:
+        selection = drop_small_effects(problem, selection)
+        residual_test = _test_residual(problem, selection, mismatch, seed)
+        unexplained = is_residual_significant(mismatch, residual_test)
+    selection_before = selection
+    if selection.named_mechanisms:
         # Names that bend to what is in no catalogue may leave too little to be told from noise.
-        borne = borne_out(found, laid, ~out, naming, much=leaves_much(mismatch, rest))
-        rest = rest if borne.model is naming.model else _rest(found, borne, mismatch, seed)
-        naming, unexplained = borne, leaves_more(mismatch, rest)
-    if naming.names and unexplained:
-        naming = doubted(naming)
-    score = gain(found, laid, out, naming.baseline, _told(found, naming, ~out))
-    every = np.ones(found.n, dtype=bool)
-    baseline = settle(found, every, (), naming.baseline.at.values)
+        validated = cross_validate_selection(
+            problem,
+            blocks_of_case,
+            ~held_out_rows,
+            selection,
+            judge_each=is_residual_large(mismatch, residual_test),
+        )
+        residual_test = (
+            residual_test
+            if validated.model is selection.model
+            else _test_residual(problem, validated, mismatch, seed)
+        )
+        selection, unexplained = validated, is_residual_significant(mismatch, residual_test)
+    if selection.named_mechanisms and unexplained:
+        selection = keep_time_dependent(selection)
+    held_out_gain = compute_gain(
+        problem,
+        blocks_of_case,
+        held_out_rows,
+        selection.baseline,
+        _fit_selection(problem, selection, ~held_out_rows),
+    )
+    all_rows = np.ones(problem.n, dtype=bool)
+    baseline = fit_candidate(problem, all_rows, (), selection.baseline.estimate.values)
     model = baseline
-    if naming.names:
-        model = with_memory(found, _told(found, naming, every))
-        model = spread(found, model, naming.names)
+    if selection.named_mechanisms:
+        model = fit_noise_correlation(problem, _fit_selection(problem, selection, all_rows))
+        model = average_models(problem, model, selection.named_mechanisms)
     progress("done", 1.0)
     return Diagnosis(
-        found=found,
-        naming=naming,
+        problem=problem,
+        selection=selection,
         model=model,
         baseline=baseline,
         mismatch=mismatch,
-        where=locate_names(found, baseline, model) if naming.names else locate_rest(found, baseline),
-        rest=rest,
+        mismatch_boxes=locate_effects(problem, baseline, model) if selection.named_mechanisms else locate_residual(problem, baseline),
+        residual_test=residual_test,
         unexplained=unexplained,
-        rest_where=locate_rest(found, model) if unexplained else [],
-        rest_share=_share(mismatch, rest),
-        blocks=laid,
-        gain=score,
-        parameters=_parameters(found, model),
-        moved=_moved(found, baseline, model) if naming.names else {},
+        residual_boxes=locate_residual(problem, model) if unexplained else [],
+        residual_share=_compute_residual_share(mismatch, residual_test),
+        blocks=blocks_of_case,
+        gain=held_out_gain,
+        parameters=_collect_estimates(problem, model),
+        parameter_shifts=_compute_shifts(problem, baseline, model) if selection.named_mechanisms else {},
         notes=[
-            *(untold(came, naming) if unexplained else []),
-            *found.case.warnings,
-            *notes(found, baseline, model),
+            *(format_dropped_mechanisms(selection_before, selection) if unexplained else []),
+            *problem.case.warnings,
+            *format_notes(problem, baseline, model),
         ],
-        experiments=experiments(found, model, naming.names),
+        experiments=propose_experiments(problem, model, selection.named_mechanisms),
     )  # fmt: skip
 
 
-def _mismatch(found: Problem, naming: Naming, seed: int) -> Significance:
+def _test_baseline(problem: LibraryProblem, selection: Selection, seed: int) -> Significance:
     """The baseline's residual, judged; of a table of unknown noise every row, since each tells the noise."""
-    judged, seen = naming.baseline, list(naming.first)
-    if any(colour and math.isfinite(colour.freedom) for colour in judged.white.colours):
-        judged = settle(found, np.ones(found.n, dtype=bool), (), judged.at.values)
-        seen = signatures(found, judged.white, judged.at, forms(found))
-    return significance(found, judged.white, judged.at, seen, seed)
+    baseline, score_directions = selection.baseline, list(selection.baseline_directions)
+    if any(channel and math.isfinite(channel.degrees_of_freedom) for channel in baseline.noise.channels):
+        baseline = fit_candidate(problem, np.ones(problem.n, dtype=bool), (), baseline.estimate.values)
+        score_directions = compute_score_directions(
+            problem, baseline.noise, baseline.estimate, build_candidates(problem)
+        )
+    return compute_significance(problem, baseline.noise, baseline.estimate, score_directions, seed)
 
 
-def _told(found: Problem, naming: Naming, rows: np.ndarray) -> Model:
+def _fit_selection(problem: LibraryProblem, selection: Selection, rows: np.ndarray) -> CandidateFit:
     """The named model as some rows tell it; a baseline without names stays as it was judged."""
-    model = naming.model
-    return weighed(found, rows, model.chosen, naming.values) if model.chosen else model
+    fit = selection.model
+    return (
+        fit_with_misfit_weight(problem, rows, fit.mechanisms, selection.start_values)
+        if fit.mechanisms
+        else fit
+    )
 
 
-def _rest(found: Problem, naming: Naming, mismatch: Significance, seed: int) -> Significance:
+def _test_residual(
+    problem: LibraryProblem, selection: Selection, mismatch: Significance, seed: int
+) -> Significance:
     """What the names leave, judged; the mismatch itself where there are none."""
-    return rest_of(found, naming.model, seed) if naming.model.chosen else mismatch
+    return run_residual_test(problem, selection.model, seed) if selection.model.mechanisms else mismatch
 
 
-def _share(mismatch: Significance, rest: Significance) -> float:
-    before = max(mismatch.square - 1, 0.0)
-    return float(np.clip(max(rest.square - 1, 0.0) / before, 0.0, 1.0)) if before > 0 else 0.0
+def _compute_residual_share(mismatch: Significance, residual_test: Significance) -> float:
+    before = max(mismatch.mean_square - 1, 0.0)
+    return float(np.clip(max(residual_test.mean_square - 1, 0.0) / before, 0.0, 1.0)) if before > 0 else 0.0
 
 
-def _parameters(found: Problem, model: Model) -> dict[str, dict[str, Number]]:
+def _collect_estimates(problem: LibraryProblem, fit: CandidateFit) -> dict[str, dict[str, ParameterEstimate]]:
     return {
-        form.id: {name.rpartition(".")[2]: number_of(found, model, found.place(name)) for name in form.moves}
-        for form in model.chosen
+        candidate.id: {
+            name.rpartition(".")[2]: build_parameter_estimate(problem, fit, problem.index(name))
+            for name in candidate.free_parameters
+        }
+        for candidate in fit.mechanisms
     }
 
 
-def _moved(found: Problem, baseline: Model, model: Model) -> dict[str, Moved]:
+def _compute_shifts(
+    problem: LibraryProblem, baseline: CandidateFit, fit: CandidateFit
+) -> dict[str, ParameterShift]:
     out = {}
-    for k in baseline.at.moved:
-        before, after, sd = baseline.at.values[k], model.at.values[k], baseline.sd(k)
+    for k in baseline.estimate.free:
+        before, after, sd = baseline.estimate.values[k], fit.estimate.values[k], baseline.sd(k)
         shift = (after - before) / sd if sd > 0 else 0.0
-        out[found.names[k]] = Moved(float(before), float(after), float(shift), found.meaning[k])
+        out[problem.names[k]] = ParameterShift(float(before), float(after), float(shift), problem.meanings[k])
     return out

@@ -13,23 +13,29 @@ import jax.numpy as jnp
 import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT, to_display
-from pamjax.infer.fitting.load import Loaded
-from pamjax.infer.problem.dataset import CHANNELS, case_history, counts, slack, starting_sd
+from pamjax.infer.fitting.load import LoadedMuscle
+from pamjax.infer.problem.dataset import (
+    CHANNELS,
+    build_history,
+    estimate_starting_sd,
+    find_informative_samples,
+    find_slack_samples,
+)
 from pamjax.model.balance import Status
-from pamjax.model.bench import Bench, Shown, record, unpushed
-from pamjax.model.muscle import Reading, predict
-from pamjax.records.blocks import blocks
+from pamjax.model.bench import Bench, BenchReading, clip_slack_force, record_bench
+from pamjax.model.muscle import MuscleReading, predict
+from pamjax.records.blocks import find_blocks
 from pamjax.records.case import Case
 from pamjax.records.files import read_bytes
-from pamjax.records.fixed_length import held
-from pamjax.units import many
+from pamjax.records.fixed_length import average_fixed_lengths
+from pamjax.units import format_count
 
 #: Rmse over the channel's noise up to which a block counts as fitted: a quarter more than noise.
-FITS = 1.25
+MAX_RMSE_NOISE_RATIO = 1.25
 
 
 @dataclass(frozen=True)
-class Block:
+class BlockValidation:
     """How one block is predicted: rmse and noise by channel, SI."""
 
     name: str
@@ -37,7 +43,7 @@ class Block:
     noise: dict[str, float]
 
     @property
-    def missed(self) -> str:
+    def worst_misfit(self) -> str:
         """The channel that is missed by most, and by how much."""
         worst = max(self.rmse, key=lambda channel: self.rmse[channel] / self.noise[channel])
         return f"{worst} by {self.rmse[worst] / self.noise[worst]:.3g} of noise"
@@ -53,132 +59,150 @@ class Validation:
         noise: standard deviation of a sample by channel, SI: the sensor's (one percent of the range where
             none is stated), with what the noise of pressure and length does to the prediction.
         blocks: the recording's blocks.
-        failed: rows where the model has no answer.
-        seen: whether the model was fitted to this very recording, which makes it no test.
-        outside: sentences on pressures and lengths beyond those it was calibrated on.
+        failed_rows: rows where the model has no answer.
+        is_training_recording: whether the model was fitted to this very recording, which makes it no test.
+        extrapolations: sentences on pressures and lengths beyond those it was calibrated on.
     """
 
     case: str
     rmse: dict[str, float]
     noise: dict[str, float]
-    blocks: tuple[Block, ...]
-    failed: int
-    outside: tuple[str, ...]
-    seen: bool = False
+    blocks: tuple[BlockValidation, ...]
+    failed_rows: int
+    extrapolations: tuple[str, ...]
+    is_training_recording: bool = False
 
-    def fits(self, block: Block) -> bool:
+    def fits_block(self, block: BlockValidation) -> bool:
         """Whether a block is predicted as well as noise allows."""
-        return all(rmse <= FITS * block.noise[channel] for channel, rmse in block.rmse.items())
+        return all(
+            rmse <= MAX_RMSE_NOISE_RATIO * block.noise[channel] for channel, rmse in block.rmse.items()
+        )
 
     def __str__(self) -> str:
-        told = "fitted to this very recording, which is no test of it" if self.seen else "that never saw it"
-        lines = [f"{self.case}: a model {told}"]
+        description = (
+            "fitted to this very recording, which is no test of it"
+            if self.is_training_recording
+            else "that never saw it"
+        )
+        lines = [f"{self.case}: a model {description}"]
         for channel, rmse in self.rmse.items():
             unit, noise = DISPLAY_UNIT[channel], to_display(channel, self.noise[channel])
             rmse = to_display(channel, rmse)
             lines.append(f"  {channel}: rmse {rmse:.3g} {unit}, noise {noise:.3g} {unit}")
-        good = [block.name for block in self.blocks if self.fits(block)]
-        head = f"  fits {len(good)} of {len(self.blocks)} blocks, to {FITS} of noise"
+        good = [block.name for block in self.blocks if self.fits_block(block)]
+        head = f"  fits {len(good)} of {len(self.blocks)} blocks, to {MAX_RMSE_NOISE_RATIO} of noise"
         lines.append(head + (f": {', '.join(good)}" if good else ""))
-        missed = [f"{block.name} ({block.missed})" for block in self.blocks if not self.fits(block)]
+        missed = [
+            f"{block.name} ({block.worst_misfit})" for block in self.blocks if not self.fits_block(block)
+        ]
         lines += [f"  misses {', '.join(missed)}"] if missed else []
-        if self.failed:
-            lines.append(f"  no answer in {many(self.failed, 'row')}")
-        return "\n".join(lines + [f"  {sentence}" for sentence in self.outside])
+        if self.failed_rows:
+            lines.append(f"  no answer in {format_count(self.failed_rows, 'row')}")
+        return "\n".join(lines + [f"  {sentence}" for sentence in self.extrapolations])
 
     def as_dict(self) -> dict[str, Any]:
         """For programs, SI."""
         blocks = [
-            {"name": b.name, "rmse": b.rmse, "noise": b.noise, "fits": self.fits(b)} for b in self.blocks
+            {"name": b.name, "rmse": b.rmse, "noise": b.noise, "fits": self.fits_block(b)}
+            for b in self.blocks
         ]
         return {
             "case": self.case,
-            "seen": self.seen,
+            "seen": self.is_training_recording,
             "rmse": self.rmse,
             "noise": self.noise,
             "blocks": blocks,
-            "failed": self.failed,
-            "outside": list(self.outside),
+            "failed": self.failed_rows,
+            "outside": list(self.extrapolations),
         }
 
 
-def fitted_to(file: Path) -> frozenset[str]:
+def read_training_checksums(file: Path) -> frozenset[str]:
     """Checksums of all recordings that a fit.json or model.json was fitted to; none if it does not know."""
     if file.suffix != ".json":
         return frozenset()
     cases = json.loads(read_bytes(file)).get("cases", {})
-    return frozenset(one["checksum"] for one in cases.values() if one.get("checksum"))
+    return frozenset(case["checksum"] for case in cases.values() if case.get("checksum"))
 
 
-def validate(model: Loaded, case: Case, fitted: Collection[str] = ()) -> Validation:
+def validate_model(model: LoadedMuscle, case: Case, training_checksums: Collection[str] = ()) -> Validation:
     """Predict a recording with a model as it is.
 
     Args:
         model: as `load_muscle` reads it from a fit.json or a model.json.
         case: the recording.
-        fitted: checksums of the recordings that the model was fitted to, as `fitted_to` reads them; its own
+        training_checksums: checksums of the recordings that the model was fitted to, as `read_training_checksums` reads them; its own
             recording is among them where it was calibrated.
     """
-    case = held(case)
+    case = average_fixed_lengths(case)
     recording = case.recording
     good = recording.usable
-    rest = case.entry.rest_length.value
+    rest_length = case.entry.rest_length.value
     pressure = np.where(good, recording.pressure, 0.0)
-    length = np.where(good, recording.length, rest)
-    reading = _read(model, case, pressure, length)
+    length = np.where(good, recording.length, rest_length)
+    reading = _predict_reading(model, case, pressure, length)
     sensors = case.entry.sensors
     # A reading at another pressure or length by one sd: what that channel's noise does to it.
-    moved = [
-        _read(model, case, pressure + by_pressure, length + by_length)
+    perturbed_readings = [
+        _predict_reading(model, case, pressure + by_pressure, length + by_length)
         for by_pressure, by_length in ((sensors.pressure or 0.0, 0.0), (0.0, sensors.length or 0.0))
     ]
-    found, misfit, noise = blocks(recording), {}, {}
-    for channel, sd in zip(CHANNELS, starting_sd(case), strict=True):
-        there, said = counts(case, channel), np.asarray(getattr(reading, channel))
-        if there.any():
-            off = getattr(recording, channel) - said
-            carried = [np.asarray(getattr(other, channel)) - said for other in moved]
-            misfit[channel] = np.where(there, off, np.nan)
-            noise[channel] = np.where(there, np.sqrt(sd**2 + sum(x**2 for x in carried)), np.nan)
+    recording_blocks, misfit, noise = find_blocks(recording), {}, {}
+    for channel, sd in zip(CHANNELS, estimate_starting_sd(case), strict=True):
+        compared_rows, predicted = (
+            find_informative_samples(case, channel),
+            np.asarray(getattr(reading, channel)),
+        )
+        if compared_rows.any():
+            difference = getattr(recording, channel) - predicted
+            carried = [np.asarray(getattr(other, channel)) - predicted for other in perturbed_readings]
+            misfit[channel] = np.where(compared_rows, difference, np.nan)
+            noise[channel] = np.where(compared_rows, np.sqrt(sd**2 + sum(x**2 for x in carried)), np.nan)
     failed = good & (np.asarray(reading.status) != Status.OK)
     return Validation(
         case=case.name,
-        rmse={c: _rms(v) for c, v in misfit.items()},
-        noise={c: _rms(v) for c, v in noise.items()},
+        rmse={c: _compute_rms(v) for c, v in misfit.items()},
+        noise={c: _compute_rms(v) for c, v in noise.items()},
         blocks=tuple(
-            Block(name, *(_of(values, found.mask(k)) for values in (misfit, noise)))
-            for k, name in enumerate(found.names)
+            BlockValidation(
+                name,
+                *(_compute_channel_rms(values, recording_blocks.build_mask(k)) for values in (misfit, noise)),
+            )
+            for k, name in enumerate(recording_blocks.names)
         ),
-        failed=int(np.count_nonzero(failed)),
-        outside=tuple(_outside(model.calibrated, pressure[good], length[good])),
-        seen=case.checksum in fitted or (bool(model.calibrated) and case.checksum == model.checksum),
+        failed_rows=int(np.count_nonzero(failed)),
+        extrapolations=tuple(_describe_extrapolation(model.calibrated_range, pressure[good], length[good])),
+        is_training_recording=case.checksum in training_checksums
+        or (bool(model.calibrated_range) and case.checksum == model.checksum),
     )
 
 
-def _read(model: Loaded, case: Case, pressure: np.ndarray, length: np.ndarray) -> Reading | Shown:
-    at, loose = (jnp.asarray(pressure), jnp.asarray(length)), jnp.asarray(slack(case))
+def _predict_reading(
+    model: LoadedMuscle, case: Case, pressure: np.ndarray, length: np.ndarray
+) -> MuscleReading | BenchReading:
+    state, loose = (jnp.asarray(pressure), jnp.asarray(length)), jnp.asarray(find_slack_samples(case))
     if isinstance(model.muscle, Bench):
-        return record(model.muscle, *at, case_history(case, case.recording.n), loose)
-    ideal = predict(model.muscle, *at)
-    return eqx.tree_at(lambda r: r.force, ideal, unpushed(ideal.force, loose))
+        return record_bench(model.muscle, *state, build_history(case, case.recording.n), loose)
+    ideal = predict(model.muscle, *state)
+    return eqx.tree_at(lambda r: r.force, ideal, clip_slack_force(ideal.force, loose))
 
 
-def _of(values: dict[str, np.ndarray], rows: np.ndarray) -> dict[str, float]:
+def _compute_channel_rms(values: dict[str, np.ndarray], rows: np.ndarray) -> dict[str, float]:
     """Rms over some rows of every channel that was measured there."""
-    return {c: _rms(v[rows]) for c, v in values.items() if np.isfinite(v[rows]).any()}
+    return {c: _compute_rms(v[rows]) for c, v in values.items() if np.isfinite(v[rows]).any()}
 
 
-def _rms(values: np.ndarray) -> float:
+def _compute_rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.nanmean(values**2)))
 
 
-def _outside(calibrated: dict[str, tuple[float, float]], pressure, length) -> list[str]:
-    said = []
+def _describe_extrapolation(calibrated: dict[str, tuple[float, float]], pressure, length) -> list[str]:
+    sentences = []
     for name, values, unit, per in (("pressure", pressure, "kPa", 1e-3), ("length", length, "mm", 1e3)):
         if name not in calibrated or not values.size:
             continue
         low, high = calibrated[name]
         far = max(low - values.min(), values.max() - high)
         if far > 0.01 * max(high - low, 1e-12):
-            said.append(f"{name} goes {far * per:.3g} {unit} beyond what the model was calibrated on")
-    return said
+            sentences.append(f"{name} goes {far * per:.3g} {unit} beyond what the model was calibrated on")
+    return sentences

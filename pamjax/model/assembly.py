@@ -13,10 +13,10 @@ from pamjax.model.bench import Bench
 from pamjax.model.mechanism import AbstractMechanism
 from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
 from pamjax.model.muscle import Muscle
-from pamjax.model.parameters import LAWS, law_numbers
-from pamjax.model.registry import in_order
+from pamjax.model.parameters import THREAD_LAWS, list_law_parameters
+from pamjax.model.registry import order_mechanisms
 from pamjax.model.thread import AbstractThread, Inextensible
-from pamjax.parameter import field_meanings
+from pamjax.parameter import list_field_meanings
 
 #: The thread laws a bench can have. A toe is a mechanism there: `thread_crimp`.
 BENCH_LAWS = ("inelastic", "elastic")
@@ -39,31 +39,35 @@ def assemble(law: str, numbers: Mapping[str, Array]) -> Muscle:
     >>> print(f"{float(muscle(200e3, 0.2).force):.0f} N")
     819 N
     """
-    known = law_numbers(law)
+    law_parameters = list_law_parameters(law)
     try:
-        length, turns = _braid(numbers)
-        return Muscle(numbers["muscle.rest_length"], length, turns, _thread(law, known, numbers))
+        length, turns = _read_braid(numbers)
+        return Muscle(
+            numbers["muscle.rest_length"], length, turns, _build_thread(law, law_parameters, numbers)
+        )
     except KeyError as error:
         raise refuse(f"a muscle needs the number `{error.args[0]}`", ", ".join(numbers)) from error
 
 
-def _braid(numbers: Mapping[str, Array]) -> tuple[Array, Array]:
+def _read_braid(numbers: Mapping[str, Array]) -> tuple[Array, Array]:
     """Thread length, m, and turns, however the braid is stated."""
     if "muscle.braid_angle" in numbers:
-        rest = numbers["muscle.rest_length"]
-        return braid.from_angle(rest, numbers["muscle.diameter"], numbers["muscle.braid_angle"])
+        rest_length = numbers["muscle.rest_length"]
+        return braid.from_angle(rest_length, numbers["muscle.diameter"], numbers["muscle.braid_angle"])
     return numbers["muscle.thread_length"], numbers["muscle.turns"]
 
 
-def _thread(law: str, known: Iterable[str], numbers: Mapping[str, Array]) -> AbstractThread | Inextensible:
-    kind = LAWS[law]
+def _build_thread(
+    law: str, law_parameters: Iterable[str], numbers: Mapping[str, Array]
+) -> AbstractThread | Inextensible:
+    kind = THREAD_LAWS[law]
     if issubclass(kind, Inextensible):
         return Inextensible()
-    own = {name.removeprefix("thread."): numbers[name] for name in known}
-    return kind(**{"stiffness": stiffness(numbers), **own})
+    own_numbers = {name.removeprefix("thread."): numbers[name] for name in law_parameters}
+    return kind(**{"stiffness": compute_thread_stiffness(numbers), **own_numbers})
 
 
-def bench_law(law: str, ids: Iterable[str]) -> str:
+def resolve_bench_law(law: str, ids: Iterable[str]) -> str:
     """The law of a bench: naming `braid_elasticity` makes an inelastic braid elastic.
 
     Raises:
@@ -78,14 +82,14 @@ def bench_law(law: str, ids: Iterable[str]) -> str:
     return "elastic" if BraidElasticity.id in ids else law
 
 
-def mechanism_numbers(ids: Iterable[str]) -> dict[str, tuple[type[AbstractMechanism], str]]:
+def list_mechanism_parameters(ids: Iterable[str]) -> dict[str, tuple[type[AbstractMechanism], str]]:
     """Every number of the named mechanisms, "id.field", with its class and field.
 
     The stiffness of the threads is left out: it is the muscle's own, `thread.modulus` or
     `thread.stiffness`.
     """
-    kinds = (kind for kind in in_order(ids) if kind is not BraidElasticity)
-    return {f"{kind.id}.{field}": (kind, field) for kind in kinds for field in field_meanings(kind)}
+    kinds = (kind for kind in order_mechanisms(ids) if kind is not BraidElasticity)
+    return {f"{kind.id}.{field}": (kind, field) for kind in kinds for field in list_field_meanings(kind)}
 
 
 def assemble_bench(law: str, ids: tuple[str, ...], numbers: Mapping[str, Array]) -> Bench:
@@ -97,23 +101,23 @@ def assemble_bench(law: str, ids: tuple[str, ...], numbers: Mapping[str, Array])
         numbers: as for `catalogue.assemble`, and the mechanisms' own as "id.field"; those left out
             stay at their defaults.
     """
-    length, turns = _braid(numbers)
+    length, turns = _read_braid(numbers)
     if law == "elastic":
-        threads = (BraidElasticity(1 / stiffness(numbers)),)
+        threads = (BraidElasticity(1 / compute_thread_stiffness(numbers)),)
     else:
         # Before the whole library, an inelastic braid is an elastic one whose compliance is zero.
         threads = tuple(BraidElasticity(numbers[n]) for n in ("braid_elasticity.compliance",) if n in numbers)
-    own = mechanism_numbers(ids)
-    kinds: tuple[Any, ...] = in_order(ids)
+    own_parameters = list_mechanism_parameters(ids)
+    kinds: tuple[Any, ...] = order_mechanisms(ids)
     others = tuple(
-        kind(**{f: numbers[n] for n, (k, f) in own.items() if k is kind and n in numbers})
+        kind(**{f: numbers[n] for n, (k, f) in own_parameters.items() if k is kind and n in numbers})
         for kind in kinds
         if kind is not BraidElasticity
     )
     return Bench(length, turns, threads + others)
 
 
-def stiffness(numbers: Mapping[str, Array]) -> Array:
+def compute_thread_stiffness(numbers: Mapping[str, Array]) -> Array:
     """Pull of all threads together at unit strain, n E A, N, however it is stated."""
     if "thread.stiffness" in numbers:
         return numbers["thread.stiffness"]

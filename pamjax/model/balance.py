@@ -36,13 +36,13 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from pamjax.model.braid import Real
-from pamjax.model.status import Outcome
+from pamjax.model.status import StatusCode
 
 #: Share of the bursting load up to which a stretch is returned. At 0.98 threads are 50 times as long.
-BURST = 0.98
+BURST_LOAD_SHARE = 0.98
 
 
-class Status(Outcome):
+class Status(StatusCode):
     """What became of a state."""
 
     OK = 0, "solved"
@@ -63,8 +63,10 @@ def stretch_linear(pull: Real, stiffness: Real) -> tuple[Array, Array]:
     """
     x = jnp.asarray(pull / stiffness)
     # Not `maximum`, which halves the derivative at no pressure, where many recordings begin.
-    held = jnp.minimum(jnp.where(x >= 0, x, 0.0), BURST)
-    return held / (1 - held), jnp.where(x > BURST, int(Status.UNSTABLE), int(Status.OK))
+    stable_ratio = jnp.minimum(jnp.where(x >= 0, x, 0.0), BURST_LOAD_SHARE)
+    return stable_ratio / (1 - stable_ratio), jnp.where(
+        x > BURST_LOAD_SHARE, int(Status.UNSTABLE), int(Status.OK)
+    )
 
 
 def stretch_measured(
@@ -93,10 +95,10 @@ def stretch_measured(
     m = length * stiffness
     d = m - thread_length * (force - per_area * length**2)
     a = per_area * thread_length**3 * m**2
-    there = (m > 0) & (d > 0) & (27 * a <= 4 * d**3) & (-a < d**3)
-    m, d = jnp.where(there, m, 1.0), jnp.where(there, d, 1.0)
-    b = _cubic_root(jnp.where(there, a, 0.0) / d**3) * m / d
-    return b - 1, jnp.where(there, int(Status.OK), int(Status.UNSTABLE))
+    has_root = (m > 0) & (d > 0) & (27 * a <= 4 * d**3) & (-a < d**3)
+    m, d = jnp.where(has_root, m, 1.0), jnp.where(has_root, d, 1.0)
+    b = _cubic_root(jnp.where(has_root, a, 0.0) / d**3) * m / d
+    return b - 1, jnp.where(has_root, int(Status.OK), int(Status.UNSTABLE))
 
 
 @jax.custom_jvp

@@ -2,7 +2,7 @@
 
 XLA's compiler for processors fuses an expression into everything that uses it, and works it out anew in each:
 a solution that ten results depend on is solved ten times, its derivatives too, and is compiled as often. It
-never fuses across a loop. `written` is the identity, as a loop of which it cannot know that it runs once.
+never fuses across a loop. `materialize` is the identity, as a loop of which it cannot know that it runs once.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from jaxtyping import Array
 Tree = TypeVar("Tree")
 
 
-def written(tree: Tree) -> Tree:
+def materialize(tree: Tree) -> Tree:
     """The same arrays, each worked out once. All derivatives are those of the identity."""
     leaves, shape = jax.tree.flatten(tree)
-    return jax.tree.unflatten(shape, [_written.bind(jnp.asarray(leaf)) for leaf in leaves])
+    return jax.tree.unflatten(shape, [_materialize.bind(jnp.asarray(leaf)) for leaf in leaves])
 
 
-def _loop(value: Array) -> Array:
+def _lower_as_loop(value: Array) -> Array:
     if value.size == 0:
         return value
 
@@ -35,13 +35,13 @@ def _loop(value: Array) -> Array:
     return jax.lax.while_loop(lambda carry: carry[1], write, (jnp.zeros_like(value), True))[0]
 
 
-def _batched(arguments: Any, axes: Any) -> tuple[Array, int]:
-    return _written.bind(*arguments), *axes
+def _apply_batched(arguments: Any, axes: Any) -> tuple[Array, int]:
+    return _materialize.bind(*arguments), *axes
 
 
-_written = Primitive("written")
-_written.def_impl(lambda value: value)
-_written.def_abstract_eval(lambda value: value)
-ad.deflinear2(_written, lambda cotangent, _: (_written.bind(cotangent),))
-batching.primitive_batchers[_written] = _batched
-mlir.register_lowering(_written, mlir.lower_fun(_loop, multiple_results=False))
+_materialize = Primitive("written")
+_materialize.def_impl(lambda value: value)
+_materialize.def_abstract_eval(lambda value: value)
+ad.deflinear2(_materialize, lambda cotangent, _: (_materialize.bind(cotangent),))
+batching.primitive_batchers[_materialize] = _apply_batched
+mlir.register_lowering(_materialize, mlir.lower_fun(_lower_as_loop, multiple_results=False))

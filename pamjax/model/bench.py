@@ -20,8 +20,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from pamjax.model.balance import Status
-from pamjax.model.barrier import written
-from pamjax.model.equilibrium import Pair, at_instant, slopes, solve
+from pamjax.model.barrier import materialize
+from pamjax.model.equilibrium import Pair, build_instant_balance, compute_partial_derivatives, solve_balance
 from pamjax.model.history import History
 from pamjax.model.mechanism import (
     AbstractLine,
@@ -40,13 +40,13 @@ from pamjax.model.state import Cylinder, State
 from pamjax.parameter import Scalar, parameter
 
 #: What leaves something to later samples, for which a recording is passed twice.
-LASTING = (AbstractMemory, AbstractSlip, AbstractLine)
+HISTORY_DEPENDENT = (AbstractMemory, AbstractSlip, AbstractLine)
 
 #: Rows whose balance is solved at once.
-BLOCK = 256
+BLOCK_ROWS = 256
 
 
-class Shown(eqx.Module):
+class BenchReading(eqx.Module):
     """What a bench shows at every sample.
 
     Attributes:
@@ -78,7 +78,7 @@ class Bench(eqx.Module):
     )  # fmt: skip
     mechanisms: tuple[AbstractMechanism, ...] = ()
 
-    def of(self, kind: type) -> list:
+    def find_mechanisms(self, kind: type) -> list:
         """The mechanisms of one kind, in order."""
         return [m for m in self.mechanisms if isinstance(m, kind)]
 
@@ -88,7 +88,7 @@ class Bench(eqx.Module):
         length: Samples,
         history: History,
         slack: Bool[Array, " n"] | None = None,
-    ) -> Shown:
+    ) -> BenchReading:
         """What the bench records.
 
         Args:
@@ -97,16 +97,16 @@ class Bench(eqx.Module):
             history: time and order of the samples.
             slack: (n,) where the muscle, if it would push, is slack and pulls with nothing; None for nowhere.
         """
-        for sensor in self.of(AbstractSensor):
+        for sensor in self.find_mechanisms(AbstractSensor):
             pressure, length = sensor.undo(pressure, length, history)
-        past, status = self.prepared().passed(pressure, length, history)
+        past, status = self.prepare().compute_past(pressure, length, history)
         force, diameter = past.force, past.state.diameter
-        force = force if slack is None else unpushed(force, slack)
-        for sensor in self.of(AbstractSensor):
+        force = force if slack is None else clip_slack_force(force, slack)
+        for sensor in self.find_mechanisms(AbstractSensor):
             force, diameter = sensor.read(force, diameter, past, history)
-        return Shown(force, diameter, past, status)
+        return BenchReading(force, diameter, past, status)
 
-    def prepared(self) -> Bench:
+    def prepare(self) -> Bench:
         """The same bench, with what all states share worked out once."""
         mechanisms = (
             m.prepared(self.thread_length, self.turns) if isinstance(m, AbstractShape) else m
@@ -114,72 +114,86 @@ class Bench(eqx.Module):
         )
         return Bench(self.thread_length, self.turns, tuple(mechanisms))
 
-    def passed(self, pressure: Samples, length: Samples, history: History) -> tuple[Past, Array]:
+    def compute_past(self, pressure: Samples, length: Samples, history: History) -> tuple[Past, Array]:
         """What the muscle truly went through at a true pressure (Pa) and length (m), and the status."""
-        nothing = jnp.zeros(pressure.shape[0])
+        zeros = jnp.zeros(pressure.shape[0])
 
-        def look(pressure, extension, frozen):
-            return _each(self.instant, history.many, pressure, length, extension, frozen)
+        def solve_all(pressure, extension, memory_loads):
+            return _map_blocks(
+                self.solve_instant, history.row_count, pressure, length, extension, memory_loads
+            )
 
-        without_memory = pressure, nothing, (nothing, nothing)
-        if not any(self.of(kind) for kind in LASTING):
-            return look(*without_memory)
-        passes = 2 if history.lasting is None else jnp.where(history.lasting, 2, 1)
+        without_memory = pressure, zeros, (zeros, zeros)
+        if not any(self.find_mechanisms(kind) for kind in HISTORY_DEPENDENT):
+            return solve_all(*without_memory)
+        passes = 2 if history.has_memory is None else jnp.where(history.has_memory, 2, 1)
 
-        def once(k, carry):
-            given, _ = carry
-            past, status = look(*given)
-            last = k + 1 == passes
-            kept = jax.lax.cond(last, lambda _: given, lambda seen: self._remembered(seen, history), past)
-            return kept, (past, status)
+        def run_pass(k, carry):
+            inputs, _ = carry
+            past, status = solve_all(*inputs)
+            is_last = k + 1 == passes
+            next_inputs = jax.lax.cond(
+                is_last, lambda _: inputs, lambda first_pass: self._compute_memory(first_pass, history), past
+            )
+            return next_inputs, (past, status)
 
         # A loop, so that the balance is compiled once for both passes.
-        shape = jax.eval_shape(look, *without_memory)
-        unseen = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shape)
-        return jax.lax.fori_loop(0, passes, once, (without_memory, unseen))[1]
+        shape = jax.eval_shape(solve_all, *without_memory)
+        empty_result = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shape)
+        return jax.lax.fori_loop(0, passes, run_pass, (without_memory, empty_result))[1]
 
-    def _remembered(self, first: Past, history: History) -> tuple[Samples, Samples, Pair]:
+    def _compute_memory(self, first_pass: Past, history: History) -> tuple[Samples, Samples, Pair]:
         """Pressure inside, extension and what memories pull with, from what happened without them."""
-        for line in self.of(AbstractLine):
-            first = eqx.tree_at(lambda p: p.pressure, first, line.pressure(history, first))
-        nothing, memories = jnp.zeros_like(first.pressure), self.of(AbstractMemory)
-        seen, begin, many = first, 0, history.many
+        for line in self.find_mechanisms(AbstractLine):
+            first_pass = eqx.tree_at(lambda p: p.pressure, first_pass, line.pressure(history, first_pass))
+        zeros, memories = jnp.zeros_like(first_pass.pressure), self.find_mechanisms(AbstractMemory)
+        whole_past, begin, row_count = first_pass, 0, history.row_count
         if history.settled:
-            seen = jax.tree.map(lambda x: jnp.concatenate([x, x]), first)
-            history, begin = history.twice(), nothing.size
-        extension = sum((slip.extension(history, seen)[begin:] for slip in self.of(AbstractSlip)), nothing)
-        strains = [memory.strains(seen.state, seen.pressure).T for memory in memories]
+            whole_past = jax.tree.map(lambda x: jnp.concatenate([x, x]), first_pass)
+            history, begin = history.repeat(), zeros.size
+        extension = sum(
+            (slip.extension(history, whole_past)[begin:] for slip in self.find_mechanisms(AbstractSlip)),
+            zeros,
+        )
+        strains = [memory.strains(whole_past.state, whole_past.pressure).T for memory in memories]
         stresses = [
-            m.stresses(history, strain, seen)[begin:] for m, strain in zip(memories, strains, strict=True)
+            m.stresses(history, strain, whole_past)[begin:]
+            for m, strain in zip(memories, strains, strict=True)
         ]
-        frozen = _each(self.frozen, many, first, stresses) if memories else (nothing, nothing)
-        return first.pressure, extension, frozen
+        memory_loads = (
+            _map_blocks(self.compute_memory_loads, row_count, first_pass, stresses)
+            if memories
+            else (zeros, zeros)
+        )
+        return first_pass.pressure, extension, memory_loads
 
-    def instant(
-        self, pressure: Scalar, length: Scalar, extension: Scalar, frozen: Pair
+    def solve_instant(
+        self, pressure: Scalar, length: Scalar, extension: Scalar, memory_loads: Pair
     ) -> tuple[Past, Array]:
         """The balance at one instant, or at many side by side.
 
         Args:
             pressure, length: Pa and m.
             extension: share by which the threads are longer for good.
-            frozen: what memories add to the force and to the pull of the threads, N.
+            memory_loads: what memories add to the force and to the pull of the threads, N.
         """
-        rest = self.thread_length * (1 + extension)
-        here, (x, at), solved = solve(at_instant(self, pressure, length, rest, frozen))
-        thread = here.thread(x, at)
+        unloaded_thread = self.thread_length * (1 + extension)
+        balance, (x, true_length), solved = solve_balance(
+            build_instant_balance(self, pressure, length, unloaded_thread, memory_loads)
+        )
+        thread = balance.thread_length(x, true_length)
         status = jnp.where(solved, int(Status.OK), int(Status.NOT_CONVERGED))
-        status = jnp.where(thread > at, status, int(Status.STRAIGHT))
-        state = here.bench.state(at, thread)
-        past = Past(state, pressure, jnp.where(x < 0, 0.0, x), here.pulls(thread, at)[0])
-        return jax.tree.map(lambda value: jnp.broadcast_to(value, jnp.shape(at)), (past, status))
+        status = jnp.where(thread > true_length, status, int(Status.STRAIGHT))
+        state = balance.bench.state(true_length, thread)
+        past = Past(state, pressure, jnp.where(x < 0, 0.0, x), balance.force_and_pull(thread, true_length)[0])
+        return jax.tree.map(lambda value: jnp.broadcast_to(value, jnp.shape(true_length)), (past, status))
 
-    def near(self, length: Scalar, thread: Scalar) -> Bench:
+    def expand_at(self, length: Scalar, thread: Scalar) -> Bench:
         """The same bench, with its shapes as they are needed around one state."""
         mechanisms = (m.near(length, thread) if isinstance(m, AbstractShape) else m for m in self.mechanisms)
         return Bench(self.thread_length, self.turns, tuple(mechanisms))
 
-    def held(self) -> Bench:
+    def stop_gradients(self) -> Bench:
         """The same bench, without derivatives by its numbers."""
         mechanisms = (
             m.held() if isinstance(m, AbstractShape) else jax.lax.stop_gradient(m) for m in self.mechanisms
@@ -188,38 +202,42 @@ class Bench(eqx.Module):
 
     def state(self, length: Scalar, thread: Scalar) -> State:
         state = Cylinder()(length, thread, self.turns)
-        for shape in self.of(AbstractShape):
+        for shape in self.find_mechanisms(AbstractShape):
             state = shape.shape(state)
         return state
 
-    def works(self, length: Scalar, thread: Scalar) -> Pair:
+    def energy_and_volume(self, length: Scalar, thread: Scalar) -> Pair:
         """Stored energy without the threads' own, J, and volume, m³."""
         state = self.state(length, thread)
-        return sum((store.energy(state) for store in self.of(AbstractStore)), jnp.zeros(())), state.volume
+        return sum(
+            (store.energy(state) for store in self.find_mechanisms(AbstractStore)), jnp.zeros(())
+        ), state.volume
 
-    def frozen(self, past: Past, stresses: list[Float[Array, "... k"]]) -> Pair:
+    def compute_memory_loads(self, past: Past, stresses: list[Float[Array, "... k"]]) -> Pair:
         """What the stresses of all memories, in their order, add to the force and to the threads' pull, N."""
-        here = self.near(past.state.length, past.state.thread)
+        expanded = self.expand_at(past.state.length, past.state.thread)
 
         def work(length, thread):
-            state = here.state(length, thread)
-            strains = (m.strains(state, past.pressure) for m in self.of(AbstractMemory))
+            state = expanded.state(length, thread)
+            strains = (m.strains(state, past.pressure) for m in self.find_mechanisms(AbstractMemory))
             return sum(
                 (jnp.sum(s.T * e, axis=0) for s, e in zip(stresses, strains, strict=True)), jnp.zeros(())
             )
 
-        by_length, by_thread = written(slopes(work, past.state.length, past.state.thread))
+        by_length, by_thread = materialize(
+            compute_partial_derivatives(work, past.state.length, past.state.thread)
+        )
         return by_length, -by_thread
 
     def strain(self, load: Scalar) -> Array:
         """Strain of the threads at a load, N, not negative."""
-        return sum((y.strain(load) for y in self.of(AbstractYielding)), jnp.zeros(()))
+        return sum((y.strain(load) for y in self.find_mechanisms(AbstractYielding)), jnp.zeros(()))
 
     def deflection(self, force: Scalar) -> Array:
-        return sum((rig.deflection(force) for rig in self.of(AbstractRig)), jnp.zeros(()))
+        return sum((rig.deflection(force) for rig in self.find_mechanisms(AbstractRig)), jnp.zeros(()))
 
 
-def _each(function, many: Array | None, *rows):
+def _map_blocks(function, row_count: Array | None, *rows):
     """The function at every row, in blocks.
 
     What many rows share while derivatives are taken in many numbers then stays in the cache. And the
@@ -227,59 +245,59 @@ def _each(function, many: Array | None, *rows):
 
     Args:
         function: of rows.
-        many: rows that are worked out, the others repeat the last of them; None for all.
+        row_count: rows that are worked out, the others repeat the last of them; None for all.
         rows: arrays of shape (n, ...).
     """
     n = len(jax.tree.leaves(rows)[0])
-    blocks = -(-n // BLOCK)
+    blocks = -(-n // BLOCK_ROWS)
     if blocks < 2:
         return function(*rows)
 
     def cut(x):
-        filled = jnp.concatenate([x, jnp.broadcast_to(x[-1:], (blocks * BLOCK - n, *x.shape[1:]))])
-        return filled.reshape(blocks, BLOCK, *x.shape[1:])
+        filled = jnp.concatenate([x, jnp.broadcast_to(x[-1:], (blocks * BLOCK_ROWS - n, *x.shape[1:]))])
+        return filled.reshape(blocks, BLOCK_ROWS, *x.shape[1:])
 
     cuts = jax.tree.map(cut, rows)
-    if many is None:
-        found = jax.lax.map(jax.checkpoint(lambda block: function(*block)), cuts)
+    if row_count is None:
+        results = jax.lax.map(jax.checkpoint(lambda block: function(*block)), cuts)
     else:
-        found = _first_blocks(function, -(-many // BLOCK), cuts)
-    whole = jax.tree.map(lambda x: x.reshape(blocks * BLOCK, *x.shape[2:])[:n], found)
-    return whole if many is None else jax.tree.map(lambda x: _last_repeated(x, many), whole)
+        results = _map_first_blocks(function, -(-row_count // BLOCK_ROWS), cuts)
+    whole = jax.tree.map(lambda x: x.reshape(blocks * BLOCK_ROWS, *x.shape[2:])[:n], results)
+    return whole if row_count is None else jax.tree.map(lambda x: _repeat_last(x, row_count), whole)
 
 
-def _first_blocks(function, count: Array, cuts):
+def _map_first_blocks(function, count: Array, cuts):
     """The function at the first blocks, of a count that the program need not know; zero at the others."""
 
     def block(k):
         return function(*jax.tree.map(lambda x: jax.lax.dynamic_index_in_dim(x, k, keepdims=False), cuts))
 
-    def fill(k, found):
-        return jax.tree.map(lambda x, y: jax.lax.dynamic_update_index_in_dim(x, y, k, 0), found, block(k))
+    def fill(k, results):
+        return jax.tree.map(lambda x, y: jax.lax.dynamic_update_index_in_dim(x, y, k, 0), results, block(k))
 
     blocks = len(jax.tree.leaves(cuts)[0])
     shape = jax.eval_shape(block, 0)
-    nothing = jax.tree.map(lambda x: jnp.zeros((blocks, *x.shape), x.dtype), shape)
-    return jax.lax.fori_loop(0, count, fill, nothing)
+    zeros = jax.tree.map(lambda x: jnp.zeros((blocks, *x.shape), x.dtype), shape)
+    return jax.lax.fori_loop(0, count, fill, zeros)
 
 
-def _last_repeated(values: Array, many: Array) -> Array:
-    later = jnp.arange(len(values)).reshape(-1, *[1] * (values.ndim - 1)) >= many
-    return jnp.where(later, values[many - 1], values)
+def _repeat_last(values: Array, row_count: Array) -> Array:
+    later = jnp.arange(len(values)).reshape(-1, *[1] * (values.ndim - 1)) >= row_count
+    return jnp.where(later, values[row_count - 1], values)
 
 
-def unpushed(force: Samples, slack: Bool[Array, " n"]) -> Samples:
+def clip_slack_force(force: Samples, slack: Bool[Array, " n"]) -> Samples:
     """Force of a muscle that pulls with nothing where it is slack and the ideal one would push."""
     return jnp.where(slack, jnp.maximum(force, 0.0), force)
 
 
 @eqx.filter_jit
-def record(
+def record_bench(
     bench: Bench,
     pressure: Samples,
     length: Samples,
     history: History,
     slack: Bool[Array, " n"] | None = None,
-) -> Shown:
+) -> BenchReading:
     """What a bench records, compiled; see `Bench.__call__`."""
     return bench(jnp.asarray(pressure, float), jnp.asarray(length, float), history, slack)

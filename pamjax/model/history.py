@@ -17,16 +17,16 @@ from jaxtyping import Array, Bool, Float, Int
 from pamjax.parameter import Scalar
 
 #: What turns has a corner where a straight line leaves this many times the usual of it.
-CORNER = 6.0
+CORNER_RATIO = 6.0
 #: Share of a channel's range that is no noise but rounding.
-ROUNDING = 1e-6
+ROUNDING_SHARE = 1e-6
 #: Share of a channel's range below which a step between two rests is one of its resolution.
-COUNT = 0.02
+RESOLUTION_SHARE = 0.02
 #: A side of a sample is bent where a straight line leaves this many times the usual of it.
-BENT = 3.0
+BEND_RATIO = 3.0
 
 #: A rate is the slope of a straight line through a sample and this many neighbours on each side.
-REACH = 2
+RATE_HALF_WIDTH = 2
 
 
 class History(eqx.Module):
@@ -49,32 +49,35 @@ class History(eqx.Module):
     time: Float[Array, " n"]
     step: Float[Array, " n"]
     restart: Bool[Array, " n"]
-    slope: Float[Array, "n k"]
+    rate_weights: Float[Array, "n k"]
     first: Int[Array, " n"]
     last: Int[Array, " n"]
     settled: bool = eqx.field(static=True, default=False)
-    many: Int[Array, ""] | None = None
-    lasting: Bool[Array, ""] | None = None
+    row_count: Int[Array, ""] | None = None
+    has_memory: Bool[Array, ""] | None = None
 
     def rate(self, values: Float[Array, " n"]) -> Float[Array, " n"]:
         """Change of a quantity in a second; zero in a static map."""
-        n, around = values.shape[0], _once(jnp.pad(values, REACH))
-        return sum((self.slope[:, k] * around[k : k + n] for k in range(2 * REACH + 1)), jnp.zeros(n))
+        n, around = values.shape[0], _compute_once(jnp.pad(values, RATE_HALF_WIDTH))
+        return sum(
+            (self.rate_weights[:, k] * around[k : k + n] for k in range(2 * RATE_HALF_WIDTH + 1)),
+            jnp.zeros(n),
+        )
 
-    def late(self, values: Float[Array, " n"], lag: Scalar) -> Float[Array, " n"]:
+    def delay(self, values: Float[Array, " n"], lag: Scalar) -> Float[Array, " n"]:
         """What a quantity was `lag` seconds ago; at the ends of a run, what it is there.
 
         Between samples it is a cubic with the rates of its ends, so that the derivative in the lag is
         continuous: minus the rate at a lag of zero.
         """
-        at = self.time - lag
-        before = jnp.searchsorted(self.time, at, side="right") - 1
+        delayed_time = self.time - lag
+        before = jnp.searchsorted(self.time, delayed_time, side="right") - 1
         before = jnp.clip(before, self.first, jnp.maximum(self.last - 1, self.first))
         after = jnp.minimum(before + 1, self.last)
         span = self.time[after] - self.time[before]
-        share = jnp.where(span > 0, (at - self.time[before]) / jnp.where(span > 0, span, 1.0), 0.0)
+        share = jnp.where(span > 0, (delayed_time - self.time[before]) / jnp.where(span > 0, span, 1.0), 0.0)
         x = jnp.clip(share, 0.0, 1.0)
-        y, rate = _once(values), _once(self.rate(values))
+        y, rate = _compute_once(values), _compute_once(self.rate(values))
         bend = x * (1 - x) * span * ((1 - x) * rate[before] - x * rate[after])
         ease = x * x * (3 - 2 * x)
         return (1 - ease) * y[before] + ease * y[after] + bend
@@ -84,7 +87,7 @@ class History(eqx.Module):
         before = jnp.concatenate([values[:1], values[:-1]])
         return jnp.where(self.restart, 0.0, values - before)
 
-    def twice(self) -> History:
+    def repeat(self) -> History:
         """The recording, and then the recording again: 2n samples.
 
         From its last state the muscle goes to its first at once: nothing is known of the way. (A static map
@@ -95,24 +98,24 @@ class History(eqx.Module):
         def again(early, late):
             return jnp.concatenate([early, late])
 
-        still = jnp.all(self.restart)
+        is_static = jnp.all(self.restart)
         return History(
             time=again(self.time - (self.time[-1] - self.time[0]), self.time),
             step=again(self.step, self.step),
-            restart=again(self.restart, self.restart.at[0].set(still)),
-            slope=again(self.slope, self.slope),
+            restart=again(self.restart, self.restart.at[0].set(is_static)),
+            rate_weights=again(self.rate_weights, self.rate_weights),
             first=again(self.first, self.first + n),
             last=again(self.last, self.last + n),
         )
 
 
-def history(
+def build_time_history(
     time: np.ndarray | None,
     starts: np.ndarray,
     *,
     restart: bool = False,
     settled: bool = False,
-    turning: np.ndarray | None = None,
+    stroke_channels: np.ndarray | None = None,
     size: int | None = None,
     padding: bool = True,
 ) -> History:
@@ -123,7 +126,7 @@ def history(
         starts: (n,) whether a continuous run begins at this sample.
         restart: whether memory begins anew at every run, rather than only at the first sample.
         settled: whether the muscle had been through the recording once before.
-        turning: (k, n) what may stroke, in any unit: a rate does not reach across its corners.
+        stroke_channels: (k, n) what may stroke, in any unit: a rate does not reach across its corners.
         size: length to pad to; padded samples repeat the last one.
         padding: whether padded samples are worked out as well, rather than only repeated.
     """
@@ -135,95 +138,125 @@ def history(
     row = np.arange(n)
     first = np.zeros(n, dtype=bool)
     first[:1] = True
-    anew = np.ones(n, dtype=bool) if time is None else (starts | first if restart else first)
+    restarts = np.ones(n, dtype=bool) if time is None else (starts | first if restart else first)
     return History(
-        time=jnp.asarray(_pad(clock, size, clock[-1] if n else 0.0)),
-        step=jnp.asarray(_pad(np.diff(clock, prepend=clock[:1]), size, 0.0)),
-        restart=jnp.asarray(_pad(anew, size, time is None)),
-        slope=jnp.asarray(_pad(_slopes(clock, run, turning), size, 0.0)),
-        first=jnp.asarray(_pad(row if time is None else begin, size, max(n - 1, 0))),
-        last=jnp.asarray(_pad(row if time is None else end - 1, size, max(n - 1, 0))),
+        time=jnp.asarray(_pad_rows(clock, size, clock[-1] if n else 0.0)),
+        step=jnp.asarray(_pad_rows(np.diff(clock, prepend=clock[:1]), size, 0.0)),
+        restart=jnp.asarray(_pad_rows(restarts, size, time is None)),
+        rate_weights=jnp.asarray(_pad_rows(_compute_rate_weights(clock, run, stroke_channels), size, 0.0)),
+        first=jnp.asarray(_pad_rows(row if time is None else begin, size, max(n - 1, 0))),
+        last=jnp.asarray(_pad_rows(row if time is None else end - 1, size, max(n - 1, 0))),
         settled=settled,
-        many=None if padding else jnp.asarray(n),
+        row_count=None if padding else jnp.asarray(n),
     )
 
 
-def _once(values: Array) -> Array:
+def _compute_once(values: Array) -> Array:
     """The same values, computed before they are looked up: else each look-up computes them again."""
     return jax.lax.optimization_barrier(values)
 
 
-def _slopes(clock: np.ndarray, run: np.ndarray, turning: np.ndarray | None = None) -> np.ndarray:
+def _compute_rate_weights(
+    clock: np.ndarray, run: np.ndarray, stroke_channels: np.ndarray | None = None
+) -> np.ndarray:
     """Weights of the least-squares slope through a sample and its neighbours of the same run.
 
     Beside a corner of what turns, only the neighbours on the sample's own side.
     """
     n = clock.size
-    near = np.clip(np.arange(n)[:, None] + np.arange(-REACH, REACH + 1), 0, max(n - 1, 0))
-    same = (run[near] == run[:, None]) & (near == np.arange(n)[:, None] + np.arange(-REACH, REACH + 1))
-    both = _line(clock, near, same)
-    if turning is None or n <= 2 * REACH:
+    neighbours = np.clip(
+        np.arange(n)[:, None] + np.arange(-RATE_HALF_WIDTH, RATE_HALF_WIDTH + 1), 0, max(n - 1, 0)
+    )
+    same_run = (run[neighbours] == run[:, None]) & (
+        neighbours == np.arange(n)[:, None] + np.arange(-RATE_HALF_WIDTH, RATE_HALF_WIDTH + 1)
+    )
+    both = _slope_weights(clock, neighbours, same_run)
+    if stroke_channels is None or n <= 2 * RATE_HALF_WIDTH:
         return both
-    sides = [same & reach for reach in (np.arange(-REACH, REACH + 1) <= 0, np.arange(-REACH, REACH + 1) >= 0)]
-    lines = [both, *(_line(clock, near, side) for side in sides)]
-    off = _off_usual(clock, turning, near, list(zip(lines, (same, *sides), strict=True)))
+    sides = [
+        same_run & reach
+        for reach in (
+            np.arange(-RATE_HALF_WIDTH, RATE_HALF_WIDTH + 1) <= 0,
+            np.arange(-RATE_HALF_WIDTH, RATE_HALF_WIDTH + 1) >= 0,
+        )
+    ]
+    lines = [both, *(_slope_weights(clock, neighbours, side) for side in sides)]
+    misfit = _compute_line_misfit(
+        clock, stroke_channels, neighbours, list(zip(lines, (same_run, *sides), strict=True))
+    )
     # A corner stands out of the noise of the straight lines; the sample is on the side that is straight, and
     # the other is not. One that lies at the corner itself is on neither: there what turns is at rest.
-    side = 1 + np.argmin(off[1:], axis=0)
-    straight, bent = off[1:].min(axis=0), off[1:].max(axis=0)
-    corner = (off[0] > CORNER) & (straight < off[0] / 2) & (bent > np.maximum(BENT, 2 * straight))
+    side = 1 + np.argmin(misfit[1:], axis=0)
+    straight, bent = misfit[1:].min(axis=0), misfit[1:].max(axis=0)
+    corner = (
+        (misfit[0] > CORNER_RATIO)
+        & (straight < misfit[0] / 2)
+        & (bent > np.maximum(BEND_RATIO, 2 * straight))
+    )
     return np.where(corner[:, None], np.where((side == 1)[:, None], lines[1], lines[2]), both)
 
 
-def _off_usual(clock, turning, near, lines) -> np.ndarray:
+def _compute_line_misfit(clock, stroke_channels, neighbours, lines) -> np.ndarray:
     """What straight lines leave of all that turns, (lines, n), where the first usually leaves one.
 
     Each channel counts in its own noise, or in the steps in which it is written.
     """
     total = np.zeros((len(lines), clock.size))
-    for channel in turning:
+    for channel in stroke_channels:
         span = float(np.ptp(channel))
         if span > 0:
-            around = [np.where(there, channel[near], 0.0) for _, there in lines]
-            off = np.stack([_off(clock, a, near, *line) for a, line in zip(around, lines, strict=True)])
-            total += (off / max(_usual(off[0]), ROUNDING * span, _resolution(channel))) ** 2
-    off = np.sqrt(total)
-    return off / max(_usual(off[0]), 1.0)
+            around = [np.where(in_line, channel[neighbours], 0.0) for _, in_line in lines]
+            misfit = np.stack(
+                [
+                    _line_residual_rms(clock, a, neighbours, *line)
+                    for a, line in zip(around, lines, strict=True)
+                ]
+            )
+            total += (
+                misfit / max(_finite_median(misfit[0]), ROUNDING_SHARE * span, _estimate_resolution(channel))
+            ) ** 2
+    misfit = np.sqrt(total)
+    return misfit / max(_finite_median(misfit[0]), 1.0)
 
 
-def _resolution(channel: np.ndarray) -> float:
+def _estimate_resolution(channel: np.ndarray) -> float:
     """The step in which a slow channel is written, which stands still between two of them; 0 without one."""
     step = np.abs(np.diff(channel))
-    alone = (step[1:-1] > 0) & (step[:-2] == 0) & (step[2:] == 0) & (step[1:-1] < COUNT * np.ptp(channel))
-    return float(np.median(step[1:-1][alone])) if alone.any() else 0.0
+    is_isolated = (
+        (step[1:-1] > 0)
+        & (step[:-2] == 0)
+        & (step[2:] == 0)
+        & (step[1:-1] < RESOLUTION_SHARE * np.ptp(channel))
+    )
+    return float(np.median(step[1:-1][is_isolated])) if is_isolated.any() else 0.0
 
 
-def _usual(off: np.ndarray) -> float:
-    finite = off[np.isfinite(off)]
+def _finite_median(misfit: np.ndarray) -> float:
+    finite = misfit[np.isfinite(misfit)]
     return float(np.median(finite)) if finite.size else 0.0
 
 
-def _off(clock, around, near, slope, there) -> np.ndarray:
+def _line_residual_rms(clock, around, neighbours, weights, in_line) -> np.ndarray:
     """Rms of what a straight line leaves of the values, (n,); infinite where two points make the line."""
-    count = there.sum(axis=1)
+    count = in_line.sum(axis=1)
     safe = np.maximum(count, 1)[:, None]
-    moment = np.where(there, clock[near], 0.0)
-    values = np.where(there, around - around.sum(axis=1, keepdims=True, where=there) / safe, 0.0)
-    rate = (slope * around).sum(axis=1, keepdims=True)
-    left = values - rate * np.where(there, moment - moment.sum(axis=1, keepdims=True) / safe, 0.0)
-    rms = np.sqrt((left**2).sum(axis=1) / np.maximum(count - 2, 1))
+    moment = np.where(in_line, clock[neighbours], 0.0)
+    values = np.where(in_line, around - around.sum(axis=1, keepdims=True, where=in_line) / safe, 0.0)
+    rate = (weights * around).sum(axis=1, keepdims=True)
+    residual = values - rate * np.where(in_line, moment - moment.sum(axis=1, keepdims=True) / safe, 0.0)
+    rms = np.sqrt((residual**2).sum(axis=1) / np.maximum(count - 2, 1))
     return np.where(count > 2, rms, np.inf)
 
 
-def _line(clock: np.ndarray, near: np.ndarray, same: np.ndarray) -> np.ndarray:
-    count = same.sum(axis=1, keepdims=True)
-    centred = np.where(same, clock[near], 0.0)
-    centred = np.where(same, centred - centred.sum(axis=1, keepdims=True) / np.maximum(count, 1), 0.0)
+def _slope_weights(clock: np.ndarray, neighbours: np.ndarray, same_run: np.ndarray) -> np.ndarray:
+    count = same_run.sum(axis=1, keepdims=True)
+    centred = np.where(same_run, clock[neighbours], 0.0)
+    centred = np.where(same_run, centred - centred.sum(axis=1, keepdims=True) / np.maximum(count, 1), 0.0)
     spread = (centred**2).sum(axis=1, keepdims=True)
     return np.where(spread > 0, centred / np.where(spread > 0, spread, 1.0), 0.0)
 
 
-def _pad(values: np.ndarray, size: int, fill) -> np.ndarray:
+def _pad_rows(values: np.ndarray, size: int, fill) -> np.ndarray:
     out = np.full((size, *values.shape[1:]), fill, dtype=values.dtype)
     out[: len(values)] = values
     return out

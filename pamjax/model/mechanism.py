@@ -35,7 +35,7 @@ Samples = Float[Array, " n"]
 
 
 @dataclass(frozen=True)
-class About:
+class Description:
     """What `pamjax explain` says of a mechanism.
 
     Attributes:
@@ -77,7 +77,7 @@ class AbstractMechanism(eqx.Module):
     """Contract: physics that a model may leave out. Built without arguments it has no effect."""
 
     id: eqx.AbstractClassVar[str]
-    about: eqx.AbstractClassVar[About]
+    about: eqx.AbstractClassVar[Description]
 
 
 class AbstractShape(AbstractMechanism):

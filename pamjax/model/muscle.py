@@ -16,20 +16,20 @@ from jaxtyping import Array, Float, Int
 
 from pamjax.errors import refuse
 from pamjax.model import braid
-from pamjax.model.balance import BURST, Status, solve_strain, stretch_linear
+from pamjax.model.balance import BURST_LOAD_SHARE, Status, solve_strain, stretch_linear
 from pamjax.model.state import AbstractGeometry, AbstractTerm, Cylinder, State
 from pamjax.model.thread import AbstractThread, Inextensible, LinearThread
 from pamjax.parameter import Scalar, parameter
 
 #: Balance residual, relative to the pull, above which a state counts as not solved.
-TOLERANCE = 1e-9
+PULL_TOLERANCE = 1e-9
 #: States that a processor's cache holds with all that their derivatives need.
-BLOCK = 8192
+CACHE_BLOCK_STATES = 8192
 #: Thread strain below which that residual is relative to the pull at this strain.
-NO_STRAIN = 1e-6
+PULL_SCALE_STRAIN = 1e-6
 
 
-class Reading(eqx.Module):
+class MuscleReading(eqx.Module):
     """What a muscle shows at one instant (or, from `predict`, at each of many).
 
     Attributes:
@@ -104,41 +104,43 @@ class Muscle(eqx.Module):
 
     def strain(self, pressure: Scalar, length: Scalar) -> tuple[Array, Array]:
         """Thread strain at balance, and its `Status`."""
-        at_rest = self.pull(length, jnp.zeros_like(length), pressure)
+        unstrained_pull = self.pull(length, jnp.zeros_like(length), pressure)
         if isinstance(self.thread, Inextensible):
-            return jnp.zeros_like(at_rest), jnp.zeros_like(at_rest, dtype=int)
+            return jnp.zeros_like(unstrained_pull), jnp.zeros_like(unstrained_pull, dtype=int)
         if isinstance(self.thread, LinearThread) and not self.terms and isinstance(self.geometry, Cylinder):
-            return stretch_linear(at_rest, self.thread.stiffness)
-        return self._balanced(self.thread, pressure, length, at_rest)
+            return stretch_linear(unstrained_pull, self.thread.stiffness)
+        return self._solve_strain(self.thread, pressure, length, unstrained_pull)
 
-    def _balanced(
-        self, thread: AbstractThread, pressure: Scalar, length: Scalar, at_rest: Scalar
+    def _solve_strain(
+        self, thread: AbstractThread, pressure: Scalar, length: Scalar, unstrained_pull: Scalar
     ) -> tuple[Array, Array]:
-        most = BURST * thread.stiffness
-        stable, pulled = at_rest <= most, at_rest >= 0
+        burst_pull = BURST_LOAD_SHARE * thread.stiffness
+        stable, is_pulled = unstrained_pull <= burst_pull, unstrained_pull >= 0
         # Threads do not push, and beyond the burst there is nothing to find: solve a harmless
         # problem there, so that neither the number nor its derivative is ever undefined.
-        share = jnp.where(stable, 1.0, most / jnp.where(stable, 1.0, at_rest))
-        pressure = jnp.where(pulled, share * pressure, 0.0)
-        start = jnp.where(pulled, thread.start(jnp.where(pulled, share * at_rest, 0.0)), 0.0)
+        share = jnp.where(stable, 1.0, burst_pull / jnp.where(stable, 1.0, unstrained_pull))
+        pressure = jnp.where(is_pulled, share * pressure, 0.0)
+        start = jnp.where(
+            is_pulled, thread.initial_strain(jnp.where(is_pulled, share * unstrained_pull, 0.0)), 0.0
+        )
 
         def residual(strain):
             return thread.load(strain) - self.pull(length, strain, pressure)
 
-        root = solve_strain(residual, start, thread.steps + 4 * bool(self.terms))
-        scale = jnp.maximum(at_rest, NO_STRAIN * thread.stiffness)
-        solved = jnp.abs(residual(root)) <= TOLERANCE * scale
-        status = jnp.where(solved | ~pulled, int(Status.OK), int(Status.NOT_CONVERGED))
-        return jnp.where(pulled, root, 0.0), jnp.where(stable, status, int(Status.UNSTABLE))
+        root = solve_strain(residual, start, thread.newton_steps + 4 * bool(self.terms))
+        scale = jnp.maximum(unstrained_pull, PULL_SCALE_STRAIN * thread.stiffness)
+        solved = jnp.abs(residual(root)) <= PULL_TOLERANCE * scale
+        status = jnp.where(solved | ~is_pulled, int(Status.OK), int(Status.NOT_CONVERGED))
+        return jnp.where(is_pulled, root, 0.0), jnp.where(stable, status, int(Status.UNSTABLE))
 
-    def __call__(self, pressure: Scalar, length: Scalar) -> Reading:
+    def __call__(self, pressure: Scalar, length: Scalar) -> MuscleReading:
         """What the muscle shows at one gauge pressure (Pa) and length (m)."""
         pressure, length = jnp.asarray(pressure, float), jnp.asarray(length, float)
         strain, status = self.strain(pressure, length)
         state = self.state(length, strain)
         force = jax.grad(self.work, argnums=0)(length, strain, pressure)
         straight = (state.thread <= length) & (status == int(Status.OK))
-        return Reading(
+        return MuscleReading(
             force=force,
             diameter=state.diameter,
             thread=state.thread,
@@ -153,7 +155,7 @@ def contraction(muscle: Muscle, length: braid.Real) -> Array:
     return 1 - jnp.asarray(length) / muscle.rest_length
 
 
-def predict(muscle: Muscle, pressure: Float[Array, " n"], length: Float[Array, " n"]) -> Reading:
+def predict(muscle: Muscle, pressure: Float[Array, " n"], length: Float[Array, " n"]) -> MuscleReading:
     """What the muscle shows at each of many instants; an instant without an equilibrium is told in `status`.
 
     Args:
@@ -162,22 +164,22 @@ def predict(muscle: Muscle, pressure: Float[Array, " n"], length: Float[Array, "
         length: (n,) length between the fittings, m; or one for all pressures.
 
     Returns:
-        a `Reading` whose fields have shape (n,): force N, diameter m, thread length m, status.
+        a `MuscleReading` whose fields have shape (n,): force N, diameter m, thread length m, status.
 
     Raises:
         BadInput: where the two are not as long as each other.
     """
-    at = jnp.atleast_1d(jnp.asarray(pressure, float), jnp.asarray(length, float))
-    if len({x.shape for x in at if x.shape != (1,)}) > 1 or max(x.ndim for x in at) > 1:
-        got = " and ".join(str(x.shape) for x in at)
-        raise refuse("`pressure` and `length` must be as long as each other, or one a number", got)
-    return _predict(muscle, *jnp.broadcast_arrays(*at))
+    inputs = jnp.atleast_1d(jnp.asarray(pressure, float), jnp.asarray(length, float))
+    if len({x.shape for x in inputs if x.shape != (1,)}) > 1 or max(x.ndim for x in inputs) > 1:
+        shapes = " and ".join(str(x.shape) for x in inputs)
+        raise refuse("`pressure` and `length` must be as long as each other, or one a number", shapes)
+    return _predict_batch(muscle, *jnp.broadcast_arrays(*inputs))
 
 
 @eqx.filter_jit
-def _predict(muscle: Muscle, *at: Float[Array, " n"]) -> Reading:
-    if len(at[0]) < 4 * BLOCK or jax.default_backend() != "cpu":
-        return jax.vmap(muscle)(*at)
+def _predict_batch(muscle: Muscle, *inputs: Float[Array, " n"]) -> MuscleReading:
+    if len(inputs[0]) < 4 * CACHE_BLOCK_STATES or jax.default_backend() != "cpu":
+        return jax.vmap(muscle)(*inputs)
     # XLA writes what two results share to memory. Block by block that stays in the cache, and is
     # computed again rather than kept when derivatives come back: a gradient costs three times less.
-    return jax.lax.map(jax.checkpoint(lambda one: muscle(*one)), at, batch_size=BLOCK)
+    return jax.lax.map(jax.checkpoint(lambda state: muscle(*state)), inputs, batch_size=CACHE_BLOCK_STATES)

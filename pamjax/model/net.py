@@ -45,16 +45,16 @@ from jaxtyping import Array
 from pamjax.parameter import Scalar
 
 #: Nodes of the integrals.
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)
+GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(10)
 
 #: Newton steps to the middle, and the step in σ that tells their slope.
-STEPS, SMALL = 6, 1e-5
+MIDDLE_NEWTON_STEPS, SINE_STEP = 6, 1e-5
 
 #: Thinnest and widest fitting there is an answer for, as shares of the widest braid.
-THINNEST, WIDEST = 0.02, 0.95
+MIN_FITTING_RATIO, MAX_FITTING_RATIO = 0.02, 0.95
 
 #: Least slope of λ in σ. The net of a stubby muscle may fold.
-LEAST_SLOPE = 0.1
+MIN_LENGTH_SLOPE = 0.1
 
 
 class Net(NamedTuple):
@@ -65,60 +65,60 @@ class Net(NamedTuple):
     mid_radius: Array
 
 
-def net(length: Scalar, thread: Scalar, turns: Scalar, fitting: Scalar) -> Net:
+def solve_net(length: Scalar, thread: Scalar, turns: Scalar, fitting: Scalar) -> Net:
     """The net at a length (m) and a thread length (m), clamped on a radius (m).
 
     Where there is no such net (fittings wider than the braid, a muscle far beyond its ends) it is
     continued with the force at the last one.
     """
     nu = 2 * jnp.pi * turns
-    edge = jnp.clip(nu * fitting / thread, THINNEST, WIDEST)
-    sine = _middle(length / thread, edge, nu)
-    at = _Profile(sine, edge, nu)
+    edge = jnp.clip(nu * fitting / thread, MIN_FITTING_RATIO, MAX_FITTING_RATIO)
+    sine = _solve_middle_sine(length / thread, edge, nu)
+    profile = _Profile(sine, edge, nu)
     unit = thread / nu
-    bulge, decay = at.bulge()
-    ends = _ends(sine, edge, nu)
-    volume = 2 * sine**3 - (2 - 3 * at.square) * length / thread - at.lost() + ends
-    half = jnp.exp(-decay / 2)
-    middle = at.square - 2 * bulge * half / (1 + half**2)
-    mid = jnp.sqrt(jnp.maximum(middle, 0.01 * at.square))
-    return Net(unit**2 * jnp.pi * thread * volume, unit * at.mean() / (length / thread), unit * mid)
+    bulge, decay = profile.bulge()
+    ends = _end_volume(sine, edge, nu)
+    volume = 2 * sine**3 - (2 - 3 * profile.square) * length / thread - profile.end_loss() + ends
+    half_decay = jnp.exp(-decay / 2)
+    middle = profile.square - 2 * bulge * half_decay / (1 + half_decay**2)
+    mid = jnp.sqrt(jnp.maximum(middle, 0.01 * profile.square))
+    return Net(unit**2 * jnp.pi * thread * volume, unit * profile.mean() / (length / thread), unit * mid)
 
 
-def _middle(length: Scalar, edge: Scalar, nu: Scalar) -> Array:
+def _solve_middle_sine(length: Scalar, edge: Scalar, nu: Scalar) -> Array:
     """Sine of the braid angle that the middle tends to."""
     length, edge, nu = (jnp.asarray(x, float) for x in (length, edge, nu))
-    still = jax.lax.stop_gradient((length, edge, nu))
-    low = jnp.sqrt(0.26 * (1 - still[1] ** 2))
-    high = jnp.sqrt(1 - 0.1 * still[1] ** 2)
+    constants = jax.lax.stop_gradient((length, edge, nu))
+    low = jnp.sqrt(0.26 * (1 - constants[1] ** 2))
+    high = jnp.sqrt(1 - 0.1 * constants[1] ** 2)
 
-    def off_and_slope(sine):
-        below, here, above = jax.vmap(lambda s: length_at(s, *still[1:]))(
-            sine + SMALL * jnp.arange(-1.0, 2.0)
+    def compute_error_and_slope(sine):
+        below, here, above = jax.vmap(lambda s: scaled_length(s, *constants[1:]))(
+            sine + SINE_STEP * jnp.arange(-1.0, 2.0)
         )
-        return here - still[0], jnp.maximum((above - below) / (2 * SMALL), LEAST_SLOPE)
+        return here - constants[0], jnp.maximum((above - below) / (2 * SINE_STEP), MIN_LENGTH_SLOPE)
 
     def step(_, sine):
-        off, slope = off_and_slope(sine)
-        return jnp.clip(sine - off / slope, low, high)
+        error, slope = compute_error_and_slope(sine)
+        return jnp.clip(sine - error / slope, low, high)
 
-    sine = jax.lax.fori_loop(0, STEPS, step, jnp.clip(still[0], low, high))
+    sine = jax.lax.fori_loop(0, MIDDLE_NEWTON_STEPS, step, jnp.clip(constants[0], low, high))
     sine = jax.lax.stop_gradient(sine)
     # Nothing is left to improve but derivatives: a step with the known slope makes the first one right, and
     # with it, since V is stationary in σ, the first three of V.
-    steep = jax.lax.stop_gradient(off_and_slope(sine)[1])
-    return jnp.clip(sine - (length_at(sine, edge, nu) - length) / steep, low, high)
+    final_slope = jax.lax.stop_gradient(compute_error_and_slope(sine)[1])
+    return jnp.clip(sine - (scaled_length(sine, edge, nu) - length) / final_slope, low, high)
 
 
-def _ends(sine: Array, edge: Scalar, nu: Scalar) -> Array:
+def _end_volume(sine: Array, edge: Scalar, nu: Scalar) -> Array:
     """Δ: what the volume gains from a middle that both ends reach."""
     bulge, decay = _Profile(sine, edge, nu).bulge()
     return 3 * bulge**2 / (sine * decay) * jax.nn.sigmoid(-decay)
 
 
-def length_at(sine: Array, edge: Scalar, nu: Scalar) -> Array:
+def scaled_length(sine: Array, edge: Scalar, nu: Scalar) -> Array:
     """λ at a σ: where the potential 2σ³ − f λ − … is stationary."""
-    return _Profile(sine, edge, nu).length() + jax.grad(_ends)(sine, edge, nu) / (6 * sine)
+    return _Profile(sine, edge, nu).length() + jax.grad(_end_volume)(sine, edge, nu) / (6 * sine)
 
 
 class _Profile:
@@ -130,32 +130,34 @@ class _Profile:
         self.top = jnp.sqrt(self.square)
         self.edge = edge
         self.half = 0.5 * (self.top - edge)
-        self.radius = edge + self.half * (1 + NODES)
+        self.radius = edge + self.half * (1 + GAUSS_NODES)
         self.below = (self.top - self.radius) * (self.top + self.radius)
-        self.root = jnp.sqrt((sine**2 + self.below) * (3 * sine**2 - self.below))
+        self.covariance_root = jnp.sqrt((sine**2 + self.below) * (3 * sine**2 - self.below))
 
-    def both_ends(self, integrand: Array) -> Array:
-        return 2 / self.nu * self.half * jnp.sum(WEIGHTS * integrand)
+    def integrate_both_ends(self, integrand: Array) -> Array:
+        return 2 / self.nu * self.half * jnp.sum(GAUSS_WEIGHTS * integrand)
 
     def length(self) -> Array:
         """λ of a very long muscle."""
-        return self.sine + self.both_ends((self.sine**2 - self.below) / self.root)
+        return self.sine + self.integrate_both_ends((self.sine**2 - self.below) / self.covariance_root)
 
-    def lost(self) -> Array:
+    def end_loss(self) -> Array:
         """What the ends take from the potential V + f λ."""
-        return self.both_ends(self.below * self.root / (self.sine**2 + self.below))
+        return self.integrate_both_ends(self.below * self.covariance_root / (self.sine**2 + self.below))
 
     def mean(self) -> Array:
         """∫ ρ dz."""
         squared = self.sine**2
         slimmer = self.radius * (squared - self.below) - 2 * squared**2 / (self.top + self.radius)
-        return self.top * self.sine + self.both_ends(slimmer / self.root)
+        return self.top * self.sine + self.integrate_both_ends(slimmer / self.covariance_root)
 
     def bulge(self) -> tuple[Array, Array]:
         """U and k."""
         squared = self.sine**2
-        regular = self.root**2 - self.square * (2 * squared - self.below)
-        divisor = self.root * (jnp.sqrt(3.0) * self.top * squared + self.radius * self.root)
-        log = 2 * self.half * jnp.sum(WEIGHTS * regular / divisor)
+        regular = self.covariance_root**2 - self.square * (2 * squared - self.below)
+        divisor = self.covariance_root * (
+            jnp.sqrt(3.0) * self.top * squared + self.radius * self.covariance_root
+        )
+        log = 2 * self.half * jnp.sum(GAUSS_WEIGHTS * regular / divisor)
         at_edge = (self.top - self.edge) * (self.top + self.edge)
         return at_edge * jnp.exp(log), jnp.sqrt(3.0) * self.nu * self.top / self.sine

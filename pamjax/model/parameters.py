@@ -7,9 +7,9 @@ diameter instead of thread length and turns). `assembly.py` turns named numbers 
 
 from __future__ import annotations
 
-from pamjax.errors import nearest, refuse
+from pamjax.errors import refuse, suggest_word
 from pamjax.model.muscle import Muscle
-from pamjax.model.registry import library
+from pamjax.model.registry import list_mechanisms
 from pamjax.model.thread import (
     AbstractThread,
     ExponentialToe,
@@ -18,10 +18,10 @@ from pamjax.model.thread import (
     RecruitmentToe,
     SmoothToe,
 )
-from pamjax.parameter import Meaning, field_meanings
+from pamjax.parameter import Meaning, list_field_meanings
 
 #: Thread laws by the name a user gives them.
-LAWS: dict[str, type[AbstractThread] | type[Inextensible]] = {
+THREAD_LAWS: dict[str, type[AbstractThread] | type[Inextensible]] = {
     "inelastic": Inextensible,
     "elastic": LinearThread,
     "toe": SmoothToe,
@@ -30,9 +30,9 @@ LAWS: dict[str, type[AbstractThread] | type[Inextensible]] = {
 }
 
 #: Begins the name of what the ruler is off by at one length setting; the setting's number follows.
-RULER = "length_error."
+LENGTH_ERROR_PREFIX = "length_error."
 
-_RULER = Meaning(
+_LENGTH_ERROR = Meaning(
     "m",
     "mm",
     -1.0,
@@ -42,7 +42,7 @@ _RULER = Meaning(
     "as lengths; the ruler's own sd",
 )
 
-_STATED = {
+_STATED_PARAMETERS = {
     "muscle.braid_angle": Meaning(
         "rad",
         "deg",
@@ -73,22 +73,22 @@ _STATED = {
 }
 
 
-def catalogue() -> dict[str, Meaning]:
+def list_parameters() -> dict[str, Meaning]:
     """The meaning of every number a muscle can have, by name: unit, limits, source.
 
-    >>> modulus = catalogue()["thread.modulus"]
+    >>> modulus = list_parameters()["thread.modulus"]
     >>> modulus.unit, modulus.show, modulus.low
     ('Pa', 'GPa', 300000000.0)
     """
-    named = {f"muscle.{name}": meaning for name, meaning in field_meanings(Muscle).items()}
-    for law in LAWS.values():
-        named |= {f"thread.{name}": meaning for name, meaning in field_meanings(law).items()}
-    for kind in library().values():
-        named |= {f"{kind.id}.{name}": meaning for name, meaning in field_meanings(kind).items()}
-    return named | _STATED
+    named = {f"muscle.{name}": meaning for name, meaning in list_field_meanings(Muscle).items()}
+    for law in THREAD_LAWS.values():
+        named |= {f"thread.{name}": meaning for name, meaning in list_field_meanings(law).items()}
+    for kind in list_mechanisms().values():
+        named |= {f"{kind.id}.{name}": meaning for name, meaning in list_field_meanings(kind).items()}
+    return named | _STATED_PARAMETERS
 
 
-def meaning(name: str, where: str = "") -> Meaning:
+def find_meaning(name: str, where: str = "") -> Meaning:
     """The meaning of one number.
 
     Args:
@@ -98,27 +98,31 @@ def meaning(name: str, where: str = "") -> Meaning:
     Raises:
         BadInput: if there is no such number, with the nearest that there is.
     """
-    if name.startswith(RULER):
-        return _RULER
-    known = catalogue()
-    if name not in known:
-        hint = nearest(name, known, listing="pamjax explain")
+    if name.startswith(LENGTH_ERROR_PREFIX):
+        return _LENGTH_ERROR
+    parameters = list_parameters()
+    if name not in parameters:
+        hint = suggest_word(name, parameters, listing="pamjax explain")
         raise refuse(f"{name!r} is no number pamjax knows", where=where, remedy=hint)
-    return known[name]
+    return parameters[name]
 
 
-def by_law(name: str) -> dict[str, Meaning]:
+def list_meanings_by_law(name: str) -> dict[str, Meaning]:
     """What a number of the threads means to each law that has it; empty for any other number.
 
-    >>> {law: meaning.about for law, meaning in by_law("thread.crimp").items()}["recruitment-toe"]
+    >>> {law: meaning.about for law, meaning in list_meanings_by_law("thread.crimp").items()}["recruitment-toe"]
     'mean slack of the filaments'
     """
-    own = {law: field_meanings(kind) for law, kind in LAWS.items()}
-    return {law: known[name[7:]] for law, known in own.items() if name[:7] == "thread." and name[7:] in known}
+    meanings_by_law = {law: list_field_meanings(kind) for law, kind in THREAD_LAWS.items()}
+    return {
+        law: law_meanings[name[7:]]
+        for law, law_meanings in meanings_by_law.items()
+        if name[:7] == "thread." and name[7:] in law_meanings
+    }
 
 
-def law_numbers(law: str) -> tuple[str, ...]:
+def list_law_parameters(law: str) -> tuple[str, ...]:
     """Names of the numbers that a law has beside its stiffness."""
-    if law not in LAWS:
-        raise refuse(f"{law!r} is no thread law", remedy=nearest(law, LAWS))
-    return tuple(f"thread.{name}" for name in field_meanings(LAWS[law]) if name != "stiffness")
+    if law not in THREAD_LAWS:
+        raise refuse(f"{law!r} is no thread law", remedy=suggest_word(law, THREAD_LAWS))
+    return tuple(f"thread.{name}" for name in list_field_meanings(THREAD_LAWS[law]) if name != "stiffness")

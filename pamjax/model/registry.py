@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from pamjax.errors import nearest, refuse
+from pamjax.errors import refuse, suggest_word
 from pamjax.model.mechanism import AbstractMechanism
 from pamjax.model.mechanisms.bladder_elasticity import BladderElasticity
 from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
@@ -60,56 +60,56 @@ MECHANISMS: tuple[type[AbstractMechanism], ...] = (
 #: diagnosis does not give their names, and the bench that holds everything is without them.
 ALTERNATIVES: tuple[type[AbstractMechanism], ...] = (EndCones, ContractionFactor)
 
-_ENDS = "both stand for the same loss of force at the ends"
+_SAME_END_EFFECT = "both stand for the same loss of force at the ends"
 
 #: Pairs that are the same thing twice, and why.
-TWICE: dict[frozenset[str], str] = {
+EXCLUSIVE_PAIRS: dict[frozenset[str], str] = {
     frozenset({"force_gain", "pressure_gain"}): "force is in proportion to pressure, and to its own gain, so"
     " that only a weight on the load cell or a second gauge can tell them apart",
     frozenset({"pressure_offset", "contact_pressure"}): "above the threshold both take away one pressure",
     frozenset({"bladder_elasticity", "contact_pressure"}): "a constant dead band is the hoop half of the"
     " bladder's own threshold",
-    frozenset({"end_taper", "end_cones"}): _ENDS,
-    frozenset({"end_taper", "contraction_factor"}): _ENDS,
-    frozenset({"end_cones", "contraction_factor"}): _ENDS,
+    frozenset({"end_taper", "end_cones"}): _SAME_END_EFFECT,
+    frozenset({"end_taper", "contraction_factor"}): _SAME_END_EFFECT,
+    frozenset({"end_cones", "contraction_factor"}): _SAME_END_EFFECT,
 }
 
 
-def library() -> dict[str, type[AbstractMechanism]]:
+def list_mechanisms() -> dict[str, type[AbstractMechanism]]:
     """The mechanisms and their alternatives by id."""
     return {kind.id: kind for kind in MECHANISMS + ALTERNATIVES}
 
 
-def mechanism(id: str) -> type[AbstractMechanism]:
+def find_mechanism(id: str) -> type[AbstractMechanism]:
     """One mechanism.
 
     Raises:
         BadInput: if there is none of this id, with the nearest there is.
     """
-    known = library()
-    if id not in known:
-        raise refuse(f"{id!r} is no mechanism pamjax knows", remedy=nearest(id, known))
-    return known[id]
+    mechanisms = list_mechanisms()
+    if id not in mechanisms:
+        raise refuse(f"{id!r} is no mechanism pamjax knows", remedy=suggest_word(id, mechanisms))
+    return mechanisms[id]
 
 
-def in_order(ids: Iterable[str]) -> tuple[type[AbstractMechanism], ...]:
+def order_mechanisms(ids: Iterable[str]) -> tuple[type[AbstractMechanism], ...]:
     """The named mechanisms in their order of acting.
 
     Raises:
         BadInput: if one is unknown.
     """
-    wanted = {mechanism(id) for id in ids}
+    wanted = {find_mechanism(id) for id in ids}
     return tuple(kind for kind in MECHANISMS + ALTERNATIVES if kind in wanted)
 
 
-def not_twice(ids: Iterable[str]) -> None:
+def check_exclusive_pairs(ids: Iterable[str]) -> None:
     """Refuse mechanisms that are the same thing twice.
 
     Raises:
         BadInput: if two of them are.
     """
     wanted = set(ids)
-    for pair, why in TWICE.items():
+    for pair, why in EXCLUSIVE_PAIRS.items():
         if pair <= wanted:
             first, second = sorted(pair)
             rule = f"`{first}` and `{second}` are not switched on together: {why}"

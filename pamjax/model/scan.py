@@ -17,11 +17,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-Many = Float[Array, "n *k"]
+Rows = Float[Array, "n *k"]
 Map = TypeVar("Map")
 
 
-def composed(join: Callable[[Map, Map], Map], maps: Map, size: int = 0) -> Map:
+def compose_maps(join: Callable[[Map, Map], Map], maps: Map, size: int = 0) -> Map:
     """Every map after all the maps before it, along the first axis.
 
     Args:
@@ -55,9 +55,9 @@ def composed(join: Callable[[Map, Map], Map], maps: Map, size: int = 0) -> Map:
     return jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1).reshape(-1, *x.shape[2:])[:n], whole)
 
 
-def running_max(values: Many, restart: Bool[Array, " n"]) -> Many:
+def running_max(values: Rows, restart: Bool[Array, " n"]) -> Rows:
     """Largest value so far, counted anew at every restart."""
-    return _running_max(values, _like(restart, values))
+    return _running_max(values, _broadcast_flags(restart, values))
 
 
 @jax.custom_jvp
@@ -66,50 +66,50 @@ def _running_max(values: Array, anew: Array) -> Array:
         (first, before), (second, anew) = a, b
         return jnp.where(anew, second, jnp.maximum(first, second)), before | anew
 
-    return composed(join, (values, anew))[0]
+    return compose_maps(join, (values, anew))[0]
 
 
 @_running_max.defjvp
 def _running_max_jvp(primals, tangents):
     largest = _running_max(*primals)
-    return largest, _held(tangents[0], primals[0] >= largest)
+    return largest, _carry_last(tangents[0], primals[0] >= largest)
 
 
-def relax(kicks: Many, keep: Many, restart: Bool[Array, " n"]) -> Many:
+def relax_states(kicks: Rows, keep: Rows, restart: Bool[Array, " n"]) -> Rows:
     """State of s ← keep · s + kick, from zero; anew at every restart.
 
     The map s → a s + b composes to another such map.
     """
-    keep = jnp.where(_like(restart, keep), 0.0, keep)
-    return _relax(*jnp.broadcast_arrays(kicks, keep))
+    keep = jnp.where(_broadcast_flags(restart, keep), 0.0, keep)
+    return _relax_states(*jnp.broadcast_arrays(kicks, keep))
 
 
-def _relaxed(kicks: Array, keep: Array) -> Array:
+def _compute_relaxed(kicks: Array, keep: Array) -> Array:
     def join(first, second):
         return second[0] * first[0], second[0] * first[1] + second[1]
 
-    return composed(join, (keep, kicks))[1]
+    return compose_maps(join, (keep, kicks))[1]
 
 
-_relax = jax.custom_jvp(_relaxed)
+_relax_states = jax.custom_jvp(_compute_relaxed)
 
 
-@_relax.defjvp
-def _relax_jvp(primals, tangents):
+@_relax_states.defjvp
+def _relax_states_jvp(primals, tangents):
     """The tangent of a relaxing state relaxes with the same factors: one such recurrence more, not three."""
     kicks, keep = primals
-    s = _relax(kicks, keep)
+    s = _relax_states(kicks, keep)
     before = jnp.concatenate([jnp.zeros_like(s[:1]), s[:-1]])
-    return s, _relaxed(tangents[0] + tangents[1] * before, keep)
+    return s, _compute_relaxed(tangents[0] + tangents[1] * before, keep)
 
 
-def stops(
+def apply_stop_operator(
     moved: Float[Array, " n"],
     stiffness: Float[Array, "*k"],
-    width: Many,
+    width: Rows,
     restart: Bool[Array, " n"],
-    start: Many | float = 0.0,
-) -> Many:
+    start: Rows | float = 0.0,
+) -> Rows:
     """States of s ← clip(s + stiffness · moved, −width, width); `start` at every restart.
 
     This is the stop operator, the element of rate-independent friction: an elastic stretch that slips
@@ -117,50 +117,50 @@ def stops(
     clipping twice is shifting by the sum and clipping once, at limits that were themselves clipped.
     """
     width, start = jnp.broadcast_arrays(width, jnp.asarray(start))
-    return _stops(moved, stiffness, width, start, restart)
+    return _apply_stop_operator(moved, stiffness, width, start, restart)
 
 
 @jax.custom_jvp
-def _stops(moved: Array, stiffness: Array, width: Array, start: Array, restart: Array) -> Array:
-    anew = _like(restart, width)
-    shift = jnp.where(anew, start, stiffness * _like(moved, width))
+def _apply_stop_operator(moved: Array, stiffness: Array, width: Array, start: Array, restart: Array) -> Array:
+    anew = _broadcast_flags(restart, width)
+    shift = jnp.where(anew, start, stiffness * _broadcast_flags(moved, width))
     low, high = jnp.where(anew, start, -width), jnp.where(anew, start, width)
 
     def join(first, second):
         (a1, l1, h1), (a2, l2, h2) = first, second
         return a1 + a2, jnp.clip(l1 + a2, l2, h2), jnp.clip(h1 + a2, l2, h2)
 
-    a, low, high = composed(join, (shift, low, high))
+    a, low, high = compose_maps(join, (shift, low, high))
     return jnp.clip(a, low, high)
 
 
-@_stops.defjvp
-def _stops_jvp(primals, tangents):
+@_apply_stop_operator.defjvp
+def _apply_stop_operator_jvp(primals, tangents):
     """Since its last slip a stop moves with the signal; where it slipped it moves with the width.
 
     A sum and a look back: much cheaper, for each of many numbers, than the recurrence itself.
     """
     moved, stiffness, width, _, restart = primals
     moved_dot, stiffness_dot, width_dot, start_dot, _ = tangents
-    s, anew = _stops(*primals), _like(restart, width)
+    s, anew = _apply_stop_operator(*primals), _broadcast_flags(restart, width)
     slips = jnp.abs(s) >= width
 
     def path(moved):
-        return _like(composed(jnp.add, moved), width)
+        return _broadcast_flags(compose_maps(jnp.add, moved), width)
 
     total = stiffness * path(moved_dot) + stiffness_dot * path(moved)
     # A stop that has not slipped yet hangs on its start: without a restart on zero, before the first row.
-    held = jnp.where(anew, start_dot, jnp.where(slips, jnp.sign(s) * width_dot, 0.0)) - total
-    return s, total + _held(held, anew | slips)
+    offset = jnp.where(anew, start_dot, jnp.where(slips, jnp.sign(s) * width_dot, 0.0)) - total
+    return s, total + _carry_last(offset, anew | slips)
 
 
-def _held(values: Array, new: Array) -> Array:
+def _carry_last(values: Array, is_new: Array) -> Array:
     """The value at the last row so far that was new; zero before the first."""
     row = jnp.arange(len(values)).reshape(-1, *[1] * (values.ndim - 1))
-    last = composed(jnp.maximum, jnp.where(new, row, -1))
-    found = jnp.take_along_axis(values, jnp.maximum(last, 0), axis=0)
-    return jnp.where(last >= 0, found, 0.0)
+    last = compose_maps(jnp.maximum, jnp.where(is_new, row, -1))
+    carried = jnp.take_along_axis(values, jnp.maximum(last, 0), axis=0)
+    return jnp.where(last >= 0, carried, 0.0)
 
 
-def _like(flags: Bool[Array, " n"], values: Array) -> Array:
+def _broadcast_flags(flags: Bool[Array, " n"], values: Array) -> Array:
     return jnp.broadcast_to(flags.reshape(-1, *[1] * (values.ndim - 1)), values.shape)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from enum import IntEnum
 
 
-class Outcome(IntEnum):
+class StatusCode(IntEnum):
     """A kind of outcome; 0 is success. A member is written `NAME = number, "what it says in a report"`."""
 
-    says: str
+    message: str
 
-    def __new__(cls, value: int, says: str):
-        one = int.__new__(cls, value)
-        one._value_, one.says = value, says
-        return one
+    def __new__(cls, value: int, message: str):
+        member = int.__new__(cls, value)
+        member._value_, member.message = value, message
+        return member

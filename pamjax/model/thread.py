@@ -29,13 +29,13 @@ from pamjax.parameter import Scalar, parameter
 
 _ROOT_TAU = math.sqrt(2 * math.pi)
 
-GUARD = "range guard for aramid to nylon yarns, 1 to 150 GPa, and braids of 20 to 500 threads"
-KEVLAR_FABRIC = (
+STIFFNESS_SOURCE = "range guard for aramid to nylon yarns, 1 to 150 GPa, and braids of 20 to 500 threads"
+CRIMP_SOURCE = (
     "crimp of Kevlar-49 fabric ends at 0.25 to 0.65 % strain (Zhu et al., Compos. Sci. Technol. 74, 2013)"
 )
 
 
-def _stiffness() -> Scalar:
+def _declare_stiffness() -> Scalar:
     return parameter(
         "N",
         show="MN",
@@ -43,7 +43,7 @@ def _stiffness() -> Scalar:
         high=1e9,
         scale="log",
         about="pull of all threads together at unit strain, n E A",
-        source=GUARD,
+        source=STIFFNESS_SOURCE,
     )
 
 
@@ -55,7 +55,7 @@ class AbstractThread(eqx.Module):
         steps: Newton steps that lead from `start` to rounding over all declared parameters.
     """
 
-    steps: ClassVar[int] = 8
+    newton_steps: ClassVar[int] = 8
     stiffness: eqx.AbstractVar[Scalar]
 
     @abc.abstractmethod
@@ -71,7 +71,7 @@ class AbstractThread(eqx.Module):
     def energy(self, strain: Scalar) -> Array:
         """Energy stored per metre of resting thread, all threads together, J/m: the area under `load`."""
 
-    def start(self, pull: Scalar) -> Array:
+    def initial_strain(self, pull: Scalar) -> Array:
         """A strain near the one that balances `pull` × (1 + strain), for Newton to go on from.
 
         Here the one at which the straight end of the curve does: it lies above, so that Newton
@@ -98,7 +98,7 @@ class LinearThread(AbstractThread):
     What it leaves out: crimp, slip, creep.
     """
 
-    stiffness: Scalar = _stiffness()
+    stiffness: Scalar = _declare_stiffness()
 
     @property
     def slack(self) -> Array:
@@ -130,9 +130,9 @@ class SmoothToe(AbstractThread):
     with the square of the distance, so that a wide one is felt at zero strain too.
     """
 
-    steps: ClassVar[int] = 1
+    newton_steps: ClassVar[int] = 1
 
-    stiffness: Scalar = _stiffness()
+    stiffness: Scalar = _declare_stiffness()
     toe_ratio: Scalar = parameter(
         "1", low=0.02, high=1.0, neutral=1.0, about="slope of the toe over the slope of the straight thread",
         source="open range; 1 is a linear thread",
@@ -143,7 +143,7 @@ class SmoothToe(AbstractThread):
         low=0.0,
         high=0.015,
         about="strain at which the threads are straight",
-        source=KEVLAR_FABRIC,
+        source=CRIMP_SOURCE,
     )
     width: Scalar = parameter(
         "1", show="%", low=1e-5, high=5e-3, scale="log", source="of the order of the crimp itself",
@@ -169,7 +169,7 @@ class SmoothToe(AbstractThread):
         toe = 0.5 * (0.5 * strain**2 + rounded)
         return self.stiffness * (0.5 * self.toe_ratio * strain**2 + (1 - self.toe_ratio) * toe)
 
-    def start(self, pull: Scalar) -> Array:
+    def initial_strain(self, pull: Scalar) -> Array:
         # S q(ε) in load(ε) = pull (1 + ε), squared: a ε² − 2 h ε − g = 0, whose positive root is wanted.
         p, k, q = pull / self.stiffness, 0.5 * (1 - self.toe_ratio), jnp.hypot(self.crimp, self.width)
         a = (1 - p) * (p - self.toe_ratio)
@@ -191,12 +191,12 @@ class ExponentialToe(AbstractThread):
     The slope is continuous, the curvature is not: second derivatives jump at c.
     """
 
-    steps: ClassVar[int] = 3
+    newton_steps: ClassVar[int] = 3
 
-    stiffness: Scalar = _stiffness()
+    stiffness: Scalar = _declare_stiffness()
     crimp: Scalar = parameter(
         "1", show="%", low=0.0, high=0.015, neutral=0.0, about="strain at which the threads are straight",
-        source=KEVLAR_FABRIC,
+        source=CRIMP_SOURCE,
     )  # fmt: skip
     curvature: Scalar = parameter(
         "1", low=10.0, high=3000.0, scale="log", about="growth of the toe's slope for a unit strain",
@@ -219,10 +219,10 @@ class ExponentialToe(AbstractThread):
         toe = end * jnp.expm1(self.curvature * below) / self.curvature
         return self.stiffness * ((toe - end * below) / self.curvature + toe * beyond + 0.5 * beyond**2)
 
-    def start(self, pull: Scalar) -> Array:
+    def initial_strain(self, pull: Scalar) -> Array:
         # Newton walks down an exponential in steps of 1/k; the inverse of the curve at a load that
         # is a little too large lands beside the root at once.
-        above = super().start(pull)
+        above = super().initial_strain(pull)
         load = self.curvature * pull * (1 + above) / self.stiffness
         toe = jnp.log1p(load * jnp.exp(self.curvature * self.crimp)) / self.curvature
         return jnp.where(toe < self.crimp, toe, above)
@@ -240,45 +240,49 @@ class RecruitmentToe(AbstractThread):
     Every derivative exists. What it leaves out: friction between filaments.
     """
 
-    steps: ClassVar[int] = 5
+    newton_steps: ClassVar[int] = 5
 
-    stiffness: Scalar = _stiffness()
+    stiffness: Scalar = _declare_stiffness()
     crimp: Scalar = parameter(
-        "1", show="%", low=0.0, high=0.015, about="mean slack of the filaments", source=KEVLAR_FABRIC
+        "1", show="%", low=0.0, high=0.015, about="mean slack of the filaments", source=CRIMP_SOURCE
     )
     spread: Scalar = parameter(
         "1", show="%", low=1e-5, high=1e-2, scale="log", about="standard deviation of the filaments' slack",
         source="of the order of the mean slack",
     )  # fmt: skip
 
-    def _normal(self, strain: Scalar) -> tuple[Array, Array, Array]:
+    def _standard_normal(self, strain: Scalar) -> tuple[Array, Array, Array]:
         z = (strain - self.crimp) / self.spread
         # erfc, because the library's normal distribution takes seven times as long.
         return z, 0.5 * jax.lax.erfc(-z / math.sqrt(2)), jnp.exp(-0.5 * z**2) / _ROOT_TAU
 
-    def _straightened(self, strain: Scalar) -> Array:
-        z, share, density = self._normal(strain)
+    def _recruited_strain(self, strain: Scalar) -> Array:
+        z, share, density = self._standard_normal(strain)
         return self.spread * (z * share + density)
 
-    def _area(self, strain: Scalar) -> Array:
-        z, share, density = self._normal(strain)
+    def _recruited_area(self, strain: Scalar) -> Array:
+        z, share, density = self._standard_normal(strain)
         return 0.5 * self.spread**2 * ((z**2 + 1) * share + z * density)
 
     @property
     def slack(self) -> Array:
-        return self.crimp + self._straightened(jnp.asarray(0.0))
+        return self.crimp + self._recruited_strain(jnp.asarray(0.0))
 
     def load(self, strain: Scalar) -> Array:
-        return self.stiffness * (self._straightened(strain) - self._straightened(jnp.asarray(0.0)))
+        return self.stiffness * (self._recruited_strain(strain) - self._recruited_strain(jnp.asarray(0.0)))
 
     def energy(self, strain: Scalar) -> Array:
-        none = jnp.asarray(0.0)
-        return self.stiffness * (self._area(strain) - self._area(none) - strain * self._straightened(none))
+        zero = jnp.asarray(0.0)
+        return self.stiffness * (
+            self._recruited_area(strain) - self._recruited_area(zero) - strain * self._recruited_strain(zero)
+        )
 
-    def start(self, pull: Scalar) -> Array:
+    def initial_strain(self, pull: Scalar) -> Array:
         # The inverse of g at a load that is a little too large. Below z = 0, where Newton would walk
         # down the normal tail, −2 ln(g/g(0)) is nearly a quadratic in z; above, g nearly a hyperbola.
-        load = pull * (1 + super().start(pull)) / self.stiffness + self._straightened(jnp.asarray(0.0))
+        load = pull * (1 + super().initial_strain(pull)) / self.stiffness + self._recruited_strain(
+            jnp.asarray(0.0)
+        )
         y = jnp.maximum(_ROOT_TAU * load / self.spread, 1e-300)
         t = -2 * jnp.log(jnp.minimum(y, 1.0))
         below = (1.2533 - jnp.sqrt(1.2533**2 + 0.785 * t)) / 0.785

@@ -30,10 +30,10 @@ from pamjax.model.state import State
 from pamjax.parameter import Scalar, parameter
 
 #: Share of the unstretched bore, as an area, below which the bore closes softly instead of vanishing.
-CLOSING = 0.01
+MIN_BORE_SHARE = 0.01
 
 
-class Walled(Protocol):
+class WallSize(Protocol):
     """Whatever carries the size of a wall, all in m."""
 
     inner_diameter: Scalar
@@ -41,21 +41,21 @@ class Walled(Protocol):
     length: Scalar
 
 
-def inner_diameter() -> Scalar:
+def declare_inner_diameter() -> Scalar:
     return parameter(
         "m", show="mm", low=3e-4, high=1.0, scale="log", about="inner diameter of the unstretched bladder",
         source="from capillaries of miniature muscles to building scale", default=19.0e-3,
     )  # fmt: skip
 
 
-def thickness() -> Scalar:
+def declare_thickness() -> Scalar:
     return parameter(
         "m", show="mm", low=1e-5, high=0.1, scale="log", about="wall of the unstretched bladder",
         source="commonly 0.5 to 2.5 mm", default=1.6e-3,
     )  # fmt: skip
 
 
-def length() -> Scalar:
+def declare_length() -> Scalar:
     return parameter(
         "m", show="mm", low=1e-3, high=20.0, scale="log", about="length of the unstretched bladder",
         source="the muscle at rest; less where the bladder was fitted stretched", default=0.2,
@@ -70,12 +70,12 @@ class Stretch(NamedTuple):
     radial: Array
 
 
-def rubber(wall: Walled) -> Array:
+def rubber_volume(wall: WallSize) -> Array:
     """Volume of the rubber, m³."""
     return jnp.pi * wall.thickness * (wall.inner_diameter + wall.thickness) * wall.length
 
 
-def stretch(wall: Walled, state: State) -> Stretch:
+def stretch(wall: WallSize, state: State) -> Stretch:
     """How far the wall is stretched by a state.
 
     A braid too narrow for the rubber inside it has no bore: there the bore closes softly, so that
@@ -84,7 +84,7 @@ def stretch(wall: Walled, state: State) -> Stretch:
     width = wall.inner_diameter + wall.thickness
     axial = state.length / wall.length
     bore = state.radius**2 - wall.thickness * width / axial
-    least = CLOSING / 4 * wall.inner_diameter**2
+    least = MIN_BORE_SHARE / 4 * wall.inner_diameter**2
     closing = least**2 / (2 * least - jnp.minimum(bore, least))
     inner = jnp.sqrt(jnp.where(bore > least, bore, closing))
     hoop = (state.radius + inner) / width
@@ -104,7 +104,7 @@ def second_invariant(stretch: Stretch) -> Array:
     return (hoop * radial) ** 2 + (radial * axial) ** 2 + (axial * hoop) ** 2 - 3
 
 
-def springs(stretch: Stretch) -> tuple[Array, Array]:
+def neo_hookean_stresses(stretch: Stretch) -> tuple[Array, Array]:
     """Slopes of (I1 − 3) / 2 by λz and by λc: the stresses of a neo-Hookean wall, per modulus and rubber.
 
     The slopes of a convex function (λz² and λc² are convex, and so is λr² = e^(−2 ln λz − 2 ln λc)).

@@ -7,15 +7,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from pamjax.errors import nearest, refuse
-from pamjax.model.parameters import RULER
-from pamjax.records.files import decode, read_bytes
-from pamjax.records.reading.muscle_toml import Entry
-from pamjax.units import number_in, parse
+from pamjax.errors import refuse, suggest_word
+from pamjax.model.parameters import LENGTH_ERROR_PREFIX
+from pamjax.records.files import decode_text, read_bytes
+from pamjax.records.reading.muscle_toml import MuscleToml
+from pamjax.units import parse_number, parse_quantity
 
 #: What a zero or a gain may be off by, and how much the rig may give, where it does not say: a bench of
 #: 20 kN/mm that was calibrated some time ago. Numbers of the plan like any other, and priors of a fit.
-USUAL = {
+DEFAULT_ERROR_SDS = {
     "force_offset.offset": 5.0,
     "force_gain.gain": 0.01,
     "pressure_offset.offset": 3e3,
@@ -26,7 +26,7 @@ USUAL = {
 }
 
 #: Their names in a rig's file, with their units.
-WORDS = {
+ERROR_ENTRIES = {
     "force_zero": ("force_offset.offset", "N"),
     "force_gain": ("force_gain.gain", "1"),
     "pressure_zero": ("pressure_offset.offset", "Pa"),
@@ -37,7 +37,7 @@ WORDS = {
 }
 
 #: Its other entries, with their kinds.
-KINDS = {
+ENTRY_KINDS = {
     "pressure": "pressure", "speed": "speed", "rate": "frequency", "minutes": "count", "setup": "time",
     "correlation_time": "time", "contraction": "count", "force": "force", "diameter": "length",
     "gauge": "pressure", "ruler": "length",
@@ -45,11 +45,11 @@ KINDS = {
 
 
 #: No muscle contracts so far.
-DEEPEST = 0.9
+MAX_RIG_CONTRACTION = 0.9
 
 
 @dataclass(frozen=True)
-class Means:
+class RigCapabilities:
     """What a rig can do.
 
     Attributes:
@@ -78,22 +78,22 @@ class Means:
     gauge: float = 700.0
     ruler: float = 2e-5
     setting: float = 0.0
-    off: dict[str, float] = field(default_factory=lambda: dict(USUAL))
+    error_sds: dict[str, float] = field(default_factory=lambda: dict(DEFAULT_ERROR_SDS))
 
     @property
     def assumed(self) -> dict[str, float]:
         """Standard deviations of the rig's own numbers, SI; the error of each set length among them."""
-        return self.off | ({f"{RULER}each": self.setting} if self.setting else {})
+        return self.error_sds | ({f"{LENGTH_ERROR_PREFIX}each": self.setting} if self.setting else {})
 
     @property
-    def worth(self) -> float:
+    def independent_share(self) -> float:
         """How many independent samples one is worth: (1 − ρ) / (1 + ρ) for what changes slowly."""
         from math import exp
 
         rho = exp(-1 / (self.rate * self.correlation_time)) if self.correlation_time > 0 else 0.0
         return (1 - rho) / (1 + rho)
 
-    def alone(self, channel: str) -> Means:
+    def keep_channel(self, channel: str) -> RigCapabilities:
         """The same rig with one channel only, "force" or "diameter"."""
         other = {"force": "diameter", "diameter": "force"}[channel]
         return replace(self, **{other: None})
@@ -104,13 +104,13 @@ class Means:
         return tuple(c for c in ("force", "diameter") if getattr(self, c) is not None)
 
 
-def means_of(
-    entry: Entry,
+def read_capabilities(
+    entry: MuscleToml,
     rig: Path | None = None,
     recorded: tuple[str, ...] = ("force", "diameter"),
     highest: float | None = None,
-    **said: Any,
-) -> Means:
+    **overrides: Any,
+) -> RigCapabilities:
     """What a rig can do, from its file, else from the sensors of muscle.toml, else as usual.
 
     Lengths with one error per setting in muscle.toml have it on this rig too, and no noise of a sample. A
@@ -123,59 +123,69 @@ def means_of(
         recorded: channels of what this rig has recorded so far: it has no other, unless one is stated.
         highest: pressure of what it has recorded so far, Pa: the muscle is not asked for more, unless
             that is stated.
-        said: entries that override the file's.
+        overrides: entries that override the file's.
 
     Raises:
         BadInput: for an unknown entry, a wrong unit, or a rig that measures nothing.
     """
     sensors = entry.sensors
-    known = {
+    stated = {
         "force": sensors.force, "diameter": sensors.diameter,
         "gauge": sensors.pressure, "pressure": highest,
         "setting" if sensors.length_per_setting else "ruler": sensors.length,
     }  # fmt: skip
-    absent = dict.fromkeys({"force", "diameter"} - set(recorded))
-    found = replace(Means(), **absent | {name: value for name, value in known.items() if value})
-    written = (_read(rig) if rig else {}) | {k: v for k, v in said.items() if v is not None}
-    found = replace(found, setting=0.0) if "ruler" in written else found
-    found = replace(found, ruler=0.0) if found.setting else found
-    file, off, plain = rig.name if rig else "the rig", dict(found.off), {}
-    for name, value in written.items():
-        if name in WORDS:
-            number, unit = WORDS[name]
+    absent_channels = dict.fromkeys({"force", "diameter"} - set(recorded))
+    capabilities = replace(
+        RigCapabilities(), **absent_channels | {name: value for name, value in stated.items() if value}
+    )
+    rig_entries = (_read_rig_file(rig) if rig else {}) | {k: v for k, v in overrides.items() if v is not None}
+    capabilities = replace(capabilities, setting=0.0) if "ruler" in rig_entries else capabilities
+    capabilities = replace(capabilities, ruler=0.0) if capabilities.setting else capabilities
+    file, error_sds, plain_entries = rig.name if rig else "the rig", dict(capabilities.error_sds), {}
+    for name, value in rig_entries.items():
+        if name in ERROR_ENTRIES:
+            number, unit = ERROR_ENTRIES[name]
             if unit != "1" and not isinstance(value, str):
                 raise refuse(f"`{name}` of a rig needs a unit", str(value), file, f'Write "{value} {unit}".')
-            off[number] = number_in(str(value), unit, f"{name} of {file}")
-        elif name in KINDS:
-            plain[name] = _plain(name, value, file)
+            error_sds[number] = parse_number(str(value), unit, f"{name} of {file}")
+        elif name in ENTRY_KINDS:
+            plain_entries[name] = _parse_entry(name, value, file)
         else:
-            raise refuse(f"a rig has no entry {name!r}", where=file, remedy=nearest(name, [*WORDS, *KINDS]))
-    found = replace(found, off={name: sd for name, sd in off.items() if sd > 0}, **plain)
-    if not found.channels:
+            raise refuse(
+                f"a rig has no entry {name!r}",
+                where=file,
+                remedy=suggest_word(name, [*ERROR_ENTRIES, *ENTRY_KINDS]),
+            )
+    capabilities = replace(
+        capabilities, error_sds={name: sd for name, sd in error_sds.items() if sd > 0}, **plain_entries
+    )
+    if not capabilities.channels:
         raise refuse("a rig measures force or diameter", "neither", file, "Name the noise of one.")
-    return found
+    return capabilities
 
 
-def _plain(name: str, value: Any, file: str) -> float | None:
+def _parse_entry(name: str, value: Any, file: str) -> float | None:
     if name in ("force", "diameter") and value == "none":
         return None
     if name == "contraction" and str(value).strip().endswith("%"):
-        value = float(parse(str(value).strip().removesuffix("%"), "count", f"{name} of {file}")) / 100
+        value = (
+            float(parse_quantity(str(value).strip().removesuffix("%"), "count", f"{name} of {file}")) / 100
+        )
     if name == "minutes" and isinstance(value, str):
-        value = parse(value, "time", f"{name} of {file}") / 60
-    number = parse(value, KINDS[name], f"{name} of {file}")
-    if name == "contraction" and number >= DEEPEST:
-        raise refuse(f"`contraction` of a rig is a share below {DEEPEST:g}", f"{value}", file)
+        value = parse_quantity(value, "time", f"{name} of {file}") / 60
+    number = parse_quantity(value, ENTRY_KINDS[name], f"{name} of {file}")
+    if name == "contraction" and number >= MAX_RIG_CONTRACTION:
+        raise refuse(f"`contraction` of a rig is a share below {MAX_RIG_CONTRACTION:g}", f"{value}", file)
     if number < 0 or (number == 0 and name not in ("setup", "correlation_time")):
         raise refuse(f"`{name}` of a rig must be positive", f"{value}", file)
     return number
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read_rig_file(path: Path) -> dict[str, Any]:
     try:
-        written = tomllib.loads(decode(read_bytes(path), path.name))
+        document = tomllib.loads(decode_text(read_bytes(path), path.name))
     except tomllib.TOMLDecodeError as error:
         raise refuse("a rig is a TOML file", str(error), path.name) from error
-    if set(written) != {"rig"} or not isinstance(written["rig"], dict):
-        raise refuse("a rig has one table, [rig]", ", ".join(written) or "none", path.name)
-    return written["rig"]
+    if set(document) != {"rig"} or not isinstance(document["rig"], dict):
+        raise refuse("a rig has one table, [rig]", ", ".join(document) or "none", path.name)
+    return document["rig"]

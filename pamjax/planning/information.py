@@ -25,32 +25,32 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from pamjax.infer.fitting.fit import joint_space
-from pamjax.infer.fitting.least_squares import solve
-from pamjax.infer.fitting.reweight import weigh
-from pamjax.infer.problem.dataset import Member, member
-from pamjax.infer.problem.parameter_space import Free, Space, space
-from pamjax.infer.problem.priors import free_numbers, is_ruler
-from pamjax.model.parameters import RULER, meaning
-from pamjax.planning.bench import Means
-from pamjax.planning.runs import Run, set_lengths
-from pamjax.records.blocks import setting_of_length
+from pamjax.infer.fitting.fit import build_joint_space
+from pamjax.infer.fitting.least_squares import solve_least_squares
+from pamjax.infer.fitting.reweight import reweight_dataset
+from pamjax.infer.problem.dataset import Dataset, build_dataset
+from pamjax.infer.problem.parameter_space import FreeParameter, ParameterSpace, build_space
+from pamjax.infer.problem.priors import is_length_error, list_free_parameters
+from pamjax.model.parameters import LENGTH_ERROR_PREFIX, find_meaning
+from pamjax.planning.bench import RigCapabilities
+from pamjax.planning.runs import PlannedRun, set_lengths
+from pamjax.records.blocks import find_length_settings
 from pamjax.records.case import Case
-from pamjax.records.reading.muscle_toml import Entry
+from pamjax.records.reading.muscle_toml import MuscleToml
 from pamjax.records.recording import Recording
 
 #: Truths at which information is taken.
-TRUTHS = 9
+TRUTH_COUNT = 9
 
 #: Samples of a run at which its information is taken; more of them tell so much more, in proportion.
-MOST = 200
+MAX_RUN_SAMPLES = 200
 
 #: No truth is drawn beyond this many standard deviations: there the fit itself would ask questions.
-FAR = 2.0
+MAX_TRUTH_SD = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class Knowledge:
+class PriorInformation:
     """What is believed before the next run.
 
     Attributes:
@@ -65,38 +65,42 @@ class Knowledge:
         missed: by channel of that recording, how many times its noise the muscle misses it by, in rms.
     """
 
-    entry: Entry
-    means: Means
+    entry: MuscleToml
+    capabilities: RigCapabilities
     law: str
-    at: Space
-    free: tuple[Free, ...]
+    space: ParameterSpace
+    free_parameters: tuple[FreeParameter, ...]
     mean: np.ndarray
     scale: np.ndarray
-    before: np.ndarray
-    missed: Mapping[str, float] = field(default_factory=dict)
+    matrix: np.ndarray
+    misfit_ratios: Mapping[str, float] = field(default_factory=dict)
 
-    def place(self, name: str) -> int:
+    def find_index(self, name: str) -> int:
         """Index of a number."""
-        return self.at.names.index(name)
+        return self.space.names.index(name)
 
     @property
-    def own(self) -> list[int]:
+    def muscle_indices(self) -> list[int]:
         """Indices of the muscle's numbers, without the rig's."""
-        return [k for k, n in enumerate(self.at.names) if n not in self.means.off and not is_ruler(n)]
+        return [
+            k
+            for k, n in enumerate(self.space.names)
+            if n not in self.capabilities.error_sds and not is_length_error(n)
+        ]
 
-    def truths(self, many: int = TRUTHS, seed: int = 0) -> np.ndarray:
+    def draw_truths(self, count: int = TRUTH_COUNT, seed: int = 0) -> np.ndarray:
         """Values that the numbers may truly have, (many, p), SI; the first are the believed ones."""
         # A number that nothing is known of is drawn within its step, and not over all its limits.
-        inverse = np.linalg.inv(self.before + np.diag(1.0 * ~np.isfinite(np.asarray(self.at.sd))))
-        draws = np.random.default_rng(seed).standard_normal((many, self.mean.size))
-        draws = np.clip(_spread_evenly(draws), -FAR, FAR)
+        inverse = np.linalg.inv(self.matrix + np.diag(1.0 * ~np.isfinite(np.asarray(self.space.sd))))
+        draws = np.random.default_rng(seed).standard_normal((count, self.mean.size))
+        draws = np.clip(_stratify_draws(draws), -MAX_TRUTH_SD, MAX_TRUTH_SD)
         draws[0] = 0.0
         values = self.mean + draws @ np.linalg.cholesky(inverse).T * self.scale
-        low, high = np.asarray(self.at.low), np.asarray(self.at.high)
+        low, high = np.asarray(self.space.low), np.asarray(self.space.high)
         inside = 1e-3 * (high - low)
         return np.clip(values, np.minimum(low + inside, self.mean), np.maximum(high - inside, self.mean))
 
-    def information(
+    def compute_information(
         self,
         case: Case,
         label: np.ndarray,
@@ -113,76 +117,93 @@ class Knowledge:
             values: (p,) of the numbers, SI.
             setting: (n,) which set length each sample has; None where set lengths have no errors.
         """
-        n, many = label.size, len(self.own)
-        one = member(without_rulers(case), self.law, space(self.free[:many]), {})
-        at, rows = jnp.asarray(values[:many]), one.rows
-        slopes, shown, by_set = (np.asarray(x)[..., :n] for x in _slopes(one, at))
-        off = self._off(by_set, shown, np.asarray(rows.pressure)[:n])
-        slopes = np.concatenate([slopes, off, self._rulers(by_set[1], setting)])
-        noise = [x**2 if x else math.inf for x in (self.means.force, self.means.diameter)]
-        carried = (self.means.gauge * by_set[0]) ** 2 + (self.means.ruler * by_set[1]) ** 2
-        variance = np.array(noise)[:, None] + carried
+        n, many = label.size, len(self.muscle_indices)
+        dataset = build_dataset(without_rulers(case), self.law, build_space(self.free_parameters[:many]), {})
+        muscle_values, rows = jnp.asarray(values[:many]), dataset.rows
+        slopes, readings, input_slopes = (
+            np.asarray(x)[..., :n] for x in _compute_slopes(dataset, muscle_values)
+        )
+        off = self._compute_error_slopes(input_slopes, readings, np.asarray(rows.pressure)[:n])
+        slopes = np.concatenate([slopes, off, self._rulers(input_slopes[1], setting)])
+        noise = [x**2 if x else math.inf for x in (self.capabilities.force, self.capabilities.diameter)]
+        input_variance = (self.capabilities.gauge * input_slopes[0]) ** 2 + (
+            self.capabilities.ruler * input_slopes[1]
+        ) ** 2
+        variance = np.array(noise)[:, None] + input_variance
         # A slack muscle tells nothing, and one without an answer less.
-        there = np.isfinite(variance) & np.isfinite(slopes).all(axis=0) & (shown[0] > 0)
+        informative = np.isfinite(variance) & np.isfinite(slopes).all(axis=0) & (readings[0] > 0)
         # What the muscle missed so far it will miss again.
-        again = np.array([max(self.missed.get(c, 1.0), 1.0) ** 2 for c in ("force", "diameter")])
-        weight = np.where(there, self.means.worth / np.where(there, again[:, None] * variance, 1.0), 0.0)
-        by = np.nan_to_num(slopes) * self.scale[:, None, None]
-        out = np.zeros((count, by.shape[0], by.shape[0]))
+        misfit_variance = np.array(
+            [max(self.misfit_ratios.get(c, 1.0), 1.0) ** 2 for c in ("force", "diameter")]
+        )
+        weight = np.where(
+            informative,
+            self.capabilities.independent_share
+            / np.where(informative, misfit_variance[:, None] * variance, 1.0),
+            0.0,
+        )
+        scaled_slopes = np.nan_to_num(slopes) * self.scale[:, None, None]
+        information = np.zeros((count, scaled_slopes.shape[0], scaled_slopes.shape[0]))
         for k in range(count):
-            mine = by[:, :, label == k]
-            out[k] = np.einsum("icn,jcn,cn->ij", mine, mine, weight[:, label == k])
-        return out
+            labelled = scaled_slopes[:, :, label == k]
+            information[k] = np.einsum("icn,jcn,cn->ij", labelled, labelled, weight[:, label == k])
+        return information
 
-    def _off(self, by_set: np.ndarray, shown: np.ndarray, pressure: np.ndarray) -> np.ndarray:
+    def _compute_error_slopes(
+        self, input_slopes: np.ndarray, readings: np.ndarray, pressure: np.ndarray
+    ) -> np.ndarray:
         """Derivatives of force and diameter by what the rig may be off by, (q, 2, n); near zero of each."""
-        (by_pressure, by_length), one = by_set, np.ones_like(pressure)
+        (by_pressure, by_length), unit = input_slopes, np.ones_like(pressure)
         columns = {
-            "force_offset.offset": np.stack([one, 0 * one]),
-            "force_gain.gain": np.stack([shown[0], 0 * one]),
+            "force_offset.offset": np.stack([unit, 0 * unit]),
+            "force_gain.gain": np.stack([readings[0], 0 * unit]),
             "pressure_offset.offset": -by_pressure,
             "pressure_gain.gain": -pressure * by_pressure,
             "length_offset.offset": -by_length,
-            "diameter_offset.offset": np.stack([0 * one, one]),
-            "rig_compliance.compliance": -by_length * shown[0],
+            "diameter_offset.offset": np.stack([0 * unit, unit]),
+            "rig_compliance.compliance": -by_length * readings[0],
         }
-        return np.array([columns[name] for name in self.at.names if name in columns]).reshape(-1, 2, one.size)
+        return np.array([columns[name] for name in self.space.names if name in columns]).reshape(
+            -1, 2, unit.size
+        )
 
     def _rulers(self, by_length: np.ndarray, setting: np.ndarray | None) -> np.ndarray:
         """Return the derivatives of force and diameter by the errors of set lengths, (q, 2, n)."""
-        many = sum(map(is_ruler, self.at.names))
+        many = sum(map(is_length_error, self.space.names))
         if setting is None:
             return np.zeros((many, *by_length.shape))
         return by_length * (setting == np.arange(many)[:, None])[:, None]
 
-    def settings(self, offered: Sequence[Run]) -> np.ndarray:
+    def settings(self, offered: Sequence[PlannedRun]) -> np.ndarray:
         """Return the index of each run's length among those that are set; strokes come after all of them."""
-        lengths = set_lengths(self.means, self.entry.rest_length.value)
+        lengths = set_lengths(self.capabilities, self.entry.rest_length.value)
         return np.array(
             [int(np.argmin(abs(lengths - r.length[0]))) if r.still else lengths.size for r in offered]
         )
 
-    def of_runs(self, offered: Sequence[Run], values: np.ndarray) -> np.ndarray:
+    def compute_run_information(self, runs: Sequence[PlannedRun], values: np.ndarray) -> np.ndarray:
         """What each run tells at some values, (r, p, p)."""
-        kept = [run.thinned(MOST) for run in offered]
-        label = np.concatenate([np.full(run.pressure.size, k) for k, run in enumerate(kept)])
-        found = np.zeros((len(offered), *self.before.shape))
+        thinned_runs = [run.thin(MAX_RUN_SAMPLES) for run in runs]
+        label = np.concatenate([np.full(run.pressure.size, k) for k, run in enumerate(thinned_runs)])
+        information = np.zeros((len(runs), *self.matrix.shape))
         if label.size:
-            setting = self.settings(offered)[label]
-            found = self.information(self.case(kept), label, len(offered), values, setting)
-        for k, run in enumerate(offered):
-            found[k] *= run.pressure.size / max(kept[k].pressure.size, 1)
-            for name, sd in run.direct.items():
-                if name in self.at.names:
-                    i = self.place(name)
-                    found[k, i, i] += (self.scale[i] / sd) ** 2
-        return found
+            setting = self.settings(runs)[label]
+            information = self.compute_information(
+                self.build_case(thinned_runs), label, len(runs), values, setting
+            )
+        for k, run in enumerate(runs):
+            information[k] *= run.pressure.size / max(thinned_runs[k].pressure.size, 1)
+            for name, sd in run.direct_sds.items():
+                if name in self.space.names:
+                    i = self.find_index(name)
+                    information[k, i, i] += (self.scale[i] / sd) ** 2
+        return information
 
-    def case(self, offered: Sequence[Run]) -> Case:
+    def build_case(self, runs: Sequence[PlannedRun]) -> Case:
         """Runs as a recording, with nothing measured in it yet."""
-        pressure = np.concatenate([run.pressure for run in offered])
-        length = np.concatenate([run.length for run in offered])
-        return map_case(self.entry, pressure, length)
+        pressure = np.concatenate([run.pressure for run in runs])
+        length = np.concatenate([run.length for run in runs])
+        return build_map_case(self.entry, pressure, length)
 
 
 def without_rulers(case: Case) -> Case:
@@ -191,13 +212,13 @@ def without_rulers(case: Case) -> Case:
     return replace(case, entry=replace(case.entry, sensors=sensors))
 
 
-def rulers(sd: float, many: int) -> list[Free]:
+def rulers(sd: float, many: int) -> list[FreeParameter]:
     """Return the errors of so many set lengths as numbers with this sd, m; none where it is 0."""
-    about = replace(meaning(RULER), low=-8 * sd, high=8 * sd)
-    return [Free(f"{RULER}{k + 1}", about, 0.0, sd) for k in range(many if sd else 0)]
+    about = replace(find_meaning(LENGTH_ERROR_PREFIX), low=-8 * sd, high=8 * sd)
+    return [FreeParameter(f"{LENGTH_ERROR_PREFIX}{k + 1}", about, 0.0, sd) for k in range(many if sd else 0)]
 
 
-def map_case(entry: Entry, pressure: np.ndarray, length: np.ndarray) -> Case:
+def build_map_case(entry: MuscleToml, pressure: np.ndarray, length: np.ndarray) -> Case:
     """A static map as a case, with nothing of it known but that the muscle pulls."""
     force = np.full(pressure.size, 1e3)
     recording = Recording.from_arrays(pressure=pressure, length=length, force=force)
@@ -205,36 +226,38 @@ def map_case(entry: Entry, pressure: np.ndarray, length: np.ndarray) -> Case:
 
 
 @eqx.filter_jit
-def _slopes(one: Member, values: Array) -> tuple[Array, Array, Array]:
+def _compute_slopes(dataset: Dataset, values: Array) -> tuple[Array, Array, Array]:
     """Derivatives of force and diameter by every number, (p, 2, n); what is shown, (2, n); and its
     derivatives by pressure and by length, (2, 2, n)."""
 
     def instant(x, pressure, length):
-        reading = one.muscle(x)(pressure, length)
+        reading = dataset.build_muscle(x)(pressure, length)
         return jnp.stack([reading.force, reading.diameter])
 
     def everything(pressure, length):
         slopes = jax.jacfwd(instant, argnums=(0, 1, 2))(values, pressure, length)
         return slopes[0].T, instant(values, pressure, length), jnp.stack(slopes[1:])
 
-    return jax.vmap(everything, out_axes=-1)(one.rows.pressure, one.rows.length)
+    return jax.vmap(everything, out_axes=-1)(dataset.rows.pressure, dataset.rows.length)
 
 
-def _spread_evenly(draws: np.ndarray) -> np.ndarray:
+def _stratify_draws(draws: np.ndarray) -> np.ndarray:
     """Draws with their ranks put at even shares of a normal: few of them then stand for many."""
     from scipy.stats import norm
 
-    many = draws.shape[0] - 1
+    count = draws.shape[0] - 1
     rank = np.argsort(np.argsort(draws[1:], axis=0), axis=0)
-    return np.concatenate([draws[:1], norm.ppf((rank + 0.5) / many)])
+    return np.concatenate([draws[:1], norm.ppf((rank + 0.5) / count)])
 
 
-def knowledge(entry: Entry, means: Means, law: str | None = None, case: Case | None = None) -> Knowledge:
+def build_prior_information(
+    entry: MuscleToml, capabilities: RigCapabilities, law: str | None = None, case: Case | None = None
+) -> PriorInformation:
     """What is believed of a muscle, by muscle.toml and, where there is one, by its recording.
 
     Args:
         entry: what muscle.toml says.
-        means: what the rig can do.
+        capabilities: what the rig can do.
         law: thread law; None takes the baseline's.
         case: a recording made already.
 
@@ -242,65 +265,86 @@ def knowledge(entry: Entry, means: Means, law: str | None = None, case: Case | N
         BadInput: where nothing may move.
     """
     law = law or entry.baseline
-    bare = case or map_case(entry, np.array([0.0, 1e5]), np.full(2, entry.rest_length.value))
-    joint_space([bare], law, ())
-    free = [n for n in free_numbers(bare, law) if not is_ruler(n.name)]
+    bare_case = case or build_map_case(entry, np.array([0.0, 1e5]), np.full(2, entry.rest_length.value))
+    build_joint_space([bare_case], law, ())
+    free_parameters = [n for n in list_free_parameters(bare_case, law) if not is_length_error(n.name)]
     # What was recorded was read by channels, and with their zeros, that the rig may no longer have.
-    channels = {*means.channels, *(case.recording.channels if case else ())}
-    means = replace(means, off={n: sd for n, sd in means.off.items() if _read(n, channels)})
-    free += [Free(n, meaning(n), max(0.0, sd * (meaning(n).low >= 0)), sd) for n, sd in means.off.items()]
+    channels = {*capabilities.channels, *(case.recording.channels if case else ())}
+    capabilities = replace(
+        capabilities,
+        error_sds={n: sd for n, sd in capabilities.error_sds.items() if _has_channel(n, channels)},
+    )
+    free_parameters += [
+        FreeParameter(n, find_meaning(n), max(0.0, sd * (find_meaning(n).low >= 0)), sd)
+        for n, sd in capabilities.error_sds.items()
+    ]
     # One for each length that is set, and one for the strokes.
-    lengths = rulers(means.setting, set_lengths(means, entry.rest_length.value).size + 1)
-    found = _before(entry, means, law, [*free, *lengths])
-    return found if case is None else _learned(found, case)
+    lengths = rulers(capabilities.setting, set_lengths(capabilities, entry.rest_length.value).size + 1)
+    prior_information = _before(entry, capabilities, law, [*free_parameters, *lengths])
+    return prior_information if case is None else _update_with_recording(prior_information, case)
 
 
-def _before(entry: Entry, means: Means, law: str, free: Sequence[Free]) -> Knowledge:
+def _before(
+    entry: MuscleToml, means: RigCapabilities, law: str, free: Sequence[FreeParameter]
+) -> PriorInformation:
     """Return what the priors of some numbers say of them."""
-    at = space(free)
+    at = build_space(free)
     mean, sd = np.asarray(at.mean), np.asarray(at.sd)
-    reach = np.where(at.log, 0.5 * np.abs(mean), (np.asarray(at.high) - np.asarray(at.low)) / math.sqrt(12))
+    reach = np.where(
+        at.log_scale, 0.5 * np.abs(mean), (np.asarray(at.high) - np.asarray(at.low)) / math.sqrt(12)
+    )
     scale = np.where(np.isfinite(sd), sd, reach)
     prior = np.diag(np.where(np.isfinite(sd), 1.0, 1e-6))
-    return Knowledge(entry, means, law, at, tuple(free), mean, scale, prior)
+    return PriorInformation(entry, means, law, at, tuple(free), mean, scale, prior)
 
 
-def _read(name: str, channels: set[str]) -> bool:
+def _has_channel(name: str, channels: set[str]) -> bool:
     """Whether a zero or gain belongs to a channel that there is."""
     return name.partition("_")[0] in {"pressure", "length", "rig", *channels}
 
 
-def _learned(found: Knowledge, case: Case) -> Knowledge:
+def _update_with_recording(prior_information: PriorInformation, case: Case) -> PriorInformation:
     """Knowledge after a recording: where a fit of it ends, and what it tells there.
 
     What the muscle misses counts as noise, and samples that know each other as fewer, as in a fit.
     """
-    many = len(found.own)
-    shared = [n for n in found.free if not is_ruler(n.name)]
+    many = len(prior_information.muscle_indices)
+    shared = [n for n in prior_information.free_parameters if not is_length_error(n.name)]
     sd = case.entry.sensors.length if case.entry.sensors.length_per_setting else None
-    setting = setting_of_length(case.recording) if sd else None
+    setting = find_length_settings(case.recording) if sd else None
     errors = rulers(sd, int(setting.max()) + 1) if sd and setting is not None else []
-    fitted = space([*found.free[:many], *errors])
-    one = member(case, found.law, fitted, {})
-    solution = solve((one,), fitted, jnp.zeros(fitted.size))
-    weighed, _ = weigh(case, one, fitted, solution)
-    solution = solve((weighed,), fitted, fitted.inside(solution.u))
-    _, noise = weigh(case, weighed, fitted, solution)
-    values = np.concatenate([np.asarray(fitted.values(solution.u))[:many], found.mean[many:]])
+    fitted = build_space([*prior_information.free_parameters[:many], *errors])
+    dataset = build_dataset(case, prior_information.law, fitted, {})
+    solution = solve_least_squares((dataset,), fitted, jnp.zeros(fitted.size))
+    reweighted, _ = reweight_dataset(case, dataset, fitted, solution)
+    solution = solve_least_squares((reweighted,), fitted, fitted.move_inside_limits(solution.u))
+    _, noise = reweight_dataset(case, reweighted, fitted, solution)
+    values = np.concatenate([np.asarray(fitted.to_values(solution.u))[:many], prior_information.mean[many:]])
     # The recording's set lengths take the place of those to come.
-    here = _before(found.entry, found.means, found.law, [*shared, *errors])
-    label, told = np.zeros(case.recording.n, dtype=int), here.before
-    for channel, its in noise.items():
+    here = _before(
+        prior_information.entry, prior_information.capabilities, prior_information.law, [*shared, *errors]
+    )
+    label, matrix = np.zeros(case.recording.n, dtype=int), here.matrix
+    for channel, channel_noise in noise.items():
         # A channel whose noise nobody stated is as noisy as its residual, and not better than usual.
-        usual = getattr(found.means, channel) or getattr(Means, channel)
-        own = getattr(case.entry.sensors, channel) or max(usual, its.sd)
-        seen = replace(found.means, **{channel: own}).alone(channel)
-        seen = replace(seen, ruler=0.0) if sd else seen
-        worth = max(its.excess, 1.0) ** 2 * its.inflation
-        told = told + replace(here, means=seen).information(case, label, 1, values, setting)[0] / worth
-    before = found.before.copy()
-    before[: len(shared), : len(shared)] = _freed(told, len(shared))
-    return replace(found, mean=values, before=before, missed={c: its.excess for c, its in noise.items()})
+        default_sd = getattr(prior_information.capabilities, channel) or getattr(RigCapabilities, channel)
+        own_space = getattr(case.entry.sensors, channel) or max(default_sd, channel_noise.sd)
+        channel_rig = replace(prior_information.capabilities, **{channel: own_space}).keep_channel(channel)
+        channel_rig = replace(channel_rig, ruler=0.0) if sd else channel_rig
+        samples_per_independent = max(channel_noise.excess, 1.0) ** 2 * channel_noise.inflation
+        matrix = (
+            matrix
+            + replace(here, capabilities=channel_rig).compute_information(case, label, 1, values, setting)[0]
+            / samples_per_independent
+        )
+    before = prior_information.matrix.copy()
+    before[: len(shared), : len(shared)] = _freed(matrix, len(shared))
+    return replace(
+        prior_information,
+        mean=values,
+        before=before,
+        missed={c: channel_noise.excess for c, channel_noise in noise.items()},
+    )
 
 
 def _freed(information: np.ndarray, many: int) -> np.ndarray:

@@ -11,31 +11,31 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pamjax.errors import at_least, nearest, refuse
-from pamjax.model.parameters import meaning
-from pamjax.planning.bench import Means, means_of
-from pamjax.planning.information import Knowledge, knowledge
-from pamjax.planning.optimal_design import Menu, variance_of, volume_of
-from pamjax.planning.runs import CYCLES, Run, isobars, runs
-from pamjax.records.case import Case, as_muscle
-from pamjax.records.files import write_beside
-from pamjax.records.reading.muscle_toml import Entry
-from pamjax.units import in_unit, number_in, show
+from pamjax.errors import check_minimum, refuse, suggest_word
+from pamjax.model.parameters import find_meaning
+from pamjax.planning.bench import RigCapabilities, read_capabilities
+from pamjax.planning.information import PriorInformation, build_prior_information
+from pamjax.planning.optimal_design import RunMenu, build_variance_criterion, build_volume_criterion
+from pamjax.planning.runs import ISOBAR_CYCLES, PlannedRun, list_isobars, list_runs
+from pamjax.records.case import Case, load_case_or_toml
+from pamjax.records.files import write_atomically
+from pamjax.records.reading.muscle_toml import MuscleToml
+from pamjax.units import compute_si_factor, format_quantity, parse_number
 
 #: What is wanted where nothing is said: the stiffness of the threads, to so much of itself.
-WANTED, SHARE = ("thread.modulus", "thread.stiffness"), 0.05
+DEFAULT_GOALS, DEFAULT_PRECISION = ("thread.modulus", "thread.stiffness"), 0.05
 
 #: Goal that means the muscle's numbers all together.
-ALL = "all"
+ALL_NUMBERS = "all"
 
 
 @dataclass(frozen=True)
-class Settled:
+class ExpectedSd:
     """What is known of a number, SI: its expected standard deviation before and after."""
 
     value: float
-    before: float
-    after: float
+    sd_before: float
+    sd_after: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,30 +55,32 @@ class Plan:
         isobars: the goal's standard deviation after ten isobars in the same minutes, SI.
     """
 
-    known: Knowledge
+    prior: PriorInformation
     goal: str
-    wanted: float
-    chosen: tuple[tuple[int, Run], ...]
+    target_sd: float
+    chosen_runs: tuple[tuple[int, PlannedRun], ...]
     minutes: float
-    settled: dict[str, Settled]
-    reached: bool
-    alone: dict[str, tuple[float, float]]
-    isobars: float
+    expected_sds: dict[str, ExpectedSd]
+    reaches_goal: bool
+    single_channel: dict[str, tuple[float, float]]
+    isobars_sd: float
 
     @property
     def rows(self) -> int:
         """Samples that will be recorded."""
-        return sum(count * run.pressure.size for count, run in self.chosen)
+        return sum(count * run.pressure.size for count, run in self.chosen_runs)
 
     @property
     def sd(self) -> float:
         """Expected standard deviation of what is wanted, SI; of "all", of the first number."""
-        return self.settled[next(iter(self.settled)) if self.goal == ALL else self.goal].after
+        return self.expected_sds[
+            next(iter(self.expected_sds)) if self.goal == ALL_NUMBERS else self.goal
+        ].sd_after
 
     def schedule(self) -> pd.DataFrame:
         """What to command, sample by sample, with the run each sample belongs to."""
-        parts = [run for count, run in self.chosen for _ in range(count) if run.pressure.size]
-        step, clock, tables = 1 / self.known.means.rate, 0.0, []
+        parts = [run for count, run in self.chosen_runs for _ in range(count) if run.pressure.size]
+        step, clock, tables = 1 / self.prior.capabilities.rate, 0.0, []
         for k, run in enumerate(parts, 1):
             tables.append(
                 pd.DataFrame(
@@ -96,43 +98,46 @@ class Plan:
     def as_dict(self) -> dict[str, Any]:
         """The plan as plain numbers, in the units a person reads."""
 
-        def told(name: str, one: Settled) -> dict[str, Any]:
-            about = meaning(name)
-            scale = in_unit(about.show)
+        def describe(name: str, expected: ExpectedSd) -> dict[str, Any]:
+            number_meaning = find_meaning(name)
+            scale = compute_si_factor(number_meaning.show)
             return {
-                "value": one.value / scale,
-                "sd_before": one.before / scale if math.isfinite(one.before) else None,
-                "sd_after": one.after / scale,
-                "unit": about.show,
+                "value": expected.value / scale,
+                "sd_before": expected.sd_before / scale if math.isfinite(expected.sd_before) else None,
+                "sd_after": expected.sd_after / scale,
+                "unit": number_meaning.show,
             }
 
-        from pamjax.planning.report import sentence
+        from pamjax.planning.report import format_plan_sentence
 
-        scale = 1.0 if self.goal == ALL else in_unit(meaning(self.goal).show)
+        scale = 1.0 if self.goal == ALL_NUMBERS else compute_si_factor(find_meaning(self.goal).show)
         return {
             "schema": "pamjax.plan/1",
-            "muscle": self.known.entry.name,
-            "says": sentence(self),
-            "goal": {"number": self.goal, "sd": self.wanted / scale, "reached": self.reached},
-            "runs": [{"count": n, "run": run.says, "minutes": n * run.minutes} for n, run in self.chosen],
+            "muscle": self.prior.entry.name,
+            "says": format_plan_sentence(self),
+            "goal": {"number": self.goal, "sd": self.target_sd / scale, "reached": self.reaches_goal},
+            "runs": [
+                {"count": n, "run": run.description, "minutes": n * run.minutes}
+                for n, run in self.chosen_runs
+            ],
             "minutes": self.minutes,
             "rows": self.rows,
-            "settles": {name: told(name, one) for name, one in self.settled.items()},
-            "alone": {c: {"sd": sd / scale, "minutes": m} for c, (sd, m) in self.alone.items()},
-            "ten_isobars_in_the_same_time": {"sd": self.isobars / scale},
-            "recording_missed_by": dict(self.known.missed),
-            "assumed": dict(self.known.means.assumed),
+            "settles": {name: describe(name, expected) for name, expected in self.expected_sds.items()},
+            "alone": {c: {"sd": sd / scale, "minutes": m} for c, (sd, m) in self.single_channel.items()},
+            "ten_isobars_in_the_same_time": {"sd": self.isobars_sd / scale},
+            "recording_missed_by": dict(self.prior.misfit_ratios),
+            "assumed": dict(self.prior.capabilities.assumed),
         }
 
     def __str__(self) -> str:
-        from pamjax.planning.report import note
+        from pamjax.planning.report import format_plan_note
 
-        return note(self)
+        return format_plan_note(self)
 
 
 def plan(
-    muscle: Entry | Case | str | Path,
-    rig: Path | Means | None = None,
+    muscle: MuscleToml | Case | str | Path,
+    rig: Path | RigCapabilities | None = None,
     goal: str | None = None,
     to: str | float | None = None,
     *,
@@ -156,132 +161,159 @@ def plan(
     Raises:
         BadInput: for an unknown goal, or one that no fit would move.
     """
-    at_least("seed", seed, 0)
-    said = as_muscle(muscle)
-    case, entry = (said, said.entry) if isinstance(said, Case) else (None, said)
-    seen = {"recorded": case.recording.channels, "highest": _highest(case)} if case else {}
-    means = rig if isinstance(rig, Means) else means_of(entry, rig, **seen, minutes=minutes)
-    known = knowledge(entry, means, law, case)
-    goal = _goal(known, goal)
-    wanted = _wanted(known, goal, to)
-    menu, offered = _menu(known, goal, wanted, seed)
-    counts = menu.choose()
-    after = _sds(known, menu.known(counts))
-    cost = float(counts @ menu.minutes)
-    alone = {}
-    if len(means.channels) > 1 and goal != ALL:
-        for channel in means.channels:
-            one = knowledge(entry, means.alone(channel), law, case)
-            its, _ = _menu(one, goal, wanted, seed)
-            best = its.choose()
-            alone[channel] = (_sds(one, its.known(best))[one.place(goal)], float(best @ its.minutes))
-    usual = _isobars(known, menu, cost)
-    places = (
-        known.own if goal == ALL else [known.place(goal), *(k for k in known.own if k != known.place(goal))]
+    check_minimum("seed", seed, 0)
+    source = load_case_or_toml(muscle)
+    case, entry = (source, source.entry) if isinstance(source, Case) else (None, source)
+    recorded = {"recorded": case.recording.channels, "highest": _find_highest_pressure(case)} if case else {}
+    capabilities = (
+        rig
+        if isinstance(rig, RigCapabilities)
+        else read_capabilities(entry, rig, **recorded, minutes=minutes)
     )
-    before = _sds(known, menu.before)
+    prior = build_prior_information(entry, capabilities, law, case)
+    goal = _resolve_goal(prior, goal)
+    target_sd = _resolve_target_sd(prior, goal, to)
+    run_menu, offered_runs = _build_menu(prior, goal, target_sd, seed)
+    counts = run_menu.choose_runs()
+    sds_after = _compute_sds(prior, run_menu.compute_information(counts))
+    total_minutes = float(counts @ run_menu.minutes)
+    single_channel = {}
+    if len(capabilities.channels) > 1 and goal != ALL_NUMBERS:
+        for channel in capabilities.channels:
+            channel_prior = build_prior_information(entry, capabilities.keep_channel(channel), law, case)
+            channel_menu, _ = _build_menu(channel_prior, goal, target_sd, seed)
+            best = channel_menu.choose_runs()
+            single_channel[channel] = (
+                _compute_sds(channel_prior, channel_menu.compute_information(best))[
+                    channel_prior.find_index(goal)
+                ],
+                float(best @ channel_menu.minutes),
+            )
+    isobar_sds = _compute_isobar_sds(prior, run_menu, total_minutes)
+    indices = (
+        prior.muscle_indices
+        if goal == ALL_NUMBERS
+        else [prior.find_index(goal), *(k for k in prior.muscle_indices if k != prior.find_index(goal))]
+    )
+    sds_before = _compute_sds(prior, run_menu.prior_matrix)
     return Plan(
-        known=known,
+        prior=prior,
         goal=goal,
-        wanted=wanted,
-        chosen=tuple((int(n), run) for n, run in zip(counts, offered, strict=True) if n),
-        minutes=cost,
-        settled={
-            known.at.names[k]: Settled(*(float(x[k]) for x in (known.mean, before, after))) for k in places
+        target_sd=target_sd,
+        chosen_runs=tuple((int(n), run) for n, run in zip(counts, offered_runs, strict=True) if n),
+        minutes=total_minutes,
+        expected_sds={
+            prior.space.names[k]: ExpectedSd(*(float(x[k]) for x in (prior.mean, sds_before, sds_after))) for k in indices
         },
-        reached=bool(menu.value(counts) <= menu.goal) if wanted else True,
-        alone=alone,
-        isobars=float(usual[places[0]]),
+        reaches_goal=bool(run_menu.compute_criterion(counts) <= run_menu.goal) if target_sd else True,
+        single_channel=single_channel,
+        isobars_sd=float(isobar_sds[indices[0]]),
     )  # fmt: skip
 
 
-def _highest(case: Case) -> float:
+def _find_highest_pressure(case: Case) -> float:
     """Highest pressure that was recorded, Pa."""
     return float(np.max(case.recording.pressure[case.recording.usable]))
 
 
-def _menu(known: Knowledge, goal: str, wanted: float, seed: int) -> tuple[Menu, list[Run]]:
-    offered = runs(known.means, known.entry.rest_length.value)
-    shortest = min(run.minutes for run in offered if run.pressure.size)
-    if known.means.minutes < shortest:
+def _build_menu(
+    prior: PriorInformation, goal: str, target_sd: float, seed: int
+) -> tuple[RunMenu, list[PlannedRun]]:
+    offered_runs = list_runs(prior.capabilities, prior.entry.rest_length.value)
+    shortest = min(run.minutes for run in offered_runs if run.pressure.size)
+    if prior.capabilities.minutes < shortest:
         rule = f"the shortest run of this rig takes {shortest:.2g} min"
-        raise refuse(rule, f"{known.means.minutes:g} min for all", remedy="Give it more minutes.")
-    truths = known.truths(seed=seed)
-    each = np.stack([known.of_runs(offered, values) for values in truths], axis=1)
-    k = 0 if goal == ALL else known.place(goal)
-    return Menu(
-        before=np.broadcast_to(known.before, (len(truths), *known.before.shape)),
-        each=each,
-        minutes=np.array([run.minutes for run in offered]),
-        once=np.array([not run.again for run in offered]),
-        criterion=volume_of(known.own) if goal == ALL else variance_of(k),
-        budget=known.means.minutes,
-        goal=0.0 if goal == ALL else (wanted / known.scale[k]) ** 2,
-    ), offered
+        raise refuse(rule, f"{prior.capabilities.minutes:g} min for all", remedy="Give it more minutes.")
+    truths = prior.draw_truths(seed=seed)
+    run_matrices = np.stack(
+        [prior.compute_run_information(offered_runs, values) for values in truths], axis=1
+    )
+    k = 0 if goal == ALL_NUMBERS else prior.find_index(goal)
+    return RunMenu(
+        prior_matrix=np.broadcast_to(prior.matrix, (len(truths), *prior.matrix.shape)),
+        run_matrices=run_matrices,
+        minutes=np.array([run.minutes for run in offered_runs]),
+        once_only=np.array([not run.is_repeatable for run in offered_runs]),
+        criterion=build_volume_criterion(prior.muscle_indices)
+        if goal == ALL_NUMBERS
+        else build_variance_criterion(k),
+        budget=prior.capabilities.minutes,
+        goal=0.0 if goal == ALL_NUMBERS else (target_sd / prior.scale[k]) ** 2,
+    ), offered_runs
 
 
-def _sds(known: Knowledge, information: np.ndarray) -> np.ndarray:
+def _compute_sds(prior: PriorInformation, information: np.ndarray) -> np.ndarray:
     """(p,) expected standard deviations, SI: the root of the mean variance over the truths."""
     variance = np.diagonal(np.linalg.inv(information), axis1=-2, axis2=-1).mean(axis=0)
-    return np.sqrt(variance) * known.scale
+    return np.sqrt(variance) * prior.scale
 
 
-def _isobars(known: Knowledge, menu: Menu, minutes: float) -> np.ndarray:
+def _compute_isobar_sds(prior: PriorInformation, run_menu: RunMenu, minutes: float) -> np.ndarray:
     """(p,) standard deviations after ten isobars, slower or faster so that they take as long, SI."""
-    usual = isobars(known.means, known.entry.rest_length.value)
-    once = usual[::CYCLES]
-    each = CYCLES * np.stack([known.of_runs(once, values).sum(axis=0) for values in known.truths()])
-    share = minutes / sum(run.minutes for run in usual)
-    return _sds(known, menu.before + share * each)
+    isobar_runs = list_isobars(prior.capabilities, prior.entry.rest_length.value)
+    distinct_runs = isobar_runs[::ISOBAR_CYCLES]
+    run_matrices = ISOBAR_CYCLES * np.stack(
+        [prior.compute_run_information(distinct_runs, values).sum(axis=0) for values in prior.draw_truths()]
+    )
+    share = minutes / sum(run.minutes for run in isobar_runs)
+    return _compute_sds(prior, run_menu.prior_matrix + share * run_matrices)
 
 
-def _goal(known: Knowledge, goal: str | None) -> str:
-    own = [known.at.names[k] for k in known.own]
+def _resolve_goal(prior: PriorInformation, goal: str | None) -> str:
+    own_names = [prior.space.names[k] for k in prior.muscle_indices]
     if goal is None:
-        goal = next((name for name in WANTED if name in own), ALL)
-    if goal != ALL and goal not in own:
+        goal = next((name for name in DEFAULT_GOALS if name in own_names), ALL_NUMBERS)
+    if goal != ALL_NUMBERS and goal not in own_names:
         rule = f"{goal!r} is no number that a fit of this muscle moves"
-        raise refuse(rule, remedy=nearest(goal, [*own, ALL]))
+        raise refuse(rule, remedy=suggest_word(goal, [*own_names, ALL_NUMBERS]))
     return goal
 
 
-def _wanted(known: Knowledge, goal: str, to: str | float | None) -> float:
-    if goal == ALL:
+def _resolve_target_sd(prior: PriorInformation, goal: str, to: str | float | None) -> float:
+    if goal == ALL_NUMBERS:
         if to is not None:
             raise refuse("all numbers together have no wanted standard deviation", f"{to} in --to")
         return 0.0
-    value = abs(float(known.mean[known.place(goal)]))
+    value = abs(float(prior.mean[prior.find_index(goal)]))
     if to is None:
-        return SHARE * value
+        return DEFAULT_PRECISION * value
     if isinstance(to, str) and to.strip().endswith("%"):
-        wanted = float(number_in(to.strip()[:-1], "1", "--to")) / 100 * value
+        target_sd = float(parse_number(to.strip()[:-1], "1", "--to")) / 100 * value
     else:
-        wanted = number_in(str(to), meaning(goal).unit, "--to")
-    if not 0 < wanted < math.inf:
-        raise refuse("a wanted standard deviation is positive", show(wanted, meaning(goal).show), "--to")
-    return wanted
+        target_sd = parse_number(str(to), find_meaning(goal).unit, "--to")
+    if not 0 < target_sd < math.inf:
+        raise refuse(
+            "a wanted standard deviation is positive",
+            format_quantity(target_sd, find_meaning(goal).show),
+            "--to",
+        )
+    return target_sd
 
 
-def save_plan(found: Plan, folder: Path) -> list[Path]:
+def save_plan(plan: Plan, folder: Path) -> list[Path]:
     """Write plan.json and schedule.csv, each beside and then renamed."""
     folder.mkdir(parents=True, exist_ok=True)
     texts = {
-        "plan.json": json.dumps(found.as_dict(), indent=1, allow_nan=False) + "\n",
-        "schedule.csv": found.schedule().to_csv(index=False, float_format="%.6g"),
+        "plan.json": json.dumps(plan.as_dict(), indent=1, allow_nan=False) + "\n",
+        "schedule.csv": plan.schedule().to_csv(index=False, float_format="%.6g"),
     }
     for name, text in texts.items():
-        with write_beside(folder / name) as beside:
-            beside.write_text(text)
+        with write_atomically(folder / name) as temporary:
+            temporary.write_text(text)
     return [folder / name for name in texts]
 
 
-def sd_after(found: Plan, name: str) -> tuple[np.ndarray, np.ndarray]:
+def compute_sd_course(plan: Plan, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Minutes spent and a number's expected standard deviation (SI) before and after each run of a plan."""
-    known, k = found.known, found.known.place(name)
-    done = [run for count, run in found.chosen for _ in range(count)]
-    if not done:
-        return np.zeros(1), _sds(known, known.before[None])[k : k + 1]
-    told = np.stack([known.of_runs(done, values) for values in known.truths()], axis=1)
-    so_far = known.before + np.concatenate([np.zeros_like(told[:1]), np.cumsum(told, axis=0)])
-    sds = np.array([_sds(known, information)[k] for information in so_far])
-    return np.cumsum([0.0, *(run.minutes for run in done)]), sds
+    prior, k = plan.prior, plan.prior.find_index(name)
+    done_runs = [run for count, run in plan.chosen_runs for _ in range(count)]
+    if not done_runs:
+        return np.zeros(1), _compute_sds(prior, prior.matrix[None])[k : k + 1]
+    run_matrices = np.stack(
+        [prior.compute_run_information(done_runs, values) for values in prior.draw_truths()], axis=1
+    )
+    matrices = prior.matrix + np.concatenate(
+        [np.zeros_like(run_matrices[:1]), np.cumsum(run_matrices, axis=0)]
+    )
+    sds = np.array([_compute_sds(prior, information)[k] for information in matrices])
+    return np.cumsum([0.0, *(run.minutes for run in done_runs)]), sds

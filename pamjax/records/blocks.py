@@ -18,20 +18,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from pamjax.errors import refuse
-from pamjax.records.levels import find_levels, nearest_level, on_levels
+from pamjax.records.levels import assign_levels, find_levels, find_nearest_level
 from pamjax.records.recording import Recording
-from pamjax.units import show
+from pamjax.units import format_quantity
 
 #: With fewer isobars or lengths than this, holding one out leaves no line to test it by.
-ENOUGH = 3
+MIN_BLOCK_COUNT = 3
 #: Two settings are crossed if this share of all pairs was met: the sweep of one may stop short at an end.
-CROSSED = 0.75
+MIN_CROSSED_SHARE = 0.75
 #: Samples: a shorter stretch is a passage, no hold.
-LONG = 5
+MIN_HOLD_SAMPLES = 5
 #: A table of at most this many rows is a table of single readings.
-FEW_ROWS = 40
+MAX_SINGLE_READINGS = 40
 #: Into how many stretches a recording without structure is cut.
-STRETCHES = 10
+STRETCH_COUNT = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,25 +51,25 @@ class Blocks:
     def __len__(self) -> int:
         return len(self.names)
 
-    def mask(self, index: int) -> np.ndarray:
+    def build_mask(self, index: int) -> np.ndarray:
         """(n,) bool: the rows of one block."""
         return self.label == index
 
 
-def blocks(recording: Recording) -> Blocks:
+def find_blocks(recording: Recording) -> Blocks:
     """Find the whole blocks of a recording."""
-    found = _settings(recording) or _cycles(recording) or _rows(recording)
-    return _without_unusable(found, recording.usable)
+    row_blocks = _find_settings(recording) or _find_cycles(recording) or _split_rows(recording)
+    return _drop_unusable_rows(row_blocks, recording.usable)
 
 
-def folds(found: Blocks, k: int = 5, seed: int = 0) -> list[np.ndarray]:
+def split_folds(blocks: Blocks, k: int = 5, seed: int = 0) -> list[np.ndarray]:
     """Masks of the rows to hold out, whole blocks at a time, each block in exactly one fold.
 
     Each fold takes one block from every k neighbouring ones: none holds out one end of the range
     alone more than it must, and interior blocks spread over all folds.
 
     Args:
-        found: the blocks, in order of their setting or of time.
+        blocks: the blocks, in order of their setting or of time.
         k: how many folds, at most one a block.
         seed: which block of each k goes to which fold.
 
@@ -79,17 +79,19 @@ def folds(found: Blocks, k: int = 5, seed: int = 0) -> list[np.ndarray]:
     Raises:
         BadInput: if there is but one block, so that nothing could be held out.
     """
-    many = len(found)
-    if many < 2:
-        raise refuse("holding out needs two blocks", f"{many}", remedy="Record another pressure or length.")
-    k = max(2, min(k, many))
+    block_count = len(blocks)
+    if block_count < 2:
+        raise refuse(
+            "holding out needs two blocks", f"{block_count}", remedy="Record another pressure or length."
+        )
+    k = max(2, min(k, block_count))
     random = np.random.default_rng(seed)
-    fold_of = np.concatenate([random.permutation(k) for _ in range(0, many, k)])[:many]
+    fold_of = np.concatenate([random.permutation(k) for _ in range(0, block_count, k)])[:block_count]
     # A last group shorter than k must not leave a fold without a block: the first group fills all k.
-    return [np.isin(found.label, np.flatnonzero(fold_of == fold)) for fold in range(k)]
+    return [np.isin(blocks.label, np.flatnonzero(fold_of == fold)) for fold in range(k)]
 
 
-def setting_of_length(recording: Recording) -> np.ndarray:
+def find_length_settings(recording: Recording) -> np.ndarray:
     """(n,) index of the length that was set, for a length error that is one for each setting.
 
     Rows between two settings go to the nearer; a recording that strokes has one setting, 0; -1 where the
@@ -98,70 +100,74 @@ def setting_of_length(recording: Recording) -> np.ndarray:
     levels = find_levels(recording.length, recording.has_time)
     if not len(levels):
         levels = np.array([np.nanmedian(recording.length)])
-    return nearest_level(recording.length, levels)
+    return find_nearest_level(recording.length, levels)
 
 
-def _settings(recording: Recording) -> Blocks | None:
+def _find_settings(recording: Recording) -> Blocks | None:
     """Isobars, lengths or holds, where the recording settles on enough of them."""
     pressures = find_levels(recording.pressure, recording.has_time)
     lengths = find_levels(recording.length, recording.has_time)
-    isobars = Blocks(on_levels(recording.pressure, pressures), _named("isobar", pressures, "kPa"), "isobars")
-    settings = Blocks(on_levels(recording.length, lengths), _named("length", lengths, "mm"), "lengths")
-    if recording.has_time and min(len(isobars), len(settings)) > 1 and not _crossed(isobars, settings):
-        return _holds(isobars.label, settings.label)
+    isobars = Blocks(
+        assign_levels(recording.pressure, pressures), _name_levels("isobar", pressures, "kPa"), "isobars"
+    )
+    settings = Blocks(
+        assign_levels(recording.length, lengths), _name_levels("length", lengths, "mm"), "lengths"
+    )
+    if recording.has_time and min(len(isobars), len(settings)) > 1 and not _are_crossed(isobars, settings):
+        return _find_holds(isobars.label, settings.label)
     # What changes less often is what was set first, and the other was swept at it.
-    first, second = sorted((isobars, settings), key=lambda found: _changes(found.label))
-    return next((found for found in (first, second) if len(found) >= ENOUGH), None)
+    first, second = sorted((isobars, settings), key=lambda candidate: _count_changes(candidate.label))
+    return next((candidate for candidate in (first, second) if len(candidate) >= MIN_BLOCK_COUNT), None)
 
 
-def _named(what: str, levels: np.ndarray, unit: str) -> tuple[str, ...]:
+def _name_levels(kind: str, levels: np.ndarray, unit: str) -> tuple[str, ...]:
     """Names with as many digits as tell the levels apart."""
     for digits in (3, 4, 5):
-        names = tuple(f"{what} {show(level, unit, digits)}" for level in levels)
+        names = tuple(f"{kind} {format_quantity(level, unit, digits)}" for level in levels)
         if len(set(names)) == len(names):
             break
     return names
 
 
-def _crossed(isobars: Blocks, settings: Blocks) -> bool:
+def _are_crossed(isobars: Blocks, settings: Blocks) -> bool:
     """Whether nearly each pressure was set at each length."""
     both = (isobars.label >= 0) & (settings.label >= 0)
     met = set(zip(isobars.label[both].tolist(), settings.label[both].tolist(), strict=True))
-    return len(met) >= CROSSED * len(isobars) * len(settings)
+    return len(met) >= MIN_CROSSED_SHARE * len(isobars) * len(settings)
 
 
-def _changes(label: np.ndarray) -> int:
+def _count_changes(label: np.ndarray) -> int:
     on = label[label >= 0]
     return int(np.count_nonzero(np.diff(on)))
 
 
-def _holds(at_pressure: np.ndarray, at_length: np.ndarray) -> Blocks | None:
+def _find_holds(at_pressure: np.ndarray, at_length: np.ndarray) -> Blocks | None:
     """Stretches in which neither moves; the move towards a hold belongs to it, as its relaxation does."""
     settled = (at_pressure >= 0) & (at_length >= 0)
     pair = np.where(settled, at_pressure * (at_length.max() + 1) + at_length, -1)
     label = np.empty(len(pair), dtype=int)
-    count, begun, held = -1, 0, None
-    for first, last in _stretches(pair):
-        if pair[first] < 0 or last - first < LONG:
+    count, first_row, previous_pair = -1, 0, None
+    for first, last in _find_stretches(pair):
+        if pair[first] < 0 or last - first < MIN_HOLD_SAMPLES:
             continue
-        if pair[first] != held:
-            count, held = count + 1, pair[first]
-        label[begun:last] = count
-        begun = last
-    if count + 1 < ENOUGH:
+        if pair[first] != previous_pair:
+            count, previous_pair = count + 1, pair[first]
+        label[first_row:last] = count
+        first_row = last
+    if count + 1 < MIN_BLOCK_COUNT:
         return None
-    label[begun:] = count
+    label[first_row:] = count
     return Blocks(label, tuple(f"hold {i + 1}" for i in range(count + 1)), "holds")
 
 
-def _cycles(recording: Recording) -> Blocks | None:
+def _find_cycles(recording: Recording) -> Blocks | None:
     """Strokes or tests as the lab numbered them, parted where the rig was moved; 0 is no stroke."""
     if not recording.has_time:
         return None
     run = np.cumsum(recording.starts)
     label, names = np.full(recording.n, -1), []
     numbers: list[int] = []
-    for first, last in _stretches(run * (recording.cycle.max() + 1) + recording.cycle):
+    for first, last in _find_stretches(run * (recording.cycle.max() + 1) + recording.cycle):
         if recording.cycle[first] > 0:
             label[first:last] = len(names)
             numbers.append(int(recording.cycle[first]))
@@ -173,26 +179,26 @@ def _cycles(recording: Recording) -> Blocks | None:
     return Blocks(label, tuple(names), "cycles")
 
 
-def _rows(recording: Recording) -> Blocks:
+def _split_rows(recording: Recording) -> Blocks:
     """Single rows of a short table, or stretches of a long one."""
     n = recording.n
-    if n <= FEW_ROWS:
+    if n <= MAX_SINGLE_READINGS:
         return Blocks(np.arange(n), tuple(f"row {row}" for row in recording.row), "rows")
-    label = np.arange(n) * STRETCHES // n
-    ends = [recording.row[label == i][[0, -1]] for i in range(STRETCHES)]
+    label = np.arange(n) * STRETCH_COUNT // n
+    ends = [recording.row[label == i][[0, -1]] for i in range(STRETCH_COUNT)]
     return Blocks(label, tuple(f"rows {first} to {last}" for first, last in ends), "rows")
 
 
-def _without_unusable(found: Blocks, usable: np.ndarray) -> Blocks:
+def _drop_unusable_rows(blocks: Blocks, usable: np.ndarray) -> Blocks:
     """The blocks with unusable rows taken out, and blocks that have none left."""
-    label = np.where(usable, found.label, -1)
+    label = np.where(usable, blocks.label, -1)
     kept = np.unique(label[label >= 0])
-    number = np.full(len(found) + 1, -1)
+    number = np.full(len(blocks) + 1, -1)
     number[kept] = np.arange(len(kept))
-    return Blocks(number[label], tuple(found.names[i] for i in kept), found.kind)
+    return Blocks(number[label], tuple(blocks.names[i] for i in kept), blocks.kind)
 
 
-def _stretches(values: np.ndarray) -> list[tuple[int, int]]:
+def _find_stretches(values: np.ndarray) -> list[tuple[int, int]]:
     """First row, and the row after the last, of each stretch of equal values."""
     edges = np.flatnonzero(np.diff(values)) + 1
     return list(zip([0, *edges.tolist()], [*edges.tolist(), len(values)], strict=True))

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import tomlkit
 
-from pamjax.errors import nearest, refuse
-from pamjax.records.case import MUSCLE, Case, case_of
+from pamjax.errors import refuse, suggest_word
+from pamjax.records.case import MUSCLE_FILE, Case, build_case
 from pamjax.records.files import read_bytes
-from pamjax.records.reading.header import KINDS
+from pamjax.records.reading.header import COLUMN_KINDS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,15 +45,15 @@ def case_from(
     array([200000.])
     """
     if isinstance(muscle, Mapping):
-        said = tomlkit.dumps(muscle).encode()
+        toml_bytes = tomlkit.dumps(muscle).encode()
     else:
         path = Path(muscle)
-        said = read_bytes(path / MUSCLE if path.is_dir() else path)
-    measured = _frame(table).to_csv(index=False).encode()
-    return case_of(said, measured, Path(name), gaps, before, "the table")
+        toml_bytes = read_bytes(path / MUSCLE_FILE if path.is_dir() else path)
+    csv_bytes = _convert_to_frame(table).to_csv(index=False).encode()
+    return build_case(toml_bytes, csv_bytes, Path(name), gaps, before, "the table")
 
 
-def _frame(table: Any) -> pd.DataFrame:
+def _convert_to_frame(table: Any) -> pd.DataFrame:
     """The table with headers `name [unit]`."""
     if hasattr(table, "to_csv"):
         return table
@@ -61,9 +61,9 @@ def _frame(table: Any) -> pd.DataFrame:
         got = type(table).__name__
         raise refuse("a table is a pandas DataFrame or an xarray Dataset", got, remedy="Build one of them.")
     frame = table.to_dataframe().reset_index()
-    known = [name for name in frame.columns if name in KINDS]
+    known = [name for name in frame.columns if name in COLUMN_KINDS]
     if not known:
-        remedy = nearest("pressure", [str(name) for name in frame.columns])
+        remedy = suggest_word("pressure", [str(name) for name in frame.columns])
         raise refuse("a Dataset must have `pressure` and `force` or `diameter`", "neither", remedy=remedy)
     units = {name: table[name].attrs.get("units", "") for name in known}
     return frame[known].rename(

@@ -25,7 +25,7 @@ def read_bytes(path: Path) -> bytes:
         raise refuse(f"{path} cannot be read", error.strerror or "an error") from error
 
 
-def decode(raw: bytes, file: str) -> str:
+def decode_text(raw: bytes, file: str) -> str:
     """The text of a file, whatever mark of byte order stands before it.
 
     Raises:
@@ -42,7 +42,7 @@ def decode(raw: bytes, file: str) -> str:
 
 
 @contextmanager
-def write_beside(path: str | Path) -> Iterator[Path]:
+def write_atomically(path: str | Path) -> Iterator[Path]:
     """A path beside the wanted one to write to; it takes the wanted place only if all went well.
 
     The folder must exist. On any exception, Ctrl-C included, what stood there before stays untouched.
@@ -55,7 +55,7 @@ def write_beside(path: str | Path) -> Iterator[Path]:
     '{}'
     """
     path = Path(path)
-    temporary = _beside(path)
+    temporary = _choose_temporary_path(path)
     try:
         yield temporary
         os.replace(temporary, path)
@@ -64,23 +64,23 @@ def write_beside(path: str | Path) -> Iterator[Path]:
 
 
 @contextmanager
-def folder_beside(folder: str | Path) -> Iterator[Path]:
+def write_folder_atomically(folder: str | Path) -> Iterator[Path]:
     """A folder beside the wanted one to write several files to; all of them take their places, or none.
 
     The wanted folder is made if it does not exist; its other files stay.
     """
     folder = Path(folder)
-    temporary = _beside(folder)
+    temporary = _choose_temporary_path(folder)
     temporary.mkdir()
     try:
         yield temporary
-        with _undisturbed():
-            _move(temporary, folder)
+        with _delay_interrupt():
+            _move_files(temporary, folder)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def takes_files(folder: Path) -> bool:
+def is_writable(folder: Path) -> bool:
     """Whether something can be made in a folder: tried, as permissions say nothing of /proc."""
     try:
         os.rmdir(tempfile.mkdtemp(prefix=".pamjax-", dir=folder))
@@ -89,18 +89,18 @@ def takes_files(folder: Path) -> bool:
     return True
 
 
-def _beside(path: Path) -> Path:
+def _choose_temporary_path(path: Path) -> Path:
     """A hidden name in the same folder, so that the replacing is one rename on one disk."""
     folder = path.absolute().parent
     if not folder.is_dir():
         raise refuse(f"the folder of {path} must exist", remedy="Make it first, or check its name.")
-    if not takes_files(folder):
+    if not is_writable(folder):
         raise refuse(f"the folder of {path} must be writable", remedy="Write somewhere else.")
     # The ending stays: some writers take the format from it.
     return folder / f".{path.stem}-{secrets.token_hex(4)}{path.suffix}"
 
 
-def _move(source: Path, target: Path) -> None:
+def _move_files(source: Path, target: Path) -> None:
     if not target.exists():
         os.replace(source, target)
         return
@@ -113,16 +113,16 @@ def _move(source: Path, target: Path) -> None:
 
 
 @contextmanager
-def _undisturbed() -> Iterator[None]:
+def _delay_interrupt() -> Iterator[None]:
     """Hold Ctrl-C back for the few renames; it arrives right after them."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    came: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+    interrupts: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: interrupts.append(number))
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-        if came:
+        if interrupts:
             signal.raise_signal(signal.SIGINT)

@@ -22,25 +22,25 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import chi2
 
-from pamjax.records.blocks import blocks
+from pamjax.records.blocks import find_blocks
 from pamjax.records.case import Case
 
 #: Samples of the shortest visit; a visit has so many stretches, of five samples at least.
-FEWEST, STRETCHES, STRETCH = 16, 8, 5
+MIN_VISIT_SAMPLES, MAX_VISIT_STRETCHES, MIN_STRETCH_SAMPLES = 16, 8, 5
 #: Noise that neighbours show beyond which a sample is no part of a visit, and the share of near ones.
-NEAR, NEARLY_ALL = 4.0, 0.8
+MAX_VISIT_DEVIATION_SD, MIN_SHARE_AT_REST = 4.0, 0.8
 #: Share by which the scatter of a visit may exceed what neighbours differ by, beyond chance.
-MORE = 0.25
+MAX_EXCESS_SCATTER = 0.25
 #: Chance that stretches of noise alone lie as far apart.
-DRIFTS = 1e-3
+DRIFT_SIGNIFICANCE = 1e-3
 #: Median of |difference of two| of a normal variable, in standard deviations.
-MEDIAN = 0.9539
+NORMAL_DIFFERENCE_MEDIAN = 0.9539
 #: Share of the rows of a recording that were held from which its lengths have no other noise: what moved
 #: is then compared as if its length were exact.
-MOSTLY = 0.99
+MIN_FIXED_ROW_SHARE = 0.99
 
 
-def held(case: Case) -> Case:
+def average_fixed_lengths(case: Case) -> Case:
     """The case with every held length as one; as it is where lengths are not held, or have no noise.
 
     Args:
@@ -50,46 +50,46 @@ def held(case: Case) -> Case:
     recording, sensors = case.recording, case.entry.sensors
     if recording.time is None or sensors.length_per_setting:
         return case
-    found = blocks(recording)
-    if found.kind != "lengths":
+    case_blocks = find_blocks(recording)
+    if case_blocks.kind != "lengths":
         return case
-    length, still, sizes = recording.length.copy(), np.zeros(recording.n, dtype=bool), []
-    for rows in _visits(found.label, recording.starts):
-        rest = rows[at_rest(recording.length[rows])]
+    length, is_fixed, sizes = recording.length.copy(), np.zeros(recording.n, dtype=bool), []
+    for rows in _find_visits(case_blocks.label, recording.starts):
+        rest = rows[find_rest_samples(recording.length[rows])]
         if rest.size:
             length[rest] = recording.length[rest].mean()
-            still[rest] = True
+            is_fixed[rest] = True
             sizes.append(rest.size)
     if not sizes:
         return case
     entry = case.entry
-    if sensors.length is not None and still.mean() >= MOSTLY:
+    if sensors.length is not None and is_fixed.mean() >= MIN_FIXED_ROW_SHARE:
         of_mean = sensors.length / float(np.sqrt(np.median(sizes)))
         entry = replace(entry, sensors=replace(sensors, length=of_mean, length_per_setting=True))
     return replace(case, recording=replace(recording, length=length), entry=entry)
 
 
-def _visits(label: np.ndarray, starts: np.ndarray) -> list[np.ndarray]:
+def _find_visits(label: np.ndarray, starts: np.ndarray) -> list[np.ndarray]:
     """Rows of each stay at one setting; a longer one ends where the recording was interrupted."""
     cuts = np.flatnonzero((np.diff(label) != 0) | starts[1:]) + 1
     return [rows for rows in np.split(np.arange(label.size), cuts) if label[rows[0]] >= 0]
 
 
-def at_rest(length: np.ndarray) -> np.ndarray:
+def find_rest_samples(length: np.ndarray) -> np.ndarray:
     """(n,) which samples of a visit, (n,) m, show one length and noise; none where it moved."""
     none = np.zeros(length.size, dtype=bool)
-    if length.size < FEWEST:
+    if length.size < MIN_VISIT_SAMPLES:
         return none
-    noise = float(np.median(np.abs(np.diff(length)))) / MEDIAN
-    near = np.abs(length - np.median(length)) < NEAR * noise
-    if near.mean() < NEARLY_ALL:
+    noise = float(np.median(np.abs(np.diff(length)))) / NORMAL_DIFFERENCE_MEDIAN
+    near = np.abs(length - np.median(length)) < MAX_VISIT_DEVIATION_SD * noise
+    if near.mean() < MIN_SHARE_AT_REST:
         return none
-    steady = np.std(length[near]) < (1 + MORE + 3 / np.sqrt(length.size)) * noise
-    return near if steady and not _drifts(length[near], noise) else none
+    steady = np.std(length[near]) < (1 + MAX_EXCESS_SCATTER + 3 / np.sqrt(length.size)) * noise
+    return near if steady and not _has_drift(length[near], noise) else none
 
 
-def _drifts(length: np.ndarray, noise: float) -> bool:
+def _has_drift(length: np.ndarray, noise: float) -> bool:
     """Whether stretches of a visit lie farther apart than noise puts them."""
-    parts = np.array_split(length, min(STRETCHES, length.size // STRETCH))
+    parts = np.array_split(length, min(MAX_VISIT_STRETCHES, length.size // MIN_STRETCH_SAMPLES))
     apart = sum(part.size * (part.mean() - length.mean()) ** 2 for part in parts) / noise**2
-    return bool(chi2.sf(apart, len(parts) - 1) < DRIFTS)
+    return bool(chi2.sf(apart, len(parts) - 1) < DRIFT_SIGNIFICANCE)

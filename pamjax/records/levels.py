@@ -5,24 +5,24 @@ from __future__ import annotations
 import numpy as np
 
 #: A channel that moves by less than this share of its size has been held all along.
-HELD = 0.02
+MAX_CONSTANT_RANGE = 0.02
 #: A channel settles if this share of its samples lies on levels; the rest are moves between them.
-SETTLED = 0.75
+MIN_SHARE_ON_LEVELS = 0.75
 #: Two sorted samples farther apart than this share of the range lie on two levels, if there are few samples.
-GAP = 0.02
+MIN_LEVEL_GAP = 0.02
 #: Few samples are counted one by one, many in this number of bins over the range.
-FEW, BINS = 400, 200
+MAX_UNBINNED_SAMPLES, BIN_COUNT = 400, 200
 #: A bin this many times fuller than if the samples were spread evenly belongs to a level.
-FULLER = 2.0
+MIN_BIN_FILL_RATIO = 2.0
 #: A level is no wider than this share of the range, or it is a stroke ...
-WIDEST = 0.08
+MAX_LEVEL_WIDTH = 0.08
 #: ... and no wider than this share of the distance to the next one.
-TIGHT = 0.25
+MAX_WIDTH_TO_SPACING = 0.25
 #: A level holds at least this share of the samples, and three of them on average.
-SMALLEST = 0.01
+MIN_LEVEL_SHARE = 0.01
 #: In a history a channel stays: this share of samples has the one before it on the same level. A stroke
 #: that is sampled at the same lengths each time has few values too, but stays on none.
-STAYS = 0.5
+MIN_STAY_SHARE = 0.5
 
 
 def find_levels(channel: np.ndarray, ordered: bool = False) -> np.ndarray:
@@ -41,32 +41,32 @@ def find_levels(channel: np.ndarray, ordered: bool = False) -> np.ndarray:
     x = np.sort(history)
     if not len(x):
         return np.empty(0)
-    if x[-1] - x[0] <= HELD * np.max(np.abs(x)):
+    if x[-1] - x[0] <= MAX_CONSTANT_RANGE * np.max(np.abs(x)):
         return np.array([np.median(x)])
-    groups = _by_gaps(x) if len(x) < FEW else _by_bins(x)
-    groups = [group for group in groups if len(group) >= max(2, SMALLEST * len(x))]
+    groups = _split_by_gaps(x) if len(x) < MAX_UNBINNED_SAMPLES else _group_by_bins(x)
+    groups = [group for group in groups if len(group) >= max(2, MIN_LEVEL_SHARE * len(x))]
     on_level = sum(len(group) for group in groups)
-    if on_level < max(SETTLED * len(x), 3 * len(groups)):
+    if on_level < max(MIN_SHARE_ON_LEVELS * len(x), 3 * len(groups)):
         return np.empty(0)
     centres = np.array([np.median(group) for group in groups])
     # The middle 90 %: a sample or two on the way to the next level must not widen a level.
     widths = [float(np.ptp(np.quantile(group, [0.05, 0.95]))) for group in groups]
-    apart = min(TIGHT * np.diff(centres).min(initial=np.inf), WIDEST * (x[-1] - x[0]))
-    if max(widths) > apart or (ordered and not _stays(history, centres)):
+    apart = min(MAX_WIDTH_TO_SPACING * np.diff(centres).min(initial=np.inf), MAX_LEVEL_WIDTH * (x[-1] - x[0]))
+    if max(widths) > apart or (ordered and not _stays_on_levels(history, centres)):
         return np.empty(0)
     return centres
 
 
-def on_levels(channel: np.ndarray, levels: np.ndarray) -> np.ndarray:
+def assign_levels(channel: np.ndarray, levels: np.ndarray) -> np.ndarray:
     """(n,) index of the level each sample lies on; -1 between levels and where not measured."""
-    nearest = nearest_level(channel, levels)
+    nearest = find_nearest_level(channel, levels)
     if len(levels) < 2:
         return nearest
-    far = np.abs(channel - levels[nearest]) > TIGHT * np.diff(levels).min()
+    far = np.abs(channel - levels[nearest]) > MAX_WIDTH_TO_SPACING * np.diff(levels).min()
     return np.where(far, -1, nearest)
 
 
-def nearest_level(channel: np.ndarray, levels: np.ndarray) -> np.ndarray:
+def find_nearest_level(channel: np.ndarray, levels: np.ndarray) -> np.ndarray:
     """(n,) index of the nearest level; -1 where not measured, or where there is no level."""
     measured = np.isfinite(channel)
     if not len(levels):
@@ -75,19 +75,19 @@ def nearest_level(channel: np.ndarray, levels: np.ndarray) -> np.ndarray:
     return np.where(measured, np.abs(x[:, None] - levels).argmin(axis=1), -1)
 
 
-def _stays(history: np.ndarray, levels: np.ndarray) -> bool:
-    label = on_levels(history, levels)
-    return float(np.mean((label[1:] >= 0) & (label[1:] == label[:-1]))) >= STAYS
+def _stays_on_levels(history: np.ndarray, levels: np.ndarray) -> bool:
+    label = assign_levels(history, levels)
+    return float(np.mean((label[1:] >= 0) & (label[1:] == label[:-1]))) >= MIN_STAY_SHARE
 
 
-def _by_gaps(x: np.ndarray) -> list[np.ndarray]:
-    return np.split(x, np.flatnonzero(np.diff(x) > GAP * (x[-1] - x[0])) + 1)
+def _split_by_gaps(x: np.ndarray) -> list[np.ndarray]:
+    return np.split(x, np.flatnonzero(np.diff(x) > MIN_LEVEL_GAP * (x[-1] - x[0])) + 1)
 
 
-def _by_bins(x: np.ndarray) -> list[np.ndarray]:
+def _group_by_bins(x: np.ndarray) -> list[np.ndarray]:
     """Samples in and right beside each stretch of full bins."""
-    bins = np.minimum(((x - x[0]) / (x[-1] - x[0]) * BINS).astype(int), BINS - 1)
-    full = np.bincount(bins, minlength=BINS) > FULLER * len(x) / BINS
+    bins = np.minimum(((x - x[0]) / (x[-1] - x[0]) * BIN_COUNT).astype(int), BIN_COUNT - 1)
+    full = np.bincount(bins, minlength=BIN_COUNT) > MIN_BIN_FILL_RATIO * len(x) / BIN_COUNT
     # One thin bin amid a level does not part it.
     full[1:-1] |= full[:-2] & full[2:]
     edges = np.flatnonzero(np.diff(np.r_[0, full.astype(int), 0]))

@@ -11,9 +11,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from pamjax.errors import nearest, refuse
+from pamjax.errors import refuse, suggest_word
 from pamjax.records.reading import toml_errors as wrong
-from pamjax.units import parse
+from pamjax.units import parse_quantity
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,18 +25,18 @@ class Schedule:
         pressure: (n,) gauge, Pa.
         length: (n,) m.
         cycle: (n,) stroke, ramp or hold.
-        optical: (n,) whether the diameter is photographed at this sample.
+        diameter_measured: (n,) whether the diameter is photographed at this sample.
     """
 
     time: np.ndarray
     pressure: np.ndarray
     length: np.ndarray
     cycle: np.ndarray
-    optical: np.ndarray
+    diameter_measured: np.ndarray
 
 
 #: What an entry that was not understood may be.
-HINTS = {
+KEY_HINTS = {
     "kind": 'Write "strokes", "ramps" or "holds".',
     "pressures": 'Write a list, as ["100 kPa", "3 bar"].',
     "contractions": "Write a list of shares of the rest length, as [0.1, 0.2].",
@@ -73,25 +73,34 @@ class Protocol(BaseModel):
     rate: str = "1 Hz"
     diameter_every: Annotated[int, Field(ge=0)] = 1
 
-    def schedule(self, rest_length: float) -> Schedule:
+    def build_schedule(self, rest_length: float) -> Schedule:
         """The samples for a muscle of this rest length, m.
 
         Raises:
             BadInput: for a wrong unit, a pressure below zero, or numbers that do not pair up.
         """
         where = "[protocol]"
-        pressures = [parse(p, "pressure", where) for p in self.pressures]
-        speed, duration = parse(self.speed, "speed", where), parse(self.duration, "time", where)
-        step = 1 / _positive("rate", parse(self.rate, "frequency", where))
+        pressures = [parse_quantity(p, "pressure", where) for p in self.pressures]
+        speed, duration = (
+            parse_quantity(self.speed, "speed", where),
+            parse_quantity(self.duration, "time", where),
+        )
+        step = 1 / _check_positive("rate", parse_quantity(self.rate, "frequency", where))
         for p in pressures:
             if p < 0:
                 raise refuse("`pressures` are gauge pressures and not negative", f"{p / 1e3:g} kPa", where)
-        pieces = {"strokes": self._strokes, "ramps": self._ramps, "holds": self._holds}[self.kind](
-            np.array(pressures), rest_length, _positive("speed", speed), _positive("duration", duration), step
+        pieces = {"strokes": self._build_strokes, "ramps": self._build_ramps, "holds": self._build_holds}[
+            self.kind
+        ](
+            np.array(pressures),
+            rest_length,
+            _check_positive("speed", speed),
+            _check_positive("duration", duration),
+            step,
         )
-        return _join(pieces, step, self.diameter_every)
+        return _join_pieces(pieces, step, self.diameter_every)
 
-    def _strokes(self, pressures, rest, speed, duration, step):
+    def _build_strokes(self, pressures, rest, speed, duration, step):
         deepest = self.contractions * (len(pressures) if len(self.contractions) == 1 else 1)
         if len(deepest) != len(pressures):
             raise refuse(
@@ -100,36 +109,36 @@ class Protocol(BaseModel):
                 "[protocol]",
             )
         for pressure, contraction in zip(pressures, deepest, strict=True):
-            once = contraction * _there_and_back(rest * abs(contraction) / speed, step)
+            cycle_contraction = contraction * _build_ramp_cycle(rest * abs(contraction) / speed, step)
             for cycle in range(self.cycles):
-                yield np.full(once.size, pressure), rest * (1 - once), cycle + 1
+                yield np.full(cycle_contraction.size, pressure), rest * (1 - cycle_contraction), cycle + 1
 
-    def _ramps(self, pressures, rest, speed, duration, step):
-        once = _there_and_back(duration, step)
+    def _build_ramps(self, pressures, rest, speed, duration, step):
+        cycle_share = _build_ramp_cycle(duration, step)
         for contraction in self.contractions:
             for cycle, pressure in enumerate(np.tile(pressures, self.cycles)):
-                yield pressure * once, np.full(once.size, rest * (1 - contraction)), cycle + 1
+                yield pressure * cycle_share, np.full(cycle_share.size, rest * (1 - contraction)), cycle + 1
 
-    def _holds(self, pressures, rest, speed, duration, step):
+    def _build_holds(self, pressures, rest, speed, duration, step):
         size = max(round(duration / step), 1)
         for pressure in pressures:
             for cycle, contraction in enumerate(self.contractions):
                 yield np.full(size, pressure), np.full(size, rest * (1 - contraction)), cycle + 1
 
 
-def _there_and_back(duration: float, step: float) -> np.ndarray:
+def _build_ramp_cycle(duration: float, step: float) -> np.ndarray:
     """From 0 to 1 in a time, rounded up to whole steps so that the last one is as long as any, and back."""
     up = np.linspace(0.0, 1.0, max(math.ceil(duration / step - 1e-9), 1) + 1)
     return np.concatenate([up, up[-2::-1]])
 
 
-def _positive(name: str, value: float) -> float:
+def _check_positive(name: str, value: float) -> float:
     if value <= 0:
         raise refuse(f"`{name}` must be positive", f"{value:g}", "[protocol]")
     return value
 
 
-def _join(pieces, step: float, every: int) -> Schedule:
+def _join_pieces(pieces, step: float, every: int) -> Schedule:
     pieces = list(pieces)
     pressure = np.concatenate([p for p, _, _ in pieces])
     cycle = np.concatenate([np.full(p.size, c) for p, _, c in pieces])
@@ -158,15 +167,15 @@ def read_protocol(path: Path) -> Protocol:
         first = error.errors()[0]
         key = str(first["loc"][0])
         if first["type"] == "extra_forbidden":
-            hint = nearest(key, Protocol.model_fields)
+            hint = suggest_word(key, Protocol.model_fields)
             raise refuse(f"`{key}` is no entry of a protocol", where=path.name, remedy=hint) from error
-        hint = "" if first["type"] == "literal_error" else HINTS.get(key, "")
-        raise refuse(wrong.rule(first, key), wrong.got(first), path.name, hint) from error
+        hint = "" if first["type"] == "literal_error" else KEY_HINTS.get(key, "")
+        raise refuse(wrong.format_rule(first, key), wrong.format_input(first), path.name, hint) from error
 
 
 #: The protocol of the paper: ten isobars, three strokes each at 1 mm/s, one photograph a second.
 #: The strokes end where the paper's own muscle pulls no more (rounded down to a hundredth).
-PAPER = Protocol(
+PAPER_PROTOCOL = Protocol(
     kind="strokes",
     pressures=[f"{10 * k} psi" for k in range(1, 11)],
     contractions=[0.38] * 10,

@@ -10,23 +10,23 @@ import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT
 from pamjax.errors import refuse
-from pamjax.units import in_unit, show
+from pamjax.units import compute_si_factor, format_quantity
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
 #: A time step this many times the usual one, and the one before it, is a pause in which the rig was moved.
-PAUSE = 4.0
+MIN_PAUSE_STEPS = 4.0
 
 #: A step at a cycle's first row is a jump if it is this share of the channel's range ...
-JUMP_SHARE = 0.02
+MIN_JUMP_SHARE = 0.02
 #: ... and this many times both steps beside it: a ramp moves by as much before or after, a jump does not.
-JUMP_ALONE = 5.0
+MIN_JUMP_TO_NEIGHBOUR = 5.0
 
 
 @dataclass(frozen=True)
-class Aside:
+class Outlier:
     """One outlying cell that was set aside: it stands as "not measured" in the recording.
 
     Attributes:
@@ -34,17 +34,17 @@ class Aside:
         column: "pressure", "length", "force" or "diameter".
         value: what the cell said, SI.
         unit: unit in which a person reads it.
-        why: what is wrong with it, one clause.
+        reason: what is wrong with it, one clause.
     """
 
     row: int
     column: str
     value: float
     unit: str
-    why: str
+    reason: str
 
     def __str__(self) -> str:
-        return f"{self.column} {show(self.value, self.unit, 6)} in row {self.row} was set aside: {self.why}"
+        return f"{self.column} {format_quantity(self.value, self.unit, 6)} in row {self.row} was set aside: {self.reason}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class Recording:
         diameter: (n,) outer mean diameter, m.
         cycle: (n,) stroke, step or test; 0 while the rig settles; 1 everywhere where it was not given.
         row: (n,) line of the CSV file, its header being line 1.
-        aside: the outlying cells that were set aside.
+        outliers: the outlying cells that were set aside.
     """
 
     time: np.ndarray | None
@@ -69,7 +69,7 @@ class Recording:
     diameter: np.ndarray
     cycle: np.ndarray
     row: np.ndarray
-    aside: tuple[Aside, ...] = field(default=())
+    outliers: tuple[Outlier, ...] = field(default=())
 
     @classmethod
     def from_arrays(
@@ -82,7 +82,7 @@ class Recording:
         time: Sequence[float] | np.ndarray | None = None,
         cycle: Sequence[int] | np.ndarray | None = None,
         row: Sequence[int] | np.ndarray | None = None,
-        aside: tuple[Aside, ...] = (),
+        outliers: tuple[Outlier, ...] = (),
     ) -> Recording:
         """Build a recording from SI arrays; one number as `length` holds for every row.
 
@@ -116,7 +116,7 @@ class Recording:
             diameter=arrays["diameter"],
             cycle=arrays["cycle"].astype(int),
             row=arrays["row"].astype(int),
-            aside=aside,
+            outliers=outliers,
         )
 
     def __len__(self) -> int:
@@ -148,43 +148,43 @@ class Recording:
         if self.time is None:
             return np.ones(self.n, dtype=bool)
         new_cycle = np.r_[False, np.diff(self.cycle) != 0]
-        moved = _jumps(self.pressure) | _jumps(self.length)
-        begins = _pauses(self.time) | (new_cycle & moved)
+        moved = _find_jumps(self.pressure) | _find_jumps(self.length)
+        begins = _find_pauses(self.time) | (new_cycle & moved)
         begins[:1] = True
         return begins
 
     @property
-    def strokes(self) -> np.ndarray:
+    def length_and_pressure(self) -> np.ndarray:
         """(2, n) length, m, and pressure, Pa: what turns back at corners of strokes; 0 where not measured."""
         return np.nan_to_num(np.stack([self.length, self.pressure]))
 
     def select(self, mask: np.ndarray) -> Recording:
         """The rows of a mask (or of row indices), with the line numbers they came from."""
-        taken = {
+        columns = {
             name: getattr(self, name)[mask] for name in (*DISPLAY_UNIT, "cycle", "row") if name != "time"
         }
         time = None if self.time is None else self.time[mask]
-        kept = set(taken["row"].tolist())
-        return Recording(time=time, **taken, aside=tuple(a for a in self.aside if a.row in kept))
+        kept = set(columns["row"].tolist())
+        return Recording(time=time, **columns, outliers=tuple(a for a in self.outliers if a.row in kept))
 
-    def without(self, cells: dict[str, np.ndarray], aside: tuple[Aside, ...]) -> Recording:
+    def blank_cells(self, cells: dict[str, np.ndarray], outliers: tuple[Outlier, ...]) -> Recording:
         """A copy in which the masked cells of each named column count as not measured."""
         blanked = {name: np.where(mask, np.nan, getattr(self, name)) for name, mask in cells.items()}
-        return replace(self, **blanked, aside=self.aside + aside)
+        return replace(self, **blanked, outliers=self.outliers + outliers)
 
     def to_frame(self) -> pd.DataFrame:
         """The recording as a table with "name [unit]" headers, as it would stand in recording.csv."""
         import pandas as pd
 
         table = {
-            f"{name} [{unit}]": getattr(self, name) / in_unit(unit)
+            f"{name} [{unit}]": getattr(self, name) / compute_si_factor(unit)
             for name, unit in DISPLAY_UNIT.items()
             if name in ("pressure", "length", *self.channels) or (name == "time" and self.has_time)
         }
         return pd.DataFrame({**table, "cycle": self.cycle})
 
 
-def _pauses(time: np.ndarray) -> np.ndarray:
+def _find_pauses(time: np.ndarray) -> np.ndarray:
     """(n,) bool: rows before which time ran back, or stood still for much longer than usual."""
     step = np.diff(time)
     if not len(step):
@@ -192,10 +192,10 @@ def _pauses(time: np.ndarray) -> np.ndarray:
     usual = np.median(step[step > 0]) if (step > 0).any() else np.inf
     before = np.r_[usual, step[:-1]]
     # Some logs space their samples out over a hold: only a step unlike the one before it is a pause.
-    return np.r_[False, (step <= 0) | (step > PAUSE * np.maximum(usual, before))]
+    return np.r_[False, (step <= 0) | (step > MIN_PAUSE_STEPS * np.maximum(usual, before))]
 
 
-def _jumps(channel: np.ndarray) -> np.ndarray:
+def _find_jumps(channel: np.ndarray) -> np.ndarray:
     """(n,) bool: rows before which a channel jumps alone, so that what lay between was not recorded."""
     measured = np.flatnonzero(np.isfinite(channel))
     jumps = np.zeros(len(channel), dtype=bool)
@@ -203,6 +203,6 @@ def _jumps(channel: np.ndarray) -> np.ndarray:
         return jumps
     step = np.abs(np.diff(channel[measured]))
     beside = np.maximum(np.r_[0.0, step[:-1]], np.r_[step[1:], 0.0])
-    far = step > JUMP_SHARE * np.ptp(channel[measured])
-    jumps[measured[1:]] = far & (step > JUMP_ALONE * beside)
+    far = step > MIN_JUMP_SHARE * np.ptp(channel[measured])
+    jumps[measured[1:]] = far & (step > MIN_JUMP_TO_NEIGHBOUR * beside)
     return jumps

@@ -15,13 +15,13 @@ from typing import Any
 
 import pandas as pd
 
-from pamjax.errors import nearest, refuse
-from pamjax.units import in_unit
+from pamjax.errors import refuse, suggest_word
+from pamjax.units import compute_si_factor
 
-_HEADER = re.compile(r"^(?P<name>.*?)\s*\[(?P<unit>[^\]]*)\]$")
+_HEADER_PATTERN = re.compile(r"^(?P<name>.*?)\s*\[(?P<unit>[^\]]*)\]$")
 
 
-def data_folder() -> Path:
+def find_data_folder() -> Path:
     """Where the shipped tables lie: inside an installed package, beside the package in a checkout."""
     package = Path(__file__).resolve().parents[1]
     # The package's own folder comes first: beside an installed one, `data` could be anybody's.
@@ -31,13 +31,13 @@ def data_folder() -> Path:
     raise refuse("pamjax ships its tables in a folder `data`", "none", str(package), "Install pamjax again.")
 
 
-def shipped() -> list[str]:
+def list_shipped() -> list[str]:
     """The names that `read_shipped` knows, as "chambers_wereley_2022/table1"."""
-    folder = data_folder()
+    folder = find_data_folder()
     return sorted(p.relative_to(folder).with_suffix("").as_posix() for p in folder.glob("*/*.csv"))
 
 
-def sidecar(name: str) -> dict[str, Any]:
+def read_sidecar(name: str) -> dict[str, Any]:
     """What a shipped table is: title, source, licence, how it was read, unit of each column.
 
     Raises:
@@ -46,11 +46,11 @@ def sidecar(name: str) -> dict[str, Any]:
     >>> sidecar("chambers_wereley_2022/table1")["source"]["licence"]
     'CC BY 4.0'
     """
-    return tomllib.loads(_path(name, ".toml").read_text(encoding="utf-8"))
+    return tomllib.loads(_find_file(name, ".toml").read_text(encoding="utf-8"))
 
 
 def read_shipped(name: str) -> pd.DataFrame:
-    """A shipped table as printed, headers `name [unit]`; `in_si` converts it.
+    """A shipped table as printed, headers `name [unit]`; `convert_to_si` converts it.
 
     Raises:
         BadInput: if no table has this name, or the file is not the one the sidecar was written for.
@@ -58,9 +58,9 @@ def read_shipped(name: str) -> pd.DataFrame:
     >>> read_shipped("chambers_wereley_2022/table1")["diameter [mm]"].iloc[0].item()
     26.52
     """
-    path = _path(name, ".csv")
+    path = _find_file(name, ".csv")
     content = path.read_bytes()
-    if hashlib.sha256(content).hexdigest() != sidecar(name)["sha256"]:
+    if hashlib.sha256(content).hexdigest() != read_sidecar(name)["sha256"]:
         raise refuse(
             "a shipped table must be the file its sidecar describes",
             "another sha256",
@@ -70,7 +70,7 @@ def read_shipped(name: str) -> pd.DataFrame:
     return pd.read_csv(BytesIO(content))
 
 
-def in_si(table: pd.DataFrame) -> pd.DataFrame:
+def convert_to_si(table: pd.DataFrame) -> pd.DataFrame:
     """The same table in SI under bare names; columns without a unit stay as they are.
 
     >>> in_si(read_shipped("chambers_wereley_2022/table1"))["pressure"].iloc[0].item()
@@ -81,17 +81,17 @@ def in_si(table: pd.DataFrame) -> pd.DataFrame:
     """
     columns = {}
     for header in table.columns:
-        match = _HEADER.match(header)
+        match = _HEADER_PATTERN.match(header)
         name = match["name"] if match else header
         if name in columns:
             raise refuse(
                 "a column can be converted once", f"`{name}` twice", remedy="Pick the columns first."
             )
-        columns[name] = table[header] * in_unit(match["unit"]) if match else table[header]
+        columns[name] = table[header] * compute_si_factor(match["unit"]) if match else table[header]
     return pd.DataFrame(columns)
 
 
-def quantities(name: str) -> dict[str, float]:
+def read_quantities(name: str) -> dict[str, float]:
     """SI values of a table that has a row for each quantity, by the quantity's name.
 
     >>> round(quantities("chambers_wereley_2022/materials")["rest_length"], 6)
@@ -102,16 +102,18 @@ def quantities(name: str) -> dict[str, float]:
         raise refuse(
             "a table of quantities has the columns `quantity`, `value` and `unit`",
             where=name,
-            remedy="Use `in_si`.",
+            remedy="Use `convert_to_si`.",
         )
     return {
-        str(quantity): float(value) * in_unit(str(unit))
+        str(quantity): float(value) * compute_si_factor(str(unit))
         for quantity, value, unit in zip(table["quantity"], table["value"], table["unit"], strict=True)
     }
 
 
-def _path(name: str, suffix: str) -> Path:
-    path = data_folder() / f"{name}{suffix}"
-    if name not in shipped() or not path.is_file():
-        raise refuse("a shipped table is read by its name", f"`{name}`", remedy=nearest(name, shipped()))
+def _find_file(name: str, suffix: str) -> Path:
+    path = find_data_folder() / f"{name}{suffix}"
+    if name not in list_shipped() or not path.is_file():
+        raise refuse(
+            "a shipped table is read by its name", f"`{name}`", remedy=suggest_word(name, list_shipped())
+        )
     return path

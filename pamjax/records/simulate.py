@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from pamjax.model.balance import Status
-from pamjax.model.bench import Bench, record
-from pamjax.model.history import history
+from pamjax.model.bench import Bench, record_bench
+from pamjax.model.history import build_time_history
 from pamjax.model.muscle import Muscle, predict
 from pamjax.records.protocol import Schedule
 from pamjax.records.reading.muscle_toml import Sensors
@@ -43,35 +43,41 @@ def simulate(
     """
     rng = np.random.default_rng(seed)
     n = schedule.time.size
-    reading = _shown(muscle, schedule, settled)
-    there = np.asarray(reading.status) == Status.OK
+    reading = _predict_readings(muscle, schedule, settled)
+    solved = np.asarray(reading.status) == Status.OK
     step = float(schedule.time[1] - schedule.time[0]) if n > 1 else 1.0
-    repeat = float(np.exp(-step / correlation_time)) if correlation_time > 0 else 0.0
-    force = np.where(there, np.asarray(reading.force), np.nan)
-    diameter = np.where(there & schedule.optical, np.asarray(reading.diameter), np.nan)
+    correlation = float(np.exp(-step / correlation_time)) if correlation_time > 0 else 0.0
+    force = np.where(solved, np.asarray(reading.force), np.nan)
+    diameter = np.where(solved & schedule.diameter_measured, np.asarray(reading.diameter), np.nan)
     return Recording.from_arrays(
         time=schedule.time,
         pressure=schedule.pressure + (sensors.pressure or 0.0) * rng.standard_normal(n),
-        length=schedule.length + _length_error(schedule, sensors, rng),
-        force=np.where(force >= 0, force, np.nan) + (sensors.force or 0.0) * coloured(rng, n, repeat),
-        diameter=diameter + (sensors.diameter or 0.0) * coloured(rng, n, repeat),
+        length=schedule.length + _draw_length_error(schedule, sensors, rng),
+        force=np.where(force >= 0, force, np.nan)
+        + (sensors.force or 0.0) * draw_ar1_noise(rng, n, correlation),
+        diameter=diameter + (sensors.diameter or 0.0) * draw_ar1_noise(rng, n, correlation),
         cycle=schedule.cycle,
     )
 
 
-def _shown(muscle: Muscle | Bench, schedule: Schedule, settled: bool):
+def _predict_readings(muscle: Muscle | Bench, schedule: Schedule, settled: bool):
     pressure, length = jnp.asarray(schedule.pressure), jnp.asarray(schedule.length)
     if isinstance(muscle, Muscle):
         return predict(muscle, pressure, length)
     # Runs as whoever reads the recording finds them: nothing is late across a step of pressure between two.
-    read = Recording.from_arrays(
+    exact_recording = Recording.from_arrays(
         time=schedule.time, pressure=schedule.pressure, length=schedule.length, cycle=schedule.cycle
     )
-    way = history(schedule.time, read.starts, settled=settled, turning=read.strokes)
-    return record(muscle, pressure, length, way)
+    path_history = build_time_history(
+        schedule.time,
+        exact_recording.starts,
+        settled=settled,
+        stroke_channels=exact_recording.length_and_pressure,
+    )
+    return record_bench(muscle, pressure, length, path_history)
 
 
-def _length_error(schedule: Schedule, sensors: Sensors, rng: np.random.Generator) -> np.ndarray:
+def _draw_length_error(schedule: Schedule, sensors: Sensors, rng: np.random.Generator) -> np.ndarray:
     n = schedule.length.size
     if not sensors.length_per_setting:
         return (sensors.length or 0.0) * rng.standard_normal(n)
@@ -80,42 +86,42 @@ def _length_error(schedule: Schedule, sensors: Sensors, rng: np.random.Generator
     return (sensors.length or 0.0) * rng.standard_normal(setting.max() + 1)[setting]
 
 
-def coloured(rng: np.random.Generator, n: int, repeat: float) -> np.ndarray:
-    """Noise of unit variance in which a sample keeps a share `repeat` of the one before."""
+def draw_ar1_noise(rng: np.random.Generator, n: int, correlation: float) -> np.ndarray:
+    """Noise of unit variance in which a sample keeps a share `correlation` of the one before."""
     from scipy.signal import lfilter
 
     white = rng.standard_normal(n)
-    if repeat == 0 or n == 0:
+    if correlation == 0 or n == 0:
         return white
-    white[1:] *= np.sqrt(1 - repeat**2)
-    return np.asarray(lfilter([1.0], [1.0, -repeat], white))
+    white[1:] *= np.sqrt(1 - correlation**2)
+    return np.asarray(lfilter([1.0], [1.0, -correlation], white))
 
 
-def outside(calibrated: dict[str, tuple[float, float]], schedule: Schedule) -> list[str]:
+def describe_extrapolation(calibrated_range: dict[str, tuple[float, float]], schedule: Schedule) -> list[str]:
     """How far a schedule leaves the pressures (Pa) and lengths (m) a muscle was calibrated on.
 
     Args:
-        calibrated: "pressure" and "length", or one of them, with lowest and highest calibrated value, SI.
+        calibrated_range: "pressure" and "length", or one of them, with lowest and highest calibrated value, SI.
 
     Returns:
         a sentence for each end that is left; none if the schedule stays inside.
     """
-    said = []
+    sentences = []
     for name, unit, scale in (("pressure", "kPa", 1e3), ("length", "mm", 1e-3)):
-        if name not in calibrated:
+        if name not in calibrated_range:
             continue
-        low, high = calibrated[name]
+        low, high = calibrated_range[name]
         values = getattr(schedule, name)
-        for past, end, word in ((low - values.min(), low, "below"), (values.max() - high, high, "above")):
-            if past > 1e-3 * max(high - low, 1e-12) and past > 1e-9:
+        for excess, end, word in ((low - values.min(), low, "below"), (values.max() - high, high, "above")):
+            if excess > 1e-3 * max(high - low, 1e-12) and excess > 1e-9:
                 count = int(((values < low) if word == "below" else (values > high)).sum())
-                said.append(
-                    f"{name} goes {past / scale:.3g} {unit} {word} the calibrated {end / scale:.4g} {unit} "
+                sentences.append(
+                    f"{name} goes {excess / scale:.3g} {unit} {word} the calibrated {end / scale:.4g} {unit} "
                     f"({count} of {values.size} samples)"
                 )
-    return said
+    return sentences
 
 
-def renumbered(recording: Recording) -> Recording:
+def renumber_rows(recording: Recording) -> Recording:
     """The recording as it stands in a fresh file: rows from 2 on, nothing set aside."""
-    return replace(recording, row=np.arange(recording.n) + 2, aside=())
+    return replace(recording, row=np.arange(recording.n) + 2, outliers=())

@@ -35,25 +35,25 @@ from jaxtyping import Array, Float
 from pamjax.model import braid, wall
 from pamjax.model.balance import Status
 from pamjax.model.bench import Bench
-from pamjax.model.history import history
+from pamjax.model.history import build_time_history
 from pamjax.model.mechanism import AbstractLine, AbstractMemory, AbstractSlip, Past
 from pamjax.model.mechanisms.bladder_elasticity import BladderElasticity
 from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
-from pamjax.model.registry import in_order
+from pamjax.model.registry import order_mechanisms
 
 #: Places that one candidate is asked about; a spec with fewer repeats its first.
-PLACES = 16
+POINT_COUNT = 16
 #: Ambient pressure, Pa.
-AMBIENT = 101325.0
+AMBIENT_PRESSURE = 101325.0
 #: Pressure at which a bladder bulges through, over shear modulus, wall and the inverse of the opening.
-BULGE = 3.5
+BULGE_FACTOR = 3.5
 
 #: Candidates that are asked together.
-BATCH = 64
+BATCH_SIZE = 64
 
 #: What is told of each place, and of the muscle as a whole.
-EACH = ("force", "diameter", "tension", "used", "fit", "mesh", "strain", "burst")
-WHOLE = (
+POINT_OUTPUTS = ("force", "diameter", "tension", "used", "fit", "mesh", "strain", "burst")
+MUSCLE_OUTPUTS = (
     "length", "angle", "rest_diameter", "wall", "pressure", "thread_length", "turns", "bore", "slenderness",
     "mass", "air", "cost", "unsolved", "widest", "bundle",
 )  # fmt: skip
@@ -61,7 +61,7 @@ WHOLE = (
 COORDINATES = ("rest_length", "braid_angle", "diameter", "wall", "pressure")
 
 
-class Made(NamedTuple):
+class MuscleBuild(NamedTuple):
     """What a candidate is made of, and how it is built. SI; every field a number.
 
     Attributes:
@@ -89,14 +89,14 @@ class Made(NamedTuple):
     rubber_price: Any = 0.0
     parallel: Any = 1.0
     packing: Any = 1.0
-    off_length: Any = 0.0
-    off_thread: Any = 0.0
-    off_turns: Any = 0.0
-    off_wall: Any = 0.0
-    off_force: Any = 0.0
+    length_error: Any = 0.0
+    thread_error: Any = 0.0
+    turns_error: Any = 0.0
+    wall_error: Any = 0.0
+    force_error: Any = 0.0
 
 
-class Places(NamedTuple):
+class OperatingPoints(NamedTuple):
     """Where a candidate is asked: (k,) each.
 
     The length is L0 (1 − contraction) − shortening; the pressure is share × p + pressure.
@@ -104,7 +104,7 @@ class Places(NamedTuple):
 
     contraction: Float[Array, " k"] | np.ndarray
     shortening: Float[Array, " k"] | np.ndarray
-    share: Float[Array, " k"] | np.ndarray
+    supply_share: Float[Array, " k"] | np.ndarray
     pressure: Float[Array, " k"] | np.ndarray
 
 
@@ -112,157 +112,190 @@ class Places(NamedTuple):
 Numbers = Mapping[str, Any]
 
 
-def bench(c: Array | np.ndarray, made: Made, ids: tuple[str, ...], numbers: Numbers) -> Bench:
+def build_bench(c: Array | np.ndarray, build: MuscleBuild, ids: tuple[str, ...], numbers: Numbers) -> Bench:
     """The candidate as a bench without sensors.
 
     Args:
         c: coordinates.
-        made: what of.
+        build: what of.
         ids: mechanisms beside stretching threads and rubber that a calibration hands on.
         numbers: theirs, "id.field"; "end_taper.radius" as a share of the radius at rest, "thread_crimp.load"
             as a share of n A in Pa.
     """
-    rest, angle, outside, t = jnp.exp(c[0]), c[1], jnp.exp(c[2]), jnp.exp(c[3]) + made.off_wall
-    thread, turns = braid.from_angle(rest, outside, angle)
-    area = made.threads * made.thread_area
-    size = {"inner_diameter": outside - 2 * t, "thickness": t, "length": rest + made.off_length}
-    own = {
-        "braid_elasticity": BraidElasticity(made.elastic / (area * made.modulus)),
-        "bladder_elasticity": BladderElasticity(made.shear, made.mooney, **size),
+    rest_length, angle, outer_diameter, t = (
+        jnp.exp(c[0]),
+        c[1],
+        jnp.exp(c[2]),
+        jnp.exp(c[3]) + build.wall_error,
+    )
+    thread, turns = braid.from_angle(rest_length, outer_diameter, angle)
+    area = build.threads * build.thread_area
+    size = {
+        "inner_diameter": outer_diameter - 2 * t,
+        "thickness": t,
+        "length": rest_length + build.length_error,
+    }
+    mechanisms_by_id = {
+        "braid_elasticity": BraidElasticity(build.elastic / (area * build.modulus)),
+        "bladder_elasticity": BladderElasticity(build.shear, build.mooney, **size),
     }
     scaled = {
-        "end_taper.radius": outside / 2,
+        "end_taper.radius": outer_diameter / 2,
         "thread_crimp.load": area,
-        "braid_locking.width": made.threads * made.thread_diameter,
+        "braid_locking.width": build.threads * build.thread_diameter,
     }
-    for kind in in_order(ids):
+    for kind in order_mechanisms(ids):
         fields = {n.partition(".")[2]: v * scaled.get(n, 1.0) for n, v in numbers.items()
                   if n.partition(".")[0] == kind.id}  # fmt: skip
-        own[kind.id] = kind(**fields)
-    mechanisms = tuple(own[kind.id] for kind in in_order(own))
-    return Bench(thread + made.off_thread, turns + made.off_turns, mechanisms)
+        mechanisms_by_id[kind.id] = kind(**fields)
+    mechanisms = tuple(mechanisms_by_id[kind.id] for kind in order_mechanisms(mechanisms_by_id))
+    return Bench(thread + build.thread_error, turns + build.turns_error, mechanisms)
 
 
-def _passed(one: Bench, pressure: Array, length: Array, rest: Array) -> tuple[Past, Array]:
+def _solve_points(bench: Bench, pressure: Array, length: Array, rest_length: Array) -> tuple[Past, Array]:
     """The balance at each place; of a muscle that remembers, after a pull from its rest length."""
-    if not any(one.of(kind) for kind in (AbstractMemory, AbstractSlip, AbstractLine)):
+    if not any(bench.find_mechanisms(kind) for kind in (AbstractMemory, AbstractSlip, AbstractLine)):
         zero = jnp.zeros(())
-        return jax.vmap(lambda p, at: one.instant(p, at, zero, (zero, zero)))(pressure, length)
+        return jax.vmap(lambda p, true_length: bench.solve_instant(p, true_length, zero, (zero, zero)))(
+            pressure, length
+        )
     k = pressure.shape[0]
-    way = history(np.arange(2.0 * k), np.arange(2 * k) % 2 == 0, restart=True)
-    lengths = jnp.stack([jnp.full(k, rest), length], axis=1).ravel()
-    past, status = one.passed(jnp.repeat(pressure, 2), lengths, way)
+    pull_history = build_time_history(np.arange(2.0 * k), np.arange(2 * k) % 2 == 0, restart=True)
+    lengths = jnp.stack([jnp.full(k, rest_length), length], axis=1).ravel()
+    past, status = bench.compute_past(jnp.repeat(pressure, 2), lengths, pull_history)
     return jax.tree.map(lambda x: x[1::2], past), status[1::2]
 
 
-def outputs(
-    c: Float[Array, " 5"], made: Made, numbers: Numbers, places: Places, ids: tuple[str, ...] = ()
+def compute_outputs(
+    c: Float[Array, " 5"],
+    build: MuscleBuild,
+    numbers: Numbers,
+    points: OperatingPoints,
+    ids: tuple[str, ...] = (),
 ) -> Float[Array, " m"]:
     """Everything that a requirement can be about, in the order of `names`.
 
     force (N, all muscles), diameter (outside, m), tension (one thread, N) and its share of the strength,
     fit (spacing over width), mesh (pressure over that of bulging), strain (of the rubber around, over its
-    elongation at break), burst (pull over stiffness) at each place; then what `WHOLE` names, SI.
+    elongation at break), burst (pull over stiffness) at each place; then what `SPEC_TITLE` names, SI.
     """
-    rest, t, working = jnp.exp(c[0]), jnp.exp(c[3]), jnp.exp(c[4])
-    one = bench(c, made, ids, numbers).prepared()
-    pressure = jnp.asarray(places.share * working + places.pressure)
-    length = jnp.asarray((rest + made.off_length) * (1 - places.contraction) - places.shortening)
-    past, status = _passed(one, pressure, length, rest + made.off_length)
-    state, n = past.state, made.threads
-    blocked = braid.gaylord_force(pressure, rest, one.thread_length, one.turns)
-    force = made.parallel * (past.force + made.off_force * blocked)
+    rest_length, t, working_pressure = jnp.exp(c[0]), jnp.exp(c[3]), jnp.exp(c[4])
+    bench = build_bench(c, build, ids, numbers).prepare()
+    pressure = jnp.asarray(points.supply_share * working_pressure + points.pressure)
+    length = jnp.asarray((rest_length + build.length_error) * (1 - points.contraction) - points.shortening)
+    past, status = _solve_points(bench, pressure, length, rest_length + build.length_error)
+    state, n = past.state, build.threads
+    blocked_force = braid.gaylord_force(pressure, rest_length, bench.thread_length, bench.turns)
+    force = build.parallel * (past.force + build.force_error * blocked_force)
     radius = jnp.maximum(state.radius, 1e-9)
     spacing = 4 * jnp.pi * state.length * radius / (n * state.thread)
-    (rubber,) = one.of(BladderElasticity)
+    (rubber,) = bench.find_mechanisms(BladderElasticity)
     stretched = jax.vmap(lambda s: jnp.stack(wall.stretch(rubber, s)))(state)
-    mesh = pressure * (spacing - made.thread_diameter) / (BULGE * made.shear * t * stretched[:, 2])
-    pull = braid.hoop_pull(pressure, length, one.thread_length, one.turns)
-    burst = pull / (n * made.thread_area * made.modulus)
-    outside = 2 * radius + 2 * made.thread_diameter
+    mesh = pressure * (spacing - build.thread_diameter) / (BULGE_FACTOR * build.shear * t * stretched[:, 2])
+    pull = braid.hoop_pull(pressure, length, bench.thread_length, bench.turns)
+    burst = pull / (n * build.thread_area * build.modulus)
+    outer_diameter = 2 * radius + 2 * build.thread_diameter
     tension = past.load / n
-    each = (
-        force, outside, tension, tension / (made.thread_area * made.strength), spacing / made.thread_diameter,
-        mesh, (stretched[:, 1] - 1) / made.elongation, burst,
+    point_outputs = (
+        force, outer_diameter, tension, tension / (build.thread_area * build.strength), spacing / build.thread_diameter,
+        mesh, (stretched[:, 1] - 1) / build.elongation, burst,
     )  # fmt: skip
 
-    solid = wall.rubber(rubber)
-    empty = braid.volume(rest, one.thread_length, one.turns) - solid
-    filled = (pressure + AMBIENT) * (state.volume - solid)
+    rubber_volume = wall.rubber_volume(rubber)
+    rest_volume = braid.volume(rest_length, bench.thread_length, bench.turns) - rubber_volume
+    filled_volume = (pressure + AMBIENT_PRESSURE) * (state.volume - rubber_volume)
     # The proof at rest (place 0) is no stroke.
-    air = made.parallel * (jnp.max(filled[1:]) - AMBIENT * empty) / AMBIENT
-    yarn = n * one.thread_length * made.thread_area * made.density
-    mass = made.parallel * (yarn + solid * made.rubber_density)
-    cost = made.parallel * (yarn * made.price + solid * made.rubber_density * made.rubber_price)
+    air = build.parallel * (jnp.max(filled_volume[1:]) - AMBIENT_PRESSURE * rest_volume) / AMBIENT_PRESSURE
+    yarn = n * bench.thread_length * build.thread_area * build.density
+    mass = build.parallel * (yarn + rubber_volume * build.rubber_density)
+    cost = build.parallel * (yarn * build.price + rubber_volume * build.rubber_density * build.rubber_price)
     rest_diameter = jnp.exp(c[2])
-    widest = jnp.max(outside[1:])
-    whole = (
-        rest, c[1], rest_diameter, t, working, one.thread_length, one.turns, 1 - 2 * t / rest_diameter,
-        rest / widest, mass, air, cost, jnp.sum(status != int(Status.OK)).astype(float), widest,
-        widest * made.packing,
+    widest = jnp.max(outer_diameter[1:])
+    muscle_outputs = (
+        rest_length, c[1], rest_diameter, t, working_pressure, bench.thread_length, bench.turns, 1 - 2 * t / rest_diameter,
+        rest_length / widest, mass, air, cost, jnp.sum(status != int(Status.OK)).astype(float), widest,
+        widest * build.packing,
     )  # fmt: skip
-    return jnp.concatenate([jnp.stack(each).ravel(), jnp.stack(whole)])
+    return jnp.concatenate([jnp.stack(point_outputs).ravel(), jnp.stack(muscle_outputs)])
 
 
-def index(name: str, place: int | None = None) -> int:
+def locate_output(name: str, point: int | None = None) -> int:
     """Where an output stands."""
-    if place is None:
-        return len(EACH) * PLACES + WHOLE.index(name)
-    return EACH.index(name) * PLACES + place
+    if point is None:
+        return len(POINT_OUTPUTS) * POINT_COUNT + MUSCLE_OUTPUTS.index(name)
+    return POINT_OUTPUTS.index(name) * POINT_COUNT + point
 
 
 @partial(jax.jit, static_argnames="ids")
-def _shown(c, made: Made, numbers: Numbers, places: Places, ids: tuple[str, ...]):
-    return outputs(c, made, numbers, places, ids), jax.jacfwd(outputs)(c, made, numbers, places, ids)
+def _evaluate_candidate(
+    c, build: MuscleBuild, numbers: Numbers, points: OperatingPoints, ids: tuple[str, ...]
+):
+    return compute_outputs(c, build, numbers, points, ids), jax.jacfwd(compute_outputs)(
+        c, build, numbers, points, ids
+    )
 
 
 @partial(jax.jit, static_argnames="ids")
-def _curved(c, weights, made: Made, numbers: Numbers, places: Places, ids: tuple[str, ...]):
+def _compute_hessian(
+    c, weights, build: MuscleBuild, numbers: Numbers, points: OperatingPoints, ids: tuple[str, ...]
+):
     def total(x):
-        return jnp.vdot(weights, outputs(x, made, numbers, places, ids))
+        return jnp.vdot(weights, compute_outputs(x, build, numbers, points, ids))
 
     return jax.jacfwd(jax.jacfwd(total))(c)
 
 
 @partial(jax.jit, static_argnames="ids")
-def _batch(c, made: Made, numbers: Numbers, places: Places, ids: tuple[str, ...]):
-    return jax.vmap(lambda c, made, numbers: outputs(c, made, numbers, places, ids))(c, made, numbers)
+def _compute_batch(c, build: MuscleBuild, numbers: Numbers, points: OperatingPoints, ids: tuple[str, ...]):
+    return jax.vmap(lambda c, build, numbers: compute_outputs(c, build, numbers, points, ids))(
+        c, build, numbers
+    )
 
 
-def _arrays(tree: Any) -> Any:
+def _convert_to_arrays(tree: Any) -> Any:
     """Every number as an array of one kind: a float here and an integer there would compile twice."""
     return jax.tree.map(lambda x: np.asarray(x, float), tree)
 
 
-def shown(c, made: Made, numbers: Numbers, places: Places, ids: tuple[str, ...]):
+def evaluate_candidate(
+    c, build: MuscleBuild, numbers: Numbers, points: OperatingPoints, ids: tuple[str, ...]
+):
     """The outputs of one candidate and their Jacobian in its coordinates, (m,) and (m, 5)."""
-    y, slope = _shown(*_arrays((c, made, dict(numbers), places)), ids=ids)
-    return np.asarray(y), np.asarray(slope)
+    y, jacobian = _evaluate_candidate(*_convert_to_arrays((c, build, dict(numbers), points)), ids=ids)
+    return np.asarray(y), np.asarray(jacobian)
 
 
-def curved(c, weights, made: Made, numbers: Numbers, places: Places, ids: tuple[str, ...]) -> np.ndarray:
+def compute_hessian(
+    c, weights, build: MuscleBuild, numbers: Numbers, points: OperatingPoints, ids: tuple[str, ...]
+) -> np.ndarray:
     """Hessian of a weighted sum of outputs in the coordinates, (5, 5), exact: forward over forward."""
-    return np.asarray(_curved(*_arrays((c, weights, made, dict(numbers), places)), ids=ids))
+    return np.asarray(
+        _compute_hessian(*_convert_to_arrays((c, weights, build, dict(numbers), points)), ids=ids)
+    )
 
 
-def many(c: np.ndarray, made: Made, numbers: Numbers, places: Places, ids: tuple[str, ...]) -> np.ndarray:
+def evaluate_many(
+    c: np.ndarray, build: MuscleBuild, numbers: Numbers, points: OperatingPoints, ids: tuple[str, ...]
+) -> np.ndarray:
     """The outputs of many candidates, (k, m), in batches of one size: one program for any number.
 
     Args:
         c: (k, 5) coordinates.
-        made, numbers: each field a number, or (k,).
+        build, numbers: each field a number, or (k,).
     """
     k = len(c)
-    rows = -(-k // BATCH) * BATCH
+    rows = -(-k // BATCH_SIZE) * BATCH_SIZE
 
     def cut(x):
         x = np.asarray(x, float)
         x = np.broadcast_to(x, (k, *x.shape[1:]))
         return np.concatenate([x, np.broadcast_to(x[-1:], (rows - k, *x.shape[1:]))])
 
-    filled, places = jax.tree.map(cut, (c, made, dict(numbers))), _arrays(places)
+    filled, points = jax.tree.map(cut, (c, build, dict(numbers))), _convert_to_arrays(points)
     parts = [
-        _batch(*jax.tree.map(lambda x, at=at: x[at : at + BATCH], filled), places, ids=ids)
-        for at in range(0, rows, BATCH)
+        _compute_batch(
+            *jax.tree.map(lambda x, start=start: x[start : start + BATCH_SIZE], filled), points, ids=ids
+        )
+        for start in range(0, rows, BATCH_SIZE)
     ]
     return np.concatenate([np.asarray(part) for part in parts])[:k]

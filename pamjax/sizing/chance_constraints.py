@@ -15,141 +15,151 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamjax.sizing.calibration import Handed
-from pamjax.sizing.candidate import Made, many
-from pamjax.sizing.enumerate import Tried
-from pamjax.sizing.optimise import KEPT, Answer, relax, search
-from pamjax.sizing.problem import Problem
+from pamjax.sizing.calibration import CalibrationTransfer
+from pamjax.sizing.candidate import MuscleBuild, evaluate_many
+from pamjax.sizing.enumerate import ChoiceResult
+from pamjax.sizing.optimise import MARGIN_TOLERANCE, SearchResult, minimise_violation, search_optimum
+from pamjax.sizing.problem import SizingProblem
 from pamjax.sizing.schema import Tolerance
 
 #: Draws while searching, and for the probability that is told. A margin found on few draws fits their gaps:
 #: of three sets of 256 that held with 0.9, others held with 0.88, 0.89, 0.91; of 1,024 with 0.91 to 0.92.
-DRAWS, TOLD = 1024, 4096
+SEARCH_DRAWS, REPORT_DRAWS = 1024, 4096
 #: Times that margins are found again, at most.
-ROUNDS = 12
+MAX_ROUNDS = 12
 #: Rounds after which the draws follow the candidate no more.
-SETTLED = 3
+TRACKING_ROUNDS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Doubt:
+class BuildDraws:
     """Draws of what is not known of one choice: `made` and `numbers` with (k,) in place of a number."""
 
-    made: Made
+    build: MuscleBuild
     numbers: dict[str, np.ndarray]
     count: int
 
 
-def draw(problem: Problem, handed: Handed, tolerance: Tolerance, count: int, seed: int) -> Doubt:
+def draw_builds(
+    problem: SizingProblem, transfer: CalibrationTransfer, tolerance: Tolerance, count: int, seed: int
+) -> BuildDraws:
     """Draws for a choice."""
     random = np.random.default_rng([seed, 21])
-    choice, made = problem.choice, problem.made
-    size = len(next(iter(handed.draws.values()))) if handed.draws else 1
+    choice, build = problem.choice, problem.build
+    size = len(next(iter(transfer.draws.values()))) if transfer.draws else 1
     # One set of rows for all numbers: they know each other.
     rows = random.integers(size, size=count)
 
-    def spread(known) -> np.ndarray:
-        return random.uniform(known.low, known.high, count)
+    def draw_property(known_range) -> np.ndarray:
+        return random.uniform(known_range.low, known_range.high, count)
 
-    modulus, shear = spread(choice.thread.modulus), spread(choice.bladder.modulus)
-    if handed.thread_modulus is not None and handed.thread == choice.thread.name:
-        modulus = made.modulus * _ratio(handed, "thread", rows)
-    if handed.shear is not None and handed.bladder == choice.bladder.name:
-        shear = made.shear * _ratio(handed, "shear", rows)
-    strength = spread(choice.thread.strength)
+    modulus, shear = draw_property(choice.thread.modulus), draw_property(choice.bladder.modulus)
+    if transfer.thread_modulus is not None and transfer.thread == choice.thread.name:
+        modulus = build.modulus * _draw_ratio(transfer, "thread", rows)
+    if transfer.shear is not None and transfer.bladder == choice.bladder.name:
+        shear = build.shear * _draw_ratio(transfer, "shear", rows)
+    strength = draw_property(choice.thread.strength)
 
-    def off(sd: float | None) -> np.ndarray:
+    def draw_error(sd: float | None) -> np.ndarray:
         return (sd or 0.0) * random.standard_normal(count)
 
-    drawn = made._replace(
+    drawn_build = build._replace(
         modulus=modulus,
         shear=shear,
         strength=strength,
-        off_length=off(tolerance.rest_length),
-        off_thread=off(tolerance.thread_length),
-        off_turns=off(tolerance.turns),
-        off_wall=off(tolerance.wall),
-        off_force=off(handed.discrepancy),
+        length_error=draw_error(tolerance.rest_length),
+        thread_error=draw_error(tolerance.thread_length),
+        turns_error=draw_error(tolerance.turns),
+        wall_error=draw_error(tolerance.wall),
+        force_error=draw_error(transfer.discrepancy),
     )
     numbers = {
-        name: handed.draws[name][rows] if name in handed.draws else np.full(count, value)
+        name: transfer.draws[name][rows] if name in transfer.draws else np.full(count, value)
         for name, value in problem.numbers.items()
     }
-    return Doubt(drawn, numbers, count)
+    return BuildDraws(drawn_build, numbers, count)
 
 
-def _ratio(handed: Handed, name: str, rows: np.ndarray) -> np.ndarray:
-    return handed.draws[name][rows] if name in handed.draws else np.ones(rows.size)
+def _draw_ratio(transfer: CalibrationTransfer, name: str, rows: np.ndarray) -> np.ndarray:
+    return transfer.draws[name][rows] if name in transfer.draws else np.ones(rows.size)
 
 
-def margins(problem: Problem, z: np.ndarray, doubt: Doubt) -> np.ndarray:
+def compute_margins(problem: SizingProblem, z: np.ndarray, draws: BuildDraws) -> np.ndarray:
     """(draws, requirements) smallest room of each requirement at each draw, nothing kept back."""
-    c = np.tile(problem.coordinates(z), (doubt.count, 1))
-    y = many(c, doubt.made, doubt.numbers, problem.asked.places, problem.ids)
+    c = np.tile(problem.to_coordinates(z), (draws.count, 1))
+    y = evaluate_many(c, draws.build, draws.numbers, problem.task.points, problem.ids)
     y = np.where(np.isfinite(y), y, 1e9)
-    return np.stack([one.margins(y).min(axis=1) for one in problem.asked.requirements], axis=1)
+    return np.stack(
+        [requirement.compute_margins(y).min(axis=1) for requirement in problem.task.requirements], axis=1
+    )
 
 
-def probability(problem: Problem, z: np.ndarray, doubt: Doubt) -> float:
+def estimate_probability(problem: SizingProblem, z: np.ndarray, draws: BuildDraws) -> float:
     """That every requirement holds."""
-    return float(np.mean(np.all(margins(problem, z, doubt) >= -KEPT, axis=1)))
+    return float(np.mean(np.all(compute_margins(problem, z, draws) >= -MARGIN_TOLERANCE, axis=1)))
 
 
-def by_requirement(problem: Problem, z: np.ndarray, doubt: Doubt) -> dict[str, float]:
+def estimate_probabilities(problem: SizingProblem, z: np.ndarray, draws: BuildDraws) -> dict[str, float]:
     """That each requirement holds, by key."""
-    held = np.mean(margins(problem, z, doubt) >= -KEPT, axis=0)
-    return {one.key: float(p) for one, p in zip(problem.asked.requirements, held, strict=True)}
+    shares = np.mean(compute_margins(problem, z, draws) >= -MARGIN_TOLERANCE, axis=0)
+    return {
+        requirement.key: float(p) for requirement, p in zip(problem.task.requirements, shares, strict=True)
+    }
 
 
-def hold(tried: Tried, doubt: Doubt, wanted: float) -> Tried | None:
+def meet_probability(result: ChoiceResult, draws: BuildDraws, target: float) -> ChoiceResult | None:
     """The best candidate of a choice whose requirements hold together with a probability.
 
     Returns:
         None where none was found.
     """
-    problem, answer = tried.problem, tried.answer
-    if answer is None or tried.answer is None:
+    problem, optimum = result.problem, result.optimum
+    if optimum is None or result.optimum is None:
         return None
-    keys = [one.key for one in problem.asked.requirements]
-    z, back, aim = answer.z, np.zeros(len(keys)), wanted
-    for turn in range(ROUNDS):
-        drawn = margins(problem, z, doubt)
-        together = float(np.mean(np.all(drawn >= -KEPT, axis=1)))
-        if back.any():
-            if together >= wanted:
+    keys = [requirement.key for requirement in problem.task.requirements]
+    z, back_off, search_target = optimum.z, np.zeros(len(keys)), target
+    for round_number in range(MAX_ROUNDS):
+        drawn_margins = compute_margins(problem, z, draws)
+        joint_probability = float(np.mean(np.all(drawn_margins >= -MARGIN_TOLERANCE, axis=1)))
+        if back_off.any():
+            if joint_probability >= target:
                 break
-            if turn >= SETTLED:
+            if round_number >= TRACKING_ROUNDS:
                 # What the shift of the draws with the candidate takes for good, by a draw's worth.
-                aim = min(aim + 1 / doubt.count, 1 - 1 / doubt.count)
-        y = problem.outputs(z)
-        own = np.array([float(np.min(one.margins(y))) for one in problem.asked.requirements])
-        back = _kept_back(drawn - own, own, aim)
-        problem = tried.problem.with_(back_off=dict(zip(keys, back, strict=True)))
-        answer = _again(problem, (z, tried.answer.z, tried.start))
-        if answer is None:
+                search_target = min(search_target + 1 / draws.count, 1 - 1 / draws.count)
+        y = problem.compute_outputs(z)
+        own_margins = np.array(
+            [float(np.min(requirement.compute_margins(y))) for requirement in problem.task.requirements]
+        )
+        back_off = _compute_back_off(drawn_margins - own_margins, own_margins, search_target)
+        problem = result.problem.copy_with(back_off=dict(zip(keys, back_off, strict=True)))
+        optimum = _search_feasible(problem, (z, result.optimum.z, result.start))
+        if optimum is None:
             return None
-        z = answer.z
-    if np.mean(np.all(margins(problem, z, doubt) >= -KEPT, axis=1)) < wanted:
+        z = optimum.z
+    if np.mean(np.all(compute_margins(problem, z, draws) >= -MARGIN_TOLERANCE, axis=1)) < target:
         return None
-    return Tried(problem, answer, z, 0.0, tried.agreeing, tried.starts)
+    return ChoiceResult(problem, optimum, z, 0.0, result.agreeing_count, result.start_count)
 
 
-def _again(problem: Problem, starts: tuple[np.ndarray, ...]) -> Answer | None:
+def _search_feasible(problem: SizingProblem, starts: tuple[np.ndarray, ...]) -> SearchResult | None:
     """The first search that keeps everything."""
     for start in starts:
-        for begin in (start, relax(problem, start)[0]):
-            answer = search(problem, begin)
-            if answer.kept:
-                return answer
+        for begin in (start, minimise_violation(problem, start)[0]):
+            optimum = search_optimum(problem, begin)
+            if optimum.is_feasible:
+                return optimum
     return None
 
 
-def _kept_back(off: np.ndarray, own: np.ndarray, wanted: float) -> np.ndarray:
+def _compute_back_off(shifts: np.ndarray, own_margins: np.ndarray, target: float) -> np.ndarray:
     """(requirements,) margin to keep back, at the loosest common level that holds them together."""
-    low, high = 0.0, 1 - wanted
+    low, high = 0.0, 1 - target
     for _ in range(30):
         level = 0.5 * (low + high)
-        back = np.maximum(-np.quantile(off, level, axis=0, method="lower"), 0.0)
-        together = np.mean(np.all(np.maximum(own, back) + off >= -KEPT, axis=1))
-        low, high = (level, high) if together >= wanted else (low, level)
-    return np.maximum(-np.quantile(off, low, axis=0, method="lower"), 0.0) * (1 + 1e-6)
+        back_off = np.maximum(-np.quantile(shifts, level, axis=0, method="lower"), 0.0)
+        joint_probability = np.mean(
+            np.all(np.maximum(own_margins, back_off) + shifts >= -MARGIN_TOLERANCE, axis=1)
+        )
+        low, high = (level, high) if joint_probability >= target else (low, level)
+    return np.maximum(-np.quantile(shifts, low, axis=0, method="lower"), 0.0) * (1 + 1e-6)

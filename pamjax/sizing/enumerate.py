@@ -9,29 +9,29 @@ import jax
 import numpy as np
 from scipy.stats import qmc
 
-from pamjax.progress import Progress, silent
-from pamjax.sizing.candidate import index, many
-from pamjax.sizing.optimise import Answer, relax, search
-from pamjax.sizing.problem import OUTPUT, Problem
+from pamjax.progress import Progress, ignore_progress
+from pamjax.sizing.candidate import evaluate_many, locate_output
+from pamjax.sizing.optimise import SearchResult, minimise_violation, search_optimum
+from pamjax.sizing.problem import OBJECTIVE_OUTPUTS, SizingProblem
 
 #: Candidates by which each choice is looked at first; a power of two.
-LOOKS = 128
+SCREENING_POINTS = 128
 #: Starts of a choice, of which the first that keeps everything ends its search.
-FIRST = 3
+FIRST_STARTS = 3
 #: Largest broken margin from which a search for the best is worth its while.
-NEARLY = 1e-3
+MAX_NEAR_VIOLATION = 1e-3
 #: Choices that are searched, the most promising first; what is left out is said.
-SEARCHED = 300
+MAX_SEARCHED_CHOICES = 300
 #: Choices that are searched from many starts.
-FINAL = 3
+FINAL_CHOICES = 3
 #: Where nothing fits: choices, the nearest first, that are searched again, and starts of each.
-NEAREST, LOST = 8, 16
+INFEASIBLE_CHOICES, INFEASIBLE_STARTS = 8, 16
 #: How much a broken margin weighs against the objective when choices are ranked.
-WEIGH = 10.0
+VIOLATION_WEIGHT = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class Tried:
+class ChoiceResult:
     """A choice, and the best that was found of it.
 
     Attributes:
@@ -42,38 +42,47 @@ class Tried:
         agreeing, starts: how many searches ended at the best, and how many there were.
     """
 
-    problem: Problem
-    answer: Answer | None
+    problem: SizingProblem
+    optimum: SearchResult | None
     start: np.ndarray
-    broken: float
-    agreeing: int = 0
-    starts: int = 1
+    violation: float
+    agreeing_count: int = 0
+    start_count: int = 1
 
 
-def look(problems: Sequence[Problem], seed: int) -> list[np.ndarray]:
+def screen_choices(problems: Sequence[SizingProblem], seed: int) -> list[np.ndarray]:
     """The most promising starts of each choice, (LOOKS, free) best first, by one batched program."""
-    points = qmc.Sobol(5, rng=np.random.default_rng(seed)).random(LOOKS)
-    c = np.concatenate([p.low + points * (p.usual - p.low) for p in problems])
-    made = jax.tree.map(lambda *x: np.repeat(np.array(x, float), LOOKS), *[p.made for p in problems])
-    one = problems[0]
-    y = many(c, made, one.numbers, one.asked.places, one.ids).reshape(len(problems), LOOKS, -1)
-    found = []
-    for p, rows, at in zip(problems, y, c.reshape(len(problems), LOOKS, 5), strict=True):
-        broken = np.maximum(-np.min(p.margins(rows), axis=1), 0.0)
-        merit = np.log(np.maximum(rows[:, index(OUTPUT[p.objective])], 1e-12)) + WEIGH * broken
-        merit = np.where(rows[:, index("unsolved")] > 0, np.inf, np.where(np.isfinite(merit), merit, np.inf))
-        found.append(np.array([p.scaled(at[k]) for k in np.argsort(merit, kind="stable")]))
-    return found
+    points = qmc.Sobol(5, rng=np.random.default_rng(seed)).random(SCREENING_POINTS)
+    c = np.concatenate([p.low + points * (p.start_high - p.low) for p in problems])
+    build = jax.tree.map(
+        lambda *x: np.repeat(np.array(x, float), SCREENING_POINTS), *[p.build for p in problems]
+    )
+    first_problem = problems[0]
+    y = evaluate_many(c, build, first_problem.numbers, first_problem.task.points, first_problem.ids).reshape(
+        len(problems), SCREENING_POINTS, -1
+    )
+    starts = []
+    for p, rows, coordinates in zip(problems, y, c.reshape(len(problems), SCREENING_POINTS, 5), strict=True):
+        violation = np.maximum(-np.min(p.compute_margins(rows), axis=1), 0.0)
+        merit = (
+            np.log(np.maximum(rows[:, locate_output(OBJECTIVE_OUTPUTS[p.objective])], 1e-12))
+            + VIOLATION_WEIGHT * violation
+        )
+        merit = np.where(
+            rows[:, locate_output("unsolved")] > 0, np.inf, np.where(np.isfinite(merit), merit, np.inf)
+        )
+        starts.append(np.array([p.to_scaled(coordinates[k]) for k in np.argsort(merit, kind="stable")]))
+    return starts
 
 
-def best_of(
-    problems: Sequence[Problem],
+def search_choices(
+    problems: Sequence[SizingProblem],
     *,
     starts: int,
     seed: int,
     method: str = "slsqp",
-    progress: Progress = silent,
-) -> tuple[list[Tried], int]:
+    progress: Progress = ignore_progress,
+) -> tuple[list[ChoiceResult], int]:
     """Search the choices.
 
     Args:
@@ -85,61 +94,77 @@ def best_of(
     Returns:
         what was tried, the best first, and how many choices were looked at but not searched.
     """
-    begin = look(problems, seed)
-    order = sorted(range(len(problems)), key=lambda k: _promise(problems[k], begin[k][0]))
-    tried = []
-    for rank, k in enumerate(order[:SEARCHED]):
-        progress(f"choice {rank + 1} of {min(len(order), SEARCHED)}", rank / min(len(order), SEARCHED))
-        tried.append(_one(problems[k], begin[k][:FIRST], enough=1))
-    tried.sort(key=_rank)
-    looked = {id(problem): at for problem, at in zip(problems, begin, strict=True)}
-    if tried[0].answer is None:
+    starts_by_choice = screen_choices(problems, seed)
+    order = sorted(
+        range(len(problems)), key=lambda k: _compute_penalised_objective(problems[k], starts_by_choice[k][0])
+    )
+    results = []
+    for rank, k in enumerate(order[:MAX_SEARCHED_CHOICES]):
+        progress(
+            f"choice {rank + 1} of {min(len(order), MAX_SEARCHED_CHOICES)}",
+            rank / min(len(order), MAX_SEARCHED_CHOICES),
+        )
+        results.append(_search_choice(problems[k], starts_by_choice[k][:FIRST_STARTS], stop_after=1))
+    results.sort(key=_rank_result)
+    starts_by_problem = {
+        id(problem): choice_starts for problem, choice_starts in zip(problems, starts_by_choice, strict=True)
+    }
+    if results[0].optimum is None:
         # The way to what nearly fits is long, and most searches get stuck on it.
-        near = tried[:NEAREST]
-        tried[:NEAREST] = [_one(one.problem, looked[id(one.problem)][:LOST], enough=1) for one in near]
-        tried.sort(key=_rank)
-    for place, one in enumerate(tried[:FINAL]):
-        if one.answer is not None:
-            extra = np.concatenate([one.answer.z[None], looked[id(one.problem)][1:starts]])
-            again = _one(one.problem, extra, method)
-            tried[place] = again if again.answer is not None else one
-    tried.sort(key=_rank)
-    return tried, max(0, len(order) - SEARCHED)
+        nearest = results[:INFEASIBLE_CHOICES]
+        results[:INFEASIBLE_CHOICES] = [
+            _search_choice(
+                result.problem, starts_by_problem[id(result.problem)][:INFEASIBLE_STARTS], stop_after=1
+            )
+            for result in nearest
+        ]
+        results.sort(key=_rank_result)
+    for position, result in enumerate(results[:FINAL_CHOICES]):
+        if result.optimum is not None:
+            extra_starts = np.concatenate(
+                [result.optimum.z[None], starts_by_problem[id(result.problem)][1:starts]]
+            )
+            refined = _search_choice(result.problem, extra_starts, method)
+            results[position] = refined if refined.optimum is not None else result
+    results.sort(key=_rank_result)
+    return results, max(0, len(order) - MAX_SEARCHED_CHOICES)
 
 
-def _promise(problem: Problem, z: np.ndarray) -> float:
-    value, _, margins, _ = problem.at(z)
-    return value + WEIGH * max(0.0, -float(np.min(margins)))
+def _compute_penalised_objective(problem: SizingProblem, z: np.ndarray) -> float:
+    value, _, margins, _ = problem.evaluate(z)
+    return value + VIOLATION_WEIGHT * max(0.0, -float(np.min(margins)))
 
 
-def _rank(one: Tried) -> tuple[int, float]:
-    return (0, one.answer.value) if one.answer is not None else (1, one.broken)
+def _rank_result(result: ChoiceResult) -> tuple[int, float]:
+    return (0, result.optimum.log_objective) if result.optimum is not None else (1, result.violation)
 
 
-def _one(problem: Problem, starts: np.ndarray, method: str = "slsqp", enough: int = 1000) -> Tried:
+def _search_choice(
+    problem: SizingProblem, starts: np.ndarray, method: str = "slsqp", stop_after: int = 1000
+) -> ChoiceResult:
     """The best of several searches of one choice; where none keeps everything, what is least broken.
 
     Args:
-        enough: answers after which no further start is tried.
+        stop_after: answers after which no further start is tried.
     """
-    best: Answer | None = None
-    ends: list[float] = []
-    least, where = np.inf, starts[0]
+    best: SearchResult | None = None
+    objectives: list[float] = []
+    least_violation, best_start = np.inf, starts[0]
     for start in starts:
-        if float(np.min(problem.at(start)[2])) < 0:
+        if float(np.min(problem.evaluate(start)[2])) < 0:
             # From where something is broken a search for the best runs off to the smallest muscle there is.
-            start, s, _ = relax(problem, start)
-            if s < least:
-                least, where = s, start
-            if s > NEARLY:
+            start, violation, _ = minimise_violation(problem, start)
+            if violation < least_violation:
+                least_violation, best_start = violation, start
+            if violation > MAX_NEAR_VIOLATION:
                 continue
-        answer = search(problem, start, method)
-        if answer.kept:
-            ends.append(answer.value)
-            least = 0.0
-            if best is None or answer.value < best.value:
-                best, where = answer, answer.z
-            if len(ends) >= enough:
+        optimum = search_optimum(problem, start, method)
+        if optimum.is_feasible:
+            objectives.append(optimum.log_objective)
+            least_violation = 0.0
+            if best is None or optimum.log_objective < best.log_objective:
+                best, best_start = optimum, optimum.z
+            if len(objectives) >= stop_after:
                 break
-    agreeing = sum(abs(value - best.value) < 1e-4 for value in ends) if best is not None else 0
-    return Tried(problem, best, where, float(least), agreeing, len(starts))
+    agreeing = sum(abs(value - best.log_objective) < 1e-4 for value in objectives) if best is not None else 0
+    return ChoiceResult(problem, best, best_start, float(least_violation), agreeing, len(starts))

@@ -10,20 +10,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pamjax.sizing.calibration import Handed
-from pamjax.sizing.candidate import index
-from pamjax.sizing.enumerate import Tried, best_of
-from pamjax.sizing.materials import threads
-from pamjax.sizing.problem import OUTPUT, Choice, problem
-from pamjax.sizing.requirements import Asked
+from pamjax.sizing.calibration import CalibrationTransfer
+from pamjax.sizing.candidate import locate_output
+from pamjax.sizing.enumerate import ChoiceResult, search_choices
+from pamjax.sizing.materials import list_threads
+from pamjax.sizing.problem import OBJECTIVE_OUTPUTS, Choice, build_problem
+from pamjax.sizing.requirements import SizingTask
 from pamjax.sizing.spec import Spec
 
 #: The threads that are always shown.
-SHOWN = ("aramid", "pet", "nylon")
+COMPARED_THREADS = ("aramid", "pet", "nylon")
 
 
 @dataclass(frozen=True)
-class Cost:
+class InelasticCost:
     """What the inelastic assumption costs with one kind of thread.
 
     Attributes:
@@ -49,49 +49,62 @@ class Cost:
     elastic: float | None = None
 
 
-def inelastic_costs(spec: Spec, asked: Asked, handed: Handed, chosen: Choice, seed: int) -> list[Cost]:
+def compute_inelastic_costs(
+    spec: Spec, task: SizingTask, transfer: CalibrationTransfer, choice: Choice, seed: int
+) -> list[InelasticCost]:
     """The cost for aramid, polyester and nylon, on the bladder and the number of muscles that were chosen."""
-    return [_cost(spec, asked, handed, chosen, name, seed) for name in SHOWN]
+    return [_compute_cost(spec, task, transfer, choice, name, seed) for name in COMPARED_THREADS]
 
 
-def _cost(spec: Spec, asked: Asked, handed: Handed, chosen: Choice, name: str, seed: int) -> Cost:
-    kind = next((kind for kind in spec.threads if kind.name == name), threads()[name])
-    if spec.words.threads.diameters is not None:
-        kind = replace(kind, diameters=spec.words.threads.diameters)
-    every = [
-        replace(chosen, thread=kind, threads=count, diameter=diameter)
+def _compute_cost(
+    spec: Spec, task: SizingTask, transfer: CalibrationTransfer, base_choice: Choice, name: str, seed: int
+) -> InelasticCost:
+    kind = next((kind for kind in spec.threads if kind.name == name), list_threads()[name])
+    if spec.entries.threads.diameters is not None:
+        kind = replace(kind, diameters=spec.entries.threads.diameters)
+    choices = [
+        replace(base_choice, thread=kind, threads=count, diameter=diameter)
         for count in spec.counts
         for diameter in kind.diameters
     ]
-    real = [problem(spec, asked, choice, handed) for choice in every]
-    ideal = [one.with_(made=one.made._replace(elastic=0.0)) for one in real]
-    best = _best(ideal, seed)
-    if best is None or best.answer is None:
-        return Cost(name, None)
-    own = _best(real, seed)
-    z, drawn = best.answer.z, best.problem.outputs(best.answer.z)
-    built = best.problem.with_(made=best.problem.made._replace(elastic=1.0)).outputs(z)
-    goal = index(OUTPUT[spec.words.minimise])
-    lacks = np.array([asked.loads[k] - built[index("force", k)] for k in range(asked.used)])
-    size = np.where(asked.loads > 0, asked.loads, np.nanmax(np.abs(asked.loads)) or 1.0)
-    worst = int(np.nanargmax(lacks / size)) if np.isfinite(lacks).any() else 0
-    widest = index("widest")
-    made = best.problem.made
-    strains = built[[index("tension", k) for k in range(asked.used)]] / (made.thread_area * made.modulus)
-    return Cost(
+    elastic_problems = [build_problem(spec, task, choice, transfer) for choice in choices]
+    inelastic_problems = [
+        elastic_problem.copy_with(build=elastic_problem.build._replace(elastic=0.0))
+        for elastic_problem in elastic_problems
+    ]
+    best = _find_best(inelastic_problems, seed)
+    if best is None or best.optimum is None:
+        return InelasticCost(name, None)
+    elastic_best = _find_best(elastic_problems, seed)
+    z, drawn_outputs = best.optimum.z, best.problem.compute_outputs(best.optimum.z)
+    built_outputs = best.problem.copy_with(build=best.problem.build._replace(elastic=1.0)).compute_outputs(z)
+    objective_index = locate_output(OBJECTIVE_OUTPUTS[spec.entries.minimise])
+    shortfalls = np.array(
+        [task.loads[k] - built_outputs[locate_output("force", k)] for k in range(task.point_count)]
+    )
+    force_scale = np.where(task.loads > 0, task.loads, np.nanmax(np.abs(task.loads)) or 1.0)
+    worst = int(np.nanargmax(shortfalls / force_scale)) if np.isfinite(shortfalls).any() else 0
+    widest = locate_output("widest")
+    build = best.problem.build
+    strains = built_outputs[[locate_output("tension", k) for k in range(task.point_count)]] / (
+        build.thread_area * build.modulus
+    )
+    return InelasticCost(
         name,
         best.problem.choice,
-        shortfall=max(0.0, float(lacks[worst])),
-        share=max(0.0, float(lacks[worst] / size[worst])),
-        place=asked.labels[worst],
-        overrun=float(built[widest] - drawn[widest]),
-        wider=float(built[widest] / drawn[widest] - 1),
+        shortfall=max(0.0, float(shortfalls[worst])),
+        share=max(0.0, float(shortfalls[worst] / force_scale[worst])),
+        place=task.labels[worst],
+        overrun=float(built_outputs[widest] - drawn_outputs[widest]),
+        wider=float(built_outputs[widest] / drawn_outputs[widest] - 1),
         strain=float(np.max(strains)),
-        inelastic=float(drawn[goal]),
-        elastic=float(np.exp(own.answer.value)) if own is not None and own.answer is not None else None,
+        inelastic=float(drawn_outputs[objective_index]),
+        elastic=float(np.exp(elastic_best.optimum.log_objective))
+        if elastic_best is not None and elastic_best.optimum is not None
+        else None,
     )
 
 
-def _best(problems, seed: int) -> Tried | None:
-    tried, _ = best_of(problems, starts=1, seed=seed)
-    return tried[0] if tried and tried[0].answer is not None else None
+def _find_best(problems, seed: int) -> ChoiceResult | None:
+    results, _ = search_choices(problems, starts=1, seed=seed)
+    return results[0] if results and results[0].optimum is not None else None

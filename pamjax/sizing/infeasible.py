@@ -13,23 +13,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamjax.sizing.candidate import EACH, PLACES, index, many
-from pamjax.sizing.enumerate import Tried
-from pamjax.sizing.optimise import relax
-from pamjax.sizing.problem import Problem
+from pamjax.sizing.candidate import POINT_COUNT, POINT_OUTPUTS, evaluate_many, locate_output
+from pamjax.sizing.enumerate import ChoiceResult
+from pamjax.sizing.optimise import minimise_violation
+from pamjax.sizing.problem import SizingProblem
 from pamjax.sizing.requirements import Requirement
-from pamjax.units import in_unit
+from pamjax.units import compute_si_factor
 
 #: Choices, the nearest first, over which the least is sought.
-NEAREST = 8
+NEAREST_CHOICES = 8
 #: Margin by which others may be broken while one is relaxed.
-ALLOWED = 1e-4
+MAX_OTHER_VIOLATION = 1e-4
 #: Share of the conflict below which a requirement is no part of it.
-PART = 1e-3
+MIN_CONFLICT_SHARE = 1e-3
 
 
 @dataclass(frozen=True)
-class Gives:
+class Relaxation:
     """What one requirement would have to give.
 
     Attributes:
@@ -41,106 +41,125 @@ class Gives:
     """
 
     requirement: Requirement
-    part: float
-    amount: float | None
+    conflict_share: float
+    relaxed_bound: float | None
     contraction: float | None = None
-    lacks: str = ""
+    shortfall: str = ""
 
     @property
-    def says(self) -> str:
+    def description(self) -> str:
         """In words."""
-        one = self.requirement
-        if self.amount is None:
-            return f"{one.says}: the nearest muscle has {self.lacks}"
+        requirement = self.requirement
+        if self.relaxed_bound is None:
+            return f"{requirement.description}: the nearest muscle has {self.shortfall}"
         if self.contraction is not None:
-            return f"{one.says}: about {100 * self.contraction:.3g} % would do"
-        if one.factor:
-            return f"{one.says}: {1 / self.amount:.3g} times would do"
-        if len(one.bounds) > 1 and one.key == "stroke":
-            return f"{one.says}: {100 * self.amount / one.bounds[-1]:.3g} % of the load would do"
-        return f"{one.says}: {plain(self.amount, one.unit)} would do"
+            return f"{requirement.description}: about {100 * self.contraction:.3g} % would do"
+        if requirement.is_safety_factor:
+            return f"{requirement.description}: {1 / self.relaxed_bound:.3g} times would do"
+        if len(requirement.bounds) > 1 and requirement.key == "stroke":
+            return f"{requirement.description}: {100 * self.relaxed_bound / requirement.bounds[-1]:.3g} % of the load would do"
+        return f"{requirement.description}: {format_amount(self.relaxed_bound, requirement.unit)} would do"
 
 
-def lacks(one: Requirement, y: np.ndarray) -> str:
+def format_shortfall(requirement: Requirement, y: np.ndarray) -> str:
     """What a muscle with these outputs has of a requirement that it misses, and by how much, with units."""
-    worst = int(np.argmin(one.margins(y)))
-    has, bound = float(y[one.rows[worst]]), one.bounds[worst]
-    if one.factor:
-        return f"{plain(1 / has, '1')} times, {plain(1 / bound - 1 / has, '1')} short"
-    off = f"{plain(abs(has - bound), one.unit)} {'short' if one.sense > 0 else 'too much'}"
-    return f"{plain(has + one.beside, one.unit)}, {off}"
+    worst = int(np.argmin(requirement.compute_margins(y)))
+    reached, bound = float(y[requirement.rows[worst]]), requirement.bounds[worst]
+    if requirement.is_safety_factor:
+        return f"{format_amount(1 / reached, '1')} times, {format_amount(1 / bound - 1 / reached, '1')} short"
+    difference = f"{format_amount(abs(reached - bound), requirement.unit)} {'short' if requirement.sense > 0 else 'too much'}"
+    return f"{format_amount(reached + requirement.fitting_length, requirement.unit)}, {difference}"
 
 
-def plain(amount: float, unit: str) -> str:
+def format_amount(amount: float, unit: str) -> str:
     """An SI amount to three digits, without a power of ten.
 
-    >>> plain(1897.3, "N")
+    >>> format_amount(1897.3, "N")
     '1900 N'
     """
-    number = f"{float(f'{amount / in_unit(unit):.3g}'):.6g}"
+    number = f"{float(f'{amount / compute_si_factor(unit):.3g}'):.6g}"
     return number if unit == "1" else f"{number} {unit}"
 
 
-def conflict(tried: Sequence[Tried]) -> tuple[Tried, list[Gives]]:
+def find_conflict(results: Sequence[ChoiceResult]) -> tuple[ChoiceResult, list[Relaxation]]:
     """The choice that comes nearest, and what would have to give.
 
     Args:
-        tried: choices of which none keeps everything.
+        results: choices of which none keeps everything.
     """
-    near = sorted(tried, key=lambda one: one.broken)[:NEAREST]
-    problem = near[0].problem
-    z, _, sizes = relax(problem, near[0].start)
-    parts = [float(sizes[problem.owner == k].sum()) for k in range(len(problem.asked.requirements))]
-    found = []
-    for k, one in enumerate(problem.asked.requirements):
-        if parts[k] < PART:
+    nearest_results = sorted(results, key=lambda requirement: requirement.violation)[:NEAREST_CHOICES]
+    problem = nearest_results[0].problem
+    z, _, sizes = minimise_violation(problem, nearest_results[0].start)
+    conflict_shares = [float(sizes[problem.owner == k].sum()) for k in range(len(problem.task.requirements))]
+    relaxations = []
+    for k, requirement in enumerate(problem.task.requirements):
+        if conflict_shares[k] < MIN_CONFLICT_SHARE:
             continue
-        least = min((_alone(other.problem, other.start, k) for other in near), default=math.inf)
-        found.append(_gives(problem, z, one, parts[k], least))
-    nearest = Tried(problem, None, z, near[0].broken)
-    return nearest, sorted(found, key=lambda one: (one.amount is None, -one.part))
+        least_relaxation = min(
+            (_relax_alone(result.problem, result.start, k) for result in nearest_results), default=math.inf
+        )
+        relaxations.append(_build_relaxation(problem, z, requirement, conflict_shares[k], least_relaxation))
+    nearest = ChoiceResult(problem, None, z, nearest_results[0].violation)
+    return nearest, sorted(
+        relaxations, key=lambda requirement: (requirement.relaxed_bound is None, -requirement.conflict_share)
+    )
 
 
-def _alone(problem: Problem, start: np.ndarray, k: int) -> float:
+def _relax_alone(problem: SizingProblem, start: np.ndarray, k: int) -> float:
     """The least relaxation of requirement k that keeps all others; infinite where it does not do.
 
     The search is local: from what nearly fits, and, where that fails, from what is usual.
     """
     weights = (problem.owner == k).astype(float)
-    for begin in (start, problem.scaled(problem.usual), np.full(start.size, 0.5)):
-        z, s, _ = relax(problem, begin, weights)
-        others = problem.at(z)[2][weights == 0]
-        if others.size == 0 or float(np.min(others)) > -ALLOWED:
-            return s
+    for trial_start in (start, problem.to_scaled(problem.start_high), np.full(start.size, 0.5)):
+        z, violation, _ = minimise_violation(problem, trial_start, weights)
+        others = problem.evaluate(z)[2][weights == 0]
+        if others.size == 0 or float(np.min(others)) > -MAX_OTHER_VIOLATION:
+            return violation
     return math.inf
 
 
-def _gives(problem: Problem, z: np.ndarray, one: Requirement, part: float, s: float) -> Gives:
-    if not math.isfinite(s):
-        return Gives(one, part, None, lacks=lacks(one, problem.outputs(z)))
-    bound = one.bounds[-1]
+def _build_relaxation(
+    problem: SizingProblem, z: np.ndarray, requirement: Requirement, conflict_share: float, violation: float
+) -> Relaxation:
+    if not math.isfinite(violation):
+        return Relaxation(
+            requirement,
+            conflict_share,
+            None,
+            shortfall=format_shortfall(requirement, problem.compute_outputs(z)),
+        )
+    bound = requirement.bounds[-1]
     if bound > 0:
-        share = math.exp(-one.sense * s)
+        share = math.exp(-requirement.sense * violation)
         # Below a tenth the logarithm goes on as its tangent.
-        share = 0.1 * (1 - (s - math.log(10))) if one.sense > 0 and s > math.log(10) else share
-        return Gives(one, part, bound * share + one.beside)
-    lacking = s * one.scale
-    return Gives(one, part, -lacking, _contraction(problem, z, one, lacking))
+        share = (
+            0.1 * (1 - (violation - math.log(10)))
+            if requirement.sense > 0 and violation > math.log(10)
+            else share
+        )
+        return Relaxation(requirement, conflict_share, bound * share + requirement.fitting_length)
+    shortfall = violation * requirement.scale
+    return Relaxation(
+        requirement, conflict_share, -shortfall, _estimate_contraction(problem, z, requirement, shortfall)
+    )
 
 
-def _contraction(problem: Problem, z: np.ndarray, one: Requirement, lacking: float) -> float:
+def _estimate_contraction(
+    problem: SizingProblem, z: np.ndarray, requirement: Requirement, shortfall: float
+) -> float:
     """The free contraction at which the force would not lack, by the slope of force in contraction."""
-    place = one.rows[0] - EACH.index("force") * PLACES
-    at = problem.asked.places
-    less = np.array(at.contraction, float)
-    less[place] -= 0.01
-    y = many(
-        problem.coordinates(z)[None],
-        problem.made,
+    point = requirement.rows[0] - POINT_OUTPUTS.index("force") * POINT_COUNT
+    points = problem.task.points
+    lowered = np.array(points.contraction, float)
+    lowered[point] -= 0.01
+    y = evaluate_many(
+        problem.to_coordinates(z)[None],
+        problem.build,
         problem.numbers,
-        at._replace(contraction=less),
+        points._replace(contraction=lowered),
         problem.ids,
     )
-    row = index("force", place)
-    slope = (float(y[0, row]) - float(problem.outputs(z)[row])) / 0.01
-    return float(at.contraction[place]) - lacking / max(slope, 1e-9)
+    row = locate_output("force", point)
+    slope = (float(y[0, row]) - float(problem.compute_outputs(z)[row])) / 0.01
+    return float(points.contraction[point]) - shortfall / max(slope, 1e-9)

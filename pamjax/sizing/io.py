@@ -9,32 +9,36 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from pamjax.infer.fitting.io import SCHEMA as FIT
+from pamjax.infer.fitting.io import FIT_SCHEMA as FIT
 from pamjax.model.mechanism import AbstractMechanism
 from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
-from pamjax.parameter import field_meanings
-from pamjax.records.case import MUSCLE
-from pamjax.records.files import folder_beside
-from pamjax.sizing.candidate import WHOLE, index
-from pamjax.sizing.problem import UNITS
+from pamjax.parameter import list_field_meanings
+from pamjax.records.case import MUSCLE_FILE
+from pamjax.records.files import write_folder_atomically
+from pamjax.sizing.candidate import MUSCLE_OUTPUTS, locate_output
+from pamjax.sizing.problem import OBJECTIVE_UNITS
 from pamjax.sizing.result import Design
-from pamjax.units import in_unit
+from pamjax.units import compute_si_factor
 
-SCHEMA = "pamjax.design/1"
+DESIGN_SCHEMA = "pamjax.design/1"
 
 
-def as_dict(design: Design) -> dict[str, Any]:
+def build_design_document(design: Design) -> dict[str, Any]:
     """The design as plain numbers, SI unless a unit stands beside them."""
-    words, choice = design.spec.words, design.choice
-    unit = UNITS[words.minimise]
+    entries, choice = design.spec.entries, design.choice
+    unit = OBJECTIVE_UNITS[entries.minimise]
     return {
-        "schema": SCHEMA,
+        "schema": DESIGN_SCHEMA,
         "versions": {name: version(name) for name in ("pamjax", "jax", "scipy", "numpy")},
-        "spec": {"name": design.spec.name, "file": design.spec.file, "sha256": _sha(design.spec.text)},
+        "spec": {"name": design.spec.name, "file": design.spec.file, "sha256": _hash_text(design.spec.text)},
         "feasible": design.feasible,
         "seed": design.seed,
         "method": design.method,
-        "objective": {"name": words.minimise, "value": design.objective / in_unit(unit), "unit": unit},
+        "objective": {
+            "name": entries.minimise,
+            "value": design.objective / compute_si_factor(unit),
+            "unit": unit,
+        },
         "choice": {
             "thread": choice.thread.name,
             "threads": choice.threads,
@@ -43,95 +47,104 @@ def as_dict(design: Design) -> dict[str, Any]:
             "parallel": choice.parallel,
         },
         "muscle": design.numbers,
-        "shows": {name: float(design.outputs[index(name)]) for name in WHOLE},
-        "places": [_place(design, k) for k in range(design.asked.used)],
-        "requirements": [_requirement(design, one) for one in design.asked.requirements],
-        "probability": _finite(design.probability),
-        "probability_wanted": words.probability,
-        "probability_reached": not design.unsure,
+        "shows": {name: float(design.outputs[locate_output(name)]) for name in MUSCLE_OUTPUTS},
+        "places": [_describe_point(design, k) for k in range(design.task.point_count)],
+        "requirements": [
+            _describe_requirement(design, requirement) for requirement in design.task.requirements
+        ],
+        "probability": _finite_or_none(design.probability),
+        "probability_wanted": entries.probability,
+        "probability_reached": not design.misses_probability,
         "sensitivity": {
-            "requirements": {p.requirement.key: {"share": p.share, "slope": p.slope} for p in design.prices},
-            "properties": design.properties,
-            "at_limits": list(design.limits),
+            "requirements": {
+                price.requirement.key: {"share": price.percent_saved, "slope": price.slope}
+                for price in design.prices
+            },
+            "properties": design.property_sensitivities,
+            "at_limits": list(design.active_limits),
         },
-        "would_have_to_give": [_gives(give) for give in design.gives],
-        "inelastic_assumption": [_cost(cost) for cost in design.costs],
-        "front": _front(design),
+        "would_have_to_give": [_describe_relaxation(relaxation) for relaxation in design.relaxations],
+        "inelastic_assumption": [_describe_cost(cost) for cost in design.inelastic_costs],
+        "front": _describe_front(design),
         "searched": {
-            "choices": len(design.tried),
-            "left_out": design.left_out,
-            "agreeing": design.chosen.agreeing,
-            "starts": design.chosen.starts,
-            "stationary": _stationary(design),
+            "choices": len(design.results),
+            "left_out": design.unsearched_count,
+            "agreeing": design.chosen.agreeing_count,
+            "starts": design.chosen.start_count,
+            "stationary": _get_stationarity(design),
         },
-        "receipt": receipt(design),
+        "receipt": build_receipt(design),
     }
 
 
-def _sha(text: str) -> str | None:
+def _hash_text(text: str) -> str | None:
     return hashlib.sha256(text.encode()).hexdigest() if text else None
 
 
-def _finite(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _stationary(design: Design) -> float | None:
-    answer = design.chosen.answer
-    return None if answer is None else answer.stationary
+def _get_stationarity(design: Design) -> float | None:
+    optimum = design.chosen.optimum
+    return None if optimum is None else optimum.stationarity
 
 
-def _place(design: Design, k: int) -> dict[str, Any]:
-    at, working = design.asked.places, design.numbers["pressure"]
-    length = design.numbers["rest_length"] * (1 - float(at.contraction[k])) - float(at.shortening[k])
+def _describe_point(design: Design, k: int) -> dict[str, Any]:
+    points, working_pressure = design.task.points, design.numbers["pressure"]
+    length = design.numbers["rest_length"] * (1 - float(points.contraction[k])) - float(points.shortening[k])
     return {
-        "label": design.asked.labels[k],
-        "pressure": float(at.share[k]) * working + float(at.pressure[k]),
+        "label": design.task.labels[k],
+        "pressure": float(points.supply_share[k]) * working_pressure + float(points.pressure[k]),
         "length": length,
         "contraction": 1 - length / design.numbers["rest_length"],
-        "wanted": _finite(float(design.asked.loads[k])),
+        "wanted": _finite_or_none(float(design.task.loads[k])),
         "force": design.output("force", k),
         "diameter": design.output("diameter", k),
         "tension": design.output("tension", k),
     }
 
 
-def _requirement(design: Design, one) -> dict[str, Any]:
+def _describe_requirement(design: Design, requirement) -> dict[str, Any]:
     return {
-        "key": one.key,
-        "says": one.says,
-        "stated": one.stated,
-        "bound": list(one.bounds),
-        "room": float(one.margins(design.outputs).min()),
-        "probability": design.held.get(one.key),
+        "key": requirement.key,
+        "says": requirement.description,
+        "stated": requirement.stated,
+        "bound": list(requirement.bounds),
+        "room": float(requirement.compute_margins(design.outputs).min()),
+        "probability": design.requirement_probabilities.get(requirement.key),
     }
 
 
-def _gives(give) -> dict[str, Any]:
-    told = {"requirement": give.requirement.key, "part": give.part, "to": give.amount}
-    return told | {"contraction": give.contraction, "says": give.says}
+def _describe_relaxation(relaxation) -> dict[str, Any]:
+    document = {
+        "requirement": relaxation.requirement.key,
+        "part": relaxation.conflict_share,
+        "to": relaxation.relaxed_bound,
+    }
+    return document | {"contraction": relaxation.contraction, "says": relaxation.description}
 
 
-def _cost(cost) -> dict[str, Any]:
-    told = {k: v for k, v in vars(cost).items() if k != "choice"}
-    return told | {"choice": None if cost.choice is None else str(cost.choice)}
+def _describe_cost(cost) -> dict[str, Any]:
+    document = {k: v for k, v in vars(cost).items() if k != "choice"}
+    return document | {"choice": None if cost.choice is None else str(cost.choice)}
 
 
-def _front(design: Design) -> dict[str, Any] | None:
+def _describe_front(design: Design) -> dict[str, Any] | None:
     if design.front is None:
         return None
-    one = design.front
+    front = design.front
     rows = [
-        {one.first: float(a), one.second: float(b), "choice": str(choice)}
-        for (a, b), choice in zip(one.values, one.choices, strict=True)
+        {front.first: float(a), front.second: float(b), "choice": str(choice)}
+        for (a, b), choice in zip(front.values, front.choices, strict=True)
     ]
-    return {"first": one.first, "second": one.second, "points": rows}
+    return {"first": front.first, "second": front.second, "points": rows}
 
 
-def receipt(design: Design) -> dict[str, list[str]]:
+def build_receipt(design: Design) -> dict[str, list[str]]:
     """What the decision stands on: assumed, calibrated, not known, sensitive to."""
-    choice, words = design.choice, design.spec.words
-    assumed = [one.says for one in design.asked.requirements if not one.stated]
+    choice, entries = design.choice, design.spec.entries
+    assumed = [requirement.description for requirement in design.task.requirements if not requirement.stated]
     assumed += [
         f"{choice.thread.name}: {choice.thread.about}, sources {choice.thread.source}",
         f"{choice.bladder.name}: {choice.bladder.about}, sources {choice.bladder.source}",
@@ -140,37 +153,42 @@ def receipt(design: Design) -> dict[str, list[str]]:
         "fittings weigh and cost nothing; air is that of one stroke, isothermal",
         "no creep, no fatigue, no temperature; everything at rest or lifting slowly",
     ]
-    calibrated = list(design.handed.says) or ["nothing: every property is a typical value with its range"]
-    doubt = [f"thread strength {_range(choice.thread.strength, 'GPa')}"]
-    if design.handed.thread_modulus is None or design.handed.thread != choice.thread.name:
-        doubt.append(f"thread modulus {_range(choice.thread.modulus, 'GPa')}")
-    if design.handed.shear is None or design.handed.bladder != choice.bladder.name:
-        doubt.append(f"shear modulus of the rubber {_range(choice.bladder.modulus, 'MPa')}")
-    built = [
-        name for name in ("rest_length", "thread_length", "turns", "wall") if getattr(words.tolerance, name)
+    calibrated = list(design.transfer.sources) or [
+        "nothing: every property is a typical value with its range"
     ]
-    doubt.append("how exactly it is built: " + (", ".join(built) or "taken as exact"))
-    sensitive = [f"{p.requirement.says}: {p.share:.3g} % of {words.minimise} for 1 %" for p in design.prices]
+    uncertain = [f"thread strength {_format_range(choice.thread.strength, 'GPa')}"]
+    if design.transfer.thread_modulus is None or design.transfer.thread != choice.thread.name:
+        uncertain.append(f"thread modulus {_format_range(choice.thread.modulus, 'GPa')}")
+    if design.transfer.shear is None or design.transfer.bladder != choice.bladder.name:
+        uncertain.append(f"shear modulus of the rubber {_format_range(choice.bladder.modulus, 'MPa')}")
+    tolerances = [
+        name for name in ("rest_length", "thread_length", "turns", "wall") if getattr(entries.tolerance, name)
+    ]
+    uncertain.append("how exactly it is built: " + (", ".join(tolerances) or "taken as exact"))
+    sensitive = [
+        f"{price.requirement.description}: {price.percent_saved:.3g} % of {entries.minimise} for 1 %"
+        for price in design.prices
+    ]
     sensitive += [
         f"{name}: {share:+.3g} % for 1 % more"
-        for name, share in design.properties.items()
+        for name, share in design.property_sensitivities.items()
         if abs(share) > 1e-3
     ]
-    sensitive += list(design.limits)
-    searched = [f"{len(design.tried)} choices searched, {design.left_out} more only looked at"]
+    sensitive += list(design.active_limits)
+    searched = [f"{len(design.results)} choices searched, {design.unsearched_count} more only looked at"]
     searched.append("a local search from many starts proves no global optimum")
-    return {"assumed": assumed, "calibrated": calibrated, "not known": doubt, "sensitive to": sensitive,
+    return {"assumed": assumed, "calibrated": calibrated, "not known": uncertain, "sensitive to": sensitive,
             "searched": searched}  # fmt: skip
 
 
-def _range(known, unit: str) -> str:
-    low, high = known.low / in_unit(unit), known.high / in_unit(unit)
+def _format_range(known_range, unit: str) -> str:
+    low, high = known_range.low / compute_si_factor(unit), known_range.high / compute_si_factor(unit)
     return f"{low:.3g} to {high:.3g} {unit}" if high > low else f"{low:.3g} {unit}, taken as known"
 
 
-def muscle_toml(design: Design) -> str:
+def format_muscle_toml(design: Design) -> str:
     """The chosen muscle, one of those in parallel, as a muscle.toml."""
-    n, made = design.numbers, design.problem.made
+    n, build = design.numbers, design.problem.build
     return f"""\
 # Designed, not measured: chosen by pamjax {version("pamjax")} for "{design.spec.name}".
 # One of {design.choice.parallel} in parallel. Rubber acts only through model.json beside this folder.
@@ -184,33 +202,37 @@ threads = {design.choice.threads}
 thread_area = "{1e6 * n["thread_area"]:.12g} mm^2"
 
 [thread]
-modulus = "{made.modulus / 1e9:.6g} GPa"
+modulus = "{build.modulus / 1e9:.6g} GPa"
 
 [bladder]
 inner_diameter = "{1e3 * n["bore"]:.6g} mm"
 thickness = "{1e3 * n["wall"]:.6g} mm"
-modulus = "{3 * made.shear / 1e6:.6g} MPa"
+modulus = "{3 * build.shear / 1e6:.6g} MPa"
 
 [baseline]
 model = "elastic"
 """
 
 
-def model(design: Design) -> dict[str, Any]:
+def build_model_document(design: Design) -> dict[str, Any]:
     """The chosen muscle with its rubber and all that was handed on, in the schema of fit.json."""
-    one = design.bench
-    ids = [m.id for m in one.of(AbstractMechanism) if not isinstance(m, BraidElasticity)]
+    bench = design.bench
+    ids = [
+        mechanism.id
+        for mechanism in bench.find_mechanisms(AbstractMechanism)
+        if not isinstance(mechanism, BraidElasticity)
+    ]
     numbers = {
-        f"{m.id}.{name}": float(getattr(m, name))
-        for m in one.of(AbstractMechanism)
-        if not isinstance(m, BraidElasticity)
-        for name in field_meanings(type(m))
+        f"{mechanism.id}.{name}": float(getattr(mechanism, name))
+        for mechanism in bench.find_mechanisms(AbstractMechanism)
+        if not isinstance(mechanism, BraidElasticity)
+        for name in list_field_meanings(type(mechanism))
     }
-    (threads,) = one.of(BraidElasticity)
+    (threads,) = bench.find_mechanisms(BraidElasticity)
     numbers |= {
         "muscle.rest_length": design.numbers["rest_length"],
-        "muscle.thread_length": float(one.thread_length),
-        "muscle.turns": float(one.turns),
+        "muscle.thread_length": float(bench.thread_length),
+        "muscle.turns": float(bench.turns),
         "thread.stiffness": 1 / float(threads.compliance),
     }
     return {
@@ -222,13 +244,13 @@ def model(design: Design) -> dict[str, Any]:
                 # For no more than the supply is it sized.
                 "calibrated": {"pressure": {"low": 0.0, "high": design.spec.supply}},
                 "muscle": {"law": "elastic", "mechanisms": ids, "numbers": numbers},
-                "muscle_toml": muscle_toml(design),
+                "muscle_toml": format_muscle_toml(design),
             }
         },
     }
 
 
-def save(design: Design, folder: Path) -> list[Path]:
+def save_design(design: Design, folder: Path) -> list[Path]:
     """Write design.json, model.json and muscle/muscle.toml, all or none; the last two only of an answer.
 
     Returns:
@@ -236,15 +258,15 @@ def save(design: Design, folder: Path) -> list[Path]:
     """
     folder.mkdir(parents=True, exist_ok=True)
     names = ["design.json"]
-    with folder_beside(folder) as beside:
-        _write(beside / "design.json", as_dict(design))
+    with write_folder_atomically(folder) as beside:
+        _write_json(beside / "design.json", build_design_document(design))
         if design.feasible:
-            _write(beside / "model.json", model(design))
+            _write_json(beside / "model.json", build_model_document(design))
             (beside / "muscle").mkdir()
-            (beside / "muscle" / MUSCLE).write_text(muscle_toml(design), encoding="utf-8")
-            names += ["model.json", f"muscle/{MUSCLE}"]
+            (beside / "muscle" / MUSCLE_FILE).write_text(format_muscle_toml(design), encoding="utf-8")
+            names += ["model.json", f"muscle/{MUSCLE_FILE}"]
     return [folder / name for name in names]
 
 
-def _write(path: Path, document: dict[str, Any]) -> None:
+def _write_json(path: Path, document: dict[str, Any]) -> None:
     path.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")

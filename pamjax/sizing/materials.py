@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from pamjax.errors import nearest, refuse
-from pamjax.records.shipped_tables import in_si, read_shipped
+from pamjax.errors import refuse, suggest_word
+from pamjax.records.shipped_tables import convert_to_si, read_shipped
 
 #: Cross-sections in which threads are taken to be sold, m, within a material's own range: a judgement.
-DIAMETERS = (0.05e-3, 0.1e-3, 0.15e-3, 0.2e-3, 0.3e-3, 0.4e-3, 0.5e-3, 0.7e-3, 1.0e-3)
+STOCK_DIAMETERS = (0.05e-3, 0.1e-3, 0.15e-3, 0.2e-3, 0.3e-3, 0.4e-3, 0.5e-3, 0.7e-3, 1.0e-3)
 
 
 @dataclass(frozen=True)
-class Known:
+class PropertyRange:
     """A property: what is typical, and the range that its sources span, SI."""
 
     value: float
@@ -39,8 +39,8 @@ class ThreadKind:
 
     name: str
     about: str
-    modulus: Known
-    strength: Known
+    modulus: PropertyRange
+    strength: PropertyRange
     density: float
     fill: float
     diameters: tuple[float, ...]
@@ -69,7 +69,7 @@ class BladderKind:
 
     name: str
     about: str
-    modulus: Known
+    modulus: PropertyRange
     mooney: float
     density: float
     elongation: float
@@ -79,59 +79,61 @@ class BladderKind:
 
 
 @cache
-def threads() -> dict[str, ThreadKind]:
+def list_threads() -> dict[str, ThreadKind]:
     """The shipped kinds of thread, by name.
 
-    >>> print(f"{threads()['nylon'].modulus.value / 1e9:.1f} GPa")
+    >>> print(f"{list_threads()['nylon'].modulus.value / 1e9:.1f} GPa")
     4.6 GPa
     """
-    return {row["name"]: _thread(row) for row in _rows("materials/threads")}
+    return {row["name"]: _read_thread(row) for row in _read_rows("materials/threads")}
 
 
 @cache
-def bladders() -> dict[str, BladderKind]:
+def list_bladders() -> dict[str, BladderKind]:
     """The shipped kinds of rubber, by name."""
-    return {row["name"]: _bladder(row) for row in _rows("materials/bladders")}
+    return {row["name"]: _read_bladder(row) for row in _read_rows("materials/bladders")}
 
 
-def of_name(name: str, known: dict[str, Any], what: str, where: str) -> Any:
+def find_material(name: str, kinds: dict[str, Any], noun: str, where: str) -> Any:
     """The kind of a name, from a spec's own and the shipped ones.
 
     Raises:
         BadInput: if there is none.
     """
-    if name not in known:
-        raise refuse(f"{name!r} is no {what} pamjax knows", where=where, remedy=nearest(name, known))
-    return known[name]
+    if name not in kinds:
+        raise refuse(f"{name!r} is no {noun} pamjax knows", where=where, remedy=suggest_word(name, kinds))
+    return kinds[name]
 
 
-def _rows(table: str) -> list[dict[str, Any]]:
-    return [{str(k): v for k, v in row.items()} for row in in_si(read_shipped(table)).to_dict("records")]
+def _read_rows(table: str) -> list[dict[str, Any]]:
+    return [
+        {str(k): v for k, v in row.items()} for row in convert_to_si(read_shipped(table)).to_dict("records")
+    ]
 
 
-def _known(row: dict[str, Any], name: str) -> Known:
-    return Known(float(row[name]), float(row[f"{name} low"]), float(row[f"{name} high"]))
+def _read_property(row: dict[str, Any], name: str) -> PropertyRange:
+    return PropertyRange(float(row[name]), float(row[f"{name} low"]), float(row[f"{name} high"]))
 
 
-def _thread(row: dict[str, Any]) -> ThreadKind:
+def _read_thread(row: dict[str, Any]) -> ThreadKind:
     low, high = float(row["diameter low"]), float(row["diameter high"])
     return ThreadKind(
         name=row["name"],
         about=row["about"],
-        modulus=_known(row, "modulus"),
-        strength=_known(row, "strength"),
+        modulus=_read_property(row, "modulus"),
+        strength=_read_property(row, "strength"),
         density=float(row["density"]),
         fill=float(row["fill"]),
-        diameters=tuple(d for d in DIAMETERS if low * (1 - 1e-9) <= d <= high * (1 + 1e-9)),
+        diameters=tuple(d for d in STOCK_DIAMETERS if low * (1 - 1e-9) <= d <= high * (1 + 1e-9)),
         source=row["source"],
     )
 
 
-def _bladder(row: dict[str, Any]) -> BladderKind:
+def _read_bladder(row: dict[str, Any]) -> BladderKind:
     return BladderKind(
         name=row["name"],
         about=row["about"],
-        modulus=_known(row, "shear modulus"),
+        modulus=_read_property(row, "shear modulus"),
         mooney=float(row["mooney"]),
         density=float(row["density"]),
         elongation=float(row["elongation"]),

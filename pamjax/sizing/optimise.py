@@ -18,19 +18,19 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import Bounds, NonlinearConstraint, minimize, nnls
 
-from pamjax.sizing.problem import Problem
+from pamjax.sizing.problem import SizingProblem
 
 #: Margin below zero that still counts as kept: a millionth of what is required.
-KEPT = 1e-6
+MARGIN_TOLERANCE = 1e-6
 #: Margin below which a requirement binds.
-BINDS = 1e-5
+BINDING_MARGIN = 1e-5
 #: Steps of a search.
-STEPS = 200
+MAX_SEARCH_STEPS = 200
 METHODS = ("slsqp", "trust-constr")
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class SearchResult:
     """Where a search ended.
 
     Attributes:
@@ -43,93 +43,97 @@ class Answer:
     """
 
     z: np.ndarray
-    value: float
+    log_objective: float
     margins: np.ndarray
     multipliers: np.ndarray
-    stationary: float
-    steps: int
+    stationarity: float
+    step_count: int
 
     @property
-    def kept(self) -> bool:
+    def is_feasible(self) -> bool:
         """Whether every requirement is."""
-        return bool(np.min(self.margins) >= -KEPT)
+        return bool(np.min(self.margins) >= -MARGIN_TOLERANCE)
 
 
-def search(problem: Problem, start: np.ndarray, method: str = "slsqp") -> Answer:
+def search_optimum(problem: SizingProblem, start: np.ndarray, method: str = "slsqp") -> SearchResult:
     """The best candidate that a search finds from a start, (free,) scaled."""
     if method == "trust-constr":
-        z, steps = _trust(problem, start)
+        z, steps = _run_trust_constr(problem, start)
     else:
-        z, steps = _slsqp(problem, start)
-    value, slope, margins, slopes = problem.at(z)
-    multipliers, stationary = multiply(z, slope, margins, slopes)
-    return Answer(z, value, margins, multipliers, stationary, steps)
+        z, steps = _run_slsqp(problem, start)
+    log_objective, slope, margins, slopes = problem.evaluate(z)
+    multipliers, stationarity = estimate_multipliers(z, slope, margins, slopes)
+    return SearchResult(z, log_objective, margins, multipliers, stationarity, steps)
 
 
-def _slsqp(problem: Problem, start: np.ndarray) -> tuple[np.ndarray, int]:
-    keep = {
+def _run_slsqp(problem: SizingProblem, start: np.ndarray) -> tuple[np.ndarray, int]:
+    constraint = {
         "type": "ineq",
-        "fun": lambda z: problem.at(z)[2].copy(),
-        "jac": lambda z: problem.at(z)[3].copy(),
+        "fun": lambda z: problem.evaluate(z)[2].copy(),
+        "jac": lambda z: problem.evaluate(z)[3].copy(),
     }
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         # A line search that leaves the box is clipped by SciPy, with a warning.
         warnings.simplefilter("ignore")
-        found = minimize(
-            lambda z: problem.at(z)[0],
+        result = minimize(
+            lambda z: problem.evaluate(z)[0],
             start,
-            jac=lambda z: problem.at(z)[1].copy(),
+            jac=lambda z: problem.evaluate(z)[1].copy(),
             bounds=Bounds(0.0, 1.0),
-            constraints=[keep],
+            constraints=[constraint],
             method="SLSQP",
-            options={"maxiter": STEPS, "ftol": 1e-12},
+            options={"maxiter": MAX_SEARCH_STEPS, "ftol": 1e-12},
         )
-    return np.clip(found.x, 0.0, 1.0), int(found.nit)
+    return np.clip(result.x, 0.0, 1.0), int(result.nit)
 
 
-def _trust(problem: Problem, start: np.ndarray) -> tuple[np.ndarray, int]:
-    nothing = np.zeros(problem.rows.size)
-    keep = NonlinearConstraint(
-        lambda z: problem.at(z)[2].copy(),
+def _run_trust_constr(problem: SizingProblem, start: np.ndarray) -> tuple[np.ndarray, int]:
+    zeros = np.zeros(problem.rows.size)
+    constraint = NonlinearConstraint(
+        lambda z: problem.evaluate(z)[2].copy(),
         0.0,
         np.inf,
         # SciPy's types know only its names for finite differences.
-        jac=lambda z: problem.at(z)[3].copy(),  # pyright: ignore[reportArgumentType]
-        hess=lambda z, weights: problem.curvature(z, np.asarray(weights)),
+        jac=lambda z: problem.evaluate(z)[3].copy(),  # pyright: ignore[reportArgumentType]
+        hess=lambda z, weights: problem.compute_hessian(z, np.asarray(weights)),
     )
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
-        found = minimize(
-            lambda z: problem.at(z)[0],
+        result = minimize(
+            lambda z: problem.evaluate(z)[0],
             np.clip(start, 1e-3, 1 - 1e-3),
-            jac=lambda z: problem.at(z)[1].copy(),
-            hess=lambda z: problem.curvature(z, nothing, 1.0),
+            jac=lambda z: problem.evaluate(z)[1].copy(),
+            hess=lambda z: problem.compute_hessian(z, zeros, 1.0),
             bounds=Bounds(0.0, 1.0),
-            constraints=[keep],
+            constraints=[constraint],
             method="trust-constr",
             options={"maxiter": 500, "gtol": 1e-9, "xtol": 1e-10, "barrier_tol": 1e-9},
         )
-    return np.clip(found.x, 0.0, 1.0), int(found.nit)
+    return np.clip(result.x, 0.0, 1.0), int(result.nit)
 
 
-def multiply(
-    z: np.ndarray, slope: np.ndarray, margins: np.ndarray, slopes: np.ndarray, binds: float = BINDS
+def estimate_multipliers(
+    z: np.ndarray,
+    slope: np.ndarray,
+    margins: np.ndarray,
+    slopes: np.ndarray,
+    binding_margin: float = BINDING_MARGIN,
 ) -> tuple[np.ndarray, float]:
     """The multipliers of what binds, (rows,), and how far from stationary the rest is."""
-    active = np.flatnonzero(margins < binds)
+    active = np.flatnonzero(margins < binding_margin)
     at_low, at_high = np.flatnonzero(z < 1e-9), np.flatnonzero(z > 1 - 1e-9)
     sides = np.eye(z.size)
     columns = np.concatenate([slopes[active], sides[at_low], -sides[at_high]]).T
-    found = np.zeros(margins.size)
+    multipliers = np.zeros(margins.size)
     if not columns.size:
-        return found, 1.0
-    weights, left = nnls(columns, slope)
-    found[active] = weights[: active.size]
-    return found, float(left / max(np.linalg.norm(slope), 1e-12))
+        return multipliers, 1.0
+    weights, residual = nnls(columns, slope)
+    multipliers[active] = weights[: active.size]
+    return multipliers, float(residual / max(np.linalg.norm(slope), 1e-12))
 
 
-def relax(
-    problem: Problem, start: np.ndarray, weights: np.ndarray | None = None
+def minimise_violation(
+    problem: SizingProblem, start: np.ndarray, weights: np.ndarray | None = None
 ) -> tuple[np.ndarray, float, np.ndarray]:
     """Make the largest broken margin small: minimise s subject to m_j + w_j s >= 0, s >= 0.
 
@@ -141,33 +145,38 @@ def relax(
     """
     w = np.ones(problem.rows.size) if weights is None else weights
     z0 = np.clip(start, 0.0, 1.0)
-    first = max(0.0, float(-np.min(problem.at(z0)[2])))
+    start_violation = max(0.0, float(-np.min(problem.evaluate(z0)[2])))
     n = z0.size
 
     def margins(x):
-        return problem.at(x[:n])[2] + w * x[n]
+        return problem.evaluate(x[:n])[2] + w * x[n]
 
     def slopes(x):
-        return np.column_stack([problem.at(x[:n])[3], w])
+        return np.column_stack([problem.evaluate(x[:n])[3], w])
 
-    only = np.zeros(n + 1)
-    only[n] = 1.0
+    objective_slope = np.zeros(n + 1)
+    objective_slope[n] = 1.0
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
-        found = minimize(
+        result = minimize(
             lambda x: x[n],
-            np.append(z0, first),
-            jac=lambda x: only,
+            np.append(z0, start_violation),
+            jac=lambda x: objective_slope,
             bounds=[(0.0, 1.0)] * n + [(0.0, None)],
             constraints=[{"type": "ineq", "fun": margins, "jac": slopes}],
             method="SLSQP",
-            options={"maxiter": STEPS, "ftol": 1e-12},
+            options={"maxiter": MAX_SEARCH_STEPS, "ftol": 1e-12},
         )
-    z = np.clip(found.x[:n], 0.0, 1.0)
-    z, s = (z0, first) if problem.lost(z) else (z, float(found.x[n]))
-    here = problem.at(z)[2]
+    z = np.clip(result.x[:n], 0.0, 1.0)
+    z, violation = (z0, start_violation) if problem.is_unsolved(z) else (z, float(result.x[n]))
+    margins_at_z = problem.evaluate(z)[2]
     if np.any(w > 0):
         # What the answer itself needs, whatever the solver says of it.
-        s = max(0.0, float(np.max(-here[w > 0] / w[w > 0])))
-    sizes, _ = multiply(np.append(z, 0.5), only, here + w * s, np.column_stack([problem.at(z)[3], w]))
-    return z, s, sizes
+        violation = max(0.0, float(np.max(-margins_at_z[w > 0] / w[w > 0])))
+    multipliers, _ = estimate_multipliers(
+        np.append(z, 0.5),
+        objective_slope,
+        margins_at_z + w * violation,
+        np.column_stack([problem.evaluate(z)[3], w]),
+    )
+    return z, violation, multipliers

@@ -7,17 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamjax.sizing.candidate import index
-from pamjax.sizing.enumerate import Tried
-from pamjax.sizing.optimise import search
-from pamjax.sizing.problem import OUTPUT, Choice, Problem
+from pamjax.sizing.candidate import locate_output
+from pamjax.sizing.enumerate import ChoiceResult
+from pamjax.sizing.optimise import search_optimum
+from pamjax.sizing.problem import OBJECTIVE_OUTPUTS, Choice, SizingProblem
 
 #: Points of a front, and choices that it is sought over.
-POINTS, CHOICES = 9, 6
+FRONT_POINTS, FRONT_CHOICES = 9, 6
 
 
 @dataclass(frozen=True, eq=False)
-class Front:
+class ParetoFront:
     """Points none of which is worse than another in both.
 
     Attributes:
@@ -32,64 +32,72 @@ class Front:
     choices: tuple[Choice, ...]
 
 
-def other(objective: str, said: str | None) -> str:
+def select_second_objective(objective: str, stated: str | None) -> str:
     """The second objective: what the spec says, or mass, or diameter."""
-    if said is not None and said != objective:
-        return said
+    if stated is not None and stated != objective:
+        return stated
     return "mass" if objective != "mass" else "diameter"
 
 
-def front(tried: Sequence[Tried], second: str) -> Front:
+def compute_front(results: Sequence[ChoiceResult], second: str) -> ParetoFront:
     """The front of the best choices.
 
     Args:
-        tried: the best first; only those with an answer count.
+        results: the best first; only those with an answer count.
     """
-    first = tried[0].problem.objective
-    ends = [_ends(one, second) for one in tried if one.answer is not None]
-    ends = [each for each in ends if each][:CHOICES]
+    first = results[0].problem.objective
+    ends = [_find_ends(result, second) for result in results if result.optimum is not None]
+    ends = [choice_ends for choice_ends in ends if choice_ends][:FRONT_CHOICES]
     if not ends:
-        return Front(first, second, np.zeros((0, 2)), ())
-    rows = [index(OUTPUT[first]), index(OUTPUT[second])]
+        return ParetoFront(first, second, np.zeros((0, 2)), ())
+    rows = [locate_output(OBJECTIVE_OUTPUTS[first]), locate_output(OBJECTIVE_OUTPUTS[second])]
 
-    def point(one: Problem, z: np.ndarray) -> tuple[float, float, Choice]:
-        a, b = one.outputs(z)[rows]
-        return float(a), float(b), one.choice
+    def build_point(result: SizingProblem, z: np.ndarray) -> tuple[float, float, Choice]:
+        a, b = result.compute_outputs(z)[rows]
+        return float(a), float(b), result.choice
 
-    points = [point(one, z) for each in ends for one, z in each]
+    points = [build_point(result, z) for choice_ends in ends for result, z in choice_ends]
     start, stop = min(points, key=lambda p: p[0]), min(points, key=lambda p: p[1])
-    found = [start, stop]
+    points_on_front = [start, stop]
     if start[1] > stop[1] * (1 + 1e-6) and stop[1] > 0:
         # The same caps for all choices: points of different caps would hide each other by chance.
-        for cap in np.geomspace(start[1], stop[1], POINTS)[1:-1]:
-            under = [point(*there) for each in ends if (there := _capped(each, second, float(cap)))]
-            found += [min(under, key=lambda p: p[0])] if under else []
-    return _none_worse(first, second, found)
+        for cap in np.geomspace(start[1], stop[1], FRONT_POINTS)[1:-1]:
+            capped_points = [
+                build_point(*found_end)
+                for choice_ends in ends
+                if (found_end := _search_under_cap(choice_ends, second, float(cap)))
+            ]
+            points_on_front += [min(capped_points, key=lambda p: p[0])] if capped_points else []
+    return _select_nondominated(first, second, points_on_front)
 
 
-def _ends(one: Tried, second: str) -> list[tuple[Problem, np.ndarray]]:
+def _find_ends(result: ChoiceResult, second: str) -> list[tuple[SizingProblem, np.ndarray]]:
     """A choice's least of the first objective, and of the second."""
     # Not the answer of the search: what uncertainty takes may have been added since.
-    answer = search(one.problem, one.start)
-    if not answer.kept:
+    optimum = search_optimum(result.problem, result.start)
+    if not optimum.is_feasible:
         return []
-    least = search(one.problem.with_(objective=second), answer.z)
-    return [(one.problem, end.z) for end in (answer, least) if end.kept]
+    second_optimum = search_optimum(result.problem.copy_with(objective=second), optimum.z)
+    return [
+        (result.problem, end_result.z) for end_result in (optimum, second_optimum) if end_result.is_feasible
+    ]
 
 
-def _capped(
-    ends: list[tuple[Problem, np.ndarray]], second: str, cap: float
-) -> tuple[Problem, np.ndarray] | None:
+def _search_under_cap(
+    ends: list[tuple[SizingProblem, np.ndarray]], second: str, cap: float
+) -> tuple[SizingProblem, np.ndarray] | None:
     """A choice's least of the first objective under a cap on the second; None where it is not found."""
-    found = [search(one.with_(caps={second: cap}), z) for one, z in ends]
-    kept = [answer for answer in found if answer.kept]
-    return (ends[0][0], min(kept, key=lambda answer: answer.value).z) if kept else None
+    optima = [search_optimum(problem.copy_with(caps={second: cap}), z) for problem, z in ends]
+    feasible = [optimum for optimum in optima if optimum.is_feasible]
+    return (ends[0][0], min(feasible, key=lambda optimum: optimum.log_objective).z) if feasible else None
 
 
-def _none_worse(first: str, second: str, points: list[tuple[float, float, Choice]]) -> Front:
+def _select_nondominated(first: str, second: str, points: list[tuple[float, float, Choice]]) -> ParetoFront:
     """Those that no other beats in both."""
-    kept: list[tuple[float, float, Choice]] = []
+    nondominated: list[tuple[float, float, Choice]] = []
     for point in sorted(points, key=lambda p: (p[0], p[1])):
-        if not kept or point[1] < kept[-1][1] * (1 - 1e-6):
-            kept.append(point)
-    return Front(first, second, np.array([p[:2] for p in kept]), tuple(p[2] for p in kept))
+        if not nondominated or point[1] < nondominated[-1][1] * (1 - 1e-6):
+            nondominated.append(point)
+    return ParetoFront(
+        first, second, np.array([p[:2] for p in nondominated]), tuple(p[2] for p in nondominated)
+    )

@@ -7,33 +7,35 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamjax.sizing.candidate import PLACES, Places, index
-from pamjax.sizing.spec import WAY, Spec, at_words
-from pamjax.units import show
+from pamjax.sizing.candidate import POINT_COUNT, OperatingPoints, locate_output
+from pamjax.sizing.spec import STROKE_SHARES, Spec, format_force_place
+from pamjax.units import format_quantity
 
 #: Pull of pressure over the stiffness of the threads, at most: at 1 they stretch without end.
-MOST_BURST = 0.5
+MAX_BURST_RATIO = 0.5
 #: Bore of the bladder over its outside, at least.
-LEAST_BORE = 0.3
+MIN_BORE_RATIO = 0.3
 
 
 #: Share of its bound below which the room to it is no longer a logarithm: a force may be negative.
-TENTH = 0.1
+MIN_LOG_RATIO = 0.1
 
 
-def room(y, bounds, sense, scale):
+def compute_margin(y, bounds, sense, scale):
     """Room between outputs and bounds: ±ln(y / bound), nearly linear in logarithmic coordinates.
 
     Below a tenth of the bound the logarithm goes on as its tangent; for a bound of zero it is ±y / scale.
     """
     share = y / np.where(bounds > 0, bounds, 1.0)
-    logarithm = np.log(np.maximum(share, TENTH)) + np.minimum(share / TENTH - 1, 0.0)
+    logarithm = np.log(np.maximum(share, MIN_LOG_RATIO)) + np.minimum(share / MIN_LOG_RATIO - 1, 0.0)
     return sense * np.where(bounds > 0, logarithm, y / scale)
 
 
-def steep(y, bounds, scale):
+def compute_margin_slope(y, bounds, scale):
     """Slope of the room in the output, but for its sense."""
-    return np.where(bounds > 0, 1 / np.maximum(y, TENTH * np.where(bounds > 0, bounds, 1.0)), 1 / scale)
+    return np.where(
+        bounds > 0, 1 / np.maximum(y, MIN_LOG_RATIO * np.where(bounds > 0, bounds, 1.0)), 1 / scale
+    )
 
 
 @dataclass(frozen=True)
@@ -54,27 +56,27 @@ class Requirement:
     """
 
     key: str
-    says: str
+    description: str
     rows: tuple[int, ...]
     bounds: tuple[float, ...]
     sense: int
     scale: float
     unit: str
     stated: bool = True
-    factor: bool = False
-    beside: float = 0.0
+    is_safety_factor: bool = False
+    fitting_length: float = 0.0
 
-    def margins(self, y: np.ndarray) -> np.ndarray:
-        """(rows,) or (k, rows): room to each bound, see `room`; negative where it is broken."""
-        return room(y[..., list(self.rows)], np.array(self.bounds), self.sense, self.scale)
+    def compute_margins(self, y: np.ndarray) -> np.ndarray:
+        """(rows,) or (k, rows): room to each bound, see `compute_margin`; negative where it is broken."""
+        return compute_margin(y[..., list(self.rows)], np.array(self.bounds), self.sense, self.scale)
 
-    def shown(self, amount: float) -> str:
+    def format_amount(self, amount: float) -> str:
         """An amount of it, as a person reads it."""
-        return show(amount, self.unit, 3)
+        return format_quantity(amount, self.unit, 3)
 
 
 @dataclass(frozen=True)
-class Asked:
+class SizingTask:
     """Where a candidate is asked, and what is required of the answers.
 
     Attributes:
@@ -85,19 +87,19 @@ class Asked:
         requirements: of all.
     """
 
-    places: Places
-    used: int
+    points: OperatingPoints
+    point_count: int
     labels: tuple[str, ...]
     loads: np.ndarray
     requirements: tuple[Requirement, ...]
 
-    def get(self, key: str) -> Requirement | None:
+    def find_requirement(self, key: str) -> Requirement | None:
         """The requirement of a key, or None where the spec has no such."""
-        return next((one for one in self.requirements if one.key == key), None)
+        return next((requirement for requirement in self.requirements if requirement.key == key), None)
 
 
 @dataclass(frozen=True)
-class _Place:
+class _Point:
     label: str
     contraction: float = 0.0
     shortening: float = 0.0
@@ -105,141 +107,189 @@ class _Place:
     load: float = math.nan
 
 
-def ask(spec: Spec) -> Asked:
+def build_task(spec: Spec) -> SizingTask:
     """The places and the requirements of a spec."""
-    words = spec.words
-    places = [_Place("proof at rest", pressure=spec.supply)]
-    for pull in words.force:
-        at = _Place(
-            at_words(pull), pull.contraction or 0.0, pull.shortening or 0.0, pull.pressure, pull.at_least
+    entries = spec.entries
+    points = [_Point("proof at rest", pressure=spec.supply)]
+    for pull in entries.force:
+        point = _Point(
+            format_force_place(pull),
+            pull.contraction or 0.0,
+            pull.shortening or 0.0,
+            pull.pressure,
+            pull.at_least,
         )
-        places.append(at)
-    if words.stroke:
-        stroke, k = words.stroke, words.stroke.stiffness or 0.0
-        for share in WAY:
+        points.append(point)
+    if entries.stroke:
+        stroke, k = entries.stroke, entries.stroke.stiffness or 0.0
+        for share in STROKE_SHARES:
             x = share * stroke.length
-            load = (stroke.load or 0.0) + k * x
-            places.append(_Place(f"after {show(x, 'mm')} of the stroke", shortening=x, load=load))
-    if words.free_contraction is not None:
-        free = words.free_contraction
-        places.append(_Place(f"free at {100 * free:g} %", free, load=0.0))
-    used = len(places)
-    requirements = (*_forces(spec, places), *_stated(spec, used), *_assumed(spec, used))
-    filled = places + [places[1]] * (PLACES - used)
-    return Asked(
-        places=Places(
-            np.array([p.contraction for p in filled]),
-            np.array([p.shortening for p in filled]),
-            np.array([float(p.pressure is None) for p in filled]),
-            np.array([p.pressure or 0.0 for p in filled]),
+            wanted_force = (stroke.load or 0.0) + k * x
+            points.append(
+                _Point(f"after {format_quantity(x, 'mm')} of the stroke", shortening=x, load=wanted_force)
+            )
+    if entries.free_contraction is not None:
+        free_contraction = entries.free_contraction
+        points.append(_Point(f"free at {100 * free_contraction:g} %", free_contraction, load=0.0))
+    point_count = len(points)
+    requirements = (
+        *_require_forces(spec, points),
+        *_list_stated_requirements(spec, point_count),
+        *_list_assumed_requirements(spec, point_count),
+    )
+    padded_points = points + [points[1]] * (POINT_COUNT - point_count)
+    return SizingTask(
+        points=OperatingPoints(
+            np.array([p.contraction for p in padded_points]),
+            np.array([p.shortening for p in padded_points]),
+            np.array([float(p.pressure is None) for p in padded_points]),
+            np.array([p.pressure or 0.0 for p in padded_points]),
         ),
-        used=used,
-        labels=tuple(p.label for p in places),
-        loads=np.array([p.load for p in places]),
+        point_count=point_count,
+        labels=tuple(p.label for p in points),
+        loads=np.array([p.load for p in points]),
         requirements=requirements,
     )
 
 
-def _forces(spec: Spec, places: list[_Place]) -> list[Requirement]:
-    words = spec.words
-    wanted = [p.load for p in places if p.load > 0]
+def _require_forces(spec: Spec, points: list[_Point]) -> list[Requirement]:
+    entries = spec.entries
+    positive_forces = [p.load for p in points if p.load > 0]
     # A force of nothing needs a scale of its own: a thousandth of a square decimetre under full pressure.
-    usual = max(wanted) if wanted else 1e-5 * spec.supply
-    found = []
-    for k, pull in enumerate(words.force, 1):
-        says = f"pull {show(pull.at_least, 'N')} {at_words(pull)}"
-        row = (index("force", k),)
-        found.append(Requirement(f"force {k}", says, row, (pull.at_least,), 1, pull.at_least, "N"))
-    first = 1 + len(words.force)
-    if words.stroke:
-        rows = range(first, first + len(WAY))
-        loads = tuple(places[k].load for k in rows)
-        says = f"move {_load(spec)} by {show(words.stroke.length, 'mm')}"
-        all_rows = tuple(index("force", k) for k in rows)
-        found.append(Requirement("stroke", says, all_rows, loads, 1, max(*loads, 0.1 * usual), "N"))
-        first += len(WAY)
-    if words.free_contraction is not None:
-        says = f"contract by {100 * words.free_contraction:g} % without load"
-        row = (index("force", first),)
-        found.append(Requirement("free contraction", says, row, (0.0,), 1, usual, "N"))
-    return found
-
-
-def _load(spec: Spec) -> str:
-    stroke = spec.words.stroke
-    assert stroke is not None
-    said = [show(stroke.load, "N")] if stroke.load else []
-    said += [f"a spring of {show(stroke.stiffness, 'N/mm')}"] if stroke.stiffness else []
-    return " and ".join(said) or "nothing"
-
-
-def _most(key: str, says: str, name: str, bound: float, unit: str, **more) -> Requirement:
-    return Requirement(key, says, (index(name),), (bound,), -1, bound, unit, **more)
-
-
-def _stated(spec: Spec, used: int) -> list[Requirement]:
-    """Upper bounds that the spec states, and the supply."""
-    words, room = spec.words, spec.words.envelope
-    found = [_most("supply", f"work at {show(spec.supply, 'kPa')} at most", "pressure", spec.supply, "kPa")]
-    if room.length is not None:
-        ends = 2 * (room.fittings or 0.0)
-        says = f"be {show(room.length, 'mm')} long at most"
-        found.append(_most("length", says, "length", room.length - ends, "mm", beside=ends))
-    if room.diameter is not None:
-        rows = tuple(index("diameter", k) for k in range(used))
-        each = ", each" if max(words.parallel) > 1 else ""
-        says = f"be {show(room.diameter, 'mm')} wide at most{each}, under pressure"
-        bounds = (room.diameter,) * used
-        found.append(Requirement("diameter", says, rows, bounds, -1, room.diameter, "mm"))
-    if room.bundle is not None:
-        found.append(
-            _most("bundle", f"fit into {show(room.bundle, 'mm')} together", "bundle", room.bundle, "mm")
+    force_scale = max(positive_forces) if positive_forces else 1e-5 * spec.supply
+    requirements = []
+    for k, pull in enumerate(entries.force, 1):
+        description = f"pull {format_quantity(pull.at_least, 'N')} {format_force_place(pull)}"
+        row = (locate_output("force", k),)
+        requirements.append(
+            Requirement(f"force {k}", description, row, (pull.at_least,), 1, pull.at_least, "N")
         )
-    if words.air is not None:
-        found.append(
-            _most("air", f"take {show(words.air, 'L')} of air a stroke at most", "air", words.air, "L")
+    next_point = 1 + len(entries.force)
+    if entries.stroke:
+        rows = range(next_point, next_point + len(STROKE_SHARES))
+        loads = tuple(points[k].load for k in rows)
+        description = f"move {_format_load(spec)} by {format_quantity(entries.stroke.length, 'mm')}"
+        all_rows = tuple(locate_output("force", k) for k in rows)
+        requirements.append(
+            Requirement("stroke", description, all_rows, loads, 1, max(*loads, 0.1 * force_scale), "N")
+        )
+        next_point += len(STROKE_SHARES)
+    if entries.free_contraction is not None:
+        description = f"contract by {100 * entries.free_contraction:g} % without load"
+        row = (locate_output("force", next_point),)
+        requirements.append(Requirement("free contraction", description, row, (0.0,), 1, force_scale, "N"))
+    return requirements
+
+
+def _format_load(spec: Spec) -> str:
+    stroke = spec.entries.stroke
+    assert stroke is not None
+    parts = [format_quantity(stroke.load, "N")] if stroke.load else []
+    parts += [f"a spring of {format_quantity(stroke.stiffness, 'N/mm')}"] if stroke.stiffness else []
+    return " and ".join(parts) or "nothing"
+
+
+def _require_at_most(key: str, description: str, name: str, bound: float, unit: str, **more) -> Requirement:
+    return Requirement(key, description, (locate_output(name),), (bound,), -1, bound, unit, **more)
+
+
+def _list_stated_requirements(spec: Spec, point_count: int) -> list[Requirement]:
+    """Upper bounds that the spec states, and the supply."""
+    entries, envelope = spec.entries, spec.entries.envelope
+    requirements = [
+        _require_at_most(
+            "supply", f"work at {format_quantity(spec.supply, 'kPa')} at most", "pressure", spec.supply, "kPa"
+        )
+    ]
+    if envelope.length is not None:
+        fitting_lengths = 2 * (envelope.fittings or 0.0)
+        description = f"be {format_quantity(envelope.length, 'mm')} long at most"
+        requirements.append(
+            _require_at_most(
+                "length",
+                description,
+                "length",
+                envelope.length - fitting_lengths,
+                "mm",
+                fitting_length=fitting_lengths,
+            )
+        )
+    if envelope.diameter is not None:
+        rows = tuple(locate_output("diameter", k) for k in range(point_count))
+        suffix = ", each" if max(entries.parallel) > 1 else ""
+        description = f"be {format_quantity(envelope.diameter, 'mm')} wide at most{suffix}, under pressure"
+        bounds = (envelope.diameter,) * point_count
+        requirements.append(Requirement("diameter", description, rows, bounds, -1, envelope.diameter, "mm"))
+    if envelope.bundle is not None:
+        requirements.append(
+            _require_at_most(
+                "bundle",
+                f"fit into {format_quantity(envelope.bundle, 'mm')} together",
+                "bundle",
+                envelope.bundle,
+                "mm",
+            )
+        )
+    if entries.air is not None:
+        requirements.append(
+            _require_at_most(
+                "air",
+                f"take {format_quantity(entries.air, 'L')} of air a stroke at most",
+                "air",
+                entries.air,
+                "L",
+            )
         )
     for name in ("thread_length", "turns"):
-        limits = getattr(words.limits, name)
+        limits = getattr(entries.limits, name)
         unit = "mm" if name == "thread_length" else "1"
         if limits is not None:
             low, high = limits
             word = name.replace("_", " ")
-            says = f"have a {word} of {{}} at {{}}"
-            least, most = says.format(show(low, unit), "least"), says.format(show(high, unit), "most")
-            found.append(_least(f"least {word}", least, name, low, unit, True))
-            found.append(_most(f"most {word}", most, name, high, unit))
-    return found
+            description = f"have a {word} of {{}} at {{}}"
+            least, most = (
+                description.format(format_quantity(low, unit), "least"),
+                description.format(format_quantity(high, unit), "most"),
+            )
+            requirements.append(_require_at_least(f"least {word}", least, name, low, unit, True))
+            requirements.append(_require_at_most(f"most {word}", most, name, high, unit))
+    return requirements
 
 
-def _assumed(spec: Spec, used: int) -> list[Requirement]:
+def _list_assumed_requirements(spec: Spec, point_count: int) -> list[Requirement]:
     """What holds for every muscle: safety factors, and where the model itself holds."""
-    safety, limits = spec.words.safety, spec.words.limits
+    safety, limits = spec.entries.safety, spec.entries.limits
 
-    def factor(key: str, says: str, name: str) -> Requirement:
-        times, said = getattr(safety, key), key in safety.model_fields_set
-        return _each(key, says.format(f"{times:g}"), name, used, 1 / times, -1, said, True)
+    def require_safety(key: str, description: str, name: str) -> Requirement:
+        times, stated = getattr(safety, key), key in safety.model_fields_set
+        return _require_everywhere(
+            key, description.format(f"{times:g}"), name, point_count, 1 / times, -1, stated, True
+        )
 
-    slender = limits.slenderness
+    slenderness = limits.slenderness
     return [
-        factor("thread", "threads {} times as strong as their load", "used"),
-        factor("mesh", "bladder {} times from bulging through", "mesh"),
-        factor("rubber", "rubber stretched to 1/{} of its break", "strain"),
-        _each("fit", "threads fit side by side", "fit", used, 1.0, 1),
-        _each("burst", "threads far from stretching without end", "burst", used, MOST_BURST, -1),
-        _least("bore", f"bore at least {LEAST_BORE:g} of the bladder's outside", "bore", LEAST_BORE),
-        _least("slenderness", f"at least {slender:g} times as long as wide", "slenderness", slender,
+        require_safety("thread", "threads {} times as strong as their load", "used"),
+        require_safety("mesh", "bladder {} times from bulging through", "mesh"),
+        require_safety("rubber", "rubber stretched to 1/{} of its break", "strain"),
+        _require_everywhere("fit", "threads fit side by side", "fit", point_count, 1.0, 1),
+        _require_everywhere("burst", "threads far from stretching without end", "burst", point_count, MAX_BURST_RATIO, -1),
+        _require_at_least("bore", f"bore at least {MIN_BORE_RATIO:g} of the bladder's outside", "bore", MIN_BORE_RATIO),
+        _require_at_least("slenderness", f"at least {slenderness:g} times as long as wide", "slenderness", slenderness,
                stated="slenderness" in limits.model_fields_set),
     ]  # fmt: skip
 
 
-def _each(key, says, name, used, bound, sense, stated=False, factor=False) -> Requirement:
-    """The same bound at every place."""
-    rows = tuple(index(name, k) for k in range(used))
-    return Requirement(key, says, rows, (bound,) * used, sense, bound, "1", stated, factor)
-
-
-def _least(
-    key: str, says: str, name: str, bound: float, unit: str = "1", stated: bool = False
+def _require_everywhere(
+    key, description, name, point_count, bound, sense, stated=False, is_safety_factor=False
 ) -> Requirement:
-    return Requirement(key, says, (index(name),), (bound,), 1, bound, unit, stated)
+    """The same bound at every place."""
+    rows = tuple(locate_output(name, k) for k in range(point_count))
+    return Requirement(
+        key, description, rows, (bound,) * point_count, sense, bound, "1", stated, is_safety_factor
+    )
+
+
+def _require_at_least(
+    key: str, description: str, name: str, bound: float, unit: str = "1", stated: bool = False
+) -> Requirement:
+    return Requirement(key, description, (locate_output(name),), (bound,), 1, bound, unit, stated)

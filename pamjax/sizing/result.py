@@ -9,15 +9,15 @@ from functools import cached_property
 import numpy as np
 
 from pamjax.model.bench import Bench
-from pamjax.sizing.calibration import Handed
-from pamjax.sizing.candidate import Places, bench, index, many
-from pamjax.sizing.enumerate import Tried
-from pamjax.sizing.inelastic import Cost
-from pamjax.sizing.infeasible import Gives
-from pamjax.sizing.pareto import Front
-from pamjax.sizing.problem import OUTPUT, Choice, Problem
-from pamjax.sizing.requirements import Asked
-from pamjax.sizing.sensitivity import Price
+from pamjax.sizing.calibration import CalibrationTransfer
+from pamjax.sizing.candidate import OperatingPoints, build_bench, evaluate_many, locate_output
+from pamjax.sizing.enumerate import ChoiceResult
+from pamjax.sizing.inelastic import InelasticCost
+from pamjax.sizing.infeasible import Relaxation
+from pamjax.sizing.pareto import ParetoFront
+from pamjax.sizing.problem import OBJECTIVE_OUTPUTS, Choice, SizingProblem
+from pamjax.sizing.requirements import SizingTask
+from pamjax.sizing.sensitivity import ShadowPrice
 from pamjax.sizing.spec import Spec
 
 
@@ -43,30 +43,30 @@ class Design:
     """
 
     spec: Spec
-    asked: Asked
-    handed: Handed
-    tried: tuple[Tried, ...]
-    chosen: Tried
+    task: SizingTask
+    transfer: CalibrationTransfer
+    results: tuple[ChoiceResult, ...]
+    chosen: ChoiceResult
     probability: float = math.nan
-    held: dict[str, float] = field(default_factory=dict)
-    prices: tuple[Price, ...] = ()
-    properties: dict[str, float] = field(default_factory=dict)
-    limits: tuple[str, ...] = ()
-    gives: tuple[Gives, ...] = ()
-    costs: tuple[Cost, ...] = ()
-    front: Front | None = None
-    left_out: int = 0
+    requirement_probabilities: dict[str, float] = field(default_factory=dict)
+    prices: tuple[ShadowPrice, ...] = ()
+    property_sensitivities: dict[str, float] = field(default_factory=dict)
+    active_limits: tuple[str, ...] = ()
+    relaxations: tuple[Relaxation, ...] = ()
+    inelastic_costs: tuple[InelasticCost, ...] = ()
+    front: ParetoFront | None = None
+    unsearched_count: int = 0
     seed: int = 0
     method: str = "slsqp"
-    unsure: bool = False
+    misses_probability: bool = False
 
     @property
     def feasible(self) -> bool:
         """Whether the spec can be met."""
-        return self.chosen.answer is not None
+        return self.chosen.optimum is not None
 
     @property
-    def problem(self) -> Problem:
+    def problem(self) -> SizingProblem:
         return self.chosen.problem
 
     @property
@@ -77,22 +77,22 @@ class Design:
     @cached_property
     def z(self) -> np.ndarray:
         """(free,) scaled coordinates of the chosen muscle."""
-        return self.chosen.answer.z if self.chosen.answer is not None else self.chosen.start
+        return self.chosen.optimum.z if self.chosen.optimum is not None else self.chosen.start
 
     @cached_property
     def outputs(self) -> np.ndarray:
         """Everything that the chosen muscle shows, in the order of `candidate.outputs`."""
-        return self.problem.outputs(self.z)
+        return self.problem.compute_outputs(self.z)
 
-    def output(self, name: str, place: int | None = None) -> float:
+    def output(self, name: str, point: int | None = None) -> float:
         """One of them, SI."""
-        return float(self.outputs[index(name, place)])
+        return float(self.outputs[locate_output(name, point)])
 
     @cached_property
     def numbers(self) -> dict[str, float]:
         """The chosen muscle's own numbers, SI."""
         choice = self.choice
-        named = self.problem.named(self.z)
+        named = self.problem.name_coordinates(self.z)
         return named | {
             "thread_length": self.output("thread_length"),
             "turns": self.output("turns"),
@@ -105,39 +105,41 @@ class Design:
     @property
     def objective(self) -> float:
         """What was minimised, SI."""
-        return self.output(OUTPUT[self.spec.words.minimise])
+        return self.output(OBJECTIVE_OUTPUTS[self.spec.entries.minimise])
 
     @cached_property
     def bench(self) -> Bench:
         """The chosen muscle, one of those in parallel, as a bench without sensors."""
         p = self.problem
-        return bench(p.coordinates(self.z), p.made, p.ids, p.numbers)
+        return build_bench(p.to_coordinates(self.z), p.build, p.ids, p.numbers)
 
     def force(self, pressure: np.ndarray, contraction: np.ndarray) -> np.ndarray:
         """Force of all muscles, N, as they lift: (n,) for pressures (n,), Pa, and contractions (n,).
 
         Not a number where the muscle has no equilibrium.
         """
-        return self._asked("force", pressure, contraction)
+        return self._evaluate_output("force", pressure, contraction)
 
-    def outside(self, pressure: np.ndarray, contraction: np.ndarray) -> np.ndarray:
+    def outer_diameter(self, pressure: np.ndarray, contraction: np.ndarray) -> np.ndarray:
         """Outer diameter of one muscle, m, alike."""
-        return self._asked("diameter", pressure, contraction)
+        return self._evaluate_output("diameter", pressure, contraction)
 
-    def _asked(self, name: str, pressure, contraction) -> np.ndarray:
-        size = self.asked.places.contraction.size
+    def _evaluate_output(self, name: str, pressure, contraction) -> np.ndarray:
+        size = self.task.points.contraction.size
         pressure, contraction = np.broadcast_arrays(np.atleast_1d(pressure), np.atleast_1d(contraction))
-        found = []
-        for at in range(0, pressure.size, size):
-            p, c = pressure[at : at + size], contraction[at : at + size]
-            filled = [np.concatenate([x, np.full(size - x.size, x[-1])]) for x in (c, p)]
-            places = Places(filled[0], np.zeros(size), np.zeros(size), filled[1])
-            one = self.problem
-            y = many(one.coordinates(self.z)[None], one.made, one.numbers, places, one.ids)[0]
-            found.append(y[[index(name, k) for k in range(p.size)]])
-        return np.concatenate(found)
+        values = []
+        for start in range(0, pressure.size, size):
+            p, c = pressure[start : start + size], contraction[start : start + size]
+            padded = [np.concatenate([x, np.full(size - x.size, x[-1])]) for x in (c, p)]
+            points = OperatingPoints(padded[0], np.zeros(size), np.zeros(size), padded[1])
+            problem = self.problem
+            y = evaluate_many(
+                problem.to_coordinates(self.z)[None], problem.build, problem.numbers, points, problem.ids
+            )[0]
+            values.append(y[[locate_output(name, k) for k in range(p.size)]])
+        return np.concatenate(values)
 
     def __str__(self) -> str:
-        from pamjax.sizing.report import note
+        from pamjax.sizing.report import format_design_note
 
-        return note(self)
+        return format_design_note(self)

@@ -8,113 +8,115 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo
 
-from pamjax.errors import BadInput, nearest, refuse
-from pamjax.records.files import decode
-from pamjax.records.reading.quantity import Spot, read_count, read_quantity
-from pamjax.units import number_in
+from pamjax.errors import BadInput, refuse, suggest_word
+from pamjax.records.files import decode_text
+from pamjax.records.reading.quantity import EntryLocation, read_count, read_quantity
+from pamjax.units import parse_number
 
 Objective = Literal["diameter", "mass", "air", "pressure", "cost", "length"]
 OBJECTIVES: tuple[str, ...] = get_args(Objective)
 
 #: Title of what stands in no table.
-WHOLE = "the spec"
+SPEC_TITLE = "the spec"
 
 
-def _checked(read: Callable[[Any, Spot], Any]) -> BeforeValidator:
-    def spotted(said: Any, info: ValidationInfo) -> Any:
+def _build_validator(read: Callable[[Any, EntryLocation], Any]) -> BeforeValidator:
+    def read_at(raw: Any, info: ValidationInfo) -> Any:
         table = (info.config or {}).get("title")
-        name = str(info.field_name) if table == WHOLE else f"[{table}] {info.field_name}"
-        return read(said, Spot(name, (info.context or {}).get("file", "the spec")))
+        name = str(info.field_name) if table == SPEC_TITLE else f"[{table}] {info.field_name}"
+        return read(raw, EntryLocation(name, (info.context or {}).get("file", "the spec")))
 
-    return BeforeValidator(spotted)
-
-
-def _quantity(kind: str) -> BeforeValidator:
-    return _checked(lambda said, spot: read_quantity(said, kind, spot).value)
+    return BeforeValidator(read_at)
 
 
-def _in(unit: str) -> BeforeValidator:
+def _validate_quantity(kind: str) -> BeforeValidator:
+    return _build_validator(lambda raw, spot: read_quantity(raw, kind, spot).value)
+
+
+def _validate_unit(unit: str) -> BeforeValidator:
     """A positive number in a unit that is none of the lab's usual kinds; a bare one is in SI."""
 
-    def read(said: Any, spot: Spot) -> float:
-        if isinstance(said, bool) or not isinstance(said, (int, float, str)):
-            raise refuse("a quantity is a number and a unit", f"{said!r}", str(spot), f"Its unit is {unit}.")
-        value = number_in(said, unit, str(spot)) if isinstance(said, str) else float(said)
+    def read(raw: Any, spot: EntryLocation) -> float:
+        if isinstance(raw, bool) or not isinstance(raw, (int, float, str)):
+            raise refuse("a quantity is a number and a unit", f"{raw!r}", str(spot), f"Its unit is {unit}.")
+        value = parse_number(raw, unit, str(spot)) if isinstance(raw, str) else float(raw)
         if not value > 0:
-            raise refuse(f"`{spot.name}` must be positive", f"{said}", spot.file, "Check its sign.")
+            raise refuse(f"`{spot.name}` must be positive", f"{raw}", spot.file, "Check its sign.")
         return value
 
-    return _checked(read)
+    return _build_validator(read)
 
 
-def _share(said: Any, spot: Spot) -> float:
+def _read_share(raw: Any, spot: EntryLocation) -> float:
     """A share, as 0.25 or "25 %"."""
-    text = str(said).strip()
+    text = str(raw).strip()
     try:
         value = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
     except ValueError as error:
-        raise refuse("a share is a number", f"{said!r}", str(spot), "Write 0.25 or '25 %'.") from error
-    if isinstance(said, bool) or not 0 <= value < 1:
-        raise refuse(f"`{spot.name}` must lie between 0 and 1", f"{said}", spot.file, "Write 0.25 or '25 %'.")
+        raise refuse("a share is a number", f"{raw!r}", str(spot), "Write 0.25 or '25 %'.") from error
+    if isinstance(raw, bool) or not 0 <= value < 1:
+        raise refuse(f"`{spot.name}` must lie between 0 and 1", f"{raw}", spot.file, "Write 0.25 or '25 %'.")
     return value
 
 
-def _factor(said: Any, spot: Spot) -> float:
+def _read_factor(raw: Any, spot: EntryLocation) -> float:
     """A safety factor."""
-    value = read_quantity(said, "count", spot).value
+    value = read_quantity(raw, "count", spot).value
     if value < 1:
         rule = f"`{spot.name}` is how many times stronger than its load, at least 1"
-        raise refuse(rule, f"{said}", spot.file, "Write 1 for no safety.")
+        raise refuse(rule, f"{raw}", spot.file, "Write 1 for no safety.")
     return value
 
 
-def _range(kind: str) -> BeforeValidator:
+def _validate_range(kind: str) -> BeforeValidator:
     """Lowest and highest; one quantity fixes both."""
 
-    def read(said: Any, spot: Spot) -> tuple[float, float]:
-        ends = said if isinstance(said, list) else [said, said]
+    def read(raw: Any, spot: EntryLocation) -> tuple[float, float]:
+        ends = raw if isinstance(raw, list) else [raw, raw]
         if len(ends) != 2:
             remedy = "Write one quantity, or [lowest, highest]."
-            raise refuse(f"`{spot.name}` is a quantity or a pair of them", f"{said}", spot.file, remedy)
+            raise refuse(f"`{spot.name}` is a quantity or a pair of them", f"{raw}", spot.file, remedy)
         low, high = (read_quantity(end, kind, spot).value for end in ends)
         if low > high:
-            raise refuse(f"`{spot.name}` has its lowest value first", f"{said}", spot.file, "Turn them over.")
+            raise refuse(f"`{spot.name}` has its lowest value first", f"{raw}", spot.file, "Turn them over.")
         return low, high
 
-    return _checked(read)
+    return _build_validator(read)
 
 
-def _list(read: Callable[[Any, Spot], Any]) -> BeforeValidator:
-    def each(said: Any, spot: Spot) -> tuple[Any, ...]:
-        every = said if isinstance(said, list) else [said]
-        if not every:
+def _validate_list(read: Callable[[Any, EntryLocation], Any]) -> BeforeValidator:
+    def read_items(raw: Any, spot: EntryLocation) -> tuple[Any, ...]:
+        items = raw if isinstance(raw, list) else [raw]
+        if not items:
             raise refuse(
                 f"`{spot.name}` needs at least one entry", "none", spot.file, "Leave it out for all."
             )
-        return tuple(read(one, spot) for one in every)
+        return tuple(read(item, spot) for item in items)
 
-    return _checked(each)
-
-
-Length = Annotated[float, _quantity("length")]
-Pressure = Annotated[float, _quantity("pressure")]
-Force = Annotated[float, _quantity("force")]
-Volume = Annotated[float, _quantity("volume")]
-Number = Annotated[float, _quantity("count")]
-Factor = Annotated[float, _checked(_factor)]
-Stiffness = Annotated[float, _in("N/m")]
-Density = Annotated[float, _in("kg/m^3")]
-Share = Annotated[float, _checked(_share)]
-Counts = Annotated[tuple[int, ...], _list(read_count)]
-Lengths = Annotated[tuple[float, ...], _list(lambda said, spot: read_quantity(said, "length", spot).value)]
-Names = Annotated[tuple[str, ...], _list(lambda said, spot: str(said))]
+    return _build_validator(read_items)
 
 
-class _Table(BaseModel):
+Length = Annotated[float, _validate_quantity("length")]
+Pressure = Annotated[float, _validate_quantity("pressure")]
+Force = Annotated[float, _validate_quantity("force")]
+Volume = Annotated[float, _validate_quantity("volume")]
+Number = Annotated[float, _validate_quantity("count")]
+Factor = Annotated[float, _build_validator(_read_factor)]
+Stiffness = Annotated[float, _validate_unit("N/m")]
+Density = Annotated[float, _validate_unit("kg/m^3")]
+Share = Annotated[float, _build_validator(_read_share)]
+Counts = Annotated[tuple[int, ...], _validate_list(read_count)]
+Lengths = Annotated[
+    tuple[float, ...], _validate_list(lambda said, spot: read_quantity(said, "length", spot).value)
+]
+Names = Annotated[tuple[str, ...], _validate_list(lambda said, spot: str(said))]
+
+
+class _SpecTable(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Pull(_Table):
+class ForceDemand(_SpecTable):
     """[[force]]: what all muscles together must pull at one place of the stroke."""
 
     model_config = ConfigDict(title="force")
@@ -124,7 +126,7 @@ class Pull(_Table):
     pressure: Pressure | None = None
 
 
-class Stroke(_Table):
+class Stroke(_SpecTable):
     """[stroke]: how far a load must be moved from rest, and how the load grows on the way."""
 
     model_config = ConfigDict(title="stroke")
@@ -133,14 +135,14 @@ class Stroke(_Table):
     stiffness: Stiffness | None = None
 
 
-class Supply(_Table):
+class Supply(_SpecTable):
     """[supply]: the highest pressure there is."""
 
     model_config = ConfigDict(title="supply")
     pressure: Pressure
 
 
-class Envelope(_Table):
+class SizeLimits(_SpecTable):
     """[envelope]: the room there is."""
 
     model_config = ConfigDict(title="envelope")
@@ -150,7 +152,7 @@ class Envelope(_Table):
     bundle: Length | None = None
 
 
-class Safety(_Table):
+class Safety(_SpecTable):
     """[safety]: how many times stronger than its load."""
 
     model_config = ConfigDict(title="safety")
@@ -159,7 +161,7 @@ class Safety(_Table):
     rubber: Factor = 2.0
 
 
-class Threads(_Table):
+class Threads(_SpecTable):
     """[threads]: the catalogue of threads."""
 
     model_config = ConfigDict(title="threads")
@@ -168,7 +170,7 @@ class Threads(_Table):
     diameters: Lengths | None = None
 
 
-class Bladders(_Table):
+class Bladders(_SpecTable):
     """[bladders]: the catalogue of bladders."""
 
     model_config = ConfigDict(title="bladders")
@@ -176,7 +178,7 @@ class Bladders(_Table):
     diameters: Lengths | None = None
 
 
-class OwnThread(_Table):
+class OwnThread(_SpecTable):
     """[[thread]]: a kind of thread that is not shipped, or a price for one that is."""
 
     model_config = ConfigDict(title="thread")
@@ -189,7 +191,7 @@ class OwnThread(_Table):
     price: Number | None = None
 
 
-class OwnBladder(_Table):
+class OwnBladder(_SpecTable):
     """[[bladder]]: a rubber that is not shipped, or a price for one that is."""
 
     model_config = ConfigDict(title="bladder")
@@ -200,20 +202,20 @@ class OwnBladder(_Table):
     price: Number | None = None
 
 
-class Limits(_Table):
+class CoordinateLimits(_SpecTable):
     """[limits]: what the muscle itself may be."""
 
     model_config = ConfigDict(title="limits")
-    rest_length: Annotated[tuple[float, float], _range("length")] | None = None
-    thread_length: Annotated[tuple[float, float], _range("length")] | None = None
-    turns: Annotated[tuple[float, float], _range("count")] | None = None
-    braid_angle: Annotated[tuple[float, float], _range("angle")] | None = None
-    diameter: Annotated[tuple[float, float], _range("length")] | None = None
-    wall: Annotated[tuple[float, float], _range("length")] | None = None
+    rest_length: Annotated[tuple[float, float], _validate_range("length")] | None = None
+    thread_length: Annotated[tuple[float, float], _validate_range("length")] | None = None
+    turns: Annotated[tuple[float, float], _validate_range("count")] | None = None
+    braid_angle: Annotated[tuple[float, float], _validate_range("angle")] | None = None
+    diameter: Annotated[tuple[float, float], _validate_range("length")] | None = None
+    wall: Annotated[tuple[float, float], _validate_range("length")] | None = None
     slenderness: Number = 3.0
 
 
-class Tolerance(_Table):
+class Tolerance(_SpecTable):
     """[tolerance]: how exactly it is built, one standard deviation."""
 
     model_config = ConfigDict(title="tolerance")
@@ -223,7 +225,7 @@ class Tolerance(_Table):
     wall: Length | None = None
 
 
-class Calibration(_Table):
+class Calibration(_SpecTable):
     """[calibration]: a muscle that was measured, and what of this one it speaks for."""
 
     model_config = ConfigDict(title="calibration")
@@ -234,10 +236,10 @@ class Calibration(_Table):
     discrepancy: Share | None = None
 
 
-class Words(_Table):
+class SpecEntries(_SpecTable):
     """The whole file."""
 
-    model_config = ConfigDict(title=WHOLE)
+    model_config = ConfigDict(title=SPEC_TITLE)
     name: str = ""
     minimise: Objective = "diameter"
     against: Objective | None = None
@@ -246,59 +248,61 @@ class Words(_Table):
     air: Volume | None = None
     parallel: Counts = (1,)
     supply: Supply
-    force: tuple[Pull, ...] = ()
+    force: tuple[ForceDemand, ...] = ()
     stroke: Stroke | None = None
-    envelope: Envelope = Field(default_factory=Envelope)
+    envelope: SizeLimits = Field(default_factory=SizeLimits)
     safety: Safety = Field(default_factory=Safety)
     threads: Threads = Field(default_factory=Threads)
     bladders: Bladders = Field(default_factory=Bladders)
     thread: tuple[OwnThread, ...] = ()
     bladder: tuple[OwnBladder, ...] = ()
-    limits: Limits = Field(default_factory=Limits)
+    limits: CoordinateLimits = Field(default_factory=CoordinateLimits)
     tolerance: Tolerance = Field(default_factory=Tolerance)
     calibration: Calibration | None = None
 
 
-def read_words(said: Mapping[str, Any] | bytes, file: str) -> Words:
+def read_entries(raw: Mapping[str, Any] | bytes, file: str) -> SpecEntries:
     """The words of a spec, or the first thing wrong with it as one sentence.
 
     Raises:
         BadInput: if it is no TOML, or says what a spec cannot say.
     """
-    if isinstance(said, bytes):
+    if isinstance(raw, bytes):
         try:
-            said = tomllib.loads(decode(said, file).replace("\r\n", "\n"))
+            raw = tomllib.loads(decode_text(raw, file).replace("\r\n", "\n"))
         except tomllib.TOMLDecodeError as error:
             got = str(error)[:1].lower() + str(error)[1:].rstrip(".")
             remedy = "A text stands in double quotes, a table in [brackets]."
             raise refuse(f"{file} must be TOML", got, remedy=remedy) from error
     try:
-        return Words.model_validate(dict(said), context={"file": file})
+        return SpecEntries.model_validate(dict(raw), context={"file": file})
     except ValidationError as error:
-        raise _told(error, file) from error
+        raise _translate_error(error, file) from error
 
 
-def _told(error: ValidationError, file: str) -> BadInput:
+def _translate_error(error: ValidationError, file: str) -> BadInput:
     """The first complaint of pydantic in our wording."""
     # A misspelt entry also shows as one that is missing: the misspelling is what to mend.
-    first = sorted(error.errors(), key=lambda one: one["type"] != "extra_forbidden")[0]
-    own = first.get("ctx", {}).get("error")
-    if isinstance(own, BadInput):
-        return own
+    first = sorted(error.errors(), key=lambda detail: detail["type"] != "extra_forbidden")[0]
+    own_error = first.get("ctx", {}).get("error")
+    if isinstance(own_error, BadInput):
+        return own_error
     path = [str(part) for part in first["loc"] if not isinstance(part, int)]
     where = f"[{path[0]}] of {file}" if len(path) > 1 else file
     if first["type"] == "extra_forbidden":
-        known = _table(path[0]).model_fields if len(path) > 1 else Words.model_fields
-        return refuse(f"`{path[-1]}` is no entry", where=where, remedy=nearest(path[-1], known))
+        known_fields = _find_table(path[0]).model_fields if len(path) > 1 else SpecEntries.model_fields
+        return refuse(f"`{path[-1]}` is no entry", where=where, remedy=suggest_word(path[-1], known_fields))
     if first["type"] == "missing":
-        what = f"`{path[-1]}`" if len(path) > 1 else f"a table [{path[0]}]"
-        return refuse(f"a spec must state {what}", "none", where, f"Add it: {_EXAMPLE.get(path[-1], '')}")
+        missing = f"`{path[-1]}`" if len(path) > 1 else f"a table [{path[0]}]"
+        return refuse(
+            f"a spec must state {missing}", "none", where, f"Add it: {_EXAMPLE_ENTRIES.get(path[-1], '')}"
+        )
     if first["type"] == "literal_error":
         return refuse(
             f"`{path[-1]}` is one of {', '.join(OBJECTIVES)}",
             f"{first['input']!r}",
             where,
-            nearest(str(first["input"]), OBJECTIVES),
+            suggest_word(str(first["input"]), OBJECTIVES),
         )
     if first["type"] == "tuple_type" and path[-1] in ("force", "thread", "bladder"):
         rule = f"each `{path[-1]}` is a table of its own"
@@ -307,7 +311,7 @@ def _told(error: ValidationError, file: str) -> BadInput:
     return refuse(f"`{path[-1]}` is of another kind", f"{first['input']!r}", where, remedy)
 
 
-_EXAMPLE = {
+_EXAMPLE_ENTRIES = {
     "supply": '[supply] pressure = "6 bar".',
     "pressure": 'pressure = "6 bar".',
     "at_least": 'at_least = "500 N".',
@@ -315,10 +319,16 @@ _EXAMPLE = {
 }
 
 
-def _table(name: str) -> type[BaseModel]:
-    tables = {"force": Pull, "thread": OwnThread, "bladder": OwnBladder, "stroke": Stroke, "supply": Supply}
+def _find_table(name: str) -> type[BaseModel]:
+    tables = {
+        "force": ForceDemand,
+        "thread": OwnThread,
+        "bladder": OwnBladder,
+        "stroke": Stroke,
+        "supply": Supply,
+    }
     kinds = tables | {
-        "envelope": Envelope, "safety": Safety, "threads": Threads, "bladders": Bladders, "limits": Limits,
+        "envelope": SizeLimits, "safety": Safety, "threads": Threads, "bladders": Bladders, "limits": CoordinateLimits,
         "tolerance": Tolerance, "calibration": Calibration,
     }  # fmt: skip
-    return kinds.get(name, Words)
+    return kinds.get(name, SpecEntries)

@@ -14,17 +14,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from pamjax.sizing.candidate import COORDINATES
-from pamjax.sizing.optimise import Answer
-from pamjax.sizing.problem import Problem
+from pamjax.sizing.optimise import SearchResult
+from pamjax.sizing.problem import SizingProblem
 from pamjax.sizing.requirements import Requirement
 
 #: Relative step of a property for its central difference.
-STEP = 1e-4
+RELATIVE_STEP = 1e-4
 #: Multiplier below which nothing is said.
-LEAST = 1e-4
+MIN_MULTIPLIER = 1e-4
 
 #: Properties that are asked about, by field of `Made`.
-PROPERTIES = {
+PROPERTY_LABELS = {
     "modulus": "thread modulus",
     "strength": "thread strength",
     "shear": "shear modulus of the rubber",
@@ -34,7 +34,7 @@ PROPERTIES = {
 
 
 @dataclass(frozen=True)
-class Price:
+class ShadowPrice:
     """What a requirement costs.
 
     Attributes:
@@ -44,52 +44,56 @@ class Price:
     """
 
     requirement: Requirement
-    share: float
+    percent_saved: float
     slope: float
 
 
-def prices(problem: Problem, answer: Answer) -> list[Price]:
+def compute_prices(problem: SizingProblem, optimum: SearchResult) -> list[ShadowPrice]:
     """The requirements that cost something, the dearest first."""
-    found = []
-    value = float(np.exp(answer.value))
-    for k, one in enumerate(problem.asked.requirements):
-        own = problem.owner == k
-        weights = answer.multipliers[own]
-        if weights.sum() < LEAST:
+    shadow_prices = []
+    value = float(np.exp(optimum.log_objective))
+    for k, requirement in enumerate(problem.task.requirements):
+        is_own = problem.owner == k
+        weights = optimum.multipliers[is_own]
+        if weights.sum() < MIN_MULTIPLIER:
             continue
-        bounds = np.array(one.bounds)
-        safe = np.where(bounds > 0, bounds, one.scale)
-        slope = float(value * np.sum(weights * one.sense / safe))
-        if one.factor:
+        bounds = np.array(requirement.bounds)
+        safe_bounds = np.where(bounds > 0, bounds, requirement.scale)
+        slope = float(value * np.sum(weights * requirement.sense / safe_bounds))
+        if requirement.is_safety_factor:
             # The spec states 1 / bound.
-            slope = float(-value * np.sum(weights * one.sense * bounds))
+            slope = float(-value * np.sum(weights * requirement.sense * bounds))
         # One per cent of what the spec states is more than one of what the fittings leave.
-        stated = 1 + one.beside / one.bounds[0] if one.beside else 1.0
-        found.append(Price(one, float(weights.sum()) * stated, slope))
-    return sorted(found, key=lambda price: -price.share)
+        stated_ratio = (
+            1 + requirement.fitting_length / requirement.bounds[0] if requirement.fitting_length else 1.0
+        )
+        shadow_prices.append(ShadowPrice(requirement, float(weights.sum()) * stated_ratio, slope))
+    return sorted(shadow_prices, key=lambda price: -price.percent_saved)
 
 
-def properties(problem: Problem, answer: Answer) -> dict[str, float]:
+def compute_property_sensitivities(problem: SizingProblem, optimum: SearchResult) -> dict[str, float]:
     """Per cent by which the objective changes where a property grows by one per cent, by its words."""
 
     def lagrangian(field: str, factor: float) -> float:
-        changed = {field: getattr(problem.made, field) * factor}
+        changed = {field: getattr(problem.build, field) * factor}
         if field == "thread_diameter":
-            changed["thread_area"] = problem.made.thread_area * factor**2
-        value, _, margins, _ = problem.with_(made=problem.made._replace(**changed)).at(answer.z)
-        return value - float(answer.multipliers @ margins)
+            changed["thread_area"] = problem.build.thread_area * factor**2
+        value, _, margins, _ = problem.copy_with(build=problem.build._replace(**changed)).evaluate(optimum.z)
+        return value - float(optimum.multipliers @ margins)
 
-    found = {}
-    for field, words in PROPERTIES.items():
-        found[words] = (lagrangian(field, 1 + STEP) - lagrangian(field, 1 - STEP)) / (2 * STEP)
-    return found
+    sensitivities = {}
+    for field, label in PROPERTY_LABELS.items():
+        sensitivities[label] = (
+            lagrangian(field, 1 + RELATIVE_STEP) - lagrangian(field, 1 - RELATIVE_STEP)
+        ) / (2 * RELATIVE_STEP)
+    return sensitivities
 
 
-def at_limits(problem: Problem, answer: Answer) -> list[str]:
+def list_active_limits(problem: SizingProblem, optimum: SearchResult) -> list[str]:
     """Coordinates that stand at an end of their range, in words."""
-    found = []
-    for k, at in zip(problem.free, answer.z, strict=True):
-        if at < 1e-6 or at > 1 - 1e-6:
-            end = "smallest" if at < 0.5 else "largest"
-            found.append(f"{COORDINATES[k].replace('_', ' ')} at its {end}")
-    return found
+    descriptions = []
+    for k, scaled in zip(problem.free_indices, optimum.z, strict=True):
+        if scaled < 1e-6 or scaled > 1 - 1e-6:
+            end = "smallest" if scaled < 0.5 else "largest"
+            descriptions.append(f"{COORDINATES[k].replace('_', ' ')} at its {end}")
+    return descriptions

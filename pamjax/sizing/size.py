@@ -8,23 +8,23 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from pamjax.errors import at_least, nearest, refuse
-from pamjax.progress import Progress, silent
+from pamjax.errors import check_minimum, refuse, suggest_word
+from pamjax.progress import Progress, ignore_progress
 from pamjax.sizing import chance_constraints as chance
 from pamjax.sizing import sensitivity
-from pamjax.sizing.calibration import Handed, hand_on
-from pamjax.sizing.enumerate import Tried, best_of
-from pamjax.sizing.inelastic import inelastic_costs
-from pamjax.sizing.infeasible import conflict
+from pamjax.sizing.calibration import CalibrationTransfer, transfer_calibration
+from pamjax.sizing.enumerate import ChoiceResult, search_choices
+from pamjax.sizing.inelastic import compute_inelastic_costs
+from pamjax.sizing.infeasible import find_conflict
 from pamjax.sizing.optimise import METHODS
-from pamjax.sizing.pareto import front, other
-from pamjax.sizing.problem import choices, problem
-from pamjax.sizing.requirements import Asked, ask
+from pamjax.sizing.pareto import compute_front, select_second_objective
+from pamjax.sizing.problem import build_problem, list_choices
+from pamjax.sizing.requirements import SizingTask, build_task
 from pamjax.sizing.result import Design
 from pamjax.sizing.spec import Spec, read_spec
 
 #: Choices, the best first, that are made to hold with a probability.
-MADE_SURE = 6
+MAX_ASSURED_CHOICES = 6
 
 
 def size(
@@ -34,7 +34,7 @@ def size(
     method: str = "slsqp",
     seed: int = 0,
     margins: bool = True,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> Design:
     """Find the geometry and the material of a muscle that does what a spec wants.
 
@@ -63,74 +63,96 @@ def size(
     (True, 300)
     """
     if method not in METHODS:
-        raise refuse(f"a search is {' or '.join(METHODS)}", f"{method!r}", remedy=nearest(method, METHODS))
-    at_least("starts", starts, 1)
-    at_least("seed", seed, 0)
-    read = read_spec(spec)
-    asked = ask(read)
-    handed = hand_on(read.words.calibration, read.folder, read.file, read.threads, read.bladders)
-    every = [problem(read, asked, choice, handed) for choice in choices(read)]
-    tried, left = best_of(every, starts=starts, seed=seed, method=method, progress=progress)
-    if tried[0].answer is None:
-        return _not_met(read, asked, handed, tried, left, seed, method)
-    return _met(read, asked, handed, tried, left, seed, method, margins, progress)
+        raise refuse(
+            f"a search is {' or '.join(METHODS)}", f"{method!r}", remedy=suggest_word(method, METHODS)
+        )
+    check_minimum("starts", starts, 1)
+    check_minimum("seed", seed, 0)
+    parsed = read_spec(spec)
+    task = build_task(parsed)
+    transfer = transfer_calibration(
+        parsed.entries.calibration, parsed.folder, parsed.file, parsed.threads, parsed.bladders
+    )
+    problems = [build_problem(parsed, task, choice, transfer) for choice in list_choices(parsed)]
+    results, unsearched_count = search_choices(
+        problems, starts=starts, seed=seed, method=method, progress=progress
+    )
+    if results[0].optimum is None:
+        return _build_infeasible_design(parsed, task, transfer, results, unsearched_count, seed, method)
+    return _build_feasible_design(
+        parsed, task, transfer, results, unsearched_count, seed, method, margins, progress
+    )
 
 
-def _not_met(
-    spec: Spec, asked: Asked, handed: Handed, tried: Sequence[Tried], left: int, seed: int, method: str
+def _build_infeasible_design(
+    spec: Spec,
+    task: SizingTask,
+    transfer: CalibrationTransfer,
+    results: Sequence[ChoiceResult],
+    unsearched_count: int,
+    seed: int,
+    method: str,
 ) -> Design:
-    nearest_one, gives = conflict(tried)
+    nearest_result, relaxations = find_conflict(results)
     return Design(
-        spec, asked, handed, tuple(tried), nearest_one, gives=tuple(gives), left_out=left, seed=seed,
+        spec, task, transfer, tuple(results), nearest_result, relaxations=tuple(relaxations), unsearched_count=unsearched_count, seed=seed,
         method=method,
     )  # fmt: skip
 
 
-def _met(spec, asked, handed, tried, left, seed, method, margins, progress) -> Design:
-    words = spec.words
-    best, unsure = [one for one in tried if one.answer is not None], False
-    if words.probability:
+def _build_feasible_design(
+    spec, task, transfer, results, unsearched_count, seed, method, margins, progress
+) -> Design:
+    entries = spec.entries
+    best, misses_probability = [result for result in results if result.optimum is not None], False
+    if entries.probability:
         progress("probability", 0.0)
-        sure = _sure(best[:MADE_SURE], handed, spec, seed)
-        unsure, best = not sure, sure or best
-    chosen, answer = best[0], best[0].answer
-    assert answer is not None
-    z = answer.z
-    told = chance.draw(chosen.problem, handed, words.tolerance, chance.TOLD, seed + 1)
+        assured = _assure_probability(best[:MAX_ASSURED_CHOICES], transfer, spec, seed)
+        misses_probability, best = not assured, assured or best
+    chosen, optimum = best[0], best[0].optimum
+    assert optimum is not None
+    z = optimum.z
+    draws = chance.draw_builds(chosen.problem, transfer, entries.tolerance, chance.REPORT_DRAWS, seed + 1)
     design = Design(
         spec,
-        asked,
-        handed,
-        tuple(tried),
+        task,
+        transfer,
+        tuple(results),
         chosen,
-        probability=chance.probability(chosen.problem, z, told),
-        held=chance.by_requirement(chosen.problem, z, told),
-        prices=tuple(sensitivity.prices(chosen.problem, answer)),
-        properties=sensitivity.properties(chosen.problem, answer),
-        limits=tuple(sensitivity.at_limits(chosen.problem, answer)),
-        left_out=left,
+        probability=chance.estimate_probability(chosen.problem, z, draws),
+        requirement_probabilities=chance.estimate_probabilities(chosen.problem, z, draws),
+        prices=tuple(sensitivity.compute_prices(chosen.problem, optimum)),
+        property_sensitivities=sensitivity.compute_property_sensitivities(chosen.problem, optimum),
+        active_limits=tuple(sensitivity.list_active_limits(chosen.problem, optimum)),
+        unsearched_count=unsearched_count,
         seed=seed,
         method=method,
-        unsure=unsure,
+        misses_probability=misses_probability,
     )
     if not margins:
         return design
     progress("inelastic threads", 0.5)
-    costs = inelastic_costs(spec, asked, handed, design.choice, seed)
+    inelastic_costs = compute_inelastic_costs(spec, task, transfer, design.choice, seed)
     progress("two objectives", 0.9)
-    found = front(best, other(words.minimise, words.against))
-    return replace(design, costs=tuple(costs), front=found)
+    pareto_front = compute_front(best, select_second_objective(entries.minimise, entries.against))
+    return replace(design, inelastic_costs=tuple(inelastic_costs), front=pareto_front)
 
 
-def _sure(best: Sequence[Tried], handed: Handed, spec: Spec, seed: int) -> list[Tried]:
+def _assure_probability(
+    best: Sequence[ChoiceResult], transfer: CalibrationTransfer, spec: Spec, seed: int
+) -> list[ChoiceResult]:
     """Those that can be made to hold with the probability that is wanted, the best first."""
-    wanted = spec.words.probability
-    assert wanted is not None
-    found = []
-    for one in best:
-        doubt = chance.draw(one.problem, handed, spec.words.tolerance, chance.DRAWS, seed)
-        held = chance.hold(one, doubt, wanted)
-        if held is not None and held.answer is not None:
-            found.append(held)
-    found.sort(key=lambda one: one.answer.value if one.answer is not None else math.inf)
-    return found
+    target = spec.entries.probability
+    assert target is not None
+    assured_results = []
+    for result in best:
+        draws = chance.draw_builds(
+            result.problem, transfer, spec.entries.tolerance, chance.SEARCH_DRAWS, seed
+        )
+        assured = chance.meet_probability(result, draws, target)
+        if assured is not None and assured.optimum is not None:
+            assured_results.append(assured)
+    assured_results.sort(
+        key=lambda result: result.optimum.log_objective if result.optimum is not None else math.inf
+    )
+    return assured_results

@@ -23,10 +23,10 @@ from matplotlib.colorbar import Colorbar
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap
 from matplotlib.figure import Figure
 
-from pamjax.records.files import write_beside
+from pamjax.records.files import write_atomically
 
 #: Widths of one and of two columns of a journal, in.
-SINGLE, DOUBLE = 3.5, 7.2
+SINGLE_COLUMN, DOUBLE_COLUMN = 3.5, 7.2
 
 #: Colours of kinds, each with the name Okabe and Ito gave it.
 OKABE_ITO = {
@@ -41,7 +41,7 @@ OKABE_ITO = {
 }
 
 #: What stands for a reference, a limit or an alternative: visible, and quieter than data and model.
-QUIET = "#6E6E6E"
+REFERENCE_COLOUR = "#6E6E6E"
 
 _SETTINGS: dict[Any, Any] = {
     "font.family": "sans-serif",
@@ -78,11 +78,11 @@ _SETTINGS: dict[Any, Any] = {
 
 
 @contextmanager
-def theme() -> Iterator[None]:
+def apply_theme() -> Iterator[None]:
     """Figures made inside the block have our look; nothing outside it changes.
 
     >>> before = matplotlib.rcParams["font.size"]
-    >>> with theme():
+    >>> with apply_theme():
     ...     matplotlib.rcParams["font.size"]
     8.0
     >>> matplotlib.rcParams["font.size"] == before
@@ -92,17 +92,17 @@ def theme() -> Iterator[None]:
         yield
 
 
-def figure(width: float = SINGLE, height: float = 2.6) -> Figure:
+def create_figure(width: float = SINGLE_COLUMN, height: float = 2.6) -> Figure:
     """An empty figure of a size in inches, whose parts make room for one another."""
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def shades(count: int) -> np.ndarray:
+def build_shades(count: int) -> np.ndarray:
     """Colours from light to dark, (count, 4); the lightest is 3 to 1 to white paper (WCAG 1.4.11)."""
     return matplotlib.colormaps["viridis_r"](np.linspace(0.4, 1.0, count))
 
 
-def pressures(levels: Sequence[float]) -> tuple[Colormap, BoundaryNorm]:
+def build_pressure_colours(levels: Sequence[float]) -> tuple[Colormap, BoundaryNorm]:
     """A colour for each of some isobars, light for low and dark for high.
 
     Args:
@@ -110,12 +110,12 @@ def pressures(levels: Sequence[float]) -> tuple[Colormap, BoundaryNorm]:
     """
     half = np.diff(levels) / 2 if len(levels) > 1 else np.array([0.5])
     edges = [levels[0] - half[0], *(np.asarray(levels[:-1]) + half), levels[-1] + half[-1]]
-    return ListedColormap(shades(len(levels)), name="pressure"), BoundaryNorm(edges, len(levels))
+    return ListedColormap(build_shades(len(levels)), name="pressure"), BoundaryNorm(edges, len(levels))
 
 
-def pressure_bar(axes: Axes | Sequence[Axes], levels: Sequence[float], unit: str = "kPa") -> Colorbar:
+def add_pressure_bar(axes: Axes | Sequence[Axes], levels: Sequence[float], unit: str = "kPa") -> Colorbar:
     """One colour bar beside all of `axes`, with each isobar's pressure at its colour."""
-    colours, norm = pressures(levels)
+    colours, norm = build_pressure_colours(levels)
     first = axes if isinstance(axes, Axes) else axes[0]
     parent = first.get_figure(root=True)
     assert isinstance(parent, Figure)
@@ -128,7 +128,7 @@ def pressure_bar(axes: Axes | Sequence[Axes], levels: Sequence[float], unit: str
     return bar
 
 
-def letter(axes: Sequence[Axes]) -> None:
+def add_panel_letters(axes: Sequence[Axes]) -> None:
     """Put (a), (b), ... before the titles of some panels."""
     for name, panel in zip("abcdefghijkl", axes, strict=False):
         panel.set_title(rf"$\bf{{({name})}}$ {panel.get_title('left')}", loc="left")
@@ -143,12 +143,12 @@ def save_png(figure: Figure, path: str | Path) -> Path:
     """
     png = Path(path).with_name(f"{Path(path).name}.png")
     png.parent.mkdir(parents=True, exist_ok=True)
-    with theme(), write_beside(png) as temporary:
+    with apply_theme(), write_atomically(png) as temporary:
         figure.savefig(temporary, format="png", dpi=200, metadata={"Software": None})
     return png
 
 
-def save(figure: Figure, path: str | Path) -> tuple[Path, Path]:
+def save_figure(figure: Figure, path: str | Path) -> tuple[Path, Path]:
     """Write a figure as PNG (200 dots an inch) and as PDF; the same figure gives the same bytes.
 
     Args:
@@ -159,6 +159,6 @@ def save(figure: Figure, path: str | Path) -> tuple[Path, Path]:
         paths of the PNG and of the PDF.
     """
     png, pdf = save_png(figure, path), Path(path).with_name(f"{Path(path).name}.pdf")
-    with theme(), write_beside(pdf) as temporary:
+    with apply_theme(), write_atomically(pdf) as temporary:
         figure.savefig(temporary, format="pdf", metadata={"CreationDate": None})
     return png, pdf

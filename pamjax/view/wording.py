@@ -2,48 +2,46 @@
 
 from __future__ import annotations
 
-from pamjax.infer.fitting.report import told
+from pamjax.infer.fitting.report import format_channel_value
 from pamjax.records.case import Case
 
 #: A noise within this of what the lab states is what the lab states.
-SAME = 0.01
+NOISE_TOLERANCE = 0.01
 
 
-def signed(value: float, digits: int = 1) -> str:
+def format_signed(value: float, digits: int = 1) -> str:
     """A number with its sign, and nothing without one.
 
-    >>> signed(-1.26), signed(0.34), signed(-0.04)
+    >>> format_signed(-1.26), format_signed(0.34), format_signed(-0.04)
     ('−1.3', '+0.3', '0.0')
     """
     text = f"{value:+.{digits}f}"
     return (text if float(text) else text[1:]).replace("-", "\N{MINUS SIGN}")
 
 
-def upper(line: str) -> str:
+def capitalise_sentence(line: str) -> str:
     """A line that begins as a sentence does; a name of a program, as muscle.turns, stays as it is.
 
-    >>> upper("no two are alike"), upper("muscle.turns moves")
+    >>> capitalise_sentence("no two are alike"), capitalise_sentence("muscle.turns moves")
     ('No two are alike', 'muscle.turns moves')
     """
-    first = line.split(" ", 1)[0]
-    return line if "_" in first or "." in first[:-1] else f"{line[:1].upper()}{line[1:]}"
+    first_word = line.split(" ", 1)[0]
+    return line if "_" in first_word or "." in first_word[:-1] else f"{line[:1].upper()}{line[1:]}"
 
 
-def same_noise(sd: float, stated: float) -> bool:
+def is_stated_noise(sd: float, stated: float) -> bool:
     """Whether the noise of a sample is what the lab states, and nothing to speak of is added."""
-    return abs(sd / stated - 1) < SAME
+    return abs(sd / stated - 1) < NOISE_TOLERANCE
 
 
-def noise_says(case: Case, channel: str, sd: float) -> str:
+def format_noise(case: Case, channel: str, sd: float) -> str:
     """Noise of a channel where a sensor is stated: what the lab states of it, and what makes up the rest.
 
     Args:
         sd: of a sample, SI, with that of pressure and length carried through the model.
     """
     stated = getattr(case.entry.sensors, channel)
-    head = f"Noise of {channel} is {told(sd, channel)} a sample"
-    if stated is None or same_noise(sd, stated):
+    head = f"Noise of {channel} is {format_channel_value(sd, channel)} a sample"
+    if stated is None or is_stated_noise(sd, stated):
         return f"{head}, as the lab states it"
-    return (
-        f"{head}: {told(stated, channel)} as the lab states it, the rest added by that of pressure and length"
-    )
+    return f"{head}: {format_channel_value(stated, channel)} as the lab states it, the rest added by that of pressure and length"

@@ -6,7 +6,7 @@ from scipy.optimize import least_squares
 
 from pamjax.baselines.empirical import Gaylord, Sarosi, fit_gaylord, fit_sarosi
 from pamjax.errors import BadInput
-from pamjax.records.shipped_tables import in_si, read_shipped
+from pamjax.records.shipped_tables import convert_to_si, read_shipped
 
 PRESSURE, CONTRACTION = (
     grid.ravel() for grid in np.meshgrid(np.linspace(50e3, 600e3, 8), np.linspace(0.0, 0.25, 6))
@@ -100,7 +100,7 @@ def test_blanks_are_left_out():
 
 
 def test_a_real_force_map_ranks_the_rivals():
-    table = in_si(read_shipped("martens_boblan_2017/dmsp-20-300")).query("force > 0")
+    table = convert_to_si(read_shipped("martens_boblan_2017/dmsp-20-300")).query("force > 0")
     pressure, length, force = (table[name].to_numpy() for name in ("pressure", "length", "force"))
     bare = fit_gaylord(pressure, length, force)
     spent = fit_gaylord(pressure, length, force, threshold=True)

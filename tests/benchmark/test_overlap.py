@@ -5,13 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pamjax.benchmark.overlap import blind, overlap, true_boxes
+from pamjax.benchmark.overlap import compute_blind_overlap, compute_overlap, compute_true_boxes
 from pamjax.diagnosis.detect.locate import Box
-from pamjax.diagnosis.detect.regions import Axes
+from pamjax.diagnosis.detect.regions import RecordingAxes
 
 #: A hundred pressures; at each, strokes that shorten and lengthen.
 GRID = np.meshgrid(np.linspace(0, 1e5, 101), np.linspace(0, 0.3, 61), [-1, 1], indexing="ij")
-AT = Axes(GRID[0].ravel(), GRID[1].ravel(), np.linspace(0, 100, GRID[0].size), GRID[2].ravel().astype(int))
+AT = RecordingAxes(
+    GRID[0].ravel(), GRID[1].ravel(), np.linspace(0, 100, GRID[0].size), GRID[2].ravel().astype(int)
+)
 WHOLE = Box("force", "both", (0, 1e5), (0, 0.3), (0, 100), 1.0, "")
 
 
@@ -22,7 +24,7 @@ def effect(weight):
 
 
 def boxes(weight):
-    return true_boxes(AT, effect(weight), np.ones((2, AT.pressure.size)))
+    return compute_true_boxes(AT, effect(weight), np.ones((2, AT.pressure.size)))
 
 
 def test_a_box_is_where_the_effect_is():
@@ -41,14 +43,16 @@ def test_a_box_is_of_the_squared_effect():
 
 def test_a_claim_of_the_box_itself_is_perfect_and_of_another_channel_worth_nothing():
     (box,) = boxes(AT.pressure > 5e4)
-    assert overlap(AT, [box], [box]) == pytest.approx(1.0)
-    assert overlap(AT, [replace(box, channel="diameter")], [box]) == 0.0
-    assert overlap(AT, [], [box]) == 0.0
+    assert compute_overlap(AT, [box], [box]) == pytest.approx(1.0)
+    assert compute_overlap(AT, [replace(box, channel="diameter")], [box]) == 0.0
+    assert compute_overlap(AT, [], [box]) == 0.0
 
 
 def test_overlap_is_a_product_over_axes():
     quarter = replace(WHOLE, pressure=(0, 5e4), contraction=(0, 0.15))
-    assert overlap(AT, [quarter], [WHOLE]) == pytest.approx(0.25)
-    assert overlap(AT, [replace(quarter, direction="shortening")], [WHOLE]) == pytest.approx(0.125)
-    assert blind(AT, [quarter]) == pytest.approx(0.25)
-    assert overlap(AT, [replace(WHOLE, pressure=(0, 4e4))], [replace(WHOLE, pressure=(6e4, 1e5))]) == 0.0
+    assert compute_overlap(AT, [quarter], [WHOLE]) == pytest.approx(0.25)
+    assert compute_overlap(AT, [replace(quarter, direction="shortening")], [WHOLE]) == pytest.approx(0.125)
+    assert compute_blind_overlap(AT, [quarter]) == pytest.approx(0.25)
+    assert (
+        compute_overlap(AT, [replace(WHOLE, pressure=(0, 4e4))], [replace(WHOLE, pressure=(6e4, 1e5))]) == 0.0
+    )

@@ -6,19 +6,19 @@ from pathlib import Path
 
 import numpy as np
 
-from pamjax.benchmark.trial import KINDS, Recovered, Task, Trial
+from pamjax.benchmark.trial import TRIAL_KINDS, RecoveredParameter, Trial, TrialTask
 
 IDS = ("braid_friction", "force_offset", "thread_crimp", "end_taper", "channel_lag")
 
 
-def uniform(task: Task) -> Trial:
+def uniform(task: TrialTask) -> Trial:
     """A scoring stage whose p-value is uniform."""
     rng = np.random.default_rng([task.number, round(1e3 * task.correlation)])
     return Trial(task.stage, task.kind, task.correlation, task.number, task.seed, "elastic", "isobars",
                  p_value=float(rng.random()))  # fmt: skip
 
 
-def endless(task: Task) -> Trial:
+def endless(task: TrialTask) -> Trial:
     """Nothing, for a minute; its process is told beside the trials."""
     folder = Path(os.environ["PAMJAX_TEST_FOLDER"])
     (folder / f"{os.getpid()}.pid").touch()
@@ -26,10 +26,12 @@ def endless(task: Task) -> Trial:
     return uniform(task)
 
 
-def made_up(task: Task, detecting: float = 2.0) -> Trial:
+def made_up(task: TrialTask, detecting: float = 2.0) -> Trial:
     """What a tool would say that names effects above some size, invents one in ten and knows its sd."""
-    rng = np.random.default_rng([list(KINDS).index(task.kind), task.number, round(1e3 * task.correlation)])
-    many = KINDS[task.kind]
+    rng = np.random.default_rng(
+        [list(TRIAL_KINDS).index(task.kind), task.number, round(1e3 * task.correlation)]
+    )
+    many = TRIAL_KINDS[task.kind]
     ids = tuple(rng.permutation(IDS)[:many].tolist()) if task.kind != "outside" else ("ripple",)
     sizes = tuple(np.exp(rng.uniform(np.log(3), np.log(25), len(ids))).tolist())
     inside = task.kind not in ("outside", "nothing")
@@ -38,7 +40,9 @@ def made_up(task: Task, detecting: float = 2.0) -> Trial:
     ]
     if inside and rng.random() < 0.1:
         named.append("pressure_gain")
-    numbers = [Recovered(f"{id}.x", 1.0, 1.0 + 0.1 * rng.standard_normal(), 0.1, True) for id in named]
+    numbers = [
+        RecoveredParameter(f"{id}.x", 1.0, 1.0 + 0.1 * rng.standard_normal(), 0.1, True) for id in named
+    ]
     before = float(np.hypot(1, max(sizes, default=0.0)))
     return Trial(
         task.stage, task.kind, task.correlation, task.number, task.seed, "elastic", "isobars", ids, sizes,

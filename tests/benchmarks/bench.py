@@ -27,9 +27,9 @@ from rich.console import Console
 from rich.table import Table
 
 from pamjax.compile.jax_cache import keep_compiled
-from pamjax.model.history import history
+from pamjax.model.history import build_time_history
 from pamjax.model.registry import MECHANISMS
-from pamjax.parameter import replace, values
+from pamjax.parameter import list_values, replace_values
 from tests.benchmarks.by_hand import ByHand
 from tests.benchmarks.keep import arguments, keep
 from tests.model.mechanisms.typical import LENGTH, full
@@ -79,14 +79,14 @@ class Task:
         starts = np.diff(level, prepend=-1) > 0
         moment = np.cumsum(1.0 + 0.3 * np.sin(row)) + 60.0 * level
         self.bench = full()
-        self.at = jnp.asarray(pressure), jnp.asarray(length), history(moment, starts)
-        self.numbers = {k: float(v) for k, v in values(self.bench).items()} | TYPICAL
+        self.at = jnp.asarray(pressure), jnp.asarray(length), build_time_history(moment, starts)
+        self.numbers = {k: float(v) for k, v in list_values(self.bench).items()} | TYPICAL
         self.x = np.array(list(self.numbers.values()))
         self.hand = ByHand(pressure, length, moment, starts)
         self.scale = np.array([5e3, 0.03])[:, None]
 
     def plain(self, x, at):
-        shown = replace(self.bench, dict(zip(self.numbers, x, strict=True)))(*at)
+        shown = replace_values(self.bench, dict(zip(self.numbers, x, strict=True)))(*at)
         return jnp.stack([shown.force, shown.diameter])
 
     @cached_property

@@ -12,10 +12,15 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.special import erf
 
-from pamjax.model.history import REACH
-from pamjax.model.mechanisms.braid_friction import LOW, PATCH, PRESSURE, SHARES
-from pamjax.model.mechanisms.contact_pressure import NONE
-from pamjax.model.mechanisms.mullins_softening import UNSTRETCHED
+from pamjax.model.history import RATE_HALF_WIDTH
+from pamjax.model.mechanisms.braid_friction import (
+    ELEMENT_SHARES,
+    MIN_FRICTION_PRESSURE,
+    PATCH_RADIUS,
+    PRESLIDING_PRESSURE,
+)
+from pamjax.model.mechanisms.contact_pressure import MIN_CONTACT_PRESSURE
+from pamjax.model.mechanisms.mullins_softening import MIN_WALL_ENERGY
 
 #: Step of a derivative through the complex plane: no difference is taken, so it can be as small as this.
 STEP = 1e-30
@@ -27,7 +32,7 @@ WALLED = ("bladder_elasticity", "viscoelastic_creep", "mullins_softening")
 
 
 class ByHand:
-    """Force and diameter of a recording, from numbers by path as in `pamjax.parameter.values`."""
+    """Force and diameter of a recording, from numbers by path as in `pamjax.parameter.list_values`."""
 
     def __init__(self, pressure, length, time, starts) -> None:
         self.pressure, self.length, self.time = (np.asarray(a, float) for a in (pressure, length, time))
@@ -110,21 +115,25 @@ class ByHand:
     def _weights(self):
         """Weights of the least-squares slope through a row and its neighbours of the same run, 1/s."""
         n = self.time.size
-        weights = np.zeros((n, 2 * REACH + 1))
+        weights = np.zeros((n, 2 * RATE_HALF_WIDTH + 1))
         for i in range(n):
-            near = [j for j in range(i - REACH, i + REACH + 1) if 0 <= j < n and self.run[j] == self.run[i]]
+            near = [
+                j
+                for j in range(i - RATE_HALF_WIDTH, i + RATE_HALF_WIDTH + 1)
+                if 0 <= j < n and self.run[j] == self.run[i]
+            ]
             centred = self.time[near] - self.time[near].mean()
-            weights[i, np.array(near) - i + REACH] = centred / np.sum(centred**2)
+            weights[i, np.array(near) - i + RATE_HALF_WIDTH] = centred / np.sum(centred**2)
         return weights
 
     def _rate(self, values):
-        around, n = np.pad(values, REACH), values.size
-        return sum(self.weights[:, k] * around[k : k + n] for k in range(2 * REACH + 1))
+        around, n = np.pad(values, RATE_HALF_WIDTH), values.size
+        return sum(self.weights[:, k] * around[k : k + n] for k in range(2 * RATE_HALF_WIDTH + 1))
 
     def _inside(self, pressure, at, thread):
         pressure = pressure - self.of["pressure_drop.impedance"] * self._rate(self._volume(at, thread))
         spent = self.of["contact_pressure.threshold"]
-        there = pressure > NONE
+        there = pressure > MIN_CONTACT_PRESSURE
         below = spent / np.where(there, pressure, 1.0)
         return pressure - np.where(there, spent * (1 + below**8) ** -0.125, 0.0)
 
@@ -145,7 +154,7 @@ class ByHand:
         axial, hoop, energy, rubs, at = self._strains(pressure, length, thread)
         relaxing = self._relaxing(axial, hoop, self._stretch("viscoelastic_creep", length, thread)[2])
         largest = np.maximum.accumulate(energy)
-        least = UNSTRETCHED * self._stretch("mullins_softening", length, thread)[2]
+        least = MIN_WALL_ENERGY * self._stretch("mullins_softening", length, thread)[2]
         softening = self.of["mullins_softening.modulus"] * (
             1 - erf((largest - energy) / (self.of["mullins_softening.width"] * largest + least))
         )
@@ -172,13 +181,15 @@ class ByHand:
         power = self.of[f"{name}exponent"]
 
         def strength(pressure, length):
-            pressed = (np.maximum(pressure, LOW) / PRESSURE) ** (power - 1)
-            return 2 / 3 * PATCH * np.maximum(pressure, 0.0) * pressed * length / self.of["turns"]
+            pressed = (np.maximum(pressure, MIN_FRICTION_PRESSURE) / PRESLIDING_PRESSURE) ** (power - 1)
+            return 2 / 3 * PATCH_RADIUS * np.maximum(pressure, 0.0) * pressed * length / self.of["turns"]
 
         width = np.stack([np.ones_like(length), strength(pressure, length)], axis=1)[:, :, None]
-        stiffness = np.array([1.0, strength(PRESSURE, thread[0])])[:, None] / np.array(SHARES)
+        stiffness = np.array([1.0, strength(PRESLIDING_PRESSURE, thread[0])])[:, None] / np.array(
+            ELEMENT_SHARES
+        )
         moved = np.diff(rubs, prepend=rubs[:1]) * thread / self.of[f"{name}presliding"]
-        stops = np.empty((len(length), 2, len(SHARES)))
+        stops = np.empty((len(length), 2, len(ELEMENT_SHARES)))
         stops[0] = self.of[f"{name}start"] * width[0]
         for i in range(1, len(length)):
             stops[i] = np.minimum(np.maximum(stops[i - 1] + stiffness * moved[i], -width[i]), width[i])

@@ -17,7 +17,7 @@ import numpyro.distributions as dist
 from numpyro.infer import MCMC, NUTS, init_to_value
 from numpyro.infer.util import log_density
 
-from pamjax.infer.posterior.log_density import Density
+from pamjax.infer.posterior.log_density import PosteriorDensity
 from tests.infer.made import TRUE
 
 #: Newton steps of the toe; as in the twin in NumPy.
@@ -31,23 +31,24 @@ class ByNumpyro:
         density: whose data and priors it takes; none of its code.
     """
 
-    def __init__(self, density: Density) -> None:
-        (one,), (streams,) = density.members, density.streams
-        n = int(one.rows.used.sum())
-        self.at = density.at
+    def __init__(self, density: PosteriorDensity) -> None:
+        (one,), (streams,) = density.datasets, density.likelihoods
+        n = int(one.rows.training_mask.sum())
+        self.at = density.space
         self.pressure, self.length = (a[:n] for a in (one.rows.pressure, one.rows.length))
         self.measured = {"force": one.rows.force[:n], "diameter": one.rows.diameter[:n]}
-        self.there = {c: s.there[:n] > 0 for c, s in zip(self.measured, streams, strict=True)}
-        self.linked = {c: s.linked[:n] for c, s in zip(self.measured, streams, strict=True)}
+        self.there = {c: s.measured[:n] > 0 for c, s in zip(self.measured, streams, strict=True)}
+        self.has_predecessor = {c: s.has_predecessor[:n] for c, s in zip(self.measured, streams, strict=True)}
         last = np.maximum(np.arange(n) - 1, 0)
         self.before = {
-            c: last if s.before is None else s.before[:n] for c, s in zip(self.measured, streams, strict=True)
+            c: last if s.predecessor is None else s.predecessor[:n]
+            for c, s in zip(self.measured, streams, strict=True)
         }
 
     def priors(self) -> dict[str, Any]:
         """A distribution for every number, SI."""
         at = self.at
-        columns = (np.asarray(a).tolist() for a in (at.low, at.high, at.mean, at.sd, at.log))
+        columns = (np.asarray(a).tolist() for a in (at.low, at.high, at.mean, at.sd, at.log_scale))
         return {name: _prior(*numbers) for name, *numbers in zip(at.names, *columns, strict=True)}
 
     def shown(self, now: Mapping[str, Any]) -> dict[str, jax.Array]:
@@ -70,23 +71,23 @@ class ByNumpyro:
         now = TRUE | {name: numpyro.sample(name, prior) for name, prior in self.priors().items()}
         for channel, smooth in self.shown(now).items():
             measured, sd = self.measured[channel], now[f"noise.{channel}"]
-            memory = now[f"noise.{channel}_correlation"] * self.linked[channel]
+            memory = now[f"noise.{channel}_correlation"] * self.has_predecessor[channel]
             mean = smooth + memory * (measured - smooth)[self.before[channel]]
             noise = dist.Normal(mean, sd * jnp.sqrt(1 - memory**2))
             numpyro.sample(channel, noise.mask(self.there[channel]), obs=measured)
 
-    def off(self, density: Density, u: np.ndarray) -> float:
+    def off(self, density: PosteriorDensity, u: np.ndarray) -> float:
         """Largest difference to pamjax's log-density along points u, (n, p), but for a constant."""
         gaps = []
         for point in map(jnp.asarray, u):
-            slope = jax.jvp(self.at.values, (point,), (jnp.ones_like(point),))[1]
-            mine = log_density(self, (), {}, self.at.named(point))[0] + jnp.sum(jnp.log(slope))
+            slope = jax.jvp(self.at.to_values, (point,), (jnp.ones_like(point),))[1]
+            mine = log_density(self, (), {}, self.at.to_named_values(point))[0] + jnp.sum(jnp.log(slope))
             gaps.append(float(mine - density(point)))
         return float(np.ptp(gaps))
 
     def walk(self, start: np.ndarray, warmup: int, draws: int, seed: int = 1) -> Callable[[], np.ndarray]:
         """A call for (draws, 1, p) numbers, SI, after a warm-up; compiled once."""
-        kernel = NUTS(self, init_strategy=init_to_value(values=self.at.named(jnp.asarray(start))))
+        kernel = NUTS(self, init_strategy=init_to_value(values=self.at.to_named_values(jnp.asarray(start))))
         walk = MCMC(kernel, num_warmup=warmup, num_samples=draws, progress_bar=False)
 
         def call() -> np.ndarray:

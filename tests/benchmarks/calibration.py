@@ -19,17 +19,17 @@ from queue import Empty, SimpleQueue
 
 import jax.numpy as jnp
 import numpy as np
-from pamjax.infer.posterior.result.checkpoint import Checkpoint
-from pamjax.infer.posterior.result.convergence import kept
-from pamjax.infer.posterior.result.laplace import laplace
-from pamjax.infer.posterior.result.log_density import tempered
-from pamjax.infer.posterior.result.sample import PILOT, shaped
-from pamjax.infer.posterior.result.sampler import together, walk_on
 from rich.console import Console
 from rich.table import Table
 from scipy.stats import chi2
 
 from pamjax.compile.jax_cache import keep_compiled
+from pamjax.infer.posterior.checkpoint import Checkpoint
+from pamjax.infer.posterior.convergence import discard_burn_in
+from pamjax.infer.posterior.laplace import fit_laplace
+from pamjax.infer.posterior.log_density import temper_density
+from pamjax.infer.posterior.sample import PILOT_STEPS, refine_gaussian
+from pamjax.infer.posterior.sampler import concatenate_chunks, run_sampler
 from tests.benchmarks.keep import arguments, keep
 from tests.benchmarks.together import Desk, Seated
 from tests.calibrated import Bench, believing_white
@@ -46,17 +46,17 @@ def draws_of(bench: Bench, k: int, white: bool, desk: Desk, place: int) -> tuple
     """(DRAWS, p) posterior draws of recording k, and its chain's least ESS and largest split-R̂."""
     density, start = bench.recording(k)
     density = believing_white(density) if white else density
-    ball = laplace(density, start)
+    ball = fit_laplace(density, start)
     if not white:
-        density = tempered(density, ball.centre, bench.fit)
+        density = temper_density(density, ball.centre, bench.fit)
     with desk.seat(place, density):
-        ball = shaped(Seated(density, ball, PILOT, desk=desk, place=place), k)
+        ball = refine_gaussian(Seated(density, ball, PILOT_STEPS, desk=desk, place=place), k)
         walk = Seated(density, ball, desk=desk, place=place)
         wanted = (ESS, RHAT, LONGEST)
-        chunks, found = walk_on(walk, Checkpoint(None, {}), walk.begin(k), wanted, lambda *_: None)
-    x = kept(together(chunks, "x"))
+        chunks, found = run_sampler(walk, Checkpoint(None, {}), walk.draw_start(k), wanted, lambda *_: None)
+    x = discard_burn_in(concatenate_chunks(chunks, "x"))
     x = x.reshape(-1, x.shape[2])[np.linspace(0, x.shape[0] * x.shape[1] - 1, DRAWS).astype(int)]
-    return np.asarray(density.at.values(ball(jnp.asarray(x)))), found.ess.min(), found.rhat.max()
+    return np.asarray(density.space.to_values(ball(jnp.asarray(x)))), found.ess.min(), found.rhat.max()
 
 
 class Ledger:
@@ -113,7 +113,7 @@ def read_all(word: str, count: int, console: Console) -> tuple[tuple[str, ...], 
         one.join()
     if broken:
         raise broken[0]
-    return bench.density.at.names, [ledger.lines[k] for k in range(count)]
+    return bench.density.space.names, [ledger.lines[k] for k in range(count)]
 
 
 def p_value(rank: np.ndarray) -> float:

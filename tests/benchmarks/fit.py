@@ -24,11 +24,11 @@ from rich.console import Console
 from rich.table import Table
 from scipy.optimize import least_squares
 
-from pamjax.infer.fitting.fit import joint_space, weigh_all
-from pamjax.infer.fitting.least_squares import Solution, solve
-from pamjax.infer.problem.dataset import Member, member
-from pamjax.infer.problem.parameter_space import Space
-from pamjax.records.protocol import PAPER
+from pamjax.infer.fitting.fit import build_joint_space, reweight_datasets
+from pamjax.infer.fitting.least_squares import Solution, solve_least_squares
+from pamjax.infer.problem.dataset import Dataset, build_dataset
+from pamjax.infer.problem.parameter_space import ParameterSpace
+from pamjax.records.protocol import PAPER_PROTOCOL
 from tests.benchmarks.keep import arguments, keep
 from tests.infer.made import TRUE, made
 
@@ -42,17 +42,17 @@ SAME = 0.01
 class Twin:
     """The residual of a member in NumPy, as one would write it without JAX."""
 
-    def __init__(self, law: str, one: Member, at: Space) -> None:
+    def __init__(self, law: str, one: Dataset, at: ParameterSpace) -> None:
         self.law, self.names = law, at.names
-        self.log = np.array(at.log)
+        self.log = np.array(at.log_scale)
         self.low, self.high, self.mean, self.sd, self.origin, self.width = (
             np.asarray(a) for a in (at.low, at.high, at.mean, at.sd, at.origin, at.width)
         )
-        rows, n = one.rows, int(one.rows.used.sum())
+        rows, n = one.rows, int(one.rows.training_mask.sum())
         self.pressure, self.length, self.force, self.diameter = (
             np.asarray(a)[:n] for a in (rows.pressure, rows.length, rows.force, rows.diameter)
         )
-        trust = np.asarray(one.trust)
+        trust = np.asarray(one.channel_weights)
         self.weights = (
             trust[0] * np.asarray(rows.force_weight)[:n],
             trust[1] * np.asarray(rows.diameter_weight)[:n],
@@ -104,12 +104,12 @@ class Twin:
         return strain
 
 
-def problem(law: str) -> tuple[tuple[Member, ...], Space]:
+def problem(law: str) -> tuple[tuple[Dataset, ...], ParameterSpace]:
     """The paper's protocol, weighed once at the first solution."""
-    case = made(law, plan=PAPER, seed=1)
-    at, (rename,) = joint_space([case], law, ())
-    members = (member(case, law, at, rename),)
-    members, _ = weigh_all([case], members, at, solve(members, at, jnp.zeros(at.size)))
+    case = made(law, plan=PAPER_PROTOCOL, seed=1)
+    at, (rename,) = build_joint_space([case], law, ())
+    members = (build_dataset(case, law, at, rename),)
+    members, _ = reweight_datasets([case], members, at, solve_least_squares(members, at, jnp.zeros(at.size)))
     return members, at
 
 
@@ -147,7 +147,7 @@ def warm(console: Console, repeats: int = 9) -> dict[str, float]:
     for law in ("elastic", "toe"):
         members, at = problem(law)
         twin, begin = Twin(law, members[0], at), jnp.zeros(at.size)
-        mine = solve(members, at, begin)
+        mine = solve_least_squares(members, at, begin)
         rivals = {
             "SciPy lm": partial(by_scipy, twin, at.size, "lm"),
             "SciPy trf": partial(by_scipy, twin, at.size, "trf"),
@@ -155,11 +155,11 @@ def warm(console: Console, repeats: int = 9) -> dict[str, float]:
         }
         for name, call in rivals.items():
             _same_place(console, f"{law}, {name}", call(), mine)
-        own = milliseconds(lambda one=(members, at, begin): solve(*one).u, repeats)
+        own = milliseconds(lambda one=(members, at, begin): solve_least_squares(*one).u, repeats)
         theirs = {name: milliseconds(call, repeats) for name, call in rivals.items()}
         best = min(theirs["SciPy lm"], theirs["SciPy trf"])
         times = (f"{time:.1f} ms" for time in (own, *theirs.values()))
-        table.add_row(law, f"{int(members[0].rows.used.sum())}", *times, f"{best / own:.1f}")
+        table.add_row(law, f"{int(members[0].rows.training_mask.sum())}", *times, f"{best / own:.1f}")
         taken = {"pamjax": own} | theirs
         figures |= {f"{law}, {name}, processor [ms]": time for name, time in taken.items()}
         figures[f"{law}, SciPy's best over pamjax"] = best / own
@@ -168,7 +168,7 @@ def warm(console: Console, repeats: int = 9) -> dict[str, float]:
 
 
 def _same_place(console: Console, name: str, u: np.ndarray, mine: Solution) -> None:
-    sd = np.sqrt(np.diag(np.linalg.inv(np.asarray(mine.information + mine.prior))))
+    sd = np.sqrt(np.diag(np.linalg.inv(np.asarray(mine.information + mine.prior_information))))
     off = np.max(np.abs(u - np.asarray(mine.u)) / sd)
     if off > SAME:
         console.print(f"{name}: ends {off:.2g} sd from pamjax, so its time tells nothing")

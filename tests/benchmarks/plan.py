@@ -29,18 +29,18 @@ from scipy.optimize import least_squares
 from pamjax.compile.jax_cache import keep_compiled
 from pamjax.model import braid
 from pamjax.model.assembly import assemble
-from pamjax.planning.bench import USUAL, Means
-from pamjax.planning.information import Knowledge, knowledge
+from pamjax.planning.bench import DEFAULT_ERROR_SDS, RigCapabilities
+from pamjax.planning.information import PriorInformation, build_prior_information
 from pamjax.planning.plan import Plan, plan
-from pamjax.planning.runs import Run, isobars, runs
-from pamjax.records.reading.muscle_toml import Entry, Sensors
-from pamjax.records.reading.quantity import Measured
+from pamjax.planning.runs import PlannedRun, list_isobars, list_runs
+from pamjax.records.reading.muscle_toml import MuscleToml, Sensors
+from pamjax.records.reading.quantity import MeasuredValue
 from tests.benchmarks.keep import arguments, keep
 
 GOAL = "thread.modulus"
 
 
-def a_muscle(rng: np.random.Generator, minutes: float) -> tuple[Entry, Means]:
+def a_muscle(rng: np.random.Generator, minutes: float) -> tuple[MuscleToml, RigCapabilities]:
     """A muscle as a lab states it, and a rig."""
     rest, angle = math.exp(rng.uniform(math.log(0.1), math.log(0.4))), math.radians(rng.uniform(62, 72))
     thread = rest / math.sin(angle)
@@ -54,10 +54,10 @@ def a_muscle(rng: np.random.Generator, minutes: float) -> tuple[Entry, Means]:
         force=force * rng.uniform(5e-4, 2e-3), diameter=rng.uniform(0.05e-3, 0.15e-3),
         pressure=1e-3 * pressure, length=2e-5,
     )  # fmt: skip
-    entry = Entry(
-        name="a muscle", rest_length=Measured(rest), thread_length=Measured(thread, 0.003 * thread),
-        turns=Measured(turns, 0.005 * turns), threads=threads, thread_area=Measured(area),
-        modulus=Measured(modulus, 0.2 * modulus), sensors=sensors, baseline="elastic",
+    entry = MuscleToml(
+        name="a muscle", rest_length=MeasuredValue(rest), thread_length=MeasuredValue(thread, 0.003 * thread),
+        turns=MeasuredValue(turns, 0.005 * turns), threads=threads, thread_area=MeasuredValue(area),
+        modulus=MeasuredValue(modulus, 0.2 * modulus), sensors=sensors, baseline="elastic",
     )  # fmt: skip
     off = {
         "force_offset.offset": 2e-3 * force, "force_gain.gain": 0.01,
@@ -67,7 +67,7 @@ def a_muscle(rng: np.random.Generator, minutes: float) -> tuple[Entry, Means]:
     }  # fmt: skip
     given = {"force": sensors.force, "diameter": sensors.diameter, "gauge": sensors.pressure}
     given = {name: sd for name, sd in given.items() if sd}
-    means = Means(pressure=pressure, contraction=0.25, minutes=minutes, off=off, **given)
+    means = RigCapabilities(pressure=pressure, contraction=0.25, minutes=minutes, error_sds=off, **given)
     return entry, means
 
 
@@ -92,7 +92,7 @@ def shown(law: str, names: tuple[str, ...], fixed, values, pressure, length):
     """Force and diameter that a rig shows, (2, n): zeros, gains and give of the rig without approximation."""
     number = dict(zip(names, values, strict=True)) | fixed
     muscle = assemble(law, number)
-    off = {name: number.get(name, 0.0) for name in USUAL}
+    off = {name: number.get(name, 0.0) for name in DEFAULT_ERROR_SDS}
     pressure = (pressure - off["pressure_offset.offset"]) / (1 + off["pressure_gain.gain"])
     recorded = at = length - off["length_offset.offset"]
     for _ in range(ROUNDS):
@@ -105,11 +105,13 @@ def shown(law: str, names: tuple[str, ...], fixed, values, pressure, length):
 slopes = jax.jit(jax.jacfwd(shown, argnums=3), static_argnames=("law", "names"))
 
 
-def outcome(known: Knowledge, done: list[Run], true: np.ndarray, rng: np.random.Generator) -> Outcome:
+def outcome(
+    known: PriorInformation, done: list[PlannedRun], true: np.ndarray, rng: np.random.Generator
+) -> Outcome:
     """Make runs on a muscle and fit them."""
-    mean, sd, names = known.mean.copy(), known.scale.copy(), known.at.names
+    mean, sd, names = known.mean.copy(), known.scale.copy(), known.space.names
     for run in done:
-        for name, reading in run.direct.items():
+        for name, reading in run.direct_sds.items():
             if name in names:
                 k = names.index(name)
                 weight = sd[k] ** -2 + reading**-2
@@ -117,7 +119,7 @@ def outcome(known: Knowledge, done: list[Run], true: np.ndarray, rng: np.random.
                 mean[k], sd[k] = (mean[k] * sd[k] ** -2 + seen * reading**-2) / weight, weight**-0.5
     moving = [run for run in done if run.pressure.size]
     pressure, length = (np.concatenate([getattr(r, c) for r in moving]) for c in ("pressure", "length"))
-    n, means, entry = pressure.size, known.means, known.entry
+    n, means, entry = pressure.size, known.capabilities, known.entry
     assert n <= ROWS
     fixed = {"muscle.rest_length": entry.rest_length.value, "muscle.threads": float(entry.threads or 0)}
     fixed |= {"muscle.thread_area": entry.thread_area.value} if entry.thread_area else {}
@@ -148,33 +150,33 @@ def outcome(known: Knowledge, done: list[Run], true: np.ndarray, rng: np.random.
         return np.concatenate([by.reshape(-1, u.size)[used], np.eye(u.size)])
 
     end = least_squares(residual, np.zeros(mean.size), jac=cast(Any, jacobian), xtol=1e-10)
-    k = known.place(GOAL)
+    k = known.find_index(GOAL)
     after = np.sqrt(np.linalg.inv(end.jac.T @ end.jac)[k, k]) * sd[k]
     return Outcome(float(mean[k] + sd[k] * end.x[k]), float(after), float(true[k]))
 
 
-def in_minutes(known: Knowledge, minutes: float) -> list[Run]:
+def in_minutes(known: PriorInformation, minutes: float) -> list[PlannedRun]:
     """Ten isobars with as many samples as so many minutes allow."""
-    usual = isobars(known.means, known.entry.rest_length.value)
+    usual = list_isobars(known.capabilities, known.entry.rest_length.value)
     share = minutes / sum(run.minutes for run in usual)
     pressure, length = (np.concatenate([getattr(r, c) for r in usual]) for c in ("pressure", "length"))
     picked = np.linspace(0, pressure.size - 1, round(share * pressure.size)).round().astype(int)
-    return [Run("ten isobars", pressure[picked], length[picked], minutes, {})]
+    return [PlannedRun("ten isobars", pressure[picked], length[picked], minutes, {})]
 
 
-def a_truth(known: Knowledge, rng: np.random.Generator) -> np.ndarray:
+def a_truth(known: PriorInformation, rng: np.random.Generator) -> np.ndarray:
     """What a muscle and its rig are, of what is believed, within two standard deviations."""
     drawn = known.mean + known.scale * np.clip(rng.standard_normal(known.mean.size), -2, 2)
-    return np.clip(drawn, np.asarray(known.at.low) + 1e-9 * known.scale, np.asarray(known.at.high))
+    return np.clip(drawn, np.asarray(known.space.low) + 1e-9 * known.scale, np.asarray(known.space.high))
 
 
 def alike(seed: int, minutes: float) -> Outcome:
     """One muscle that makes the same runs as every other: a ramp, a hold and a bar in the grips."""
     rng = np.random.default_rng([20, 1000 + seed])
-    known = knowledge(*a_muscle(rng, minutes))
-    offered = runs(known.means, known.entry.rest_length.value)
+    known = build_prior_information(*a_muscle(rng, minutes))
+    offered = list_runs(known.capabilities, known.entry.rest_length.value)
     kinds = "ramp", "hold", "steel bar"
-    done = [next(run for run in offered if kind in run.says) for kind in kinds]
+    done = [next(run for run in offered if kind in run.description) for kind in kinds]
     return outcome(known, done, a_truth(known, rng), rng)
 
 
@@ -183,9 +185,9 @@ def trial(seed: int, minutes: float) -> tuple[Plan, Outcome, Outcome]:
     rng = np.random.default_rng([20, seed])
     entry, means = a_muscle(rng, minutes)
     found = plan(entry, means, GOAL, to="5 %")
-    known = knowledge(entry, means)
+    known = build_prior_information(entry, means)
     true = a_truth(known, rng)
-    planned = [run for count, run in found.chosen for _ in range(count)]
+    planned = [run for count, run in found.chosen_runs for _ in range(count)]
     return (
         found,
         outcome(known, planned, true, rng),
@@ -224,9 +226,9 @@ def statistics(trials: list[tuple[Plan, Outcome, Outcome]]) -> dict[str, Any]:
     by_isobars = np.array([(i.value - i.true) for _, _, i in trials]) / promised
     fitted = np.array([p.sd for _, p, _ in trials]) / promised
     both = np.stack([by_plan, by_isobars], axis=1)
-    planned = np.array([found.isobars / found.sd for found, _, _ in trials])
+    planned = np.array([found.isobars_sd / found.sd for found, _, _ in trials])
     figures = {
-        "expected to reach the goal [%]": 100 * float(np.mean([f.reached for f, _, _ in trials])),
+        "expected to reach the goal [%]": 100 * float(np.mean([f.reaches_goal for f, _, _ in trials])),
         "minutes of a plan, median": float(np.median([f.minutes for f, _, _ in trials])),
         "fitted sd over promised sd, rms": interval(fitted, rms),
         "error over promised sd, rms": interval(by_plan, rms),
@@ -235,7 +237,7 @@ def statistics(trials: list[tuple[Plan, Outcome, Outcome]]) -> dict[str, Any]:
         "the same as promised, median": float(np.median(planned)),
     }
     for channel in ("force", "diameter"):
-        alone = np.mean([f.alone[channel][0] <= f.wanted * (1 + 1e-9) for f, _, _ in trials])
+        alone = np.mean([f.single_channel[channel][0] <= f.target_sd * (1 + 1e-9) for f, _, _ in trials])
         figures[f"{channel} alone is promised to be enough [%]"] = 100 * float(alone)
     return figures
 

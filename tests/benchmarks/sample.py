@@ -21,11 +21,11 @@ from rich.console import Console
 from rich.table import Table
 
 from pamjax.infer.fitting.fit import fit
-from pamjax.infer.posterior.convergence import health, kept
-from pamjax.infer.posterior.laplace import Ball, laplace
-from pamjax.infer.posterior.log_density import Density, density_of, log_densities
+from pamjax.infer.posterior.convergence import compute_convergence, discard_burn_in
+from pamjax.infer.posterior.laplace import GaussianApproximation, fit_laplace
+from pamjax.infer.posterior.log_density import PosteriorDensity, build_density, compute_log_densities
 from pamjax.infer.posterior.sample import sample
-from pamjax.records.protocol import PAPER
+from pamjax.records.protocol import PAPER_PROTOCOL
 from pamjax.records.reading.muscle_toml import Sensors
 from tests.benchmarks.fit import Twin
 from tests.benchmarks.keep import arguments, keep
@@ -40,26 +40,28 @@ WALKERS, STEPS, WARMUP, DRAWS = 32, 3000, 500, 300
 class ByNumpy:
     """The log-density in NumPy, as one would write it without JAX; one point at a time."""
 
-    def __init__(self, density: Density) -> None:
-        (one,), self.streams, self.at = density.members, density.streams[0], density.at
-        self.twin = Twin("toe", one, density.at)
+    def __init__(self, density: PosteriorDensity) -> None:
+        (one,), self.likelihoods, self.at = density.datasets, density.likelihoods[0], density.space
+        self.twin = Twin("toe", one, density.space)
         self.n = self.twin.pressure.size
-        self.linked = [np.asarray(s.linked)[: self.n] for s in self.streams]
-        self.there = [np.asarray(s.there)[: self.n] for s in self.streams]
+        self.has_predecessor = [np.asarray(s.has_predecessor)[: self.n] for s in self.likelihoods]
+        self.there = [np.asarray(s.measured)[: self.n] for s in self.likelihoods]
         last = np.maximum(np.arange(self.n) - 1, 0)
-        self.before = [last if s.before is None else np.asarray(s.before)[: self.n] for s in self.streams]
+        self.before = [
+            last if s.predecessor is None else np.asarray(s.predecessor)[: self.n] for s in self.likelihoods
+        ]
         self.twin.weights = tuple(self.there)
 
     def __call__(self, u: np.ndarray) -> float:
         values, n = self.twin.values(u), self.n
         everything = self.twin(u)
         total = self._prior(u, values)
-        for k, s in enumerate(self.streams):
-            standard = everything[k * n : (k + 1) * n] / values[s.sd]
-            memory = values[s.correlation] * self.linked[k]
+        for k, s in enumerate(self.likelihoods):
+            standard = everything[k * n : (k + 1) * n] / values[s.sd_index]
+            memory = values[s.correlation_index] * self.has_predecessor[k]
             left = 1 - memory**2
             innovation = (standard - memory * standard[self.before[k]]) / np.sqrt(left)
-            log_sd = np.log(values[s.sd]) + 0.5 * np.log(left)
+            log_sd = np.log(values[s.sd_index]) + 0.5 * np.log(left)
             total -= np.sum(self.there[k] * (0.5 * innovation**2 + log_sd + 0.5 * np.log(2 * np.pi)))
         return total if np.isfinite(total) else -np.inf
 
@@ -80,33 +82,33 @@ def timed(call: Callable[[], np.ndarray]) -> tuple[float, float, float]:
     begin = time.process_time()
     draws = call()
     busy = time.process_time() - begin
-    found = health(draws)
+    found = compute_convergence(draws)
     return float(found.ess.min()), busy, float(found.rhat.max())
 
 
-def by_numpy(density: Density, ball: Ball) -> np.ndarray:
+def by_numpy(density: PosteriorDensity, ball: GaussianApproximation) -> np.ndarray:
     """emcee as it comes: stretch moves, one point at a time, from the same Gaussian."""
     np.random.seed(0)  # noqa: NPY002 - emcee takes its first state from here
-    start = np.asarray(ball(jax.random.normal(jax.random.key(0), (WALKERS, density.at.size))))
-    walk = emcee.EnsembleSampler(WALKERS, density.at.size, ByNumpy(density))
+    start = np.asarray(ball(jax.random.normal(jax.random.key(0), (WALKERS, density.space.size))))
+    walk = emcee.EnsembleSampler(WALKERS, density.space.size, ByNumpy(density))
     walk.run_mcmc(start, STEPS)
-    return kept(np.asarray(walk.get_chain()))
+    return discard_burn_in(np.asarray(walk.get_chain()))
 
 
-def near(ball: Ball) -> np.ndarray:
+def near(ball: GaussianApproximation) -> np.ndarray:
     """A few points of the posterior."""
     return np.asarray(ball(jax.random.normal(jax.random.key(3), (3, ball.centre.size))))
 
 
-def problem() -> tuple[object, Density, Ball]:
+def problem() -> tuple[object, PosteriorDensity, GaussianApproximation]:
     found = fit(
-        made("toe", plan=PAPER, seed=1, bench=BENCH, sensors=BENCH, lag_one=0.5),
+        made("toe", plan=PAPER_PROTOCOL, seed=1, bench=BENCH, sensors=BENCH, lag_one=0.5),
         "toe",
         starts=1,
         fold_count=2,
     )
-    density, start = density_of(found)
-    return found, density, laplace(density, start)
+    density, start = build_density(found)
+    return found, density, fit_laplace(density, start)
 
 
 def main() -> None:
@@ -116,8 +118,10 @@ def main() -> None:
     console.print(f"{os.cpu_count()} cores, load {load:.1f} before this began")
     found, density, ball = problem()
     point = np.asarray(ball.centre)
-    off = ByNumpy(density)(point) - float(log_densities(density, jnp.asarray(point)[None])[0])
-    console.print(f"{int(density.members[0].rows.used.sum())} rows; NumPy's log-density is off by {off:.1e}")
+    off = ByNumpy(density)(point) - float(compute_log_densities(density, jnp.asarray(point)[None])[0])
+    console.print(
+        f"{int(density.datasets[0].rows.training_mask.sum())} rows; NumPy's log-density is off by {off:.1e}"
+    )
     rivals: dict[str, Callable[[], np.ndarray]] = {
         "pamjax, emcee": lambda: sample(found, seed=2).draws,
         "pamjax, nuts": lambda: sample(found, sampler="nuts", seed=2).draws,

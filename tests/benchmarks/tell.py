@@ -25,21 +25,30 @@ from typing import Any, cast
 
 import numpy as np
 
-from pamjax.benchmark.inject_effect import Envelope, conceal
-from pamjax.benchmark.setups import draw
+from pamjax.benchmark.inject_effect import GroundTruth, inject_effects
+from pamjax.benchmark.setups import draw_setup
 from pamjax.compile.jax_cache import keep_compiled
-from pamjax.diagnosis.detect.score_test import signatures
-from pamjax.diagnosis.library.candidates import forms
-from pamjax.diagnosis.library.library_problem import COSTLY, Problem, problem
-from pamjax.diagnosis.next_experiment.experiment import Experiment, choose, stand_in, table
-from pamjax.diagnosis.next_experiment.power import prospect
-from pamjax.diagnosis.next_experiment.protocols import MENU
-from pamjax.diagnosis.next_experiment.testbed import Stage, contrast, readings
-from pamjax.diagnosis.noise.estimate import Whitening
-from pamjax.diagnosis.refit.candidate_fit import Model
-from pamjax.diagnosis.refit.least_squares import Refit, refit
-from pamjax.diagnosis.select.search import TIE, shortlist
-from pamjax.planning.discriminate import alone, bare
+from pamjax.diagnosis.detect.score_test import compute_score_directions
+from pamjax.diagnosis.library.candidates import build_candidates
+from pamjax.diagnosis.library.library_problem import (
+    COSTLIEST_MECHANISM,
+    LibraryProblem,
+    build_library_problem,
+)
+from pamjax.diagnosis.next_experiment.experiment import (
+    Experiment,
+    choose_experiment,
+    evaluate_protocols,
+    fit_rival,
+)
+from pamjax.diagnosis.next_experiment.power import compute_power_and_limit
+from pamjax.diagnosis.next_experiment.protocols import PROTOCOL_MENU
+from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed, compute_contrast, get_direct_readings
+from pamjax.diagnosis.noise.estimate import NoiseModel
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit
+from pamjax.diagnosis.refit.least_squares import MapEstimate, fit_parameters
+from pamjax.diagnosis.select.search import TIE_CHI2, shortlist_candidates
+from pamjax.planning.discriminate import fit_baseline, fit_mechanism
 from pamjax.records.protocol import Schedule
 from tests.benchmarks.keep import arguments, keep
 from tests.benchmarks.plan import Interval
@@ -62,12 +71,12 @@ class Joint:
         white: (of the recording, of the protocol) the noise.
     """
 
-    first: Problem
-    second: Problem | None
+    first: LibraryProblem
+    second: LibraryProblem | None
     places: tuple[int, ...]
     read: np.ndarray
     within: np.ndarray
-    white: tuple[Whitening, Whitening | None]
+    white: tuple[NoiseModel, NoiseModel | None]
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.first, name)
@@ -77,10 +86,10 @@ class Joint:
         moved = [self.first.measured] + ([self.second.measured] if self.second else [])
         return np.concatenate([*moved, np.tile(self.read, (2, 1))], axis=1)
 
-    def slopes(self, values: np.ndarray, places) -> tuple[np.ndarray, np.ndarray]:
+    def jacobian(self, values: np.ndarray, places) -> tuple[np.ndarray, np.ndarray]:
         """What is shown and read, (2, n), and its derivatives, (k, 2, n)."""
         places = list(places)
-        seen = [one.slopes(values, places) for one in (self.first, self.second) if one]
+        seen = [one.jacobian(values, places) for one in (self.first, self.second) if one]
         own = np.equal.outer(places, self.places).astype(float)
         shown = [s for s, _ in seen] + [np.tile(values[list(self.places)], (2, 1))]
         by = [by for _, by in seen] + [np.stack([own, own], axis=1)]
@@ -90,34 +99,43 @@ class Joint:
         """Residuals or derivatives, SI, made white: the recording's, the protocol's, the readings'."""
         n, (first, second) = self.first.n, self.white
         more = self.second.n if self.second else 0
-        parts = [first(values[..., :n])]
+        parts = [first.whiten(values[..., :n])]
         if second is not None and second.size:
-            parts.append(second(values[..., n : n + more]))
+            parts.append(second.whiten(values[..., n : n + more]))
         return np.concatenate([*parts, values[..., 0, n + more :] / self.within], axis=-1)
 
-    def refit(self, model: Model) -> Refit:
+    def refit(self, model: CandidateFit) -> MapEstimate:
         """A model refitted to everything, from where it is."""
-        white = cast(Whitening, self.whiten)
-        return refit(cast(Problem, self), white, model.at.moved, model.at.values)
+        white = cast(NoiseModel, self)
+        return fit_parameters(cast(LibraryProblem, self), white, model.estimate.free, model.estimate.values)
 
 
-def made(stage: Stage, id: str, a: Model, b: Model, true: np.ndarray, rng: np.random.Generator) -> Joint:
+def made(
+    stage: SimulatedTestbed,
+    id: str,
+    a: CandidateFit,
+    b: CandidateFit,
+    true: np.ndarray,
+    rng: np.random.Generator,
+) -> Joint:
     """A protocol, made on the true muscle."""
-    (protocol,) = (p for p in MENU if p.id == id)
-    found, schedule = stage.found, protocol.schedule(stage.rig, stage.begin)
-    sds = readings(stage, protocol, a, b)
+    (protocol,) = (p for p in PROTOCOL_MENU if p.id == id)
+    found, schedule = stage.problem, protocol.build_schedule(stage.rig, stage.start_time)
+    sds = get_direct_readings(stage, protocol, a, b)
     places, sd = tuple(sds), np.array(list(sds.values()))
     read = true[list(places)] + sd * rng.standard_normal(len(places))
     second = white = None
     if schedule is not None:
         second, white = moved(stage, schedule, a, true, rng)
-    return Joint(found, second, places, read, sd, (a.white, white))
+    return Joint(found, second, places, read, sd, (a.noise, white))
 
 
-def moved(stage: Stage, schedule: Schedule, a: Model, true, rng) -> tuple[Problem, Whitening]:
+def moved(
+    stage: SimulatedTestbed, schedule: Schedule, a: CandidateFit, true, rng
+) -> tuple[LibraryProblem, NoiseModel]:
     """The muscle is moved and recorded, with noise of all four channels."""
-    n, sensors = schedule.time.size, stage.found.case.entry.sensors
-    shown = stage.play(schedule).shows(true)
+    n, sensors = schedule.time.size, stage.problem.case.entry.sensors
+    shown = stage.simulate(schedule).predict(true)
     seen = dataclasses.replace(
         schedule,
         pressure=schedule.pressure + (sensors.pressure or 0.0) * rng.standard_normal(n),
@@ -125,59 +143,59 @@ def moved(stage: Stage, schedule: Schedule, a: Model, true, rng) -> tuple[Proble
     )
     # A slack muscle pulls with nothing: a lab leaves it out.
     there = np.isfinite(shown) & (shown[0] > 0)
-    there[1] &= schedule.optical
-    noisy = shown + np.array([[stage.own[0]], [stage.own[1]]]) * rng.standard_normal((2, n))
-    on = dataclasses.replace(stage.play(seen), measured=np.where(there, noisy, np.nan))
-    return on, stage.white(on, a.at.values, there)
+    there[1] &= schedule.diameter_measured
+    noisy = shown + np.array([[stage.sensor_sd[0]], [stage.sensor_sd[1]]]) * rng.standard_normal((2, n))
+    on = dataclasses.replace(stage.simulate(seen), measured=np.where(there, noisy, np.nan))
+    return on, stage.build_noise(on, a.estimate.values, there)
 
 
-def a_tie(seed: int) -> tuple[Envelope, Problem, Model, Model, int]:
+def a_tie(seed: int) -> tuple[GroundTruth, LibraryProblem, CandidateFit, CandidateFit, int]:
     """A recording of a muscle, what it truly conceals, the best rival, and how many were settled already."""
     for again in range(50):
         rng = np.random.default_rng([61, seed, again])
-        envelope = conceal(
-            1, rng, setup=draw(rng, law="elastic"), smallest=SMALLEST, largest=LARGEST, number=seed
+        envelope = inject_effects(
+            1, rng, setup=draw_setup(rng, law="elastic"), smallest=SMALLEST, largest=LARGEST, number=seed
         )
-        if not envelope.concealed or envelope.concealed[0] == COSTLY:
+        if not envelope.effect_ids or envelope.effect_ids[0] == COSTLIEST_MECHANISM:
             continue
-        found = problem(envelope.case)
-        (true,) = envelope.concealed
-        baseline = bare(found)
-        a = alone(found, baseline, true)
-        rivals = [m for id in _rivals(found, baseline, true) if (m := stand_in(found, a, true, id))]
-        b = min(rivals, key=lambda m: m.at.cost)
-        if abs(b.at.cost - a.at.cost) < TIE:
+        found = build_library_problem(envelope.case)
+        (true,) = envelope.effect_ids
+        baseline = fit_baseline(found)
+        a = fit_mechanism(found, baseline, true)
+        rivals = [m for id in _rivals(found, baseline, true) if (m := fit_rival(found, a, true, id))]
+        b = min(rivals, key=lambda m: m.estimate.cost)
+        if abs(b.estimate.cost - a.estimate.cost) < TIE_CHI2:
             return envelope, found, a, b, again
     raise RuntimeError(f"no tie in muscle {seed}")
 
 
-def _rivals(found: Problem, baseline: Model, true: str) -> list[str]:
+def _rivals(found: LibraryProblem, baseline: CandidateFit, true: str) -> list[str]:
     """The mechanisms that fit a recording best in the place of the true one, in the linear limit."""
-    offered = [form for form in forms(found) if form.id != COSTLY]
-    scored = signatures(found, baseline.white, baseline.at, offered)
-    return [one.form.id for one in shortlist(scored, [true], RIVALS)]
+    offered = [form for form in build_candidates(found) if form.id != COSTLIEST_MECHANISM]
+    scored = compute_score_directions(found, baseline.noise, baseline.estimate, offered)
+    return [one.candidate.id for one in shortlist_candidates(scored, [true], RIVALS)]
 
 
 def trial(seed: int, repeats: int) -> dict[str, Any]:
     """One muscle: what was promised for two protocols, and what came of them."""
     envelope, found, a, b, again = a_tie(seed)
-    true = np.array([envelope.true[name] for name in found.names])
-    stage, first, second = Stage.of(found, a), a.ids[-1], b.ids[-1]
-    menu = table(stage, a, b, (first, second))
-    worse = b.at.cost - a.at.cost
+    true = np.array([envelope.true_values[name] for name in found.names])
+    stage, first, second = SimulatedTestbed.from_fit(found, a), a.ids[-1], b.ids[-1]
+    menu = evaluate_protocols(stage, a, b, (first, second))
+    worse = b.estimate.cost - a.estimate.cost
     rng = np.random.default_rng([62, seed])
     done = []
     for told, one in picked(menu).items():
-        (protocol,) = (p for p in MENU if p.id == one.id)
-        delta, of_a, of_b = contrast(stage, protocol, a, b)
-        back, back_limit = prospect(-delta, of_b, of_a)
+        (protocol,) = (p for p in PROTOCOL_MENU if p.id == one.id)
+        delta, of_a, of_b = compute_contrast(stage, protocol, a, b)
+        back, back_limit = compute_power_and_limit(-delta, of_b, of_a)
         moves = []
         for _ in range(repeats):
             both = made(stage, one.id, a, b, true, rng)
             ends = [both.refit(model) for model in (a, b)]
             moves.append(ends[1].cost - ends[0].cost - worse)
         done.append(
-            {"told": told, "protocol": one.id, "power": one.power, "limit": _plain(one.limit),
+            {"told": told, "protocol": one.id, "power": one.power, "limit": _plain(one.chi2_limit),
              "back": back, "back_limit": _plain(back_limit), "worse": moves}
         )  # fmt: skip
     return {
@@ -185,14 +203,14 @@ def trial(seed: int, repeats: int) -> dict[str, Any]:
         "again": again,
         "tell": (first, second),
         "tie": worse,
-        "size": envelope.sizes[0],
+        "size": envelope.effect_sizes[0],
         "made": done,
     }
 
 
 def picked(menu: list[Experiment]) -> dict[str, Experiment]:
     """The protocol that is told, and another of middling promise."""
-    told = choose(menu)
+    told = choose_experiment(menu)
     rest = [e for e in menu if e is not told and MIDDLING[0] < e.power < MIDDLING[1]]
     return {"chosen": told} | ({"middling": min(rest, key=lambda e: abs(e.power - BEST))} if rest else {})
 

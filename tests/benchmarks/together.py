@@ -18,8 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from pamjax.infer.posterior.ensemble import Ensemble
-from pamjax.infer.posterior.log_density import Density
+from pamjax.infer.posterior.ensemble import EnsembleSampler
+from pamjax.infer.posterior.log_density import PosteriorDensity
 
 
 class Desk:
@@ -31,16 +31,16 @@ class Desk:
         points: points of one question.
     """
 
-    def __init__(self, density: Density, seats: int, points: int) -> None:
+    def __init__(self, density: PosteriorDensity, seats: int, points: int) -> None:
         self.density = density
         self.told = [measured(density)] * seats
-        self.u = np.zeros((seats, points, density.at.size))
+        self.u = np.zeros((seats, points, density.space.size))
         self.found = np.zeros((seats, points))
         self.sitting = self.asked = self.round = 0
         self.turn = threading.Condition()
 
     @contextmanager
-    def seat(self, k: int, density: Density) -> Iterator[None]:
+    def seat(self, k: int, density: PosteriorDensity) -> Iterator[None]:
         """Sit at place k with a recording's density."""
         with self.turn:
             self.told[k] = measured(density)
@@ -72,18 +72,18 @@ class Desk:
                 self.turn.notify_all()
 
 
-def measured(density: Density):
+def measured(density: PosteriorDensity):
     """What tells the density of one recording from another's, (2, n) and powers."""
-    (one,), (powers,) = density.members, density.powers
+    (one,), (powers,) = density.datasets, density.powers
     return jnp.stack([one.rows.force, one.rows.diameter]), jnp.stack(powers)
 
 
 @eqx.filter_jit
-def _all(density: Density, told, u: Float[Array, "k w p"]) -> Float[Array, "k w"]:
+def _all(density: PosteriorDensity, told, u: Float[Array, "k w p"]) -> Float[Array, "k w"]:
     def one(told, u):
         (force, diameter), powers = told
         here = eqx.tree_at(
-            lambda d: (d.members[0].rows.force, d.members[0].rows.diameter, d.powers),
+            lambda d: (d.datasets[0].rows.force, d.datasets[0].rows.diameter, d.powers),
             density,
             (force, diameter, (tuple(powers),)),
         )
@@ -93,7 +93,7 @@ def _all(density: Density, told, u: Float[Array, "k w p"]) -> Float[Array, "k w"
 
 
 @dataclass(frozen=True)
-class Seated(Ensemble):
+class Seated(EnsembleSampler):
     """The ensemble that `pamjax sample` walks with, at a desk; its draws are thinned anyway."""
 
     desk: Desk = dataclasses.field(kw_only=True)
@@ -101,6 +101,6 @@ class Seated(Ensemble):
     long: ClassVar[bool] = False
 
     def _log_density(self, x: np.ndarray) -> np.ndarray:
-        u = np.asarray(self.ball.centre) + x @ np.asarray(self.ball.root).T
+        u = np.asarray(self.gaussian.centre) + x @ np.asarray(self.gaussian.covariance_root).T
         half = self.walkers // 2
         return np.concatenate([self.desk.ask(self.place, u[k : k + half]) for k in range(0, len(x), half)])

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import beta
 
-from pamjax.benchmark.trial import Task, drawn, scored
+from pamjax.benchmark.trial import TrialTask, draw_ground_truth, score_recording
 from pamjax.compile.jax_cache import keep_compiled
-from pamjax.diagnosis.detect.significance import DETECTED
+from pamjax.diagnosis.detect.significance import DETECTION_P_VALUE
 from tests.benchmarks.keep import arguments, keep
 
 SEED = 40
@@ -28,10 +28,10 @@ SILENT = {
 def p_value(asked: tuple[str, float, int]) -> float:
     """Of one recording whose lab is silent about some sensors."""
     silent, correlation, number = asked
-    case = drawn(Task("score", "nothing", correlation, number, SEED)).case
+    case = draw_ground_truth(TrialTask("score", "nothing", correlation, number, SEED)).case
     sensors = dataclasses.replace(case.entry.sensors, **SILENT[silent])
     entry = dataclasses.replace(case.entry, sensors=sensors)
-    return scored(dataclasses.replace(case, entry=entry), number).p_value
+    return score_recording(dataclasses.replace(case, entry=entry), number).p_value
 
 
 def main(many: int = 200, file: Path | None = None) -> None:
@@ -42,8 +42,8 @@ def main(many: int = 200, file: Path | None = None) -> None:
     figures: dict[str, float] = {"recordings of each kind": many}
     print(f"{'nothing is stated of':<20} noise  below 0.01, 0.05, 0.1, 0.5 and at most (95 %) below 0.01")
     for (silent, correlation), values in zip(kinds, found.T, strict=True):
-        shares = [float(np.mean(values < level)) for level in (DETECTED, 0.05, 0.1, 0.5)]
-        alarms = int(np.sum(values < DETECTED))
+        shares = [float(np.mean(values < level)) for level in (DETECTION_P_VALUE, 0.05, 0.1, 0.5)]
+        alarms = int(np.sum(values < DETECTION_P_VALUE))
         most = float(beta.ppf(0.95, alarms + 1, many - alarms))
         print(f"{silent:<20} {correlation:<5}  " + ", ".join(f"{s:.3f}" for s in shares) + f"; {most:.3f}")
         about = f"{silent} not stated, correlation {correlation}"

@@ -213,7 +213,7 @@ def test_an_interruption_leaves_nothing(bench, tmp_path, capsys, monkeypatch):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(pamjax.infer.fitting.fit, "hold_out", interrupted)
+    monkeypatch.setattr(pamjax.infer.fitting.fit, "cross_validate", interrupted)
     assert main(["fit", str(bench / "made"), "--out", str(tmp_path / "out"), "--starts", "1"]) == 130
     assert capsys.readouterr().err.strip().endswith("pamjax: interrupted; nothing was written half")
     assert not (tmp_path / "out").exists()

@@ -5,12 +5,12 @@ import signal
 
 import pytest
 
-from pamjax.cli.screen import heeding, say_written, working
+from pamjax.cli.screen import defer_interrupts, print_written_files, show_progress
 
 
 @pytest.fixture(autouse=True)
 def heeded(interruptible):
-    with heeding():
+    with defer_interrupts():
         yield
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
@@ -23,7 +23,7 @@ def swallowed():
 
 def test_an_interruption_that_was_swallowed_ends_the_next_step():
     steps = []
-    with pytest.raises(KeyboardInterrupt), working(quiet=True) as progress:  # noqa: PT012
+    with pytest.raises(KeyboardInterrupt), show_progress(quiet=True) as progress:  # noqa: PT012
         progress("one", 0.1)
         swallowed()
         steps.append("between")
@@ -33,25 +33,25 @@ def test_an_interruption_that_was_swallowed_ends_the_next_step():
 
 
 def test_it_ends_the_work_before_anything_is_written():
-    with pytest.raises(KeyboardInterrupt), working(quiet=True):
+    with pytest.raises(KeyboardInterrupt), show_progress(quiet=True):
         swallowed()
 
 
 def test_what_was_swallowed_before_the_work_ends_it_at_once():
     swallowed()
-    with pytest.raises(KeyboardInterrupt), working(quiet=True) as progress:
+    with pytest.raises(KeyboardInterrupt), show_progress(quiet=True) as progress:
         progress("one", 0.1)
 
 
 def test_a_command_does_not_remember_the_one_before():
     swallowed()
-    with heeding(), working(quiet=True) as progress:
+    with defer_interrupts(), show_progress(quiet=True) as progress:
         progress("one", 0.1)
 
 
 def test_a_report_of_an_earlier_run_is_told(tmp_path, capsys):
     (tmp_path / "report.html").write_text("")
-    say_written([tmp_path / "fit.json"])
+    print_written_files([tmp_path / "fit.json"])
     assert f"{tmp_path / 'report.html'} is of an earlier run" in capsys.readouterr().err
-    say_written([tmp_path / "fit.json", tmp_path / "report.html"])
+    print_written_files([tmp_path / "fit.json", tmp_path / "report.html"])
     assert "is of an earlier" not in capsys.readouterr().err

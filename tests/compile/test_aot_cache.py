@@ -14,7 +14,7 @@ from filelock import FileLock
 
 import pamjax
 import pamjax.compile.aot_cache as under_test
-from pamjax.compile.aot_cache import compiled
+from pamjax.compile.aot_cache import load_or_compile
 from tests.agreement import agree
 
 
@@ -43,7 +43,7 @@ def traces(arguments, home: str = "pamjax.made_up") -> int:
         return by.factor * x
 
     scaled.__module__ = home
-    program = compiled(jax.jit(scaled), *arguments)
+    program = load_or_compile(jax.jit(scaled), *arguments)
     agree(program(*jax.tree_util.tree_leaves(arguments)), arguments[0].factor * arguments[1], to=0.0)
     return len(seen)
 
@@ -63,7 +63,7 @@ def test_another_shape_another_name_and_other_sources_are_another_program(kept, 
     assert traces(asked()) == 1
     assert traces(asked(rows=4)) == 1
     assert traces(asked(name="b")) == 1
-    monkeypatch.setattr(under_test, "_tracer", lambda: "other sources")
+    monkeypatch.setattr(under_test, "_describe_tracer", lambda: "other sources")
     assert traces(asked()) == 1
     assert len(list(kept.glob("*.stablehlo"))) == 4
 
@@ -82,7 +82,7 @@ def test_without_a_folder_nothing_is_kept(kept, folder, monkeypatch):
 
 
 def test_sources_that_are_not_those_that_run_keep_nothing(kept, monkeypatch):
-    monkeypatch.setattr(pamjax, "IMPORTED", 0.0)
+    monkeypatch.setattr(pamjax, "IMPORT_TIME", 0.0)
     assert traces(asked()) == traces(asked()) == 1
     assert not kept.exists()
 
@@ -113,14 +113,14 @@ def test_who_holds_a_lock_is_not_waited_for_for_ever(kept, monkeypatch):
     assert traces(asked()) == 1
     (file,) = kept.glob("*.stablehlo")
     file.unlink()
-    monkeypatch.setattr(under_test, "PATIENCE", 0.1)
+    monkeypatch.setattr(under_test, "LOCK_TIMEOUT", 0.1)
     with FileLock(file.with_suffix(".lock")):
         assert traces(asked()) == 1
 
 
 def test_what_traces_is_known_by_its_sources(tmp_path):
     """A process with another line in one file of the package gets another name."""
-    told = "import sys, pamjax.compile.aot_cache as t; print(t._tracer().splitlines()[-1])"
+    told = "import sys, pamjax.compile.aot_cache as t; print(t._describe_tracer().splitlines()[-1])"
 
     def of(root):
         environment = {**os.environ, "PYTHONPATH": str(root)}
@@ -149,7 +149,7 @@ def test_processes_that_ask_together_compile_once(kept):
         "jax.config.update('jax_compilation_cache_dir', sys.argv[1])\n"
         "def slow(x):\n    print('traced'); time.sleep(2); return 2 * x\n"
         "slow.__module__ = 'pamjax.made_up'\n"
-        "print(t.compiled(jax.jit(slow), jax.numpy.ones(3))(jax.numpy.ones(3)).tolist())"
+        "print(t.load_or_compile(jax.jit(slow), jax.numpy.ones(3))(jax.numpy.ones(3)).tolist())"
     )
     asked = [sys.executable, "-c", asks, str(kept.parent)]
     both = [subprocess.Popen(asked, stdout=subprocess.PIPE, text=True) for _ in range(2)]

@@ -36,6 +36,6 @@ def test_a_named_folder_that_cannot_be_is_told(fresh, monkeypatch):
 
 
 def test_where_nobody_named_one_it_goes_without(fresh, monkeypatch):
-    monkeypatch.setattr(pamjax.compile.jax_cache, "_user_folder", lambda: fresh)
+    monkeypatch.setattr(pamjax.compile.jax_cache, "_find_user_folder", lambda: fresh)
     assert keep_compiled() is None
     assert jax.config.jax_compilation_cache_dir is None

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from pamjax.compile.programs import begin, ready
+from pamjax.compile.programs import run_compiled, start_compilation
 from tests.agreement import agree
 
 
@@ -19,11 +19,11 @@ def test_threads_that_ask_together_compile_once():
         return x**2
 
     with ThreadPoolExecutor(4) as pool:
-        found = list(pool.map(lambda k: ready(square, jnp.full(3, float(k))), range(8)))
+        found = list(pool.map(lambda k: run_compiled(square, jnp.full(3, float(k))), range(8)))
     assert traced == [(3,)]
     agree(jnp.stack(found)[:, 0], [k**2 for k in range(8)], to=0.0)
     # Another shape is another program.
-    ready(square, jnp.ones(4))
+    run_compiled(square, jnp.ones(4))
     assert traced == [(3,), (4,)]
 
 
@@ -32,6 +32,6 @@ def test_what_cannot_be_compiled_says_why_to_whoever_waits():
     def wrong(x):
         raise ValueError("no such muscle")
 
-    begin(wrong, jnp.ones(3))
+    start_compilation(wrong, jnp.ones(3))
     with pytest.raises(ValueError, match="no such muscle"):
-        ready(wrong, jnp.ones(3))
+        run_compiled(wrong, jnp.ones(3))

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from pamjax.control.inverse import Inverse
-from pamjax.control.neglected import half_loop, left_out
-from pamjax.model.bench import Bench, record
-from pamjax.model.history import history
+from pamjax.control.neglected import compute_friction_half_loop, list_neglected
+from pamjax.model.bench import Bench, record_bench
+from pamjax.model.history import build_time_history
 from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
 from pamjax.model.mechanisms.braid_friction import BraidFriction
 from pamjax.model.mechanisms.contact_pressure import ContactPressure
@@ -20,7 +20,7 @@ from tests.agreement import SOLVED, agree
 
 THREADS = BraidElasticity(4e-6)
 FRICTION = BraidFriction(coefficient=0.4, constant=3.0, exponent=0.8, reach=0.7, angle=0.4, give=1e-9)
-STATIC = history(None, np.ones(3, dtype=bool))
+STATIC = build_time_history(None, np.ones(3, dtype=bool))
 
 
 def bench(*mechanisms):
@@ -36,33 +36,33 @@ def test_friction_is_half_of_the_loop_that_a_stroke_shows(mechanisms, to):
     rubbed, pressure = bench(*mechanisms), 300e3
     out = np.linspace(0.19, 0.23, 81)
     length = np.concatenate([out, out[-2::-1], out[1:]])
-    run = history(0.1 * np.arange(length.size), np.arange(length.size) == 0)
-    force = np.asarray(record(rubbed, np.full(length.size, pressure), length, run).past.force)
+    run = build_time_history(0.1 * np.arange(length.size), np.arange(length.size) == 0)
+    force = np.asarray(record_bench(rubbed, np.full(length.size, pressure), length, run).past.force)
     # The middle of the way back, and of the way out after it: every element is at its limit.
     seen = (force[200] - force[120]) / 2
     assert seen > 1.0
-    agree(half_loop(rubbed, pressure, length[120]), seen, to)
+    agree(compute_friction_half_loop(rubbed, pressure, length[120]), seen, to)
     with pytest.raises(AssertionError):
-        agree(half_loop(rubbed, 1.01 * pressure, length[120]), seen, to)
+        agree(compute_friction_half_loop(rubbed, 1.01 * pressure, length[120]), seen, to)
 
 
 def test_only_friction_has_a_loop_at_rest():
-    assert half_loop(bench(ViscoelasticCreep(3e5)), 300e3, 0.21) == 0.0
-    assert half_loop(Muscle(0.2357, 0.2512, 1.09, LinearThread(2.5e5)), 300e3, 0.21) == 0.0
+    assert compute_friction_half_loop(bench(ViscoelasticCreep(3e5)), 300e3, 0.21) == 0.0
+    assert compute_friction_half_loop(Muscle(0.2357, 0.2512, 1.09, LinearThread(2.5e5)), 300e3, 0.21) == 0.0
 
 
 def test_what_takes_no_part_is_named():
     mechanisms = PressureDrop(1e8), ForceOffset(2.0), RigCompliance(1e-7), ContactPressure(4e4), FRICTION
-    assert left_out(bench(*mechanisms)) == (
+    assert list_neglected(bench(*mechanisms)) == (
         ("pressure_drop", "braid_friction"),
         ("force_offset", "rig_compliance"),
     )
-    assert left_out(Muscle(0.2357, 0.2512, 1.09, LinearThread(2.5e5))) == ((), ())
+    assert list_neglected(Muscle(0.2357, 0.2512, 1.09, LinearThread(2.5e5))) == ((), ())
 
 
 def test_the_pressure_of_contact_is_spent_at_rest_too():
     pressed, pressure, length = bench(ContactPressure(4e4)), np.array([1e5, 3e5, 5e5]), np.full(3, 0.21)
     force, _ = Inverse(pressed, (5e4, 6e5), (0.19, 0.23)).force(pressure, length)
-    agree(force, record(pressed, pressure, length, STATIC).past.force, SOLVED)
+    agree(force, record_bench(pressed, pressure, length, STATIC).past.force, SOLVED)
     bare, _ = Inverse(bench(), (5e4, 6e5), (0.19, 0.23)).force(pressure, length)
     assert np.all(bare - force > 20.0)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.result import number_of, told
+from pamjax.diagnosis.result import build_parameter_estimate, format_named_estimate
 from pamjax.parameter import Meaning
 
 
@@ -14,10 +14,15 @@ def _told(value, *, low=0.0, high=1.0, scale="linear", neutral=None):
     """A number as its refit left it, in words."""
     meaning = Meaning("1", "", 0.0, 1.0, scale, "made up", "here", neutral)
     found: Any = SimpleNamespace(
-        low=np.array([low]), high=np.array([high]), log=np.array([scale == "log"]), meaning=(meaning,)
+        low=np.array([low]),
+        high=np.array([high]),
+        is_logarithmic=np.array([scale == "log"]),
+        meanings=(meaning,),
     )
-    model: Any = SimpleNamespace(at=SimpleNamespace(moved=(0,), values=np.array([value])), sd=lambda k: 0.01)
-    return told("coefficient", number_of(found, model, 0))
+    model: Any = SimpleNamespace(
+        estimate=SimpleNamespace(free=(0,), values=np.array([value])), sd=lambda k: 0.01
+    )
+    return format_named_estimate("coefficient", build_parameter_estimate(found, model, 0))
 
 
 @pytest.mark.parametrize(

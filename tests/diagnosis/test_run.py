@@ -7,21 +7,21 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pamjax.benchmark.inject_effect import conceal
-from pamjax.benchmark.setups import known
-from pamjax.diagnosis.crossval.gain import held_out
-from pamjax.diagnosis.detect.locate import _direction, _middle
-from pamjax.diagnosis.detect.residual_test import leaves_more, leaves_much
+from pamjax.benchmark.inject_effect import inject_effects
+from pamjax.benchmark.setups import build_reference_setup
+from pamjax.diagnosis.crossval.gain import select_held_out_rows
+from pamjax.diagnosis.detect.locate import _compute_weighted_range, _find_direction
+from pamjax.diagnosis.detect.residual_test import is_residual_large, is_residual_significant
 from pamjax.diagnosis.detect.significance import Significance
-from pamjax.diagnosis.library.library_problem import problem
-from pamjax.diagnosis.result import save
+from pamjax.diagnosis.library.library_problem import build_library_problem
+from pamjax.diagnosis.result import save_diagnosis
 from pamjax.diagnosis.run import diagnose
 from pamjax.records.blocks import Blocks
 
 
 def test_a_box_holds_the_middle_of_the_weight():
     values = np.linspace(0, 1, 1001)
-    low, high = _middle(values, np.where((values > 0.2) & (values < 0.6), 1.0, 0.0))
+    low, high = _compute_weighted_range(values, np.where((values > 0.2) & (values < 0.6), 1.0, 0.0))
     assert (low, high) == (pytest.approx(0.22, abs=0.01), pytest.approx(0.58, abs=0.01))
 
 
@@ -30,13 +30,13 @@ def test_a_box_holds_the_middle_of_the_weight():
     [(1, 1, 0, "both"), (1, 0.1, 0, "shortening"), (0.1, 1, 0, "lengthening"), (1, 0, 5, "both")],
 )
 def test_a_direction_counts_from_fifteen_percent(short, long, still, word):
-    assert _direction(np.array([-1, 1, 0]), np.array([short, long, still], float)) == word
+    assert _find_direction(np.array([-1, 1, 0]), np.array([short, long, still], float)) == word
 
 
 @pytest.mark.parametrize(("many", "out"), [(1, 0), (2, 0), (3, 1), (4, 1), (6, 1), (10, 2)])
 def test_whole_blocks_inside_the_range_are_held_out(many, out):
     found = Blocks(np.repeat(np.arange(many), 7), tuple(f"b{k}" for k in range(many)), "isobars")
-    rows = held_out(found)
+    rows = select_held_out_rows(found)
     labels = set(found.label[rows].tolist())
     assert len(labels) == out
     assert not labels & {0, many - 1}
@@ -46,9 +46,9 @@ def test_whole_blocks_inside_the_range_are_held_out(many, out):
 @pytest.mark.slow
 def test_the_muscle_is_nowhere_else_between_its_two_passes():
     """What a program pads a recording with repeats the last sample: a settled muscle passes through it."""
-    envelope = conceal(0, np.random.default_rng(5))
-    found, last = problem(envelope.case), envelope.case.recording.n - 1
-    rows = found.member.rows
+    envelope = inject_effects(0, np.random.default_rng(5))
+    found, last = build_library_problem(envelope.case), envelope.case.recording.n - 1
+    rows = found.dataset.rows
     assert rows.pressure.size > last + 1
     for values in (rows.pressure, rows.length):
         assert np.all(values[last:] == values[last])
@@ -56,16 +56,16 @@ def test_the_muscle_is_nowhere_else_between_its_two_passes():
 
 @pytest.mark.parametrize(("square", "left"), [(1.05, False), (1.5, True)])
 def test_a_mismatch_below_the_rough_edges_of_forms_is_not_called_unknown(square, left):
-    faint = Significance(p_value=1e-9, largest=8.0, looked=100, square=square)
-    assert leaves_more(faint, faint) is left
+    faint = Significance(p_value=1e-9, largest_deviation=8.0, direction_count=100, mean_square=square)
+    assert is_residual_significant(faint, faint) is left
 
 
 @pytest.mark.parametrize("p_value", [0.1, 1e-9])
 def test_much_may_be_left_that_cannot_be_told_from_noise(p_value):
-    mismatch = Significance(p_value=1e-300, largest=50.0, looked=100, square=5.3)
-    rest = Significance(p_value=p_value, largest=4.0, looked=100, square=1.3)
-    assert leaves_much(mismatch, rest)
-    assert leaves_more(mismatch, rest) is (p_value < 0.01)
+    mismatch = Significance(p_value=1e-300, largest_deviation=50.0, direction_count=100, mean_square=5.3)
+    rest = Significance(p_value=p_value, largest_deviation=4.0, direction_count=100, mean_square=1.3)
+    assert is_residual_large(mismatch, rest)
+    assert is_residual_significant(mismatch, rest) is (p_value < 0.01)
 
 
 @cache
@@ -74,7 +74,7 @@ def verdict(kind):
     many = {"nothing": 0, "friction": 1}[kind]
     rng = np.random.default_rng({"nothing": 5, "friction": 0}[kind])
     only = "braid_friction" if many else None
-    envelope = conceal(many, rng, only=only, smallest=6.0, largest=6.0)
+    envelope = inject_effects(many, rng, only=only, smallest=6.0, largest=6.0)
     return envelope, diagnose(envelope.case)
 
 
@@ -82,20 +82,20 @@ def verdict(kind):
 def test_nothing_is_said_where_nothing_is():
     _, found = verdict("nothing")
     assert not found.detected
-    assert found.names == ()
+    assert found.named_mechanisms == ()
     assert not found.unexplained
 
 
 @pytest.mark.slow
 def test_concealed_friction_is_named_and_its_loop_gone(tmp_path):
     envelope, found = verdict("friction")
-    assert envelope.sizes[0] == pytest.approx(6.0, rel=0.2)
-    assert [name.id for name in found.names] == ["braid_friction"]
-    assert found.names[0].probability > 0.9
-    noise = known().entry.sensors.force
+    assert envelope.effect_sizes[0] == pytest.approx(6.0, rel=0.2)
+    assert [name.id for name in found.named_mechanisms] == ["braid_friction"]
+    assert found.named_mechanisms[0].probability > 0.9
+    noise = build_reference_setup().entry.sensors.force
     assert found.gain.rmse_before["force"] > 3 * noise
     assert found.gain.rmse_after["force"] < 1.4 * noise
-    save(found, tmp_path)
+    save_diagnosis(found, tmp_path)
     document = json.loads((tmp_path / "diagnosis.json").read_text())
     assert document["missing_physics"][0]["id"] == "braid_friction"
     rows = pd.read_csv(tmp_path / "prediction.csv")
@@ -107,11 +107,11 @@ def test_concealed_friction_is_named_and_its_loop_gone(tmp_path):
 
 @pytest.mark.slow
 def test_the_improved_model_is_read_again_and_shows_the_same(tmp_path):
-    from pamjax.diagnosis.validate import validate
+    from pamjax.diagnosis.validate import validate_model
     from pamjax.infer.fitting.load import load_muscle
 
     envelope, found = verdict("friction")
-    save(found, tmp_path)
+    save_diagnosis(found, tmp_path)
     document = json.loads((tmp_path / "model.json").read_text())
     name = envelope.case.name
     toml = '[muscle]\nrest_length = "235.7 mm"\nthread_length = "251.2 mm"\nturns = 1.09\n'
@@ -123,12 +123,12 @@ def test_the_improved_model_is_read_again_and_shows_the_same(tmp_path):
     assert (told["value"], told["sd"]) == pytest.approx((said.value, said.sd))
     place = document["correlation"]["names"].index("braid_friction.coefficient")
     assert document["correlation"]["matrix"][place][place] == 1.0
-    judged = validate(load_muscle(tmp_path / "model.json"), envelope.case)
-    assert judged.rmse["force"] < 1.3 * known().entry.sensors.force
-    assert not judged.outside
+    judged = validate_model(load_muscle(tmp_path / "model.json"), envelope.case)
+    assert judged.rmse["force"] < 1.3 * build_reference_setup().entry.sensors.force
+    assert not judged.extrapolations
 
 
 def test_the_plan_has_blocks_to_hold_out():
-    from pamjax.records.blocks import blocks
+    from pamjax.records.blocks import find_blocks
 
-    assert held_out(blocks(known().plan)).any()
+    assert select_held_out_rows(find_blocks(build_reference_setup().plan)).any()

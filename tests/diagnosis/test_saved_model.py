@@ -6,10 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.library.library_problem import COMPLIANCE
-from pamjax.diagnosis.saved_model import improved
+from pamjax.diagnosis.library.library_problem import COMPLIANCE_PARAMETER
+from pamjax.diagnosis.saved_model import build_model_document
 
-NAMES = ("muscle.turns", COMPLIANCE, "length_error.1", "length_error.2")
+NAMES = ("muscle.turns", COMPLIANCE_PARAMETER, "length_error.1", "length_error.2")
 VALUES = np.array([1.2, 1e-6, 4e-4, -7e-4])
 SD = np.array([0.01, 2e-7, 1e-4, 3e-4])
 
@@ -23,13 +23,13 @@ def refitted():
         name="rig", checksum="0", gaps="rest", before="vented", folder=Path("nowhere"), recording=recording
     )
     found = SimpleNamespace(case=case, names=NAMES, law="inelastic")
-    at = SimpleNamespace(moved=(0, 1, 2, 3), values=VALUES)
+    at = SimpleNamespace(free=(0, 1, 2, 3), values=VALUES)
     chosen = [SimpleNamespace(id="braid_elasticity")]
-    return found, SimpleNamespace(at=at, chosen=chosen, own_covariance=np.diag(SD**2))
+    return found, SimpleNamespace(estimate=at, mechanisms=chosen, within_model_covariance=np.diag(SD**2))
 
 
 def test_the_rulers_errors_are_kept_with_the_numbers_and_are_none_of_the_muscles():
-    kept = improved(*refitted())
+    kept = build_model_document(*refitted())
     told = kept["parameters"]["length_error.2"]
     assert (told["value"], told["sd"], told["unit"]) == (pytest.approx(-0.7), pytest.approx(0.3), "mm")
     assert kept["correlation"]["names"] == [
@@ -42,7 +42,7 @@ def test_the_rulers_errors_are_kept_with_the_numbers_and_are_none_of_the_muscles
 
 
 def test_threads_that_stretch_are_kept_as_stiff_with_the_same_relative_doubt():
-    kept = improved(*refitted())
+    kept = build_model_document(*refitted())
     stiffness = kept["parameters"]["thread.stiffness"]
     assert stiffness["sd"] / stiffness["value"] == pytest.approx(0.2)
     assert kept["cases"]["rig"]["muscle"]["law"] == "elastic"

@@ -10,13 +10,13 @@ import pytest
 from fits.comparison import compare, splits
 from pamjax.baselines.empirical import fit_gaylord
 from pamjax.errors import BadInput
-from pamjax.infer.fitting.cross_validation import without
+from pamjax.infer.fitting.cross_validation import exclude_rows
 from pamjax.infer.fitting.fit import fit
-from pamjax.infer.fitting.least_squares import solve
-from pamjax.infer.problem.dataset import read
+from pamjax.infer.fitting.least_squares import solve_least_squares
+from pamjax.infer.problem.dataset import predict_rows
 from pamjax.model.muscle import Muscle, predict
 from pamjax.records.case import Case
-from pamjax.records.reading.muscle_toml import entry_from
+from pamjax.records.reading.muscle_toml import parse_muscle_toml
 from pamjax.records.recording import Recording
 
 LENGTHS = np.array([0.180, 0.185, 0.190, 0.195, 0.200])
@@ -32,7 +32,7 @@ def simulated(extra=0.0, pressure=PRESSURE, length=LENGTH):
     """A bare braid's force with noise, on a rig whose ruler is right, plus whatever a wall adds."""
     truth = predict(Muscle(0.200, 0.2142, 1.203), jnp.asarray(pressure), jnp.asarray(length)).force
     noise = np.random.default_rng(3).normal(0, NOISE, pressure.size)
-    entry = entry_from(
+    entry = parse_muscle_toml(
         {
             "muscle": {
                 "rest_length": "200 mm",
@@ -93,11 +93,15 @@ def test_the_braid_is_told_nothing_of_a_held_out_length(bare):
     fitted, found = bare
     case = fitted.cases[0].case
     asked = np.isclose(LENGTH, 0.2) & (case.recording.force > found.threshold)
-    hidden = without(fitted.members[0], np.isclose(LENGTH, 0.2) | (case.recording.force < found.threshold))
-    values = fitted.space.named(solve((hidden,), fitted.space, jnp.zeros(fitted.space.size), "square").u)
+    hidden = exclude_rows(
+        fitted.datasets[0], np.isclose(LENGTH, 0.2) | (case.recording.force < found.threshold)
+    )
+    values = fitted.space.to_named_values(
+        solve_least_squares((hidden,), fitted.space, jnp.zeros(fitted.space.size), "square").u
+    )
     assert float(values["length_error.5"]) == pytest.approx(0.0, abs=1e-9)
     assert abs(float(values["length_error.3"])) > 1e-6
-    force = read(hidden, jnp.array(list(values.values()))).force[: asked.size]
+    force = predict_rows(hidden, jnp.array(list(values.values()))).force[: asked.size]
     by_hand = np.sqrt(np.mean((case.recording.force - np.asarray(force))[asked] ** 2))
     assert found.rmse(BRAID, REST) == pytest.approx(float(by_hand), rel=1e-4)
 

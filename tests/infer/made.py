@@ -9,8 +9,8 @@ import numpy as np
 from pamjax.model.assembly import assemble
 from pamjax.records.case import Case
 from pamjax.records.protocol import Protocol
-from pamjax.records.reading.muscle_toml import Entry, Sensors
-from pamjax.records.reading.quantity import Measured
+from pamjax.records.reading.muscle_toml import MuscleToml, Sensors
+from pamjax.records.reading.quantity import MeasuredValue
 from pamjax.records.simulate import simulate
 
 #: The muscle of the paper with softer threads and, for the laws that have one, a toe.
@@ -48,20 +48,20 @@ RAMPS = Protocol(
 def entry(off=(0.0, 0.0, 0.0), sensors=SENSORS, baseline="elastic", **more):
     """What the lab says: each measured number off by so many of its standard deviations."""
     length, turns, modulus = (
-        Measured(TRUE[n] + k * sd, sd) for (n, sd), k in zip(SD.items(), off, strict=True)
+        MeasuredValue(TRUE[n] + k * sd, sd) for (n, sd), k in zip(SD.items(), off, strict=True)
     )
     said = {
         "name": "made",
-        "rest_length": Measured(TRUE["muscle.rest_length"]),
+        "rest_length": MeasuredValue(TRUE["muscle.rest_length"]),
         "thread_length": length,
         "turns": turns,
         "threads": 144,
-        "thread_area": Measured(TRUE["muscle.thread_area"]),
+        "thread_area": MeasuredValue(TRUE["muscle.thread_area"]),
         "modulus": modulus,
         "sensors": sensors,
         "baseline": baseline,
     }
-    return Entry(**said | more)
+    return MuscleToml(**said | more)
 
 
 def made(
@@ -85,7 +85,7 @@ def made(
         true: numbers of the muscle that differ from `TRUE`.
     """
     numbers = {key: jnp.asarray(value) for key, value in (TRUE | (true or {})).items()}
-    schedule = plan.schedule(TRUE["muscle.rest_length"])
+    schedule = plan.build_schedule(TRUE["muscle.rest_length"])
     time = -1.0 / np.log(lag_one) if lag_one else 0.0
     recording = simulate(assemble(law, numbers), schedule, bench, seed=seed, correlation_time=time)
     for channel in {"force", "diameter"} - set(channels):

@@ -8,7 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from pamjax.model import braid
-from pamjax.model.balance import BURST, Status, solve_strain, stretch_linear, stretch_measured
+from pamjax.model.balance import BURST_LOAD_SHARE, Status, solve_strain, stretch_linear, stretch_measured
 from pamjax.model.thread import RecruitmentToe, SmoothToe
 from tests.agreement import BY_DIFFERENCE, ROUNDING, SOLVED, agree, difference
 
@@ -38,7 +38,7 @@ def share_of_burst(p, l, s):
 @given(pressures, lengths, stiffnesses)
 def test_closed_form_solves_the_cubic_with_its_own_force(p, l, s):
     x = share_of_burst(p, l, s)
-    assume(x < BURST)
+    assume(x < BURST_LOAD_SHARE)
     strain, status = linear(x * s, s)
     assert status == Status.OK
     b = B0 * (1 + float(strain))
@@ -57,7 +57,7 @@ def test_closed_form_solves_the_cubic_with_its_own_force(p, l, s):
 def test_closed_form_is_a_root_of_the_cubic_up_to_the_burst(x, l):
     p = x * 2 * np.pi * N**2 * S / (l * B0)
     strain, status = linear(x * S, S)
-    assert status == (Status.OK if x <= BURST else Status.UNSTABLE)
+    assert status == (Status.OK if x <= BURST_LOAD_SHARE else Status.UNSTABLE)
     assume(x < 0.97)
     b = B0 * (1 + float(strain))
     k = B0 / (l * S)
@@ -107,7 +107,7 @@ def by_newton(x):
     return solve_strain(lambda strain: law.load(strain) - x * S * (1 + strain), 2 * x / (1 - x))
 
 
-@given(st.floats(0, BURST))
+@given(st.floats(0, BURST_LOAD_SHARE))
 def test_newton_agrees_with_the_closed_form(x):
     agree(by_newton(x), linear(x * S, S)[0], SOLVED, scale=1e-6)
 
@@ -147,7 +147,7 @@ def toe_strain(log_stiffness, crimp, pull, law=LAW, steps=3):
     def residual(strain):
         return law.load(strain) - pull * (1 + strain)
 
-    return solve_strain(residual, jax.lax.stop_gradient(law.start(pull)) * 1.01, steps)
+    return solve_strain(residual, jax.lax.stop_gradient(law.initial_strain(pull)) * 1.01, steps)
 
 
 def unrolled(log_stiffness, crimp, pull):
@@ -157,7 +157,7 @@ def unrolled(log_stiffness, crimp, pull):
     def residual(strain):
         return law.load(strain) - pull * (1 + strain)
 
-    strain = jax.lax.stop_gradient(law.start(pull)) * 1.01
+    strain = jax.lax.stop_gradient(law.initial_strain(pull)) * 1.01
     for _ in range(3):
         strain = strain - residual(strain) / jax.grad(residual)(strain)
     return strain
@@ -268,7 +268,7 @@ def test_no_step_where_the_function_does_not_rise():
 
 
 def test_every_status_says_what_it_means():
-    assert {s.says for s in Status} == {
+    assert {s.message for s in Status} == {
         "solved",
         "no equilibrium: threads too soft for this pressure stretch without end",
         "no radius: the muscle is longer than its threads",

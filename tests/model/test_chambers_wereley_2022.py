@@ -12,7 +12,7 @@ from pamjax.model import braid
 from pamjax.model.balance import stretch_measured
 from pamjax.model.muscle import Muscle, predict
 from pamjax.model.thread import Inextensible, LinearThread
-from pamjax.records.shipped_tables import in_si, read_shipped
+from pamjax.records.shipped_tables import convert_to_si, read_shipped
 from tests.agreement import printed
 
 REST, B0, N, THREADS, AREA = 0.235744, 0.251206, 1.09, 144, 0.0858e-6
@@ -69,7 +69,7 @@ def test_angles_named_in_the_text():
 
 def test_table_1():
     """Thread length and angle from the printed diameters, by Eqs. 1 and 9."""
-    table = in_si(read_shipped("chambers_wereley_2022/table1"))
+    table = convert_to_si(read_shipped("chambers_wereley_2022/table1"))
     thread = np.asarray(braid.thread_from_diameter(REST, table["diameter"].to_numpy(), N))
     assert np.max(np.abs(thread - table["thread_length"])) < 0.06e-3
     angle = np.asarray(braid.angle(REST, thread))
@@ -79,7 +79,7 @@ def test_table_1():
 
 def test_the_printed_stretch_does_not_rest_on_the_ruler():
     """Its strains take the extrapolated thread at no pressure for B0, and not the measured 251.206 mm."""
-    table = in_si(read_shipped("chambers_wereley_2022/table1"))
+    table = convert_to_si(read_shipped("chambers_wereley_2022/table1"))
     longest, shortest = table["thread_length"].iloc[0], table["thread_length"].iloc[-1]
     printed(longest / shortest - 1, "0.0052")
     with pytest.raises(AssertionError):

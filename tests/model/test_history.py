@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pamjax.model.bench import Bench, record
-from pamjax.model.history import history
+from pamjax.model.bench import Bench, record_bench
+from pamjax.model.history import build_time_history
 from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
 from pamjax.model.mechanisms.braid_friction import BraidFriction
 from pamjax.model.mechanisms.mullins_softening import MullinsSoftening
@@ -18,7 +18,7 @@ from tests.agreement import ROUNDING, SOLVED, agree
 
 TIME = np.r_[np.cumsum(np.tile([0.4, 0.6, 0.5], 20)), 500 + 0.5 * np.arange(40)]
 STARTS = np.isin(np.arange(100), [0, 60])
-PAST = history(TIME, STARTS)
+PAST = build_time_history(TIME, STARTS)
 
 
 def test_the_rate_of_a_straight_line_is_its_slope_on_both_sides_of_a_gap():
@@ -28,18 +28,18 @@ def test_the_rate_of_a_straight_line_is_its_slope_on_both_sides_of_a_gap():
 
 def test_increments_reach_across_a_gap_unless_memory_begins_anew():
     agree(PAST.increments(jnp.asarray(TIME)), np.diff(TIME, prepend=TIME[0]), ROUNDING)
-    anew = history(TIME, STARTS, restart=True).increments(jnp.asarray(TIME))
+    anew = build_time_history(TIME, STARTS, restart=True).increments(jnp.asarray(TIME))
     assert anew[0] == anew[60] == 0
 
 
 def test_no_lag_changes_no_bit():
     values = jnp.asarray(np.random.default_rng(0).normal(size=100))
-    assert np.array_equal(PAST.late(values, jnp.asarray(0.0)), values)
+    assert np.array_equal(PAST.delay(values, jnp.asarray(0.0)), values)
 
 
 def test_a_straight_line_is_late_by_its_slope_times_the_lag():
     for lag in (0.3, -0.7, 1.9):
-        late = np.asarray(PAST.late(jnp.asarray(3 * TIME), jnp.asarray(lag)))
+        late = np.asarray(PAST.delay(jnp.asarray(3 * TIME), jnp.asarray(lag)))
         inside = np.r_[10:50, 70:95]
         agree(late[inside], 3 * (TIME - lag)[inside], 1e-11)
 
@@ -47,11 +47,11 @@ def test_a_straight_line_is_late_by_its_slope_times_the_lag():
 def test_a_lag_looks_into_no_other_run():
     values = np.where(TIME < 400, 1.0, 2.0)
     for lag in (5.0, -5.0, 1e3, -1e3):
-        agree(PAST.late(jnp.asarray(values), jnp.asarray(lag)), values, ROUNDING)
+        agree(PAST.delay(jnp.asarray(values), jnp.asarray(lag)), values, ROUNDING)
 
 
 def test_a_wave_is_late_to_a_thousandth():
-    late = PAST.late(jnp.asarray(np.sin(TIME / 3)), jnp.asarray(0.77))
+    late = PAST.delay(jnp.asarray(np.sin(TIME / 3)), jnp.asarray(0.77))
     inside = np.r_[10:50, 70:95]
     agree(np.asarray(late)[inside], np.sin((TIME - 0.77) / 3)[inside], 3e-3, 1.0)
 
@@ -60,7 +60,7 @@ def test_the_derivative_in_the_lag_is_minus_the_rate_and_continuous():
     values = jnp.asarray(np.random.default_rng(0).normal(size=100))
 
     def slope(lag):
-        return jax.jvp(lambda lag: PAST.late(values, lag), (jnp.asarray(lag),), (jnp.ones(()),))[1]
+        return jax.jvp(lambda lag: PAST.delay(values, lag), (jnp.asarray(lag),), (jnp.ones(()),))[1]
 
     inside = np.r_[2:58, 62:98]
     for lag in (1e-9, -1e-9):
@@ -68,20 +68,20 @@ def test_the_derivative_in_the_lag_is_minus_the_rate_and_continuous():
 
 
 def test_a_static_map_has_no_rate_and_no_lag():
-    still = history(None, np.arange(5) == 0)
+    still = build_time_history(None, np.arange(5) == 0)
     values = jnp.asarray([3.0, 1.0, 4.0, 1.0, 5.0])
     assert not np.any(still.rate(values))
     assert not np.any(still.increments(values))
-    assert np.array_equal(still.late(values, jnp.asarray(2.0)), values)
+    assert np.array_equal(still.delay(values, jnp.asarray(2.0)), values)
 
 
 def test_padding_changes_no_sample():
-    values, padded = np.sin(TIME), history(TIME, STARTS, size=128)
+    values, padded = np.sin(TIME), build_time_history(TIME, STARTS, size=128)
     long = jnp.asarray(np.r_[values, np.full(28, values[-1])])
     agree(padded.rate(long)[:100], PAST.rate(jnp.asarray(values)), ROUNDING, 1.0)
     lag = jnp.asarray(0.8)
-    agree(padded.late(long, lag)[:100], PAST.late(jnp.asarray(values), lag), ROUNDING, 1.0)
-    assert np.all(np.isfinite(padded.late(long, lag)))
+    agree(padded.delay(long, lag)[:100], PAST.delay(jnp.asarray(values), lag), ROUNDING, 1.0)
+    assert np.all(np.isfinite(padded.delay(long, lag)))
 
 
 @pytest.mark.slow
@@ -91,14 +91,14 @@ def test_a_settled_muscle_has_been_through_the_recording_once():
     bench = Bench(0.2512, 1.09, (*kinds, MullinsSoftening(5e4), ViscousDamping(1e3)))
     pressure, length = 3e5 + 1e5 * np.sin(TIME / 7), 0.22 - 0.02 * np.cos(TIME / 11)
     at = jnp.asarray(pressure), jnp.asarray(length)
-    settled = record(bench, *at, history(TIME, STARTS, settled=True)).force
+    settled = record_bench(bench, *at, build_time_history(TIME, STARTS, settled=True)).force
     time = np.r_[TIME - np.ptp(TIME), TIME]
-    twice = history(time, np.r_[STARTS, STARTS])
-    agree(settled, record(bench, *(jnp.r_[x, x] for x in at), twice).force[100:], SOLVED, 100.0)
-    assert np.max(np.abs(settled - record(bench, *at, PAST).force)) > 5.0
+    twice = build_time_history(time, np.r_[STARTS, STARTS])
+    agree(settled, record_bench(bench, *(jnp.r_[x, x] for x in at), twice).force[100:], SOLVED, 100.0)
+    assert np.max(np.abs(settled - record_bench(bench, *at, PAST).force)) > 5.0
     padded = jnp.r_[at[0], jnp.full(28, at[0][-1])], jnp.r_[at[1], jnp.full(28, at[1][-1])]
-    long = history(TIME, STARTS, settled=True, size=128)
-    agree(record(bench, *padded, long).force[:100], settled, SOLVED, 100.0)
+    long = build_time_history(TIME, STARTS, settled=True, size=128)
+    agree(record_bench(bench, *padded, long).force[:100], settled, SOLVED, 100.0)
 
 
 @pytest.mark.slow
@@ -114,7 +114,7 @@ def test_padding_that_is_not_worked_out_changes_no_sample(settled):
     def force(coefficient, padding):
         n = size if not padding else rows
         kinds = BraidElasticity(1e-6), BraidFriction(coefficient, 3.0), ViscoelasticCreep(5e4)
-        past = history(time, first, settled=settled, size=n, padding=padding)
+        past = build_time_history(time, first, settled=settled, size=n, padding=padding)
         return Bench(0.2512, 1.09, kinds)(pressure[:n], length[:n], past).force
 
     def both(padding):
@@ -129,13 +129,13 @@ def test_padding_that_is_not_worked_out_changes_no_sample(settled):
 
 def test_where_nothing_lasts_once_through_the_recording_is_enough():
     time = np.arange(60.0)
-    past = history(time, time == 0)
+    past = build_time_history(time, time == 0)
     pressure, length = jnp.asarray(3e5 + 1e5 * np.sin(time / 7)), jnp.asarray(0.22 - 0.02 * np.cos(time / 11))
 
     @jax.jit
     def force(coefficient, lasting):
         kinds = BraidElasticity(1e-6), BraidFriction(coefficient, 15 * coefficient)
-        known = eqx.tree_at(lambda h: h.lasting, past, lasting, is_leaf=lambda x: x is None)
+        known = eqx.tree_at(lambda h: h.has_memory, past, lasting, is_leaf=lambda x: x is None)
         return Bench(0.2512, 1.09, kinds)(pressure, length, known).force
 
     once, twice = jnp.asarray(False), jnp.asarray(True)
@@ -148,7 +148,7 @@ def test_where_nothing_lasts_once_through_the_recording_is_enough():
 
 def test_a_static_map_settles_nothing():
     for size in (5, 8):
-        twice = history(None, np.ones(5, bool), settled=True, size=size).twice()
+        twice = build_time_history(None, np.ones(5, bool), settled=True, size=size).repeat()
         assert np.all(twice.restart)
 
 
@@ -156,7 +156,9 @@ def strokes(corner):
     """Rates where a corner lies at a share of the way from sample 20 to 21, and another channel is noise."""
     time, noise = np.arange(41.0), np.random.default_rng(3).normal(size=(2, 41))
     way = -np.abs(time - 20 - corner)
-    past = history(time, time == 0, turning=np.stack([way + 0.02 * noise[0], 1e3 * noise[1]]))
+    past = build_time_history(
+        time, time == 0, stroke_channels=np.stack([way + 0.02 * noise[0], 1e3 * noise[1]])
+    )
     return np.asarray(past.rate(jnp.asarray(way)))
 
 
@@ -175,5 +177,5 @@ def test_a_sample_at_a_corner_is_at_rest():
 
 def test_without_what_turns_a_rate_is_that_of_five_samples():
     time = np.arange(41.0)
-    rate = history(time, time == 0).rate(jnp.asarray(-np.abs(time - 20.5)))
+    rate = build_time_history(time, time == 0).rate(jnp.asarray(-np.abs(time - 20.5)))
     assert abs(float(rate[20])) < 0.5

@@ -16,10 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pamjax.model.history import history
+from pamjax.model.history import build_time_history
 from pamjax.model.muscle import Muscle, predict
 from pamjax.model.thread import RecruitmentToe
-from pamjax.parameter import replace, values
+from pamjax.parameter import list_values, replace_values
 from tests.agreement import ROUNDING, agree
 from tests.model.mechanisms.typical import AREA, LENGTH, PRESSURE, THREAD, TURNS, full
 
@@ -127,11 +127,11 @@ LOOPS = {
 @cache
 def program():
     model = full()
-    names, start = list(values(model)), {k: float(v) for k, v in values(model).items()} | MUSCLE
+    names, start = list(list_values(model)), {k: float(v) for k, v in list_values(model).items()} | MUSCLE
 
     @jax.jit
     def shown(x, pressure, length, past):
-        seen = replace(model, dict(zip(names, x, strict=True)))(pressure, length, past)
+        seen = replace_values(model, dict(zip(names, x, strict=True)))(pressure, length, past)
         return jnp.stack([seen.force, seen.diameter])
 
     def run(numbers, pressure, length, time):
@@ -139,7 +139,7 @@ def program():
         x = np.array(list((start | numbers).values()))
         filled = np.r_[length, np.full(ROWS - n, length[-1])]
         return np.asarray(
-            shown(x, np.full(ROWS, pressure), filled, history(time, first, size=ROWS))
+            shown(x, np.full(ROWS, pressure), filled, build_time_history(time, first, size=ROWS))
         )[:, :n]  # fmt: skip
 
     return run

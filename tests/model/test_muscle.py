@@ -14,11 +14,11 @@ from jaxtyping import Array
 
 from pamjax.errors import BadInput
 from pamjax.model import braid
-from pamjax.model.balance import BURST, Status
-from pamjax.model.muscle import BLOCK, Muscle, contraction, predict
+from pamjax.model.balance import BURST_LOAD_SHARE, Status
+from pamjax.model.muscle import CACHE_BLOCK_STATES, Muscle, contraction, predict
 from pamjax.model.state import AbstractTerm, State
 from pamjax.model.thread import ExponentialToe, Inextensible, LinearThread, RecruitmentToe, SmoothToe
-from pamjax.parameter import Scalar, meanings, parameter, replace, values
+from pamjax.parameter import Scalar, list_meanings, list_values, parameter, replace_values
 from tests.agreement import BY_DIFFERENCE, ROUNDING, SOLVED, agree, difference
 
 L0, B0, N = 0.235744, 0.251206, 1.09
@@ -194,12 +194,12 @@ def test_derivatives_against_differences(muscle):
     agree(
         by_length, difference(lambda k: shows(muscle, P, k * L), 1.0, 5e-4) / L, BY_DIFFERENCE, scale=size / L
     )
-    names = list(values(muscle))
+    names = list(list_values(muscle))
     # The rest length only says where contraction is zero; a reading does not know it.
     assert len(names) == len(by_number)
     for name, slope in zip(names, by_number, strict=True):
-        at = float(values(muscle)[name])
-        want = difference(lambda v: shows(replace(muscle, {name: v}), P, L), at, 5e-4 * at)  # noqa: B023
+        at = float(list_values(muscle)[name])
+        want = difference(lambda v: shows(replace_values(muscle, {name: v}), P, L), at, 5e-4 * at)  # noqa: B023
         agree(slope, want, BY_DIFFERENCE, scale=size / at)
 
 
@@ -224,7 +224,7 @@ def test_plain_and_jit_and_vmap_agree(muscle):
 def muscle_with(name, share):
     """A muscle whose threads are at `share` of their burst at rest length and 1 MPa."""
     softer = float(braid.hoop_pull(1e6, L0, B0, N)) / share
-    return replace(MUSCLES[name], {"thread.stiffness": softer})
+    return replace_values(MUSCLES[name], {"thread.stiffness": softer})
 
 
 @pytest.mark.parametrize("name", list(LAWS)[1:])
@@ -241,9 +241,9 @@ def test_never_nan(name, p, l, share):
     assert all(np.all(np.isfinite(v)) for v in slopes(muscle, *at))
     thread_is_short = bool(l >= r.thread[0])
     at_rest = float(braid.hoop_pull(p, l, B0, N))
-    if at_rest > BURST * float(muscle.thread.stiffness) * (1 + ROUNDING):
+    if at_rest > BURST_LOAD_SHARE * float(muscle.thread.stiffness) * (1 + ROUNDING):
         assert r.status[0] == Status.UNSTABLE
-    elif at_rest < BURST * float(muscle.thread.stiffness) * (1 - ROUNDING):
+    elif at_rest < BURST_LOAD_SHARE * float(muscle.thread.stiffness) * (1 - ROUNDING):
         assert r.status[0] == (Status.STRAIGHT if thread_is_short else Status.OK)
     assert r.strain[0] >= -1e-12
 
@@ -296,10 +296,10 @@ def test_at_no_pressure_the_diameter_rises_with_pressure(muscle):
 
 def test_each_number_has_a_meaning():
     for muscle in MUSCLES.values():
-        for name, meaning in meanings(muscle).items():
+        for name, meaning in list_meanings(muscle).items():
             assert meaning.about, name
             assert meaning.source, name
-            assert meaning.low < float(values(muscle)[name]) < meaning.high, name
+            assert meaning.low < float(list_values(muscle)[name]) < meaning.high, name
 
 
 def test_one_pressure_stands_for_all_lengths_and_lists_are_as_long_as_each_other():
@@ -313,7 +313,7 @@ def test_one_pressure_stands_for_all_lengths_and_lists_are_as_long_as_each_other
 
 
 def test_many_states_go_in_blocks_and_come_out_the_same():
-    muscle, states = MUSCLES["elastic"], 4 * BLOCK + 5
+    muscle, states = MUSCLES["elastic"], 4 * CACHE_BLOCK_STATES + 5
     p, l = np.linspace(0, 1e6, states), np.linspace(0.15, 0.2357, states)
     for got, want in zip(*map(jax.tree.leaves, (predict(muscle, p, l), readings(muscle, p, l))), strict=True):
         agree(got, want, ROUNDING, scale=1e-3)

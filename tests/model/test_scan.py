@@ -8,7 +8,11 @@ import pytest
 from pamjax.model import scan
 from tests.agreement import BY_DIFFERENCE, ROUNDING, SOLVED, agree
 
-running_max, relax, stops = jax.jit(scan.running_max), jax.jit(scan.relax), jax.jit(scan.stops)
+running_max, relax, stops = (
+    jax.jit(scan.running_max),
+    jax.jit(scan.relax_states),
+    jax.jit(scan.apply_stop_operator),
+)
 
 
 def given(n, k=2):

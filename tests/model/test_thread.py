@@ -22,7 +22,7 @@ from pamjax.model.thread import (
     RecruitmentToe,
     SmoothToe,
 )
-from pamjax.parameter import Scalar, field_meanings, meanings, replace, values
+from pamjax.parameter import Scalar, list_field_meanings, list_meanings, list_values, replace_values
 from tests.agreement import BY_DIFFERENCE, ROUNDING, SOLVED, agree, difference
 
 S = 1e6
@@ -88,12 +88,12 @@ def load_is_the_slope_of_energy(law):
 def gradient_in_each_number(law):
     @eqx.filter_jit
     def both(numbers):
-        changed = replace(law, numbers)
+        changed = replace_values(law, numbers)
         return jnp.stack([jax.vmap(changed.load)(STRAINS), jax.vmap(changed.energy)(STRAINS)])
 
-    slopes = eqx.filter_jit(jax.jacfwd(both))({k: jnp.asarray(v) for k, v in values(law).items()})
-    for name, meaning in meanings(law).items():
-        at = float(values(law)[name])
+    slopes = eqx.filter_jit(jax.jacfwd(both))({k: jnp.asarray(v) for k, v in list_values(law).items()})
+    for name, meaning in list_meanings(law).items():
+        at = float(list_values(law)[name])
         want = difference(lambda v: both({name: v}), at, 2e-4 * at)  # noqa: B023
         # An energy is a difference of areas up to the corner: its digits end there.
         size = np.stack([STRAINS, np.maximum(STRAINS**2, 1e-5)])
@@ -142,7 +142,7 @@ def test_the_battery_rejects_a_wrong_law(check):
 class WrongSlope(Softening):
     """A wrong law: its derivative in the stiffness is not that of its load."""
 
-    stiffness: Scalar = thread._stiffness()
+    stiffness: Scalar = thread._declare_stiffness()
 
     def load(self, strain: Scalar) -> Array:
         return jax.lax.stop_gradient(self.stiffness) * strain
@@ -165,8 +165,8 @@ def test_neutral_value_is_the_linear_law(law):
 
 def test_neutral_values_are_the_declared_ones():
     for law in NEUTRAL:
-        neutral = {k: m.neutral for k, m in meanings(law).items() if m.neutral is not None}
-        assert neutral == {k: float(values(law)[k]) for k in neutral}
+        neutral = {k: m.neutral for k, m in list_meanings(law).items() if m.neutral is not None}
+        assert neutral == {k: float(list_values(law)[k]) for k in neutral}
         assert neutral
 
 
@@ -179,7 +179,7 @@ def test_recruitment_becomes_linear_without_slack():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_each_number_has_a_source_and_a_meaning(kind):
-    for name, meaning in field_meanings(kind).items():
+    for name, meaning in list_field_meanings(kind).items():
         assert meaning.about, name
         assert meaning.source, name
         assert meaning.low < meaning.high, name
@@ -192,7 +192,7 @@ def test_each_number_has_a_source_and_a_meaning(kind):
 def laws(draw, kind):
     """A law with every number somewhere in its declared range, its ends included."""
     numbers = {}
-    for name, m in field_meanings(kind).items():
+    for name, m in list_field_meanings(kind).items():
         share = draw(st.sampled_from([0.0, 1.0]) | st.integers(0, 1000).map(lambda i: i / 1000))
         if m.scale == "log":
             numbers[name] = float(np.exp(np.log(m.low) + share * np.log(m.high / m.low)))
@@ -230,7 +230,7 @@ def balanced(law, share):
     def residual(strain):
         return law.load(strain) - pull * (1 + strain)
 
-    strain = solve_strain(residual, law.start(pull), law.steps)
+    strain = solve_strain(residual, law.initial_strain(pull), law.newton_steps)
     return strain, residual(strain) / law.stiffness
 
 
@@ -252,7 +252,8 @@ def test_one_step_less_would_not_do():
             return law.load(strain) - pull * (1 + strain)
 
         left = [
-            abs(float(residual(solve_strain(residual, law.start(pull), n)))) / pull for n in (1, law.steps)
+            abs(float(residual(solve_strain(residual, law.initial_strain(pull), n)))) / pull
+            for n in (1, law.newton_steps)
         ]
         assert left[0] > SOLVED > left[1]
 

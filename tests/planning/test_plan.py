@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 
 from pamjax.errors import BadInput
-from pamjax.infer.problem.priors import stated
+from pamjax.infer.problem.priors import collect_stated_values
 from pamjax.model.assembly import assemble
 from pamjax.model.muscle import predict
-from pamjax.planning.bench import Means, means_of
-from pamjax.planning.information import knowledge, map_case
-from pamjax.planning.plan import plan, sd_after
-from pamjax.planning.report import isobars_words
-from pamjax.planning.runs import runs
+from pamjax.planning.bench import RigCapabilities, read_capabilities
+from pamjax.planning.information import build_map_case, build_prior_information
+from pamjax.planning.plan import compute_sd_course, plan
+from pamjax.planning.report import format_isobars
+from pamjax.planning.runs import list_runs
 from pamjax.records.case import Case
-from pamjax.records.reading.muscle_toml import Sensors, read_entry
+from pamjax.records.reading.muscle_toml import Sensors, read_muscle_toml
 from pamjax.records.recording import Recording
-from pamjax.view.figures.plan import Course, command_figure, known_figure
-from pamjax.view.reports.plan import answer, headline
+from pamjax.view.figures.plan import PrecisionCourse, plot_commands, plot_precision
+from pamjax.view.reports.plan import format_answer, format_headline
 from tests.agreement import ROUNDING, SOLVED, agree, difference
 from tests.benchmarks.plan import report, rms, shown, trial
 
@@ -30,27 +30,29 @@ KEVLAR = Path(__file__).parents[2] / "fits" / "chambers_wereley_2022" / "muscle.
 
 @pytest.fixture(scope="module")
 def entry():
-    return read_entry(KEVLAR.read_bytes())
+    return read_muscle_toml(KEVLAR.read_bytes())
 
 
 def test_information_is_that_of_differences_through_the_whole_rig(entry):
-    known = knowledge(entry, Means(pressure=690e3, gauge=0.0, ruler=0.0))
+    known = build_prior_information(entry, RigCapabilities(pressure=690e3, gauge=0.0, ruler=0.0))
     pressure, length = np.array([200e3, 400e3, 690e3]), np.array([0.2357, 0.21, 0.19])
     values, label = known.mean.copy(), np.zeros(3, int)
-    rig = [k for k in range(values.size) if k not in known.own]
+    rig = [k for k in range(values.size) if k not in known.muscle_indices]
     values[rig] = 0.0  # where the plan's derivatives are taken
-    got = known.information(map_case(entry, pressure, length), label, 1, values)[0]
+    got = known.compute_information(build_map_case(entry, pressure, length), label, 1, values)[0]
     fixed = {"muscle.rest_length": 0.2357, "muscle.threads": 144.0, "muscle.thread_area": 0.0858e-6}
 
     def show(k):
         def at(step):
             moved = jnp.asarray(values).at[k].add(step * known.scale[k])
-            return shown("elastic", known.at.names, fixed, moved, jnp.asarray(pressure), jnp.asarray(length))
+            return shown(
+                "elastic", known.space.names, fixed, moved, jnp.asarray(pressure), jnp.asarray(length)
+            )
 
         return difference(at, 0.0, 1e-3)
 
     slopes = np.stack([show(k) for k in range(values.size)])
-    weight = 1 / np.array([known.means.force, known.means.diameter]) ** 2
+    weight = 1 / np.array([known.capabilities.force, known.capabilities.diameter]) ** 2
     want = np.einsum("icn,jcn,c->ij", slopes, slopes, weight)
     root = np.sqrt(np.diag(want))
     agree(got / np.outer(root, root), want / np.outer(root, root), 1e-5, scale=1.0)
@@ -64,17 +66,17 @@ def by_ruler(entry):
 
 
 def test_an_error_of_a_set_length_is_noise_that_all_samples_there_share(by_ruler):
-    means = means_of(by_ruler, pressure="690 kPa")
+    means = read_capabilities(by_ruler, pressure="690 kPa")
     assert (means.setting, means.ruler) == (1e-3, 0.0)
-    known = knowledge(by_ruler, replace(means, gauge=0.0))
+    known = build_prior_information(by_ruler, replace(means, gauge=0.0))
     pressure, length = np.array([200e3, 400e3, 690e3]), np.array([0.2357, 0.2357, 0.19])
-    setting, label, shared = np.array([0, 0, 3]), np.zeros(3, int), len(known.free) - 5
-    values = np.where(np.arange(known.mean.size) < len(known.own), known.mean, 0.0)
-    told = known.information(map_case(by_ruler, pressure, length), label, 1, values, setting)[0]
+    setting, label, shared = np.array([0, 0, 3]), np.zeros(3, int), len(known.free_parameters) - 5
+    values = np.where(np.arange(known.mean.size) < len(known.muscle_indices), known.mean, 0.0)
+    told = known.compute_information(build_map_case(by_ruler, pressure, length), label, 1, values, setting)[0]
     rulers = told[shared:, shared:] + np.eye(5)
     got = told[:shared, :shared] - told[:shared, shared:] @ np.linalg.solve(rulers, told[shared:, :shared])
     fixed = {"muscle.rest_length": 0.2357, "muscle.threads": 144.0, "muscle.thread_area": 0.0858e-6}
-    at = "elastic", known.at.names[:shared], fixed
+    at = "elastic", known.space.names[:shared], fixed
     start, p, x = (jnp.asarray(v) for v in (values[:shared], pressure, length))
 
     def show(k):
@@ -93,21 +95,21 @@ def test_an_error_of_a_set_length_is_noise_that_all_samples_there_share(by_ruler
 
 @pytest.mark.parametrize("goal", [None, "muscle.turns", "all"])
 def test_lengths_that_are_set_by_ruler_are_planned(by_ruler, goal):
-    found = plan(by_ruler, means_of(by_ruler, pressure="690 kPa"), goal, minutes=20.0)
+    found = plan(by_ruler, read_capabilities(by_ruler, pressure="690 kPa"), goal, minutes=20.0)
     assert "length_error.each 1 mm" in str(found)
     assert found.as_dict()["assumed"]["length_error.each"] == 1e-3
-    assert not any("length_error" in name for name in found.settled)
+    assert not any("length_error" in name for name in found.expected_sds)
 
 
 def test_a_rig_that_states_its_ruler_has_noise_a_sample_instead(by_ruler):
-    once, each = (means_of(by_ruler, ruler=ruler) for ruler in (None, "0.1 mm"))
+    once, each = (read_capabilities(by_ruler, ruler=ruler) for ruler in (None, "0.1 mm"))
     assert (once.setting, once.ruler) == (1e-3, 0.0)
     assert (each.setting, each.ruler) == (0.0, pytest.approx(1e-4))
 
 
 def test_a_recording_whose_lengths_were_set_by_ruler_counts(by_ruler):
     pressure, length = np.tile(np.linspace(1e5, 6e5, 20), 3), np.repeat([0.2357, 0.22, 0.2], 20)
-    numbers = {n: m.value for n, m in stated(by_ruler, "elastic").items()}
+    numbers = {n: m.value for n, m in collect_stated_values(by_ruler, "elastic").items()}
     error = np.repeat([1e-3, -1e-3, 5e-4], 20)
     got = predict(assemble("elastic", numbers), jnp.asarray(pressure), jnp.asarray(length + error))
     recording = Recording.from_arrays(
@@ -115,29 +117,31 @@ def test_a_recording_whose_lengths_were_set_by_ruler_counts(by_ruler):
     )
     found = plan(Case("made", Path(), by_ruler, recording, ""), to="30 GPa", minutes=20.0)
     # What its lengths are off by explains the recording; without that it would be missed.
-    assert max(found.known.missed.values()) < 1.5
-    assert found.settled["thread.modulus"].before < 20e9
-    k = found.known.own[-1]
-    information = found.known.before
+    assert max(found.prior.misfit_ratios.values()) < 1.5
+    assert found.expected_sds["thread.modulus"].sd_before < 20e9
+    k = found.prior.muscle_indices[-1]
+    information = found.prior.matrix
     assert np.all(np.linalg.eigvalsh(information) > 0)
     assert information[k, k] > 0
 
 
 def test_direct_readings_and_repeats_add_up(entry):
-    known = knowledge(entry, Means(pressure=690e3))
-    offered = runs(known.means, 0.2357)
-    each = known.of_runs(offered, known.mean)
-    vent = next(k for k, run in enumerate(offered) if "vented" in run.says)
-    k = known.place("force_offset.offset")
-    agree(each[vent, k, k], (known.scale[k] / offered[vent].direct["force_offset.offset"]) ** 2, 1e-12)
+    known = build_prior_information(entry, RigCapabilities(pressure=690e3))
+    offered = list_runs(known.capabilities, 0.2357)
+    each = known.compute_run_information(offered, known.mean)
+    vent = next(k for k, run in enumerate(offered) if "vented" in run.description)
+    k = known.find_index("force_offset.offset")
+    agree(each[vent, k, k], (known.scale[k] / offered[vent].direct_sds["force_offset.offset"]) ** 2, 1e-12)
     assert np.count_nonzero(each[vent]) == 2
     assert np.all(np.linalg.eigvalsh(each) > -1e-6 * np.abs(each).max())
 
 
 def test_a_fast_rig_tells_as_much_more_as_it_samples(entry):
-    means = Means(pressure=690e3)
-    slow, fast = (knowledge(entry, replace(means, rate=rate)) for rate in (1.0, 50.0))
-    told = [one.of_runs(runs(one.means, 0.2357)[:6], one.mean) for one in (slow, fast)]
+    means = RigCapabilities(pressure=690e3)
+    slow, fast = (build_prior_information(entry, replace(means, rate=rate)) for rate in (1.0, 50.0))
+    told = [
+        one.compute_run_information(list_runs(one.capabilities, 0.2357)[:6], one.mean) for one in (slow, fast)
+    ]
     root = np.sqrt(np.einsum("rii->ri", told[0]) + 1e-300)
     unit = root[:, :, None] * root[:, None, :]
     # Of 7,000 samples two hundred are looked at: the path between them is straight.
@@ -145,14 +149,14 @@ def test_a_fast_rig_tells_as_much_more_as_it_samples(entry):
 
 
 def test_diameter_tells_the_threads_modulus_and_force_alone_does_not(entry):
-    found = plan(entry, means_of(entry, pressure="690 kPa", minutes=60))
+    found = plan(entry, read_capabilities(entry, pressure="690 kPa", minutes=60))
     assert found.goal == "thread.modulus"
-    assert found.reached
+    assert found.reaches_goal
     assert found.minutes < 30
-    force, diameter = found.alone["force"], found.alone["diameter"]
-    assert diameter[0] <= found.wanted
+    force, diameter = found.single_channel["force"], found.single_channel["diameter"]
+    assert diameter[0] <= found.target_sd
     assert force[1] > 1.5 * diameter[1]
-    assert found.isobars > found.sd
+    assert found.isobars_sd > found.sd
     note = str(found)
     assert "force alone" in note
     assert "thread.modulus to ±" in note
@@ -165,9 +169,12 @@ def test_a_recordings_zeros_stay_unknown_where_its_channel_is_there_no_more(entr
         pressure=np.array([4e5, 5e5]), length=np.array([0.2357, 0.21]), force=force, diameter=diameter
     )
     case = Case("made", Path(), entry, recording, "")
-    both, alone = (knowledge(entry, means, case=case) for means in (Means(), Means().alone("force")))
-    assert both.at.names == alone.at.names
-    agree(alone.before, both.before, ROUNDING, scale=1.0)
+    both, alone = (
+        build_prior_information(entry, means, case=case)
+        for means in (RigCapabilities(), RigCapabilities().keep_channel("force"))
+    )
+    assert both.space.names == alone.space.names
+    agree(alone.matrix, both.matrix, ROUNDING, scale=1.0)
 
 
 @pytest.fixture(scope="module")
@@ -175,7 +182,7 @@ def stroke(entry):
     """A stroke that the paper's muscle shows without noise."""
     pressure, length = np.full(60, 5e5), np.linspace(0.2357, 0.2, 60)
     shown = predict(
-        assemble("elastic", {n: m.value for n, m in stated(entry, "elastic").items()}),
+        assemble("elastic", {n: m.value for n, m in collect_stated_values(entry, "elastic").items()}),
         jnp.asarray(pressure),
         jnp.asarray(length),
     )
@@ -202,16 +209,16 @@ def test_what_a_recording_is_missed_by_is_told_and_counts_as_noise(entry, stroke
     assert " ± " in promised
     assert " ± " not in first
     assert "to about " in first
-    assert headline(missed) == "Diagnose first: the muscle misses its recording"
-    assert not any(" ± " in words for words in answer(missed))
-    assert missed.known.missed["force"] > 5 > 1.5 > met.known.missed["force"]
-    k = met.known.place("force_offset.offset")
-    learned = [found.known.before[k, k] - 1 for found in (met, missed)]
-    assert 0 < learned[1] < 1.05 * learned[0] / missed.known.missed["force"] ** 2
+    assert format_headline(missed) == "Diagnose first: the muscle misses its recording"
+    assert not any(" ± " in words for words in format_answer(missed))
+    assert missed.prior.misfit_ratios["force"] > 5 > 1.5 > met.prior.misfit_ratios["force"]
+    k = met.prior.find_index("force_offset.offset")
+    learned = [found.prior.matrix[k, k] - 1 for found in (met, missed)]
+    assert 0 < learned[1] < 1.05 * learned[0] / missed.prior.misfit_ratios["force"] ** 2
     # The next runs are missed alike.
-    run = runs(met.known.means, 0.2357)[:1]
-    told = [found.known.of_runs(run, met.known.mean)[0] for found in (met, missed)]
-    again = missed.known.missed["force"] / max(met.known.missed["force"], 1.0)
+    run = list_runs(met.prior.capabilities, 0.2357)[:1]
+    told = [found.prior.compute_run_information(run, met.prior.mean)[0] for found in (met, missed)]
+    again = missed.prior.misfit_ratios["force"] / max(met.prior.misfit_ratios["force"], 1.0)
     agree(told[0][k, k], told[1][k, k] * again**2, SOLVED)
 
 
@@ -219,28 +226,30 @@ def test_a_muscle_is_asked_for_no_more_pressure_than_it_had(entry, stroke, tmp_p
     case = recorded(entry, stroke, 0.0)
     assert plan(case, minutes=10.0).schedule()["pressure [kPa]"].max() <= 500 + 1e-6
     (tmp_path / "rig.toml").write_text('[rig]\npressure = "6 bar"\n')
-    assert plan(case, tmp_path / "rig.toml", minutes=10.0).known.means.pressure == pytest.approx(6e5)
+    assert plan(case, tmp_path / "rig.toml", minutes=10.0).prior.capabilities.pressure == pytest.approx(6e5)
 
 
 @pytest.mark.parametrize("minutes", [2.5, 19.0])
 def test_minutes_are_told_alike_everywhere(entry, minutes):
     """Two and a half minutes are not two in one line and two and a half in the next."""
-    found = plan(entry, Means(), to="30 GPa")
-    ramp = next(run for run in runs(found.known.means, 0.2357) if "ramp" in run.says)
+    found = plan(entry, RigCapabilities(), to="30 GPa")
+    ramp = next(run for run in list_runs(found.prior.capabilities, 0.2357) if "ramp" in run.description)
     alone = {"force": (5e9, minutes)}
-    one = replace(found, chosen=((1, replace(ramp, minutes=minutes)),), minutes=minutes, alone=alone)
-    course = Course("thread.modulus", "GPa", np.array([0.0, minutes]), np.array([20.0, 5.0]))
-    figure = known_figure(one, course)
-    for text in (str(one), headline(one), answer(one)[0], figure.axes[0].get_title("left")):
+    one = replace(
+        found, chosen_runs=((1, replace(ramp, minutes=minutes)),), minutes=minutes, single_channel=alone
+    )
+    course = PrecisionCourse("thread.modulus", "GPa", np.array([0.0, minutes]), np.array([20.0, 5.0]))
+    figure = plot_precision(one, course)
+    for text in (str(one), format_headline(one), format_answer(one)[0], figure.axes[0].get_title("left")):
         assert f"{minutes:g} min" in text
         assert not set(re.findall(r"([\d.]+) min\b", text)) - {f"{minutes:g}"}
 
 
 def test_a_plan_s_title_stays_on_a_phone(entry, stroke):
     found = plan(recorded(entry, stroke, 40.0 * np.sin(np.linspace(0, 4 * np.pi, 60))), to="30 GPa")
-    wrong = replace(found, known=replace(found.known, missed={"force": 9.0}))
-    course = Course("thread.modulus", "GPa", np.array([0.0, 2.5]), np.array([20.0, 5.0]))
-    figure = known_figure(wrong, course, narrow=True)
+    wrong = replace(found, prior=replace(found.prior, misfit_ratios={"force": 9.0}))
+    course = PrecisionCourse("thread.modulus", "GPa", np.array([0.0, 2.5]), np.array([20.0, 5.0]))
+    figure = plot_precision(wrong, course, narrow=True)
     figure.draw_without_rendering()
     title = figure.axes[0]._left_title
     assert " ".join(title.get_text().split()).endswith("were the muscle right")
@@ -248,25 +257,25 @@ def test_a_plan_s_title_stays_on_a_phone(entry, stroke):
 
 
 def test_isobars_that_promise_more_are_told_so(entry):
-    found = plan(entry, Means(), to="30 GPa")
-    after = found.settled["thread.modulus"].after
-    better, worse = (isobars_words(replace(found, isobars=share * after)) for share in (0.9, 1.1))
+    found = plan(entry, RigCapabilities(), to="30 GPa")
+    after = found.expected_sds["thread.modulus"].sd_after
+    better, worse = (format_isobars(replace(found, isobars_sd=share * after)) for share in (0.9, 1.1))
     assert "less than the ± 20 GPa of this plan, which is the shortest found" in better
     assert "times as much" not in better
     assert worse.endswith("at ± 22 GPa, 1.1 times as much")
 
 
 def test_what_is_known_already_needs_no_run(entry):
-    found = plan(entry, Means(), to="30 GPa")
-    assert (found.chosen, found.minutes, found.rows) == ((), 0.0, 0)
+    found = plan(entry, RigCapabilities(), to="30 GPa")
+    assert (found.chosen_runs, found.minutes, found.rows) == ((), 0.0, 0)
     assert "nothing is to be measured: thread.modulus is known to ± 20 GPa" in str(found)
     assert len(found.schedule()) == 0
-    minutes, sds = sd_after(found, "thread.modulus")
+    minutes, sds = compute_sd_course(found, "thread.modulus")
     agree(minutes, [0.0], ROUNDING)
-    agree(sds, [found.settled["thread.modulus"].before], ROUNDING)
-    assert "already" in headline(found)
-    assert known_figure(found, Course.of(found)).axes
-    assert command_figure(found) is None
+    agree(sds, [found.expected_sds["thread.modulus"].sd_before], ROUNDING)
+    assert "already" in format_headline(found)
+    assert plot_precision(found, PrecisionCourse.from_plan(found)).axes
+    assert plot_commands(found) is None
 
 
 def test_a_muscle_may_be_where_it_lies(entry, tmp_path):
@@ -283,27 +292,30 @@ def test_a_muscle_may_be_where_it_lies(entry, tmp_path):
 
 def test_a_rig_has_the_channels_that_it_recorded_or_that_are_stated(entry):
     silent, both = replace(entry, sensors=Sensors()), ("force", "diameter")
-    assert means_of(silent).channels == both
-    assert means_of(silent, recorded=("force",)).channels == ("force",)
-    assert means_of(silent, recorded=("force",), diameter="0.1 mm").channels == both
-    assert means_of(replace(entry, sensors=Sensors(diameter=1e-4)), recorded=("force",)).channels == both
+    assert read_capabilities(silent).channels == both
+    assert read_capabilities(silent, recorded=("force",)).channels == ("force",)
+    assert read_capabilities(silent, recorded=("force",), diameter="0.1 mm").channels == both
+    assert (
+        read_capabilities(replace(entry, sensors=Sensors(diameter=1e-4)), recorded=("force",)).channels
+        == both
+    )
 
 
 def test_a_rig_is_read_and_a_wrong_one_refused(entry, tmp_path):
     file = tmp_path / "rig.toml"
     file.write_text('[rig]\npressure = "100 psi"\nforce = "none"\nforce_zero = "1 lbf"\ngive = "0.1 mm/kN"\n')
-    means = means_of(entry, file)
+    means = read_capabilities(entry, file)
     assert means.pressure == pytest.approx(689_476, rel=1e-5)
     assert means.channels == ("diameter",)
-    assert means.off["rig_compliance.compliance"] == pytest.approx(1e-7)
+    assert means.error_sds["rig_compliance.compliance"] == pytest.approx(1e-7)
     file.write_text('[rig]\ncontraction = "15 %"\nminutes = "0.5 h"\n')
-    means = means_of(entry, file)
+    means = read_capabilities(entry, file)
     assert (means.contraction, means.minutes) == (pytest.approx(0.15), pytest.approx(30.0))
     file.write_text('[rig]\npresure = "1 bar"\n')
     with pytest.raises(BadInput, match="Did you mean `pressure`"):
-        means_of(entry, file)
+        read_capabilities(entry, file)
     with pytest.raises(BadInput, match=r"no number that a fit of this muscle moves.*thread\.modulus"):
-        plan(entry, Means(), "thread.modulu")
+        plan(entry, RigCapabilities(), "thread.modulu")
 
 
 @pytest.mark.slow

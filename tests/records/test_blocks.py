@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from pamjax.errors import BadInput
-from pamjax.records.blocks import Blocks, blocks, folds, setting_of_length
-from pamjax.records.levels import find_levels, on_levels
+from pamjax.records.blocks import Blocks, find_blocks, find_length_settings, split_folds
+from pamjax.records.levels import assign_levels, find_levels
 from pamjax.records.recording import Recording
-
-from .conftest import strokes
+from tests.records.conftest import strokes
 
 
 def recorded(**columns):
@@ -34,52 +33,52 @@ def held(pairs, samples=100, way=6):
 
 
 def test_isobars():
-    found = blocks(Recording.from_arrays(**strokes(noise=1.0, cycles=2)))
+    found = find_blocks(Recording.from_arrays(**strokes(noise=1.0, cycles=2)))
     assert found.kind == "isobars"
     assert found.names == ("isobar 100 kPa", "isobar 200 kPa", "isobar 300 kPa")
     assert found.label.tolist() == np.repeat([0, 1, 2], 240).tolist()
 
 
 def test_an_isobar_that_comes_back_is_the_same_block():
-    found = blocks(Recording.from_arrays(**strokes(levels=(3e5, 1e5, 2e5, 3e5), noise=1.0)))
+    found = find_blocks(Recording.from_arrays(**strokes(levels=(3e5, 1e5, 2e5, 3e5), noise=1.0)))
     assert found.label[[0, 120, 240, 360]].tolist() == [2, 0, 1, 2]
 
 
 def test_samples_on_the_way_between_isobars_belong_to_none():
     columns = strokes(noise=1.0)
     columns["pressure"][118:120] = [140e3, 160e3]
-    label = blocks(Recording.from_arrays(**columns)).label
+    label = find_blocks(Recording.from_arrays(**columns)).label
     assert np.flatnonzero(label < 0).tolist() == [118, 119]
 
 
 @pytest.mark.parametrize("noise", [0.0, 5e-5])
 def test_lengths(noise):
     recording = isometric(noise=noise)
-    found = blocks(recording)
+    found = find_blocks(recording)
     assert found.kind == "lengths"
     assert found.names == ("length 180 mm", "length 190 mm", "length 200 mm")
     assert found.label.tolist() == np.repeat([2, 1, 0], 200).tolist()
-    assert setting_of_length(recording).tolist() == found.label.tolist()
+    assert find_length_settings(recording).tolist() == found.label.tolist()
 
 
 def test_lengths_where_pressure_settles_too():
     """A valve staircase rests at both ends of the pressure: each pressure was met at each length."""
     pressure = np.tile(np.repeat([1e5, 6e5, 1e5], 100), 3)
     length = np.repeat([0.2, 0.19, 0.18], 300)
-    found = blocks(recorded(time=0.1 * np.arange(900), pressure=pressure, length=length))
+    found = find_blocks(recorded(time=0.1 * np.arange(900), pressure=pressure, length=length))
     assert (found.kind, len(found)) == ("lengths", 3)
 
 
 def test_isobars_where_length_settles_too():
     pressure = np.repeat([1e5, 2e5, 3e5], 300)
     length = np.tile(np.repeat([0.2, 0.19, 0.18], 100), 3)
-    found = blocks(recorded(time=0.1 * np.arange(900), pressure=pressure, length=length))
+    found = find_blocks(recorded(time=0.1 * np.arange(900), pressure=pressure, length=length))
     assert (found.kind, len(found)) == ("isobars", 3)
 
 
 def test_holds_own_the_move_towards_them():
     pairs = [(4e5, 0.20), (4e5, 0.18), (2e5, 0.18), (2e5, 0.16), (6e5, 0.19), (6e5, 0.17)]
-    found = blocks(held(pairs))
+    found = find_blocks(held(pairs))
     assert found.kind == "holds"
     assert found.names == tuple(f"hold {i}" for i in range(1, 7))
     expected = np.repeat(np.arange(6), 106)
@@ -90,7 +89,7 @@ def test_holds_own_the_move_towards_them():
 
 
 def test_too_few_isobars_fall_back_on_cycles():
-    found = blocks(Recording.from_arrays(**strokes(levels=(1e5, 2e5), cycles=2, noise=1.0)))
+    found = find_blocks(Recording.from_arrays(**strokes(levels=(1e5, 2e5), cycles=2, noise=1.0)))
     assert found.kind == "cycles"
     assert found.names == ("run 1, cycle 1", "run 1, cycle 2", "run 2, cycle 1", "run 2, cycle 2")
 
@@ -98,13 +97,13 @@ def test_too_few_isobars_fall_back_on_cycles():
 def test_cycles_keep_their_numbers_and_zero_is_none():
     columns = strokes(levels=(2e5,), cycles=4, noise=1.0)
     columns["cycle"] = columns["cycle"] - 1
-    found = blocks(Recording.from_arrays(**columns))
+    found = find_blocks(Recording.from_arrays(**columns))
     assert found.names == ("cycle 1", "cycle 2", "cycle 3")
     assert (found.label[:120] == -1).all()
 
 
 def test_a_short_table_has_a_block_a_row():
-    found = blocks(
+    found = find_blocks(
         Recording.from_arrays(pressure=np.arange(1, 9) * 1e5, length=0.2, diameter=np.full(8, 0.02))
     )
     assert (found.kind, len(found), found.names[0]) == ("rows", 8, "row 2")
@@ -112,7 +111,7 @@ def test_a_short_table_has_a_block_a_row():
 
 def test_a_static_map_is_blocked_by_isobars():
     pressure, length = np.meshgrid([1e5, 2e5, 3e5, 4e5], np.linspace(0.15, 0.2, 9), indexing="ij")
-    found = blocks(recorded(pressure=pressure.ravel(), length=length.ravel()))
+    found = find_blocks(recorded(pressure=pressure.ravel(), length=length.ravel()))
     assert (found.kind, len(found)) == ("isobars", 4)
 
 
@@ -120,7 +119,7 @@ def test_what_has_no_structure_is_cut_into_stretches():
     random = np.random.default_rng(3)
     pressure = 3e5 + np.cumsum(random.standard_normal(1000)) * 3e3
     length = 0.18 + np.cumsum(random.standard_normal(1000)) * 1e-4
-    found = blocks(recorded(time=np.arange(1000.0), pressure=pressure, length=length))
+    found = find_blocks(recorded(time=np.arange(1000.0), pressure=pressure, length=length))
     assert (found.kind, len(found), found.names[0]) == ("rows", 10, "rows 2 to 101")
 
 
@@ -128,11 +127,11 @@ def test_unusable_rows_belong_to_no_block():
     columns = strokes()
     columns["pressure"][:120] = np.nan
     columns["length"][130] = np.nan
-    found = blocks(
+    found = find_blocks(
         Recording.from_arrays(**strokes(levels=(1e5, 1e5, 2e5, 3e5, 4e5))).select(np.arange(600) > 0)
     )
     assert len(found) == 4
-    label = blocks(Recording.from_arrays(**columns)).label
+    label = find_blocks(Recording.from_arrays(**columns)).label
     assert (label[:120] == -1).all()
     assert label[130] == -1
 
@@ -148,7 +147,7 @@ def test_a_level_needs_samples_and_a_stroke_is_none():
     assert find_levels(np.full(50, np.nan)).size == 0
     levels = find_levels(np.repeat([1.0, 2.0, 4.0], 40) + 0.01 * random.standard_normal(120))
     assert levels == pytest.approx([1.0, 2.0, 4.0], abs=0.01)
-    assert on_levels(np.array([1.01, 1.5, 3.9, np.nan]), levels).tolist() == [0, -1, 2, -1]
+    assert assign_levels(np.array([1.01, 1.5, 3.9, np.nan]), levels).tolist() == [0, -1, 2, -1]
 
 
 @pytest.mark.parametrize("many", [2, 3, 5, 6, 7, 10, 23])
@@ -157,7 +156,7 @@ def test_each_block_is_held_out_once_and_whole(many, seed):
     label = np.repeat(np.arange(many), 7)
     label[3] = -1
     found = Blocks(label, tuple(map(str, range(many))), "holds")
-    held_out = folds(found, k=5, seed=seed)
+    held_out = split_folds(found, k=5, seed=seed)
     assert len(held_out) == min(5, many)
     assert (np.sum(held_out, axis=0) == (label >= 0)).all()
     for mask in held_out:
@@ -165,27 +164,27 @@ def test_each_block_is_held_out_once_and_whole(many, seed):
         assert mask.sum() == np.isin(label, whole).sum()
         # Spread: a fold never takes two of k neighbouring blocks.
         assert len(np.unique(whole // 5)) == len(whole)
-    again = folds(found, k=5, seed=seed)
+    again = split_folds(found, k=5, seed=seed)
     assert all((a == b).all() for a, b in zip(held_out, again, strict=True))
 
 
 def test_one_block_cannot_be_held_out():
     with pytest.raises(BadInput) as told:
-        folds(Blocks(np.zeros(9, dtype=int), ("row 2",), "rows"))
+        split_folds(Blocks(np.zeros(9, dtype=int), ("row 2",), "rows"))
     assert str(told.value) == "holding out needs two blocks; got 1. Record another pressure or length."
 
 
 def test_a_stroke_has_one_setting():
     recording = Recording.from_arrays(**strokes())
-    assert set(setting_of_length(recording).tolist()) == {0}
+    assert set(find_length_settings(recording).tolist()) == {0}
 
 
 def test_real_cases_fall_into_blocks(real_case):
     recording = real_case.recording
-    found = blocks(recording)
+    found = find_blocks(recording)
     assert found.kind in ("isobars", "lengths", "holds")
     assert 3 <= len(found) <= 20
     assert (found.label >= 0).mean() > 0.98
     if real_case.name.startswith("hose"):
         assert found.kind == "lengths"
-        assert setting_of_length(recording).max() + 1 == len(found)
+        assert find_length_settings(recording).max() + 1 == len(found)

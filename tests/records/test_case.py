@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from pamjax.errors import BadInput
-from pamjax.records.case import as_case, read_case
-
-from .conftest import MUSCLE, as_csv, strokes
+from pamjax.records.case import load_case, read_case
+from tests.records.conftest import MUSCLE, as_csv, strokes
 
 CHECK = "if it is not, check the braid's numbers in muscle.toml."
 FIT = "force and pressure must fit the braid; got"
@@ -234,13 +233,13 @@ def test_no_row_near_rest(folder):
 
 def test_every_real_case_is_read(real_case):
     assert real_case.warnings == ()
-    assert real_case.recording.aside == ()
+    assert real_case.recording.outliers == ()
     assert real_case.recording.usable.all()
 
 
 def test_a_folder_stands_for_its_case_and_nothing_else_does(folder):
     case = read_case(folder())
-    assert as_case(case) is case
-    assert as_case(str(case.folder)).checksum == case.checksum
+    assert load_case(case) is case
+    assert load_case(str(case.folder)).checksum == case.checksum
     with pytest.raises(BadInput, match="`read_case` or `case_from` makes, or its folder; got 3"):
-        as_case(3)  # pyright: ignore[reportArgumentType]
+        load_case(3)  # pyright: ignore[reportArgumentType]

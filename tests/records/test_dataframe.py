@@ -9,7 +9,7 @@ from pamjax.errors import BadInput
 from pamjax.records.case import read_case
 from pamjax.records.dataframe import case_from
 from pamjax.records.writing.template import write_template
-from pamjax.units import in_unit
+from pamjax.units import compute_si_factor
 
 CHANNELS = ("time", "pressure", "length", "force", "diameter", "cycle")
 BRAID = {"rest_length": "200 mm", "thread_length": {"value": "214 mm", "sd": "0.5 mm"}, "turns": 1.2}
@@ -40,7 +40,7 @@ def test_a_dataset(folder):
     case = read_case(folder)
     units = {"time": "s", "pressure": "psi", "length": "in", "force": "lbf", "diameter": "mm", "cycle": "1"}
     data = {
-        name: ("row", getattr(case.recording, name) / in_unit(unit), {"units": unit})
+        name: ("row", getattr(case.recording, name) / compute_si_factor(unit), {"units": unit})
         for name, unit in units.items()
     }
     same(case_from(xr.Dataset(data), folder), case)

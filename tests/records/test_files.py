@@ -5,7 +5,7 @@ import signal
 import pytest
 
 from pamjax.errors import BadInput
-from pamjax.records.files import folder_beside, write_beside
+from pamjax.records.files import write_atomically, write_folder_atomically
 
 
 def names(folder):
@@ -13,7 +13,7 @@ def names(folder):
 
 
 def test_a_file_takes_its_place(tmp_path):
-    with write_beside(tmp_path / "fit.json") as temporary:
+    with write_atomically(tmp_path / "fit.json") as temporary:
         assert temporary.parent == tmp_path
         assert temporary.suffix == ".json"
         temporary.write_text("{}")
@@ -24,7 +24,7 @@ def test_a_file_takes_its_place(tmp_path):
 @pytest.mark.parametrize("stop", [KeyboardInterrupt, ValueError])
 def test_an_interrupted_file_leaves_the_old_one(tmp_path, stop):
     (tmp_path / "fit.json").write_text("old")
-    with pytest.raises(stop), write_beside(tmp_path / "fit.json") as temporary:  # noqa: PT012
+    with pytest.raises(stop), write_atomically(tmp_path / "fit.json") as temporary:  # noqa: PT012
         temporary.write_text("ha")
         raise stop
     assert names(tmp_path) == ["fit.json"]
@@ -33,7 +33,7 @@ def test_an_interrupted_file_leaves_the_old_one(tmp_path, stop):
 
 def test_a_folder_must_exist(tmp_path):
     path = tmp_path / "nowhere" / "fit.json"
-    with pytest.raises(BadInput) as told, write_beside(path):
+    with pytest.raises(BadInput) as told, write_atomically(path):
         pass
     assert str(told.value) == f"the folder of {path} must exist. Make it first, or check its name."
 
@@ -41,7 +41,7 @@ def test_a_folder_must_exist(tmp_path):
 def test_several_files_take_their_places_together(tmp_path):
     folder = tmp_path / "out"
     for text in ("one", "two"):
-        with folder_beside(folder) as temporary:
+        with write_folder_atomically(folder) as temporary:
             (temporary / "a.txt").write_text(text)
             (temporary / "plots").mkdir()
             (temporary / "plots" / "b.txt").write_text(text)
@@ -53,7 +53,7 @@ def test_several_files_take_their_places_together(tmp_path):
 
 def test_other_files_of_the_folder_stay(tmp_path):
     (tmp_path / "notes.md").write_text("mine")
-    with folder_beside(tmp_path) as temporary:
+    with write_folder_atomically(tmp_path) as temporary:
         (temporary / "a.txt").write_text("a")
     assert names(tmp_path) == ["a.txt", "notes.md"]
 
@@ -64,7 +64,7 @@ def test_an_interrupted_folder_is_untouched(tmp_path, exists):
     if exists:
         folder.mkdir()
         (folder / "a.txt").write_text("old")
-    with pytest.raises(KeyboardInterrupt), folder_beside(folder) as temporary:  # noqa: PT012
+    with pytest.raises(KeyboardInterrupt), write_folder_atomically(folder) as temporary:  # noqa: PT012
         (temporary / "a.txt").write_text("new")
         raise KeyboardInterrupt
     assert names(tmp_path) == (["out"] if exists else [])
@@ -74,14 +74,14 @@ def test_an_interrupted_folder_is_untouched(tmp_path, exists):
 def test_ctrl_c_amid_the_renames_waits_for_them(tmp_path, monkeypatch, interruptible):
     from pamjax.records import files
 
-    moved = files._move
+    moved = files._move_files
 
     def interrupted(source, target):
         signal.raise_signal(signal.SIGINT)
         moved(source, target)
 
-    monkeypatch.setattr(files, "_move", interrupted)
-    with pytest.raises(KeyboardInterrupt), folder_beside(tmp_path / "out") as temporary:  # noqa: PT012
+    monkeypatch.setattr(files, "_move_files", interrupted)
+    with pytest.raises(KeyboardInterrupt), write_folder_atomically(tmp_path / "out") as temporary:  # noqa: PT012
         (temporary / "a.txt").write_text("a")
         (temporary / "b.txt").write_text("b")
     assert names(tmp_path / "out") == ["a.txt", "b.txt"]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pamjax.records.fixed_length import at_rest, held
+from pamjax.records.fixed_length import average_fixed_lengths, find_rest_samples
 from pamjax.records.recording import Recording
 from tests.infer.made import made
 
@@ -32,7 +32,7 @@ def ramps(moved=0.0, noise=NOISE, travel=0, **sensors):
 
 
 def test_a_held_length_is_its_mean_and_its_noise_that_of_a_mean():
-    case = held(ramps())
+    case = average_fixed_lengths(ramps())
     assert np.unique(case.recording.length).size == LENGTHS.size
     assert np.abs(np.unique(case.recording.length) - np.sort(LENGTHS)).max() < 4 * NOISE / np.sqrt(STAY)
     assert case.entry.sensors.length == pytest.approx(NOISE / np.sqrt(STAY))
@@ -42,13 +42,13 @@ def test_a_held_length_is_its_mean_and_its_noise_that_of_a_mean():
 
 def test_nothing_is_changed_where_the_length_moves_or_is_a_ruler_read_once():
     for case in (ramps(moved=3 * NOISE), ramps(noise=0.0), ramps(length_per_setting=True)):
-        assert held(case) is case
+        assert average_fixed_lengths(case) is case
     stroke = made("elastic")
-    assert held(stroke) is stroke
+    assert average_fixed_lengths(stroke) is stroke
 
 
 def test_what_nobody_stated_of_the_sensor_stays_unstated():
-    case = held(ramps(length=None))
+    case = average_fixed_lengths(ramps(length=None))
     assert np.unique(case.recording.length).size == LENGTHS.size
     assert case.entry.sensors.length is None
 
@@ -56,7 +56,7 @@ def test_what_nobody_stated_of_the_sensor_stays_unstated():
 @pytest.mark.parametrize("travel", [1, 2, 5])
 def test_what_is_on_its_way_to_the_next_length_is_no_part_of_a_visit(travel):
     before = ramps(travel=travel)
-    after = held(before).recording.length
+    after = average_fixed_lengths(before).recording.length
     same = after == before.recording.length
     on_the_way = np.abs(before.recording.length - np.repeat(LENGTHS, STAY)) > 10 * NOISE
     assert on_the_way.sum() == travel * (LENGTHS.size - 1)
@@ -69,7 +69,7 @@ def test_noise_rests_and_what_breathes_with_pressure_does_not():
     rng = np.random.default_rng(5)
     breath = np.abs(np.linspace(-1, 1, STAY))
     noise = rng.standard_normal((200, STAY))
-    assert np.mean([at_rest(one).any() for one in noise]) > 0.97
-    assert np.mean([at_rest(one + 3 * breath).any() for one in noise]) < 0.05
-    assert not at_rest(np.arange(STAY)).any()
-    assert not at_rest(noise[0, :10]).any()
+    assert np.mean([find_rest_samples(one).any() for one in noise]) > 0.97
+    assert np.mean([find_rest_samples(one + 3 * breath).any() for one in noise]) < 0.05
+    assert not find_rest_samples(np.arange(STAY)).any()
+    assert not find_rest_samples(noise[0, :10]).any()

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pamjax.errors import BadInput
-from pamjax.records.protocol import PAPER, Protocol, read_protocol
-from pamjax.units import in_unit
+from pamjax.records.protocol import PAPER_PROTOCOL, Protocol, read_protocol
+from pamjax.units import compute_si_factor
 from tests.agreement import ROUNDING, agree
 
 REST = 0.2
@@ -16,7 +16,7 @@ def test_strokes_move_at_a_speed_at_one_pressure_after_another():
     plan = Protocol(
         kind="strokes", pressures=BOTH, contractions=[0.1, 0.2], cycles=2, speed="2 mm/s", rate="2 Hz"
     )
-    schedule = plan.schedule(REST)
+    schedule = plan.build_schedule(REST)
     agree(np.diff(schedule.time), 0.5, 1e-9)
     agree(np.unique(schedule.pressure), [1e5, 3e5], ROUNDING)
     for pressure, deepest in zip((1e5, 3e5), (0.1, 0.2), strict=True):
@@ -31,13 +31,13 @@ def test_strokes_move_at_a_speed_at_one_pressure_after_another():
 
 
 def test_a_stroke_may_lengthen():
-    schedule = Protocol(kind="strokes", pressures=["1 bar"], contractions=[-0.1]).schedule(REST)
+    schedule = Protocol(kind="strokes", pressures=["1 bar"], contractions=[-0.1]).build_schedule(REST)
     agree([schedule.length.min(), schedule.length.max()], [REST, 1.1 * REST], ROUNDING)
 
 
 def test_ramps_fill_and_vent_at_one_length_after_another():
     plan = Protocol(kind="ramps", pressures=BOTH, contractions=[0.0, 0.1], cycles=3, duration="4 s")
-    schedule = plan.schedule(REST)
+    schedule = plan.build_schedule(REST)
     assert schedule.time.size == 2 * 2 * 3 * 9
     agree(np.unique(schedule.length), [0.9 * REST, REST], ROUNDING)
     for cycle, top in zip(range(1, 7), [1e5, 3e5] * 3, strict=True):
@@ -47,7 +47,7 @@ def test_ramps_fill_and_vent_at_one_length_after_another():
 
 def test_holds_keep_each_pair():
     plan = Protocol(kind="holds", pressures=BOTH, contractions=[0.0, 0.1, 0.2], duration="3 s")
-    schedule = plan.schedule(REST)
+    schedule = plan.build_schedule(REST)
     assert schedule.time.size == 2 * 3 * 3
     pairs = {(p, round(x, 9)) for p, x in zip(schedule.pressure, schedule.length, strict=True)}
     assert len(pairs) == 6
@@ -58,12 +58,12 @@ def test_a_diameter_is_photographed_now_and_then(every, photographs):
     plan = Protocol(
         kind="holds", pressures=BOTH, contractions=[0, 0.1, 0.2], duration="3 s", diameter_every=every
     )
-    assert plan.schedule(REST).optical.sum() == photographs
+    assert plan.build_schedule(REST).diameter_measured.sum() == photographs
 
 
 def test_the_papers_protocol_is_ten_isobars_of_three_strokes():
-    schedule = PAPER.schedule(0.235744)
-    agree(np.unique(schedule.pressure) / in_unit("psi"), np.arange(10, 101, 10), 1e-9)
+    schedule = PAPER_PROTOCOL.build_schedule(0.235744)
+    agree(np.unique(schedule.pressure) / compute_si_factor("psi"), np.arange(10, 101, 10), 1e-9)
     assert set(schedule.cycle) == {1, 2, 3}
     assert 4000 < schedule.time.size < 6000
 
@@ -81,7 +81,7 @@ def test_the_papers_protocol_is_ten_isobars_of_three_strokes():
 def test_what_no_bench_can_do_is_told(change, told):
     plan = Protocol(**{"kind": "strokes", "pressures": BOTH, "contractions": [0.1]} | change)
     with pytest.raises(BadInput, match=told):
-        plan.schedule(REST)
+        plan.build_schedule(REST)
 
 
 WHOLE = '[protocol]\nkind = "ramps"\npressures = ["3 bar"]\ncontractions = [0.0]\n'

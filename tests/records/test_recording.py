@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pamjax.errors import BadInput
-from pamjax.records.recording import Aside, Recording
+from pamjax.records.recording import Outlier, Recording
 
 
 def ramp(n=40):
@@ -66,11 +66,11 @@ def test_a_jump_within_a_cycle_is_a_step_of_the_staircase():
 
 
 def test_select_keeps_lines_and_their_asides():
-    aside = (Aside(3, "force", 9e9, "N", "x"), Aside(30, "force", 9e9, "N", "x"))
-    recording = ramp().without({"force": np.arange(40) == 1}, aside)
+    aside = (Outlier(3, "force", 9e9, "N", "x"), Outlier(30, "force", 9e9, "N", "x"))
+    recording = ramp().blank_cells({"force": np.arange(40) == 1}, aside)
     part = recording.select(recording.row < 10)
     assert part.row.tolist() == list(range(2, 10))
-    assert part.aside == aside[:1]
+    assert part.outliers == aside[:1]
     assert np.isnan(part.force[1])
 
 
@@ -87,7 +87,7 @@ def test_the_table_is_written_in_the_units_a_person_reads():
 
 
 def test_an_aside_reads_as_a_sentence():
-    aside = Aside(17, "pressure", 4e7, "kPa", "it stands alone")
+    aside = Outlier(17, "pressure", 4e7, "kPa", "it stands alone")
     assert str(aside) == "pressure 40000 kPa in row 17 was set aside: it stands alone"
 
 

@@ -7,8 +7,15 @@ import pytest
 
 from pamjax.errors import BadInput
 from pamjax.records import shipped_tables as tables
-from pamjax.records.shipped_tables import data_folder, in_si, quantities, read_shipped, shipped, sidecar
-from pamjax.units import factor, in_unit
+from pamjax.records.shipped_tables import (
+    convert_to_si,
+    find_data_folder,
+    list_shipped,
+    read_quantities,
+    read_shipped,
+    read_sidecar,
+)
+from pamjax.units import compute_si_factor, parse_unit
 
 NAMES = (
     "chambers_wereley_2022/effects",
@@ -23,12 +30,12 @@ KINDS = {"pressure": "pressure", "modulus": "pressure", "force": "force", "diame
 
 
 def test_the_shipped_tables_are_these():
-    assert shipped() == sorted((*NAMES, *OURS))
+    assert list_shipped() == sorted((*NAMES, *OURS))
 
 
 @pytest.mark.parametrize("name", OURS)
 def test_each_row_of_our_own_tables_names_its_sources(name):
-    table, about = read_shipped(name), sidecar(name)
+    table, about = read_shipped(name), read_sidecar(name)
     assert list(about["columns"]) == list(table.columns)
     assert about["source"]["licence"]
     for keys in table["source"]:
@@ -42,7 +49,7 @@ def test_each_row_of_our_own_tables_names_its_sources(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_sidecar_belongs_to_its_table(name):
-    table, about = read_shipped(name), sidecar(name)
+    table, about = read_shipped(name), read_sidecar(name)
     assert list(about["columns"]) == list(table.columns)
     assert about["title"]
     assert about["read"]
@@ -53,19 +60,19 @@ def test_sidecar_belongs_to_its_table(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_units_are_units(name):
     table = read_shipped(name)
-    for header, column in sidecar(name)["columns"].items():
+    for header, column in read_sidecar(name)["columns"].items():
         if unit := column["unit"]:
             assert header.endswith(f"[{unit}]") or header in ("value", "tolerance")
-            assert in_unit(unit) > 0
+            assert compute_si_factor(unit) > 0
             if kind := KINDS.get(header.split(" [")[0]):
-                assert factor(unit, kind) == pytest.approx(in_unit(unit))
+                assert parse_unit(unit, kind) == pytest.approx(compute_si_factor(unit))
     for unit in table.get("unit", ()):
-        assert in_unit(str(unit)) > 0
+        assert compute_si_factor(str(unit)) > 0
 
 
 def test_table1_obeys_its_own_triangle():
-    printed = in_si(read_shipped("chambers_wereley_2022/table1"))
-    known = quantities("chambers_wereley_2022/materials")
+    printed = convert_to_si(read_shipped("chambers_wereley_2022/table1"))
+    known = read_quantities("chambers_wereley_2022/materials")
     thread = (known["rest_length"] ** 2 + (pi * known["turns"] * printed["diameter"]) ** 2) ** 0.5
     # half a printed digit of the thread length, and what half a digit of the diameter adds to it
     assert (abs(thread - printed["thread_length"]) < 0.07e-3).all()
@@ -78,11 +85,11 @@ def test_table2_as_printed():
     assert printed.loc["PET", "force_change [N]"] == -1170.0
     assert printed.loc["Low stiffness (10 % of Kevlar)", "diameter_change [percent]"] == 30.1
     with pytest.raises(BadInput, match="a column can be converted once; got `diameter_change` twice"):
-        in_si(printed)
+        convert_to_si(printed)
 
 
 def test_materials_in_si():
-    known = quantities("chambers_wereley_2022/materials")
+    known = read_quantities("chambers_wereley_2022/materials")
     assert known["thread_length"] == pytest.approx(0.251206)
     assert known["threads"] == 144
     assert known["thread_area"] == pytest.approx(0.0858e-6)
@@ -92,19 +99,19 @@ def test_materials_in_si():
 
 
 def test_force_maps_are_whole_and_pull():
-    small = in_si(read_shipped("martens_boblan_2017/dmsp-10-250"))
-    large = in_si(read_shipped("martens_boblan_2017/dmsp-20-300"))
+    small = convert_to_si(read_shipped("martens_boblan_2017/dmsp-10-250"))
+    large = convert_to_si(read_shipped("martens_boblan_2017/dmsp-20-300"))
     assert (len(small), len(large)) == (17 * 5, 21 * 6)
     for table in (small, large):
         assert (table.groupby("length")["force"].apply(lambda f: f.is_monotonic_increasing)).all()
     assert large["force"].max() == 1653.5
     assert small["force"].max() == 542.5
-    assert "slack" in sidecar("martens_boblan_2017/dmsp-10-250")["columns"]["force [N]"]["about"]
+    assert "slack" in read_sidecar("martens_boblan_2017/dmsp-10-250")["columns"]["force [N]"]["about"]
 
 
 def test_a_changed_table_is_refused(tmp_path, monkeypatch):
-    shutil.copytree(data_folder(), tmp_path / "data")
-    monkeypatch.setattr(tables, "data_folder", lambda: tmp_path / "data")
+    shutil.copytree(find_data_folder(), tmp_path / "data")
+    monkeypatch.setattr(tables, "find_data_folder", lambda: tmp_path / "data")
     read_shipped("chambers_wereley_2022/table1")
     path = tmp_path / "data" / "chambers_wereley_2022" / "table1.csv"
     path.write_bytes(path.read_bytes().replace(b"26.52", b"26.53"))
@@ -118,6 +125,6 @@ def test_an_unknown_table_is_helped():
     with pytest.raises(BadInput, match=r"Did you mean `chambers_wereley_2022/table1`\?"):
         read_shipped("chambers_wereley_2022/tabel1")
     with pytest.raises(BadInput, match="a shipped table is read by its name"):
-        sidecar("../pyproject")
+        read_sidecar("../pyproject")
     with pytest.raises(BadInput, match="a table of quantities has the columns"):
-        quantities("chambers_wereley_2022/table1")
+        read_quantities("chambers_wereley_2022/table1")

@@ -12,12 +12,12 @@ from pamjax.model.muscle import Muscle, predict
 from pamjax.model.thread import LinearThread
 from pamjax.records.protocol import Protocol
 from pamjax.records.reading.muscle_toml import Sensors
-from pamjax.records.simulate import coloured, outside, renumbered, simulate
+from pamjax.records.simulate import describe_extrapolation, draw_ar1_noise, renumber_rows, simulate
 from tests.agreement import ROUNDING, agree
 
 MUSCLE = Muscle(0.2, 0.214, 1.2, LinearThread(5e5))
 PLAN = Protocol(kind="strokes", pressures=["1 bar", "3 bar"], contractions=[0.2], speed="0.1 mm/s")
-SCHEDULE = PLAN.schedule(0.2)
+SCHEDULE = PLAN.build_schedule(0.2)
 SENSORS = Sensors(force=2.0, diameter=5e-5, pressure=700.0, length=2e-5)
 
 
@@ -51,7 +51,7 @@ def test_the_noise_is_the_seeds():
 
 @pytest.mark.parametrize("keep", [0.0, 0.5, 0.95])
 def test_coloured_noise_keeps_its_variance_and_its_share(keep):
-    noise = coloured(np.random.default_rng(0), 200_000, keep)
+    noise = draw_ar1_noise(np.random.default_rng(0), 200_000, keep)
     worth = (1 + keep) / (1 - keep)
     assert np.var(noise) == pytest.approx(1.0, abs=5 * np.sqrt(2 * worth / 200_000))
     assert np.mean(noise[1:] * noise[:-1]) == pytest.approx(keep, abs=5 * np.sqrt(2 * worth / 200_000))
@@ -67,7 +67,7 @@ def test_a_correlation_time_is_in_seconds(exact):
 def test_one_error_of_the_ruler_for_each_setting():
     plan = Protocol(kind="ramps", pressures=["3 bar"], contractions=[0.0, 0.1, 0.2])
     sensors = Sensors(length=1e-3, length_per_setting=True)
-    schedule = plan.schedule(0.2)
+    schedule = plan.build_schedule(0.2)
     written = simulate(MUSCLE, schedule, sensors, seed=3)
     errors = (written.length - schedule.length).reshape(3, -1)
     agree(np.ptp(errors, axis=1), 0.0, 1e-15, scale=1.0)
@@ -77,18 +77,18 @@ def test_one_error_of_the_ruler_for_each_setting():
 
 
 def test_what_the_muscle_cannot_show_is_not_measured():
-    deep = Protocol(kind="strokes", pressures=["3 bar"], contractions=[0.5]).schedule(0.2)
+    deep = Protocol(kind="strokes", pressures=["3 bar"], contractions=[0.5]).build_schedule(0.2)
     force = simulate(MUSCLE, deep, SENSORS).force
     would_push = np.asarray(predict(MUSCLE, deep.pressure, deep.length).force) < 0
     np.testing.assert_array_equal(np.isnan(force), would_push)
-    long = Protocol(kind="strokes", pressures=["3 bar"], contractions=[-0.1]).schedule(0.2)
+    long = Protocol(kind="strokes", pressures=["3 bar"], contractions=[-0.1]).build_schedule(0.2)
     assert np.isnan(simulate(MUSCLE, long, SENSORS).diameter).any()
 
 
 def test_photographs_are_taken_now_and_then():
-    plan = dataclasses.replace(SCHEDULE, optical=np.arange(SCHEDULE.time.size) % 5 == 0)
+    plan = dataclasses.replace(SCHEDULE, diameter_measured=np.arange(SCHEDULE.time.size) % 5 == 0)
     seen = np.isfinite(simulate(MUSCLE, plan, SENSORS).diameter)
-    np.testing.assert_array_equal(seen, plan.optical)
+    np.testing.assert_array_equal(seen, plan.diameter_measured)
 
 
 def test_a_bench_without_mechanisms_shows_what_the_muscle_does():
@@ -113,18 +113,18 @@ def test_nothing_is_late_across_the_step_between_two_isobars():
 def test_leaving_the_calibrated_range_is_told_with_its_amount():
     calibrated = {"pressure": (1.5e5, 2e5), "length": (0.17, 0.2)}
     n = SCHEDULE.time.size
-    low, high, short = outside(calibrated, SCHEDULE)
+    low, high, short = describe_extrapolation(calibrated, SCHEDULE)
     assert low == f"pressure goes 50 kPa below the calibrated 150 kPa ({n // 2} of {n} samples)"
     assert high == f"pressure goes 100 kPa above the calibrated 200 kPa ({n // 2} of {n} samples)"
     assert short.startswith("length goes 10 mm below the calibrated 170 mm (")
 
 
 def test_staying_inside_is_not_told():
-    assert outside({"pressure": (1e5, 3e5), "length": (0.16, 0.2)}, SCHEDULE) == []
+    assert describe_extrapolation({"pressure": (1e5, 3e5), "length": (0.16, 0.2)}, SCHEDULE) == []
     # Nor is a rounding.
-    assert outside({"pressure": (1.00001e5, 3e5), "length": (0.16, 0.2)}, SCHEDULE) == []
+    assert describe_extrapolation({"pressure": (1.00001e5, 3e5), "length": (0.16, 0.2)}, SCHEDULE) == []
 
 
 def test_renumbered_rows_begin_below_the_header(exact):
     taken = exact.select(np.arange(exact.n) > 10)
-    assert renumbered(taken).row[0] == 2
+    assert renumber_rows(taken).row[0] == 2

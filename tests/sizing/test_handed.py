@@ -10,13 +10,13 @@ import xarray as xr
 from pamjax.infer.fitting.load import load_muscle
 from pamjax.model.mechanisms.end_taper import EndTaper
 from pamjax.model.mechanisms.thread_crimp import ThreadCrimp
-from pamjax.sizing.calibration import Handed, hand_on
-from pamjax.sizing.candidate import bench, index, many
-from pamjax.sizing.chance_constraints import draw
-from pamjax.sizing.problem import choices, problem
-from pamjax.sizing.requirements import ask
+from pamjax.sizing.calibration import CalibrationTransfer, transfer_calibration
+from pamjax.sizing.candidate import build_bench, evaluate_many, locate_output
+from pamjax.sizing.chance_constraints import draw_builds
+from pamjax.sizing.problem import build_problem, list_choices
+from pamjax.sizing.requirements import build_task
 from pamjax.sizing.schema import Calibration
-from pamjax.sizing.spec import PACKING, read_spec
+from pamjax.sizing.spec import PACKING_RATIOS, read_spec
 from tests.agreement import ROUNDING, agree
 
 SPEC = {
@@ -67,13 +67,15 @@ def folder(tmp_path):
 def handed_on(folder, **words):
     spec = read_spec(SPEC)
     words = {"muscle": "model.json", "thread": "pet", "bladder": "latex"} | words
-    return spec, hand_on(Calibration(**words), folder, "spec.toml", spec.threads, spec.bladders)
+    return spec, transfer_calibration(Calibration(**words), folder, "spec.toml", spec.threads, spec.bladders)
 
 
 def posed(said, handed=None):
     spec = read_spec(said)
-    asked = ask(spec)
-    return [problem(spec, asked, choice, handed or Handed()) for choice in choices(spec)]
+    asked = build_task(spec)
+    return [
+        build_problem(spec, asked, choice, handed or CalibrationTransfer()) for choice in list_choices(spec)
+    ]
 
 
 def coordinates(rest, thread, turns, outside, wall):
@@ -85,15 +87,15 @@ def coordinates(rest, thread, turns, outside, wall):
 def test_crimp_and_ends_keep_their_shape_in_another_size(folder):
     _, handed = handed_on(folder)
     assert set(handed.ids) == {"thread_crimp", "end_taper"}
-    assert "force_offset" in handed.says[-1]
+    assert "force_offset" in handed.sources[-1]
     (one,) = posed(SPEC, handed)
     measured = load_muscle(folder / "model.json").muscle
-    (taper,), (crimp,) = measured.of(EndTaper), measured.of(ThreadCrimp)
+    (taper,), (crimp,) = measured.find_mechanisms(EndTaper), measured.find_mechanisms(ThreadCrimp)
     for wider, more in ((1.0, 1.0), (2.0, 1.0), (1.0, 3.0)):
         c = coordinates(0.2, 0.215, None, wider * 0.016, 0.002)
-        made = one.made._replace(threads=40.0, thread_area=more * 0.05e-6)
-        other = bench(c, made, handed.ids, handed.numbers)
-        (ends,), (waves,) = other.of(EndTaper), other.of(ThreadCrimp)
+        made = one.build._replace(threads=40.0, thread_area=more * 0.05e-6)
+        other = build_bench(c, made, handed.ids, handed.numbers)
+        (ends,), (waves,) = other.find_mechanisms(EndTaper), other.find_mechanisms(ThreadCrimp)
         # A fitting grows with the muscle; a wave straightens at the same stress.
         agree([ends.share, ends.radius], [taper.share, wider * taper.radius], ROUNDING)
         agree([waves.crimp, waves.load], [crimp.crimp, more * crimp.load], ROUNDING)
@@ -110,15 +112,15 @@ def test_posterior_draws_stay_together(folder):
     xr.Dataset(data).to_netcdf(folder / "posterior.nc", group="posterior", engine="h5netcdf")
     spec, handed = handed_on(folder, posterior="posterior.nc")
     (one,) = posed(SPEC, handed)
-    doubt = draw(one, handed, spec.words.tolerance, 4000, 0)
-    agree(doubt.made.modulus.mean(), 12e9, 5 * 0.1 / math.sqrt(4000))
-    agree(doubt.made.modulus.std(), 0.1 * 12e9, 0.1)
-    agree(doubt.made.shear.std(), 0.05 * 0.5e6, 0.1)
-    assert np.corrcoef(doubt.made.modulus, doubt.made.shear)[0, 1] == pytest.approx(0.8, abs=0.05)
+    doubt = draw_builds(one, handed, spec.entries.tolerance, 4000, 0)
+    agree(doubt.build.modulus.mean(), 12e9, 5 * 0.1 / math.sqrt(4000))
+    agree(doubt.build.modulus.std(), 0.1 * 12e9, 0.1)
+    agree(doubt.build.shear.std(), 0.05 * 0.5e6, 0.1)
+    assert np.corrcoef(doubt.build.modulus, doubt.build.shear)[0, 1] == pytest.approx(0.8, abs=0.05)
     assert set(np.round(doubt.numbers["thread_crimp.crimp"], 12)) <= set(np.round(crimp, 12))
     # What is not calibrated is drawn over the range of its sources.
-    assert np.ptp(doubt.made.strength) > 0
-    assert abs(np.corrcoef(doubt.made.modulus, doubt.made.strength)[0, 1]) < 0.08
+    assert np.ptp(doubt.build.strength) > 0
+    assert abs(np.corrcoef(doubt.build.modulus, doubt.build.strength)[0, 1]) < 0.08
 
 
 def test_what_a_diagnosis_leaves_is_a_share_of_the_blocked_force(folder):
@@ -128,8 +130,8 @@ def test_what_a_diagnosis_leaves_is_a_share_of_the_blocked_force(folder):
     blocked = 5e5 * (3 * 0.2**2 - 0.215**2) / (4 * math.pi * 1.2**2)
     agree(handed.discrepancy, 4.0 / blocked, ROUNDING)
     (one,) = posed(SPEC, handed)
-    doubt = draw(one, handed, spec.words.tolerance, 4000, 0)
-    agree(doubt.made.off_force.std(), 4.0 / blocked, 0.1)
+    doubt = draw_builds(one, handed, spec.entries.tolerance, 4000, 0)
+    agree(doubt.build.force_error.std(), 4.0 / blocked, 0.1)
     # Nothing is left where the misfit is noise.
     left["improvement"]["held_out"]["force"]["rmse_after"] = 2.0
     (folder / "diagnosis.json").write_text(json.dumps(left))
@@ -142,38 +144,42 @@ def priced():
     prices = {"thread": [{"name": "pet", "price": 20.0}], "bladder": [{"name": "latex", "price": 5.0}]}
     problems = posed(SPEC | prices | {"minimise": "cost", "parallel": [1, 2, 3]})
     c = coordinates(0.22, 0.236, None, 0.02, 0.0015)
-    return problems, [many(c[None], p.made, p.numbers, p.asked.places, p.ids)[0] for p in problems]
+    return problems, [evaluate_many(c[None], p.build, p.numbers, p.task.points, p.ids)[0] for p in problems]
 
 
 def test_cost_is_that_of_thread_and_rubber_by_weight(priced):
     problems, shown = priced
-    made = problems[0].made
+    made = problems[0].build
     yarn = made.threads * 0.236 * made.thread_area * made.density
     rubber = math.pi / 4 * (0.02**2 - 0.017**2) * 0.22 * made.rubber_density
-    agree(shown[0][index("mass")], yarn + rubber, 1e-9)
-    agree(shown[0][index("cost")], 20 * yarn + 5 * rubber, 1e-9)
+    agree(shown[0][locate_output("mass")], yarn + rubber, 1e-9)
+    agree(shown[0][locate_output("cost")], 20 * yarn + 5 * rubber, 1e-9)
 
 
 def test_a_bundle_pulls_as_all_its_muscles_and_is_as_wide_as_its_circle(priced):
     _, shown = priced
     for many_, y in enumerate(shown, 1):
         for name in ("mass", "air", "cost"):
-            agree(y[index(name)], many_ * shown[0][index(name)], ROUNDING)
-        agree(y[index("force", 1)], many_ * shown[0][index("force", 1)], ROUNDING)
-        agree(y[index("bundle")], PACKING[many_ - 1] * shown[0][index("widest")], ROUNDING)
+            agree(y[locate_output(name)], many_ * shown[0][locate_output(name)], ROUNDING)
+        agree(y[locate_output("force", 1)], many_ * shown[0][locate_output("force", 1)], ROUNDING)
+        agree(
+            y[locate_output("bundle")],
+            PACKING_RATIOS[many_ - 1] * shown[0][locate_output("widest")],
+            ROUNDING,
+        )
     # Two, three and four circles touch in a row, a triangle, a square; seven as six around one.
-    agree([PACKING[k - 1] for k in (2, 3, 4, 7)], [2, 1 + 2 / math.sqrt(3), 1 + math.sqrt(2), 3], 2e-5)
+    agree([PACKING_RATIOS[k - 1] for k in (2, 3, 4, 7)], [2, 1 + 2 / math.sqrt(3), 1 + math.sqrt(2), 3], 2e-5)
 
 
 @pytest.mark.slow
 def test_two_muscles_for_twice_the_force_are_one_twice():
-    from pamjax.sizing.enumerate import best_of
+    from pamjax.sizing.enumerate import search_choices
 
     room = {"thread": [{"name": "pet", "price": 20.0}], "bladder": [{"name": "latex", "price": 5.0}]}
     values = []
     for count in (1, 2):
         pull = [{"at_least": f"{400 * count} N", "contraction": 0.1}]
         said = SPEC | room | {"minimise": "cost", "parallel": count, "force": pull}
-        tried, _ = best_of(posed(said), starts=4, seed=0)
-        values.append(tried[0].answer.value)
+        tried, _ = search_choices(posed(said), starts=4, seed=0)
+        values.append(tried[0].optimum.log_objective)
     agree(values[1], values[0] + math.log(2), 1e-4, scale=1.0)

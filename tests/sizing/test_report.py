@@ -5,16 +5,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pamjax.sizing.infeasible import Gives, lacks
-from pamjax.sizing.report import note, room_words
+from pamjax.sizing.infeasible import Relaxation, format_shortfall
+from pamjax.sizing.report import format_design_note, format_margin
 from pamjax.sizing.requirements import Requirement
 from tests.agreement import ROUNDING, agree
 
 PULL = Requirement("force 1", "pull 5000 N at 20 %", (0,), (5000.0,), 1, 5000.0, "N")
 WIDE = Requirement("diameter", "be 15 mm wide at most", (0, 1), (0.015, 0.015), -1, 0.015, "mm")
-MESH = Requirement("mesh", "bladder 1.5 times from bulging", (0,), (1 / 1.5,), -1, 1 / 1.5, "1", factor=True)
+MESH = Requirement(
+    "mesh", "bladder 1.5 times from bulging", (0,), (1 / 1.5,), -1, 1 / 1.5, "1", is_safety_factor=True
+)
 FREE = Requirement("free contraction", "contract by 20 % without load", (0,), (0.0,), 1, 1000.0, "N")
-LONG = Requirement("length", "be 200 mm long at most", (0,), (0.16,), -1, 0.16, "mm", beside=0.04)
+LONG = Requirement("length", "be 200 mm long at most", (0,), (0.16,), -1, 0.16, "mm", fitting_length=0.04)
 
 
 @pytest.mark.parametrize(
@@ -31,8 +33,8 @@ LONG = Requirement("length", "be 200 mm long at most", (0,), (0.16,), -1, 0.16, 
 )
 def test_what_is_missed_is_told_by_how_much(one, shows, room, short):
     y = np.array(shows)
-    assert room_words(float(one.margins(y).min()), one) == room
-    assert lacks(one, y) == short
+    assert format_margin(float(one.compute_margins(y).min()), one) == room
+    assert format_shortfall(one, y) == short
 
 
 @pytest.mark.parametrize(
@@ -46,23 +48,32 @@ def test_what_is_missed_is_told_by_how_much(one, shows, room, short):
     ids=lambda value: value.key if isinstance(value, Requirement) else None,
 )
 def test_what_is_kept_has_room_to_spare(one, shows, room):
-    assert room_words(float(one.margins(np.full(2, shows)).min()), one) == room
+    assert format_margin(float(one.compute_margins(np.full(2, shows)).min()), one) == room
 
 
 def test_a_share_is_found_again_from_its_room():
-    from pamjax.sizing.report import share_of
+    from pamjax.sizing.report import compute_output_ratio
 
     shares = np.array([-0.2, 0.03, 0.1, 0.5, 2.0])
-    agree([share_of(float(PULL.margins(np.array([5000 * s]))[0])) for s in shares], shares, ROUNDING)
+    agree(
+        [compute_output_ratio(float(PULL.compute_margins(np.array([5000 * s]))[0])) for s in shares],
+        shares,
+        ROUNDING,
+    )
 
 
 def told(*gives):
-    spec = SimpleNamespace(name="it", words=None)
-    return note(SimpleNamespace(spec=spec, choice="a choice", feasible=False, gives=gives))  # pyright: ignore
+    spec = SimpleNamespace(name="it", entries=None)
+    return format_design_note(
+        SimpleNamespace(spec=spec, choice="a choice", feasible=False, relaxations=gives)
+    )  # pyright: ignore
 
 
 def test_a_note_parts_what_does_alone_from_what_does_not():
-    alone, short = Gives(PULL, 0.5, 1800.0), Gives(WIDE, 0.5, None, lacks="39.4 mm, 24.4 mm too much")
+    alone, short = (
+        Relaxation(PULL, 0.5, 1800.0),
+        Relaxation(WIDE, 0.5, None, shortfall="39.4 mm, 24.4 mm too much"),
+    )
     lines = told(alone, short).splitlines()
     assert "    pull 5000 N at 20 %: 1800 N would do" in lines
     assert "  in the way as well, and not enough alone even if given up:" in lines

@@ -8,11 +8,11 @@ import pytest
 
 import pamjax
 from pamjax.infer.fitting.load import load_muscle
-from pamjax.model.bench import record
-from pamjax.model.history import history
-from pamjax.sizing.candidate import many
-from pamjax.sizing.io import as_dict, save
-from pamjax.sizing.problem import boxes
+from pamjax.model.bench import record_bench
+from pamjax.model.history import build_time_history
+from pamjax.sizing.candidate import evaluate_many
+from pamjax.sizing.io import build_design_document, save_design
+from pamjax.sizing.problem import compute_bounds
 from tests.agreement import KEPT, SOLVED, ZOOMED, agree
 from tests.benchmarks.keep import arguments, keep
 from tests.sizing import by_grid
@@ -28,14 +28,14 @@ def design(request):
 
 def beside_the_grid(design):
     """ln of the objective by the search and by the grid, and the grid's largest broken margin."""
-    one, words = design.problem, design.spec.words
-    low, high, _ = boxes(design.spec, design.asked, design.choice)
-    value = design.chosen.answer.value
+    one, words = design.problem, design.spec.entries
+    low, high, _ = compute_bounds(design.spec, design.task, design.choice)
+    value = design.chosen.optimum.log_objective
     if words.probability:
         # The grid knows no probability: held against the search without one.
-        value = next(t.answer for t in design.tried if t.problem.choice == design.choice).value
+        value = next(t.optimum for t in design.results if t.problem.choice == design.choice).log_objective
     ends = [np.where([1, 0, 1, 1, 1], np.exp(x), x) for x in (low, high)]
-    _, found, broken = by_grid.best(words, one.made, design.spec.supply, *ends)
+    _, found, broken = by_grid.best(words, one.build, design.spec.supply, *ends)
     return value, found, broken
 
 
@@ -50,13 +50,13 @@ def test_a_grid_of_another_program_finds_the_same(design):
 
 @pytest.mark.slow
 def test_the_simulated_muscle_does_what_is_wanted(design, tmp_path):
-    save(design, tmp_path)
+    save_design(design, tmp_path)
     loaded = load_muscle(tmp_path / "model.json")
     told = json.loads((tmp_path / "design.json").read_text())
     places = [place for place in told["places"] if place["wanted"] is not None]
     pressure, length = (np.array([place[key] for place in places]) for key in ("pressure", "length"))
-    still = history(None, np.ones(len(places), dtype=bool))
-    shown = record(loaded.muscle, pressure, length, still)
+    still = build_time_history(None, np.ones(len(places), dtype=bool))
+    shown = record_bench(loaded.muscle, pressure, length, still)
     assert (np.asarray(shown.status) == 0).all()
     force = design.choice.parallel * np.asarray(shown.force)
     agree(force, [place["force"] for place in places], SOLVED * 100)
@@ -68,21 +68,21 @@ def test_the_simulated_muscle_does_what_is_wanted(design, tmp_path):
 
 @pytest.mark.slow
 def test_every_answer_is_stationary_and_tells_its_note(design):
-    assert design.chosen.answer.stationary < 1e-6
+    assert design.chosen.optimum.stationarity < 1e-6
     assert len(str(design).splitlines()) < 25
     assert design.spec.name in str(design)
-    json.dumps(as_dict(design), allow_nan=False)
-    wanted = design.spec.words.probability
+    json.dumps(build_design_document(design), allow_nan=False)
+    wanted = design.spec.entries.probability
     assert wanted is None or design.probability > wanted - 0.03
-    assert (np.diff([t.answer.value for t in design.tried if t.answer is not None]) >= 0).all()
+    assert (np.diff([t.optimum.log_objective for t in design.results if t.optimum is not None]) >= 0).all()
 
 
 @pytest.mark.slow
 def test_the_elastic_threads_cost_what_the_outputs_say(design):
     """Of the lift: the shortfall is found again by asking the inelastic muscle with threads that stretch."""
-    if not design.costs:
+    if not design.inelastic_costs:
         return
-    by_thread = {cost.thread: cost for cost in design.costs}
+    by_thread = {cost.thread: cost for cost in design.inelastic_costs}
     assert by_thread["nylon"].shortfall > by_thread["pet"].shortfall > by_thread["aramid"].shortfall > 0
     assert by_thread["nylon"].overrun > by_thread["aramid"].overrun > 0
     front = design.front.values
@@ -93,9 +93,11 @@ def test_the_elastic_threads_cost_what_the_outputs_say(design):
 @pytest.mark.slow
 def test_a_chart_is_the_same_muscle(design):
     one = design.problem
-    y = many(one.coordinates(design.z)[None], one.made, one.numbers, design.asked.places, one.ids)[0]
+    y = evaluate_many(
+        one.to_coordinates(design.z)[None], one.build, one.numbers, design.task.points, one.ids
+    )[0]
     agree(y, design.outputs, SOLVED, scale=1e-9)
-    place = as_dict(design)["places"][1]
+    place = build_design_document(design)["places"][1]
     force = design.force(place["pressure"], place["contraction"])
     agree(force, place["force"], SOLVED * 100)
 

@@ -5,8 +5,8 @@ import copy
 import pytest
 
 from pamjax.errors import BadInput
-from pamjax.sizing.requirements import ask, room, steep
-from pamjax.sizing.schema import read_words
+from pamjax.sizing.requirements import build_task, compute_margin, compute_margin_slope
+from pamjax.sizing.schema import read_entries
 from pamjax.sizing.spec import read_spec
 from tests.agreement import BY_DIFFERENCE, agree, difference
 
@@ -23,13 +23,13 @@ def with_(**changes):
 
 def test_any_unit_arrives_in_si():
     spec = read_spec(with_(limits={"rest_length": ["4 in", "0.2 m"], "braid_angle": "70 deg"}))
-    words = spec.words
+    words = spec.entries
     assert words.supply.pressure == pytest.approx(6e5)
     assert words.envelope.length == pytest.approx(0.254)
     assert words.force[0].contraction == pytest.approx(0.1)
     assert words.limits.rest_length == pytest.approx((0.1016, 0.2))
     assert words.limits.braid_angle == pytest.approx((1.221730, 1.221730))
-    stroke = read_spec(with_(stroke={"length": "2 in", "stiffness": "3 N/mm"})).words.stroke
+    stroke = read_spec(with_(stroke={"length": "2 in", "stiffness": "3 N/mm"})).entries.stroke
     assert stroke.stiffness == pytest.approx(3000.0)
 
 
@@ -64,7 +64,7 @@ def test_any_unit_arrives_in_si():
 )  # fmt: skip
 def test_what_cannot_be_used_is_told_in_a_sentence(said, told):
     with pytest.raises(BadInput) as found:
-        read_words(said, "the spec") if isinstance(said, bytes) else read_spec(said)
+        read_entries(said, "the spec") if isinstance(said, bytes) else read_spec(said)
     assert told in str(found.value)
     assert "\n" not in str(found.value)
 
@@ -81,19 +81,19 @@ def test_a_price_and_a_thread_of_ones_own():
 
 
 def test_requirements_say_what_the_spec_says():
-    asked = ask(read_spec(with_(stroke={"length": "50 mm", "load": "100 N"}, free_contraction=0.2)))
+    asked = build_task(read_spec(with_(stroke={"length": "50 mm", "load": "100 N"}, free_contraction=0.2)))
     by_key = {one.key: one for one in asked.requirements}
-    assert by_key["force 1"].says == "pull 300 N at 10 %"
-    assert by_key["stroke"].says == "move 100 N by 50 mm"
-    assert asked.used == 1 + 1 + 5 + 1
-    assert by_key["diameter"].bounds == (0.03,) * asked.used
+    assert by_key["force 1"].description == "pull 300 N at 10 %"
+    assert by_key["stroke"].description == "move 100 N by 50 mm"
+    assert asked.point_count == 1 + 1 + 5 + 1
+    assert by_key["diameter"].bounds == (0.03,) * asked.point_count
     assert not by_key["fit"].stated
 
 
 @pytest.mark.parametrize(("y", "bound"), [(0.5, 1.0), (0.02, 1.0), (-3.0, 1.0), (4.0, 2.0), (-1.0, 0.0)])
 def test_room_is_smooth_and_its_slope_exact(y, bound):
     def at(x):
-        return room(x, bound, 1, 2.0)
+        return compute_margin(x, bound, 1, 2.0)
 
-    agree(steep(y, bound, 2.0), difference(at, y, 1e-4), BY_DIFFERENCE)
+    agree(compute_margin_slope(y, bound, 2.0), difference(at, y, 1e-4), BY_DIFFERENCE)
     assert at(bound) == 0

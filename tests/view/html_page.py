@@ -10,7 +10,7 @@ class Page(HTMLParser):
 
     def __init__(self, text):
         super().__init__()
-        self.open, self.elements, self.tables, self.words = [], [], [], []
+        self.open, self.elements, self.tables, self.entries = [], [], [], []
         self.feed(text)
         assert self.open == []
 
@@ -35,11 +35,11 @@ class Page(HTMLParser):
         if self.open and self.open[-1] in ("td", "th"):
             self.tables[-1][-1][-1] += data
         if "svg" not in self.open and "style" not in self.open:
-            self.words.append(data)
+            self.entries.append(data)
 
     @property
     def text(self):
-        return " ".join(" ".join(self.words).split())
+        return " ".join(" ".join(self.entries).split())
 
     def every(self, tag):
         return [attrs for name, attrs in self.elements if name == tag]

@@ -5,19 +5,19 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from pamjax.diagnosis.crossval.gain import gain, held_out
+from pamjax.diagnosis.crossval.gain import compute_gain, select_held_out_rows
 from pamjax.diagnosis.detect.locate import Box
-from pamjax.diagnosis.detect.regions import axes
+from pamjax.diagnosis.detect.regions import build_axes
 from pamjax.diagnosis.detect.significance import Significance
 from pamjax.diagnosis.next_experiment.experiment import Experiment
-from pamjax.diagnosis.noise.estimate import Whitening
-from pamjax.diagnosis.result import Diagnosis, Moved, Number
-from pamjax.diagnosis.select.selection import Name, Naming
-from pamjax.infer.noise.ar1_filter import Colour
-from pamjax.model.parameters import meaning
-from pamjax.records.blocks import blocks
+from pamjax.diagnosis.noise.estimate import NoiseModel
+from pamjax.diagnosis.result import Diagnosis, ParameterEstimate, ParameterShift
+from pamjax.diagnosis.select.selection import NamedMechanism, Selection
+from pamjax.infer.noise.ar1_filter import Ar1Noise
+from pamjax.model.parameters import find_meaning
+from pamjax.records.blocks import find_blocks
 from pamjax.records.case import Case
-from pamjax.records.reading.muscle_toml import entry_from
+from pamjax.records.reading.muscle_toml import parse_muscle_toml
 from pamjax.records.recording import Recording
 
 SD = np.array([2.0, 5e-5])
@@ -64,7 +64,7 @@ def diagnosis(
     measured = before + effect * detected + noise
     if not diameter:
         measured[1] = np.nan
-    entry = entry_from(
+    entry = parse_muscle_toml(
         {
             "muscle": {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.2},
             "sensors": {"force": "2 N", "diameter": "0.05 mm"},
@@ -74,49 +74,53 @@ def diagnosis(
         pressure=pressure, length=length, time=time, force=measured[0], diameter=measured[1]
     )
     models = [_model(v, measured) for v in ([80e9, 1.2, 0.0], [92e9, 1.2, 0.21])]
-    shown = {id(models[0].at.values): before, id(models[1].at.values): after}
+    shown = {id(models[0].estimate.values): before, id(models[1].estimate.values): after}
     found = SimpleNamespace(
         case=Case("bench", Path("lab") / "my bench", entry, recording, "c0ffee"),
         law="elastic",
         names=NAMES,
-        meaning=tuple(meaning(name) for name in NAMES),
+        meanings=tuple(find_meaning(name) for name in NAMES),
         start=np.array([85e9, 1.2, 0.3]),
         low=np.array([17e9, 1.1, 0.0]),
         high=np.array([400e9, 1.3, 3.0]),
-        sd=np.array([np.inf, 0.01, np.inf]),
-        own=np.array([True, True, False]),
-        log=np.zeros(3, dtype=bool),
+        prior_sd=np.array([np.inf, 0.01, np.inf]),
+        is_baseline=np.array([True, True, False]),
+        is_logarithmic=np.zeros(3, dtype=bool),
         n=n,
         measured=measured,
-        member=SimpleNamespace(
+        dataset=SimpleNamespace(
             history=SimpleNamespace(
                 rate=lambda values: np.gradient(values) if time is not None else 0 * values,
-                slope=np.zeros((n, 5)),
+                rate_weights=np.zeros((n, 5)),
             ),
             rows=SimpleNamespace(length=length, pressure=pressure),
         ),
-        shows=lambda values: shown[id(values)],
-        place=NAMES.index,
+        predict=lambda values: shown[id(values)],
+        index=NAMES.index,
     )
-    laid = blocks(recording)
-    names = [Name("braid_friction", 0.98, tuple(ties), 5e4, {"viscous_damping": 640.0, "channel_lag": -3.0})]
-    box = _box(axes(found))
+    laid = find_blocks(recording)
+    names = [
+        NamedMechanism(
+            "braid_friction", 0.98, tuple(ties), 5e4, {"viscous_damping": 640.0, "channel_lag": -3.0}
+        )
+    ]
+    box = _box(build_axes(found))
     return Diagnosis(
-        found=found,
-        naming=Naming(models[0], models[1], tuple(names) if named and detected else (), ()),
+        problem=found,
+        selection=Selection(models[0], models[1], tuple(names) if named and detected else (), ()),
         model=models[1] if named and detected else models[0],
         baseline=models[0],
         mismatch=Significance(1e-40 if detected else 0.43, 30.0, 258, 90.0),
-        where=[box],
-        rest=Significance(1e-6 if unexplained else 0.2, 3.0, 258, 1.1),
+        mismatch_boxes=[box],
+        residual_test=Significance(1e-6 if unexplained else 0.2, 3.0, 258, 1.1),
         unexplained=unexplained,
-        rest_where=[box],
-        rest_share=0.12,
+        residual_boxes=[box],
+        residual_share=0.12,
         blocks=laid,
-        gain=gain(found, laid, held_out(laid), models[0], models[1]),
-        parameters={"braid_friction": {"coefficient": Number(0.21, 0.01, meaning(NAMES[2]))}},
-        moved={NAMES[0]: Moved(80e9, 92e9, 8.9, meaning(NAMES[0])),
-               NAMES[1]: Moved(1.2, 1.2, -0.2, meaning(NAMES[1]))} if named and detected else {},
+        gain=compute_gain(found, laid, select_held_out_rows(laid), models[0], models[1]),
+        parameters={"braid_friction": {"coefficient": ParameterEstimate(0.21, 0.01, find_meaning(NAMES[2]))}},
+        parameter_shifts={NAMES[0]: ParameterShift(80e9, 92e9, 8.9, find_meaning(NAMES[0])),
+               NAMES[1]: ParameterShift(1.2, 1.2, -0.2, find_meaning(NAMES[1]))} if named and detected else {},
         notes=["turns and thread length only together"],
         experiments=list(experiments),
     )  # fmt: skip
@@ -132,16 +136,17 @@ def _model(values, measured):
     n = measured.shape[1]
     rows = tuple(np.flatnonzero(np.isfinite(channel)) for channel in measured)
     colours = tuple(
-        Colour(np.full(n, sd), 1.0, 0.3, True) if row.size else None for sd, row in zip(SD, rows, strict=True)
+        Ar1Noise(np.full(n, sd), 1.0, 0.3, True) if row.size else None
+        for sd, row in zip(SD, rows, strict=True)
     )
     sd = np.array([1.2e9, 0.003, 0.01])
-    at = SimpleNamespace(values=values, moved=(0, 1))
+    at = SimpleNamespace(values=values, free=(0, 1))
     return SimpleNamespace(
-        white=Whitening(colours, rows, tuple(np.zeros((0, 2), int) for _ in rows)),
-        at=at,
-        chosen=(),
-        excess=0.0,
-        own_covariance=np.diag(sd[:2] ** 2),
+        noise=NoiseModel(colours, rows, tuple(np.zeros((0, 2), int) for _ in rows)),
+        estimate=at,
+        mechanisms=(),
+        excess_chi2=0.0,
+        within_model_covariance=np.diag(sd[:2] ** 2),
         sd=lambda k: sd[k],
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pamjax.cli.options import Json
-from pamjax.cli.screen import say, say_json
+from pamjax.cli.screen import print_json, print_text
 
 
 def check(case: Path, /, *, law: str | None = None, json: Json = False) -> None:
@@ -21,11 +21,11 @@ def check(case: Path, /, *, law: str | None = None, json: Json = False) -> None:
     """
     from pamjax.records.case import read_case
 
-    read = read_case(case)
+    parsed_case = read_case(case)
     from pamjax.compile.jax_cache import keep_compiled
-    from pamjax.infer.fitting.case_summary import Inspection
-    from pamjax.infer.fitting.identifiability import determine
+    from pamjax.infer.fitting.case_summary import CaseSummary
+    from pamjax.infer.fitting.identifiability import check_identifiability
 
     keep_compiled()
-    found = Inspection(read, *determine(read, law))
-    say_json(found.as_dict()) if json else say(str(found))
+    summary = CaseSummary(parsed_case, *check_identifiability(parsed_case, law))
+    print_json(summary.as_dict()) if json else print_text(str(summary))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pamjax.cli.options import Json
-from pamjax.cli.screen import say, say_json
+from pamjax.cli.screen import print_json, print_text
 
 
 def compare(posteriors: list[Path], /, *, json: Json = False) -> None:
@@ -17,5 +17,5 @@ def compare(posteriors: list[Path], /, *, json: Json = False) -> None:
     """
     from pamjax.infer.posterior.compare import compare_posteriors
 
-    found = compare_posteriors(posteriors)
-    say_json(found.as_dict()) if json else say(str(found))
+    comparison = compare_posteriors(posteriors)
+    print_json(comparison.as_dict()) if json else print_text(str(comparison))

@@ -8,11 +8,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pamjax.cli.options import Json
-from pamjax.cli.screen import REPORT, say, say_json, say_written, working, writable
-from pamjax.errors import BadInput, at_least, refuse
+from pamjax.cli.screen import (
+    REPORT_FILE,
+    check_writable,
+    print_json,
+    print_text,
+    print_written_files,
+    show_progress,
+)
+from pamjax.errors import BadInput, check_minimum, refuse
 
 if TYPE_CHECKING:
-    from pamjax.baselines.comparison import Contest
+    from pamjax.baselines.comparison import ModelComparison
     from pamjax.diagnosis.result import Diagnosis
 
 
@@ -42,74 +49,76 @@ def diagnose(
     """
     from pamjax.records.case import read_case
 
-    at_least("seed", seed, 0)
-    writable(out)
-    read, bad = [], []
+    check_minimum("seed", seed, 0)
+    check_writable(out)
+    parsed_cases, errors = [], []
     for folder in cases:
         try:
-            read.append(read_case(folder))
+            parsed_cases.append(read_case(folder))
         except BadInput as error:
-            bad.append(_of(folder, error) if len(cases) > 1 else error)
-    names = [case.name for case in read]
+            errors.append(_name_case(folder, error) if len(cases) > 1 else error)
+    names = [case.name for case in parsed_cases]
     for name in names:
         if names.count(name) > 1:
             raise refuse("cases of one call need names of their own", f"{name!r} twice", "", "Rename one.")
-    answered, told, early = [], [], 0
-    if read:
-        _tell(bad)  # before the long work, not after it
-        early = len(bad)
-        from pamjax.baselines.comparison import contest, save_contest
+    diagnoses, notes, reported_count = [], [], 0
+    if parsed_cases:
+        _print_errors(errors)  # before the long work, not after it
+        reported_count = len(errors)
+        from pamjax.baselines.comparison import compare_models, save_comparison
         from pamjax.compile.jax_cache import keep_compiled
         from pamjax.diagnosis.batch import diagnose_all
-        from pamjax.diagnosis.result import save
+        from pamjax.diagnosis.result import save_diagnosis
 
         keep_compiled()
-        with working(quiet=json) as progress:
-            for case, found in diagnose_all(read, seed=seed, progress=progress):
-                if isinstance(found, BadInput):
-                    bad.append(_of(case.folder, found) if len(cases) > 1 else found)
+        with show_progress(quiet=json) as progress:
+            for case, outcome in diagnose_all(parsed_cases, seed=seed, progress=progress):
+                if isinstance(outcome, BadInput):
+                    errors.append(_name_case(case.folder, outcome) if len(cases) > 1 else outcome)
                     continue
-                save(found, out / case.name)
-                held = contest(found, seed) if beside else None
-                if held:
-                    save_contest(held, out / case.name)
+                save_diagnosis(outcome, out / case.name)
+                comparison = compare_models(outcome, seed) if beside else None
+                if comparison:
+                    save_comparison(comparison, out / case.name)
                 if report:
-                    _report(found, held, out, seed)
-                answered.append(found)
-                told.append(_told(found, held))
+                    _write_report(outcome, comparison, out, seed)
+                diagnoses.append(outcome)
+                notes.append(_format_note(outcome, comparison))
     if json:
-        say_json([found.as_dict() for found in answered])
+        print_json([outcome.as_dict() for outcome in diagnoses])
     else:
-        say("\n\n".join(told))
-    more = [*(["gain.json"] if beside else []), *([REPORT] if report else [])]
-    files = ["diagnosis.json", "prediction.csv", "model.json", *more]
-    say_written([out / found.found.case.name / name for found in answered for name in files])
-    if bad:
-        _tell(bad[early:-1])
-        raise bad[-1]  # the command ends with it, told before or not
+        print_text("\n\n".join(notes))
+    optional_files = [*(["gain.json"] if beside else []), *([REPORT_FILE] if report else [])]
+    files = ["diagnosis.json", "prediction.csv", "model.json", *optional_files]
+    print_written_files([out / outcome.problem.case.name / name for outcome in diagnoses for name in files])
+    if errors:
+        _print_errors(errors[reported_count:-1])
+        raise errors[-1]  # the command ends with it, told before or not
 
 
-def _tell(errors: list[BadInput]) -> None:
+def _print_errors(errors: list[BadInput]) -> None:
     for error in errors:
         print(f"pamjax: {error}", file=sys.stderr)
 
 
-def _of(folder: Path, error: BadInput) -> BadInput:
+def _name_case(folder: Path, error: BadInput) -> BadInput:
     """The sentence with the case it is about."""
     return BadInput(f"{folder}: {error}")
 
 
-def _told(found: Diagnosis, held: Contest | None) -> str:
+def _format_note(diagnosis: Diagnosis, comparison: ModelComparison | None) -> str:
     """The verdict, with the rivals' scores, in no more lines than the verdict alone may have."""
-    from pamjax.diagnosis.result import LINES
+    from pamjax.diagnosis.result import MAX_VERDICT_LINES
 
-    beside = str(held).splitlines() if held else []
-    return "\n".join([*str(found).splitlines()[: LINES - len(beside)], *beside])
+    comparison_lines = str(comparison).splitlines() if comparison else []
+    return "\n".join(
+        [*str(diagnosis).splitlines()[: MAX_VERDICT_LINES - len(comparison_lines)], *comparison_lines]
+    )
 
 
-def _report(found: Diagnosis, held: Contest | None, out: Path, seed: int) -> None:
-    from pamjax.view.reports.diagnosis import save_report
+def _write_report(diagnosis: Diagnosis, comparison: ModelComparison | None, out: Path, seed: int) -> None:
+    from pamjax.view.reports.diagnosis import write_diagnosis_report
 
-    case = found.found.case
+    case = diagnosis.problem.case
     words = ["pamjax", "diagnose", str(case.folder), "--out", str(out), "--seed", str(seed)]
-    save_report(found, out / case.name / REPORT, shlex.join(words), held)
+    write_diagnosis_report(diagnosis, out / case.name / REPORT_FILE, shlex.join(words), comparison)

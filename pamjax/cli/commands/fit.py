@@ -6,8 +6,16 @@ import shlex
 from pathlib import Path
 from typing import Literal
 
-from pamjax.cli.options import PLAIN, Json, Model
-from pamjax.cli.screen import REPORT, command, say, say_json, say_written, working, writable
+from pamjax.cli.options import DEFAULT_MODEL, Json, ModelOptions
+from pamjax.cli.screen import (
+    REPORT_FILE,
+    check_writable,
+    format_command,
+    print_json,
+    print_text,
+    print_written_files,
+    show_progress,
+)
 
 
 def fit(
@@ -15,7 +23,7 @@ def fit(
     /,
     *,
     out: Path = Path("out"),
-    model: Model = PLAIN,
+    model: ModelOptions = DEFAULT_MODEL,
     loss: Literal["square", "soft"] = "square",
     starts: int = 4,
     folds: int = 5,
@@ -40,35 +48,35 @@ def fit(
         json: print fit.json instead of the note.
     """
     # A fit whose answer cannot be written is not begun.
-    writable(out)
-    read = model.read(cases)
+    check_writable(out)
+    parsed_cases = model.read_cases(cases)
     from pamjax.compile.jax_cache import keep_compiled
     from pamjax.infer.fitting.fit import fit as calibrate
-    from pamjax.infer.fitting.io import as_dict, save
+    from pamjax.infer.fitting.io import build_fit_document, save
 
     keep_compiled()
-    with working(quiet=json) as progress:
-        found = calibrate(
-            read,
-            *model.asked,
+    with show_progress(quiet=json) as progress:
+        result = calibrate(
+            parsed_cases,
+            *model.fit_arguments,
             loss=loss,
             starts=starts,
             fold_count=folds,
             seed=seed,
             progress=progress,
         )
-    written = save(found, out)
+    written = save(result, out)
     if figures:
-        from pamjax.view.figures.fit import save_figures
+        from pamjax.view.figures.fit import save_fit_figures
 
-        written += save_figures(found, out)
+        written += save_fit_figures(result, out)
     if report:
-        from pamjax.view.reports.fit import save_report
+        from pamjax.view.reports.fit import write_fit_report
 
-        written.append(save_report(found, out / REPORT, command()))
+        written.append(write_fit_report(result, out / REPORT_FILE, format_command()))
     if json:
-        say_json(as_dict(found))
+        print_json(build_fit_document(result))
     else:
-        say(str(found))
-        say(f"then: pamjax diagnose {shlex.join(map(str, cases))}")
-    say_written(written)
+        print_text(str(result))
+        print_text(f"then: pamjax diagnose {shlex.join(map(str, cases))}")
+    print_written_files(written)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pamjax.cli.options import Json
-from pamjax.cli.screen import say, say_json
+from pamjax.cli.screen import print_json, print_text
 
 
 def import_(rig: Path, /, *, out: Path, json: Json = False) -> None:
@@ -19,9 +19,9 @@ def import_(rig: Path, /, *, out: Path, json: Json = False) -> None:
     """
     from pamjax.records.importing.importer import import_case
 
-    made = import_case(rig, out)
+    imported = import_case(rig, out)
     if json:
-        say_json(made.as_dict())
+        print_json(imported.as_dict())
     else:
-        say(str(made))
-        say(f"then: pamjax check {out}")
+        print_text(str(imported))
+        print_text(f"then: pamjax check {out}")

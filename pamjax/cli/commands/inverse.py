@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from pamjax.cli.screen import say, say_json, say_written, writable
+from pamjax.cli.screen import check_writable, print_json, print_text, print_written_files
 
 
 def inverse(
@@ -42,47 +42,47 @@ def inverse(
     """
     from pamjax.compile.jax_cache import keep_compiled
     from pamjax.errors import refuse
-    from pamjax.units import parse
+    from pamjax.units import parse_quantity
 
-    asked = force is not None and (length is None) != (pressure is None)
-    if not asked and (export is None or force or length or pressure):
+    has_wish = force is not None and (length is None) != (pressure is None)
+    if not has_wish and (export is None or force or length or pressure):
         rule = "an inverse takes `--force` with `--length` or with `--pressure`, or `--export`"
         raise refuse(rule, remedy='Write --force "300 N" --length "210 mm".')
     if export is not None:
-        writable(export, "`--export`")
+        check_writable(export, "`--export`")
     keep_compiled()
-    from pamjax.control.command import answer
-    from pamjax.control.inverse import PRESSURES
+    from pamjax.control.command import solve_command
+    from pamjax.control.inverse import DEFAULT_PRESSURES
     from pamjax.control.inverse import inverse as invert
     from pamjax.infer.fitting.load import load_muscle
 
     loaded, draws = load_muscle(muscle, law, case), None
     if posterior is not None:
-        from pamjax.control.posterior_draws import draws_of
+        from pamjax.control.posterior_draws import load_draws
 
-        draws = draws_of(posterior, loaded)
+        draws = load_draws(posterior, loaded)
         loaded = draws.loaded
-    known = loaded.calibrated.get("pressure", PRESSURES)
-    top = parse(highest, "pressure", "--highest") if highest else known[1]
-    of = invert(loaded, (min(known[0], 0.0), top))
-    if asked and force is not None:
-        found = answer(
-            of,
-            parse(force, "force", "--force"),
-            length=parse(length, "length", "--length") if length else None,
-            pressure=parse(pressure, "pressure", "--pressure") if pressure else None,
+    calibrated_pressures = loaded.calibrated_range.get("pressure", DEFAULT_PRESSURES)
+    max_pressure = parse_quantity(highest, "pressure", "--highest") if highest else calibrated_pressures[1]
+    muscle_inverse = invert(loaded, (min(calibrated_pressures[0], 0.0), max_pressure))
+    if has_wish and force is not None:
+        command = solve_command(
+            muscle_inverse,
+            parse_quantity(force, "force", "--force"),
+            length=parse_quantity(length, "length", "--length") if length else None,
+            pressure=parse_quantity(pressure, "pressure", "--pressure") if pressure else None,
             file=muscle if muscle.suffix == ".json" else None,
             case=case,
             draws=draws,
-            calibrated=loaded.calibrated,
+            calibrated_range=loaded.calibrated_range,
         )
-        say_json(found.as_dict()) if json else say(str(found))
+        print_json(command.as_dict()) if json else print_text(str(command))
     if export is not None:
-        from pamjax.control.command_uncertainty import doubt_of
+        from pamjax.control.command_uncertainty import combine_force_sd
         from pamjax.control.export import export as write
 
-        doubt = doubt_of(muscle, case, draws.force_sd if draws else None)
-        written = write(of, export, doubt=doubt, seed=seed)
+        force_uncertainty = combine_force_sd(muscle, case, draws.compute_force_sd if draws else None)
+        written = write(muscle_inverse, export, force_sd=force_uncertainty, seed=seed)
         if not json:
-            say(str(written))
-        say_written(list(written.files))
+            print_text(str(written))
+        print_written_files(list(written.files))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pamjax.cli.options import Json
-from pamjax.cli.screen import say, say_json
+from pamjax.cli.screen import print_json, print_text
 
 
 def new(folder: Path, /, *, json: Json = False) -> None:
@@ -22,7 +22,7 @@ def new(folder: Path, /, *, json: Json = False) -> None:
         raise refuse("a new case needs an empty folder", f"{folder}, which is not", remedy="Name another.")
     recording, muscle = write_template(folder)
     if json:
-        say_json({"case": str(folder), "files": [muscle.name, recording.name]})
+        print_json({"case": str(folder), "files": [muscle.name, recording.name]})
         return
-    say(f"wrote {muscle} and {recording}: put your own numbers in")
-    say(f"then: pamjax check {folder}")
+    print_text(f"wrote {muscle} and {recording}: put your own numbers in")
+    print_text(f"then: pamjax check {folder}")

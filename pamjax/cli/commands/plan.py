@@ -7,7 +7,15 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from pamjax.cli.screen import REPORT, command, say, say_json, say_written, working, writable
+from pamjax.cli.screen import (
+    REPORT_FILE,
+    check_writable,
+    format_command,
+    print_json,
+    print_text,
+    print_written_files,
+    show_progress,
+)
 
 
 def plan(
@@ -48,63 +56,67 @@ def plan(
     """
     from pamjax.compile.jax_cache import keep_compiled
     from pamjax.errors import refuse
-    from pamjax.records.case import MUSCLE, RECORDING
+    from pamjax.records.case import MUSCLE_FILE, RECORDING_FILE
 
-    writable(out)
-    recorded = muscle.is_dir() and (muscle / RECORDING).exists()
+    check_writable(out)
+    recorded = muscle.is_dir() and (muscle / RECORDING_FILE).exists()
     if tell is not None:
         if len(tell) != 2:
             raise refuse(
                 "`--tell` takes two mechanisms", f"{len(tell)}", remedy="Name both, one after another."
             )
         if not recorded:
-            remedy = f"Name {muscle.parent}." if (muscle.parent / RECORDING).exists() else ""
+            remedy = f"Name {muscle.parent}." if (muscle.parent / RECORDING_FILE).exists() else ""
             raise refuse("`--tell` takes a case folder with a recording", f"{muscle}", remedy=remedy)
-        if other := [f"`--{n}`" for n, v in (("goal", goal), ("to", to), ("minutes", minutes)) if v]:
-            raise refuse("`--tell` plans for a tie, not for a number", ", ".join(other))
+        if extra_options := [
+            f"`--{option}`" for option, value in (("goal", goal), ("to", to), ("minutes", minutes)) if value
+        ]:
+            raise refuse("`--tell` plans for a tie, not for a number", ", ".join(extra_options))
         if rig is not None:
             raise refuse("`--tell` takes the rig that made the recording", f"{rig.name} besides")
         keep_compiled()
-        _tell(muscle, tell[0], tell[1], out, report, json)
+        _discriminate(muscle, tell[0], tell[1], out, report, json)
         return
     keep_compiled()
     from pamjax.planning.plan import plan as choose
     from pamjax.planning.plan import save_plan
     from pamjax.records.files import read_bytes
 
-    with working(quiet=json) as progress:
+    with show_progress(quiet=json) as progress:
         progress("choosing runs", 0.0)
-        found = choose(muscle, rig, goal, to, minutes=minutes, law=law, seed=seed)
-    files = save_plan(found, out)
+        result = choose(muscle, rig, goal, to, minutes=minutes, law=law, seed=seed)
+    files = save_plan(result, out)
     if figures or report:
         from hashlib import sha256
 
-        from pamjax.view.figures.plan import Course, save_figures
-        from pamjax.view.reports.plan import save_report
+        from pamjax.view.figures.plan import PrecisionCourse, save_plan_figures
+        from pamjax.view.reports.plan import write_plan_report
 
-        course = Course.of(found)
+        course = PrecisionCourse.from_plan(result)
         if figures:
-            files += save_figures(found, course, out)
+            files += save_plan_figures(result, course, out)
         if report:
-            file = muscle / MUSCLE if muscle.is_dir() else muscle
-            checksum = sha256(read_bytes(muscle / RECORDING if recorded else file))
+            file = muscle / MUSCLE_FILE if muscle.is_dir() else muscle
+            checksum = sha256(read_bytes(muscle / RECORDING_FILE if recorded else file))
             if recorded:
                 checksum.update(read_bytes(file))
-            files.append(save_report(found, course, out / REPORT, command(), checksum.hexdigest()))
-    say_json(found.as_dict()) if json else say(str(found))
-    say_written(files)
+            files.append(
+                write_plan_report(result, course, out / REPORT_FILE, format_command(), checksum.hexdigest())
+            )
+    print_json(result.as_dict()) if json else print_text(str(result))
+    print_written_files(files)
 
 
-def _tell(muscle: Path, first: str, second: str, out: Path, report: bool, json: bool) -> None:
-    from pamjax.planning.discriminate import save_contest
-    from pamjax.planning.discriminate import tell as settle
+def _discriminate(muscle: Path, first: str, second: str, out: Path, report: bool, json: bool) -> None:
+    from pamjax.planning.discriminate import discriminate as settle
+    from pamjax.planning.discriminate import save_discrimination
 
-    with working(quiet=json) as progress:
-        contest = settle(muscle, first, second, progress)
-    files = save_contest(contest, out)
+    with show_progress(quiet=json) as progress:
+        discrimination = settle(muscle, first, second, progress)
+    files = save_discrimination(discrimination, out)
     if report:
-        from pamjax.view.reports.discrimination import save_report
+        from pamjax.view.reports.discrimination import write_discrimination_report
 
-        files.append(save_report(contest, out / REPORT, command()))
-    say_json(contest.as_dict()) if json else say(str(contest))
-    say_written(files)
+        files.append(write_discrimination_report(discrimination, out / REPORT_FILE, format_command()))
+    print_json(discrimination.as_dict()) if json else print_text(str(discrimination))
+    print_written_files(files)

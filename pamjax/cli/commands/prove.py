@@ -9,11 +9,11 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from pamjax.cli.options import Json
-from pamjax.cli.screen import say, say_json, say_written, working, writable
+from pamjax.cli.screen import check_writable, print_json, print_text, print_written_files, show_progress
 
 #: What `--quick` conceals, at noise of no, some and much correlation together.
-QUICK = {"nothing": 1, "single": 3, "pair": 1, "triple": 0, "outside": 1}
-QUICK_NOISE = (0.0, 0.9)
+QUICK_COUNTS = {"nothing": 1, "single": 3, "pair": 1, "triple": 0, "outside": 1}
+QUICK_CORRELATIONS = (0.0, 0.9)
 
 
 def prove(
@@ -56,62 +56,69 @@ def prove(
         seed: of everything that is drawn.
         json: print the table as JSON.
     """
-    from pamjax.errors import at_least, refuse
+    from pamjax.errors import check_minimum, refuse
 
     counts = {"nothing": nothing, "single": single, "pair": pair, "triple": triple, "outside": outside}
-    noise = tuple(correlation) if correlation else (0.0,)
+    correlations = tuple(correlation) if correlation else (0.0,)
     if quick:
-        counts, noise, workers = QUICK, QUICK_NOISE, max(workers, 2)
+        counts, correlations, workers = QUICK_COUNTS, QUICK_CORRELATIONS, max(workers, 2)
     if stage == "score":
         counts = {"nothing": counts["nothing"]}
     for name, count in (counts | {"seed": seed}).items():
-        at_least(name, count, 0)
-    for one in noise:
-        if not 0 <= one <= 0.95:
-            raise refuse("`correlation` must lie between 0 and 0.95", f"{one:g}")
+        check_minimum(name, count, 0)
+    for rho in correlations:
+        if not 0 <= rho <= 0.95:
+            raise refuse("`correlation` must lie between 0 and 0.95", f"{rho:g}")
     if not 0 <= form_error <= 0.5:
         raise refuse("`form_error` must lie between 0 and 0.5", f"{form_error:g}")
-    at_least("workers", workers, 1)
-    writable(out)
+    check_minimum("workers", workers, 1)
+    check_writable(out)
     out.mkdir(parents=True, exist_ok=True)
-    from pamjax.benchmark.prove import prove as run
-    from pamjax.benchmark.prove import read_trials, tasks_of
-    from pamjax.benchmark.rates import as_rows, as_text
-    from pamjax.benchmark.tally import table
+    from pamjax.benchmark.prove import build_tasks, read_trials
+    from pamjax.benchmark.prove import run_proof as run
+    from pamjax.benchmark.rates import build_rows, format_text
+    from pamjax.benchmark.tally import tabulate_trials
     from pamjax.compile.jax_cache import keep_compiled
 
     keep_compiled()
     file = out / "trials.jsonl"
-    tasks = tasks_of(
-        counts, noise, stage=stage, seed=seed, rivals=rivals and stage == "all", form_error=form_error
+    tasks = build_tasks(
+        counts,
+        correlations,
+        stage=stage,
+        seed=seed,
+        with_baselines=rivals and stage == "all",
+        form_error=form_error,
     )
-    with working(quiet=json) as progress:
+    with show_progress(quiet=json) as progress:
         trials = run(tasks, file, workers=workers, progress=progress)
-    found = table(trials)
-    say_json(as_rows(found)) if json else say("\n".join([as_text(found), *_each(trials)]))
-    say_written([file, *_tables(out, read_trials(file))])
+    rates = tabulate_trials(trials)
+    print_json(build_rows(rates)) if json else print_text(
+        "\n".join([format_text(rates), *_format_trials(trials)])
+    )
+    print_written_files([file, *_write_tables(out, read_trials(file))])
 
 
-def _each(trials: list) -> Iterator[str]:
+def _format_trials(trials: list) -> Iterator[str]:
     """What was concealed and what was named, of the first twenty."""
-    for trial in [t for t in trials if t.kind != "nothing"][:20]:
-        said = ", ".join(trial.named) or ("unexplained" if trial.unexplained else "nothing")
-        yield f"  {trial.kind} {trial.number + 1}: {', '.join(trial.concealed)} -> {said}"
+    for trial in [item for item in trials if item.kind != "nothing"][:20]:
+        named = ", ".join(trial.named) or ("unexplained" if trial.unexplained else "nothing")
+        yield f"  {trial.kind} {trial.number + 1}: {', '.join(trial.concealed)} -> {named}"
 
 
-def _tables(out: Path, trials: list) -> list[Path]:
+def _write_tables(out: Path, trials: list) -> list[Path]:
     """The tables and figures of all trials in a folder."""
-    from pamjax.benchmark.rates import documents
-    from pamjax.benchmark.tally import table
-    from pamjax.records.files import write_beside
-    from pamjax.view.figures.benchmark import null_figure, proof_figure
-    from pamjax.view.theme import save
+    from pamjax.benchmark.rates import build_documents
+    from pamjax.benchmark.tally import tabulate_trials
+    from pamjax.records.files import write_atomically
+    from pamjax.view.figures.benchmark import plot_null, plot_proof
+    from pamjax.view.theme import save_figure
 
     files = []
-    for name, document in documents(table(trials)).items():
-        with write_beside(out / name) as beside:
-            beside.write_text(document, encoding="utf-8")
+    for name, document in build_documents(tabulate_trials(trials)).items():
+        with write_atomically(out / name) as temporary:
+            temporary.write_text(document, encoding="utf-8")
         files.append(out / name)
-    for name, made in (("nothing", null_figure(trials)), ("recovery", proof_figure(trials))):
-        files += save(made, out / name) if made else []
+    for name, drawing in (("nothing", plot_null(trials)), ("recovery", plot_proof(trials))):
+        files += save_figure(drawing, out / name) if drawing else []
     return files

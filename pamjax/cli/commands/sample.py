@@ -5,8 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from pamjax.cli.options import PLAIN, Json, Model
-from pamjax.cli.screen import REPORT, command, say, say_json, say_written, working, writable
+from pamjax.cli.options import DEFAULT_MODEL, Json, ModelOptions
+from pamjax.cli.screen import (
+    REPORT_FILE,
+    check_writable,
+    format_command,
+    print_json,
+    print_text,
+    print_written_files,
+    show_progress,
+)
 
 
 def sample(
@@ -14,7 +22,7 @@ def sample(
     /,
     *,
     out: Path = Path("out"),
-    model: Model = PLAIN,
+    model: ModelOptions = DEFAULT_MODEL,
     priors: Path | None = None,
     sampler: Literal["emcee", "nuts"] = "emcee",
     ess: float = 1000.0,
@@ -45,20 +53,20 @@ def sample(
         report: whether to write report.html, which opens in any browser.
         json: print posterior.json instead of the note.
     """
-    writable(out)
-    read = model.read(cases)
+    check_writable(out)
+    parsed_cases = model.read_cases(cases)
     from pamjax.compile.jax_cache import keep_compiled
-    from pamjax.infer.posterior.io import posterior_dict, save_posterior
-    from pamjax.infer.posterior.priors_file import read_beliefs
+    from pamjax.infer.posterior.io import build_posterior_document, save_posterior
+    from pamjax.infer.posterior.priors_file import read_priors
     from pamjax.infer.posterior.sample import sample as walk
 
-    beliefs = read_beliefs(priors) if priors else {}
+    beliefs = read_priors(priors) if priors else {}
     keep_compiled()
-    with working(quiet=json) as progress:
+    with show_progress(quiet=json) as progress:
         post = walk(
-            read,
-            *model.asked,
-            beliefs=beliefs,
+            parsed_cases,
+            *model.fit_arguments,
+            priors=beliefs,
             sampler=sampler,
             ess=ess,
             rhat=rhat,
@@ -75,8 +83,8 @@ def sample(
 
         written += save_posterior_figures(post, out)
     if report:
-        from pamjax.view.reports.posterior import save_report
+        from pamjax.view.reports.posterior import write_posterior_report
 
-        written.append(save_report(post, out / REPORT, command()))
-    say_json(posterior_dict(post)) if json else say(str(post))
-    say_written(written)
+        written.append(write_posterior_report(post, out / REPORT_FILE, format_command()))
+    print_json(build_posterior_document(post)) if json else print_text(str(post))
+    print_written_files(written)

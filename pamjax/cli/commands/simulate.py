@@ -6,8 +6,8 @@ import sys
 from pathlib import Path
 from typing import Literal
 
-from pamjax.cli.options import Json, With
-from pamjax.cli.screen import say, say_json
+from pamjax.cli.options import Json, MechanismList
+from pamjax.cli.screen import print_json, print_text
 
 
 def simulate(
@@ -18,7 +18,7 @@ def simulate(
     out: Path,
     law: str | None = None,
     case: str | None = None,
-    with_: With = None,
+    with_: MechanismList = None,
     before: Literal["relaxed", "settled"] = "relaxed",
     noise: bool = True,
     correlation_time: str = "0 s",
@@ -41,29 +41,31 @@ def simulate(
         seed: of the noise.
         json: print for programs.
     """
-    from pamjax.cli.settings import settings
-    from pamjax.errors import at_least
+    from pamjax.cli.settings import parse_settings
+    from pamjax.errors import check_minimum
     from pamjax.infer.fitting.load import load_muscle
-    from pamjax.records.protocol import PAPER, read_protocol
+    from pamjax.records.protocol import PAPER_PROTOCOL, read_protocol
     from pamjax.records.reading.muscle_toml import Sensors
-    from pamjax.records.simulate import outside
+    from pamjax.records.simulate import describe_extrapolation
     from pamjax.records.simulate import simulate as record
     from pamjax.records.writing.case_folder import write_case
-    from pamjax.units import many, parse
+    from pamjax.units import format_count, parse_quantity
 
-    at_least("seed", seed, 0)
-    loaded = load_muscle(muscle, law, case, settings(with_ or ()))
-    plan = read_protocol(protocol) if protocol else PAPER
-    schedule = plan.schedule(loaded.entry.rest_length.value)
-    warnings = list(outside(loaded.calibrated, schedule)) if loaded.calibrated else []
-    if loaded.rubber_left_out:
+    check_minimum("seed", seed, 0)
+    loaded = load_muscle(muscle, law, case, parse_settings(with_ or ()))
+    plan = read_protocol(protocol) if protocol else PAPER_PROTOCOL
+    schedule = plan.build_schedule(loaded.entry.rest_length.value)
+    warnings = (
+        list(describe_extrapolation(loaded.calibrated_range, schedule)) if loaded.calibrated_range else []
+    )
+    if loaded.neglects_rubber:
         warnings.append(
             "the rubber of [bladder] takes no part; the model.json of a design or diagnosis has it"
         )
     for sentence in warnings:
         print(f"pamjax: warning: {sentence}", file=sys.stderr)
     sensors = loaded.entry.sensors if noise else Sensors()
-    pause = parse(correlation_time, "time", "--correlation-time")
+    pause = parse_quantity(correlation_time, "time", "--correlation-time")
     recording = record(
         loaded.muscle,
         schedule,
@@ -75,6 +77,6 @@ def simulate(
     write_case(out, recording, loaded.text)
     if json:
         channels = list(recording.channels)
-        say_json({"case": str(out), "rows": recording.n, "channels": channels, "warnings": warnings})
+        print_json({"case": str(out), "rows": recording.n, "channels": channels, "warnings": warnings})
         return
-    say(f"wrote {out}/: {many(recording.n, 'row')} of {' and '.join(recording.channels)}")
+    print_text(f"wrote {out}/: {format_count(recording.n, 'row')} of {' and '.join(recording.channels)}")

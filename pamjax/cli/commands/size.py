@@ -6,7 +6,15 @@ from pathlib import Path
 from typing import Literal
 
 from pamjax.cli.options import Json
-from pamjax.cli.screen import REPORT, command, say, say_json, say_written, working, writable
+from pamjax.cli.screen import (
+    REPORT_FILE,
+    check_writable,
+    format_command,
+    print_json,
+    print_text,
+    print_written_files,
+    show_progress,
+)
 
 
 def size(
@@ -35,21 +43,21 @@ def size(
         report: whether to write the report and the figures.
         json: print design.json instead of the note.
     """
-    writable(out)
+    check_writable(out)
     from pamjax.compile.jax_cache import keep_compiled
 
     keep_compiled()
-    from pamjax.sizing.io import as_dict, save
+    from pamjax.sizing.io import build_design_document, save_design
     from pamjax.sizing.size import size as choose
 
-    with working(quiet=json) as progress:
+    with show_progress(quiet=json) as progress:
         design = choose(spec, starts=starts, method=method, seed=seed, progress=progress)
-    written = save(design, out)
+    written = save_design(design, out)
     if report:
-        from pamjax.view.figures.sizing import save_figures
-        from pamjax.view.reports.sizing import save_report
+        from pamjax.view.figures.sizing import save_design_figures
+        from pamjax.view.reports.sizing import write_design_report
 
-        written += save_figures(design, out)
-        written.append(save_report(design, out / REPORT, command()))
-    say_json(as_dict(design)) if json else say(str(design))
-    say_written(written)
+        written += save_design_figures(design, out)
+        written.append(write_design_report(design, out / REPORT_FILE, format_command()))
+    print_json(build_design_document(design)) if json else print_text(str(design))
+    print_written_files(written)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pamjax.cli.options import Json
-from pamjax.cli.screen import say, say_json
+from pamjax.cli.screen import print_json, print_text
 
 
 def validate(
@@ -25,16 +25,16 @@ def validate(
         json: print for programs, one document a case in a list.
     """
     from pamjax.compile.jax_cache import keep_compiled
-    from pamjax.diagnosis.validate import fitted_to
-    from pamjax.diagnosis.validate import validate as judge
+    from pamjax.diagnosis.validate import read_training_checksums
+    from pamjax.diagnosis.validate import validate_model as judge
     from pamjax.infer.fitting.load import load_muscle
     from pamjax.records.case import read_case
 
     keep_compiled()
     loaded = load_muscle(model, case=case)
-    fitted = fitted_to(model)
-    found = [judge(loaded, read_case(folder), fitted) for folder in cases]
+    fitted_checksums = read_training_checksums(model)
+    validations = [judge(loaded, read_case(folder), fitted_checksums) for folder in cases]
     if json:
-        say_json([one.as_dict() for one in found])
+        print_json([validation.as_dict() for validation in validations])
     else:
-        say("\n".join(str(one) for one in found))
+        print_text("\n".join(str(validation) for validation in validations))

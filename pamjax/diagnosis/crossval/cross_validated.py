@@ -9,7 +9,7 @@ unseen blocks is something else.
 
 Where much is left where they were fitted, be it known from noise or not, each name is judged as well, once,
 beside everything that came near (judged again after its neighbours have gone, a name has their misfit held
-against it as well): its probability counts for its share, and names that fall below `ESTABLISHED` go.
+against it as well): its probability counts for its share, and names that fall below `ESTABLISHED_PROBABILITY` go.
 
 Names that stay beside something unexplained keep half of the certainty that is left to them.
 
@@ -26,60 +26,94 @@ from dataclasses import replace
 
 import numpy as np
 
-from pamjax.diagnosis.crossval.explained_fraction import Unseen
-from pamjax.diagnosis.library.library_problem import Problem
-from pamjax.diagnosis.refit.candidate_fit import settle, without
-from pamjax.diagnosis.select.selection import ESTABLISHED, Name, Naming, ranked
-from pamjax.infer.fitting.identifiability import listed
+from pamjax.diagnosis.crossval.explained_fraction import BlockCrossValidation
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.refit.candidate_fit import fit_candidate, switch_off_candidate
+from pamjax.diagnosis.select.selection import (
+    ESTABLISHED_PROBABILITY,
+    NamedMechanism,
+    Selection,
+    rank_mechanisms,
+)
+from pamjax.infer.fitting.identifiability import format_list
 from pamjax.records.blocks import Blocks
 
 
-def borne_out(found: Problem, laid: Blocks, used: np.ndarray, naming: Naming, *, much: bool) -> Naming:
+def cross_validate_selection(
+    problem: LibraryProblem,
+    blocks: Blocks,
+    training_rows: np.ndarray,
+    selection: Selection,
+    *,
+    judge_each: bool,
+) -> Selection:
     """The names that explain blocks they were not fitted to, with their probabilities; the model with those.
 
     Args:
-        found: the recording before the library.
-        laid: its blocks.
-        used: (n,) the rows that may be looked at.
-        naming: what was named from them.
-        much: whether they leave much where they were fitted: each is then judged by itself as well.
+        problem: the recording before the library.
+        blocks: its blocks.
+        training_rows: (n,) the rows that may be looked at.
+        selection: what was named from them.
+        judge_each: whether they leave much where they were fitted: each is then judged by itself as well.
     """
-    unseen = Unseen.by(found, laid, used, naming.model)
-    if unseen.bent:
-        return _kept(found, used, naming, [])
-    if not much:
-        return naming
-    shares = unseen.shares
-    borne = [replace(name, probability=name.probability * shares[name.id]) for name in naming.names]
-    return _kept(found, used, naming, [name for name in borne if name.probability >= ESTABLISHED])
+    cross_validation = BlockCrossValidation.from_blocks(problem, blocks, training_rows, selection.model)
+    if cross_validation.fails_out_of_sample:
+        return _restrict_selection(problem, training_rows, selection, [])
+    if not judge_each:
+        return selection
+    explained_fractions = cross_validation.explained_fraction_by_mechanism
+    weighted_mechanisms = [
+        replace(mechanism, probability=mechanism.probability * explained_fractions[mechanism.id])
+        for mechanism in selection.named_mechanisms
+    ]
+    return _restrict_selection(
+        problem,
+        training_rows,
+        selection,
+        [mechanism for mechanism in weighted_mechanisms if mechanism.probability >= ESTABLISHED_PROBABILITY],
+    )
 
 
-def doubted(naming: Naming) -> Naming:
+def keep_time_dependent(selection: Selection) -> Selection:
     """Return the naming with half of each probability's distance to even chances."""
-    halved = [replace(n, probability=ESTABLISHED + (n.probability - ESTABLISHED) / 2) for n in naming.names]
-    return replace(naming, names=ranked(halved))
+    halved = [
+        replace(n, probability=ESTABLISHED_PROBABILITY + (n.probability - ESTABLISHED_PROBABILITY) / 2)
+        for n in selection.named_mechanisms
+    ]
+    return replace(selection, named_mechanisms=rank_mechanisms(halved))
 
 
-def untold(before: Naming, after: Naming) -> list[str]:
+def format_dropped_mechanisms(before: Selection, after: Selection) -> list[str]:
     """Return a sentence on the names that left-out blocks refuted, if there are any."""
-    named = {name.id for name in after.names}
-    names = [f"`{name.id}`" for name in before.names if name.id not in named]
-    if not names:
+    named = {name.id for name in after.named_mechanisms}
+    dropped_ids = [f"`{name.id}`" for name in before.named_mechanisms if name.id not in named]
+    if not dropped_ids:
         return []
-    explain, are = ("explains", "is") if len(names) == 1 else ("explain", "are")
+    explain, are = ("explains", "is") if len(dropped_ids) == 1 else ("explain", "are")
     return [
-        f"{listed(names)} {explain} too little of the blocks that were left out of a fit and {are} not named."
+        f"{format_list(dropped_ids)} {explain} too little of the blocks that were left out of a fit and {are} not named."
     ]
 
 
-def _kept(found: Problem, used: np.ndarray, naming: Naming, names: Sequence[Name]) -> Naming:
+def _restrict_selection(
+    problem: LibraryProblem,
+    training_rows: np.ndarray,
+    selection: Selection,
+    named_mechanisms: Sequence[NamedMechanism],
+) -> Selection:
     """A naming with some of its names only, refitted where others went."""
-    ids = {name.id for name in names}
-    if len(ids) == len(naming.model.chosen):
-        return replace(naming, names=ranked(names))
-    values = naming.values
-    for form in naming.model.chosen:
-        values = values if form.id in ids else without(found, values, form)
-    chosen = [form for form in naming.model.chosen if form.id in ids]
-    model = settle(found, used, chosen, values) if chosen else naming.baseline
-    return replace(naming, model=model, names=ranked(names), near=None, before=None)
+    ids = {name.id for name in named_mechanisms}
+    if len(ids) == len(selection.model.mechanisms):
+        return replace(selection, named_mechanisms=rank_mechanisms(named_mechanisms))
+    values = selection.start_values
+    for candidate in selection.model.mechanisms:
+        values = values if candidate.id in ids else switch_off_candidate(problem, values, candidate)
+    mechanisms = [candidate for candidate in selection.model.mechanisms if candidate.id in ids]
+    fit = fit_candidate(problem, training_rows, mechanisms, values) if mechanisms else selection.baseline
+    return replace(
+        selection,
+        model=fit,
+        named_mechanisms=rank_mechanisms(named_mechanisms),
+        weighted_values=None,
+        fit_before_small_effects=None,
+    )

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamjax.diagnosis.library.library_problem import Problem
-from pamjax.diagnosis.refit.candidate_fit import Model
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.records.blocks import Blocks
 
 #: One block of so many is held out, and none where there are fewer than this.
-EVERY, FEWEST = 5, 3
+HELD_OUT_INTERVAL, MIN_BLOCKS_FOR_HOLD_OUT = 5, 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,37 +34,52 @@ class Gain:
     rmse_after: dict[str, float]
 
 
-def held_out(found: Blocks) -> np.ndarray:
+def select_held_out_rows(blocks: Blocks) -> np.ndarray:
     """(n,) the rows to hold out: whole blocks inside the range, one of five, at least one."""
-    many = len(found)
-    if many < FEWEST:
-        return np.zeros(found.label.size, dtype=bool)
+    n_blocks = len(blocks)
+    if n_blocks < MIN_BLOCKS_FOR_HOLD_OUT:
+        return np.zeros(blocks.label.size, dtype=bool)
     # The middle one of few readings is where a refitted baseline is right by construction.
-    first = 1 if found.kind == "rows" and many <= EVERY else min(2, many // 2)
-    chosen = np.arange(many)[first::EVERY]
+    first = 1 if blocks.kind == "rows" and n_blocks <= HELD_OUT_INTERVAL else min(2, n_blocks // 2)
+    block_labels = np.arange(n_blocks)[first::HELD_OUT_INTERVAL]
     # An end of the range is extrapolation, another question.
-    chosen = chosen[chosen < many - 1] if many > FEWEST else np.array([1])
-    return np.isin(found.label, chosen)
+    block_labels = (
+        block_labels[block_labels < n_blocks - 1] if n_blocks > MIN_BLOCKS_FOR_HOLD_OUT else np.array([1])
+    )
+    return np.isin(blocks.label, block_labels)
 
 
-def gain(found: Problem, blocks: Blocks, out: np.ndarray, baseline: Model, model: Model) -> Gain:
-    """Score a baseline and a model that were fitted without the rows in `out`."""
-    before, after = found.shows(baseline.at.values), found.shows(model.at.values)
-    names = [blocks.names[k] for k in np.unique(blocks.label[out]) if k >= 0]
+def compute_gain(
+    problem: LibraryProblem,
+    blocks: Blocks,
+    held_out_rows: np.ndarray,
+    baseline: CandidateFit,
+    fit: CandidateFit,
+) -> Gain:
+    """Score a baseline and a model that were fitted without the rows in `held_out_rows`."""
+    before, after = problem.predict(baseline.estimate.values), problem.predict(fit.estimate.values)
+    names = [blocks.names[k] for k in np.unique(blocks.label[held_out_rows]) if k >= 0]
     words = (
         f"{len(names)} of {len(blocks)} {blocks.kind}: {', '.join(names)}"
         if names
         else "none: too few blocks"
     )
-    return Gain(words, out, before, after, rmse(found, before, out), rmse(found, after, out))
+    return Gain(
+        words,
+        held_out_rows,
+        before,
+        after,
+        compute_rmse(problem, before, held_out_rows),
+        compute_rmse(problem, after, held_out_rows),
+    )
 
 
-def rmse(found: Problem, prediction: np.ndarray, rows: np.ndarray) -> dict[str, float]:
+def compute_rmse(problem: LibraryProblem, prediction: np.ndarray, rows: np.ndarray) -> dict[str, float]:
     """Rms misfit of a prediction, (2, n), over some rows, by channel that was measured there, SI."""
-    scores = {}
+    rmse_by_channel = {}
     for c, channel in enumerate(CHANNELS):
-        misfit = (found.measured[c] - prediction[c])[rows]
-        misfit = misfit[np.isfinite(misfit)]
-        if misfit.size:
-            scores[channel] = float(np.sqrt(np.mean(misfit**2)))
-    return scores
+        residual = (problem.measured[c] - prediction[c])[rows]
+        residual = residual[np.isfinite(residual)]
+        if residual.size:
+            rmse_by_channel[channel] = float(np.sqrt(np.mean(residual**2)))
+    return rmse_by_channel

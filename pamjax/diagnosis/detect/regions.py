@@ -10,27 +10,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamjax.diagnosis.library.library_problem import Problem
-from pamjax.diagnosis.noise.estimate import Whitening
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.infer.problem.dataset import CHANNELS
 
 #: Into how many ranges pressure and contraction are cut, and time.
-RANGES, STRETCHES = 5, 20
+RANGES_PER_AXIS, TIME_RANGES = 5, 20
 
 #: Fewest samples of a part.
-FEW = 12
+MIN_SAMPLES_IN_REGION = 12
 
 #: Share of a channel's fastest usual speed above which the muscle moves.
-MOVING = 0.05
+MIN_SPEED_SHARE = 0.05
 
 #: Standard deviations of a rate by the noise of length alone, above which the muscle moves.
-STEADY = 4.5
+MIN_SPEED_NOISE_SD = 4.5
 
 SHORTENING, STILL, LENGTHENING = -1, 0, 1
 
 
 @dataclass(frozen=True, eq=False)
-class Axes:
+class RecordingAxes:
     """What a recording did, row by row.
 
     Attributes:
@@ -46,34 +46,41 @@ class Axes:
     direction: np.ndarray
 
 
-def axes(found: Problem) -> Axes:
+def build_axes(problem: LibraryProblem) -> RecordingAxes:
     """The axes along which a misfit is located."""
-    recording = found.case.recording
-    rest = found.case.entry.rest_length.value
-    time = recording.time if recording.time is not None else np.arange(found.n, dtype=float)
-    rate = np.asarray(found.member.history.rate(found.member.rows.length))[: found.n]
+    recording = problem.case.recording
+    rest_length = problem.case.entry.rest_length.value
+    time = recording.time if recording.time is not None else np.arange(problem.n, dtype=float)
+    rate = np.asarray(problem.dataset.history.rate(problem.dataset.rows.length))[: problem.n]
     # A muscle that is held must not seem to move by the noise of its length: the residual has that noise too.
-    by_noise = np.sqrt(np.sum(np.square(np.asarray(found.member.history.slope)), axis=1))[: found.n]
-    sensor = found.case.entry.sensors
-    noise = 0.0 if sensor.length_per_setting else STEADY * (sensor.length or 0.0) * by_noise
-    slow = np.maximum(MOVING * float(np.nanquantile(np.abs(rate), 0.95)), noise)
-    moving = np.abs(rate) > slow
+    rate_noise = np.sqrt(np.sum(np.square(np.asarray(problem.dataset.history.rate_weights)), axis=1))[
+        : problem.n
+    ]
+    sensor = problem.case.entry.sensors
+    noise = 0.0 if sensor.length_per_setting else MIN_SPEED_NOISE_SD * (sensor.length or 0.0) * rate_noise
+    min_speed = np.maximum(MIN_SPEED_SHARE * float(np.nanquantile(np.abs(rate), 0.95)), noise)
+    moving = np.abs(rate) > min_speed
     direction = np.where(moving, np.sign(rate), STILL).astype(int)
-    return Axes(recording.pressure, 1 - recording.length / rest, time, direction)
+    return RecordingAxes(recording.pressure, 1 - recording.length / rest_length, time, direction)
 
 
-def parts(at: Axes) -> list[np.ndarray]:
+def split_into_regions(axes: RecordingAxes) -> list[np.ndarray]:
     """(n,) masks of the parts of a recording."""
-    pressures = ranges(at.pressure, RANGES)
-    lengths = ranges(at.contraction, RANGES)
-    ways = [at.direction == way for way in (SHORTENING, STILL, LENGTHENING)]
-    ways = [way for way in ways if way.any()]
-    stretches = ranges(at.time, STRETCHES)
-    crossed = [a & b for one, other in _pairs(pressures, lengths, ways) for a in one for b in other]
-    return [*pressures, *lengths, *ways, *stretches, *crossed]
+    pressures = ranges(axes.pressure, RANGES_PER_AXIS)
+    lengths = ranges(axes.contraction, RANGES_PER_AXIS)
+    directions = [axes.direction == direction for direction in (SHORTENING, STILL, LENGTHENING)]
+    directions = [direction for direction in directions if direction.any()]
+    stretches = ranges(axes.time, TIME_RANGES)
+    crossed = [
+        a & b
+        for family, other in _pair_families(pressures, lengths, directions)
+        for a in family
+        for b in other
+    ]
+    return [*pressures, *lengths, *directions, *stretches, *crossed]
 
 
-def _pairs(*families):
+def _pair_families(*families):
     return [(families[i], families[k]) for i in range(len(families)) for k in range(i + 1, len(families))]
 
 
@@ -82,11 +89,11 @@ def ranges(values: np.ndarray, many: int) -> list[np.ndarray]:
     low, high = np.nanmin(values), np.nanmax(values)
     if not high > low:
         return []
-    index = np.searchsorted(_edges(values, low + (high - low) * np.arange(1, many) / many), values)
+    index = np.searchsorted(_place_edges(values, low + (high - low) * np.arange(1, many) / many), values)
     return [index == k for k in range(many)]
 
 
-def _edges(values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+def _place_edges(values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Edges near the wanted ones, each in the widest gap between values there.
 
     An edge that fell on an isobar would part it by the noise of its own pressure, which the model carries
@@ -103,17 +110,17 @@ def _edges(values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     return np.array(edges)
 
 
-def shifts(found: Problem, white: Whitening) -> np.ndarray:
+def compute_region_shifts(problem: LibraryProblem, noise: NoiseModel) -> np.ndarray:
     """(k, size) white directions: a shift of one standard deviation in each part and channel."""
-    masks = parts(axes(found))
+    masks = split_into_regions(build_axes(problem))
     out = []
     for c in range(len(CHANNELS)):
-        colour = white.colours[c]
-        if colour is None:
+        channel = noise.channels[c]
+        if channel is None:
             continue
         for mask in masks:
-            if np.count_nonzero(mask[white.rows[c]]) >= FEW:
-                pattern = np.zeros((2, found.n))
-                pattern[c] = np.where(mask, colour.sd, 0.0)
+            if np.count_nonzero(mask[noise.rows[c]]) >= MIN_SAMPLES_IN_REGION:
+                pattern = np.zeros((2, problem.n))
+                pattern[c] = np.where(mask, channel.sd, 0.0)
                 out.append(pattern)
-    return white(np.array(out)) if out else np.zeros((0, white.size))
+    return noise.whiten(np.array(out)) if out else np.zeros((0, noise.size))

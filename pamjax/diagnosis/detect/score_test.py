@@ -8,35 +8,41 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from pamjax.compile.parallel import abreast
-from pamjax.diagnosis.library.candidates import COURSES, Form
-from pamjax.diagnosis.library.library_problem import COSTLY, Problem
-from pamjax.diagnosis.noise.estimate import Whitening
-from pamjax.diagnosis.refit.least_squares import Refit, believed, coordinates, driven, room
+from pamjax.compile.parallel import parallel_map
+from pamjax.diagnosis.library.candidates import TIME_COURSES, Candidate
+from pamjax.diagnosis.library.library_problem import COSTLIEST_MECHANISM, LibraryProblem
+from pamjax.diagnosis.noise.estimate import NoiseModel
+from pamjax.diagnosis.refit.least_squares import (
+    MapEstimate,
+    compute_limit_distances,
+    compute_priors,
+    find_parameters_at_limit,
+    transform_to_coordinates,
+)
 
 
 @dataclass(frozen=True, eq=False)
-class Signature:
+class ScoreDirection:
     """A form before a recording.
 
     Attributes:
-        form: which.
-        gain: χ² that its best amplitudes within their limits would take away, in the linear limit.
+        candidate: which.
+        chi2_reduction: χ² that its best amplitudes within their limits would take away, in the linear limit.
         amplitudes: those, SI.
-        directions: (k, size) unit vectors, white, freed of what the numbers that move absorb.
-        either_sign: (k,) whether an amplitude may be negative: friction drives nothing.
+        unit_vectors: (k, size) unit vectors, white, freed of what the numbers that move absorb.
+        is_two_sided: (k,) whether an amplitude may be negative: friction drives nothing.
         norm: (k,) length of what is left of a direction, white, by its amplitude, SI; one where nothing is.
     """
 
-    form: Form
-    gain: float
+    candidate: Candidate
+    chi2_reduction: float
     amplitudes: np.ndarray
-    directions: np.ndarray
-    either_sign: np.ndarray
+    unit_vectors: np.ndarray
+    is_two_sided: np.ndarray
     norm: np.ndarray
 
 
-class Absorbed:
+class ProjectedOut:
     """What numbers that move absorb of a direction, under their priors: least squares with prior rows.
 
     Args:
@@ -44,130 +50,159 @@ class Absorbed:
         but: which of its numbers absorb nothing.
     """
 
-    def __init__(self, at: Refit, but: Sequence[int] = ()) -> None:
-        self.size = at.residual.size
-        stacked = np.delete(np.concatenate([at.jacobian, np.diag(1 / at.prior)]), list(but), axis=1)
+    def __init__(self, estimate: MapEstimate, excluded: Sequence[int] = ()) -> None:
+        self.size = estimate.residual.size
+        stacked = np.delete(
+            np.concatenate([estimate.jacobian, np.diag(1 / estimate.prior_sd)]), list(excluded), axis=1
+        )
         # Columns differ by many orders of magnitude; only their span counts.
         norm = np.linalg.norm(stacked, axis=0)
         stacked = stacked[:, norm > 0] / norm[norm > 0]
         left, weights, _ = np.linalg.svd(stacked, full_matrices=False)
         self.basis = left[:, weights > 1e-7]
 
-    def out_of(self, directions: np.ndarray) -> np.ndarray:
+    def project_out(self, directions: np.ndarray) -> np.ndarray:
         """(k, size) white directions, with or without priors, as (k, size + priors) rows of what is left."""
         extended = np.zeros((*directions.shape[:-1], self.basis.shape[0]))
         extended[..., : directions.shape[-1]] = directions
         return extended - (extended @ self.basis) @ self.basis.T
 
 
-def whole_residual(found: Problem, at: Refit) -> np.ndarray:
+def stack_residual(problem: LibraryProblem, estimate: MapEstimate) -> np.ndarray:
     """(size + priors,) what a refit leaves, white, and how far its numbers are from what is believed of them.
 
     What a form relieves a strained ruler of is part of what it explains.
     """
-    moved = list(at.moved)
-    mean, _ = believed(found, moved)
-    return np.concatenate([at.residual, (mean - coordinates(found, moved, at.values)) / at.prior])
+    free = list(estimate.free)
+    mean, _ = compute_priors(problem, free)
+    return np.concatenate(
+        [
+            estimate.residual,
+            (mean - transform_to_coordinates(problem, free, estimate.values)) / estimate.prior_sd,
+        ]
+    )
 
 
-class _Left:
+class _ResidualAtLimits:
     """What a refit leaves, and what may explain it: amplitudes, and numbers that were driven to their limits.
 
     Such a number absorbs nothing of what would drive it further, and may come back. (In a p-value it absorbs
     as all others do: that a lab was wrong by three standard deviations is no mismatch.)
     """
 
-    def __init__(self, found: Problem, at: Refit, absorbed: Absorbed) -> None:
-        there = driven(found, at)
-        self.absorbed = Absorbed(at, there.tolist()) if there.size else absorbed
-        self.residual = whole_residual(found, at)
-        stacked = np.concatenate([at.jacobian, np.diag(1 / at.prior)]).T
-        low, high = room(found, at)
-        self.driven, self.limits = self.absorbed.out_of(stacked[there]), (low[there], high[there])
-        self.least = _best(self.driven, self.residual, *self.limits)[1]
+    def __init__(self, problem: LibraryProblem, estimate: MapEstimate, projected_out: ProjectedOut) -> None:
+        at_limit = find_parameters_at_limit(problem, estimate)
+        self.projected_out = ProjectedOut(estimate, at_limit.tolist()) if at_limit.size else projected_out
+        self.residual = stack_residual(problem, estimate)
+        stacked = np.concatenate([estimate.jacobian, np.diag(1 / estimate.prior_sd)]).T
+        low, high = compute_limit_distances(problem, estimate)
+        self.at_limit_rows, self.at_limit_distances = (
+            self.projected_out.project_out(stacked[at_limit]),
+            (low[at_limit], high[at_limit]),
+        )
+        self.chi2_reduction_at_limits = _fit_bounded_amplitudes(
+            self.at_limit_rows, self.residual, *self.at_limit_distances
+        )[1]
 
-    def explained(self, free: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, float]:
+    def fit_amplitudes(self, free: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, float]:
         """Best amplitudes of what is not absorbed, within their limits, and the χ² that they take away."""
-        rows = np.concatenate([free, self.driven])
-        limits = (np.concatenate(pair) for pair in zip((low, high), self.limits, strict=True))
-        amplitudes, gain = _best(rows, self.residual, *limits)
-        return amplitudes[: len(free)], gain - self.least
+        rows = np.concatenate([free, self.at_limit_rows])
+        limits = (np.concatenate(pair) for pair in zip((low, high), self.at_limit_distances, strict=True))
+        amplitudes, chi2_reduction = _fit_bounded_amplitudes(rows, self.residual, *limits)
+        return amplitudes[: len(free)], chi2_reduction - self.chi2_reduction_at_limits
 
 
-def signatures(found: Problem, white: Whitening, at: Refit, candidates: Sequence[Form]) -> list[Signature]:
+def compute_score_directions(
+    problem: LibraryProblem, noise: NoiseModel, estimate: MapEstimate, candidates: Sequence[Candidate]
+) -> list[ScoreDirection]:
     """The signature of each form at a refit, and how much of its residual it would explain."""
-    absorbed = Absorbed(at)
-    left = _Left(found, at, absorbed)
-    slopes = _slopes(found, at, candidates)
+    projected_out = ProjectedOut(estimate)
+    residual = _ResidualAtLimits(problem, estimate, projected_out)
+    jacobians = _compute_jacobians(problem, estimate, candidates)
     return [
-        _signature(found, white, at, form, slopes[k], absorbed, left) for k, form in enumerate(candidates)
+        _build_score_direction(problem, noise, estimate, candidate, jacobians[k], projected_out, residual)
+        for k, candidate in enumerate(candidates)
     ]
 
 
-def _slopes(found: Problem, at: Refit, candidates: Sequence[Form]) -> dict[int, np.ndarray]:
+def _compute_jacobians(
+    problem: LibraryProblem, estimate: MapEstimate, candidates: Sequence[Candidate]
+) -> dict[int, np.ndarray]:
     """Derivative of what the bench shows by each form's amplitudes, (k, 2, n), in few sweeps."""
 
-    def at_one_point(together: list[int]) -> dict[int, np.ndarray]:
-        values = at.values.copy()
-        for k in together:
-            for name, value in _swept(candidates[k]).items():
-                place = found.place(name)
-                values[place] = np.clip(value, found.low[place], found.high[place])
-        names = sorted({name for k in together for name in candidates[k].amplitudes})
-        slopes = dict(zip(names, found.slopes(values, map(found.place, names))[1], strict=True))
+    def compute_at_point(group: list[int]) -> dict[int, np.ndarray]:
+        values = estimate.values.copy()
+        for k in group:
+            for name, value in _get_reference_shape(candidates[k]).items():
+                index = problem.index(name)
+                values[index] = np.clip(value, problem.low[index], problem.high[index])
+        names = sorted({name for k in group for name in candidates[k].amplitudes})
+        jacobian_by_name = dict(
+            zip(names, problem.jacobian(values, map(problem.index, names))[1], strict=True)
+        )
         return {
-            k: np.stack([slopes[name] for name in candidates[k].amplitudes]) * _course(found, candidates[k])
-            for k in together
+            k: np.stack([jacobian_by_name[name] for name in candidates[k].amplitudes])
+            * _compute_time_factor(problem, candidates[k])
+            for k in group
         }
 
-    points = abreast(at_one_point, _together(found, at, candidates))
-    return {k: slope for point in points for k, slope in point.items()}
+    points = parallel_map(compute_at_point, _group_candidates(problem, estimate, candidates))
+    return {k: jacobian for point in points for k, jacobian in point.items()}
 
 
-def _together(found: Problem, at: Refit, candidates: Sequence[Form]) -> list[list[int]]:
+def _group_candidates(
+    problem: LibraryProblem, estimate: MapEstimate, candidates: Sequence[Candidate]
+) -> list[list[int]]:
     """Which forms' derivatives are taken at one point: what is switched off has no shape for others."""
-    alone, points, on = [], [], found.on(at.values)
-    for k, form in enumerate(candidates):
-        shape = _swept(form)
-        if form.id == COSTLY or (shape and form.id in on):
-            alone.append([k])
+    single_groups, points, active_ids = [], [], problem.active(estimate.values)
+    for k, candidate in enumerate(candidates):
+        shape = _get_reference_shape(candidate)
+        if candidate.id == COSTLIEST_MECHANISM or (shape and candidate.id in active_ids):
+            single_groups.append([k])
             continue
         fits = (p for p in points if all(p[1].get(name, value) == value for name, value in shape.items()))
-        members, shapes = next(fits, ([], {}))
-        if not members:
-            points.append((members, shapes))
-        members.append(k)
+        group, shapes = next(fits, ([], {}))
+        if not group:
+            points.append((group, shapes))
+        group.append(k)
         shapes.update(shape)
-    return alone + [members for members, _ in points]
+    return single_groups + [group for group, _ in points]
 
 
-def _swept(form: Form) -> dict[str, float]:
+def _get_reference_shape(candidate: Candidate) -> dict[str, float]:
     """The shape at which a form's derivative is taken."""
-    course = COURSES.get(form.amplitudes[0])
-    return course.everywhere if course else form.shape
+    course = TIME_COURSES.get(candidate.amplitudes[0])
+    return course.reference_shape if course else candidate.shape
 
 
-def _course(found: Problem, form: Form) -> np.ndarray | float:
+def _compute_time_factor(problem: LibraryProblem, candidate: Candidate) -> np.ndarray | float:
     """What the derivative there is to be multiplied with for this form's own shape."""
-    course, time = COURSES.get(form.amplitudes[0]), found.case.recording.time
+    course, time = TIME_COURSES.get(candidate.amplitudes[0]), problem.case.recording.time
     if course is None or time is None:
         return 1.0
-    return course.at(time, form.shape) / course.at(time, course.everywhere)
+    return course.factor(time, candidate.shape) / course.factor(time, course.reference_shape)
 
 
-def _signature(found, white, at, form, slopes, absorbed: Absorbed, left: _Left) -> Signature:
-    places = [found.place(name) for name in form.amplitudes]
-    low, high = found.low[places] - at.values[places], found.high[places] - at.values[places]
-    slopes = np.nan_to_num(white(slopes))
-    free = absorbed.out_of(slopes)
-    loose = free if left.absorbed is absorbed else left.absorbed.out_of(slopes)
-    amplitudes, gain = left.explained(loose, low, high)
+def _build_score_direction(
+    problem, noise, estimate, candidate, jacobian, projected_out: ProjectedOut, residual: _ResidualAtLimits
+) -> ScoreDirection:
+    indices = [problem.index(name) for name in candidate.amplitudes]
+    low, high = (
+        problem.low[indices] - estimate.values[indices],
+        problem.high[indices] - estimate.values[indices],
+    )
+    jacobian = np.nan_to_num(noise.whiten(jacobian))
+    free = projected_out.project_out(jacobian)
+    free_at_limits = (
+        free if residual.projected_out is projected_out else residual.projected_out.project_out(jacobian)
+    )
+    amplitudes, chi2_reduction = residual.fit_amplitudes(free_at_limits, low, high)
     norm = np.linalg.norm(free, axis=1)
     norm = np.where(norm > 0, norm, 1.0)
-    return Signature(form, gain, amplitudes, free / norm[:, None], low < 0, norm)
+    return ScoreDirection(candidate, chi2_reduction, amplitudes, free / norm[:, None], low < 0, norm)
 
 
-def _best(
+def _fit_bounded_amplitudes(
     free: np.ndarray, residual: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, float]:
     """Amplitudes of least squares within their limits, and the χ² they take away.
@@ -181,7 +216,7 @@ def _best(
     # Columns of length one: newtons and pascals are many orders of magnitude apart.
     norm = norm[kept]
     axes, across = np.linalg.qr((free[kept] / norm[:, None]).T)
-    end = lsq_linear(across, axes.T @ residual, (low[kept] * norm, high[kept] * norm), method="bvls")
-    amplitudes[kept] = end.x / norm
-    left = residual - amplitudes @ free
-    return amplitudes, float(residual @ residual - left @ left)
+    solution = lsq_linear(across, axes.T @ residual, (low[kept] * norm, high[kept] * norm), method="bvls")
+    amplitudes[kept] = solution.x / norm
+    remaining = residual - amplitudes @ free
+    return amplitudes, float(residual @ residual - remaining @ remaining)

@@ -13,99 +13,105 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import expit
 
-from pamjax.diagnosis.library.library_problem import COMPLIANCE, Problem
+from pamjax.diagnosis.library.library_problem import COMPLIANCE_PARAMETER, LibraryProblem
 from pamjax.model.registry import MECHANISMS
 
 #: Times at which a slip is looked for, over the length of a recording.
-MOMENTS = 24
+SLIP_TIME_COUNT = 24
 
 #: Standard deviations within which the middle eight tenths of a normal variable lie.
-TENTH = 1.28
+NORMAL_QUANTILE_90 = 1.28
 
 #: From this ratio of the fast to the slow strokes of a recording, a power of speed shows in it.
-SPEEDS = 1.5
+MIN_SPEED_RATIO_FOR_POWER = 1.5
 
 #: Most that the lab's own statement counts for, in χ²: what a tie of two names is worth.
-MOST_EXPECTED = 12.0
+MAX_STATED_CHI2 = 12.0
 
 
 @dataclass(frozen=True)
-class Form:
+class Candidate:
     """One form of a mechanism.
 
     Attributes:
         id: of the mechanism.
         amplitudes: names of the numbers that are zero without it.
         shape: names of the numbers that give it its shape, with the values to begin from, SI.
-        expected: χ² by which what the lab states of its muscle asks for it, whatever the recording says.
+        stated_chi2: χ² by which what the lab states of its muscle asks for it, whatever the recording says.
     """
 
     id: str
     amplitudes: tuple[str, ...]
     shape: dict[str, float] = field(default_factory=dict)
-    expected: float = 0.0
+    stated_chi2: float = 0.0
 
     @property
-    def moves(self) -> tuple[str, ...]:
+    def free_parameters(self) -> tuple[str, ...]:
         """Names of all numbers that a refit moves."""
         return self.amplitudes + tuple(self.shape)
 
 
 @dataclass(frozen=True)
-class Course:
+class TimeCourse:
     """How an effect goes with time, where that is all that its shape does to it.
 
     Attributes:
-        at: from times, s, and a shape to a factor of the effect, (n,).
-        everywhere: a shape in which the factor is nowhere small.
+        factor: from times, s, and a shape to a factor of the effect, (n,).
+        reference_shape: a shape in which the factor is nowhere small.
     """
 
-    at: Callable[[np.ndarray, dict[str, float]], np.ndarray]
-    everywhere: dict[str, float]
+    factor: Callable[[np.ndarray, dict[str, float]], np.ndarray]
+    reference_shape: dict[str, float]
 
 
-def _slipped(time: np.ndarray, shape: dict[str, float]) -> np.ndarray:
+def _compute_slip_factor(time: np.ndarray, shape: dict[str, float]) -> np.ndarray:
     return expit((time - shape["thread_slip.when"]) / shape["thread_slip.during"])
 
 
 #: By amplitude. Where a memory is in the model already it is approximate, and good enough to choose by.
-COURSES = {"thread_slip.step": Course(_slipped, {"thread_slip.when": 0.0, "thread_slip.during": 1e5})}
+TIME_COURSES = {
+    "thread_slip.step": TimeCourse(_compute_slip_factor, {"thread_slip.when": 0.0, "thread_slip.during": 1e5})
+}
 
 
-def forms(found: Problem) -> list[Form]:
+def build_candidates(problem: LibraryProblem) -> list[Candidate]:
     """The forms that a recording can show, mechanism by mechanism."""
-    scales = _Scales.of(found)
-    out: list[Form] = []
+    scales = _RecordingScales.from_problem(problem)
+    out: list[Candidate] = []
     for kind in MECHANISMS:
-        make = _MAKERS.get(kind.id)
-        out += make(scales) if make else [_single(kind)]
-    known = set(found.names)
-    return [form for form in out if known.issuperset(form.moves) and _seen(form, found)]
+        builder = _CANDIDATE_BUILDERS.get(kind.id)
+        out += builder(scales) if builder else [_build_single_candidate(kind)]
+    known = set(problem.names)
+    return [
+        candidate
+        for candidate in out
+        if known.issuperset(candidate.free_parameters) and _is_testable(candidate, problem)
+    ]
 
 
-def _seen(form: Form, found: Problem) -> bool:
+def _is_testable(candidate: Candidate, problem: LibraryProblem) -> bool:
     """Whether a recording could show it at all."""
-    timed = form.id in NEEDS_TIME
-    return found.case.recording.has_time or not timed
+    needs_time = candidate.id in MECHANISMS_NEEDING_TIME
+    return problem.case.recording.has_time or not needs_time
 
 
 #: Mechanisms that a static map, whose order means nothing, cannot show.
-NEEDS_TIME = {
+MECHANISMS_NEEDING_TIME = {
     "braid_friction", "viscous_damping", "viscoelastic_creep", "mullins_softening", "thread_slip",
     "pressure_drop", "force_drift", "channel_lag",
 }  # fmt: skip
 
 
-def _single(kind) -> Form:
+def _build_single_candidate(kind) -> Candidate:
     """A mechanism whose only amplitude has no shape that matters."""
-    from pamjax.parameter import field_meanings
+    from pamjax.parameter import list_field_meanings
 
-    amplitudes = [f for f, m in field_meanings(kind).items() if m.neutral is not None]
-    return Form(kind.id, (f"{kind.id}.{amplitudes[0]}",))
+    amplitudes = [f for f, m in list_field_meanings(kind).items() if m.neutral is not None]
+    return Candidate(kind.id, (f"{kind.id}.{amplitudes[0]}",))
 
 
 @dataclass(frozen=True)
-class _Scales:
+class _RecordingScales:
     """What a recording spans: lengths of time, of stroke, of load."""
 
     begin: float
@@ -116,22 +122,22 @@ class _Scales:
     pressure: float
     force: float
     bore: float
-    inside: float
-    compliance: float
+    fitting_bore: float
+    stated_compliance_sd: float
     fitting: float
     spacing: float
     width: float
-    rest: float
+    rest_length: float
     isometric: bool
-    speeds: float
+    speed_ratio: float
 
     @classmethod
-    def of(cls, found: Problem) -> _Scales:
-        recording = found.case.recording
+    def from_problem(cls, problem: LibraryProblem) -> _RecordingScales:
+        recording = problem.case.recording
         good = recording.usable
         length, pressure = recording.length[good], recording.pressure[good]
         time = recording.time[good] if recording.time is not None else np.arange(good.sum(), dtype=float)
-        thread, turns = found.case.entry.braid
+        thread, turns = problem.case.entry.braid
         load = float(np.nanmax(np.abs(pressure * length))) * thread / (2 * np.pi * turns**2)
         jumps = np.abs(np.diff(length))
         return cls(
@@ -142,64 +148,70 @@ class _Scales:
             load=max(load, 1.0),
             pressure=max(float(np.ptp(pressure)), 1e3),
             force=max(float(np.nanmax(np.abs(recording.force), initial=0.0)), 10.0),
-            fitting=float(found.start[found.place("end_taper.radius")]),
-            spacing=float(found.start[found.place("braid_locking.width")]),
-            bore=float(found.start[found.place("bladder_elasticity.inner_diameter")]),
-            inside=_inside(found),
-            compliance=_stated_compliance(found),
-            rest=found.case.entry.rest_length.value,
-            width=float(np.sqrt(max(1 - (found.case.entry.rest_length.value / thread) ** 2, 1e-3))),
+            fitting=float(problem.start[problem.index("end_taper.radius")]),
+            spacing=float(problem.start[problem.index("braid_locking.width")]),
+            bore=float(problem.start[problem.index("bladder_elasticity.inner_diameter")]),
+            fitting_bore=_compute_fitting_bore(problem),
+            stated_compliance_sd=_compute_stated_compliance(problem),
+            rest_length=problem.case.entry.rest_length.value,
+            width=float(np.sqrt(max(1 - (problem.case.entry.rest_length.value / thread) ** 2, 1e-3))),
             isometric=bool(np.mean(jumps > 1e-3 * np.ptp(length)) < 0.2) if length.size > 1 else True,
-            speeds=_speeds(found),
+            speed_ratio=_compute_speed_ratio(problem),
         )
 
 
-def _speeds(found: Problem) -> float:
+def _compute_speed_ratio(problem: LibraryProblem) -> float:
     """Speed of the fastest tenth of the way over that of the slowest, beyond noise of the rate."""
-    history = found.member.history
-    speed = np.sort(np.abs(np.asarray(history.rate(found.member.rows.length)))[: found.n])
-    way = np.cumsum(speed)
-    if not way[-1] > 0:
+    history = problem.dataset.history
+    speed = np.sort(np.abs(np.asarray(history.rate(problem.dataset.rows.length)))[: problem.n])
+    distance = np.cumsum(speed)
+    if not distance[-1] > 0:
         return 1.0
-    slow, fast = speed[np.searchsorted(way, way[-1] * np.array([0.1, 0.9]))]
-    weights = np.median(np.linalg.norm(np.asarray(history.slope)[: found.n], axis=1))
-    noise = TENTH * (found.case.entry.sensors.length or 0.0) * float(weights)
+    slow, fast = speed[np.searchsorted(distance, distance[-1] * np.array([0.1, 0.9]))]
+    weights = np.median(np.linalg.norm(np.asarray(history.rate_weights)[: problem.n], axis=1))
+    noise = NORMAL_QUANTILE_90 * (problem.case.entry.sensors.length or 0.0) * float(weights)
     return float((fast - noise) / (slow + noise))
 
 
-def _inside(found: Problem) -> float:
+def _compute_fitting_bore(problem: LibraryProblem) -> float:
     """Bore of a tube whose outside lies against the braid at rest, m."""
-    entry = found.case.entry
+    entry = problem.case.entry
     thread, turns = entry.braid
     wide = np.sqrt(max(thread**2 - entry.rest_length.value**2, 0.0)) / (np.pi * turns)
-    return float(wide - 2 * found.start[found.place("bladder_elasticity.thickness")])
+    return float(wide - 2 * problem.start[problem.index("bladder_elasticity.thickness")])
 
 
-def _stated_compliance(found: Problem) -> float:
+def _compute_stated_compliance(problem: LibraryProblem) -> float:
     """How many standard deviations the lab says its threads are from rigid; 0 where it says nothing."""
-    if COMPLIANCE not in found.names:
+    if COMPLIANCE_PARAMETER not in problem.names:
         return 0.0
-    k = found.place(COMPLIANCE)
-    return float(found.start[k] / found.sd[k]) if np.isfinite(found.sd[k]) else 0.0
+    k = problem.index(COMPLIANCE_PARAMETER)
+    return float(problem.start[k] / problem.prior_sd[k]) if np.isfinite(problem.prior_sd[k]) else 0.0
 
 
-def _stretch(s: _Scales) -> list[Form]:
-    return [Form("braid_elasticity", (COMPLIANCE,), expected=min(s.compliance**2, MOST_EXPECTED))]
-
-
-def _crimp(s: _Scales) -> list[Form]:
+def _build_braid_elasticity(scales: _RecordingScales) -> list[Candidate]:
     return [
-        Form("thread_crimp", ("thread_crimp.crimp",), {"thread_crimp.load": share * s.load})
+        Candidate(
+            "braid_elasticity",
+            (COMPLIANCE_PARAMETER,),
+            stated_chi2=min(scales.stated_compliance_sd**2, MAX_STATED_CHI2),
+        )
+    ]
+
+
+def _build_thread_crimp(scales: _RecordingScales) -> list[Candidate]:
+    return [
+        Candidate("thread_crimp", ("thread_crimp.crimp",), {"thread_crimp.load": share * scales.load})
         for share in (0.08, 0.25, 0.7)
     ]
 
 
-def _bladder(s: _Scales) -> list[Form]:
+def _build_bladder_elasticity(scales: _RecordingScales) -> list[Candidate]:
     name = "bladder_elasticity."
     # Where the stated tube is wider than the braid, its threads lie in the wall: begin with one that fits.
-    fits = s.inside if 0.3 * s.bore < s.inside < s.bore else s.bore
+    fits = scales.fitting_bore if 0.3 * scales.bore < scales.fitting_bore < scales.bore else scales.bore
     return [
-        Form(
+        Candidate(
             "bladder_elasticity", (f"{name}modulus",), {f"{name}mooney": share, f"{name}inner_diameter": bore}
         )
         for share in (0.05, 0.6)
@@ -207,41 +219,41 @@ def _bladder(s: _Scales) -> list[Form]:
     ]
 
 
-def _friction(s: _Scales) -> list[Form]:
+def _build_braid_friction(scales: _RecordingScales) -> list[Candidate]:
     amplitudes = ("braid_friction.coefficient", "braid_friction.constant")
     usual = {"braid_friction.spread": 0.5, "braid_friction.exponent": 0.95, "braid_friction.reach": 0.5}
     out = [
-        Form(
+        Candidate(
             "braid_friction",
             amplitudes,
-            {"braid_friction.presliding": share * s.stroke, "braid_friction.angle": angle, **usual},
+            {"braid_friction.presliding": share * scales.stroke, "braid_friction.angle": angle, **usual},
         )
         for share in (0.004, 0.015, 0.06)
         for angle in (0.1, 0.9)
     ]
-    if s.isometric:
+    if scales.isometric:
         # What moves in the braid when only the pressure changes: some per mille of the length.
         out += [
-            Form(
+            Candidate(
                 "braid_friction",
                 amplitudes,
                 {
-                    "braid_friction.presliding": share * give * s.pressure,
+                    "braid_friction.presliding": share * give * scales.pressure,
                     "braid_friction.give": give,
                     **usual,
                 },
             )
             for share in (0.05, 0.3)
-            for give in (min(2e-3 * s.rest / s.pressure, 1.5e-8),)
+            for give in (min(2e-3 * scales.rest_length / scales.pressure, 1.5e-8),)
         ]
     return out
 
 
-def _creep(s: _Scales) -> list[Form]:
+def _build_viscoelastic_creep(scales: _RecordingScales) -> list[Candidate]:
     name = "viscoelastic_creep."
-    pairs = [(t, 20 * t) for t in (3 * s.step, 12 * s.step, 50 * s.step) if t < 50]
+    pairs = [(t, 20 * t) for t in (3 * scales.step, 12 * scales.step, 50 * scales.step) if t < 50]
     return [
-        Form(
+        Candidate(
             "viscoelastic_creep",
             (f"{name}{amplitude}",),
             {
@@ -256,24 +268,24 @@ def _creep(s: _Scales) -> list[Form]:
     ]
 
 
-def _mullins(s: _Scales) -> list[Form]:
+def _build_mullins_softening(scales: _RecordingScales) -> list[Candidate]:
     return [
-        Form("mullins_softening", ("mullins_softening.modulus",), {"mullins_softening.width": width})
+        Candidate("mullins_softening", ("mullins_softening.modulus",), {"mullins_softening.width": width})
         for width in (0.08, 0.3)
     ]
 
 
-def _slip(s: _Scales) -> list[Form]:
+def _build_thread_slip(scales: _RecordingScales) -> list[Candidate]:
     bedding = [
-        Form("thread_slip", ("thread_slip.bedding",), {"thread_slip.load": share * s.load})
+        Candidate("thread_slip", ("thread_slip.bedding",), {"thread_slip.load": share * scales.load})
         for share in (0.1, 0.35, 1.2)
     ]
-    moments = s.begin + s.duration * (np.arange(MOMENTS) + 0.5) / MOMENTS
+    moments = scales.begin + scales.duration * (np.arange(SLIP_TIME_COUNT) + 0.5) / SLIP_TIME_COUNT
     steps = [
-        Form(
+        Candidate(
             "thread_slip",
             ("thread_slip.step",),
-            {"thread_slip.when": float(when), "thread_slip.during": s.duration * share},
+            {"thread_slip.when": float(when), "thread_slip.during": scales.duration * share},
         )
         for when in moments
         for share in (0.01, 0.1)
@@ -281,65 +293,73 @@ def _slip(s: _Scales) -> list[Form]:
     return bedding + steps
 
 
-def _viscous(s: _Scales) -> list[Form]:
+def _build_viscous_damping(scales: _RecordingScales) -> list[Candidate]:
     amplitudes = ("viscous_damping.coefficient", "viscous_damping.pressed")
-    if s.speeds < SPEEDS:
+    if scales.speed_ratio < MIN_SPEED_RATIO_FOR_POWER:
         # At one speed a power shows in nothing but the noise of the rate, to which it would be fitted.
-        return [Form("viscous_damping", amplitudes)]
-    return [Form("viscous_damping", amplitudes, {"viscous_damping.power": power}) for power in (0.5, 0.95)]
-
-
-def _contact(s: _Scales) -> list[Form]:
+        return [Candidate("viscous_damping", amplitudes)]
     return [
-        Form("contact_pressure", ("contact_pressure.threshold",), {"contact_pressure.fill": share * s.width})
+        Candidate("viscous_damping", amplitudes, {"viscous_damping.power": power}) for power in (0.5, 0.95)
+    ]
+
+
+def _build_contact_pressure(scales: _RecordingScales) -> list[Candidate]:
+    return [
+        Candidate(
+            "contact_pressure",
+            ("contact_pressure.threshold",),
+            {"contact_pressure.fill": share * scales.width},
+        )
         for share in (0.2, 0.8)
     ]
 
 
-def _rig(s: _Scales) -> list[Form]:
+def _build_rig_compliance(scales: _RecordingScales) -> list[Candidate]:
     return [
-        Form("rig_compliance", ("rig_compliance.compliance",)),
-        Form(
+        Candidate("rig_compliance", ("rig_compliance.compliance",)),
+        Candidate(
             "rig_compliance",
             ("rig_compliance.compliance", "rig_compliance.seat"),
-            {"rig_compliance.seat_force": 0.3 * s.force},
+            {"rig_compliance.seat_force": 0.3 * scales.force},
         ),
     ]
 
 
-def _taper(s: _Scales) -> list[Form]:
+def _build_end_taper(scales: _RecordingScales) -> list[Candidate]:
     return [
-        Form("end_taper", ("end_taper.share",), {"end_taper.radius": share * s.fitting})
+        Candidate("end_taper", ("end_taper.share",), {"end_taper.radius": share * scales.fitting})
         for share in (0.94, 1.0)
     ]
 
 
-def _locking(s: _Scales) -> list[Form]:
+def _build_braid_locking(scales: _RecordingScales) -> list[Candidate]:
     return [
-        Form("braid_locking", ("braid_locking.stiffness",), {"braid_locking.width": share * s.spacing})
+        Candidate(
+            "braid_locking", ("braid_locking.stiffness",), {"braid_locking.width": share * scales.spacing}
+        )
         for share in (0.9, 1.1, 1.4, 1.9)
     ]
 
 
-def _drift(s: _Scales) -> list[Form]:
+def _build_force_drift(scales: _RecordingScales) -> list[Candidate]:
     return [
-        Form("force_drift", ("force_drift.rate",)),
-        Form("force_drift", ("force_drift.rate", "force_drift.bend")),
+        Candidate("force_drift", ("force_drift.rate",)),
+        Candidate("force_drift", ("force_drift.rate", "force_drift.bend")),
     ]
 
 
-_MAKERS = {
-    "braid_elasticity": _stretch,
-    "thread_crimp": _crimp,
-    "bladder_elasticity": _bladder,
-    "braid_friction": _friction,
-    "viscoelastic_creep": _creep,
-    "mullins_softening": _mullins,
-    "thread_slip": _slip,
-    "force_drift": _drift,
-    "viscous_damping": _viscous,
-    "contact_pressure": _contact,
-    "rig_compliance": _rig,
-    "end_taper": _taper,
-    "braid_locking": _locking,
+_CANDIDATE_BUILDERS = {
+    "braid_elasticity": _build_braid_elasticity,
+    "thread_crimp": _build_thread_crimp,
+    "bladder_elasticity": _build_bladder_elasticity,
+    "braid_friction": _build_braid_friction,
+    "viscoelastic_creep": _build_viscoelastic_creep,
+    "mullins_softening": _build_mullins_softening,
+    "thread_slip": _build_thread_slip,
+    "force_drift": _build_force_drift,
+    "viscous_damping": _build_viscous_damping,
+    "contact_pressure": _build_contact_pressure,
+    "rig_compliance": _build_rig_compliance,
+    "end_taper": _build_end_taper,
+    "braid_locking": _build_braid_locking,
 }

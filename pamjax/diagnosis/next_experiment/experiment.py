@@ -10,25 +10,30 @@ from typing import Any
 
 import numpy as np
 
-from pamjax.diagnosis.detect.score_test import signatures
-from pamjax.diagnosis.library.candidates import Form, forms
-from pamjax.diagnosis.library.library_problem import Problem
-from pamjax.diagnosis.next_experiment.power import prospect
-from pamjax.diagnosis.next_experiment.protocols import MENU
-from pamjax.diagnosis.next_experiment.testbed import Stage, contrast
-from pamjax.diagnosis.refit.candidate_fit import Model, begun, freed, without
-from pamjax.diagnosis.refit.least_squares import refit
-from pamjax.diagnosis.select.search import FINAL, ROUGH
-from pamjax.diagnosis.select.selection import Name
+from pamjax.diagnosis.detect.score_test import compute_score_directions
+from pamjax.diagnosis.library.candidates import Candidate, build_candidates
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.next_experiment.power import compute_power_and_limit
+from pamjax.diagnosis.next_experiment.protocols import PROTOCOL_MENU
+from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed, compute_contrast
+from pamjax.diagnosis.refit.candidate_fit import (
+    CandidateFit,
+    build_corrected_fit,
+    switch_off_candidate,
+    switch_on_candidate,
+)
+from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.diagnosis.select.search import FINAL_REFIT_COUNT, ROUGH_EVALUATIONS
+from pamjax.diagnosis.select.selection import NamedMechanism
 
 #: Power with which a protocol is enough.
-ENOUGH = 0.9
+SUFFICIENT_POWER = 0.9
 
 #: Forms of a mechanism that are refitted, and the shares of their linear amplitudes from which they begin.
-FORMS, SHARES = 3, (1.0, 0.1)
+MAX_CANDIDATES_REFITTED, START_AMPLITUDE_SHARES = 3, (1.0, 0.1)
 
 #: Most rivals of one name, and most pairs, for which a protocol is sought.
-RIVALS, PAIRS = 2, 4
+MAX_RIVALS_PER_MECHANISM, MAX_RIVAL_PAIRS = 2, 4
 
 
 @dataclass(frozen=True)
@@ -41,7 +46,7 @@ class Experiment:
         power: chance that it settles which, at a false alarm of one in twenty.
         minutes: what it costs.
         id: of the protocol in the menu.
-        limit: χ² by which the second must fit worse than it did before, to be given up.
+        chi2_limit: χ² by which the second must fit worse than it did before, to be given up.
     """
 
     protocol: str
@@ -49,104 +54,137 @@ class Experiment:
     power: float
     minutes: float = 0.0
     id: str = ""
-    limit: float = math.inf
+    chi2_limit: float = math.inf
 
     def as_dict(self) -> dict[str, Any]:
         """As it stands in diagnosis.json."""
         return {"protocol": self.protocol, "separates": list(self.separates), "power": self.power}
 
 
-def experiments(found: Problem, model: Model, names: Sequence[Name]) -> list[Experiment]:
+def propose_experiments(
+    problem: LibraryProblem, fit: CandidateFit, named_mechanisms: Sequence[NamedMechanism]
+) -> list[Experiment]:
     """For each name that is tied, the cheapest protocol that separates it from its rivals, or the best.
 
     Args:
-        found: the recording before the library.
-        model: the named model, refitted.
-        names: what was named, with its ties.
+        problem: the recording before the library.
+        fit: the named model, refitted.
+        named_mechanisms: what was named, with its ties.
 
     Returns:
         an experiment for each protocol that is chosen; none where nothing is tied.
     """
     pairs = [
         (name.id, rival)
-        for name in names
-        for rival in sorted(name.ties, key=lambda id, name=name: name.rivals.get(id, np.inf))[:RIVALS]
+        for name in named_mechanisms
+        for rival in sorted(
+            name.indistinguishable, key=lambda id, name=name: name.rival_chi2_increase.get(id, np.inf)
+        )[:MAX_RIVALS_PER_MECHANISM]
     ]
-    pairs = list({frozenset(pair): pair for pair in reversed(pairs)}.values())[::-1][:PAIRS]
+    pairs = list({frozenset(pair): pair for pair in reversed(pairs)}.values())[::-1][:MAX_RIVAL_PAIRS]
     if not pairs:
         return []
-    stage = Stage.of(found, model)
+    testbed = SimulatedTestbed.from_fit(problem, fit)
     best = {}
     for name, rival in pairs:
-        other = stand_in(found, model, name, rival)
-        if other is not None:
-            best[name, rival] = choose(table(stage, model, other, (name, rival)))
-    return _together(list(best.values()))
+        rival_fit = fit_rival(problem, fit, name, rival)
+        if rival_fit is not None:
+            best[name, rival] = choose_experiment(evaluate_protocols(testbed, fit, rival_fit, (name, rival)))
+    return _merge_by_protocol(list(best.values()))
 
 
-def _together(single: list[Experiment]) -> list[Experiment]:
+def _merge_by_protocol(experiments: list[Experiment]) -> list[Experiment]:
     """One entry for each protocol: what it separates, at the least of the powers."""
     out: dict[str, Experiment] = {}
-    for one in single:
-        known = out.get(one.protocol)
+    for experiment in experiments:
+        known = out.get(experiment.protocol)
         if known is not None:
-            ids = tuple(dict.fromkeys((*known.separates, *one.separates)))
-            one = dataclasses.replace(one, separates=ids, power=min(one.power, known.power))
-        out[one.protocol] = one
+            ids = tuple(dict.fromkeys((*known.separates, *experiment.separates)))
+            experiment = dataclasses.replace(
+                experiment, separates=ids, power=min(experiment.power, known.power)
+            )
+        out[experiment.protocol] = experiment
     return list(out.values())
 
 
-def choose(of_menu: Sequence[Experiment]) -> Experiment:
+def choose_experiment(experiments: Sequence[Experiment]) -> Experiment:
     """The cheapest that is powerful enough, else the most powerful."""
-    enough = [one for one in of_menu if one.power >= ENOUGH]
-    return min(enough, key=lambda e: e.minutes) if enough else max(of_menu, key=lambda e: e.power)
+    powerful = [experiment for experiment in experiments if experiment.power >= SUFFICIENT_POWER]
+    return min(powerful, key=lambda e: e.minutes) if powerful else max(experiments, key=lambda e: e.power)
 
 
-def table(stage: Stage, model: Model, other: Model, ids: tuple[str, str]) -> list[Experiment]:
+def evaluate_protocols(
+    testbed: SimulatedTestbed, fit: CandidateFit, rival_fit: CandidateFit, ids: tuple[str, str]
+) -> list[Experiment]:
     """Every protocol of the menu with its power to separate two models."""
     out = []
-    for protocol in MENU:
-        chance, limit = prospect(*contrast(stage, protocol, model, other))
-        minutes = protocol.minutes(stage.rig)
-        says = f"{protocol.says(stage.rig)} ({_duration(minutes)})."
-        out.append(Experiment(says, ids, round(chance, 3), minutes, protocol.id, limit))
+    for protocol in PROTOCOL_MENU:
+        power, chi2_limit = compute_power_and_limit(*compute_contrast(testbed, protocol, fit, rival_fit))
+        minutes = protocol.compute_minutes(testbed.rig)
+        description = f"{protocol.describe(testbed.rig)} ({_format_duration(minutes)})."
+        out.append(Experiment(description, ids, round(power, 3), minutes, protocol.id, chi2_limit))
     return out
 
 
-def _duration(minutes: float) -> str:
+def _format_duration(minutes: float) -> str:
     return f"{minutes:.0f} min" if minutes < 90 else f"{minutes / 60:.0f} h"
 
 
-def stand_in(found: Problem, model: Model, name: str, rival: str) -> Model | None:
+def fit_rival(problem: LibraryProblem, fit: CandidateFit, name: str, rival: str) -> CandidateFit | None:
     """The model with a rival in the place of a name, refitted; None where no form of it shows."""
-    form = next((f for f in model.chosen if f.id == name), None)
-    candidates = [f for f in forms(found) if f.id == rival]
-    if form is None or not candidates:
+    candidate = next((f for f in fit.mechanisms if f.id == name), None)
+    candidates = [f for f in build_candidates(problem) if f.id == rival]
+    if candidate is None or not candidates:
         return None
-    rest = tuple(f for f in model.chosen if f is not form)
-    bare = refit(found, model.white, _moved(found, rest), without(found, model.at.values, form))
-    return joined(found, Model(rest, model.white, bare), candidates)
+    remaining = tuple(f for f in fit.mechanisms if f is not candidate)
+    reduced_estimate = fit_parameters(
+        problem,
+        fit.noise,
+        _get_free_indices(problem, remaining),
+        switch_off_candidate(problem, fit.estimate.values, candidate),
+    )
+    return fit_best_candidate(problem, CandidateFit(remaining, fit.noise, reduced_estimate), candidates)
 
 
-def joined(found: Problem, bare: Model, candidates: Sequence[Form]) -> Model:
+def fit_best_candidate(
+    problem: LibraryProblem, reduced_fit: CandidateFit, candidates: Sequence[Candidate]
+) -> CandidateFit:
     """A model with one more form, the best of some after a refit of each.
 
     The form that is best in the linear limit may be one whose amplitude lies far beyond its limits, where a
     refit then stays: several are refitted, each from a part of its amplitude as well.
     """
-    scored = sorted(signatures(found, bare.white, bare.at, candidates), key=lambda s: -s.gain)[:FORMS]
-    rough = []
-    for one in scored:
-        chosen = (*bare.chosen, one.form)
-        for share in SHARES:
-            values = begun(found, bare.at.values, one.form, share * one.amplitudes)
-            at = refit(found, bare.white, _moved(found, chosen), values, ROUGH)
-            rough.append(Model(chosen, bare.white, at))
-    best = sorted(rough, key=lambda m: m.at.cost)[:FINAL]
-    ends = [freed(found, m.chosen, m.white, refit(found, m.white, m.at.moved, m.at.values)) for m in best]
-    return min(ends, key=lambda m: m.fair)
+    scored = sorted(
+        compute_score_directions(problem, reduced_fit.noise, reduced_fit.estimate, candidates),
+        key=lambda s: -s.chi2_reduction,
+    )[:MAX_CANDIDATES_REFITTED]
+    rough_fits = []
+    for score_direction in scored:
+        mechanisms = (*reduced_fit.mechanisms, score_direction.candidate)
+        for share in START_AMPLITUDE_SHARES:
+            values = switch_on_candidate(
+                problem,
+                reduced_fit.estimate.values,
+                score_direction.candidate,
+                share * score_direction.amplitudes,
+            )
+            estimate = fit_parameters(
+                problem, reduced_fit.noise, _get_free_indices(problem, mechanisms), values, ROUGH_EVALUATIONS
+            )
+            rough_fits.append(CandidateFit(mechanisms, reduced_fit.noise, estimate))
+    best = sorted(rough_fits, key=lambda m: m.estimate.cost)[:FINAL_REFIT_COUNT]
+    final_fits = [
+        build_corrected_fit(
+            problem,
+            m.mechanisms,
+            m.noise,
+            fit_parameters(problem, m.noise, m.estimate.free, m.estimate.values),
+        )
+        for m in best
+    ]
+    return min(final_fits, key=lambda m: m.corrected_chi2)
 
 
-def _moved(found: Problem, chosen: Sequence[Form]) -> list[int]:
-    places = {found.place(name) for form in chosen for name in form.moves}
-    return sorted({*np.flatnonzero(found.own).tolist(), *places})
+def _get_free_indices(problem: LibraryProblem, mechanisms: Sequence[Candidate]) -> list[int]:
+    indices = {problem.index(name) for candidate in mechanisms for name in candidate.free_parameters}
+    return sorted({*np.flatnonzero(problem.is_baseline).tolist(), *indices})

@@ -20,47 +20,51 @@ from dataclasses import dataclass
 import numpy as np
 
 #: Chance that the wrong one is chosen.
-FALSE_ALARM = 0.05
+FALSE_ALARM_RATE = 0.05
 
 #: Simulated protocols for a power: it is known to one in a hundred.
-DRAWS = 4000
+POWER_DRAWS = 4000
 
 
 @dataclass(frozen=True, eq=False)
-class Side:
+class LinearisedModel:
     """One of two models before a protocol.
 
     Attributes:
-        slopes: (k, m) white derivatives of what the protocol shows, by the model's numbers.
-        known: (k, k) what recording and priors know of those numbers.
+        jacobian: (k, m) white derivatives of what the protocol shows, by the model's numbers.
+        information: (k, k) what recording and priors know of those numbers.
     """
 
-    slopes: np.ndarray
-    known: np.ndarray
+    jacobian: np.ndarray
+    information: np.ndarray
 
-    def left(self, differences: np.ndarray) -> np.ndarray:
+    def compute_refit_chi2(self, differences: np.ndarray) -> np.ndarray:
         """χ² of white differences, (…, m), after a refit."""
-        total = self.known + self.slopes @ self.slopes.T
+        total = self.information + self.jacobian @ self.jacobian.T
         unit = np.sqrt(np.maximum(np.diag(total), 1e-300))
         inverse = np.linalg.pinv(total / np.outer(unit, unit), rcond=1e-12, hermitian=True)
-        pull = differences @ (self.slopes / unit[:, None]).T
+        pull = differences @ (self.jacobian / unit[:, None]).T
         return np.sum(differences**2, axis=-1) - np.sum((pull @ inverse) * pull, axis=-1)
 
-    def drawn(self, rng: np.random.Generator, many: int) -> np.ndarray:
+    def sample_predictions(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """What its numbers, drawn as uncertain as they are, change in the protocol, (many, m)."""
-        unit = np.sqrt(np.maximum(np.diag(self.known), 1e-300))
-        weights, axes = np.linalg.eigh(self.known / np.outer(unit, unit))
-        draws = rng.standard_normal((many, unit.size)) / np.sqrt(np.maximum(weights, 1e-12))
-        return (draws @ axes.T / unit) @ self.slopes
+        unit = np.sqrt(np.maximum(np.diag(self.information), 1e-300))
+        weights, axes = np.linalg.eigh(self.information / np.outer(unit, unit))
+        draws = rng.standard_normal((count, unit.size)) / np.sqrt(np.maximum(weights, 1e-12))
+        return (draws @ axes.T / unit) @ self.jacobian
 
 
-def power(delta: np.ndarray, a: Side, b: Side, draws: int = DRAWS, seed: int = 0) -> float:
-    """Chance that A is preferred where it is true; see `prospect`."""
-    return prospect(delta, a, b, draws, seed)[0]
+def compute_power(
+    delta: np.ndarray, a: LinearisedModel, b: LinearisedModel, draws: int = POWER_DRAWS, seed: int = 0
+) -> float:
+    """Chance that A is preferred where it is true; see `compute_power_and_limit`."""
+    return compute_power_and_limit(delta, a, b, draws, seed)[0]
 
 
-def prospect(delta: np.ndarray, a: Side, b: Side, draws: int = DRAWS, seed: int = 0) -> tuple[float, float]:
-    """Chance that A is preferred where it is true, if B is given up only at a false alarm of `FALSE_ALARM`.
+def compute_power_and_limit(
+    delta: np.ndarray, a: LinearisedModel, b: LinearisedModel, draws: int = POWER_DRAWS, seed: int = 0
+) -> tuple[float, float]:
+    """Chance that A is preferred where it is true, if B is given up only at a false alarm of `FALSE_ALARM_RATE`.
 
     Args:
         delta: (m,) white difference of A's and B's predictions.
@@ -72,15 +76,19 @@ def prospect(delta: np.ndarray, a: Side, b: Side, draws: int = DRAWS, seed: int 
         power, and the χ² by which B must fit worse, beyond what it did before, to be given up.
     """
     if not delta.size or not np.any(delta):
-        return FALSE_ALARM, math.inf
+        return FALSE_ALARM_RATE, math.inf
     # Noise beyond the span of δ and the derivatives is the same to both models.
-    basis = np.linalg.qr(np.concatenate([delta[None], a.slopes, b.slopes]).T)[0]
-    delta, a, b = delta @ basis, Side(a.slopes @ basis, a.known), Side(b.slopes @ basis, b.known)
+    basis = np.linalg.qr(np.concatenate([delta[None], a.jacobian, b.jacobian]).T)[0]
+    delta, a, b = (
+        delta @ basis,
+        LinearisedModel(a.jacobian @ basis, a.information),
+        LinearisedModel(b.jacobian @ basis, b.information),
+    )
     rng = np.random.default_rng(seed)
 
-    def gain(truth: np.ndarray, side: Side) -> np.ndarray:
-        seen = truth + side.drawn(rng, draws) + rng.standard_normal((draws, delta.size))
-        return b.left(seen) - a.left(seen - delta)
+    def compute_chi2_difference(truth: np.ndarray, model: LinearisedModel) -> np.ndarray:
+        readings = truth + model.sample_predictions(rng, draws) + rng.standard_normal((draws, delta.size))
+        return b.compute_refit_chi2(readings) - a.compute_refit_chi2(readings - delta)
 
-    limit = float(np.quantile(gain(np.zeros_like(delta), b), 1 - FALSE_ALARM))
-    return float(np.mean(gain(delta, a) > limit)), limit
+    chi2_limit = float(np.quantile(compute_chi2_difference(np.zeros_like(delta), b), 1 - FALSE_ALARM_RATE))
+    return float(np.mean(compute_chi2_difference(delta, a) > chi2_limit)), chi2_limit

@@ -9,173 +9,206 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
-from pamjax.diagnosis.library.library_problem import Problem, program_rows
-from pamjax.diagnosis.next_experiment.power import Side
-from pamjax.diagnosis.next_experiment.protocols import Protocol
-from pamjax.diagnosis.next_experiment.rig import CAMERA, Rig
-from pamjax.diagnosis.noise.estimate import Whitening
-from pamjax.diagnosis.refit.candidate_fit import Model
-from pamjax.diagnosis.refit.least_squares import LIMITS_APART, UNKNOWN, coordinates
-from pamjax.infer.noise.ar1_filter import Colour
-from pamjax.infer.noise.sensor_noise import effective_sd
-from pamjax.infer.problem.dataset import case_history, sample_rows, starting_sd
+from pamjax.diagnosis.library.library_problem import LibraryProblem, compute_program_rows
+from pamjax.diagnosis.next_experiment.power import LinearisedModel
+from pamjax.diagnosis.next_experiment.protocols import PlannedProtocol
+from pamjax.diagnosis.next_experiment.rig import CAMERA_SD_M, RigLimits
+from pamjax.diagnosis.noise.estimate import NoiseModel
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit
+from pamjax.diagnosis.refit.least_squares import (
+    UNIFORM_RANGE_SD,
+    UNINFORMATIVE_PRIOR_SD,
+    transform_to_coordinates,
+)
+from pamjax.infer.noise.ar1_filter import Ar1Noise
+from pamjax.infer.noise.sensor_noise import compute_effective_sd
+from pamjax.infer.problem.dataset import build_history, build_rows, estimate_starting_sd
 from pamjax.records.case import Case
 from pamjax.records.protocol import Schedule
 from pamjax.records.recording import Recording
 
 #: Seconds between a recording and the next protocol.
-BREAK = 60.0
+PAUSE_BEFORE_PROTOCOL_S = 60.0
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
+class SimulatedTestbed:
     """Where protocols are played: a recording's muscle and rig, and its noise.
 
     Attributes:
-        found: the recording before the library.
+        problem: the recording before the library.
         rig: what its bench can do.
-        own: noise of one sample of force (N) and of diameter (m) that is the channel's own.
-        wider: factor on it where the model leaves more than noise.
-        memory: by channel, correlation of neighbouring samples and the seconds between them.
-        begin: when a new protocol begins, s.
+        sensor_sd: noise of one sample of force (N) and of diameter (m) that is the channel's own.
+        sd_inflation: factor on it where the model leaves more than noise.
+        correlations: by channel, correlation of neighbouring samples and the seconds between them.
+        start_time: when a new protocol begins, s.
     """
 
-    found: Problem
-    rig: Rig
-    own: tuple[float, float]
-    wider: float
-    memory: tuple[tuple[float, float], ...]
-    begin: float
+    problem: LibraryProblem
+    rig: RigLimits
+    sensor_sd: tuple[float, float]
+    sd_inflation: float
+    correlations: tuple[tuple[float, float], ...]
+    start_time: float
 
     @classmethod
-    def of(cls, found: Problem, model: Model) -> Stage:
+    def from_fit(cls, problem: LibraryProblem, fit: CandidateFit) -> SimulatedTestbed:
         """The stage that a recording and its model set."""
-        recording, sensors = found.case.recording, found.case.entry.sensors
-        step, spent = _clock(recording)
-        colours = model.white.colours
-        seen = [CAMERA if c is None else float(np.sqrt(np.mean(c.sd[r] ** 2))) for c, r in
-                zip(colours, model.white.rows, strict=True)]  # fmt: skip
-        given = starting_sd(found.case)
-        own = (
-            seen[0] if sensors.force is None else given[0],
-            seen[1] if sensors.diameter is None else given[1],
+        recording, sensors = problem.case.recording, problem.case.entry.sensors
+        step, elapsed = _read_clock(recording)
+        channels = fit.noise.channels
+        observed_sd = [CAMERA_SD_M if c is None else float(np.sqrt(np.mean(c.sd[r] ** 2))) for c, r in
+                zip(channels, fit.noise.rows, strict=True)]  # fmt: skip
+        stated_sd = estimate_starting_sd(problem.case)
+        sensor_sd = (
+            observed_sd[0] if sensors.force is None else stated_sd[0],
+            observed_sd[1] if sensors.diameter is None else stated_sd[1],
         )
-        wider = np.sqrt(max(model.at.misfit / max(model.white.size, 1), 1.0))
-        memory = tuple((0.0 if c is None else c.correlation, step) for c in colours)
+        sd_inflation = np.sqrt(max(fit.estimate.chi2 / max(fit.noise.size, 1), 1.0))
+        correlations = tuple((0.0 if c is None else c.correlation, step) for c in channels)
         return cls(
-            found, _rig(recording, found.case, own, step, spent), own, float(wider), memory, spent + BREAK
+            problem,
+            _estimate_rig_limits(recording, problem.case, sensor_sd, step, elapsed),
+            sensor_sd,
+            float(sd_inflation),
+            correlations,
+            elapsed + PAUSE_BEFORE_PROTOCOL_S,
         )
 
-    def play(self, schedule: Schedule) -> Problem:
+    def simulate(self, schedule: Schedule) -> LibraryProblem:
         """The muscle on a schedule, in the same compiled program as the recording unless it is longer."""
-        found, n = self.found, schedule.time.size
-        size = max(found.member.rows.pressure.size, program_rows(n))
+        problem, n = self.problem, schedule.time.size
+        size = max(problem.dataset.rows.pressure.size, compute_program_rows(n))
         recording = Recording.from_arrays(
             time=schedule.time, pressure=schedule.pressure, length=schedule.length, cycle=schedule.cycle,
-            force=np.full(n, 1e3), diameter=np.where(schedule.optical, 1.0, np.nan),
+            force=np.full(n, 1e3), diameter=np.where(schedule.diameter_measured, 1.0, np.nan),
         )  # fmt: skip
-        case = Case(found.case.name, Path(), found.case.entry, recording, "", (), "carry", found.case.before)
-        rows = sample_rows(case, size)
-        rows = dataclasses.replace(rows, setting=jnp.zeros_like(rows.setting))
-        history = case_history(case, size, padding=False)
-        member, lighter = (
-            dataclasses.replace(m, rows=rows, history=history) for m in (found.member, found.lighter)
+        case = Case(
+            problem.case.name, Path(), problem.case.entry, recording, "", (), "carry", problem.case.before
+        )
+        rows = build_rows(case, size)
+        rows = dataclasses.replace(rows, setting=jnp.zeros_like(rows.length_setting))
+        history = build_history(case, size, padding=False)
+        dataset, reduced_dataset = (
+            dataclasses.replace(m, rows=rows, history=history)
+            for m in (problem.dataset, problem.reduced_dataset)
         )
         return dataclasses.replace(
-            found, case=case, member=member, lighter=lighter, measured=np.full((2, n), np.nan)
+            problem,
+            case=case,
+            dataset=dataset,
+            reduced_dataset=reduced_dataset,
+            measured=np.full((2, n), np.nan),
         )
 
-    def white(self, on: Problem, values: np.ndarray, there: np.ndarray) -> Whitening:
+    def build_noise(self, problem: LibraryProblem, values: np.ndarray, is_measured: np.ndarray) -> NoiseModel:
         """The noise that a protocol will have, in the (2, n) samples that will be there."""
-        sd = effective_sd(on.member, jnp.asarray(values), on.case.entry.sensors, self.own)[:, : on.n]
-        sd = self.wider * np.nan_to_num(sd, nan=1e30)
-        step, _ = _clock(on.case.recording)
-        colours, rows, runs = [], [], []
+        sd = compute_effective_sd(
+            problem.dataset, jnp.asarray(values), problem.case.entry.sensors, self.sensor_sd
+        )[:, : problem.n]
+        sd = self.sd_inflation * np.nan_to_num(sd, nan=1e30)
+        step, _ = _read_clock(problem.case.recording)
+        channels, rows, runs = [], [], []
         for c in range(2):
-            at = np.flatnonzero(there[c])
-            rows.append(at)
-            runs.append(np.array([[0, at.size]]) if at.size else np.zeros((0, 2), int))
-            rho, per = self.memory[c]
-            shared = float(np.mean((self.wider * self.own[c] / sd[c][at]) ** 2)) if at.size else 1.0
-            colours.append(Colour(sd[c], shared, rho ** (step / per), True) if at.size else None)
-        return Whitening(tuple(colours), tuple(rows), tuple(runs))
+            channel_rows = np.flatnonzero(is_measured[c])
+            rows.append(channel_rows)
+            runs.append(np.array([[0, channel_rows.size]]) if channel_rows.size else np.zeros((0, 2), int))
+            rho, per = self.correlations[c]
+            shared = (
+                float(np.mean((self.sd_inflation * self.sensor_sd[c] / sd[c][channel_rows]) ** 2))
+                if channel_rows.size
+                else 1.0
+            )
+            channels.append(Ar1Noise(sd[c], shared, rho ** (step / per), True) if channel_rows.size else None)
+        return NoiseModel(tuple(channels), tuple(rows), tuple(runs))
 
 
-def _clock(recording: Recording) -> tuple[float, float]:
+def _read_clock(recording: Recording) -> tuple[float, float]:
     """Seconds between samples, and where the clock stands at the end."""
     if recording.time is None or recording.n < 2:
         return 1.0, 0.0
     return max(float(np.median(np.diff(recording.time))), 1e-3), float(recording.time[-1])
 
 
-def _rig(recording: Recording, case: Case, own, step: float, spent: float) -> Rig:
+def _estimate_rig_limits(
+    recording: Recording, case: Case, sensor_sd, step: float, elapsed: float
+) -> RigLimits:
     good = recording.usable
-    rest, sensors = case.entry.rest_length.value, case.entry.sensors
+    rest_length, sensors = case.entry.rest_length.value, case.entry.sensors
     length = recording.length[good]
     speed = np.abs(np.diff(length)) / step
     moving = speed[speed > 0.2 * np.max(speed, initial=0.0)]
     strokes = moving.size > 0.2 * speed.size
-    return Rig(
-        rest=rest,
-        pressure=float(np.max(recording.pressure[good])),
-        contraction=float(max(1 - np.min(length) / rest, 0.05)),
+    return RigLimits(
+        rest_length=rest_length,
+        max_pressure=float(np.max(recording.pressure[good])),
+        max_contraction=float(max(1 - np.min(length) / rest_length, 0.05)),
         speed=float(np.median(moving)) if strokes else 1e-3,
         step=step,
-        force=own[0],
-        diameter=own[1],
-        gauge=sensors.pressure or 1e-3 * float(np.max(recording.pressure[good])),
-        ruler=sensors.length or 2e-5,
-        pull=float(np.nanmax(recording.force, initial=10.0)),
-        camera=bool(np.isfinite(recording.diameter).any()),
-        spent=spent,
+        force_noise=sensor_sd[0],
+        diameter_noise=sensor_sd[1],
+        pressure_noise=sensors.pressure or 1e-3 * float(np.max(recording.pressure[good])),
+        length_noise=sensors.length or 2e-5,
+        max_force=float(np.nanmax(recording.force, initial=10.0)),
+        has_camera=bool(np.isfinite(recording.diameter).any()),
+        elapsed=elapsed,
     )
 
 
-def contrast(stage: Stage, protocol: Protocol, a: Model, b: Model) -> tuple[np.ndarray, Side, Side]:
+def compute_contrast(
+    testbed: SimulatedTestbed, protocol: PlannedProtocol, a: CandidateFit, b: CandidateFit
+) -> tuple[np.ndarray, LinearisedModel, LinearisedModel]:
     """White difference of two models on a protocol, (m,), and either model before it."""
-    found = stage.found
-    delta, slopes = [], [[], []]
-    schedule = protocol.schedule(stage.rig, stage.begin)
+    problem = testbed.problem
+    delta, jacobians = [], [[], []]
+    schedule = protocol.build_schedule(testbed.rig, testbed.start_time)
     if schedule is not None:
-        on = stage.play(schedule)
-        (shown_a, by_a), (shown_b, by_b) = (on.slopes(m.at.values, m.at.moved) for m in (a, b))
-        there = np.isfinite(shown_a) & np.isfinite(shown_b)
+        planned_problem = testbed.simulate(schedule)
+        (shown_a, jacobian_a), (shown_b, jacobian_b) = (
+            planned_problem.jacobian(m.estimate.values, m.estimate.free) for m in (a, b)
+        )
+        is_measured = np.isfinite(shown_a) & np.isfinite(shown_b)
         # A muscle that would have to push is slack: nothing is measured there that tells models apart.
-        there &= (shown_a[0] > 0) & (shown_b[0] > 0)
-        there[1] &= schedule.optical
-        white = stage.white(on, a.at.values, there)
-        if white.size:
-            delta.append(white(np.nan_to_num(shown_a - shown_b)))
-            for k, (model, by) in enumerate(((a, by_a), (b, by_b))):
-                slopes[k].append(white(np.nan_to_num(by)) * model.at.scale[:, None])
-    for k, sd in readings(stage, protocol, a, b).items():
-        delta.append(np.array([(a.at.values[k] - b.at.values[k]) / sd]))
-        for j, model in enumerate((a, b)):
-            own = np.array([float(place == k) for place in model.at.moved])
-            slopes[j].append((own * model.at.scale / sd)[:, None])
+        is_measured &= (shown_a[0] > 0) & (shown_b[0] > 0)
+        is_measured[1] &= schedule.diameter_measured
+        noise = testbed.build_noise(planned_problem, a.estimate.values, is_measured)
+        if noise.size:
+            delta.append(noise.whiten(np.nan_to_num(shown_a - shown_b)))
+            for k, (fit, jacobian) in enumerate(((a, jacobian_a), (b, jacobian_b))):
+                jacobians[k].append(noise.whiten(np.nan_to_num(jacobian)) * fit.estimate.scale[:, None])
+    for k, sd in get_direct_readings(testbed, protocol, a, b).items():
+        delta.append(np.array([(a.estimate.values[k] - b.estimate.values[k]) / sd]))
+        for j, fit in enumerate((a, b)):
+            is_read = np.array([float(index == k) for index in fit.estimate.free])
+            jacobians[j].append((is_read * fit.estimate.scale / sd)[:, None])
     if not delta:
-        delta, slopes = [np.zeros(0)], [[np.zeros((len(m.at.moved), 0))] for m in (a, b)]
+        delta, jacobians = [np.zeros(0)], [[np.zeros((len(m.estimate.free), 0))] for m in (a, b)]
     first, second = (
-        Side(np.concatenate(by, axis=1), _known(found, m)) for m, by in zip((a, b), slopes, strict=True)
+        LinearisedModel(np.concatenate(jacobian, axis=1), _compute_information(problem, m))
+        for m, jacobian in zip((a, b), jacobians, strict=True)
     )
     return np.concatenate(delta), first, second
 
 
-def readings(stage: Stage, protocol: Protocol, a: Model, b: Model) -> dict[int, float]:
+def get_direct_readings(
+    testbed: SimulatedTestbed, protocol: PlannedProtocol, a: CandidateFit, b: CandidateFit
+) -> dict[int, float]:
     """Which numbers a protocol reads directly, by their place, with the standard deviations, SI."""
-    found, out = stage.found, {}
-    for name, sd in protocol.direct(stage.rig).items():
-        if name in found.names:
-            k = found.place(name)
-            own = max(abs(a.at.values[k]), abs(b.at.values[k]), 1e-12)
-            out[k] = sd if sd >= 0 else -sd * own
+    problem, out = testbed.problem, {}
+    for name, sd in protocol.get_direct_readings(testbed.rig).items():
+        if name in problem.names:
+            k = problem.index(name)
+            magnitude = max(abs(a.estimate.values[k]), abs(b.estimate.values[k]), 1e-12)
+            out[k] = sd if sd >= 0 else -sd * magnitude
     return out
 
 
-def _known(found: Problem, model: Model) -> np.ndarray:
+def _compute_information(problem: LibraryProblem, fit: CandidateFit) -> np.ndarray:
     """What the recording, the priors and the limits know of a model's numbers, in their coordinates."""
-    jacobian, moved = model.at.jacobian, model.at.moved
-    low, high = (coordinates(found, moved, edge) for edge in (found.low, found.high))
+    jacobian, free = fit.estimate.jacobian, fit.estimate.free
+    low, high = (transform_to_coordinates(problem, free, edge) for edge in (problem.low, problem.high))
     # A number anywhere between its limits has a twelfth of their distance squared as variance.
-    believed = np.where(model.at.prior < UNKNOWN, model.at.prior, (high - low) / LIMITS_APART)
-    return jacobian.T @ jacobian + np.diag(1 / believed**2)
+    prior_sd = np.where(
+        fit.estimate.prior_sd < UNINFORMATIVE_PRIOR_SD, fit.estimate.prior_sd, (high - low) / UNIFORM_RANGE_SD
+    )
+    return jacobian.T @ jacobian + np.diag(1 / prior_sd**2)

@@ -12,45 +12,51 @@ from dataclasses import dataclass, replace
 import jax.numpy as jnp
 import numpy as np
 
-from pamjax.diagnosis.library.library_problem import Problem
-from pamjax.diagnosis.noise.input_noise import passed_on
-from pamjax.infer.noise.ar1_filter import Colour, correlation_error
-from pamjax.infer.noise.sensor_noise import sensitivities
-from pamjax.infer.noise.static_table import table_variance
-from pamjax.infer.noise.unknown_sensor import LAGS, Seen, Unstated, second_differences, unstated
-from pamjax.infer.problem.dataset import CHANNELS, starting_sd
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.noise.input_noise import propagate_input_noise
+from pamjax.infer.noise.ar1_filter import Ar1Noise, compute_correlation_error
+from pamjax.infer.noise.sensor_noise import compute_sensitivities
+from pamjax.infer.noise.static_table import estimate_table_variance
+from pamjax.infer.noise.unknown_sensor import (
+    DIFFERENCE_LAGS,
+    DifferenceStatistics,
+    UnknownSensorNoise,
+    compute_second_differences,
+    estimate_unknown_noise,
+)
+from pamjax.infer.problem.dataset import CHANNELS, estimate_starting_sd
 
 #: Largest correlation of neighbours. Beyond it noise cannot be told from misfit.
-MOST = 0.98
+MAX_CORRELATION = 0.98
 
 #: Correlation of neighbours, in standard errors, below which samples count as independent.
-SEEN = 2.0
+MIN_CORRELATION_SE = 2.0
 
 #: How well a lab knows its sensors' noise, as a share of its variance.
-SENSOR = 0.1
+SENSOR_VARIANCE_SD_SHARE = 0.1
 
 #: Samples below which no correlation is looked for.
-FEW = 30
+MIN_SAMPLES_FOR_CORRELATION = 30
 
 #: Share of all steps that are near where a few jump.
-MOSTLY = 0.9
+MIN_NEAR_STEP_SHARE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
-class Whitening:
+class NoiseModel:
     """Makes (…, 2, n) residuals or derivatives, SI, into white ones of unit variance.
 
     Attributes:
-        colours: by channel, None where nothing was measured.
+        channels: by channel, None where nothing was measured.
         rows: by channel, the rows that are looked at, in order.
         runs: by channel, where in `rows` continuous runs begin and end.
-        trust: factor on everything white; below one where the model is wrong by more than noise.
+        weight: factor on everything white; below one where the model is wrong by more than noise.
     """
 
-    colours: tuple[Colour | None, ...]
+    channels: tuple[Ar1Noise | None, ...]
     rows: tuple[np.ndarray, ...]
     runs: tuple[np.ndarray, ...]
-    trust: float = 1.0
+    weight: float = 1.0
 
     @property
     def size(self) -> int:
@@ -58,46 +64,51 @@ class Whitening:
         return sum(r.size for r in self.rows)
 
     @property
-    def volume(self) -> float:
+    def log_determinant(self) -> float:
         """Logarithm of the determinant of the noise's covariance, SI."""
-        out = -2 * self.size * math.log(self.trust)
-        for colour, rows, runs in zip(self.colours, self.rows, self.runs, strict=True):
-            if colour is not None:
-                out += 2 * float(np.sum(np.log(colour.sd[rows])))
-                out += 2 * sum(colour.log_sd(int(last - first)) for first, last in runs)
+        out = -2 * self.size * math.log(self.weight)
+        for channel, rows, runs in zip(self.channels, self.rows, self.runs, strict=True):
+            if channel is not None:
+                out += 2 * float(np.sum(np.log(channel.sd[rows])))
+                out += 2 * sum(channel.sum_log_sd(int(last - first)) for first, last in runs)
         return out
 
-    def of_rows(self, mask: np.ndarray) -> Whitening:
+    def restrict_to_rows(self, mask: np.ndarray) -> NoiseModel:
         """The same noise, looked at in the rows of a mask, (n,), alone."""
-        rows = tuple(there[mask[there]] for there in self.rows)
-        runs = tuple(_runs_in(mask[there], run) for there, run in zip(self.rows, self.runs, strict=True))
+        rows = tuple(channel_rows[mask[channel_rows]] for channel_rows in self.rows)
+        runs = tuple(
+            _split_runs(mask[channel_rows], run)
+            for channel_rows, run in zip(self.rows, self.runs, strict=True)
+        )
         return replace(self, rows=rows, runs=runs)
 
-    def __call__(self, values: np.ndarray) -> np.ndarray:
+    def whiten(self, values: np.ndarray) -> np.ndarray:
         """Standardised and filtered, (…, size): force first, then diameter."""
-        parts = [self._channel(values[..., c, :], c) for c in range(len(CHANNELS)) if self.rows[c].size]
-        return self.trust * np.concatenate(parts, axis=-1)
+        parts = [
+            self._whiten_channel(values[..., c, :], c) for c in range(len(CHANNELS)) if self.rows[c].size
+        ]
+        return self.weight * np.concatenate(parts, axis=-1)
 
-    def _channel(self, values: np.ndarray, c: int) -> np.ndarray:
-        colour, rows = self.colours[c], self.rows[c]
-        assert colour is not None
-        standard = values[..., rows] / colour.sd[rows]
-        if colour.correlation == 0:
+    def _whiten_channel(self, values: np.ndarray, c: int) -> np.ndarray:
+        channel, rows = self.channels[c], self.rows[c]
+        assert channel is not None
+        standard = values[..., rows] / channel.sd[rows]
+        if channel.correlation == 0:
             return standard
         # Nothing is known before a run.
-        parts = [colour.whitened(standard[..., first:last]) for first, last in self.runs[c]]
+        parts = [channel.whiten(standard[..., first:last]) for first, last in self.runs[c]]
         return np.concatenate(parts, axis=-1)
 
-    def standard(self, values: np.ndarray, c: int) -> np.ndarray:
+    def standardise(self, values: np.ndarray, c: int) -> np.ndarray:
         """One channel over its standard deviation, unfiltered, NaN where it is not looked at, (…, n)."""
         out = np.full(values.shape[:-2] + values.shape[-1:], np.nan)
-        colour, rows = self.colours[c], self.rows[c]
-        if colour is not None:
-            out[..., rows] = values[..., c, rows] / colour.sd[rows]
+        channel, rows = self.channels[c], self.rows[c]
+        if channel is not None:
+            out[..., rows] = values[..., c, rows] / channel.sd[rows]
         return out
 
 
-def _runs_in(kept: np.ndarray, runs: np.ndarray) -> np.ndarray:
+def _split_runs(kept: np.ndarray, runs: np.ndarray) -> np.ndarray:
     """(k, 2) begin and end of runs, in what is kept of their samples; what is left out ends a run."""
     run = np.repeat(np.arange(len(runs)), runs[:, 1] - runs[:, 0])[kept]
     breaks = (np.diff(run) != 0) | (np.diff(np.flatnonzero(kept)) > 1)
@@ -105,141 +116,193 @@ def _runs_in(kept: np.ndarray, runs: np.ndarray) -> np.ndarray:
     return np.stack([bounds[:-1], bounds[1:]], axis=1) if run.size else np.zeros((0, 2), int)
 
 
-def whitening(found: Problem, values: np.ndarray, used: np.ndarray) -> Whitening:
+def estimate_noise(problem: LibraryProblem, values: np.ndarray, training_rows: np.ndarray) -> NoiseModel:
     """The noise that the residual at these values shows.
 
     Args:
-        found: the recording before the library.
+        problem: the recording before the library.
         values: (p,) numbers, SI.
-        used: (n,) the rows that may be looked at.
+        training_rows: (n,) the rows that may be looked at.
     """
-    residual = found.measured - found.shows(values)
-    own, carried = _variances(found, values)
+    residual = problem.measured - problem.predict(values)
+    sensor_variance, input_variance = _compute_variances(problem, values)
     # What was left out ends a run: samples on either side of it are no neighbours.
-    starts = np.cumsum(found.case.recording.starts | (np.diff(used, prepend=used[:1])))
-    sensors = found.case.entry.sensors
-    silent = sensors.pressure is None or (sensors.length is None and not sensors.length_per_setting)
-    colours, rows, runs = [], [], []
-    tables = _table_variances(found, used)
-    noise = passed_on(found, values)
+    starts = np.cumsum(problem.case.recording.starts | (np.diff(training_rows, prepend=training_rows[:1])))
+    sensors = problem.case.entry.sensors
+    input_noise_unknown = sensors.pressure is None or (
+        sensors.length is None and not sensors.length_per_setting
+    )
+    channels, rows, runs = [], [], []
+    tables = _estimate_table_variances(problem, training_rows)
+    input_noise = propagate_input_noise(problem, values)
     for c, stated in enumerate((sensors.force, sensors.diameter)):
-        there = np.flatnonzero(np.isfinite(found.measured[c]) & used)
-        edges = np.flatnonzero(np.diff(starts[there])) + 1
-        bounds = np.concatenate([[0], edges, [there.size]]).astype(int)
-        rows.append(there)
-        runs.append(np.stack([bounds[:-1], bounds[1:]], axis=1) if there.size else np.zeros((0, 2), int))
-        colours.append(
-            _colour(
+        channel_rows = np.flatnonzero(np.isfinite(problem.measured[c]) & training_rows)
+        edges = np.flatnonzero(np.diff(starts[channel_rows])) + 1
+        bounds = np.concatenate([[0], edges, [channel_rows.size]]).astype(int)
+        rows.append(channel_rows)
+        runs.append(
+            np.stack([bounds[:-1], bounds[1:]], axis=1) if channel_rows.size else np.zeros((0, 2), int)
+        )
+        channels.append(
+            _build_channel_noise(
                 residual[c],
-                own[c],
-                carried[c],
-                there,
+                sensor_variance[c],
+                input_variance[c],
+                channel_rows,
                 starts,
                 stated is not None,
                 tables[c],
-                None if noise is None else noise[:, c],
-                silent,
+                None if input_noise is None else input_noise[:, c],
+                input_noise_unknown,
             )
-            if there.size
+            if channel_rows.size
             else None
         )
-    return Whitening(tuple(colours), tuple(rows), tuple(runs))
+    return NoiseModel(tuple(channels), tuple(rows), tuple(runs))
 
 
-def _variances(found: Problem, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _compute_variances(problem: LibraryProblem, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Variance of a channel's own noise, (2, 1), and of what pressure and length carry into it, (2, n)."""
-    sensors = found.case.entry.sensors
+    sensors = problem.case.entry.sensors
     by_pressure, by_length = (
-        np.asarray(s)[:, : found.n] for s in sensitivities(found.member, jnp.asarray(values))
+        np.asarray(s)[:, : problem.n] for s in compute_sensitivities(problem.dataset, jnp.asarray(values))
     )
     length = 0.0 if sensors.length_per_setting else sensors.length or 0.0
-    carried = ((sensors.pressure or 0.0) * by_pressure) ** 2 + (length * by_length) ** 2
-    return np.square(np.array(starting_sd(found.case)))[:, None], np.nan_to_num(carried)
+    input_variance = ((sensors.pressure or 0.0) * by_pressure) ** 2 + (length * by_length) ** 2
+    return np.square(np.array(estimate_starting_sd(problem.case)))[:, None], np.nan_to_num(input_variance)
 
 
-def _table_variances(found: Problem, used: np.ndarray) -> list[tuple[float, float]]:
+def _estimate_table_variances(
+    problem: LibraryProblem, training_rows: np.ndarray
+) -> list[tuple[float, float]]:
     """By channel, the variance of a reading of a static table and how well it is known; NaN in a history.
 
     Of the neutral muscle's misfit, so that no model that bends to few rows makes its own noise small.
     """
-    recording = found.case.recording
+    recording = problem.case.recording
     if recording.has_time:
         return [(math.nan, 0.0)] * len(CHANNELS)
-    misfit = found.measured - found.shows(found.neutral)
-    there = [np.isfinite(misfit[c]) & used for c in range(len(CHANNELS))]
+    misfit = problem.measured - problem.predict(problem.neutral)
+    rows_by_channel = [np.isfinite(misfit[c]) & training_rows for c in range(len(CHANNELS))]
     return [
-        table_variance(recording.pressure[rows], recording.length[rows], misfit[c, rows])
-        for c, rows in enumerate(there)
+        estimate_table_variance(recording.pressure[rows], recording.length[rows], misfit[c, rows])
+        for c, rows in enumerate(rows_by_channel)
     ]
 
 
-def _colour(
-    residual, own, carried, there, starts, given: bool, table=(math.nan, 0.0), noise=None, silent=False
+def _build_channel_noise(
+    residual,
+    sensor_variance,
+    input_variance,
+    channel_rows,
+    starts,
+    stated: bool,
+    table=(math.nan, 0.0),
+    input_noise=None,
+    input_noise_unknown=False,
 ):
-    variance, freedom = table
-    if not given and freedom > 0:
-        sd = np.sqrt(np.maximum(variance, carried))
-        return Colour(sd, 1.0, 0.0, given, freedom)
-    might = None if given else _unstated(residual, carried, noise, there, starts, silent)
-    if might:
-        (memory, own), carried = might.taken, carried + might.white
-    elif not given:
-        one = np.ones_like(residual)
-        rough = _roughness(residual, one, there, starts)
-        own = max(rough - _rough_of_set(carried, noise, one, there, starts), 1e-18)
-    variance = np.broadcast_to(own + carried, residual.shape)
+    variance, degrees_of_freedom = table
+    if not stated and degrees_of_freedom > 0:
+        sd = np.sqrt(np.maximum(variance, input_variance))
+        return Ar1Noise(sd, 1.0, 0.0, stated, degrees_of_freedom)
+    unknown_sensor = (
+        None
+        if stated
+        else _estimate_unknown_sensor(
+            residual, input_variance, input_noise, channel_rows, starts, input_noise_unknown
+        )
+    )
+    if unknown_sensor:
+        (correlation, sensor_variance), input_variance = (
+            unknown_sensor.correlation_and_variance,
+            input_variance + unknown_sensor.white_variance,
+        )
+    elif not stated:
+        unit_sd = np.ones_like(residual)
+        roughness = _compute_roughness(residual, unit_sd, channel_rows, starts)
+        sensor_variance = max(
+            roughness - _compute_input_roughness(input_variance, input_noise, unit_sd, channel_rows, starts),
+            1e-18,
+        )
+    variance = np.broadcast_to(sensor_variance + input_variance, residual.shape)
     sd = np.sqrt(variance)
-    shared = float(np.mean(np.broadcast_to(own, residual.shape)[there] / variance[there]))
-    if might:
-        return Colour(sd, shared, memory, given, told=memory, might=might)
-    if not given or there.size < FEW:
-        return Colour(sd, shared, 0.0, given)
+    shared = float(
+        np.mean(np.broadcast_to(sensor_variance, residual.shape)[channel_rows] / variance[channel_rows])
+    )
+    if unknown_sensor:
+        return Ar1Noise(
+            sd, shared, correlation, stated, rho_from_differences=correlation, unknown_sensor=unknown_sensor
+        )
+    if not stated or channel_rows.size < MIN_SAMPLES_FOR_CORRELATION:
+        return Ar1Noise(sd, shared, 0.0, stated)
     # Half the mean square of neighbours' differences is W + A (1 − ρ); less than W where a lag averages.
-    rough, of_set = _roughness(residual, sd, there, starts), _rough_of_set(carried, noise, sd, there, starts)
-    if of_set > rough:
+    roughness, input_roughness = (
+        _compute_roughness(residual, sd, channel_rows, starts),
+        _compute_input_roughness(input_variance, input_noise, sd, channel_rows, starts),
+    )
+    if input_roughness > roughness:
         # A model that would make more of noise than there is tells nothing of it.
-        of_set = _rough_of_set(carried, None, sd, there, starts)
-    rough -= of_set
-    rho = 1 - rough / shared
-    seen = rho > SEEN * correlation_error(shared, 0.0, there.size)
-    return Colour(sd, shared, min(rho, MOST) if seen else 0.0, given, told=rho)
+        input_roughness = _compute_input_roughness(input_variance, None, sd, channel_rows, starts)
+    roughness -= input_roughness
+    rho = 1 - roughness / shared
+    is_correlated = rho > MIN_CORRELATION_SE * compute_correlation_error(shared, 0.0, channel_rows.size)
+    return Ar1Noise(
+        sd, shared, min(rho, MAX_CORRELATION) if is_correlated else 0.0, stated, rho_from_differences=rho
+    )
 
 
-def _unstated(residual, carried, noise, there, starts, open_: bool) -> Unstated | None:
+def _estimate_unknown_sensor(
+    residual, input_variance, input_noise, channel_rows, starts, input_noise_unknown: bool
+) -> UnknownSensorNoise | None:
     """What the recording tells of a sensor of which nothing was stated; None where runs are too short."""
-    left = [d[np.isfinite(d)] for d in second_differences(residual[there], starts[there])]
-    counts = np.array([d.size for d in left])
-    if counts.min() < FEW:
+    differences = [
+        d[np.isfinite(d)] for d in compute_second_differences(residual[channel_rows], starts[channel_rows])
+    ]
+    counts = np.array([d.size for d in differences])
+    if counts.min() < MIN_SAMPLES_FOR_CORRELATION:
         return None
-    if noise is None:
-        white = np.full(LAGS.size, 6 * float(np.mean(carried[there])))
+    if input_noise is None:
+        input_mean_squares = np.full(DIFFERENCE_LAGS.size, 6 * float(np.mean(input_variance[channel_rows])))
     else:
-        white = np.array([np.mean(d**2) for d in second_differences(noise[:, there], starts[there])])
-    return unstated(Seen(np.array([_mean_square(d) for d in left]), counts, white, SENSOR, open_))
+        input_mean_squares = np.array(
+            [
+                np.mean(d**2)
+                for d in compute_second_differences(input_noise[:, channel_rows], starts[channel_rows])
+            ]
+        )
+    return estimate_unknown_noise(
+        DifferenceStatistics(
+            np.array([_compute_robust_mean_square(d) for d in differences]),
+            counts,
+            input_mean_squares,
+            SENSOR_VARIANCE_SD_SHARE,
+            input_noise_unknown,
+        )
+    )
 
 
-def _rough_of_set(carried, noise, sd, there, starts) -> float:
+def _compute_input_roughness(input_variance, input_noise, sd, channel_rows, starts) -> float:
     """Half the mean square of neighbours' differences by noise of what was set, over sd²."""
-    if noise is None:
-        return float(np.mean((carried / sd**2)[there]))
-    step = np.diff((noise / sd)[:, there], axis=1)[:, np.diff(starts[there]) == 0]
+    if input_noise is None:
+        return float(np.mean((input_variance / sd**2)[channel_rows]))
+    step = np.diff((input_noise / sd)[:, channel_rows], axis=1)[:, np.diff(starts[channel_rows]) == 0]
     return 0.5 * float(np.mean(step**2)) if step.size else 0.0
 
 
-def _roughness(residual, sd, there, starts) -> float:
+def _compute_roughness(residual, sd, channel_rows, starts) -> float:
     """Half the mean square of neighbours' differences, insensitive to the few that jump."""
-    standard = residual[there] / sd[there]
-    step = np.diff(standard)[np.diff(starts[there]) == 0]
+    standard = residual[channel_rows] / sd[channel_rows]
+    step = np.diff(standard)[np.diff(starts[channel_rows]) == 0]
     if step.size < 3:
         return float(np.var(standard)) if standard.size > 1 else 1.0
-    return 0.5 * _mean_square(step)
+    return 0.5 * _compute_robust_mean_square(step)
 
 
-def _mean_square(steps: np.ndarray) -> float:
+def _compute_robust_mean_square(steps: np.ndarray) -> float:
     """Of steps, insensitive to the few that jump."""
-    near = np.abs(steps) < 3.5 * 1.4826 * np.median(np.abs(steps))
+    is_near = np.abs(steps) < 3.5 * 1.4826 * np.median(np.abs(steps))
     # Where many are far (the steps of a coarse converter) they do not jump: that is how they are.
-    if np.mean(near) < MOSTLY:
+    if np.mean(is_near) < MIN_NEAR_STEP_SHARE:
         return float(np.mean(steps**2))
     # Of a normal variable 0.046 % lies beyond 3.5 standard deviations, with 0.6 % of its square.
-    return float(np.mean(steps[near] ** 2)) * 1.0061
+    return float(np.mean(steps[is_near] ** 2)) * 1.0061

@@ -29,98 +29,112 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import hadamard
 
-from pamjax.diagnosis.library.candidates import NEEDS_TIME
-from pamjax.diagnosis.library.library_problem import Problem
-from pamjax.infer.noise.sensor_noise import sensitivities
+from pamjax.diagnosis.library.candidates import MECHANISMS_NEEDING_TIME
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.infer.noise.sensor_noise import compute_sensitivities
 
 #: Draws, a power of two, and their seed: every model sees the same.
-DRAWS, SEED = 4, 7
+INPUT_NOISE_DRAWS, INPUT_NOISE_SEED = 4, 7
 #: Most that is taken off a model's χ², as a share of its samples.
-CREDIT = 0.1
+MAX_CHI2_CREDIT_SHARE = 0.1
 
 
-def passed(found: Problem, white: Callable[[np.ndarray], np.ndarray], values: np.ndarray) -> float:
+def compute_input_noise_chi2(
+    problem: LibraryProblem, whiten: Callable[[np.ndarray], np.ndarray], values: np.ndarray
+) -> float:
     """χ² that a model is expected to leave beyond its bare muscle, by noise of what was set alone.
 
     Args:
-        found: the recording before the library.
-        white: the weights, a `Whitening`.
+        problem: the recording before the library.
+        whiten: the weights, `NoiseModel.whiten`.
         values: (p,) all numbers, SI.
 
     Returns:
         zero where nothing remembers, or no such noise is stated; negative for a model that averages; at most
-        `CREDIT` of the samples.
+        `MAX_CHI2_CREDIT_SHARE` of the samples.
     """
-    shown = passed_on(found, values)
-    if shown is None:
+    propagated = propagate_input_noise(problem, values)
+    if propagated is None:
         return 0.0
     by_pressure, by_length = (
-        np.asarray(s)[:, : found.n] for s in sensitivities(found.member, jnp.asarray(values))
+        np.asarray(s)[:, : problem.n] for s in compute_sensitivities(problem.dataset, jnp.asarray(values))
     )
     total, size = 0.0, 0
-    for here, (pressure, length) in zip(shown, draws(found), strict=True):
-        there, bare = white(here), white(np.nan_to_num(by_pressure * pressure + by_length * length))
-        total, size = total + float(there @ there - bare @ bare), there.size
-    return min(total / DRAWS, CREDIT * size)
+    for difference, (pressure, length) in zip(propagated, sample_input_noise(problem), strict=True):
+        whitened, bare = (
+            whiten(difference),
+            whiten(np.nan_to_num(by_pressure * pressure + by_length * length)),
+        )
+        total, size = total + float(whitened @ whitened - bare @ bare), whitened.size
+    return min(total / INPUT_NOISE_DRAWS, MAX_CHI2_CREDIT_SHARE * size)
 
 
-def passed_on(found: Problem, values: np.ndarray) -> np.ndarray | None:
-    """What each draw of noise does to what is shown, (draws, 2, n), SI; None where `passed` is zero."""
-    again = shaken(found, values)
-    if not again:
+def propagate_input_noise(problem: LibraryProblem, values: np.ndarray) -> np.ndarray | None:
+    """What each draw of noise does to what is shown, (draws, 2, n), SI; None where `compute_input_noise_chi2` is zero."""
+    perturbed = build_perturbed_problems(problem, values)
+    if not perturbed:
         return None
-    still = found.shows(values)
-    return np.nan_to_num(np.stack([one.shows(values) - still for one in again]))
+    prediction = problem.predict(values)
+    return np.nan_to_num(
+        np.stack([perturbed_problem.predict(values) - prediction for perturbed_problem in perturbed])
+    )
 
 
-def shaken(found: Problem, values: np.ndarray) -> list[Problem]:
-    """The problem with each draw of noise in what was set; none where `passed` is zero."""
-    if not _remembers(found, values) or not any(_stated(found)):
+def build_perturbed_problems(problem: LibraryProblem, values: np.ndarray) -> list[LibraryProblem]:
+    """The problem with each draw of noise in what was set; none where `compute_input_noise_chi2` is zero."""
+    if not _has_memory(problem, values) or not any(_get_input_noise_sd(problem)):
         return []
-    return [_shaken(found, *draw) for draw in draws(found)]
+    return [_perturb_problem(problem, *draw) for draw in sample_input_noise(problem)]
 
 
-def passed_slope(found: Problem, white: Callable[[np.ndarray], np.ndarray], values, places) -> np.ndarray:
-    """Derivative of `passed` by some numbers, (k,), SI, but for the bare muscle's share."""
-    still, slopes = found.slopes(values, places)
-    total = np.zeros(len(places))
-    for draw in draws(found):
-        shown, steeper = _shaken(found, *draw).slopes(values, places)
-        here, there = white(np.nan_to_num(shown - still)), white(np.nan_to_num(steeper - slopes))
-        total += 2 * there @ here
-    return total / DRAWS
+def compute_input_noise_gradient(
+    problem: LibraryProblem, whiten: Callable[[np.ndarray], np.ndarray], values, indices
+) -> np.ndarray:
+    """Derivative of `compute_input_noise_chi2` by some numbers, (k,), SI, but for the bare muscle's share."""
+    prediction, jacobian = problem.jacobian(values, indices)
+    total = np.zeros(len(indices))
+    for draw in sample_input_noise(problem):
+        perturbed_prediction, perturbed_jacobian = _perturb_problem(problem, *draw).jacobian(values, indices)
+        whitened_difference, whitened_jacobian = (
+            whiten(np.nan_to_num(perturbed_prediction - prediction)),
+            whiten(np.nan_to_num(perturbed_jacobian - jacobian)),
+        )
+        total += 2 * whitened_jacobian @ whitened_difference
+    return total / INPUT_NOISE_DRAWS
 
 
-def draws(found: Problem) -> list[tuple[np.ndarray, np.ndarray]]:
+def sample_input_noise(problem: LibraryProblem) -> list[tuple[np.ndarray, np.ndarray]]:
     """What is added to pressure and to length, (n,) each, draw by draw, SI."""
-    pressure, length = _stated(found)
-    signs = np.random.default_rng(SEED).choice([-1.0, 1.0], (2, found.n))
-    turn = np.arange(found.n) % (DRAWS // 2)
+    pressure, length = _get_input_noise_sd(problem)
+    signs = np.random.default_rng(INPUT_NOISE_SEED).choice([-1.0, 1.0], (2, problem.n))
+    position = np.arange(problem.n) % (INPUT_NOISE_DRAWS // 2)
     return [
-        (pressure * signs[0] * row[turn], length * signs[1] * row[DRAWS // 2 + turn])
-        for row in hadamard(DRAWS)
+        (pressure * signs[0] * row[position], length * signs[1] * row[INPUT_NOISE_DRAWS // 2 + position])
+        for row in hadamard(INPUT_NOISE_DRAWS)
     ]
 
 
-def _stated(found: Problem) -> tuple[float, float]:
+def _get_input_noise_sd(problem: LibraryProblem) -> tuple[float, float]:
     """Noise of pressure and of length from sample to sample, SI."""
-    sensors = found.case.entry.sensors
+    sensors = problem.case.entry.sensors
     return sensors.pressure or 0.0, 0.0 if sensors.length_per_setting else sensors.length or 0.0
 
 
-def _remembers(found: Problem, values: np.ndarray) -> bool:
+def _has_memory(problem: LibraryProblem, values: np.ndarray) -> bool:
     """Whether a mechanism that looks at other samples is switched on."""
-    return bool(NEEDS_TIME & found.on(values)) and found.case.recording.has_time
+    return bool(MECHANISMS_NEEDING_TIME & problem.active(values)) and problem.case.recording.has_time
 
 
-def _shaken(found: Problem, pressure: np.ndarray, length: np.ndarray) -> Problem:
+def _perturb_problem(problem: LibraryProblem, pressure: np.ndarray, length: np.ndarray) -> LibraryProblem:
     """The problem with something added to what was set."""
 
-    def shake(one):
-        n, rows = found.n, one.rows
+    def perturb(dataset):
+        n, rows = problem.n, dataset.rows
         rows = dataclasses.replace(
             rows, pressure=rows.pressure.at[:n].add(pressure), length=rows.length.at[:n].add(length)
         )
-        return dataclasses.replace(one, rows=rows)
+        return dataclasses.replace(dataset, rows=rows)
 
-    return dataclasses.replace(found, member=shake(found.member), lighter=shake(found.lighter))
+    return dataclasses.replace(
+        problem, dataset=perturb(problem.dataset), reduced_dataset=perturb(problem.reduced_dataset)
+    )

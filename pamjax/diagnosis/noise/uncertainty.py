@@ -5,7 +5,7 @@ A direction d, white and of unit length, has the noise variance
     V(ρ′) = Σ_ω |d(ω)|² S(ω; ρ′) / S(ω; ρ),     S(ω; ρ) = 1 − A + A (1 − ρ²) / |1 − ρ e^(−iω)|²,
 
 if the correlation is ρ′ where it was taken for ρ: a slow direction has more for a larger one, a fast one
-less. ρ′ may be zero, half a chance before anything was seen, or anything up to `MOST`; what neighbours'
+less. ρ′ may be zero, half a chance before anything was seen, or anything up to `MAX_RUN_SAMPLES`; what neighbours'
 differences tell of it, with their error, weighs that. Where a channel's own noise is a small part of the
 whole they tell little, less still because that of pressure and length is known to a share only, and slow
 noise may be there unseen. A channel in which no correlation was looked for has the doubt of so many squared
@@ -22,96 +22,120 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm, truncnorm
 
-from pamjax.diagnosis.noise.estimate import FEW, MOST, SENSOR, Whitening
-from pamjax.infer.noise.ar1_filter import Colour, correlation_error
-from pamjax.infer.noise.unknown_sensor import Unstated
+from pamjax.diagnosis.noise.estimate import (
+    MAX_CORRELATION,
+    MIN_SAMPLES_FOR_CORRELATION,
+    SENSOR_VARIANCE_SD_SHARE,
+    NoiseModel,
+)
+from pamjax.infer.noise.ar1_filter import Ar1Noise, compute_correlation_error
+from pamjax.infer.noise.unknown_sensor import UnknownSensorNoise
 
 #: Standard normal variables at which a channel's noise is looked at; between them it is interpolated.
-SCALE = np.linspace(-4.0, 4.0, 33)
+NORMAL_NODES = np.linspace(-4.0, 4.0, 33)
 
 
 @dataclass(frozen=True, eq=False)
-class Doubt:
+class NoiseUncertainty:
     """Variance of directions whose noise is not known, over what it was taken for.
 
     Attributes:
-        sure: (k,) the part of it that is known.
-        by_channel: (k, channels, SCALE) the parts by each channel, as a standard normal variable has it.
+        known_variance: (k,) the part of it that is known.
+        variance_by_channel: (k, channels, SCALE) the parts by each channel, as a standard normal variable has it.
     """
 
-    sure: np.ndarray
-    by_channel: np.ndarray
+    known_variance: np.ndarray
+    variance_by_channel: np.ndarray
 
-    def sd(self, normal: np.ndarray) -> np.ndarray:
+    def compute_sd(self, normal: np.ndarray) -> np.ndarray:
         """(m, k) standard deviations, for (m, channels) standard normal variables."""
-        variance = np.broadcast_to(self.sure, (len(normal), self.sure.size)).copy()
-        place = np.interp(normal, SCALE, np.arange(SCALE.size))
-        below = np.minimum(place.astype(int), SCALE.size - 2)
-        over = place - below
+        variance = np.broadcast_to(self.known_variance, (len(normal), self.known_variance.size)).copy()
+        position = np.interp(normal, NORMAL_NODES, np.arange(NORMAL_NODES.size))
+        below = np.minimum(position.astype(int), NORMAL_NODES.size - 2)
+        over = position - below
         for c in range(normal.shape[1]):
-            by = self.by_channel[:, c]
+            by = self.variance_by_channel[:, c]
             variance += (by[:, below[:, c]] * (1 - over[:, c]) + by[:, below[:, c] + 1] * over[:, c]).T
         return np.sqrt(variance)
 
 
-def doubt_of(white: Whitening, directions: np.ndarray) -> Doubt:
+def estimate_noise_uncertainty(noise: NoiseModel, directions: np.ndarray) -> NoiseUncertainty:
     """What is not known of the noise of each direction.
 
     Args:
-        white: the noise.
+        noise: the noise.
         directions: (k, size or more) white directions; what is beyond the samples is priors.
     """
     parts, begin = [], 0
-    for colour, rows in zip(white.colours, white.rows, strict=True):
+    for channel, rows in zip(noise.channels, noise.rows, strict=True):
         part = directions[:, begin : begin + rows.size]
         begin += rows.size
-        parts.append(_variances(colour, part))
+        parts.append(_compute_channel_variances(channel, part))
     by_channel = np.stack(parts, axis=1)
-    return Doubt(np.sum(directions[:, begin:] ** 2, axis=1), by_channel)
+    return NoiseUncertainty(np.sum(directions[:, begin:] ** 2, axis=1), by_channel)
 
 
-def _variances(colour: Colour | None, part: np.ndarray) -> np.ndarray:
+def _compute_channel_variances(channel: Ar1Noise | None, direction_part: np.ndarray) -> np.ndarray:
     """Of one channel, (k, SCALE), with its share of each direction as what is expected."""
-    samples, share = part.shape[1], np.sum(part**2, axis=1)[:, None]
+    samples, share = direction_part.shape[1], np.sum(direction_part**2, axis=1)[:, None]
     # Noise that was found from few squares has its doubt in the tail of Student's variable.
-    if colour is None or samples < 2 or math.isfinite(colour.freedom):
-        return np.repeat(share, SCALE.size, axis=1)
-    counted = np.exp(SCALE * math.sqrt(3 / samples))
-    if samples < FEW or not (colour.given or colour.might):
-        return share * counted
-    power = np.abs(np.fft.fft(part, axis=1)) ** 2 / samples
-    there = np.exp(-2j * np.pi * np.arange(samples) / samples)
-    taken = _density(colour.shared, colour.correlation, 1.0, there)
-    if colour.might:
-        rho, times = _unstated(colour.might)
-        might = [_density(colour.shared, *one, there) / taken for one in zip(rho, times, strict=True)]
-        return power @ np.stack(might, axis=1) * counted
-    might = [_density(colour.shared, rho, 1.0, there) / taken for rho in _correlations(colour, samples)]
-    return power @ np.stack(might, axis=1)
+    if channel is None or samples < 2 or math.isfinite(channel.degrees_of_freedom):
+        return np.repeat(share, NORMAL_NODES.size, axis=1)
+    variance_factors = np.exp(NORMAL_NODES * math.sqrt(3 / samples))
+    if samples < MIN_SAMPLES_FOR_CORRELATION or not (channel.stated or channel.unknown_sensor):
+        return share * variance_factors
+    power = np.abs(np.fft.fft(direction_part, axis=1)) ** 2 / samples
+    phase = np.exp(-2j * np.pi * np.arange(samples) / samples)
+    assumed_density = _compute_spectral_density(channel.ar1_fraction, channel.correlation, 1.0, phase)
+    if channel.unknown_sensor:
+        rho, times = _get_unknown_sensor_nodes(channel.unknown_sensor)
+        density_ratios = [
+            _compute_spectral_density(channel.ar1_fraction, *rho_and_factor, phase) / assumed_density
+            for rho_and_factor in zip(rho, times, strict=True)
+        ]
+        return power @ np.stack(density_ratios, axis=1) * variance_factors
+    density_ratios = [
+        _compute_spectral_density(channel.ar1_fraction, rho, 1.0, phase) / assumed_density
+        for rho in _compute_correlation_nodes(channel, samples)
+    ]
+    return power @ np.stack(density_ratios, axis=1)
 
 
-def _unstated(might: Unstated) -> tuple[np.ndarray, np.ndarray]:
+def _get_unknown_sensor_nodes(unknown_sensor: UnknownSensorNoise) -> tuple[np.ndarray, np.ndarray]:
     """Correlation and share of the variance taken, as a standard normal variable has them, (SCALE,) each."""
-    k = np.minimum(np.searchsorted(np.cumsum(might.chance), norm.cdf(SCALE)), might.chance.size - 1)
-    rho, variance = might.might[k].T
-    return rho, variance / might.taken[1]
+    k = np.minimum(
+        np.searchsorted(np.cumsum(unknown_sensor.probability), norm.cdf(NORMAL_NODES)),
+        unknown_sensor.probability.size - 1,
+    )
+    rho, variance = unknown_sensor.candidates[k].T
+    return rho, variance / unknown_sensor.correlation_and_variance[1]
 
 
-def _correlations(colour: Colour, samples: int) -> np.ndarray:
+def _compute_correlation_nodes(channel: Ar1Noise, samples: int) -> np.ndarray:
     """The correlation as a standard normal variable has it, (SCALE,), by Bayes' rule."""
-    told = colour.told
-    by_chance = correlation_error(colour.shared, min(max(told, 0.0), MOST), samples)
+    estimated_rho = channel.rho_from_differences
+    by_chance = compute_correlation_error(
+        channel.ar1_fraction, min(max(estimated_rho, 0.0), MAX_CORRELATION), samples
+    )
     # Of what is not the channel's own the variance is known to a share, and the difference passes for ρ.
-    error = math.hypot(by_chance, SENSOR * (1 - colour.shared) / colour.shared)
-    low, high = -told / error, (MOST - told) / error
-    some = float(norm.cdf(high) - norm.cdf(low)) / MOST
-    none = float(norm.pdf(told / error)) / error
-    none = none / (none + some) if none + some > 0 else float(told < 0)
-    rank = np.clip((norm.cdf(SCALE) - none) / max(1 - none, 1e-12), 0.0, 1.0)
-    there = truncnorm.ppf(rank, low, high, told, error)
-    return np.where(rank > 0, np.clip(there, 0.0, MOST), 0.0)
+    error = math.hypot(
+        by_chance, SENSOR_VARIANCE_SD_SHARE * (1 - channel.ar1_fraction) / channel.ar1_fraction
+    )
+    low, high = -estimated_rho / error, (MAX_CORRELATION - estimated_rho) / error
+    continuous_weight = float(norm.cdf(high) - norm.cdf(low)) / MAX_CORRELATION
+    zero_weight = float(norm.pdf(estimated_rho / error)) / error
+    zero_weight = (
+        zero_weight / (zero_weight + continuous_weight)
+        if zero_weight + continuous_weight > 0
+        else float(estimated_rho < 0)
+    )
+    rank = np.clip((norm.cdf(NORMAL_NODES) - zero_weight) / max(1 - zero_weight, 1e-12), 0.0, 1.0)
+    correlation = truncnorm.ppf(rank, low, high, estimated_rho, error)
+    return np.where(rank > 0, np.clip(correlation, 0.0, MAX_CORRELATION), 0.0)
 
 
-def _density(shared: float, correlation: float, times: float, there: np.ndarray) -> np.ndarray:
+def _compute_spectral_density(
+    shared: float, correlation: float, variance_factor: float, phase: np.ndarray
+) -> np.ndarray:
     """Spectrum at e^(−iω) of noise of unit variance, but for a factor on the variance of its shared part."""
-    return 1 - shared + times * shared * (1 - correlation**2) / np.abs(1 - correlation * there) ** 2
+    return 1 - shared + variance_factor * shared * (1 - correlation**2) / np.abs(1 - correlation * phase) ** 2

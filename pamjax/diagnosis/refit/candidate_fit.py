@@ -8,147 +8,165 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamjax.diagnosis.library.candidates import Form
-from pamjax.diagnosis.library.library_problem import Problem
-from pamjax.diagnosis.noise.estimate import Whitening, whitening
-from pamjax.diagnosis.refit.errors_in_variables import unbiased
-from pamjax.diagnosis.refit.least_squares import OFF_LIMIT, Refit, refit
+from pamjax.diagnosis.library.candidates import Candidate
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.noise.estimate import NoiseModel, estimate_noise
+from pamjax.diagnosis.refit.errors_in_variables import correct_input_noise_bias
+from pamjax.diagnosis.refit.least_squares import START_LIMIT_DISTANCE_SHARE, MapEstimate, fit_parameters
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class CandidateFit:
     """A baseline with names, refitted.
 
     Attributes:
-        chosen: the forms that are in, in the order in which they came.
-        white: the noise, as read off this model's residual.
-        at: the refit.
-        passed: χ² that noise of what was set is expected to leave beyond what the weights know of.
-        between: (k, k) covariance of the numbers that moved, SI, among models that are told apart no better.
-        pull: (k,) how far noise of what was set moves them, SI.
+        mechanisms: the forms that are in, in the order in which they came.
+        noise: the noise, as read off this model's residual.
+        estimate: the refit.
+        input_noise_chi2: χ² that noise of what was set is expected to leave beyond what the weights know of.
+        between_model_covariance: (k, k) covariance of the numbers that moved, SI, among models that are told apart no better.
+        errors_in_variables_bias: (k,) how far noise of what was set moves them, SI.
     """
 
-    chosen: tuple[Form, ...]
-    white: Whitening
-    at: Refit
-    passed: float = 0.0
-    between: np.ndarray | float = 0.0
-    pull: np.ndarray | float = 0.0
+    mechanisms: tuple[Candidate, ...]
+    noise: NoiseModel
+    estimate: MapEstimate
+    input_noise_chi2: float = 0.0
+    between_model_covariance: np.ndarray | float = 0.0
+    errors_in_variables_bias: np.ndarray | float = 0.0
 
     @property
     def ids(self) -> tuple[str, ...]:
-        return tuple(form.id for form in self.chosen)
+        return tuple(candidate.id for candidate in self.mechanisms)
 
     @property
-    def fair(self) -> float:
+    def corrected_chi2(self) -> float:
         """χ² freed of what the model makes of noise: averaging neighbours explains nothing.
 
         Forgiven is only what is there: no model's χ² falls below what noise leaves by that.
         """
-        noise = self.white.trust**2 * self.white.size - len(self.at.moved)
-        return self.at.cost - min(self.passed, max(self.at.cost - noise, 0.0))
+        noise_chi2 = self.noise.weight**2 * self.noise.size - len(self.estimate.free)
+        return self.estimate.cost - min(self.input_noise_chi2, max(self.estimate.cost - noise_chi2, 0.0))
 
     @property
-    def score(self) -> float:
+    def bic(self) -> float:
         """χ² with the price of its numbers: ln n for each beyond the baseline's (Schwarz).
 
         What the lab's own statement of its muscle asks for is not paid twice.
         """
-        extra = sum(len(form.moves) for form in self.chosen)
-        expected = sum(form.expected for form in self.chosen)
-        return self.fair + extra * np.log(max(self.white.size, 2)) - expected
+        extra = sum(len(candidate.free_parameters) for candidate in self.mechanisms)
+        stated_chi2 = sum(candidate.stated_chi2 for candidate in self.mechanisms)
+        return self.corrected_chi2 + extra * np.log(max(self.noise.size, 2)) - stated_chi2
 
     @property
-    def likely(self) -> float:
+    def full_bic(self) -> float:
         """The score of a model among others that see other noise: minus twice its log-likelihood, priced."""
-        return self.score + self.white.volume
+        return self.bic + self.noise.log_determinant
 
     @property
-    def excess(self) -> float:
+    def excess_chi2(self) -> float:
         """χ² beyond what noise leaves."""
-        return max(self.at.misfit - self.passed - self.white.size, 0.0)
+        return max(self.estimate.chi2 - self.input_noise_chi2 - self.noise.size, 0.0)
 
     @property
-    def wider(self) -> float:
+    def variance_inflation(self) -> float:
         """Factor on a variance where the model leaves more than noise."""
-        return max(self.at.misfit / max(self.white.size, 1), 1.0)
+        return max(self.estimate.chi2 / max(self.noise.size, 1), 1.0)
 
     @property
     def covariance(self) -> np.ndarray:
         """Of the numbers that moved, SI, (k, k)."""
-        return self.own_covariance + self.between
+        return self.within_model_covariance + self.between_model_covariance
 
     @property
-    def own_covariance(self) -> np.ndarray:
+    def within_model_covariance(self) -> np.ndarray:
         """The same, of this one model: what others as good disagree about is left out."""
-        return self.wider * self.at.covariance + np.multiply.outer(self.pull, self.pull)
+        return self.variance_inflation * self.estimate.covariance + np.multiply.outer(
+            self.errors_in_variables_bias, self.errors_in_variables_bias
+        )
 
-    def sd(self, place: int) -> float:
+    def sd(self, index: int) -> float:
         """Standard deviation of a number, SI; NaN where it did not move."""
-        if place not in self.at.moved:
+        if index not in self.estimate.free:
             return float("nan")
-        k = self.at.moved.index(place)
+        k = self.estimate.free.index(index)
         return float(np.sqrt(max(self.covariance[k, k], 0.0)))
 
 
-def settle(
-    found: Problem, used: np.ndarray, chosen: Sequence[Form], values: np.ndarray, rounds: int = 2
-) -> Model:
+def fit_candidate(
+    problem: LibraryProblem,
+    training_rows: np.ndarray,
+    mechanisms: Sequence[Candidate],
+    values: np.ndarray,
+    rounds: int = 2,
+) -> CandidateFit:
     """Refit the baseline with some forms, with the noise that its own residual shows."""
-    moved = moving(found, chosen)
+    free = get_free_indices(problem, mechanisms)
     for _ in range(rounds):
-        white = whitening(found, values, used)
-        at = refit(found, white, moved, values)
-        values = at.values
-    return freed(found, tuple(chosen), white, at)
+        noise = estimate_noise(problem, values, training_rows)
+        estimate = fit_parameters(problem, noise, free, values)
+        values = estimate.values
+    return build_corrected_fit(problem, tuple(mechanisms), noise, estimate)
 
 
-def freed(found: Problem, chosen: tuple[Form, ...], white: Whitening, at: Refit) -> Model:
+def build_corrected_fit(
+    problem: LibraryProblem, mechanisms: tuple[Candidate, ...], noise: NoiseModel, estimate: MapEstimate
+) -> CandidateFit:
     """A refitted model, without what it makes of noise."""
-    return Model(chosen, white, *unbiased(found, white, at))
+    return CandidateFit(mechanisms, noise, *correct_input_noise_bias(problem, noise, estimate))
 
 
-def places(found: Problem, chosen: Sequence[Form]) -> list[int]:
+def get_parameter_indices(problem: LibraryProblem, mechanisms: Sequence[Candidate]) -> list[int]:
     """Indices of the numbers that some forms move."""
-    return [found.place(name) for form in chosen for name in form.moves]
+    return [problem.index(name) for candidate in mechanisms for name in candidate.free_parameters]
 
 
-def moving(found: Problem, chosen: Sequence[Form]) -> list[int]:
+def get_free_indices(problem: LibraryProblem, mechanisms: Sequence[Candidate]) -> list[int]:
     """Indices of the numbers that a refit with some forms moves: the baseline's own and theirs."""
-    return sorted({*np.flatnonzero(found.own).tolist(), *places(found, chosen)})
+    return sorted(
+        {*np.flatnonzero(problem.is_baseline).tolist(), *get_parameter_indices(problem, mechanisms)}
+    )
 
 
-def begun(found: Problem, values: np.ndarray, form: Form, amplitudes: np.ndarray) -> np.ndarray:
+def switch_on_candidate(
+    problem: LibraryProblem, values: np.ndarray, candidate: Candidate, amplitudes: np.ndarray
+) -> np.ndarray:
     """Values with a form switched on at its best amplitudes in the linear limit, within its limits."""
     out = values.copy()
-    for name, value in form.shape.items():
-        k = found.place(name)
-        out[k] = np.clip(value, found.low[k], found.high[k])
-    for name, value in zip(form.amplitudes, amplitudes, strict=True):
-        k = found.place(name)
+    for name, value in candidate.shape.items():
+        k = problem.index(name)
+        out[k] = np.clip(value, problem.low[k], problem.high[k])
+    for name, value in zip(candidate.amplitudes, amplitudes, strict=True):
+        k = problem.index(name)
         # The minimiser creeps away from a limit at which it starts.
-        wide = found.high[k] - found.low[k]
-        out[k] = np.clip(value, found.low[k] + 1e-6 * wide, found.high[k] - OFF_LIMIT * wide)
+        limit_range = problem.high[k] - problem.low[k]
+        out[k] = np.clip(
+            value,
+            problem.low[k] + 1e-6 * limit_range,
+            problem.high[k] - START_LIMIT_DISTANCE_SHARE * limit_range,
+        )
     return out
 
 
-def without(found: Problem, values: np.ndarray, form: Form) -> np.ndarray:
+def switch_off_candidate(problem: LibraryProblem, values: np.ndarray, candidate: Candidate) -> np.ndarray:
     """Values with a form switched off."""
     out = values.copy()
-    for name in form.moves:
-        k = found.place(name)
-        out[k] = found.neutral[k]
+    for name in candidate.free_parameters:
+        k = problem.index(name)
+        out[k] = problem.neutral[k]
     return out
 
 
-def effect(found: Problem, model: Model, form: Form) -> np.ndarray:
+def compute_effect(problem: LibraryProblem, fit: CandidateFit, candidate: Candidate) -> np.ndarray:
     """What a form alone does to the recording, beyond what a refitted baseline makes up for, SI, (2, n)."""
-    values = model.at.values
-    for other in model.chosen:
-        values = values if other is form else without(found, values, other)
-    alone = found.shows(values)
-    unmeasured = np.isnan(found.measured)
-    as_measured = dataclasses.replace(found, measured=np.where(unmeasured, np.nan, alone))
-    own = np.flatnonzero(found.own).tolist()
-    bare = refit(as_measured, model.white, own, without(found, values, form))
-    return alone - found.shows(bare.values)
+    values = fit.estimate.values
+    for other in fit.mechanisms:
+        values = values if other is candidate else switch_off_candidate(problem, values, other)
+    alone = problem.predict(values)
+    unmeasured = np.isnan(problem.measured)
+    as_measured = dataclasses.replace(problem, measured=np.where(unmeasured, np.nan, alone))
+    baseline_indices = np.flatnonzero(problem.is_baseline).tolist()
+    baseline_estimate = fit_parameters(
+        as_measured, fit.noise, baseline_indices, switch_off_candidate(problem, values, candidate)
+    )
+    return alone - problem.predict(baseline_estimate.values)

@@ -8,11 +8,11 @@ leaves, C − p, the minimum is found from that of C by Gauss–Newton steps,
 J the white derivatives, Λ the priors' information; a step that makes C − p no smaller ends it.
 
 What is left of that pull is not known better than the pull itself: how far the numbers go when the same
-noise comes once more, on average over the draws of `passed`, is part of their doubt (`pulled`),
+noise comes once more, on average over the draws of `compute_input_noise_chi2`, is part of their doubt (`estimate_input_noise_bias`),
 
     δ = (JᵀJ + Λ)⁻¹ mean_u [J_uᵀ W (y − f(x + u)) − Jᵀ W (y − f(x))].
 
-Source: derived here; see `passed`. Noise added once more: J. Cook, L. Stefanski, J. Am. Stat. Assoc. 89,
+Source: derived here; see `compute_input_noise_chi2`. Noise added once more: J. Cook, L. Stefanski, J. Am. Stat. Assoc. 89,
 1314 (1994).
 """
 
@@ -20,62 +20,81 @@ from __future__ import annotations
 
 import numpy as np
 
-from pamjax.diagnosis.library.library_problem import Problem
-from pamjax.diagnosis.noise.estimate import Whitening
-from pamjax.diagnosis.noise.input_noise import passed, passed_slope, shaken
-from pamjax.diagnosis.refit.least_squares import Refit, believed, coordinates, standing
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.noise.estimate import NoiseModel
+from pamjax.diagnosis.noise.input_noise import (
+    build_perturbed_problems,
+    compute_input_noise_chi2,
+    compute_input_noise_gradient,
+)
+from pamjax.diagnosis.refit.least_squares import (
+    MapEstimate,
+    compute_priors,
+    evaluate_estimate,
+    transform_to_coordinates,
+)
 
 #: Share of a misfit below which what is passed on is taken to move no minimum, and most steps.
-SMALL, STEPS = 0.02, 6
+MIN_INPUT_NOISE_CHI2_SHARE, MAX_CORRECTION_STEPS = 0.02, 6
 
 
-def unbiased(found: Problem, white: Whitening, at: Refit) -> tuple[Refit, float]:
+def correct_input_noise_bias(
+    problem: LibraryProblem, noise: NoiseModel, estimate: MapEstimate
+) -> tuple[MapEstimate, float]:
     """A refit freed of the pull of noise, and the χ² that noise leaves there.
 
     Args:
-        found: the recording before the library.
-        white: the weights of the refit.
-        at: the refit.
+        problem: the recording before the library.
+        noise: the weights of the refit.
+        estimate: the refit.
     """
-    of_noise = passed(found, white, at.values)
-    for _ in range(STEPS if abs(of_noise) > SMALL * at.misfit else 0):
-        trial = standing(found, white, at.moved, _stepped(found, white, at))
-        there = passed(found, white, trial.values)
-        if trial.cost - there >= at.cost - of_noise:
+    input_noise_chi2 = compute_input_noise_chi2(problem, noise.whiten, estimate.values)
+    for _ in range(
+        MAX_CORRECTION_STEPS if abs(input_noise_chi2) > MIN_INPUT_NOISE_CHI2_SHARE * estimate.chi2 else 0
+    ):
+        trial = evaluate_estimate(
+            problem, noise, estimate.free, _take_correction_step(problem, noise, estimate)
+        )
+        trial_noise_chi2 = compute_input_noise_chi2(problem, noise.whiten, trial.values)
+        if trial.cost - trial_noise_chi2 >= estimate.cost - input_noise_chi2:
             break
-        at, of_noise = trial, there
-    return at, of_noise
+        estimate, input_noise_chi2 = trial, trial_noise_chi2
+    return estimate, input_noise_chi2
 
 
-def pulled(found: Problem, white: Whitening, at: Refit) -> np.ndarray:
+def estimate_input_noise_bias(
+    problem: LibraryProblem, noise: NoiseModel, estimate: MapEstimate
+) -> np.ndarray:
     """How far noise of what was set, coming once more, moves the numbers that moved, SI, (k,).
 
     Args:
-        found: the recording before the library.
-        white: the weights of the refit.
-        at: the refit.
+        problem: the recording before the library.
+        noise: the weights of the refit.
+        estimate: the refit.
     """
-    moved = list(at.moved)
-    again = shaken(found, at.values)
-    if not again:
-        return np.zeros(len(moved))
-    slope = -at.jacobian.T @ at.residual
-    for one in again:
-        shown, slopes = one.slopes(at.values, moved)
-        jacobian = np.nan_to_num(white(slopes)) * at.scale[:, None]
-        slope += jacobian @ np.nan_to_num(white(found.measured - shown)) / len(again)
-    return at.covariance @ (slope / at.scale)
+    free = list(estimate.free)
+    perturbed = build_perturbed_problems(problem, estimate.values)
+    if not perturbed:
+        return np.zeros(len(free))
+    gradient = -estimate.jacobian.T @ estimate.residual
+    for perturbed_problem in perturbed:
+        prediction, model_jacobian = perturbed_problem.jacobian(estimate.values, free)
+        jacobian = np.nan_to_num(noise.whiten(model_jacobian)) * estimate.scale[:, None]
+        gradient += jacobian @ np.nan_to_num(noise.whiten(problem.measured - prediction)) / len(perturbed)
+    return estimate.covariance @ (gradient / estimate.scale)
 
 
-def _stepped(found: Problem, white: Whitening, at: Refit) -> np.ndarray:
+def _take_correction_step(problem: LibraryProblem, noise: NoiseModel, estimate: MapEstimate) -> np.ndarray:
     """Values after one step, within their limits."""
-    moved = list(at.moved)
-    x, (mean, _) = coordinates(found, moved, at.values), believed(found, moved)
-    pull = 0.5 * at.scale * passed_slope(found, white, at.values, moved)
-    downhill = at.jacobian.T @ at.residual - (x - mean) / at.prior**2 + pull
-    covariance = at.covariance / np.outer(at.scale, at.scale)
-    low, high = (coordinates(found, moved, edge) for edge in (found.low, found.high))
+    free = list(estimate.free)
+    x, (mean, _) = transform_to_coordinates(problem, free, estimate.values), compute_priors(problem, free)
+    noise_gradient = (
+        0.5 * estimate.scale * compute_input_noise_gradient(problem, noise.whiten, estimate.values, free)
+    )
+    downhill = estimate.jacobian.T @ estimate.residual - (x - mean) / estimate.prior_sd**2 + noise_gradient
+    covariance = estimate.covariance / np.outer(estimate.scale, estimate.scale)
+    low, high = (transform_to_coordinates(problem, free, edge) for edge in (problem.low, problem.high))
     x = np.clip(x + covariance @ downhill, low, high)
-    out, log = at.values.copy(), found.log[moved]
-    out[moved] = np.where(log, np.exp(np.where(log, x, 0.0)), x)
+    out, log = estimate.values.copy(), problem.is_logarithmic[free]
+    out[free] = np.where(log, np.exp(np.where(log, x, 0.0)), x)
     return out

@@ -20,69 +20,77 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pamjax.diagnosis.library.candidates import Form
-from pamjax.diagnosis.library.library_problem import Problem
-from pamjax.diagnosis.noise.estimate import whitening
-from pamjax.diagnosis.refit.candidate_fit import Model, moving, settle
-from pamjax.diagnosis.refit.least_squares import refit
+from pamjax.diagnosis.library.candidates import Candidate
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.noise.estimate import estimate_noise
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate, get_free_indices
+from pamjax.diagnosis.refit.least_squares import fit_parameters
 
 #: Mean square of a whitened residual from which a model is taken for wrong by more than noise.
-WRONG = 1.5
+MIN_MISFIT_MEAN_SQUARE = 1.5
 
 #: A refit changes the misfit that it was weighed by: weighed so many times.
-ROUNDS = 2
+MISFIT_WEIGHTING_ROUNDS = 2
 
 
-def weighed(found: Problem, used: np.ndarray, chosen: Sequence[Form], values: np.ndarray) -> Model:
+def fit_with_misfit_weight(
+    problem: LibraryProblem, training_rows: np.ndarray, mechanisms: Sequence[Candidate], values: np.ndarray
+) -> CandidateFit:
     """Refit the baseline with some forms, its rows weighed by what is left where it begins.
 
     Settled under the recording's noise first, a model that is wrong runs to wherever thousands of rows bend
     it, and may not find back from there.
 
     Args:
-        found: the recording before the library.
-        used: (n,) the rows that tell.
-        chosen: the forms.
+        problem: the recording before the library.
+        training_rows: (n,) the rows that tell.
+        mechanisms: the forms.
         values: (p,) where everything begins, SI.
     """
-    white = whitening(found, values, used)
-    residual = np.nan_to_num(white(found.measured - found.shows(values)), nan=1e3)
-    if _square(residual) < WRONG:
-        return settle(found, used, chosen, values)
-    white = dataclasses.replace(white, trust=_trust(residual))
-    moved = moving(found, chosen)
-    model = tempered(found, Model(tuple(chosen), white, refit(found, white, moved, values)))
-    if _square(model.at.residual / model.white.trust) < WRONG:
+    noise = estimate_noise(problem, values, training_rows)
+    residual = np.nan_to_num(noise.whiten(problem.measured - problem.predict(values)), nan=1e3)
+    if _compute_mean_square(residual) < MIN_MISFIT_MEAN_SQUARE:
+        return fit_candidate(problem, training_rows, mechanisms, values)
+    noise = dataclasses.replace(noise, weight=_compute_weight(residual))
+    free = get_free_indices(problem, mechanisms)
+    fit = reweight_by_misfit(
+        problem, CandidateFit(tuple(mechanisms), noise, fit_parameters(problem, noise, free, values))
+    )
+    if _compute_mean_square(fit.estimate.residual / fit.noise.weight) < MIN_MISFIT_MEAN_SQUARE:
         # It was wrong only where it began.
-        return settle(found, used, chosen, model.at.values)
-    return model
+        return fit_candidate(problem, training_rows, mechanisms, fit.estimate.values)
+    return fit
 
 
-def tempered(found: Problem, model: Model) -> Model:
+def reweight_by_misfit(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
     """The model, refitted with its rows weighed by its own misfit; as it is where that is noise.
 
     Args:
-        found: the recording before the library.
-        model: refitted under the recording's noise.
+        problem: the recording before the library.
+        fit: refitted under the recording's noise.
     """
-    for _ in range(ROUNDS):
-        residual = model.at.residual / model.white.trust
-        if _square(residual) < WRONG:
-            return model
-        white = dataclasses.replace(model.white, trust=_trust(residual))
-        model = Model(model.chosen, white, refit(found, white, model.at.moved, model.at.values))
-    return model
+    for _ in range(MISFIT_WEIGHTING_ROUNDS):
+        residual = fit.estimate.residual / fit.noise.weight
+        if _compute_mean_square(residual) < MIN_MISFIT_MEAN_SQUARE:
+            return fit
+        noise = dataclasses.replace(fit.noise, weight=_compute_weight(residual))
+        fit = CandidateFit(
+            fit.mechanisms, noise, fit_parameters(problem, noise, fit.estimate.free, fit.estimate.values)
+        )
+    return fit
 
 
-def _square(residual: np.ndarray) -> float:
+def _compute_mean_square(residual: np.ndarray) -> float:
     return float(np.mean(residual**2)) if residual.size else 1.0
 
 
-def _trust(residual: np.ndarray) -> float:
-    return float(1 / np.sqrt(_square(residual) * repeats(residual)))
+def _compute_weight(residual: np.ndarray) -> float:
+    return float(
+        1 / np.sqrt(_compute_mean_square(residual) * compute_integrated_autocorrelation_time(residual))
+    )
 
 
-def repeats(residual: np.ndarray) -> float:
+def compute_integrated_autocorrelation_time(residual: np.ndarray) -> float:
     """Over how many samples a residual repeats itself, 1 for white noise.
 
     >>> 0.8 < repeats(np.random.default_rng(0).standard_normal(2000)) < 1.2

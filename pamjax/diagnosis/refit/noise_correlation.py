@@ -22,77 +22,93 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from pamjax.diagnosis.library.library_problem import Problem
-from pamjax.diagnosis.noise.estimate import FEW, MOST, Whitening
-from pamjax.diagnosis.refit.candidate_fit import Model, freed
-from pamjax.diagnosis.refit.least_squares import believed, coordinates, refit
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.noise.estimate import MAX_CORRELATION, MIN_SAMPLES_FOR_CORRELATION, NoiseModel
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit, build_corrected_fit
+from pamjax.diagnosis.refit.least_squares import compute_priors, fit_parameters, transform_to_coordinates
 
 #: Correlations of which the likeliest is where the search for it begins.
-TRIED = (0.0, 0.2, 0.4, 0.6, 0.75, 0.85, 0.92, 0.96, MOST)
+TRIAL_CORRELATIONS = (0.0, 0.2, 0.4, 0.6, 0.75, 0.85, 0.92, 0.96, MAX_CORRELATION)
 #: Turns in which the channels are looked at one after the other.
-TURNS = 2
+CHANNEL_SWEEPS = 2
 #: Change of a correlation from which the model is refitted.
-CHANGED = 0.005
+MIN_CORRELATION_CHANGE = 0.005
 
 
-def with_memory(found: Problem, model: Model) -> Model:
+def fit_noise_correlation(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
     """The model, refitted under the correlations of noise that its whole residual tells.
 
     Args:
-        found: the recording before the library.
-        model: refitted; as it is where it leaves more than noise, or sensors are not stated.
+        problem: the recording before the library.
+        fit: refitted; as it is where it leaves more than noise, or sensors are not stated.
     """
-    if model.white.trust != 1:
-        return model
-    unlikely, white = _unlikeliness(found, model), model.white
-    for _ in range(TURNS):
-        for c, colour in enumerate(white.colours):
-            if colour is not None and colour.given and not colour.freedom < np.inf:
-                white = _likeliest(white, c, unlikely) if white.rows[c].size >= FEW else white
-    if not _changed(model.white, white):
-        return model
-    return freed(found, model.chosen, white, refit(found, white, model.at.moved, model.at.values))
+    if fit.noise.weight != 1:
+        return fit
+    compute_deviance, noise = _build_restricted_deviance(problem, fit), fit.noise
+    for _ in range(CHANNEL_SWEEPS):
+        for c, channel in enumerate(noise.channels):
+            if channel is not None and channel.stated and not channel.degrees_of_freedom < np.inf:
+                noise = (
+                    _fit_channel_correlation(noise, c, compute_deviance)
+                    if noise.rows[c].size >= MIN_SAMPLES_FOR_CORRELATION
+                    else noise
+                )
+    if not _has_correlation_changed(fit.noise, noise):
+        return fit
+    return build_corrected_fit(
+        problem, fit.mechanisms, noise, fit_parameters(problem, noise, fit.estimate.free, fit.estimate.values)
+    )
 
 
-def _unlikeliness(found: Problem, model: Model) -> Callable[[Whitening], float]:
+def _build_restricted_deviance(problem: LibraryProblem, fit: CandidateFit) -> Callable[[NoiseModel], float]:
     """−2 ln L of a noise, but for a constant."""
-    at, moved = model.at, list(model.at.moved)
-    shown, slopes = found.slopes(at.values, moved)
-    residual, slopes = found.measured - shown, slopes * at.scale[:, None, None]
-    precision = 1 / at.prior**2
-    pull = (coordinates(found, moved, at.values) - believed(found, moved)[0]) * precision
+    estimate, free = fit.estimate, list(fit.estimate.free)
+    prediction, model_jacobian = problem.jacobian(estimate.values, free)
+    residual, model_jacobian = problem.measured - prediction, model_jacobian * estimate.scale[:, None, None]
+    precision = 1 / estimate.prior_sd**2
+    prior_gradient = (
+        transform_to_coordinates(problem, free, estimate.values) - compute_priors(problem, free)[0]
+    ) * precision
 
-    def unlikely(white: Whitening) -> float:
-        e, jacobian = np.nan_to_num(white(residual)), np.nan_to_num(white(slopes))
+    def compute_deviance(noise: NoiseModel) -> float:
+        e, jacobian = np.nan_to_num(noise.whiten(residual)), np.nan_to_num(noise.whiten(model_jacobian))
         information = jacobian @ jacobian.T + np.diag(precision)
         unit = np.sqrt(np.maximum(np.diag(information), 1e-300))
         value, vector = np.linalg.eigh(information / np.outer(unit, unit))
         value = np.maximum(value, 1e-12)
-        absorbed = vector.T @ ((jacobian @ e - pull) / unit)
+        absorbed = vector.T @ ((jacobian @ e - prior_gradient) / unit)
         determinant = float(np.sum(np.log(value)) + 2 * np.sum(np.log(unit)))
-        return float(e @ e - np.sum(absorbed**2 / value)) + white.volume + determinant
+        return float(e @ e - np.sum(absorbed**2 / value)) + noise.log_determinant + determinant
 
-    return unlikely
+    return compute_deviance
 
 
-def _likeliest(white: Whitening, c: int, unlikely: Callable[[Whitening], float]) -> Whitening:
+def _fit_channel_correlation(
+    noise: NoiseModel, c: int, compute_deviance: Callable[[NoiseModel], float]
+) -> NoiseModel:
     """The noise with the likeliest correlation of one channel."""
 
-    def noise(rho: float) -> Whitening:
-        colour = white.colours[c]
-        assert colour is not None
-        colours = list(white.colours)
-        colours[c] = replace(colour, correlation=float(rho), told=float(rho))
-        return replace(white, colours=tuple(colours))
+    def set_correlation(rho: float) -> NoiseModel:
+        channel = noise.channels[c]
+        assert channel is not None
+        channels = list(noise.channels)
+        channels[c] = replace(channel, correlation=float(rho), rho_from_differences=float(rho))
+        return replace(noise, channels=tuple(channels))
 
-    k = int(np.argmin([unlikely(noise(rho)) for rho in TRIED]))
-    near = TRIED[max(k - 1, 0)], TRIED[min(k + 1, len(TRIED) - 1)]
-    end = minimize_scalar(lambda rho: unlikely(noise(rho)), bounds=near, method="bounded")
-    return noise(end.x if end.fun < unlikely(noise(TRIED[k])) else TRIED[k])
+    k = int(np.argmin([compute_deviance(set_correlation(rho)) for rho in TRIAL_CORRELATIONS]))
+    near = TRIAL_CORRELATIONS[max(k - 1, 0)], TRIAL_CORRELATIONS[min(k + 1, len(TRIAL_CORRELATIONS) - 1)]
+    solution = minimize_scalar(
+        lambda rho: compute_deviance(set_correlation(rho)), bounds=near, method="bounded"
+    )
+    return set_correlation(
+        solution.x
+        if solution.fun < compute_deviance(set_correlation(TRIAL_CORRELATIONS[k]))
+        else TRIAL_CORRELATIONS[k]
+    )
 
 
-def _changed(before: Whitening, after: Whitening) -> bool:
+def _has_correlation_changed(before: NoiseModel, after: NoiseModel) -> bool:
     return any(
-        a is not None and b is not None and abs(a.correlation - b.correlation) > CHANGED
-        for a, b in zip(before.colours, after.colours, strict=True)
+        a is not None and b is not None and abs(a.correlation - b.correlation) > MIN_CORRELATION_CHANGE
+        for a, b in zip(before.channels, after.channels, strict=True)
     )

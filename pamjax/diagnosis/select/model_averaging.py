@@ -9,7 +9,7 @@ weighed by p_m, the numbers get the covariance
 
     C = C_0 + Σ p_m (v_m − v_0) (v_m − v_0)ᵀ + δ δᵀ,        p_m = e^(−Δχ²_m / 2 s) / Σ,
 
-v_0 the numbers that are told, s the mean square that the model leaves and δ that pull (`unbiased`). A tie has
+v_0 the numbers that are told, s the mean square that the model leaves and δ that pull (`correct_input_noise_bias`). A tie has
 the chance that it has beside the name whose place it takes, and says nothing of that name's own numbers.
 
 What it leaves out: moments of a slip, which are many and which the search has tried.
@@ -24,111 +24,161 @@ from functools import partial
 
 import numpy as np
 
-from pamjax.compile.parallel import abreast
-from pamjax.diagnosis.library.candidates import Form, forms
-from pamjax.diagnosis.library.library_problem import Problem
-from pamjax.diagnosis.noise.input_noise import passed
-from pamjax.diagnosis.refit.candidate_fit import Model, freed, moving, places, without
-from pamjax.diagnosis.refit.errors_in_variables import pulled
-from pamjax.diagnosis.refit.least_squares import MOST as TO_THE_END
-from pamjax.diagnosis.refit.least_squares import refit
-from pamjax.diagnosis.select.selection import Name
+from pamjax.compile.parallel import parallel_map
+from pamjax.diagnosis.library.candidates import Candidate, build_candidates
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.noise.input_noise import compute_input_noise_chi2
+from pamjax.diagnosis.refit.candidate_fit import (
+    CandidateFit,
+    build_corrected_fit,
+    get_free_indices,
+    get_parameter_indices,
+    switch_off_candidate,
+)
+from pamjax.diagnosis.refit.errors_in_variables import estimate_input_noise_bias
+from pamjax.diagnosis.refit.least_squares import MAX_REFIT_EVALUATIONS as TO_THE_END
+from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.diagnosis.select.selection import NamedMechanism
 
 #: Most other forms of a name to begin from.
-MOST = 9
+MAX_STARTING_CANDIDATES = 9
 #: Evaluations of a refit from another form.
-ENOUGH = 10
+ALTERNATIVE_FIT_EVALUATIONS = 10
 #: χ² by which a fit may be worse and still count as about as good.
-NEAR = 20.0
+MAX_ALTERNATIVE_CHI2 = 20.0
 #: χ² by which another minimum must be lower to be gone to.
-LOWER = 0.5
+MIN_CHI2_IMPROVEMENT = 0.5
 #: What a model's own standard deviations say of a distance, χ², is off by so much by chance.
-CHANCE = 4.0
+DISTANCE_CHI2_TOLERANCE = 4.0
 
 
-def spread(found: Problem, model: Model, names: Sequence[Name]) -> Model:
+def average_models(
+    problem: LibraryProblem, fit: CandidateFit, named_mechanisms: Sequence[NamedMechanism]
+) -> CandidateFit:
     """The model at the best of its minima, with what the others and its ties disagree about.
 
     Args:
-        found: the recording before the library.
-        model: with names, refitted.
-        names: what each of them is worth beside its rivals.
+        problem: the recording before the library.
+        fit: with names, refitted.
+        named_mechanisms: what each of them is worth beside its rivals.
     """
-    ends = abreast(partial(_refitted, found, model), _starts(found, model))
-    near = [end for end in ends if end.at.cost < model.at.cost + NEAR]
-    minima = sorted(abreast(partial(_fair, found), near), key=lambda end: end.fair)
-    if minima and minima[0].fair < model.fair - LOWER:
-        minima.append(model)
-        model = _freed(found, _refitted(found, model, minima[0].at.values, TO_THE_END))
-    moves = _among(model, minima) + [move for name in names for move in _of_ties(found, model, name)]
-    moved = list(model.at.moved)
-    pull = pulled(found, model.white, model.at) if model.white.trust == 1 else np.zeros(len(moved))
-    between = sum((p * np.outer(by[moved], by[moved]) for p, by in moves), np.zeros((len(moved),) * 2))
-    return replace(model, between=between, pull=pull)
+    ends = parallel_map(partial(_refit_from, problem, fit), _build_starts(problem, fit))
+    near = [end for end in ends if end.estimate.cost < fit.estimate.cost + MAX_ALTERNATIVE_CHI2]
+    minima = sorted(
+        parallel_map(partial(_add_input_noise_chi2, problem), near), key=lambda end: end.corrected_chi2
+    )
+    if minima and minima[0].corrected_chi2 < fit.corrected_chi2 - MIN_CHI2_IMPROVEMENT:
+        minima.append(fit)
+        fit = _correct_bias(problem, _refit_from(problem, fit, minima[0].estimate.values, TO_THE_END))
+    moves = _weigh_minima(fit, minima) + [
+        move for name in named_mechanisms for move in _weigh_indistinguishable(problem, fit, name)
+    ]
+    free = list(fit.estimate.free)
+    bias = (
+        estimate_input_noise_bias(problem, fit.noise, fit.estimate)
+        if fit.noise.weight == 1
+        else np.zeros(len(free))
+    )
+    between = sum((p * np.outer(by[free], by[free]) for p, by in moves), np.zeros((len(free),) * 2))
+    return replace(fit, between_model_covariance=between, errors_in_variables_bias=bias)
 
 
-def _starts(found: Problem, model: Model) -> list[np.ndarray]:
+def _build_starts(problem: LibraryProblem, fit: CandidateFit) -> list[np.ndarray]:
     """Values from which to begin: each name in each of its other forms."""
-    known, starts = forms(found), []
-    for form in model.chosen:
-        others = [one for one in known if one.id == form.id and set(one.moves) == set(form.moves)]
-        for other in others if 1 < len(others) <= MOST else []:
-            start = model.at.values.copy()
+    candidates, starts = build_candidates(problem), []
+    for candidate in fit.mechanisms:
+        others = [
+            other_candidate
+            for other_candidate in candidates
+            if other_candidate.id == candidate.id
+            and set(other_candidate.free_parameters) == set(candidate.free_parameters)
+        ]
+        for other in others if 1 < len(others) <= MAX_STARTING_CANDIDATES else []:
+            start = fit.estimate.values.copy()
             for name, value in other.shape.items():
-                k = found.place(name)
-                start[k] = np.clip(value, found.low[k], found.high[k])
+                k = problem.index(name)
+                start[k] = np.clip(value, problem.low[k], problem.high[k])
             starts.append(start)
     return starts
 
 
-def _refitted(found: Problem, model: Model, start: np.ndarray, most: int = ENOUGH) -> Model:
-    return replace(model, at=refit(found, model.white, model.at.moved, start, most))
+def _refit_from(
+    problem: LibraryProblem,
+    fit: CandidateFit,
+    start: np.ndarray,
+    max_evaluations: int = ALTERNATIVE_FIT_EVALUATIONS,
+) -> CandidateFit:
+    return replace(
+        fit, estimate=fit_parameters(problem, fit.noise, fit.estimate.free, start, max_evaluations)
+    )
 
 
-def _fair(found: Problem, model: Model) -> Model:
+def _add_input_noise_chi2(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
     """With what noise alone leaves there; a model that is weighed by its own misfit does not know of it."""
-    own = passed(found, model.white, model.at.values) if model.white.trust == 1 else 0.0
-    return replace(model, passed=own)
+    own = (
+        compute_input_noise_chi2(problem, fit.noise.whiten, fit.estimate.values)
+        if fit.noise.weight == 1
+        else 0.0
+    )
+    return replace(fit, input_noise_chi2=own)
 
 
-def _freed(found: Problem, model: Model) -> Model:
+def _correct_bias(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
     """Without the pull of that noise."""
-    return freed(found, model.chosen, model.white, model.at) if model.white.trust == 1 else model
+    return (
+        build_corrected_fit(problem, fit.mechanisms, fit.noise, fit.estimate)
+        if fit.noise.weight == 1
+        else fit
+    )
 
 
-def _among(model: Model, minima: Sequence[Model]) -> list[tuple[float, np.ndarray]]:
+def _weigh_minima(fit: CandidateFit, minima: Sequence[CandidateFit]) -> list[tuple[float, np.ndarray]]:
     """Chance of each other minimum, and by how much it moves every number."""
-    other = [model]
+    other = [fit]
     for end in minima:
-        if all(_elsewhere(one, end) for one in other):
+        if all(_is_other_minimum(other_fit, end) for other_fit in other):
             other.append(end)
-    worse = np.array([max(end.fair - model.fair, 0.0) for end in other])
-    chances = np.exp(-0.5 * worse / model.wider)
+    worse = np.array([max(end.corrected_chi2 - fit.corrected_chi2, 0.0) for end in other])
+    chances = np.exp(-0.5 * worse / fit.variance_inflation)
     chances /= chances.sum()
-    return [(float(p), end.at.values - model.at.values) for p, end in zip(chances, other, strict=True)][1:]
+    return [
+        (float(p), end.estimate.values - fit.estimate.values) for p, end in zip(chances, other, strict=True)
+    ][1:]
 
 
-def _elsewhere(one: Model, end: Model) -> bool:
+def _is_other_minimum(fit: CandidateFit, end: CandidateFit) -> bool:
     """Whether a fit is farther from a minimum than the minimum's own standard deviations know."""
-    by = (end.at.values - one.at.values)[list(one.at.moved)] / one.at.scale
-    own = float(np.sum((one.at.jacobian @ by) ** 2) + np.sum((by / one.at.prior) ** 2))
-    return own / one.wider > max(end.fair - one.fair, 0.0) / one.wider + CHANCE
+    by = (end.estimate.values - fit.estimate.values)[list(fit.estimate.free)] / fit.estimate.scale
+    own = float(np.sum((fit.estimate.jacobian @ by) ** 2) + np.sum((by / fit.estimate.prior_sd) ** 2))
+    return (
+        own / fit.variance_inflation
+        > max(end.corrected_chi2 - fit.corrected_chi2, 0.0) / fit.variance_inflation + DISTANCE_CHI2_TOLERANCE
+    )
 
 
-def _of_ties(found: Problem, model: Model, name: Name) -> list[tuple[float, np.ndarray]]:
+def _weigh_indistinguishable(
+    problem: LibraryProblem, fit: CandidateFit, named: NamedMechanism
+) -> list[tuple[float, np.ndarray]]:
     """Chance of each of a name's ties, and by how much it moves the numbers of the others."""
-    own = next((form for form in model.chosen if form.id == name.id), None)
-    if own is None:
+    own_candidate = next((candidate for candidate in fit.mechanisms if candidate.id == named.id), None)
+    if own_candidate is None:
         return []
 
-    def moved_by(tie: tuple[float, Form, np.ndarray]) -> tuple[float, np.ndarray]:
-        chance, form, values = tie
-        start = without(found, model.at.values, own)
-        start[places(found, [form])] = values[places(found, [form])]
-        others = [one for one in model.chosen if one is not own]
-        moved = moving(found, [*others, form])
-        by = refit(found, model.white, moved, start, ENOUGH).values - model.at.values
-        by[places(found, [own])] = 0.0
+    def compute_change(alternative: tuple[float, Candidate, np.ndarray]) -> tuple[float, np.ndarray]:
+        chance, candidate, values = alternative
+        start = switch_off_candidate(problem, fit.estimate.values, own_candidate)
+        start[get_parameter_indices(problem, [candidate])] = values[
+            get_parameter_indices(problem, [candidate])
+        ]
+        others = [
+            other_candidate for other_candidate in fit.mechanisms if other_candidate is not own_candidate
+        ]
+        free = get_free_indices(problem, [*others, candidate])
+        by = (
+            fit_parameters(problem, fit.noise, free, start, ALTERNATIVE_FIT_EVALUATIONS).values
+            - fit.estimate.values
+        )
+        by[get_parameter_indices(problem, [own_candidate])] = 0.0
         return chance, by
 
-    return abreast(moved_by, name.instead)
+    return parallel_map(compute_change, named.alternatives)

@@ -24,145 +24,192 @@ from itertools import chain, combinations
 
 import numpy as np
 
-from pamjax.compile.parallel import abreast
-from pamjax.diagnosis.detect.score_test import Signature, signatures, whole_residual
-from pamjax.diagnosis.library.candidates import Form
-from pamjax.diagnosis.library.library_problem import Problem
-from pamjax.diagnosis.refit.candidate_fit import Model, begun, freed, moving, settle, without
-from pamjax.diagnosis.refit.least_squares import refit
-from pamjax.diagnosis.select.search import FINAL, LEAST, MOST, ROUGH, TIE, Look, ended, pruned
-from pamjax.model.registry import TWICE
-from pamjax.progress import silent
+from pamjax.compile.parallel import parallel_map
+from pamjax.diagnosis.detect.score_test import ScoreDirection, compute_score_directions, stack_residual
+from pamjax.diagnosis.library.candidates import Candidate
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.refit.candidate_fit import (
+    CandidateFit,
+    build_corrected_fit,
+    fit_candidate,
+    get_free_indices,
+    switch_off_candidate,
+    switch_on_candidate,
+)
+from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.diagnosis.select.search import (
+    FINAL_REFIT_COUNT,
+    MAX_MECHANISMS,
+    MIN_EFFECT_RMS,
+    ROUGH_EVALUATIONS,
+    TIE_CHI2,
+    MechanismSearch,
+    prune_mechanisms,
+    run_search,
+)
+from pamjax.model.registry import EXCLUSIVE_PAIRS
+from pamjax.progress import ignore_progress
 
 #: Pairs that are refitted in the place of the same names, and rounds in which some took a place.
-TRIED, ROUNDS = 3, 2
+PAIRS_REFITTED, PAIR_SWAP_ROUNDS = 3, 2
 #: Share of the samples by which the χ² of a rough refit may be worse than the model's: more names may join.
-NEAR = 0.2
+MAX_ROUGH_CHI2_SHARE = 0.2
 #: Standard deviations of χ² by which noise is expected to leave more, at most.
-CHANCE = 2.0
+MAX_NOISE_CHI2_SD = 2.0
 #: Share of its χ² within which a pair that shares a name with a better one stands for the same.
-SAME = 1e-3
+SAME_PAIR_CHI2_SHARE = 1e-3
 
 
-def exchanged(look: Look, model: Model) -> Model:
+def swap_pairs(search: MechanismSearch, fit: CandidateFit) -> CandidateFit:
     """The model with the likeliest pairs of names.
 
     Args:
-        look: what the model was found by.
-        model: where the search ended.
+        search: what the model was found by.
+        fit: where the search ended.
     """
-    for _ in range(ROUNDS if model.chosen else 0):
-        look.progress("naming in pairs", 0.7)
-        better = _likelier(replace(look, progress=silent), model)
+    for _ in range(PAIR_SWAP_ROUNDS if fit.mechanisms else 0):
+        search.progress("naming in pairs", 0.7)
+        better = _find_better_pair(replace(search, progress=ignore_progress), fit)
         if better is None:
             break
-        model = better
-    return model
+        fit = better
+    return fit
 
 
-def _likelier(look: Look, model: Model) -> Model | None:
+def _find_better_pair(search: MechanismSearch, fit: CandidateFit) -> CandidateFit | None:
     """The likeliest model with two other names, where that is likelier beyond doubt."""
     # Where noise was never stated, names enough leave nothing but noise of anything.
-    stated = all(colour is None or colour.given for colour in model.white.colours)
-    fewer = range(3) if stated and not _only_noise(model) else (2,)
-    out = chain.from_iterable(combinations(range(len(model.chosen)), some) for some in fewer)
-    trials = chain.from_iterable(abreast(partial(_instead, look, model), out))
-    worst = model.score + NEAR * model.white.size
-    near = sorted((trial for trial in trials if trial.score < worst), key=lambda trial: trial.score)
+    stated = all(channel is None or channel.stated for channel in fit.noise.channels)
+    fewer = range(3) if stated and not _leaves_only_noise(fit) else (2,)
+    out = chain.from_iterable(combinations(range(len(fit.mechanisms)), some) for some in fewer)
+    trials = chain.from_iterable(parallel_map(partial(_fit_pair_replacements, search, fit), out))
+    worst = fit.bic + MAX_ROUGH_CHI2_SHARE * fit.noise.size
+    near = sorted((trial for trial in trials if trial.bic < worst), key=lambda trial: trial.bic)
     ends = [
         end
-        for trial, end in ((trial, _end(look, trial)) for trial in near[:FINAL])
-        if end.likely < model.likely - TIE
-        and _believed(look, model, end, more=len(trial.chosen) > len(model.chosen))
+        for trial, end in ((trial, _finish_search(search, trial)) for trial in near[:FINAL_REFIT_COUNT])
+        if end.full_bic < fit.full_bic - TIE_CHI2
+        and _is_acceptable(search, fit, end, more=len(trial.mechanisms) > len(fit.mechanisms))
     ]
-    return min(ends, key=lambda end: end.likely, default=None)
+    return min(ends, key=lambda end: end.full_bic, default=None)
 
 
-def _believed(look: Look, model: Model, end: Model, *, more: bool) -> bool:
+def _is_acceptable(search: MechanismSearch, fit: CandidateFit, end: CandidateFit, *, more: bool) -> bool:
     """Whether what took a place is not just one of many pairs that bend towards what is in no catalogue.
 
     Where that may be, as much was left, or more names are there than took part, only what leaves nothing but
     noise is believed.
     """
-    if more or look.far(model):
-        return look.completes(end, model) or _only_noise(end)
-    return not look.far(end)
+    if more or search.leaves_large_residual(fit):
+        return search.is_complete(end, fit) or _leaves_only_noise(end)
+    return not search.leaves_large_residual(end)
 
 
-def _end(look: Look, rough: Model) -> Model:
+def _finish_search(search: MechanismSearch, rough_fit: CandidateFit) -> CandidateFit:
     """Where a search ends that begins here; what is small beside the whole stays if it leaves only noise."""
-    begun = settle(look.found, look.used, rough.chosen, rough.at.values)
-    end = ended(look, begun)
-    if not _only_noise(begun):
+    start_fit = fit_candidate(
+        search.problem, search.training_rows, rough_fit.mechanisms, rough_fit.estimate.values
+    )
+    end = run_search(search, start_fit)
+    if not _leaves_only_noise(start_fit):
         return end
-    whole = pruned(look, begun, small=True)
-    return whole if _only_noise(whole) and whole.likely < end.likely else end
+    whole = prune_mechanisms(search, start_fit, small=True)
+    return whole if _leaves_only_noise(whole) and whole.full_bic < end.full_bic else end
 
 
-def _only_noise(model: Model) -> bool:
+def _leaves_only_noise(fit: CandidateFit) -> bool:
     """Whether what is left is what noise leaves by chance, or too little of a sample to be looked into."""
-    n = model.white.size
-    return model.excess < max(LEAST**2 * n, CHANCE * np.sqrt(2 * n))
+    n = fit.noise.size
+    return fit.excess_chi2 < max(MIN_EFFECT_RMS**2 * n, MAX_NOISE_CHI2_SD * np.sqrt(2 * n))
 
 
-def _instead(look: Look, model: Model, places: tuple[int, ...]) -> list[Model]:
+def _fit_pair_replacements(
+    search: MechanismSearch, fit: CandidateFit, positions: tuple[int, ...]
+) -> list[CandidateFit]:
     """Models with two other names in the place of some, roughly refitted."""
-    if len(model.chosen) - len(places) + 2 > MOST:
+    if len(fit.mechanisms) - len(positions) + 2 > MAX_MECHANISMS:
         return []
-    found, out = look.found, [model.chosen[k] for k in places]
-    rest = tuple(form for form in model.chosen if form not in out)
-    values = model.at.values
-    for form in out:
-        values = without(found, values, form)
-    at = refit(found, model.white, moving(found, rest), values, 2 * ROUGH)
-    left = freed(found, rest, model.white, at)
-    scored = signatures(found, left.white, left.at, look.candidates)
-    here = frozenset(form.id for form in out)
-    pairs = best_pairs(scored, left, whole_residual(found, left.at))
-    others = (two for two in pairs if frozenset(s.form.id for s, _ in two) != here)
-    return [_with(found, left, two) for two, _ in zip(others, range(TRIED), strict=False)]
+    problem, removed = search.problem, [fit.mechanisms[k] for k in positions]
+    remaining = tuple(candidate for candidate in fit.mechanisms if candidate not in removed)
+    values = fit.estimate.values
+    for candidate in removed:
+        values = switch_off_candidate(problem, values, candidate)
+    estimate = fit_parameters(
+        problem, fit.noise, get_free_indices(problem, remaining), values, 2 * ROUGH_EVALUATIONS
+    )
+    reduced_fit = build_corrected_fit(problem, remaining, fit.noise, estimate)
+    scored = compute_score_directions(problem, reduced_fit.noise, reduced_fit.estimate, search.candidates)
+    here = frozenset(candidate.id for candidate in removed)
+    pairs = rank_pairs(scored, reduced_fit, stack_residual(problem, reduced_fit.estimate))
+    others = (two for two in pairs if frozenset(s.candidate.id for s, _ in two) != here)
+    return [
+        _fit_with_pair(problem, reduced_fit, two)
+        for two, _ in zip(others, range(PAIRS_REFITTED), strict=False)
+    ]
 
 
-def best_pairs(
-    scored: Sequence[Signature], left: Model, residual: np.ndarray
-) -> Iterator[tuple[tuple[Signature, np.ndarray], tuple[Signature, np.ndarray]]]:
+def rank_pairs(
+    scored: Sequence[ScoreDirection], fit: CandidateFit, residual: np.ndarray
+) -> Iterator[tuple[tuple[ScoreDirection, np.ndarray], tuple[ScoreDirection, np.ndarray]]]:
     """Pairs of two mechanisms with their amplitudes, SI, the one that explains most first; each but once.
 
     Args:
         scored: what may join the model.
-        left: the model.
+        fit: the model.
         residual: (size + priors,) what it leaves, and how far its numbers are from what is believed.
     """
-    forms = [s for s in scored if s.form.id not in left.ids and not _barred(s.form, left.chosen)]
-    rows = np.concatenate([s.directions for s in forms])
-    ends = np.cumsum([len(s.directions) for s in forms])
-    along, gram, price = rows @ residual, rows @ rows.T, np.log(max(left.white.size, 2))
-    found = []
-    for a, b in combinations(range(len(forms)), 2):
-        if forms[a].form.id == forms[b].form.id or _barred(forms[a].form, [forms[b].form]):
+    directions = [
+        s for s in scored if s.candidate.id not in fit.ids and not _is_barred(s.candidate, fit.mechanisms)
+    ]
+    rows = np.concatenate([s.unit_vectors for s in directions])
+    ends = np.cumsum([len(s.unit_vectors) for s in directions])
+    along, gram, price = rows @ residual, rows @ rows.T, np.log(max(fit.noise.size, 2))
+    ranked_pairs = []
+    for a, b in combinations(range(len(directions)), 2):
+        if directions[a].candidate.id == directions[b].candidate.id or _is_barred(
+            directions[a].candidate, [directions[b].candidate]
+        ):
             continue
-        at = np.r_[ends[a] - len(forms[a].directions) : ends[a], ends[b] - len(forms[b].directions) : ends[b]]
-        best = np.linalg.lstsq(gram[np.ix_(at, at)], along[at], rcond=1e-9)[0]
-        paid = price * (len(forms[a].form.moves) + len(forms[b].form.moves))
-        found.append((float(along[at] @ best) - paid, a, b, best))
-    seen: list[tuple[float, set[str]]] = []
-    for gain, a, b, best in sorted(found, key=lambda one: -one[0]):
-        ids = {forms[a].form.id, forms[b].form.id}
-        if not any(ids == other or (ids & other and more - gain < SAME * more) for more, other in seen):
-            seen.append((gain, ids))
-            own = len(forms[a].directions)
-            yield (forms[a], best[:own] / forms[a].norm), (forms[b], best[own:] / forms[b].norm)
+        rows_of_pair = np.r_[
+            ends[a] - len(directions[a].unit_vectors) : ends[a],
+            ends[b] - len(directions[b].unit_vectors) : ends[b],
+        ]
+        best = np.linalg.lstsq(gram[np.ix_(rows_of_pair, rows_of_pair)], along[rows_of_pair], rcond=1e-9)[0]
+        paid = price * (
+            len(directions[a].candidate.free_parameters) + len(directions[b].candidate.free_parameters)
+        )
+        ranked_pairs.append((float(along[rows_of_pair] @ best) - paid, a, b, best))
+    reported_pairs: list[tuple[float, set[str]]] = []
+    for gain, a, b, best in sorted(ranked_pairs, key=lambda ranked_pair: -ranked_pair[0]):
+        ids = {directions[a].candidate.id, directions[b].candidate.id}
+        if not any(
+            ids == other or (ids & other and more - gain < SAME_PAIR_CHI2_SHARE * more)
+            for more, other in reported_pairs
+        ):
+            reported_pairs.append((gain, ids))
+            own = len(directions[a].unit_vectors)
+            yield (
+                (directions[a], best[:own] / directions[a].norm),
+                (directions[b], best[own:] / directions[b].norm),
+            )
 
 
-def _barred(form: Form, others: Sequence[Form]) -> bool:
-    return any(frozenset({form.id, other.id}) in TWICE for other in others)
+def _is_barred(candidate: Candidate, others: Sequence[Candidate]) -> bool:
+    return any(frozenset({candidate.id, other.id}) in EXCLUSIVE_PAIRS for other in others)
 
 
-def _with(found: Problem, left: Model, two: Sequence[tuple[Signature, np.ndarray]]) -> Model:
+def _fit_with_pair(
+    problem: LibraryProblem, fit: CandidateFit, two: Sequence[tuple[ScoreDirection, np.ndarray]]
+) -> CandidateFit:
     """The model with two more forms, roughly refitted under its noise."""
-    chosen, values = (*left.chosen, *(s.form for s, _ in two)), left.at.values
-    for signature, amplitudes in two:
-        values = begun(found, values, signature.form, amplitudes)
-    return freed(
-        found, chosen, left.white, refit(found, left.white, moving(found, chosen), values, 2 * ROUGH)
+    mechanisms, values = (*fit.mechanisms, *(s.candidate for s, _ in two)), fit.estimate.values
+    for direction, amplitudes in two:
+        values = switch_on_candidate(problem, values, direction.candidate, amplitudes)
+    return build_corrected_fit(
+        problem,
+        mechanisms,
+        fit.noise,
+        fit_parameters(
+            problem, fit.noise, get_free_indices(problem, mechanisms), values, 2 * ROUGH_EVALUATIONS
+        ),
     )

@@ -11,146 +11,177 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pamjax.compile.parallel import abreast
-from pamjax.diagnosis.detect.score_test import Signature, signatures
-from pamjax.diagnosis.library.candidates import Form, forms
-from pamjax.diagnosis.library.library_problem import Problem
-from pamjax.diagnosis.refit.candidate_fit import Model, settle
-from pamjax.diagnosis.select.pair_swap import exchanged
+from pamjax.compile.parallel import parallel_map
+from pamjax.diagnosis.detect.score_test import ScoreDirection, compute_score_directions
+from pamjax.diagnosis.library.candidates import Candidate, build_candidates
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate
+from pamjax.diagnosis.select.pair_swap import swap_pairs
 from pamjax.diagnosis.select.search import (
-    FINAL,
-    TIE,
-    TIE_SHARE,
-    Look,
-    halfway,
-    removed,
-    replacements,
-    search,
-    to_the_end,
+    FINAL_REFIT_COUNT,
+    TIE_CHI2,
+    TIE_EXCESS_SHARE,
+    MechanismSearch,
+    compute_rough_limit,
+    fit_replacements,
+    fit_without_mechanism,
+    refit_fully,
+    search_mechanisms,
 )
-from pamjax.diagnosis.select.small_effects import refined
-from pamjax.progress import Progress, silent
+from pamjax.diagnosis.select.small_effects import add_small_effects
+from pamjax.progress import Progress, ignore_progress
 
 #: Probability from which a name counts as established.
-ESTABLISHED = 0.5
+ESTABLISHED_PROBABILITY = 0.5
 #: χ² by which a rough refit that is pulled by noise may be too high.
-NEAR = 36.0
+ROUGH_CHI2_MARGIN = 36.0
 
 
 @dataclass(frozen=True, eq=False)
-class Name:
+class NamedMechanism:
     """A mechanism that a model holds.
 
     Attributes:
         id: which.
         probability: that this, or one of its ties, is it and none of the other rivals.
-        ties: ids that explain this recording as well.
-        gain: χ² that is lost when it is taken out and all others refitted.
-        rivals: χ² lost when a rival takes its place, by id.
-        instead: chance of each tie to be what is there, its form, and all numbers with it, (p,), SI.
+        indistinguishable: ids that explain this recording as well.
+        chi2_increase: χ² that is lost when it is taken out and all others refitted.
+        rival_chi2_increase: χ² lost when a rival takes its place, by id.
+        alternatives: chance of each tie to be what is there, its form, and all numbers with it, (p,), SI.
     """
 
     id: str
     probability: float
-    ties: tuple[str, ...]
-    gain: float
-    rivals: dict[str, float] = field(default_factory=dict)
-    instead: tuple[tuple[float, Form, np.ndarray], ...] = ()
+    indistinguishable: tuple[str, ...]
+    chi2_increase: float
+    rival_chi2_increase: dict[str, float] = field(default_factory=dict)
+    alternatives: tuple[tuple[float, Candidate, np.ndarray], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
-class Naming:
+class Selection:
     """What was named.
 
     Attributes:
         baseline: the baseline's own refit.
         model: the baseline with all names.
-        names: of all that the model holds, most probable first.
-        first: the signatures at the baseline, for its p-value.
-        near: (p,) SI, where the model lies weighed by what it leaves; None where that is its own place.
-        before: the model before small effects joined; None where none did.
+        named_mechanisms: of all that the model holds, most probable first.
+        baseline_directions: the signatures at the baseline, for its p-value.
+        weighted_values: (p,) SI, where the model lies weighed by what it leaves; None where that is its own place.
+        fit_before_small_effects: the model before small effects joined; None where none did.
     """
 
-    baseline: Model
-    model: Model
-    names: tuple[Name, ...]
-    first: tuple[Signature, ...]
-    near: np.ndarray | None = None
-    before: Model | None = None
+    baseline: CandidateFit
+    model: CandidateFit
+    named_mechanisms: tuple[NamedMechanism, ...]
+    baseline_directions: tuple[ScoreDirection, ...]
+    weighted_values: np.ndarray | None = None
+    fit_before_small_effects: CandidateFit | None = None
 
     @property
-    def established(self) -> tuple[Name, ...]:
+    def established(self) -> tuple[NamedMechanism, ...]:
         """The names that are likelier right than wrong."""
-        return tuple(name for name in self.names if name.probability >= ESTABLISHED)
+        return tuple(name for name in self.named_mechanisms if name.probability >= ESTABLISHED_PROBABILITY)
 
     @property
-    def values(self) -> np.ndarray:
+    def start_values(self) -> np.ndarray:
         """Where a refit of the model begins, (p,), SI."""
-        return self.model.at.values if self.near is None else self.near
+        return self.model.estimate.values if self.weighted_values is None else self.weighted_values
 
 
-def name_mechanisms(found: Problem, used: np.ndarray, progress: Progress = silent) -> Naming:
+def select_mechanisms(
+    problem: LibraryProblem, training_rows: np.ndarray, progress: Progress = ignore_progress
+) -> Selection:
     """Name what the baseline has left out of a recording.
 
     Args:
-        found: the recording before the library.
-        used: (n,) the rows that may be looked at.
+        problem: the recording before the library.
+        training_rows: (n,) the rows that may be looked at.
         progress: called with what is being done and the share done.
     """
-    candidates = forms(found)
-    baseline = settle(found, used, (), found.neutral)
-    first = signatures(found, baseline.white, baseline.at, candidates)
-    look = Look(found, used, baseline, candidates, progress)
-    before = exchanged(look, search(look, first))
-    model = refined(found, before, candidates, progress)
+    candidates = build_candidates(problem)
+    baseline = fit_candidate(problem, training_rows, (), problem.neutral)
+    baseline_directions = compute_score_directions(problem, baseline.noise, baseline.estimate, candidates)
+    search = MechanismSearch(problem, training_rows, baseline, candidates, progress)
+    fit_before_small_effects = swap_pairs(search, search_mechanisms(search, baseline_directions))
+    fit = add_small_effects(problem, fit_before_small_effects, candidates, progress)
     progress("rivals", 0.75)
-    names = names_of(found, model, candidates)
-    if model is before:
-        return Naming(baseline, model, names, tuple(first))
+    named_mechanisms = assess_mechanisms(problem, fit, candidates)
+    if fit is fit_before_small_effects:
+        return Selection(baseline, fit, named_mechanisms, tuple(baseline_directions))
     # What stays unexplained is judged by the recording's noise.
-    near = model.at.values
-    return Naming(baseline, settle(found, used, model.chosen, near), names, tuple(first), near, before)
+    weighted_values = fit.estimate.values
+    return Selection(
+        baseline,
+        fit_candidate(problem, training_rows, fit.mechanisms, weighted_values),
+        named_mechanisms,
+        tuple(baseline_directions),
+        weighted_values,
+        fit_before_small_effects,
+    )
 
 
-def without_small(found: Problem, naming: Naming) -> Naming:
+def drop_small_effects(problem: LibraryProblem, selection: Selection) -> Selection:
     """What was named before small effects joined."""
-    assert naming.before is not None
-    return Naming(naming.baseline, naming.before, names_of(found, naming.before), naming.first)
+    assert selection.fit_before_small_effects is not None
+    return Selection(
+        selection.baseline,
+        selection.fit_before_small_effects,
+        assess_mechanisms(problem, selection.fit_before_small_effects),
+        selection.baseline_directions,
+    )
 
 
-def names_of(found: Problem, model: Model, candidates: Sequence[Form] | None = None) -> tuple[Name, ...]:
+def assess_mechanisms(
+    problem: LibraryProblem, fit: CandidateFit, candidates: Sequence[Candidate] | None = None
+) -> tuple[NamedMechanism, ...]:
     """What each of a model's names is worth beside its rivals, most probable first.
 
     Args:
-        found: the recording before the library.
-        model: with the names.
+        problem: the recording before the library.
+        fit: with the names.
         candidates: the forms of the rivals; None for all.
     """
-    candidates = forms(found) if candidates is None else candidates
-    names = abreast(lambda k: _name(found, model, k, candidates), range(len(model.chosen)))
-    return ranked(names)
+    candidates = build_candidates(problem) if candidates is None else candidates
+    named_mechanisms = parallel_map(
+        lambda k: _assess_mechanism(problem, fit, k, candidates), range(len(fit.mechanisms))
+    )
+    return rank_mechanisms(named_mechanisms)
 
 
-def ranked(names: Sequence[Name]) -> tuple[Name, ...]:
+def rank_mechanisms(named_mechanisms: Sequence[NamedMechanism]) -> tuple[NamedMechanism, ...]:
     """Names, most probable first; of those as probable, the one whose loss costs most."""
-    return tuple(sorted(names, key=lambda name: (-round(name.probability, 2), -name.gain)))
+    return tuple(
+        sorted(named_mechanisms, key=lambda name: (-round(name.probability, 2), -name.chi2_increase))
+    )
 
 
-def _name(found, model: Model, k: int, candidates) -> Name:
-    form = model.chosen[k]
-    left = removed(found, model, k)
-    gain = left.fair - model.fair
-    trials = replacements(found, left, form, candidates)
+def _assess_mechanism(problem, fit: CandidateFit, k: int, candidates) -> NamedMechanism:
+    candidate = fit.mechanisms[k]
+    reduced_fit = fit_without_mechanism(problem, fit, k)
+    chi2_increase = reduced_fit.corrected_chi2 - fit.corrected_chi2
+    trials = fit_replacements(problem, reduced_fit, candidate, candidates)
     # Who comes near gets every chance: noise may have pulled it too high. The others are far behind already.
-    near = [trial for trial in trials if trial.score < max(model.score + NEAR, halfway(left, model))]
-    near = sorted(near, key=lambda trial: trial.score)[:FINAL]
-    ends = {m.chosen[-1].id: m for m in [*trials, *to_the_end(found, near)]}
-    rivals = {id: m.score - model.score for id, m in ends.items()}
+    near = [
+        trial
+        for trial in trials
+        if trial.bic < max(fit.bic + ROUGH_CHI2_MARGIN, compute_rough_limit(reduced_fit, fit))
+    ]
+    near = sorted(near, key=lambda trial: trial.bic)[:FINAL_REFIT_COUNT]
+    ends = {m.mechanisms[-1].id: m for m in [*trials, *refit_fully(problem, near)]}
+    rivals = {id: m.bic - fit.bic for id, m in ends.items()}
     # What is left unexplained shows how far off textbook forms are here: it blurs a comparison.
-    blur = 1 + model.excess / 8
+    blur = 1 + fit.excess_chi2 / 8
     weights = {id: np.exp(-0.5 * max(loss, 0.0) / blur) for id, loss in rivals.items()}
-    ties = [id for id, loss in rivals.items() if loss < TIE + TIE_SHARE * model.excess]
-    alike = sum(weights[id] for id in ties)
-    instead = tuple((weights[id] / (1 + alike), ends[id].chosen[-1], ends[id].at.values) for id in ties)
+    indistinguishable = [
+        id for id, loss in rivals.items() if loss < TIE_CHI2 + TIE_EXCESS_SHARE * fit.excess_chi2
+    ]
+    alike = sum(weights[id] for id in indistinguishable)
+    alternatives = tuple(
+        (weights[id] / (1 + alike), ends[id].mechanisms[-1], ends[id].estimate.values)
+        for id in indistinguishable
+    )
     probability = float((1 + alike) / (1 + sum(weights.values())))
-    return Name(form.id, probability, tuple(ties), float(gain), rivals, instead)
+    return NamedMechanism(
+        candidate.id, probability, tuple(indistinguishable), float(chi2_increase), rivals, alternatives
+    )

@@ -2,7 +2,7 @@
 
 No textbook wall is right to the noise of a load cell. What it leaves is smooth, and rows that repeat one
 mistake a thousand times bend the lab's rulers and every further name to it. So such a model is weighed by
-its own misfit first (`temper.py`), and the question is asked again with what its rows are worth then: which
+its own misfit first (`misfit_weighting.py`), and the question is asked again with what its rows are worth then: which
 further form takes away a good part of what is left?
 
 significant   beyond what as many independent samples of the misfit as there are show by chance, over all
@@ -26,138 +26,186 @@ from operator import attrgetter
 import numpy as np
 from scipy.stats import chi2
 
-from pamjax.compile.parallel import abreast
-from pamjax.diagnosis.detect.score_test import Signature, signatures
-from pamjax.diagnosis.library.candidates import Form
-from pamjax.diagnosis.library.library_problem import Problem
-from pamjax.diagnosis.refit.candidate_fit import Model, begun, moving, without
-from pamjax.diagnosis.refit.least_squares import driven, refit
-from pamjax.diagnosis.refit.misfit_weighting import tempered
-from pamjax.diagnosis.select.search import (
-    FINAL,
-    MOST,
-    ROUGH,
-    SUBSTANTIAL,
-    shortlist,
-    significant,
+from pamjax.compile.parallel import parallel_map
+from pamjax.diagnosis.detect.score_test import ScoreDirection, compute_score_directions
+from pamjax.diagnosis.library.candidates import Candidate
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.refit.candidate_fit import (
+    CandidateFit,
+    get_free_indices,
+    switch_off_candidate,
+    switch_on_candidate,
 )
-from pamjax.progress import Progress, silent
+from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit, fit_parameters
+from pamjax.diagnosis.refit.misfit_weighting import reweight_by_misfit
+from pamjax.diagnosis.select.search import (
+    FINAL_REFIT_COUNT,
+    MAX_MECHANISMS,
+    MIN_EXCESS_SHARE,
+    ROUGH_EVALUATIONS,
+    is_reduction_significant,
+    shortlist_candidates,
+)
+from pamjax.progress import Progress, ignore_progress
 
 #: Share of what names leave at first that all further ones must take away together, and each at least.
-TOGETHER, EACH = 2 / 3, 0.1
+MIN_JOINT_EXCESS_SHARE, MIN_SINGLE_EXCESS_SHARE = 2 / 3, 0.1
 #: Chance that a smooth misfit alone brings in a name, over everything that was tried; its χ² is that of so
 #: few samples that a smaller one would mean nothing.
-CHANCE = 0.01
+FALSE_ADDITION_PROBABILITY = 0.01
 #: Chance that a lab's own statement of its muscle is as far off as a model has it.
-BELIEVED = 0.01
+MIN_PRIOR_P_VALUE = 0.01
 
 
-def refined(found: Problem, model: Model, candidates: Sequence[Form], progress: Progress = silent) -> Model:
+def add_small_effects(
+    problem: LibraryProblem,
+    fit: CandidateFit,
+    candidates: Sequence[Candidate],
+    progress: Progress = ignore_progress,
+) -> CandidateFit:
     """The model with further names, weighed by its own misfit; as it is where none are to be told.
 
     Args:
-        found: the recording before the library.
-        model: with the names that a search found.
+        problem: the recording before the library.
+        fit: with the names that a search found.
         candidates: the forms that may join.
         progress: called with what is being done and the share done.
     """
-    begin = tempered(found, model)
-    if not model.chosen or begin.white.trust == 1:
-        return model
-    look = _Look(found, candidates, left(begin))
-    grown = begin
-    while len(grown.chosen) < MOST:
+    start_fit = reweight_by_misfit(problem, fit)
+    if not fit.mechanisms or start_fit.noise.weight == 1:
+        return fit
+    search = _SmallEffectSearch(problem, candidates, compute_excess_mean_square(start_fit))
+    extended_fit = start_fit
+    while len(extended_fit.mechanisms) < MAX_MECHANISMS:
         progress("naming what is small", 0.7)
-        better = look.better(grown)
+        better = search.find_better_fit(extended_fit)
         if better is None:
             break
-        grown = better
-    grown = look.pruned(grown, len(model.chosen))
-    joined = grown.chosen[len(model.chosen) :]
-    little = left(grown) < (1 - TOGETHER) * look.first
-    return grown if little and believable(found, grown) and not beyond_belief(found, grown, joined) else model
+        extended_fit = better
+    extended_fit = search.prune(extended_fit, len(fit.mechanisms))
+    added = extended_fit.mechanisms[len(fit.mechanisms) :]
+    explains_enough = (
+        compute_excess_mean_square(extended_fit) < (1 - MIN_JOINT_EXCESS_SHARE) * search.initial_excess
+    )
+    return (
+        extended_fit
+        if explains_enough
+        and is_prior_consistent(problem, extended_fit)
+        and not has_extreme_amplitude(problem, extended_fit, added)
+        else fit
+    )
 
 
-def left(model: Model) -> float:
+def compute_excess_mean_square(fit: CandidateFit) -> float:
     """Mean square of what a model leaves beyond noise, in noise variances, whatever its rows are worth."""
-    residual = model.at.residual / model.white.trust
+    residual = fit.estimate.residual / fit.noise.weight
     return max(float(np.mean(residual**2)) - 1, 0.0)
 
 
-def believable(found: Problem, model: Model) -> bool:
+def is_prior_consistent(problem: LibraryProblem, fit: CandidateFit) -> bool:
     """Whether the baseline's own numbers lie, all together, where the lab believes them."""
-    own = np.flatnonzero(found.own & np.isfinite(found.sd))
-    off = (model.at.values[own] - found.start[own]) / found.sd[own]
-    return bool(chi2.sf(off @ off, max(own.size, 1)) > BELIEVED)
+    baseline_indices = np.flatnonzero(problem.is_baseline & np.isfinite(problem.prior_sd))
+    off = (fit.estimate.values[baseline_indices] - problem.start[baseline_indices]) / problem.prior_sd[
+        baseline_indices
+    ]
+    return bool(chi2.sf(off @ off, max(baseline_indices.size, 1)) > MIN_PRIOR_P_VALUE)
 
 
-def beyond_belief(found: Problem, model: Model, joined: Sequence[Form]) -> bool:
+def has_extreme_amplitude(problem: LibraryProblem, fit: CandidateFit, added: Sequence[Candidate]) -> bool:
     """Whether what some forms need is more than any bench has: an amplitude at an end of its range."""
-    ends = {found.names[model.at.moved[k]] for k in driven(found, model.at)}
-    return any(name in ends for form in joined for name in form.amplitudes if _far(found, model, name))
+    ends = {problem.names[fit.estimate.free[k]] for k in find_parameters_at_limit(problem, fit.estimate)}
+    return any(
+        name in ends
+        for candidate in added
+        for name in candidate.amplitudes
+        if _is_amplitude_extreme(problem, fit, name)
+    )
 
 
-def _far(found: Problem, model: Model, name: str) -> bool:
+def _is_amplitude_extreme(problem: LibraryProblem, fit: CandidateFit, name: str) -> bool:
     """Whether an amplitude is not just switched off."""
-    k = found.place(name)
-    return bool(abs(model.at.values[k] - found.neutral[k]) > (found.high[k] - found.low[k]) / 4)
+    k = problem.index(name)
+    return bool(abs(fit.estimate.values[k] - problem.neutral[k]) > (problem.high[k] - problem.low[k]) / 4)
 
 
 @dataclass(frozen=True, eq=False)
-class _Look:
+class _SmallEffectSearch:
     """What does not change while further names are looked for.
 
     Attributes:
-        found: the recording before the library.
+        problem: the recording before the library.
         candidates: the forms that may join.
-        first: what is left of the recording before any does.
+        initial_excess: what is left of the recording before any does.
     """
 
-    found: Problem
-    candidates: Sequence[Form]
-    first: float
+    problem: LibraryProblem
+    candidates: Sequence[Candidate]
+    initial_excess: float
 
-    def better(self, model: Model) -> Model | None:
+    def find_better_fit(self, fit: CandidateFit) -> CandidateFit | None:
         """The model with the best further form, weighed anew; None where none is worth its place."""
-        scored = signatures(self.found, model.white, model.at, self.candidates)
-        listed = [s for s in shortlist(scored, model.ids) if self._significant(s.gain, s.form)]
-        rough = sorted(abreast(partial(self._joined, model), listed), key=attrgetter("score"))[:FINAL]
-        ends = sorted(abreast(self._to_the_end, rough), key=attrgetter("score"))
-        if not ends or not self._worth(model, ends[0], ends[0].chosen[-1]):
+        scored = compute_score_directions(self.problem, fit.noise, fit.estimate, self.candidates)
+        promising = [
+            s
+            for s in shortlist_candidates(scored, fit.ids)
+            if self._is_significant(s.chi2_reduction, s.candidate)
+        ]
+        rough = sorted(
+            parallel_map(partial(self._fit_with_candidate, fit), promising), key=attrgetter("bic")
+        )[:FINAL_REFIT_COUNT]
+        ends = sorted(parallel_map(self._refit_fully, rough), key=attrgetter("bic"))
+        if not ends or not self._is_worthwhile(fit, ends[0], ends[0].mechanisms[-1]):
             return None
-        return tempered(self.found, ends[0])
+        return reweight_by_misfit(self.problem, ends[0])
 
-    def pruned(self, model: Model, first: int) -> Model:
+    def prune(self, fit: CandidateFit, fixed_count: int) -> CandidateFit:
         """Without those after the first few names that are no longer worth their place."""
-        while len(model.chosen) > first:
-            rest = abreast(partial(self._removed, model), range(first, len(model.chosen)))
-            k = int(np.argmin([one.at.cost for one in rest]))
-            if self._worth(rest[k], model, model.chosen[first + k]):
+        while len(fit.mechanisms) > fixed_count:
+            reduced_fits = parallel_map(
+                partial(self._fit_without_mechanism, fit), range(fixed_count, len(fit.mechanisms))
+            )
+            k = int(np.argmin([reduced_fit.estimate.cost for reduced_fit in reduced_fits]))
+            if self._is_worthwhile(reduced_fits[k], fit, fit.mechanisms[fixed_count + k]):
                 break
-            model = tempered(self.found, self._to_the_end(rest[k]))
-        return model
+            fit = reweight_by_misfit(self.problem, self._refit_fully(reduced_fits[k]))
+        return fit
 
-    def _worth(self, less: Model, more: Model, form: Form) -> bool:
-        taken = left(less) - left(more)
-        substantial = taken > max(SUBSTANTIAL * left(less), EACH * self.first)
-        return substantial and self._significant(less.at.cost - more.at.cost, form)
+    def _is_worthwhile(self, reduced: CandidateFit, extended: CandidateFit, candidate: Candidate) -> bool:
+        taken = compute_excess_mean_square(reduced) - compute_excess_mean_square(extended)
+        substantial = taken > max(
+            MIN_EXCESS_SHARE * compute_excess_mean_square(reduced),
+            MIN_SINGLE_EXCESS_SHARE * self.initial_excess,
+        )
+        return substantial and self._is_significant(reduced.estimate.cost - extended.estimate.cost, candidate)
 
-    def _significant(self, gain: float, form: Form) -> bool:
-        return significant(gain, len(form.moves), len(self.candidates), CHANCE)
-
-    def _joined(self, model: Model, signature: Signature) -> Model:
-        values = begun(self.found, model.at.values, signature.form, signature.amplitudes)
-        return self._refitted(model, (*model.chosen, signature.form), values, ROUGH)
-
-    def _removed(self, model: Model, k: int) -> Model:
-        values = without(self.found, model.at.values, model.chosen[k])
-        return self._refitted(model, model.chosen[:k] + model.chosen[k + 1 :], values, 2 * ROUGH)
-
-    def _to_the_end(self, model: Model) -> Model:
-        return Model(
-            model.chosen, model.white, refit(self.found, model.white, model.at.moved, model.at.values)
+    def _is_significant(self, gain: float, candidate: Candidate) -> bool:
+        return is_reduction_significant(
+            gain, len(candidate.free_parameters), len(self.candidates), FALSE_ADDITION_PROBABILITY
         )
 
-    def _refitted(self, model: Model, chosen: tuple[Form, ...], values: np.ndarray, most: int) -> Model:
-        at = refit(self.found, model.white, moving(self.found, chosen), values, most)
-        return Model(chosen, model.white, at)
+    def _fit_with_candidate(self, fit: CandidateFit, direction: ScoreDirection) -> CandidateFit:
+        values = switch_on_candidate(
+            self.problem, fit.estimate.values, direction.candidate, direction.amplitudes
+        )
+        return self._fit_mechanisms(fit, (*fit.mechanisms, direction.candidate), values, ROUGH_EVALUATIONS)
+
+    def _fit_without_mechanism(self, fit: CandidateFit, k: int) -> CandidateFit:
+        values = switch_off_candidate(self.problem, fit.estimate.values, fit.mechanisms[k])
+        return self._fit_mechanisms(
+            fit, fit.mechanisms[:k] + fit.mechanisms[k + 1 :], values, 2 * ROUGH_EVALUATIONS
+        )
+
+    def _refit_fully(self, fit: CandidateFit) -> CandidateFit:
+        return CandidateFit(
+            fit.mechanisms,
+            fit.noise,
+            fit_parameters(self.problem, fit.noise, fit.estimate.free, fit.estimate.values),
+        )
+
+    def _fit_mechanisms(
+        self, fit: CandidateFit, mechanisms: tuple[Candidate, ...], values: np.ndarray, max_evaluations: int
+    ) -> CandidateFit:
+        estimate = fit_parameters(
+            self.problem, fit.noise, get_free_indices(self.problem, mechanisms), values, max_evaluations
+        )
+        return CandidateFit(mechanisms, fit.noise, estimate)

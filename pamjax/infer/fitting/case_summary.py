@@ -8,25 +8,25 @@ from typing import Any
 
 import numpy as np
 
-from pamjax.infer.fitting.identifiability import Determination
-from pamjax.model.parameters import meaning
-from pamjax.records.blocks import blocks
+from pamjax.infer.fitting.identifiability import ParameterIdentifiability
+from pamjax.model.parameters import find_meaning
+from pamjax.records.blocks import find_blocks
 from pamjax.records.case import Case
-from pamjax.units import in_unit, many, show
+from pamjax.units import compute_si_factor, format_count, format_quantity
 
 
 @dataclass(frozen=True)
-class Inspection:
+class CaseSummary:
     """What `pamjax check` says; prints as a note."""
 
     case: Case
-    numbers: list[Determination]
+    parameters: list[ParameterIdentifiability]
     sentences: list[str]
 
     def __str__(self) -> str:
         # What was set aside is among the case's own notes.
-        lines = [str(self.case), f"  {self._blocks()}", ""]
-        lines += [f"  {self._number(d)}" for d in self.numbers]
+        lines = [str(self.case), f"  {self._format_blocks()}", ""]
+        lines += [f"  {self._format_parameter(d)}" for d in self.parameters]
         return "\n".join([*lines, "", *self.sentences, "Fit to be fitted."])
 
     def as_dict(self) -> dict[str, Any]:
@@ -36,33 +36,33 @@ class Inspection:
             "case": self.case.name,
             "rows": recording.n,
             "channels": list(recording.channels),
-            "blocks": {"kind": blocks(recording).kind, "names": list(blocks(recording).names)},
-            "set_aside": [str(a) for a in recording.aside],
+            "blocks": {"kind": find_blocks(recording).kind, "names": list(find_blocks(recording).names)},
+            "set_aside": [str(a) for a in recording.outliers],
             "warnings": list(self.case.warnings),
-            "numbers": {d.name: self._row(d) for d in self.numbers},
+            "numbers": {d.name: self._build_row(d) for d in self.parameters},
             "says": self.sentences,
         }
 
-    def _blocks(self) -> str:
-        found = blocks(self.case.recording)
+    def _format_blocks(self) -> str:
+        case_blocks = find_blocks(self.case.recording)
         missing = int((~self.case.recording.usable).sum())
         lack = "lacks" if missing == 1 else "lack"
-        tail = f"; {many(missing, 'row')} {lack} pressure or length" if missing else ""
-        return f"{many(len(found.names), found.kind.removesuffix('s'))} to hold out in turn{tail}"
+        tail = f"; {format_count(missing, 'row')} {lack} pressure or length" if missing else ""
+        return f"{format_count(len(case_blocks.names), case_blocks.kind.removesuffix('s'))} to hold out in turn{tail}"
 
-    def _number(self, d: Determination) -> str:
-        unit = meaning(d.name).show
-        before = f"± {show(d.before, unit, 2)}" if math.isfinite(d.before) else "unknown"
-        after = f"± {show(d.after, unit, 2)}" if np.isfinite(d.after) else "unknown"
+    def _format_parameter(self, d: ParameterIdentifiability) -> str:
+        unit = find_meaning(d.name).show
+        before = f"± {format_quantity(d.prior_sd, unit, 2)}" if math.isfinite(d.prior_sd) else "unknown"
+        after = f"± {format_quantity(d.expected_sd, unit, 2)}" if np.isfinite(d.expected_sd) else "unknown"
         verdict = "determined" if d.determined else "not determined"
         return f"{d.name:<22} {before:>14} before, {after:>14} after at best: {verdict}"
 
-    def _row(self, d: Determination) -> dict[str, Any]:
-        unit = meaning(d.name).show
-        scale = in_unit(unit)
+    def _build_row(self, d: ParameterIdentifiability) -> dict[str, Any]:
+        unit = find_meaning(d.name).show
+        scale = compute_si_factor(unit)
         return {
             "unit": unit,
-            "sd_before": d.before / scale if math.isfinite(d.before) else None,
-            "sd_after_at_best": d.after / scale if np.isfinite(d.after) else None,
+            "sd_before": d.prior_sd / scale if math.isfinite(d.prior_sd) else None,
+            "sd_after_at_best": d.expected_sd / scale if np.isfinite(d.expected_sd) else None,
             "determined": d.determined,
         }

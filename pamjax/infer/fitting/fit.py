@@ -11,31 +11,37 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pamjax.errors import BadInput, at_least, nearest, refuse
-from pamjax.infer.fitting.cross_validation import hold_out
-from pamjax.infer.fitting.least_squares import Loss, Solution, solve
-from pamjax.infer.fitting.result import CaseFit, Estimate, Fit, HeldOut
-from pamjax.infer.fitting.reweight import weigh
-from pamjax.infer.problem.dataset import CHANNELS, Member, counts, member, read
-from pamjax.infer.problem.parameter_space import Free, Space, space
-from pamjax.infer.problem.priors import free_numbers
-from pamjax.model.assembly import bench_law
+from pamjax.errors import BadInput, check_minimum, refuse, suggest_word
+from pamjax.infer.fitting.cross_validation import cross_validate
+from pamjax.infer.fitting.least_squares import Loss, Solution, solve_least_squares
+from pamjax.infer.fitting.result import CaseFit, Estimate, Fit, HeldOutScore
+from pamjax.infer.fitting.reweight import reweight_dataset
+from pamjax.infer.problem.dataset import (
+    CHANNELS,
+    Dataset,
+    build_dataset,
+    find_informative_samples,
+    predict_rows,
+)
+from pamjax.infer.problem.parameter_space import FreeParameter, ParameterSpace, build_space
+from pamjax.infer.problem.priors import list_free_parameters
+from pamjax.model.assembly import resolve_bench_law
 from pamjax.model.balance import Status
-from pamjax.model.parameters import LAWS
-from pamjax.model.registry import not_twice
-from pamjax.progress import Progress, silent
-from pamjax.records.blocks import blocks
-from pamjax.records.case import Case, as_case
+from pamjax.model.parameters import THREAD_LAWS
+from pamjax.model.registry import check_exclusive_pairs
+from pamjax.progress import Progress, ignore_progress
+from pamjax.records.blocks import find_blocks
+from pamjax.records.case import Case, load_case
 
 #: Two starts agree if their costs differ by less than this (one standard deviation costs 0.5).
-SAME_COST = 0.01
+COST_TOLERANCE = 0.01
 
 #: How often, at most, the noise is read off the residual and the fit repeated. Each shifts the balance of
 #: data and priors, and so the residual; where a model misses much, the two settle slowly.
-REWEIGH = 12
+MAX_REWEIGHTINGS = 12
 
 #: The repeats end when no channel's weight changes by more than this share.
-SETTLED = 0.02
+WEIGHT_TOLERANCE = 0.02
 
 
 def fit(
@@ -48,7 +54,7 @@ def fit(
     starts: int = 4,
     fold_count: int = 5,
     seed: int = 0,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> Fit:
     """Calibrate a muscle on a recording, or several muscles on several at once.
 
@@ -69,71 +75,74 @@ def fit(
     Raises:
         BadInput: for an unknown law, a shared name no case has, or a recording without a channel.
     """
-    cases = [as_case(one) for one in ([cases] if isinstance(cases, Case | str | Path) else cases)]
-    _countable(starts, fold_count, seed)
-    law = _one_law(cases, law)
+    cases = [load_case(case) for case in ([cases] if isinstance(cases, Case | str | Path) else cases)]
+    _check_counts(starts, fold_count, seed)
+    law = _choose_law(cases, law)
     if mechanisms:
-        not_twice(mechanisms)
-        law = bench_law(law, mechanisms)
-    at, renames = joint_space(cases, law, share, mechanisms)
-    members = tuple(member(c, law, at, r, mechanisms) for c, r in zip(cases, renames, strict=True))
+        check_exclusive_pairs(mechanisms)
+        law = resolve_bench_law(law, mechanisms)
+    space, renames = build_joint_space(cases, law, share, mechanisms)
+    datasets = tuple(build_dataset(c, law, space, r, mechanisms) for c, r in zip(cases, renames, strict=True))
     progress("first fit", 0.0)
-    solution = solve(members, at, jnp.zeros(at.size), loss)
-    for k in range(REWEIGH):
-        progress("weighing the noise", 0.3 + 0.2 * k / REWEIGH)
-        before = members
-        members, _ = weigh_all(cases, members, at, solution, loss)
+    solution = solve_least_squares(datasets, space, jnp.zeros(space.size), loss)
+    for k in range(MAX_REWEIGHTINGS):
+        progress("weighing the noise", 0.3 + 0.2 * k / MAX_REWEIGHTINGS)
+        previous = datasets
+        datasets, _ = reweight_datasets(cases, datasets, space, solution, loss)
         # Before the noise is weighed a misfit can drive a number to a limit.
-        solution = solve(members, at, at.inside(solution.u), loss)
-        if k and _settled(before, members):
+        solution = solve_least_squares(datasets, space, space.move_inside_limits(solution.u), loss)
+        if k and _have_weights_converged(previous, datasets):
             break
     progress("other starts", 0.5)
-    agreeing, best = _restart(members, at, solution, loss, starts, seed)
+    agreeing, best = _run_other_starts(datasets, space, solution, loss, starts, seed)
     if best is not solution:
         # Its noise was weighed at the end that it beat.
-        members, _ = weigh_all(cases, members, at, best, loss)
-        best = solve(members, at, best.u, loss)
+        datasets, _ = reweight_datasets(cases, datasets, space, best, loss)
+        best = solve_least_squares(datasets, space, best.u, loss)
     solution = best
-    found = [blocks(case.recording) for case in cases]
-    deals, unseen = hold_out(
-        cases, members, found, at, solution, loss, fold_count, seed,
-        lambda done: progress("held-out blocks", 0.6 + 0.4 * done),
+    blocks_of_cases = [find_blocks(case.recording) for case in cases]
+    deals, unseen = cross_validate(
+        cases, datasets, blocks_of_cases, space, solution, loss, fold_count, seed,
+        lambda fraction: progress("held-out blocks", 0.6 + 0.4 * fraction),
     )  # fmt: skip
-    _, noise = weigh_all(cases, members, at, solution, loss)
-    sd, correlation = spread(solution)
+    _, noise = reweight_datasets(cases, datasets, space, solution, loss)
+    sd, correlation = compute_sd_and_correlation(solution)
     progress("done", 1.0)
     return Fit(
         law=law,
         mechanisms=tuple(mechanisms),
-        estimates=_estimates(at, solution, sd, _meanings(cases, law, renames, mechanisms)),
+        estimates=_build_estimates(space, solution, sd, _collect_meanings(cases, law, renames, mechanisms)),
         correlation=correlation,
         cases=tuple(
-            _case_fit(at, solution, *of_case)
-            for of_case in zip(cases, members, noise, found, deals, unseen, strict=True)
+            _build_case_fit(space, solution, *of_case)
+            for of_case in zip(cases, datasets, noise, blocks_of_cases, deals, unseen, strict=True)
         ),
         converged=bool(solution.converged),
         steps=int(solution.steps),
-        agreeing=agreeing,
+        agreeing_starts=agreeing,
         starts=starts,
         loss=loss,
         seed=seed,
-        space=at,
+        space=space,
         solution=solution,
-        members=members,
+        datasets=datasets,
     )  # fmt: skip
 
 
-def _settled(before: Sequence[Member], after: Sequence[Member]) -> bool:
-    changes = [np.abs(np.asarray(b.trust / a.trust) - 1).max() for a, b in zip(before, after, strict=True)]
-    return max(changes) < SETTLED
+def _have_weights_converged(before: Sequence[Dataset], after: Sequence[Dataset]) -> bool:
+    changes = [
+        np.abs(np.asarray(b.channel_weights / a.channel_weights) - 1).max()
+        for a, b in zip(before, after, strict=True)
+    ]
+    return max(changes) < WEIGHT_TOLERANCE
 
 
-def _countable(starts: int, fold_count: int, seed: int) -> None:
+def _check_counts(starts: int, fold_count: int, seed: int) -> None:
     for name, value, least in (("starts", starts, 1), ("folds", fold_count, 2), ("seed", seed, 0)):
-        at_least(name, value, least)
+        check_minimum(name, value, least)
 
 
-def _one_law(cases: Sequence[Case], law: str | None) -> str:
+def _choose_law(cases: Sequence[Case], law: str | None) -> str:
     if not cases:
         raise refuse("a fit needs at least one case", "none")
     names = [case.name for case in cases]
@@ -151,8 +160,8 @@ def _one_law(cases: Sequence[Case], law: str | None) -> str:
             "[baseline] of muscle.toml",
             "Name one for all of them.",
         )
-    if wanted[0] not in LAWS:
-        raise refuse(f"{wanted[0]!r} is no thread law", remedy=nearest(wanted[0], LAWS))
+    if wanted[0] not in THREAD_LAWS:
+        raise refuse(f"{wanted[0]!r} is no thread law", remedy=suggest_word(wanted[0], THREAD_LAWS))
     for case in cases:
         if not case.recording.channels:
             raise refuse(
@@ -164,28 +173,32 @@ def _one_law(cases: Sequence[Case], law: str | None) -> str:
     return wanted[0]
 
 
-def joint_space(
+def build_joint_space(
     cases: Sequence[Case], law: str, share: Sequence[str], mechanisms: Sequence[str] = ()
-) -> tuple[Space, list[dict[str, str]]]:
+) -> tuple[ParameterSpace, list[dict[str, str]]]:
     """One space for all cases, and for each case the name in it of each of its own numbers."""
-    numbers: dict[str, Free] = {}
+    numbers: dict[str, FreeParameter] = {}
     renames: list[dict[str, str]] = []
     for case in cases:
-        own = free_numbers(case, law, mechanisms)
+        own_parameters = list_free_parameters(case, law, mechanisms)
         alone = len(cases) == 1
-        rename = {n.name: n.name if alone or n.name in share else f"{case.name}/{n.name}" for n in own}
-        for n in own:
-            one = numbers.setdefault(rename[n.name], replace(n, name=rename[n.name]))
-            if (one.start, one.sd) != (n.start, n.sd) and not one.sd == n.sd == math.inf:
-                raise _told_twice(n.name, "another value or sd", case)
+        rename = {
+            n.name: n.name if alone or n.name in share else f"{case.name}/{n.name}" for n in own_parameters
+        }
+        for n in own_parameters:
+            shared = numbers.setdefault(rename[n.name], replace(n, name=rename[n.name]))
+            if (shared.start, shared.sd) != (n.start, n.sd) and not shared.sd == n.sd == math.inf:
+                raise _build_conflict_error(n.name, "another value or sd", case)
         renames.append(rename)
     known = sorted({name for rename in renames for name in rename})
     for name in share:
         if name not in known:
-            raise refuse(f"no case can move {name!r}, so it cannot be shared", remedy=nearest(name, known))
+            raise refuse(
+                f"no case can move {name!r}, so it cannot be shared", remedy=suggest_word(name, known)
+            )
         for case, rename in zip(cases, renames, strict=True):
             if name not in rename:
-                raise _told_twice(name, "no sd, or no such number", case)
+                raise _build_conflict_error(name, "no sd, or no such number", case)
     if not numbers:
         raise refuse(
             "a fit needs a number that may move",
@@ -193,43 +206,46 @@ def joint_space(
             "muscle.toml",
             "Write at least one as {value = ..., sd = ...}.",
         )
-    return space(list(numbers.values())), renames
+    return build_space(list(numbers.values())), renames
 
 
-def _told_twice(name: str, got: str, case: Case) -> BadInput:
+def _build_conflict_error(name: str, got: str, case: Case) -> BadInput:
     """What two cases share is one number, believed once: neither's belief may go unheard."""
     remedy = "State the same value and sd in each."
     return refuse(f"a shared number ({name}) must be stated alike", got, f"{case.name}/muscle.toml", remedy)
 
 
-def weigh_all(cases, members, at, solution, loss: Loss = "square", trusting=False):
-    """Every member with its samples weighed by their noise, and that noise; see `weigh`."""
-    pairs = [weigh(case, one, at, solution, loss, trusting) for case, one in zip(cases, members, strict=True)]
-    return tuple(one for one, _ in pairs), [noise for _, noise in pairs]
+def reweight_datasets(cases, datasets, space, solution, loss: Loss = "square", trust_sensors=False):
+    """Every member with its samples weighed by their noise, and that noise; see `reweight_dataset`."""
+    pairs = [
+        reweight_dataset(case, dataset, space, solution, loss, trust_sensors)
+        for case, dataset in zip(cases, datasets, strict=True)
+    ]
+    return tuple(dataset for dataset, _ in pairs), [noise for _, noise in pairs]
 
 
-def _restart(
-    members, at: Space, solution: Solution, loss: Loss, starts: int, seed: int
+def _run_other_starts(
+    datasets, space: ParameterSpace, solution: Solution, loss: Loss, starts: int, seed: int
 ) -> tuple[int, Solution]:
     """Start again from draws of the prior; keep the best end and count those that agree with it."""
     ends = [solution]
     for key in jax.random.split(jax.random.key(seed), max(starts - 1, 0)):
-        ends.append(solve(members, at, jax.random.normal(key, (at.size,)), loss))
+        ends.append(solve_least_squares(datasets, space, jax.random.normal(key, (space.size,)), loss))
     costs = np.array([float(end.cost) for end in ends])
     costs = np.where(np.isfinite(costs), costs, np.inf)
     best = int(np.argmin(costs))
     # The first end stays unless another is truly better: equal ends differ by rounding only.
-    if costs[0] <= costs[best] + SAME_COST:
+    if costs[0] <= costs[best] + COST_TOLERANCE:
         best = 0
-    return int(np.sum(costs <= costs[best] + SAME_COST)), ends[best]
+    return int(np.sum(costs <= costs[best] + COST_TOLERANCE)), ends[best]
 
 
-def spread(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
+def compute_sd_and_correlation(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
     """Standard deviations, SI, NaN where nothing is known, and correlations of the values."""
-    both = np.asarray(solution.information + solution.prior)
-    scale = np.sqrt(np.maximum(np.diag(both), 1e-300))
+    total_information = np.asarray(solution.information + solution.prior_information)
+    scale = np.sqrt(np.maximum(np.diag(total_information), 1e-300))
     # Scaled to a unit diagonal, an eigenvalue of rounding size is a direction nobody knows.
-    weights, directions = np.linalg.eigh(both / np.outer(scale, scale))
+    weights, directions = np.linalg.eigh(total_information / np.outer(scale, scale))
     known = weights > 1e-12
     inverse = (directions[:, known] / weights[known]) @ directions[:, known].T
     unknown = (directions[:, ~known] ** 2).sum(axis=1) > 1e-6
@@ -240,59 +256,77 @@ def spread(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
     return np.where(unknown, np.nan, sd), correlation
 
 
-def _meanings(cases, law, renames, mechanisms):
+def _collect_meanings(cases, law, renames, mechanisms):
     pairs = [
         (rename[n.name], n.meaning)
         for c, rename in zip(cases, renames, strict=True)
-        for n in free_numbers(c, law, mechanisms)
+        for n in list_free_parameters(c, law, mechanisms)
     ]
     return dict(pairs)
 
 
-def _estimates(at: Space, solution: Solution, sd: np.ndarray, meaning: Mapping) -> dict[str, Estimate]:
-    values = np.asarray(at.values(solution.u))
-    stuck = set(at.at_limit(solution.u))
+def _build_estimates(
+    space: ParameterSpace, solution: Solution, sd: np.ndarray, meaning: Mapping
+) -> dict[str, Estimate]:
+    values = np.asarray(space.to_values(solution.u))
+    at_limit = set(space.find_names_at_limit(solution.u))
     return {
         name: Estimate(
             value=float(values[k]),
-            sd=float(sd[k]) if np.isfinite(sd[k]) and name not in stuck else None,
-            prior=float(at.mean[k]),
-            prior_sd=float(at.sd[k]),
+            sd=float(sd[k]) if np.isfinite(sd[k]) and name not in at_limit else None,
+            prior=float(space.mean[k]),
+            prior_sd=float(space.sd[k]),
             meaning=meaning[name],
-            at_limit=name in stuck,
+            at_limit=name in at_limit,
         )
-        for k, name in enumerate(at.names)
+        for k, name in enumerate(space.names)
     }
 
 
-def _case_fit(at: Space, solution: Solution, case: Case, one: Member, noise, found, deal, unseen) -> CaseFit:
-    values = at.values(solution.u)
-    reading = read(one, values)
+def _build_case_fit(
+    space: ParameterSpace,
+    solution: Solution,
+    case: Case,
+    dataset: Dataset,
+    noise,
+    case_blocks,
+    held_out_masks,
+    held_out_prediction,
+) -> CaseFit:
+    values = space.to_values(solution.u)
+    reading = predict_rows(dataset, values)
     n = case.recording.n
     status = np.asarray(reading.status)[:n]
     bad = case.recording.usable & (status != Status.OK)
     prediction = {c: np.asarray(getattr(reading, c))[:n] for c in CHANNELS}
-    names = tuple(tuple(found.names[k] for k in np.unique(found.label[out]) if k >= 0) for out in deal)
+    names = tuple(
+        tuple(case_blocks.names[k] for k in np.unique(case_blocks.label[out]) if k >= 0)
+        for out in held_out_masks
+    )
     return CaseFit(
         case=case,
-        numbers={name: float(number) for name, number in one.numbers(values).items()},
-        muscle=one.muscle(values),
+        numbers={name: float(number) for name, number in dataset.collect_parameters(values).items()},
+        muscle=dataset.build_muscle(values),
         prediction=prediction,
-        unseen=unseen,
-        block=[found.names[k] if k >= 0 else "" for k in found.label],
-        rmse=rmse(case, prediction),
+        held_out_prediction=held_out_prediction,
+        block=[case_blocks.names[k] if k >= 0 else "" for k in case_blocks.label],
+        rmse=compute_rmse(case, prediction),
         noise=noise,
-        held_out=HeldOut(found.kind, names, rmse(case, unseen)) if deal else None,
-        failed={s: case.recording.row[bad & (status == s)] for s in Status if (bad & (status == s)).any()},
+        held_out=HeldOutScore(case_blocks.kind, names, compute_rmse(case, held_out_prediction))
+        if held_out_masks
+        else None,
+        failed_rows={
+            s: case.recording.row[bad & (status == s)] for s in Status if (bad & (status == s)).any()
+        },
     )
 
 
-def rmse(case: Case, prediction: Mapping[str, np.ndarray]) -> dict[str, float]:
+def compute_rmse(case: Case, prediction: Mapping[str, np.ndarray]) -> dict[str, float]:
     """Root mean square of measured − predicted, SI, by channel, over the rows that count."""
     out = {}
     for channel in case.recording.channels:
         misfit = getattr(case.recording, channel) - prediction[channel]
-        misfit = misfit[counts(case, channel) & np.isfinite(misfit)]
+        misfit = misfit[find_informative_samples(case, channel) & np.isfinite(misfit)]
         if misfit.size:
             out[channel] = float(np.sqrt(np.mean(misfit**2)))
     return out

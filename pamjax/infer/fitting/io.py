@@ -11,19 +11,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT, to_display
-from pamjax.records.files import write_beside
-from pamjax.units import in_unit
+from pamjax.records.files import write_atomically
+from pamjax.units import compute_si_factor
 
 if TYPE_CHECKING:
     from pamjax.infer.fitting.result import CaseFit, Estimate, Fit
 
-SCHEMA = "pamjax.fit/1"
+FIT_SCHEMA = "pamjax.fit/1"
 
 
-def as_dict(fit: Fit) -> dict[str, Any]:
+def build_fit_document(fit: Fit) -> dict[str, Any]:
     """The fit as plain numbers, in the units a person reads; "muscle" and "calibrated" in SI."""
     return {
-        "schema": SCHEMA,
+        "schema": FIT_SCHEMA,
         "versions": {name: version(name) for name in ("pamjax", "jax", "optimistix", "numpy")},
         "law": fit.law,
         "mechanisms": list(fit.mechanisms),
@@ -31,15 +31,17 @@ def as_dict(fit: Fit) -> dict[str, Any]:
         "seed": fit.seed,
         "converged": fit.converged,
         "steps": fit.steps,
-        "starts": {"agreeing": fit.agreeing, "tried": fit.starts},
-        "parameters": {name: _estimate(e) for name, e in fit.estimates.items()},
+        "starts": {"agreeing": fit.agreeing_starts, "tried": fit.starts},
+        "parameters": {name: _build_estimate_entry(e) for name, e in fit.estimates.items()},
         "correlation": {"names": list(fit.estimates), "matrix": np.round(fit.correlation, 6).tolist()},
-        "cases": {one.case.name: _case(one, fit.law, fit.mechanisms) for one in fit.cases},
+        "cases": {
+            case_fit.case.name: _build_case_entry(case_fit, fit.law, fit.mechanisms) for case_fit in fit.cases
+        },
     }
 
 
-def _estimate(e: Estimate) -> dict[str, Any]:
-    scale = in_unit(e.meaning.show)
+def _build_estimate_entry(e: Estimate) -> dict[str, Any]:
+    scale = compute_si_factor(e.meaning.show)
     prior_sd = e.prior_sd / scale if math.isfinite(e.prior_sd) else None
     return {
         "value": e.value / scale,
@@ -50,43 +52,50 @@ def _estimate(e: Estimate) -> dict[str, Any]:
     }
 
 
-def _case(one: CaseFit, law: str, mechanisms: tuple[str, ...]) -> dict[str, Any]:
-    recording = one.case.recording
+def _build_case_entry(case_fit: CaseFit, law: str, mechanisms: tuple[str, ...]) -> dict[str, Any]:
+    recording = case_fit.case.recording
     return {
-        "checksum": one.case.checksum,
+        "checksum": case_fit.case.checksum,
         "rows": int(recording.n),
-        "rmse": {c: _shown(c, v) for c, v in one.rmse.items()},
+        "rmse": {c: _build_quantity_entry(c, v) for c, v in case_fit.rmse.items()},
         "noise": {
-            c: _shown(c, n.sd, "sd")
-            | {"given": n.given, "excess": n.excess, "inflation": n.inflation, "correlation_time_s": n.time}
-            for c, n in one.noise.items()
+            c: _build_quantity_entry(c, n.sd, "sd")
+            | {
+                "given": n.stated,
+                "excess": n.excess,
+                "inflation": n.inflation,
+                "correlation_time_s": n.correlation_time,
+            }
+            for c, n in case_fit.noise.items()
         },
         "held_out": {}
-        if one.held_out is None
+        if case_fit.held_out is None
         else {
-            "blocks": one.held_out.kind,
-            "folds": [list(f) for f in one.held_out.folds],
-            "rmse": {c: _shown(c, v) for c, v in one.held_out.rmse.items()},
+            "blocks": case_fit.held_out.kind,
+            "folds": [list(f) for f in case_fit.held_out.folds],
+            "rmse": {c: _build_quantity_entry(c, v) for c, v in case_fit.held_out.rmse.items()},
         },
-        "calibrated": {name: {"low": low, "high": high} for name, (low, high) in one.calibrated.items()},
-        "memory": {"gaps": one.case.gaps, "before": one.case.before},
-        "muscle": {"law": law, "mechanisms": list(mechanisms), "numbers": one.numbers},
-        "muscle_toml": one.case.text,
-        "failed": {status.name: rows.tolist() for status, rows in one.failed.items()},
-        "set_aside": [str(aside) for aside in recording.aside],
-        "warnings": list(one.case.warnings),
+        "calibrated": {
+            name: {"low": low, "high": high} for name, (low, high) in case_fit.calibrated_range.items()
+        },
+        "memory": {"gaps": case_fit.case.gaps, "before": case_fit.case.before},
+        "muscle": {"law": law, "mechanisms": list(mechanisms), "numbers": case_fit.numbers},
+        "muscle_toml": case_fit.case.text,
+        "failed": {status.name: rows.tolist() for status, rows in case_fit.failed_rows.items()},
+        "set_aside": [str(aside) for aside in recording.outliers],
+        "warnings": list(case_fit.case.warnings),
     }
 
 
-def _shown(channel: str, value: float, key: str = "value") -> dict[str, Any]:
+def _build_quantity_entry(channel: str, value: float, key: str = "value") -> dict[str, Any]:
     return {key: to_display(channel, value), "unit": DISPLAY_UNIT[channel]}
 
 
-def as_dataset(one: CaseFit):
+def build_xarray_dataset(case_fit: CaseFit):
     """Every row of a case: what was measured, predicted, and left over, with units (xarray)."""
     import xarray as xr
 
-    recording = one.case.recording
+    recording = case_fit.case.recording
     columns: dict[str, tuple[np.ndarray, str, str]] = {
         "pressure": (recording.pressure, "Pa", "gauge pressure"),
         "length": (recording.length, "m", "distance between the fittings"),
@@ -95,13 +104,13 @@ def as_dataset(one: CaseFit):
     if recording.time is not None:
         columns["time"] = (recording.time, "s", "time")
     for channel, unit in (("force", "N"), ("diameter", "m")):
-        measured, model = getattr(recording, channel), one.prediction[channel]
+        measured, model = getattr(recording, channel), case_fit.prediction[channel]
         columns |= {
             channel: (measured, unit, f"measured {channel}"),
             f"{channel}_model": (model, unit, f"{channel} of the fitted muscle"),
             f"{channel}_residual": (measured - model, unit, "measured minus model"),
             f"{channel}_unseen": (
-                one.unseen[channel],
+                case_fit.held_out_prediction[channel],
                 unit,
                 "predicted by a fit that never saw the row's block",
             ),
@@ -111,13 +120,13 @@ def as_dataset(one: CaseFit):
     }
     data["block"] = (
         "row",
-        np.array(one.block, dtype=object).astype(str),
+        np.array(case_fit.block, dtype=object).astype(str),
         {"long_name": "block held out together"},
     )
     return xr.Dataset(
         data,
         coords={"row": ("row", recording.row, {"long_name": "line of recording.csv"})},
-        attrs={"case": one.case.name, "checksum": one.case.checksum, "pamjax": version("pamjax")},
+        attrs={"case": case_fit.case.name, "checksum": case_fit.case.checksum, "pamjax": version("pamjax")},
     )
 
 
@@ -134,11 +143,13 @@ def save(fit: Fit, folder: str | Path) -> list[Path]:
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     written = [folder / "fit.json"]
-    with write_beside(written[0]) as path:
-        path.write_text(json.dumps(as_dict(fit), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    for one in fit.cases:
-        name = "fit.nc" if len(fit.cases) == 1 else f"{one.case.name}.nc"
+    with write_atomically(written[0]) as path:
+        path.write_text(
+            json.dumps(build_fit_document(fit), indent=2, allow_nan=False) + "\n", encoding="utf-8"
+        )
+    for case_fit in fit.cases:
+        name = "fit.nc" if len(fit.cases) == 1 else f"{case_fit.case.name}.nc"
         written.append(folder / name)
-        with write_beside(folder / name) as path:
-            as_dataset(one).to_netcdf(path, engine="h5netcdf")
+        with write_atomically(folder / name) as path:
+            build_xarray_dataset(case_fit).to_netcdf(path, engine="h5netcdf")
     return written

@@ -15,13 +15,13 @@ import lineax as lx
 import optimistix as optx
 from jaxtyping import Array, Float
 
-from pamjax.infer.problem.dataset import Member
-from pamjax.infer.problem.parameter_space import Space
+from pamjax.infer.problem.dataset import Dataset
+from pamjax.infer.problem.parameter_space import ParameterSpace
 
 Loss = Literal["square", "soft"]
 
 #: Largest number of Levenberg-Marquardt steps; the paper's case takes about ten.
-STEPS = 200
+MAX_LM_STEPS = 200
 
 
 class Solution(eqx.Module):
@@ -31,7 +31,7 @@ class Solution(eqx.Module):
         u: (p,) the point; see `space.py`.
         cost: half the sum of squared residuals, priors included.
         information: (p, p) JᵀJ of the measurements alone, in u.
-        prior: (p, p) JᵀJ of the priors, in u.
+        prior_information: (p, p) JᵀJ of the priors, in u.
         slope: (p,) d value / d u.
         steps: steps taken.
         converged: whether the minimiser says so.
@@ -40,69 +40,77 @@ class Solution(eqx.Module):
     u: Float[Array, " p"]
     cost: Array
     information: Float[Array, "p p"]
-    prior: Float[Array, "p p"]
+    prior_information: Float[Array, "p p"]
     slope: Float[Array, " p"]
     steps: Array
     converged: Array
 
 
-def soften(r: Array) -> Array:
+def soften_residual(r: Array) -> Array:
     """Residual whose square is 2 (sqrt(1 + r²) − 1): quadratic within one sd, linear far out."""
     return r / jnp.sqrt(0.5 * (1 + jnp.sqrt(1 + r**2)))
 
 
-def residual(members: tuple[Member, ...], at: Space, u: Array, loss: Loss = "square") -> Array:
+def stack_residuals(
+    datasets: tuple[Dataset, ...], space: ParameterSpace, u: Array, loss: Loss = "square"
+) -> Array:
     """Every measurement's misfit over its standard deviation, all members in a row."""
-    values = at.values(u)
+    values = space.to_values(u)
     parts = []
-    for member in members:
-        for misfit, trust in zip(member.misfit(values), member.trust, strict=True):
-            misfit = misfit if loss == "square" else soften(misfit)
-            parts.append(misfit * trust * member.rows.used)
+    for dataset in datasets:
+        for misfit, weight in zip(
+            dataset.compute_standardised_residuals(values), dataset.channel_weights, strict=True
+        ):
+            misfit = misfit if loss == "square" else soften_residual(misfit)
+            parts.append(misfit * weight * dataset.rows.training_mask)
     return jnp.concatenate(parts)
 
 
 @eqx.filter_jit
-def solve(
-    members: tuple[Member, ...], at: Space, start: Float[Array, " p"], loss: Loss = "square"
+def solve_least_squares(
+    datasets: tuple[Dataset, ...], space: ParameterSpace, start: Float[Array, " p"], loss: Loss = "square"
 ) -> Solution:
     """Minimise from a start.
 
     Args:
-        members: the recordings.
-        at: the numbers that may move.
+        datasets: the recordings.
+        space: the numbers that may move.
         start: (p,) point to start from; zeros are the stated values.
         loss: "soft" lets a few samples be wrong.
     """
 
-    def everything(u, _):
-        return residual(members, at, u, loss), at.prior_residual(u)
+    def compute_all_residuals(u, _):
+        return stack_residuals(datasets, space, u, loss), space.compute_prior_residual(u)
 
     # Thousands of rows, a handful of numbers: the normal equations, not a QR of every row.
     solver = optx.LevenbergMarquardt(rtol=1e-9, atol=1e-9, linear_solver=lx.Normal(lx.Cholesky()))
-    found = optx.least_squares(everything, solver, start, max_steps=STEPS, throw=False)
-    ended = found.result == optx.RESULTS.successful
-    return _around(members, at, found.value, loss, found.stats["num_steps"], ended)
+    result = optx.least_squares(compute_all_residuals, solver, start, max_steps=MAX_LM_STEPS, throw=False)
+    successful = result.result == optx.RESULTS.successful
+    return _build_solution(datasets, space, result.value, loss, result.stats["num_steps"], successful)
 
 
 @eqx.filter_jit
-def linearise(members: tuple[Member, ...], at: Space, u: Float[Array, " p"]) -> Solution:
+def linearise_problem(
+    datasets: tuple[Dataset, ...], space: ParameterSpace, u: Float[Array, " p"]
+) -> Solution:
     """The `Solution` that a minimisation would return if it had ended here."""
-    return _around(members, at, u, "square", jnp.asarray(0), jnp.asarray(False))
+    return _build_solution(datasets, space, u, "square", jnp.asarray(0), jnp.asarray(False))
 
 
-def _around(members, at: Space, u: Array, loss: Loss, steps: Array, converged: Array) -> Solution:
-    def everything(v):
-        return residual(members, at, v, loss), at.prior_residual(v)
+def _build_solution(
+    datasets, space: ParameterSpace, u: Array, loss: Loss, steps: Array, converged: Array
+) -> Solution:
+    def compute_all_residuals(v):
+        return stack_residuals(datasets, space, v, loss), space.compute_prior_residual(v)
 
-    rows, priors = everything(u)
-    by_data, by_prior = jax.jacfwd(everything)(u)
+    rows, priors = compute_all_residuals(u)
+    by_data, by_prior = jax.jacfwd(compute_all_residuals)(u)
     return Solution(
         u=u,
         cost=0.5 * (rows @ rows + priors @ priors),
         information=by_data.T @ by_data,
-        prior=by_prior.T @ by_prior,
-        slope=jax.jvp(at.values, (u,), (jnp.ones_like(u),))[1],
+        prior_information=by_prior.T @ by_prior,
+        slope=jax.jvp(space.to_values, (u,), (jnp.ones_like(u),))[1],
         steps=steps,
         converged=converged,
     )

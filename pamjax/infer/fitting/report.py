@@ -9,34 +9,34 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT, to_display
-from pamjax.infer.problem.priors import is_ruler
-from pamjax.units import in_unit
+from pamjax.infer.problem.priors import is_length_error
+from pamjax.units import compute_si_factor
 
 if TYPE_CHECKING:
     from pamjax.infer.fitting.result import CaseFit, Estimate, Fit
 
 #: Correlations above this are worth a line.
-STRONG = 0.8
+MIN_REPORTED_CORRELATION = 0.8
 
 #: A number that moved by more of its own standard deviations contradicts how it was measured.
-FAR = 3.0
+MAX_PRIOR_SHIFT_SD = 3.0
 
 
-def note(fit: Fit) -> str:
+def format_fit_note(fit: Fit) -> str:
     """The whole note, plain text."""
-    lines = [_title(fit), "", *_estimates(fit), "", *correlations(fit)]
-    for one in fit.cases:
-        lines += ["", *_case(one, len(fit.cases) > 1)]
-    return "\n".join([*lines, "", *trust(fit)])
+    lines = [_format_title(fit), "", *_format_estimates(fit), "", *format_correlations(fit)]
+    for case_fit in fit.cases:
+        lines += ["", *_format_case(case_fit, len(fit.cases) > 1)]
+    return "\n".join([*lines, "", *format_minimiser_state(fit)])
 
 
-def quantity(value: float, sd: float | None, unit: str) -> str:
+def format_estimate(value: float, sd: float | None, unit: str) -> str:
     """Value ± sd with as many digits as the sd allows.
 
     >>> quantity(83.512e9, 3.43e9, "GPa")
     '83.5 ± 3.4 GPa'
     """
-    scale = in_unit(unit)
+    scale = compute_si_factor(unit)
     value, sd = value / scale, None if sd is None else sd / scale
     tail = "" if unit == "1" else f" {unit}"
     if sd is None or sd == 0 or not math.isfinite(sd):
@@ -45,7 +45,7 @@ def quantity(value: float, sd: float | None, unit: str) -> str:
     return f"{value:.{digits}f} ± {sd:.{digits}f}{tail}"
 
 
-def told(value: float, channel: str) -> str:
+def format_channel_value(value: float, channel: str) -> str:
     """A value of a channel, SI, in the unit in which the channel is reported.
 
     >>> told(2.21e-5, "diameter")
@@ -54,18 +54,18 @@ def told(value: float, channel: str) -> str:
     return f"{to_display(channel, value):.3g} {DISPLAY_UNIT[channel]}"
 
 
-def _title(fit: Fit) -> str:
-    rows = sum(int(one.case.recording.usable.sum()) for one in fit.cases)
-    cases = ", ".join(one.case.name for one in fit.cases)
+def _format_title(fit: Fit) -> str:
+    rows = sum(int(case_fit.case.recording.usable.sum()) for case_fit in fit.cases)
+    cases = ", ".join(case_fit.case.name for case_fit in fit.cases)
     return f"{cases}: {', '.join((f'{fit.law} threads', *fit.mechanisms))}, {rows} rows"
 
 
-def _estimates(fit: Fit) -> Iterator[str]:
-    shown = {n: e for n, e in fit.estimates.items() if not is_ruler(n)}
-    width = max(map(len, shown), default=0)
-    for name, e in shown.items():
-        yield f"  {name:<{width}}  {quantity(e.value, e.sd, e.meaning.show):<24} {origin(e)}"
-    errors = [e for n, e in fit.estimates.items() if is_ruler(n)]
+def _format_estimates(fit: Fit) -> Iterator[str]:
+    reported = {n: e for n, e in fit.estimates.items() if not is_length_error(n)}
+    width = max(map(len, reported), default=0)
+    for name, e in reported.items():
+        yield f"  {name:<{width}}  {format_estimate(e.value, e.sd, e.meaning.show):<24} {describe_origin(e)}"
+    errors = [e for n, e in fit.estimates.items() if is_length_error(n)]
     if errors:
         worst = max(errors, key=lambda e: abs(e.value))
         sd = math.sqrt(np.mean([e.value**2 for e in errors])) * 1e3
@@ -75,94 +75,96 @@ def _estimates(fit: Fit) -> Iterator[str]:
         )
 
 
-def origin(e: Estimate) -> str:
+def describe_origin(e: Estimate) -> str:
     """Where a number comes from: the recording, mostly its prior, or a limit."""
     if e.at_limit:
-        low, high = (x / in_unit(e.meaning.show) for x in (e.meaning.low, e.meaning.high))
+        low, high = (x / compute_si_factor(e.meaning.show) for x in (e.meaning.low, e.meaning.high))
         unit = "" if e.meaning.show == "1" else f" {e.meaning.show}"
         return f"AT A LIMIT ({low:g} to {high:g}{unit})"
     if e.sd is None:
         return "not determined"
     if not math.isfinite(e.prior_sd):
-        kind = "hardly determined" if e.learned < 0.5 else "fitted"
+        kind = "hardly determined" if e.shrinkage < 0.5 else "fitted"
         return f"{kind}; before anywhere between its limits"
-    before = quantity(e.prior, e.prior_sd, e.meaning.show)
-    kind = "mostly the prior's" if e.learned < 0.5 else "fitted"
+    before = format_estimate(e.prior, e.prior_sd, e.meaning.show)
+    kind = "mostly the prior's" if e.shrinkage < 0.5 else "fitted"
     shift = (e.value - e.prior) / e.prior_sd
-    against = ", AGAINST ITS MEASUREMENT" if abs(shift) > FAR else ""
+    against = ", AGAINST ITS MEASUREMENT" if abs(shift) > MAX_PRIOR_SHIFT_SD else ""
     moved = f"moved {shift:+.1f} sd" if abs(shift) >= 0.05 else "not moved"
     return f"{kind}; before {before}, {moved}{against}"
 
 
-def correlations(fit: Fit) -> Iterator[str]:
+def format_correlations(fit: Fit) -> Iterator[str]:
     """Which numbers move together."""
     names = list(fit.estimates)
     pairs = [
         (abs(fit.correlation[i, j]), names[j], names[i], fit.correlation[i, j])
         for i in range(len(names))
         for j in range(i)
-        if abs(fit.correlation[i, j]) > STRONG and fit.estimates[names[i]].sd and fit.estimates[names[j]].sd
+        if abs(fit.correlation[i, j]) > MIN_REPORTED_CORRELATION
+        and fit.estimates[names[i]].sd
+        and fit.estimates[names[j]].sd
     ]
     for _, first, second, value in sorted(pairs, reverse=True)[:5]:
         yield f"  {first} and {second} move together (correlation {value:+.2f})"
     if not pairs:
-        yield f"  no two numbers are correlated above {STRONG}"
+        yield f"  no two numbers are correlated above {MIN_REPORTED_CORRELATION}"
 
 
-def _case(one: CaseFit, several: bool) -> Iterator[str]:
+def _format_case(case_fit: CaseFit, several: bool) -> Iterator[str]:
     if several:
-        yield f"{one.case.name}"
-    for channel, value in one.rmse.items():
-        noise = one.noise[channel]
-        kind = "its noise" if noise.given else "residual noise, no sensor given"
-        line = f"  {channel}: rmse {told(value, channel)}, {kind} {told(noise.sd, channel)}"
-        if one.held_out and channel in one.held_out.rmse:
-            line += f", on held-out {one.held_out.kind} {told(one.held_out.rmse[channel], channel)}"
+        yield f"{case_fit.case.name}"
+    for channel, value in case_fit.rmse.items():
+        noise = case_fit.noise[channel]
+        kind = "its noise" if noise.stated else "residual noise, no sensor given"
+        line = f"  {channel}: rmse {format_channel_value(value, channel)}, {kind} {format_channel_value(noise.sd, channel)}"
+        if case_fit.held_out and channel in case_fit.held_out.rmse:
+            line += f", on held-out {case_fit.held_out.kind} {format_channel_value(case_fit.held_out.rmse[channel], channel)}"
         yield line
         if noise.inflation > 1.5:
-            clock = f" over {_seconds(noise.time)}" if noise.time else ""
+            clock = f" over {_format_seconds(noise.correlation_time)}" if noise.correlation_time else ""
             yield (
                 f"    neighbouring samples repeat each other{clock}: {noise.samples} are worth "
                 f"{noise.samples / noise.inflation:.0f}"
             )
-        if noise.given and noise.excess > 1.5:
+        if noise.stated and noise.excess > 1.5:
             yield f"    misfit is {noise.excess:.1f} times the noise: the model misses something"
-    yield from (f"  {line}" for line in remarks(one))
+    yield from (f"  {line}" for line in format_remarks(case_fit))
 
 
-def remarks(one: CaseFit) -> Iterator[str]:
+def format_remarks(case_fit: CaseFit) -> Iterator[str]:
     """What was held out, what failed, what was set aside, and what the owner should know."""
-    yield _held_out(one)
-    for status, rows in one.failed.items():
-        yield f"{len(rows)} rows failed, {status.says} (rows {_rows(rows)})"
-    yield from map(str, one.case.recording.aside)
-    yield from (f"note: {warning}" for warning in one.case.warnings)
+    yield _format_held_out(case_fit)
+    for status, rows in case_fit.failed_rows.items():
+        yield f"{len(rows)} rows failed, {status.message} (rows {_format_rows(rows)})"
+    yield from map(str, case_fit.case.recording.outliers)
+    yield from (f"note: {warning}" for warning in case_fit.case.warnings)
 
 
-def _seconds(time: float) -> str:
+def _format_seconds(time: float) -> str:
     return f"{time:.0f} s" if time >= 10 else f"{time:.2g} s"
 
 
-def _held_out(one: CaseFit) -> str:
-    if one.held_out is None:
+def _format_held_out(case_fit: CaseFit) -> str:
+    if case_fit.held_out is None:
         return "nothing held out: the recording is one block"
-    parts = one.held_out.folds
+    parts = case_fit.held_out.folds
     text = "held out in turn: " + " | ".join("; ".join(fold) for fold in parts)
     if len(text) < 200:
         return text
-    return f"held out in turn: {sum(map(len, parts))} {one.held_out.kind} in {len(parts)} parts"
+    return f"held out in turn: {sum(map(len, parts))} {case_fit.held_out.kind} in {len(parts)} parts"
 
 
-def _rows(rows: np.ndarray) -> str:
+def _format_rows(rows: np.ndarray) -> str:
     head = ", ".join(map(str, rows[:5]))
     return head + (", …" if len(rows) > 5 else "")
 
 
-def trust(fit: Fit) -> Iterator[str]:
+def format_minimiser_state(fit: Fit) -> Iterator[str]:
     """Did the minimiser arrive, and always at the same place?"""
     state = "converged" if fit.converged else "DID NOT CONVERGE"
-    yield f"  {state} in {fit.steps} steps; {fit.agreeing} of {fit.starts} starts agree"
+    yield f"  {state} in {fit.steps} steps; {fit.agreeing_starts} of {fit.starts} starts agree"
     if fit.loss == "soft":
         yield "  soft loss: samples far off pull less"
-    if fit.agreeing < fit.starts:
+    if fit.agreeing_starts < fit.starts:
         yield "  other starts ended elsewhere, higher: the best is reported"

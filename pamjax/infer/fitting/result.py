@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pamjax.infer.fitting.least_squares import Loss, Solution
-from pamjax.infer.noise.sensor_noise import Noise
-from pamjax.infer.problem.dataset import Member
-from pamjax.infer.problem.parameter_space import Space
+from pamjax.infer.noise.sensor_noise import ChannelNoise
+from pamjax.infer.problem.dataset import Dataset
+from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.model.balance import Status
 from pamjax.model.muscle import Muscle
 from pamjax.parameter import Meaning
@@ -40,14 +40,14 @@ class Estimate:
     at_limit: bool
 
     @property
-    def learned(self) -> float:
+    def shrinkage(self) -> float:
         """Share of the prior's standard deviation that the recording took away, 0 to 1."""
         if self.sd is None:
             return 0.0
-        return 1 - min(self.sd / self._believed_sd, 1.0)
+        return 1 - min(self.sd / self._effective_prior_sd, 1.0)
 
     @property
-    def _believed_sd(self) -> float:
+    def _effective_prior_sd(self) -> float:
         """The prior's sd, SI; where that is infinite, of a value anywhere between its limits."""
         about = self.meaning
         if math.isfinite(self.prior_sd):
@@ -60,7 +60,7 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class HeldOutScore:
     """Score on whole blocks that the fit did not see.
 
     Attributes:
@@ -83,40 +83,40 @@ class CaseFit:
         numbers: the muscle's numbers by name, SI: what `catalogue.assemble` takes.
         muscle: the calibrated muscle, without its mechanisms.
         prediction: (n,) by channel, SI.
-        unseen: (n,) by channel, SI: each row predicted by a fit that never saw its block; NaN where
+        held_out_prediction: (n,) by channel, SI: each row predicted by a fit that never saw its block; NaN where
             no block could be held out.
         block: (n,) name of each row's block.
         rmse: SI, by channel.
         noise: by channel.
         held_out: score on held-out blocks, or None where there are too few.
-        failed: rows of the file where the muscle has no solution, by what failed.
+        failed_rows: rows of the file where the muscle has no solution, by what failed.
     """
 
     case: Case
     numbers: dict[str, float]
     muscle: Muscle
     prediction: dict[str, np.ndarray]
-    unseen: dict[str, np.ndarray]
+    held_out_prediction: dict[str, np.ndarray]
     block: list[str]
     rmse: dict[str, float]
-    noise: dict[str, Noise]
-    held_out: HeldOut | None
-    failed: dict[Status, np.ndarray]
+    noise: dict[str, ChannelNoise]
+    held_out: HeldOutScore | None
+    failed_rows: dict[Status, np.ndarray]
 
     @property
-    def calibrated(self) -> dict[str, tuple[float, float]]:
+    def calibrated_range(self) -> dict[str, tuple[float, float]]:
         """Lowest and highest pressure (Pa) and length (m) of the rows that were used."""
-        used, recording = self.case.recording.usable, self.case.recording
+        usable, recording = self.case.recording.usable, self.case.recording
         return {
-            name: (float(values[used].min()), float(values[used].max()))
+            name: (float(values[usable].min()), float(values[usable].max()))
             for name, values in (("pressure", recording.pressure), ("length", recording.length))
         }
 
     def to_dataset(self) -> xr.Dataset:
         """Every row: measured, predicted and left over, SI, with units (xarray); what fit.nc holds."""
-        from pamjax.infer.fitting.io import as_dataset
+        from pamjax.infer.fitting.io import build_xarray_dataset
 
-        return as_dataset(self)
+        return build_xarray_dataset(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,10 +131,10 @@ class Fit:
         cases: one entry for each case.
         converged: whether the minimiser says so.
         steps: of the minimiser, in the last solve.
-        agreeing, starts: how many of the starts ended at the same place.
+        agreeing_starts, starts: how many of the starts ended at the same place.
         loss: "square" or "soft".
         seed: of the other starts and of the deal into folds.
-        space, solution, members: the problem itself, to sample or to extend.
+        space, solution, datasets: the problem itself, to sample or to extend.
     """
 
     law: str
@@ -144,13 +144,13 @@ class Fit:
     cases: tuple[CaseFit, ...]
     converged: bool
     steps: int
-    agreeing: int
+    agreeing_starts: int
     starts: int
     loss: Loss
     seed: int
-    space: Space = field(repr=False)
+    space: ParameterSpace = field(repr=False)
     solution: Solution = field(repr=False)
-    members: tuple[Member, ...] = field(repr=False)
+    datasets: tuple[Dataset, ...] = field(repr=False)
 
     @property
     def muscle(self) -> Muscle:
@@ -159,6 +159,6 @@ class Fit:
         return only.muscle
 
     def __str__(self) -> str:
-        from pamjax.infer.fitting.report import note
+        from pamjax.infer.fitting.report import format_fit_note
 
-        return note(self)
+        return format_fit_note(self)

@@ -20,65 +20,69 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from pamjax.infer.problem.dataset import Member
+from pamjax.infer.problem.dataset import Dataset
 from pamjax.records.reading.muscle_toml import Sensors
 from pamjax.records.recording import Recording
 
 #: The sum of autocorrelations ends at this many of its own correlation times (Sokal's window) ...
-WINDOW = 4.0
+AUTOCORRELATION_WINDOW = 4.0
 #: ... and at the lag at which fewer than this share of the samples has a partner: beyond, it runs away.
-PAIRED = 0.5
+MIN_PAIRED_SHARE = 0.5
 
 
 @dataclass(frozen=True)
-class Noise:
+class ChannelNoise:
     """Noise of one channel, as found on the residual of a fit.
 
     Attributes:
         sd: effective standard deviation of a sample: its sensor's, with pressure's and length's
             noise carried through the model; SI. Where no sensor is given, the residual's own.
-        given: whether the sensor's noise was given.
+        stated: whether the sensor's noise was given.
         excess: residual rms over `sd`; above one, the model misses something.
         inflation: how many samples are worth one independent sample.
-        time: correlation time, s (of an exponential correlation with this inflation).
+        correlation_time: correlation time, s (of an exponential correlation with this inflation).
         samples: number of samples it was found on.
     """
 
     sd: float
-    given: bool
+    stated: bool
     excess: float
     inflation: float
-    time: float
+    correlation_time: float
     samples: int
 
 
 @eqx.filter_jit
-def sensitivities(member: Member, values: Float[Array, " p"]) -> tuple[Array, Array]:
+def compute_sensitivities(dataset: Dataset, values: Float[Array, " p"]) -> tuple[Array, Array]:
     """∂(force, diameter)/∂pressure and ∂(force, diameter)/∂length, each (2, n)."""
-    muscle = member.muscle(values)
+    muscle = dataset.build_muscle(values)
 
-    def both(pressure, length):
+    def predict_both(pressure, length):
         reading = muscle(pressure, length)
         return jnp.stack([reading.force, reading.diameter])
 
-    slopes = jax.vmap(jax.jacfwd(both, argnums=(0, 1)), out_axes=-1)
-    return slopes(member.rows.pressure, member.rows.length)
+    derivatives = jax.vmap(jax.jacfwd(predict_both, argnums=(0, 1)), out_axes=-1)
+    return derivatives(dataset.rows.pressure, dataset.rows.length)
 
 
-def effective_sd(member: Member, values: Array, sensors: Sensors, own: tuple[float, float]) -> np.ndarray:
+def compute_effective_sd(
+    dataset: Dataset, values: Array, sensors: Sensors, own_sd: tuple[float, float]
+) -> np.ndarray:
     """Standard deviation of every sample of force and diameter, SI, (2, n).
 
     Args:
-        own: standard deviation of the force and the diameter channel themselves, SI.
+        own_sd: standard deviation of the force and the diameter channel themselves, SI.
     """
-    by_pressure, by_length = (np.asarray(s) for s in sensitivities(member, values))
+    by_pressure, by_length = (np.asarray(s) for s in compute_sensitivities(dataset, values))
     pressure = (sensors.pressure or 0.0) * by_pressure
     # One error for each length that was set is a number of its own in the fit, no noise.
     length = (0.0 if sensors.length_per_setting else sensors.length or 0.0) * by_length
-    return np.sqrt(np.asarray(own)[:, None] ** 2 + pressure**2 + length**2)
+    return np.sqrt(np.asarray(own_sd)[:, None] ** 2 + pressure**2 + length**2)
 
 
-def inflation(residual: np.ndarray, starts: np.ndarray, absorbed: float = 0.0) -> float:
+def estimate_autocorrelation_time(
+    residual: np.ndarray, starts: np.ndarray, effective_parameters: float = 0.0
+) -> float:
     """How many samples are worth one independent sample, 1 + 2 Σ ρ_k.
 
     Each number that a fit has taken from n samples takes Γ/n from their autocovariance at every lag,
@@ -89,25 +93,25 @@ def inflation(residual: np.ndarray, starts: np.ndarray, absorbed: float = 0.0) -
     Args:
         residual: (n,) misfit over its standard deviation, in the order of time; NaN where not measured.
         starts: (n,) whether a continuous run begins at this row.
-        absorbed: how many numbers the fit has taken from these samples.
+        effective_parameters: how many numbers the fit has taken from these samples.
     """
     runs = [run[np.isfinite(run)] for run in np.split(residual, np.flatnonzero(starts)[1:])]
     runs = [run for run in runs if run.size > 1]
     n = sum(run.size for run in runs)
     if n < 30:
         return 1.0
-    covariance = _autocovariance(runs)
+    covariance = _pool_autocovariance(runs)
     if covariance[0] <= 0:
         return 1.0
     total = 2 * np.cumsum(covariance / covariance[0]) - 1
-    settled = np.flatnonzero(np.arange(total.size) >= WINDOW * np.maximum(total, 1) / 2)
-    window = int(settled[0]) if settled.size else total.size - 1
+    long_enough = np.flatnonzero(np.arange(total.size) >= AUTOCORRELATION_WINDOW * np.maximum(total, 1) / 2)
+    window = int(long_enough[0]) if long_enough.size else total.size - 1
     # The first order of a series: worth a doubling at most. And no recording is worth less than a sample.
-    given_back = min(absorbed * (2 * window + 1) / n, 1.0)
-    return float(np.clip(total[window] * (1 + given_back), 1.0, n))
+    correction = min(effective_parameters * (2 * window + 1) / n, 1.0)
+    return float(np.clip(total[window] * (1 + correction), 1.0, n))
 
 
-def _autocovariance(runs: list[np.ndarray]) -> np.ndarray:
+def _pool_autocovariance(runs: list[np.ndarray]) -> np.ndarray:
     """Autocovariance at every lag with enough pairs, pooled over runs; no product reaches across a gap."""
     longest = max(run.size for run in runs)
     size = 1 << (2 * longest - 1).bit_length()
@@ -116,14 +120,16 @@ def _autocovariance(runs: list[np.ndarray]) -> np.ndarray:
         spectrum = np.abs(np.fft.rfft(run, size)) ** 2
         total[: run.size] += np.fft.irfft(spectrum, size)[: run.size]
         count[: run.size] += run.size - np.arange(run.size)
-    paired = count >= PAIRED * count[0]
-    return total[paired] / count[paired]
+    has_pairs = count >= MIN_PAIRED_SHARE * count[0]
+    return total[has_pairs] / count[has_pairs]
 
 
-def correlation_time(inflated: float, recording: Recording, there: np.ndarray) -> float:
+def compute_correlation_time(
+    autocorrelation_time: float, recording: Recording, measured: np.ndarray
+) -> float:
     """Time constant, s, of an exponential correlation with this inflation; 0 without a clock."""
-    if recording.time is None or inflated <= 1.05 or there.sum() < 2:
+    if recording.time is None or autocorrelation_time <= 1.05 or measured.sum() < 2:
         return 0.0
-    step = float(np.median(np.diff(recording.time[there])))
-    lag_one = (inflated - 1) / (inflated + 1)
+    step = float(np.median(np.diff(recording.time[measured])))
+    lag_one = (autocorrelation_time - 1) / (autocorrelation_time + 1)
     return -step / np.log(lag_one)

@@ -16,16 +16,18 @@ from __future__ import annotations
 import numpy as np
 
 #: Two settings are one if they differ by less than this share of the largest.
-SAME = 2e-3
+SETTING_TOLERANCE = 2e-3
 
 #: A line of at most this many readings is taken for straight.
-STRAIGHT = 5
+MAX_STRAIGHT_READINGS = 5
 
 #: Independent squares that m second differences of a line are worth, over m: 18/35 of long lines.
-WORTH = 18 / 35
+SQUARES_PER_DIFFERENCE = 18 / 35
 
 
-def table_variance(pressure: np.ndarray, length: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+def estimate_table_variance(
+    pressure: np.ndarray, length: np.ndarray, values: np.ndarray
+) -> tuple[float, float]:
     """Variance of a reading, and how many independent squares it was found from; NaN and 0 without a line.
 
     Args:
@@ -40,38 +42,42 @@ def table_variance(pressure: np.ndarray, length: np.ndarray, values: np.ndarray)
     if not values.size:
         return float("nan"), 0.0
     for fixed, along in ((length, pressure), (pressure, length)):
-        found = [_line(along[rows], values[rows]) for rows in _lines(fixed)]
-        freedom = sum(worth for _, worth in found)
-        if freedom > 0:
-            return sum(variance * worth for variance, worth in found) / freedom, freedom
+        line_variances = [
+            _estimate_line_variance(along[rows], values[rows]) for rows in _group_by_setting(fixed)
+        ]
+        degrees_of_freedom = sum(squares for _, squares in line_variances)
+        if degrees_of_freedom > 0:
+            return sum(
+                variance * squares for variance, squares in line_variances
+            ) / degrees_of_freedom, degrees_of_freedom
     return float("nan"), 0.0
 
 
-def _line(along: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+def _estimate_line_variance(along: np.ndarray, values: np.ndarray) -> tuple[float, float]:
     """Variance along one line, and how many independent squares it was found from."""
     if np.unique(along).size < 3:
         return 0.0, 0.0
-    if along.size <= STRAIGHT:
+    if along.size <= MAX_STRAIGHT_READINGS:
         x = along / np.max(np.abs(along))
-        off = values - np.polyval(np.polyfit(x, values, 1), x)
-        return float(off @ off) / (along.size - 2), float(along.size - 2)
-    squares = _second(along, values)
-    return float(np.mean(squares)), WORTH * squares.size + 2 / 7
+        residual = values - np.polyval(np.polyfit(x, values, 1), x)
+        return float(residual @ residual) / (along.size - 2), float(along.size - 2)
+    squares = _square_second_differences(along, values)
+    return float(np.mean(squares)), SQUARES_PER_DIFFERENCE * squares.size + 2 / 7
 
 
-def _lines(fixed: np.ndarray) -> list[np.ndarray]:
+def _group_by_setting(fixed: np.ndarray) -> list[np.ndarray]:
     """Rows of each setting."""
     order = np.argsort(fixed, kind="stable")
-    edges = np.flatnonzero(np.diff(fixed[order]) > SAME * np.max(np.abs(fixed))) + 1
+    edges = np.flatnonzero(np.diff(fixed[order]) > SETTING_TOLERANCE * np.max(np.abs(fixed))) + 1
     return np.split(order, edges)
 
 
-def _second(along: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _square_second_differences(along: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Squares of second differences along a line, each worth one variance."""
     order = np.argsort(along, kind="stable")
     x, y = along[order], values[order]
     span = x[2:] - x[:-2]
-    kept = span > 0
-    w = (x[1:-1] - x[:-2])[kept] / span[kept]
-    off = y[1:-1][kept] - (1 - w) * y[:-2][kept] - w * y[2:][kept]
-    return off**2 / (1 + (1 - w) ** 2 + w**2)
+    has_span = span > 0
+    w = (x[1:-1] - x[:-2])[has_span] / span[has_span]
+    difference = y[1:-1][has_span] - (1 - w) * y[:-2][has_span] - w * y[2:][has_span]
+    return difference**2 / (1 + (1 - w) ** 2 + w**2)

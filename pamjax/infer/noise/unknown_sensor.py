@@ -6,7 +6,7 @@ cov(s_t, s_t+k) = A ρ^k, they have the mean square
     E (s_t+m − 2 s_t + s_t−m)² = A (6 − 8 ρ^m + 2 ρ^2m) + c m⁴,
 
 c m⁴ of a misfit that bends. Several lags tell A, ρ and c apart, with an error that follows from ρ itself. ρ
-may be zero, half a chance before anything was seen, or any of the others in `TRIED`. What it leaves out:
+may be zero, half a chance before anything was seen, or any of the others in `CORRELATION_GRID`. What it leaves out:
 misfits that bend on the scale of a few samples, noise with more than one memory, and correlations above
 0.95, of which it takes too little.
 Source: derived here; covariance of mean squares of a Gaussian process, M. S. Bartlett, Suppl. J. R. Stat.
@@ -24,92 +24,107 @@ from scipy.optimize import nnls
 from scipy.stats import truncnorm
 
 #: Lags of the second differences, samples.
-LAGS = np.array([1, 2, 4, 8, 16])
+DIFFERENCE_LAGS = np.array([1, 2, 4, 8, 16])
 #: Correlations of neighbours that are tried: none, and what lies between.
-TRIED = np.concatenate([[0.0], np.linspace(0.02, 0.98, 49)])
+CORRELATION_GRID = np.concatenate([[0.0], np.linspace(0.02, 0.98, 49)])
 #: Ranks at which a variance is looked at.
-RANKS = (np.arange(12) + 0.5) / 12
+VARIANCE_RANKS = (np.arange(12) + 0.5) / 12
 #: How far apart differences may be and still share noise, samples.
-APART = 300
+MAX_SAMPLES_APART = 300
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """Mean squares of second differences at each of `LAGS`.
+class DifferenceStatistics:
+    """Mean squares of second differences at each of `DIFFERENCE_LAGS`.
 
     Attributes:
-        squares: of the residual, SI squared.
+        mean_squares: of the residual, SI squared.
         counts: how many differences there are.
-        white: what stated noise of pressure and length is expected to add.
-        known: share to which that is known.
-        open: whether there may be more white noise, of which nothing was stated.
+        propagated_variance: what stated noise of pressure and length is expected to add.
+        propagated_error: share to which that is known.
+        allows_white_noise: whether there may be more white noise, of which nothing was stated.
     """
 
-    squares: np.ndarray
+    mean_squares: np.ndarray
     counts: np.ndarray
-    white: np.ndarray
-    known: float
-    open: bool = False
+    propagated_variance: np.ndarray
+    propagated_error: float
+    allows_white_noise: bool = False
 
 
 @dataclass(frozen=True, eq=False)
-class Unstated:
+class UnknownSensorNoise:
     """What a recording tells of a sensor's noise.
 
     Attributes:
-        taken: correlation and variance (SI squared) that it is taken to have.
-        white: variance of other white noise, of which nothing was stated, SI squared.
-        might: (k, 2) what correlation and variance might be, from the least slow noise to the most.
-        chance: (k,) of each.
+        correlation_and_variance: correlation and variance (SI squared) that it is taken to have.
+        white_variance: variance of other white noise, of which nothing was stated, SI squared.
+        candidates: (k, 2) what correlation and variance might be, from the least slow noise to the most.
+        probability: (k,) of each.
     """
 
-    taken: tuple[float, float]
-    white: float
-    might: np.ndarray
-    chance: np.ndarray
+    correlation_and_variance: tuple[float, float]
+    white_variance: float
+    candidates: np.ndarray
+    probability: np.ndarray
 
 
-def unstated(seen: Seen) -> Unstated:
+def estimate_unknown_noise(statistics: DifferenceStatistics) -> UnknownSensorNoise:
     """Size and memory of noise from mean squares of second differences."""
     # Where a recording is all but free of noise: next to nothing beside what was stated.
-    floor = np.maximum(1e-6 * seen.white, 1e-36)
-    seen = replace(seen, squares=np.maximum(seen.squares, floor))
-    likely, variance, error, white = np.array([_fitted(k, seen) for k in range(TRIED.size)]).T
-    prior = np.r_[0.5, np.full(TRIED.size - 1, 0.5 / (TRIED.size - 1))]
-    chance = prior * np.exp(likely - likely.max())
-    chance /= chance.sum()
+    floor = np.maximum(1e-6 * statistics.propagated_variance, 1e-36)
+    statistics = replace(statistics, mean_squares=np.maximum(statistics.mean_squares, floor))
+    log_likelihood, variance, error, white = np.array(
+        [_fit_correlation(k, statistics) for k in range(CORRELATION_GRID.size)]
+    ).T
+    prior = np.r_[0.5, np.full(CORRELATION_GRID.size - 1, 0.5 / (CORRELATION_GRID.size - 1))]
+    probability = prior * np.exp(log_likelihood - log_likelihood.max())
+    probability /= probability.sum()
     # A variance is known with its error, and is not negative.
     low = -variance / error
-    sizes = variance[:, None] + error[:, None] * truncnorm.ppf(RANKS, low[:, None], np.inf)
-    might = np.stack(np.broadcast_arrays(TRIED[:, None], sizes), axis=-1).reshape(-1, 2)
-    slow = np.argsort(might[:, 1] * (1 + might[:, 0]) / (1 - might[:, 0]))
-    each = np.repeat(chance / RANKS.size, RANKS.size)
-    some = float(chance[1:].sum())
+    sizes = variance[:, None] + error[:, None] * truncnorm.ppf(VARIANCE_RANKS, low[:, None], np.inf)
+    candidates = np.stack(np.broadcast_arrays(CORRELATION_GRID[:, None], sizes), axis=-1).reshape(-1, 2)
+    order = np.argsort(candidates[:, 1] * (1 + candidates[:, 0]) / (1 - candidates[:, 0]))
+    candidate_probability = np.repeat(probability / VARIANCE_RANKS.size, VARIANCE_RANKS.size)
+    correlated_probability = float(probability[1:].sum())
     # No correlation, unless some is more probable than none.
-    rho = float(chance[1:] @ TRIED[1:]) / some if some > 0.5 else 0.0
-    own, other = (float(np.interp(rho, TRIED, values)) for values in (np.maximum(variance, 1e-36), white))
-    return Unstated((rho, own), other, might[slow], each[slow])
+    rho = (
+        float(probability[1:] @ CORRELATION_GRID[1:]) / correlated_probability
+        if correlated_probability > 0.5
+        else 0.0
+    )
+    own_variance, white_variance = (
+        float(np.interp(rho, CORRELATION_GRID, values)) for values in (np.maximum(variance, 1e-36), white)
+    )
+    return UnknownSensorNoise(
+        (rho, own_variance), white_variance, candidates[order], candidate_probability[order]
+    )
 
 
-def _fitted(k: int, seen: Seen) -> tuple[float, float, float, float]:
+def _fit_correlation(k: int, statistics: DifferenceStatistics) -> tuple[float, float, float, float]:
     """Log-likelihood of one correlation, the variance that goes with it, its error, and other white noise."""
-    mean, covariance = _expected(k)
-    squares, per = seen.squares, 1 / np.sqrt(seen.counts)
+    mean, covariance = _compute_expected_squares(k)
+    squares, per = statistics.mean_squares, 1 / np.sqrt(statistics.counts)
     # All in shares of each square, as it was seen.
-    other, bend = seen.white / squares, (LAGS / LAGS[-1]) ** 4 * squares[-1] / squares
-    root = np.linalg.cholesky(covariance * np.outer(per, per) + seen.known**2 * np.outer(other, other))
-    columns = [mean / squares, bend]
-    if seen.open and TRIED[k] > 0:
+    propagated, curvature = (
+        statistics.propagated_variance / squares,
+        (DIFFERENCE_LAGS / DIFFERENCE_LAGS[-1]) ** 4 * squares[-1] / squares,
+    )
+    root = np.linalg.cholesky(
+        covariance * np.outer(per, per) + statistics.propagated_error**2 * np.outer(propagated, propagated)
+    )
+    columns = [mean / squares, curvature]
+    if statistics.allows_white_noise and CORRELATION_GRID[k] > 0:
         columns.append(6 / squares)
-    rows = solve_triangular(root, np.stack([*columns, 1 - other], axis=1), lower=True)
-    design, wanted = rows[:, :-1], rows[:, -1]
-    (variance, *rest), left = nnls(design, wanted)
-    beside = design[:, 1:][:, np.array(rest) > 0]
-    own = design[:, 0] - beside @ np.linalg.lstsq(beside, design[:, 0])[0]
-    free = own @ wanted / (own @ own)
-    likely = -0.5 * left**2 - np.log(np.diag(root)).sum()
+    rows = solve_triangular(root, np.stack([*columns, 1 - propagated], axis=1), lower=True)
+    design, target = rows[:, :-1], rows[:, -1]
+    (variance, *rest), residual_norm = nnls(design, target)
+    other_columns = design[:, 1:][:, np.array(rest) > 0]
+    own = design[:, 0] - other_columns @ np.linalg.lstsq(other_columns, design[:, 0])[0]
+    free = own @ target / (own @ own)
+    log_likelihood = -0.5 * residual_norm**2 - np.log(np.diag(root)).sum()
     return (
-        float(likely),
+        float(log_likelihood),
         float(free if variance == 0 else variance),
         float((own @ own) ** -0.5),
         sum(rest[1:]),
@@ -117,29 +132,29 @@ def _fitted(k: int, seen: Seen) -> tuple[float, float, float, float]:
 
 
 @cache
-def _expected(k: int) -> tuple[np.ndarray, np.ndarray]:
+def _compute_expected_squares(k: int) -> tuple[np.ndarray, np.ndarray]:
     """Mean squares at unit variance, and their relative covariance times samples."""
-    rho, taps, places = TRIED[k], np.array([1.0, -2.0, 1.0]), np.array([-1, 0, 1])
-    mean = 6 - 8 * rho**LAGS + 2 * rho ** (2 * LAGS)
-    apart = np.arange(-APART, APART + 1)
-    covariance = np.empty((LAGS.size, LAGS.size))
-    for i, m in enumerate(LAGS):
-        for j, n in enumerate(LAGS):
+    rho, taps, places = CORRELATION_GRID[k], np.array([1.0, -2.0, 1.0]), np.array([-1, 0, 1])
+    mean = 6 - 8 * rho**DIFFERENCE_LAGS + 2 * rho ** (2 * DIFFERENCE_LAGS)
+    apart = np.arange(-MAX_SAMPLES_APART, MAX_SAMPLES_APART + 1)
+    covariance = np.empty((DIFFERENCE_LAGS.size, DIFFERENCE_LAGS.size))
+    for i, m in enumerate(DIFFERENCE_LAGS):
+        for j, n in enumerate(DIFFERENCE_LAGS):
             between = apart[:, None, None] + (n * places)[None, None, :] - (m * places)[None, :, None]
             shared = np.einsum("hab,a,b->h", rho ** np.abs(between), taps, taps)
             covariance[i, j] = 2 * np.sum(shared**2) / (mean[i] * mean[j])
     return mean, covariance
 
 
-def second_differences(values: np.ndarray, runs: np.ndarray) -> list[np.ndarray]:
-    """Second differences of (…, n) values at each of `LAGS`, within runs.
+def compute_second_differences(values: np.ndarray, runs: np.ndarray) -> list[np.ndarray]:
+    """Second differences of (…, n) values at each of `DIFFERENCE_LAGS`, within runs.
 
     Args:
         values: one after the other.
         runs: (n,) number of each sample's run.
     """
-    within = [runs[2 * m :] == runs[: -2 * m] for m in LAGS]
+    within = [runs[2 * m :] == runs[: -2 * m] for m in DIFFERENCE_LAGS]
     return [
-        (values[..., 2 * m :] - 2 * values[..., m:-m] + values[..., : -2 * m])[..., there]
-        for m, there in zip(LAGS, within, strict=True)
+        (values[..., 2 * m :] - 2 * values[..., m:-m] + values[..., : -2 * m])[..., same_run]
+        for m, same_run in zip(DIFFERENCE_LAGS, within, strict=True)
     ]

@@ -18,37 +18,39 @@ from typing import Any
 import numpy as np
 
 from pamjax.errors import refuse
-from pamjax.infer.problem.parameter_space import Space
+from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.records.case import Case
-from pamjax.records.files import write_beside
+from pamjax.records.files import write_atomically
 
-SCHEMA = "pamjax.chain/1"
+CHAIN_SCHEMA = "pamjax.chain/1"
 
 Arrays = dict[str, np.ndarray]
 
 
-def identity(
+def build_identity(
     cases: Sequence[Case],
-    at: Space,
+    space: ParameterSpace,
     law: str,
     mechanisms: Sequence[str],
-    beliefs: Mapping[str, Mapping[str, Any]],
+    priors: Mapping[str, Mapping[str, Any]],
     sampler: str,
     seed: int,
 ) -> dict[str, Any]:
     """What a chain belongs to: data, model, priors, sampler and seed."""
-    priors = [[float(f"{v:.12g}") for v in np.asarray(a)] for a in (at.low, at.high, at.mean, at.sd)]
+    prior_arrays = [
+        [float(f"{v:.12g}") for v in np.asarray(a)] for a in (space.low, space.high, space.mean, space.sd)
+    ]
     return {
-        "schema": SCHEMA,
+        "schema": CHAIN_SCHEMA,
         "pamjax": version("pamjax"),
         "data": {case.name: case.checksum for case in cases},
         "model": {
             "law": law,
             "mechanisms": list(mechanisms),
-            "numbers": list(at.names),
+            "numbers": list(space.names),
             "memory": {case.name: [case.gaps, case.before] for case in cases},
         },
-        "priors": hashlib.sha256(json.dumps([priors, beliefs], sort_keys=True).encode()).hexdigest(),
+        "priors": hashlib.sha256(json.dumps([prior_arrays, priors], sort_keys=True).encode()).hexdigest(),
         "sampler": sampler,
         "seed": seed,
     }
@@ -59,67 +61,75 @@ class Checkpoint:
 
     Args:
         folder: where it lies; None keeps nothing.
-        belongs: what it belongs to, see `identity`.
+        identity: what it belongs to, see `build_identity`.
 
     Raises:
         BadInput: if another chain lies there.
     """
 
-    def __init__(self, folder: Path | None, belongs: dict[str, Any]) -> None:
+    def __init__(self, folder: Path | None, identity: dict[str, Any]) -> None:
         self.folder = folder
         if folder is None:
             return
         folder.mkdir(parents=True, exist_ok=True)
         written = folder / "identity.json"
         if written.exists():
-            _same(json.loads(written.read_text(encoding="utf-8")), belongs, folder)
+            _check_identity(json.loads(written.read_text(encoding="utf-8")), identity, folder)
         else:
-            with write_beside(written) as path:
-                path.write_text(json.dumps(belongs, indent=2) + "\n", encoding="utf-8")
+            with write_atomically(written) as path:
+                path.write_text(json.dumps(identity, indent=2) + "\n", encoding="utf-8")
 
-    def start(self) -> Arrays | None:
+    def read_start(self) -> Arrays | None:
         """Where the chain began, if it did."""
-        return None if self.folder is None else _read(self.folder / "start.npz")
+        return None if self.folder is None else _read_arrays(self.folder / "start.npz")
 
-    def begin(self, arrays: Arrays) -> None:
+    def write_start(self, arrays: Arrays) -> None:
         """Keep where the chain begins."""
-        self._write("start", arrays)
+        self._write_arrays("start", arrays)
 
-    def draws(self) -> tuple[list[Arrays], Arrays | None]:
+    def read_draws(self) -> tuple[list[Arrays], Arrays | None]:
         """Every saved chunk of draws, and the sampler's state after the last."""
         chunks: list[Arrays] = []
         state = None
-        while self.folder is not None and (both := _read(self.folder / _name(len(chunks)))) is not None:
-            chunks.append({k: v for k, v in both.items() if not k.startswith("state_")})
-            state = {k.removeprefix("state_"): v for k, v in both.items() if k.startswith("state_")}
+        while (
+            self.folder is not None
+            and (content := _read_arrays(self.folder / _format_chunk_name(len(chunks)))) is not None
+        ):
+            chunks.append({k: v for k, v in content.items() if not k.startswith("state_")})
+            state = {k.removeprefix("state_"): v for k, v in content.items() if k.startswith("state_")}
         return chunks, state
 
-    def save(self, number: int, draws: Arrays, state: Arrays) -> None:
+    def save_chunk(self, number: int, draws: Arrays, state: Arrays) -> None:
         """Keep a chunk of draws with the state after it."""
-        self._write(_name(number).removesuffix(".npz"), draws | {f"state_{k}": v for k, v in state.items()})
+        self._write_arrays(
+            _format_chunk_name(number).removesuffix(".npz"),
+            draws | {f"state_{k}": v for k, v in state.items()},
+        )
 
-    def _write(self, name: str, arrays: Arrays) -> None:
+    def _write_arrays(self, name: str, arrays: Arrays) -> None:
         if self.folder is None:
             return
-        with write_beside(self.folder / f"{name}.npz") as path, path.open("wb") as file:
+        with write_atomically(self.folder / f"{name}.npz") as path, path.open("wb") as file:
             np.savez(file, **arrays)  # pyright: ignore[reportArgumentType]
 
 
-def _name(number: int) -> str:
+def _format_chunk_name(number: int) -> str:
     return f"draws-{number:06d}.npz"
 
 
-def _read(path: Path) -> Arrays | None:
+def _read_arrays(path: Path) -> Arrays | None:
     if not path.exists():
         return None
     with np.load(path) as file:
         return dict(file)
 
 
-def _same(found: dict[str, Any], wanted: dict[str, Any], folder: Path) -> None:
-    for key, value in wanted.items():
-        if found.get(key) != value:
-            what = {"data": "another recording", "model": "another model", "priors": "other priors"}
+def _check_identity(saved: dict[str, Any], expected: dict[str, Any], folder: Path) -> None:
+    for key, value in expected.items():
+        if saved.get(key) != value:
+            differences = {"data": "another recording", "model": "another model", "priors": "other priors"}
             rule = f"a chain is resumed with what it was begun with ({key})"
             remedy = "Name another `--out`, or delete that folder to begin anew."
-            raise refuse(rule, what.get(key, f"{found.get(key)!r}, not {value!r}"), str(folder), remedy)
+            raise refuse(
+                rule, differences.get(key, f"{saved.get(key)!r}, not {value!r}"), str(folder), remedy
+            )

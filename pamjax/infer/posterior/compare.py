@@ -19,46 +19,46 @@ from typing import Any
 import numpy as np
 
 from pamjax.errors import refuse
-from pamjax.infer.posterior.io import SCHEMA
-from pamjax.infer.posterior.loo import TRUSTED, left_out
+from pamjax.infer.posterior.io import POSTERIOR_SCHEMA
+from pamjax.infer.posterior.loo import MAX_PARETO_K, compute_loo_score
 
 #: A difference below this many of its standard errors says nothing.
-CLEAR = 2.0
+MIN_CLEAR_DIFFERENCE = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class Score:
+class PosteriorScore:
     """One posterior's score.
 
     Attributes:
         name: the file's folder.
         model: law and mechanisms.
         blocks: names.
-        each: (blocks,) log predictive density.
-        shape: (blocks,) k̂.
+        block_scores: (blocks,) log predictive density.
+        pareto_k: (blocks,) k̂.
     """
 
     name: str
     model: str
     blocks: tuple[str, ...]
-    each: np.ndarray
-    shape: np.ndarray
+    block_scores: np.ndarray
+    pareto_k: np.ndarray
 
     @property
     def total(self) -> float:
         """ln p of all blocks, each by the others."""
-        return float(self.each.sum())
+        return float(self.block_scores.sum())
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class PosteriorComparison:
     """Posteriors, best first; prints as a note."""
 
-    scores: tuple[Score, ...]
+    scores: tuple[PosteriorScore, ...]
 
-    def behind(self, score: Score) -> tuple[float, float]:
+    def compute_deficit(self, score: PosteriorScore) -> tuple[float, float]:
         """By how much a posterior is behind the best, and the standard error of that."""
-        difference = self.scores[0].each - score.each
+        difference = self.scores[0].block_scores - score.block_scores
         error = float(np.sqrt(len(difference)) * difference.std(ddof=1)) if len(difference) > 1 else np.inf
         return float(difference.sum()), error
 
@@ -66,21 +66,21 @@ class Comparison:
         width = max(len(s.name) for s in self.scores)
         lines = [f"ln p of {len(self.scores[0].blocks)} blocks, each by a posterior that did not see it"]
         for s in self.scores:
-            less, error = self.behind(s)
-            rest = "best" if s is self.scores[0] else f"behind by {less:.1f} ± {error:.1f}"
-            lines.append(f"  {s.name:<{width}}  {s.total:>10.1f}  {rest:<22} {s.model}")
+            deficit, error = self.compute_deficit(s)
+            conclusion = "best" if s is self.scores[0] else f"behind by {deficit:.1f} ± {error:.1f}"
+            lines.append(f"  {s.name:<{width}}  {s.total:>10.1f}  {conclusion:<22} {s.model}")
         for s in self.scores:
-            bad = [b for b, k in zip(s.blocks, s.shape, strict=True) if not k < TRUSTED]
+            bad = [b for b, k in zip(s.blocks, s.pareto_k, strict=True) if not k < MAX_PARETO_K]
             if bad:
-                guess = f"its score there is a guess (k̂ up to {s.shape.max():.1f})"
-                lines.append(f"  {s.name} leans on {_few(bad)}: {guess}")
-        return "\n".join([*lines, self._finding()])
+                guess = f"its score there is a guess (k̂ up to {s.pareto_k.max():.1f})"
+                lines.append(f"  {s.name} leans on {_format_few_names(bad)}: {guess}")
+        return "\n".join([*lines, self._format_conclusion()])
 
-    def _finding(self) -> str:
+    def _format_conclusion(self) -> str:
         if len(self.scores) == 1:
             return "  nothing to compare it with"
-        less, error = self.behind(self.scores[1])
-        if less > CLEAR * error:
+        deficit, error = self.compute_deficit(self.scores[1])
+        if deficit > MIN_CLEAR_DIFFERENCE * error:
             return f"  {self.scores[0].name} predicts better than {self.scores[1].name}"
         return f"  {self.scores[0].name} and {self.scores[1].name} cannot be told apart"
 
@@ -90,16 +90,16 @@ class Comparison:
             s.name: {
                 "model": s.model,
                 "score": s.total,
-                "behind": self.behind(s)[0],
-                "error": self.behind(s)[1] if np.isfinite(self.behind(s)[1]) else None,
-                "blocks": dict(zip(s.blocks, s.each.tolist(), strict=True)),
-                "shape": dict(zip(s.blocks, np.nan_to_num(s.shape, posinf=1e9).tolist(), strict=True)),
+                "behind": self.compute_deficit(s)[0],
+                "error": self.compute_deficit(s)[1] if np.isfinite(self.compute_deficit(s)[1]) else None,
+                "blocks": dict(zip(s.blocks, s.block_scores.tolist(), strict=True)),
+                "shape": dict(zip(s.blocks, np.nan_to_num(s.pareto_k, posinf=1e9).tolist(), strict=True)),
             }
             for s in self.scores
         }
 
 
-def compare_posteriors(files: Sequence[Path]) -> Comparison:
+def compare_posteriors(files: Sequence[Path]) -> PosteriorComparison:
     """Compare posteriors of the same recordings.
 
     Args:
@@ -110,15 +110,15 @@ def compare_posteriors(files: Sequence[Path]) -> Comparison:
     """
     if not files:
         raise refuse("a comparison needs a posterior", "none")
-    read = [_read(path) for path in files]
-    for (score, seen), path in zip(read, files, strict=True):
-        if not _same(read[0][1], seen) or score.blocks != read[0][0].blocks:
+    read_scores = [_read_score(path) for path in files]
+    for (score, observed), path in zip(read_scores, files, strict=True):
+        if not _are_data_equal(read_scores[0][1], observed) or score.blocks != read_scores[0][0].blocks:
             remedy = "Sample both from the same recording.csv."
             raise refuse("posteriors are compared on the same measurements", "others", str(path), remedy)
-    return Comparison(tuple(sorted((score for score, _ in read), key=lambda s: -s.total)))
+    return PosteriorComparison(tuple(sorted((score for score, _ in read_scores), key=lambda s: -s.total)))
 
 
-def _read(path: Path) -> tuple[Score, dict[str, np.ndarray]]:
+def _read_score(path: Path) -> tuple[PosteriorScore, dict[str, np.ndarray]]:
     import xarray as xr
 
     file = path / "posterior.nc" if path.is_dir() else path
@@ -131,34 +131,36 @@ def _read(path: Path) -> tuple[Score, dict[str, np.ndarray]]:
             "a posterior is a netCDF that `pamjax sample` wrote", "another file", str(file)
         ) from error
     with tree:
-        if tree.attrs.get("schema") != SCHEMA:
+        if tree.attrs.get("schema") != POSTERIOR_SCHEMA:
             raise refuse(
-                f"a posterior is a file of schema {SCHEMA}", str(tree.attrs.get("schema")), str(file)
+                f"a posterior is a file of schema {POSTERIOR_SCHEMA}",
+                str(tree.attrs.get("schema")),
+                str(file),
             )
         model = ", ".join((f"{tree.attrs['law']} threads", *json.loads(tree.attrs["mechanisms"])))
-        names, each, shape = [], [], []
+        names, block_scores, pareto_k = [], [], []
         blocks = tree["log_likelihood"].to_dataset()
         for key, likelihood in blocks.data_vars.items():
             sums = likelihood.values.reshape(-1, likelihood.shape[-1])
             block = str(key).removesuffix("s")
             names += [f"{str(key).removesuffix('blocks')}{b}" for b in blocks[block].values]
-            found = [left_out(column) for column in sums.T]
-            each += [score for score, _ in found]
-            shape += [k for _, k in found]
-        seen = {
+            loo_scores = [compute_loo_score(column) for column in sums.T]
+            block_scores += [score for score, _ in loo_scores]
+            pareto_k += [k for _, k in loo_scores]
+        observed = {
             str(key): v.values
             for key, v in tree["observed_data"].to_dataset().data_vars.items()
             if v.dtype.kind == "f"
         }
     name = file.parent.name or file.stem
-    return Score(name, model, tuple(names), np.array(each), np.array(shape)), seen
+    return PosteriorScore(name, model, tuple(names), np.array(block_scores), np.array(pareto_k)), observed
 
 
-def _same(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> bool:
-    return one.keys() == other.keys() and all(
-        v.shape == other[k].shape and np.array_equal(v, other[k], equal_nan=True) for k, v in one.items()
+def _are_data_equal(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -> bool:
+    return first.keys() == second.keys() and all(
+        v.shape == second[k].shape and np.array_equal(v, second[k], equal_nan=True) for k, v in first.items()
     )
 
 
-def _few(names: Sequence[str]) -> str:
+def _format_few_names(names: Sequence[str]) -> str:
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

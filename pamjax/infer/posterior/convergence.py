@@ -15,57 +15,60 @@ from scipy.special import ndtri
 from scipy.stats import rankdata
 
 #: Share of the draws, from the start, in which walkers may still be on their way.
-BURNT = 0.2
+BURN_IN_SHARE = 0.2
 #: An autocorrelation time is trusted if the kept chain is this many times as long (emcee's advice).
-TRUSTED = 50
+MIN_CHAIN_AUTOCORRELATION_TIMES = 50
 
 
 @dataclass(frozen=True)
-class Health:
+class ConvergenceDiagnostics:
     """How far a chain can be trusted, for each number.
 
     Attributes:
         ess: effective samples of the mean.
         rhat: split-R̂ of normal scores.
-        time: autocorrelation time, draws.
-        draws: kept draws of one chain.
+        autocorrelation_time: autocorrelation time, draws.
+        chain_length: kept draws of one chain.
     """
 
     ess: np.ndarray
     rhat: np.ndarray
-    time: np.ndarray
-    draws: int
+    autocorrelation_time: np.ndarray
+    chain_length: int
 
-    def good(self, ess: float, rhat: float, long: bool) -> bool:
-        """Whether every number has enough; `long` asks for a trusted autocorrelation time too."""
+    def is_converged(self, ess: float, rhat: float, check_length: bool) -> bool:
+        """Whether every number has enough; `check_length` asks for a trusted autocorrelation time too."""
         enough = bool(np.all(self.ess >= ess) and np.all(self.rhat <= rhat))
-        return enough and (not long or bool(self.draws >= TRUSTED * self.time.max()))
+        return enough and (
+            not check_length
+            or bool(self.chain_length >= MIN_CHAIN_AUTOCORRELATION_TIMES * self.autocorrelation_time.max())
+        )
 
 
-def kept(draws: np.ndarray) -> np.ndarray:
+def discard_burn_in(draws: np.ndarray) -> np.ndarray:
     """The draws without their first fifth; (n, chains, p)."""
-    return draws[int(BURNT * len(draws)) :]
+    return draws[int(BURN_IN_SHARE * len(draws)) :]
 
 
-def health(draws: np.ndarray) -> Health:
+def compute_convergence(draws: np.ndarray) -> ConvergenceDiagnostics:
     """Look at kept draws, (n, chains, p)."""
     n, chains, count = draws.shape
     half = n // 2
     halves = np.concatenate([draws[:half], draws[n - half :]], axis=1)
-    ess = np.array([effective(draws[:, :, k]) for k in range(count)])
-    rhat = np.array([_rhat(_scores(halves[:, :, k])) for k in range(count)])
-    return Health(ess, rhat, n * chains / ess, n)
+    ess = np.array([compute_ess(draws[:, :, k]) for k in range(count)])
+    rhat = np.array([_compute_rhat(_compute_normal_scores(halves[:, :, k])) for k in range(count)])
+    return ConvergenceDiagnostics(ess, rhat, n * chains / ess, n)
 
 
-def effective(x: np.ndarray) -> float:
+def compute_ess(x: np.ndarray) -> float:
     """Effective samples of the mean of (n, chains) draws, split into halves."""
     half = len(x) // 2
     x = np.concatenate([x[:half], x[len(x) - half :]], axis=1)
     n, chains = x.shape
-    within, total = _variances(x)
+    within, total = _compute_variances(x)
     if n < 4 or not within > 0:
         return 1.0
-    covariance = _autocovariance(x).mean(axis=1)
+    covariance = _compute_autocovariance(x).mean(axis=1)
     rho = 1 - (within - covariance) / total
     rho[0] = 1.0
     pairs = rho[: n // 2 * 2].reshape(-1, 2).sum(axis=1)
@@ -75,7 +78,7 @@ def effective(x: np.ndarray) -> float:
     return n * chains / time
 
 
-def _variances(x: np.ndarray) -> tuple[float, float]:
+def _compute_variances(x: np.ndarray) -> tuple[float, float]:
     """Mean variance within a chain, and of all chains together."""
     n = len(x)
     within = float(x.var(axis=0, ddof=1).mean())
@@ -83,17 +86,17 @@ def _variances(x: np.ndarray) -> tuple[float, float]:
     return within, within * (n - 1) / n + between
 
 
-def _rhat(x: np.ndarray) -> float:
-    within, total = _variances(x)
+def _compute_rhat(x: np.ndarray) -> float:
+    within, total = _compute_variances(x)
     return float(np.sqrt(total / within)) if within > 0 else np.inf
 
 
-def _scores(x: np.ndarray) -> np.ndarray:
+def _compute_normal_scores(x: np.ndarray) -> np.ndarray:
     rank = rankdata(x).reshape(x.shape)
     return ndtri((rank - 0.375) / (x.size + 0.25))
 
 
-def _autocovariance(x: np.ndarray) -> np.ndarray:
+def _compute_autocovariance(x: np.ndarray) -> np.ndarray:
     """At every lag, of every chain, (n, chains)."""
     n = len(x)
     size = 1 << (2 * n - 1).bit_length()

@@ -2,14 +2,14 @@
 
 | verdict                 | when                                                                            |
 |-------------------------|---------------------------------------------------------------------------------|
-| at a limit              | its draws pile up there: `AT_LIMIT` of them within `NEAR` of their sd            |
+| at a limit              | its draws pile up there: `MIN_DRAWS_AT_LIMIT` of them within `LIMIT_DISTANCE_SD` of their sd            |
 | determined              | its profile ends on both sides, and halves what was believed                     |
 | one-sided               | its profile ends on one side only                                                |
 | only in combination     | it would be determined if the others were known, and is not                      |
 | not determined          | else                                                                             |
 
 What was believed is what the posterior was drawn with, `--priors` among it. Not determined means that its
-sd is more than `DETERMINED` of that.
+sd is more than `MAX_POSTERIOR_SD_RATIO` of that.
 """
 
 from __future__ import annotations
@@ -21,22 +21,28 @@ from dataclasses import dataclass
 import numpy as np
 
 from pamjax.infer.fitting.result import Fit
-from pamjax.infer.posterior.profile import SURE, Problem, Profile, believing, profile
-from pamjax.infer.problem.parameter_space import Space
-from pamjax.infer.problem.priors import is_ruler
-from pamjax.units import show
+from pamjax.infer.posterior.profile import (
+    CHI2_RISE_95,
+    LikelihoodProfile,
+    ProfileProblem,
+    build_profile_problem,
+    compute_profile,
+)
+from pamjax.infer.problem.parameter_space import ParameterSpace
+from pamjax.infer.problem.priors import is_length_error
+from pamjax.units import format_quantity
 
 #: What a number is called that acts only together with others.
-COMBINED = "only in combination"
+COMBINATION_KIND = "only in combination"
 #: Half a Gaussian that begins at a limit has 0.24 of its draws so near, an exponential 0.39, what may be
 #: anywhere 0.14; and what spreads over its range by more than a share (0.29 if evenly) is nowhere.
-AT_LIMIT, NEAR, SPREAD = 0.2, 0.5, 0.2
+MIN_DRAWS_AT_LIMIT, LIMIT_DISTANCE_SD, MAX_SPREAD_AT_LIMIT = 0.2, 0.5, 0.2
 #: Determined means that the recording shrinks the sd to this share of what was believed.
-DETERMINED = 0.5
+MAX_POSTERIOR_SD_RATIO = 0.5
 #: Numbers that are correlated more than this may be known only together.
-TOGETHER = 0.3
+MIN_PARTNER_CORRELATION = 0.3
 #: A combination is told as a product if no exponent is farther from one than this factor.
-SIMPLE = 3.0
+MAX_PRODUCT_EXPONENT = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,142 +51,162 @@ class Verdict:
 
     Attributes:
         kind: "at a limit", "determined", "one-sided", "only in combination" or "not determined".
-        says: the rest of the sentence, or nothing.
+        detail: the rest of the sentence, or nothing.
         profile: its profile likelihood.
     """
 
     kind: str
-    says: str
-    profile: Profile
+    detail: str
+    profile: LikelihoodProfile
 
     def __str__(self) -> str:
-        return f"{self.kind}: {self.says}" if self.says else self.kind
+        return f"{self.kind}: {self.detail}" if self.detail else self.kind
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
+class ParameterSummary:
     """One number as the posterior believed it.
 
     Attributes:
         low, high: limits, SI.
-        log: whether it moves by its logarithm.
+        log_scale: whether it moves by its logarithm.
         unit: in which a person reads it.
         value: best fit, SI.
-        believed: the prior's sd, SI; where any value is as likely, that of the whole range.
-        alone: whether the recording would determine it if it knew all others.
+        prior_sd: the prior's sd, SI; where any value is as likely, that of the whole range.
+        determined_alone: whether the recording would determine it if it knew all others.
     """
 
     low: float
     high: float
-    log: bool
+    log_scale: bool
     unit: str
     value: float
-    believed: float
-    alone: bool
+    prior_sd: float
+    determined_alone: bool
 
-    def share(self, draws: np.ndarray) -> np.ndarray:
+    def compute_range_position(self, draws: np.ndarray) -> np.ndarray:
         """Where draws lie between the limits, on the number's own scale."""
-        if self.log:
+        if self.log_scale:
             return np.log(draws / self.low) / np.log(self.high / self.low)
         return (draws - self.low) / (self.high - self.low)
 
 
-def _told(problem: Problem, name: str, unit: str) -> Told:
-    at, k = problem.at, problem.at.names.index(name)
-    low, high, sd, value = (float(a[k]) for a in (at.low, at.high, at.sd, problem.values))
-    reach = value * math.log(high / low) if at.log[k] else high - low
-    believed = sd if math.isfinite(sd) else reach / math.sqrt(12)
-    known = max(float(problem.solution.information[k, k]), 1e-300)
-    alone = abs(float(problem.solution.slope[k])) / math.sqrt(known) < DETERMINED * believed
-    return Told(low, high, at.log[k], unit, value, believed, alone)
+def _summarise_parameter(problem: ProfileProblem, name: str, unit: str) -> ParameterSummary:
+    space, k = problem.space, problem.space.names.index(name)
+    low, high, sd, value = (float(a[k]) for a in (space.low, space.high, space.sd, problem.values))
+    reach = value * math.log(high / low) if space.log_scale[k] else high - low
+    prior_sd = sd if math.isfinite(sd) else reach / math.sqrt(12)
+    information = max(float(problem.solution.information[k, k]), 1e-300)
+    determined_alone = (
+        abs(float(problem.solution.slope[k])) / math.sqrt(information) < MAX_POSTERIOR_SD_RATIO * prior_sd
+    )
+    return ParameterSummary(low, high, space.log_scale[k], unit, value, prior_sd, determined_alone)
 
 
-def verdicts(fit: Fit, at: Space, draws: np.ndarray) -> dict[str, Verdict]:
+def build_verdicts(fit: Fit, space: ParameterSpace, draws: np.ndarray) -> dict[str, Verdict]:
     """A verdict for each of the muscle's numbers.
 
     Args:
         fit: the fit from which the posterior began.
-        at: the posterior's numbers; the fit's come first.
+        space: the posterior's numbers; the fit's come first.
         draws: (n, p) values, SI.
     """
-    problem = believing(fit, at)
-    names = [n for n in fit.estimates if not is_ruler(n)]
-    profiles = {n: profile(problem, n) for n in names}
-    told = {n: _told(problem, n, fit.estimates[n].meaning.show) for n in names}
-    kinds = {n: _kind(told[n], draws[:, at.names.index(n)], profiles[n]) for n in names}
-    loose = [n for n in names if kinds[n][0] in ("not determined", "one-sided")]
-    together = draws[:, [at.names.index(n) for n in loose]]
-    said = {}
-    for name, (kind, says) in kinds.items():
-        if name in loose and told[name].alone and (partners := _partners(name, loose, together)):
-            kind, says = COMBINED, combination(told, name, partners, loose, together)
+    problem = build_profile_problem(fit, space)
+    names = [n for n in fit.estimates if not is_length_error(n)]
+    profiles = {n: compute_profile(problem, n) for n in names}
+    summaries = {n: _summarise_parameter(problem, n, fit.estimates[n].meaning.show) for n in names}
+    kinds = {n: _classify_parameter(summaries[n], draws[:, space.names.index(n)], profiles[n]) for n in names}
+    undetermined = [n for n in names if kinds[n][0] in ("not determined", "one-sided")]
+    undetermined_draws = draws[:, [space.names.index(n) for n in undetermined]]
+    verdict_by_name = {}
+    for name, (kind, detail) in kinds.items():
+        if (
+            name in undetermined
+            and summaries[name].determined_alone
+            and (partners := _find_partners(name, undetermined, undetermined_draws))
+        ):
+            kind, detail = (
+                COMBINATION_KIND,
+                describe_combination(summaries, name, partners, undetermined, undetermined_draws),
+            )
         elif kind == "not determined":
-            left = draws[:, at.names.index(name)].std() / told[name].believed
-            says = f"{100 * min(left, 1.0):.0f} % of what was open stays open"
-        said[name] = Verdict(kind, says, profiles[name])
-    return said
+            sd_ratio = draws[:, space.names.index(name)].std() / summaries[name].prior_sd
+            detail = f"{100 * min(sd_ratio, 1.0):.0f} % of what was open stays open"
+        verdict_by_name[name] = Verdict(kind, detail, profiles[name])
+    return verdict_by_name
 
 
-def _kind(told: Told, draws: np.ndarray, along: Profile) -> tuple[str, str]:
-    share = told.share(draws)
-    near = NEAR * share.std()
-    for end, there in ((told.low, share < near), (told.high, share > 1 - near)):
-        if there.mean() > AT_LIMIT and share.std() < SPREAD:
-            return "at a limit", show(end, told.unit)
-    if along.low is not None and along.high is not None:
-        if (along.high - along.low) / (2 * math.sqrt(SURE)) < DETERMINED * told.believed:
+def _classify_parameter(
+    summary: ParameterSummary, draws: np.ndarray, profile: LikelihoodProfile
+) -> tuple[str, str]:
+    share = summary.compute_range_position(draws)
+    near = LIMIT_DISTANCE_SD * share.std()
+    for end, is_near in ((summary.low, share < near), (summary.high, share > 1 - near)):
+        if is_near.mean() > MIN_DRAWS_AT_LIMIT and share.std() < MAX_SPREAD_AT_LIMIT:
+            return "at a limit", format_quantity(end, summary.unit)
+    if profile.low is not None and profile.high is not None:
+        if (profile.high - profile.low) / (
+            2 * math.sqrt(CHI2_RISE_95)
+        ) < MAX_POSTERIOR_SD_RATIO * summary.prior_sd:
             return "determined", ""
-    elif along.low is not None or along.high is not None:
-        end = along.low if along.low is not None else along.high
+    elif profile.low is not None or profile.high is not None:
+        end = profile.low if profile.low is not None else profile.high
         assert end is not None
-        return "one-sided", f"{'above' if along.low is not None else 'below'} {show(end, told.unit, 3)}"
+        return (
+            "one-sided",
+            f"{'above' if profile.low is not None else 'below'} {format_quantity(end, summary.unit, 3)}",
+        )
     return "not determined", ""
 
 
-def _partners(name: str, loose: Sequence[str], draws: np.ndarray) -> list[int]:
+def _find_partners(name: str, undetermined: Sequence[str], draws: np.ndarray) -> list[int]:
     """Places among the loose numbers of those that move with this one, itself too; none if alone."""
-    if len(loose) == 1:
+    if len(undetermined) == 1:
         return []
-    here = loose.index(name)
-    related = np.abs(np.corrcoef(draws, rowvar=False)[here])
-    found = [k for k in range(len(loose)) if related[k] > TOGETHER]
-    return found if len(found) > 1 else []
+    index = undetermined.index(name)
+    related = np.abs(np.corrcoef(draws, rowvar=False)[index])
+    partners = [k for k in range(len(undetermined)) if related[k] > MIN_PARTNER_CORRELATION]
+    return partners if len(partners) > 1 else []
 
 
-def combination(
-    told: Mapping[str, Told], name: str, partners: Sequence[int], loose: Sequence[str], draws: np.ndarray
+def describe_combination(
+    summaries: Mapping[str, ParameterSummary],
+    name: str,
+    partners: Sequence[int],
+    undetermined: Sequence[str],
+    draws: np.ndarray,
 ) -> str:
     """Which combination with others the recording knows, or how they move unnoticed.
 
     Args:
-        told: each number as it was believed.
-        partners: places among `loose` of the numbers that combine.
-        loose: names that are not determined by themselves, `name` among them.
+        summaries: each number as it was believed.
+        partners: places among `undetermined` of the numbers that combine.
+        undetermined: names that are not determined by themselves, `name` among them.
         draws: (n, len(loose)) values, SI.
     """
-    here = loose.index(name)
-    chosen = [told[loose[k]] for k in partners]
+    index = undetermined.index(name)
+    partner_summaries = [summaries[undetermined[k]] for k in partners]
     x = draws[:, partners]
-    if (x > 0).all() and all(t.low > 0 for t in chosen):
-        believed = np.array([t.believed / t.value for t in chosen])
-        _, axes = np.linalg.eigh(np.cov(np.log(x) / believed, rowvar=False))
-        power = axes[:, 0] / believed
-        power = power / power[partners.index(here)]
-        if np.all((np.abs(power) < SIMPLE) & (np.abs(power) > 1 / SIMPLE)):
+    if (x > 0).all() and all(t.low > 0 for t in partner_summaries):
+        prior_sd = np.array([t.prior_sd / t.value for t in partner_summaries])
+        _, axes = np.linalg.eigh(np.cov(np.log(x) / prior_sd, rowvar=False))
+        power = axes[:, 0] / prior_sd
+        power = power / power[partners.index(index)]
+        if np.all((np.abs(power) < MAX_PRODUCT_EXPONENT) & (np.abs(power) > 1 / MAX_PRODUCT_EXPONENT)):
             known = np.exp(np.log(x) @ power)
             share = f"{100 * known.std() / known.mean():.2g} %"
-            return f"{_product([loose[k] for k in partners], power)}, known to {share}"
-    believed = np.array([t.believed for t in chosen])
-    _, axes = np.linalg.eigh(np.cov(x / believed, rowvar=False))
-    moves = axes[:, -1] * np.sign(axes[partners.index(here), -1]) * believed
+            return f"{_format_product([undetermined[k] for k in partners], power)}, known to {share}"
+    prior_sd = np.array([t.prior_sd for t in partner_summaries])
+    _, axes = np.linalg.eigh(np.cov(x / prior_sd, rowvar=False))
+    moves = axes[:, -1] * np.sign(axes[partners.index(index), -1]) * prior_sd
     words = [
-        f"{loose[k]} {'+' if m > 0 else ''}{show(m, t.unit, 2)}"
-        for k, m, t in zip(partners, moves, chosen, strict=True)
+        f"{undetermined[k]} {'+' if m > 0 else ''}{format_quantity(m, t.unit, 2)}"
+        for k, m, t in zip(partners, moves, partner_summaries, strict=True)
     ]
     return ", ".join(words[:-1]) + " and " + words[-1] + " go unnoticed together"
 
 
-def _product(names: Sequence[str], power: np.ndarray) -> str:
+def _format_product(names: Sequence[str], power: np.ndarray) -> str:
     """As "a × b" or "a / b^0.7"."""
     text = ""
     for name, p in zip(names, power, strict=True):

@@ -23,62 +23,69 @@ from typing import Any
 import numpy as np
 
 from pamjax.channels import SI_UNIT
-from pamjax.infer.posterior.log_density import Density
-from pamjax.infer.posterior.predictive import by_block, predictions, prior_draws, with_noise
+from pamjax.infer.posterior.log_density import PosteriorDensity
+from pamjax.infer.posterior.predictive import (
+    add_noise,
+    compute_block_log_likelihoods,
+    predict_channels,
+    sample_prior,
+)
 from pamjax.infer.posterior.result import Posterior
 from pamjax.infer.problem.dataset import CHANNELS
-from pamjax.records.files import write_beside
-from pamjax.units import in_unit
+from pamjax.records.files import write_atomically
+from pamjax.units import compute_si_factor
 
-SCHEMA = "pamjax.posterior/1"
+POSTERIOR_SCHEMA = "pamjax.posterior/1"
 
 #: Draws in the groups that hold a number a row, and draws whose blocks are scored.
-ROWS, SCORED = 100, 1000
+PREDICTIVE_DRAWS, SCORED_DRAWS = 100, 1000
 #: Draws of the prior.
-PRIOR = 1000
+PRIOR_DRAWS = 1000
 
 
-def as_groups(post: Posterior) -> dict[str, Any]:
+def build_groups(post: Posterior) -> dict[str, Any]:
     """Every group as an xarray Dataset, by name."""
     import xarray as xr
 
-    at = post.density.at
+    space = post.density.space
     about = {"created_by": f"pamjax {version('pamjax')}", "sampler": post.sampler}
-    names = [file_name(name) for name in at.names]
+    names = [format_variable_name(name) for name in space.names]
     draws = {
-        n: (("chain", "draw"), post.draws[:, :, k].T, _unit(post, at.names[k])) for k, n in enumerate(names)
+        n: (("chain", "draw"), post.draws[:, :, k].T, _build_unit_attributes(post, space.names[k]))
+        for k, n in enumerate(names)
     }
-    before = prior_draws(post.density, PRIOR, post.seed)
-    believed = {
-        n: (("chain", "draw"), before[None, :, k], _unit(post, at.names[k])) for k, n in enumerate(names)
+    prior_values = sample_prior(post.density, PRIOR_DRAWS, post.seed)
+    prior_variables = {
+        n: (("chain", "draw"), prior_values[None, :, k], _build_unit_attributes(post, space.names[k]))
+        for k, n in enumerate(names)
     }
     stats = {"lp": (("chain", "draw"), post.log_density.T)}
-    stats |= {_STATS[k]: (("chain", "draw"), v.T) for k, v in post.stats.items()}
+    stats |= {_STATISTIC_NAMES[k]: (("chain", "draw"), v.T) for k, v in post.stats.items()}
     groups = {
         "posterior": draws,
         "sample_stats": stats,
-        "log_likelihood": _likelihood(post),
-        "prior": believed,
-        "posterior_predictive": _predictive(post, post.draw(ROWS)),
-        "prior_predictive": _predictive(post, before[:ROWS]),
-        "observed_data": _observed(post),
+        "log_likelihood": _build_likelihood_group(post),
+        "prior": prior_variables,
+        "posterior_predictive": _build_predictive_group(post, post.thin_draws(PREDICTIVE_DRAWS)),
+        "prior_predictive": _build_predictive_group(post, prior_values[:PREDICTIVE_DRAWS]),
+        "observed_data": _build_observed_group(post),
     }
     return {name: xr.Dataset(data, attrs=about) for name, data in groups.items()}
 
 
-_STATS = {"accepted": "acceptance_rate", "diverging": "diverging", "steps": "n_steps"}
+_STATISTIC_NAMES = {"accepted": "acceptance_rate", "diverging": "diverging", "steps": "n_steps"}
 
 
-def file_name(name: str) -> str:
+def format_variable_name(name: str) -> str:
     """A number's name in the file: netCDF keeps the slash for groups."""
     return name.replace("/", ".")
 
 
-def attributes(post: Posterior) -> dict[str, Any]:
+def build_attributes(post: Posterior) -> dict[str, Any]:
     """What the file belongs to."""
-    cases = [one.case for one in post.fit.cases]
+    cases = [case_fit.case for case_fit in post.fit.cases]
     return {
-        "schema": SCHEMA,
+        "schema": POSTERIOR_SCHEMA,
         "versions": json.dumps({p: version(p) for p in ("pamjax", "jax", "emcee", "numpy")}),
         "checksum": json.dumps({case.name: case.checksum for case in cases}),
         "law": post.fit.law,
@@ -86,17 +93,20 @@ def attributes(post: Posterior) -> dict[str, Any]:
         "sampler": post.sampler,
         "memory": json.dumps({case.name: [case.gaps, case.before] for case in cases}),
         "seed": post.seed,
-        "reached": int(post.reached),
-        "beliefs": json.dumps(post.beliefs),
+        "reached": int(post.converged),
+        "beliefs": json.dumps(post.priors),
         "blocks": json.dumps(
-            {one.case.name: one.held_out.kind if one.held_out else "" for one in post.fit.cases}
+            {
+                case_fit.case.name: case_fit.held_out.kind if case_fit.held_out else ""
+                for case_fit in post.fit.cases
+            }
         ),
         "note": str(post),
     }
 
 
-def _unit(post: Posterior, name: str) -> dict[str, str]:
-    unit, _ = post.units(name)
+def _build_unit_attributes(post: Posterior, name: str) -> dict[str, str]:
+    unit, _ = post.find_units(name)
     if name in post.fit.estimates:
         return {"units": unit, "long_name": post.fit.estimates[name].meaning.about}
     return {
@@ -105,82 +115,103 @@ def _unit(post: Posterior, name: str) -> dict[str, str]:
     }
 
 
-def _likelihood(post: Posterior) -> dict[str, Any]:
+def _build_likelihood_group(post: Posterior) -> dict[str, Any]:
     n, chains, size = post.draws.shape
-    every = max(1, n * chains // SCORED)
+    every = max(1, n * chains // SCORED_DRAWS)
     values = post.draws[::every]
-    u = points(post.density, values.reshape(-1, size))
-    found: dict[str, Any] = {"draw": ("draw", np.arange(n)[::every])}
-    for one, (names, sums) in zip(post.fit.cases, by_block(post.density, u, post.fit.cases), strict=True):
-        block = f"{_head(post, one)}block"
-        found[f"{_head(post, one)}blocks"] = (
+    u = compute_points(post.density, values.reshape(-1, size))
+    variables: dict[str, Any] = {"draw": ("draw", np.arange(n)[::every])}
+    for case_fit, (names, sums) in zip(
+        post.fit.cases, compute_block_log_likelihoods(post.density, u, post.fit.cases), strict=True
+    ):
+        block = f"{_format_prefix(post, case_fit)}block"
+        variables[f"{_format_prefix(post, case_fit)}blocks"] = (
             ("chain", "draw", block),
             np.moveaxis(sums.reshape(len(values), chains, -1), 0, 1),
         )
-        found[block] = (block, np.array(names, dtype=object).astype(str))
-    return found
+        variables[block] = (block, np.array(names, dtype=object).astype(str))
+    return variables
 
 
-def points(density: Density, values: np.ndarray) -> np.ndarray:
+def compute_points(density: PosteriorDensity, values: np.ndarray) -> np.ndarray:
     """(n, p) plain coordinates of values, SI."""
     import jax
     import jax.numpy as jnp
 
-    at = density.at
-    return np.asarray(jax.vmap(lambda v: at.point(dict(zip(at.names, v, strict=True))))(jnp.asarray(values)))
+    space = density.space
+    return np.asarray(
+        jax.vmap(lambda v: space.to_point(dict(zip(space.names, v, strict=True))))(jnp.asarray(values))
+    )
 
 
-def _predictive(post: Posterior, values: np.ndarray) -> dict[str, Any]:
-    found = {}
-    for k, (one, streams) in enumerate(zip(post.fit.cases, post.density.streams, strict=True)):
-        smooth = predictions(post.density, values, k)
-        for stream in streams:
-            channel = CHANNELS[stream.channel]
-            rows = with_noise(one, stream, smooth[channel], values, post.seed)
-            dims = ("chain", "draw", f"{_head(post, one)}row")
-            found[f"{_head(post, one)}{channel}"] = (dims, rows[None], _channel(channel))
-    return found
+def _build_predictive_group(post: Posterior, values: np.ndarray) -> dict[str, Any]:
+    variables = {}
+    for k, (case_fit, likelihoods) in enumerate(zip(post.fit.cases, post.density.likelihoods, strict=True)):
+        smooth = predict_channels(post.density, values, k)
+        for likelihood in likelihoods:
+            channel = CHANNELS[likelihood.channel]
+            rows = add_noise(case_fit, likelihood, smooth[channel], values, post.seed)
+            dims = ("chain", "draw", f"{_format_prefix(post, case_fit)}row")
+            variables[f"{_format_prefix(post, case_fit)}{channel}"] = (
+                dims,
+                rows[None],
+                _build_channel_attributes(channel),
+            )
+    return variables
 
 
-def _observed(post: Posterior) -> dict[str, Any]:
-    found = {}
-    for one in post.fit.cases:
-        recording, row = one.case.recording, f"{_head(post, one)}row"
-        found[row] = (row, recording.row)
+def _build_observed_group(post: Posterior) -> dict[str, Any]:
+    variables = {}
+    for case_fit in post.fit.cases:
+        recording, row = case_fit.case.recording, f"{_format_prefix(post, case_fit)}row"
+        variables[row] = (row, recording.row)
         for name in ("pressure", "length", *recording.channels):
-            found[f"{_head(post, one)}{name}"] = (row, getattr(recording, name), _channel(name))
-        found[f"{_head(post, one)}row_block"] = (row, np.array(one.block, dtype=object).astype(str))
-    return found
+            variables[f"{_format_prefix(post, case_fit)}{name}"] = (
+                row,
+                getattr(recording, name),
+                _build_channel_attributes(name),
+            )
+        variables[f"{_format_prefix(post, case_fit)}row_block"] = (
+            row,
+            np.array(case_fit.block, dtype=object).astype(str),
+        )
+    return variables
 
 
-def _head(post: Posterior, one) -> str:
-    return "" if len(post.fit.cases) == 1 else f"{one.case.name}."
+def _format_prefix(post: Posterior, case_fit) -> str:
+    return "" if len(post.fit.cases) == 1 else f"{case_fit.case.name}."
 
 
-def _channel(name: str) -> dict[str, str]:
+def _build_channel_attributes(name: str) -> dict[str, str]:
     return {"units": SI_UNIT[name]}
 
 
-def posterior_dict(post: Posterior) -> dict[str, Any]:
+def build_posterior_document(post: Posterior) -> dict[str, Any]:
     """The posterior as plain numbers, in the units a person reads."""
-    health = post.health
-    at = post.density.at
+    convergence = post.convergence
+    space = post.density.space
     numbers = {}
     for k, name in enumerate(post.names):
-        _, unit = post.units(name)
-        m = {key: value / in_unit(unit) for key, value in vars(post.marginals[name]).items()}
-        trust = {"ess": float(health.ess[k]), "rhat": float(health.rhat[k])}
-        known = bool(np.isfinite(at.sd[k]))
-        prior = {"low": float(at.low[k]) / in_unit(unit), "high": float(at.high[k]) / in_unit(unit)}
+        _, unit = post.find_units(name)
+        m = {key: value / compute_si_factor(unit) for key, value in vars(post.marginals[name]).items()}
+        diagnostics = {"ess": float(convergence.ess[k]), "rhat": float(convergence.rhat[k])}
+        known = bool(np.isfinite(space.sd[k]))
+        prior = {
+            "low": float(space.low[k]) / compute_si_factor(unit),
+            "high": float(space.high[k]) / compute_si_factor(unit),
+        }
         if known:
-            prior |= {"value": float(at.mean[k]) / in_unit(unit), "sd": float(at.sd[k]) / in_unit(unit)}
-        numbers[name] = m | {"unit": unit, "prior": prior} | trust
+            prior |= {
+                "value": float(space.mean[k]) / compute_si_factor(unit),
+                "sd": float(space.sd[k]) / compute_si_factor(unit),
+            }
+        numbers[name] = m | {"unit": unit, "prior": prior} | diagnostics
         if name in post.verdicts:
-            numbers[name] |= {"verdict": post.verdicts[name].kind, "says": post.verdicts[name].says}
+            numbers[name] |= {"verdict": post.verdicts[name].kind, "says": post.verdicts[name].detail}
     return {
-        "schema": SCHEMA,
-        "reached": post.reached,
-        "wanted": {"ess": post.wanted[0], "rhat": post.wanted[1]},
+        "schema": POSTERIOR_SCHEMA,
+        "reached": post.converged,
+        "wanted": {"ess": post.targets[0], "rhat": post.targets[1]},
         "sampler": post.sampler,
         "seed": post.seed,
         "law": post.fit.law,
@@ -205,10 +236,12 @@ def save_posterior(post: Posterior, folder: str | Path) -> list[Path]:
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     document, groups = folder / "posterior.json", folder / "posterior.nc"
-    with write_beside(document) as path:
-        path.write_text(json.dumps(posterior_dict(post), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    tree = xr.DataTree.from_dict(as_groups(post))
-    tree.attrs = attributes(post)
-    with write_beside(groups) as path:
+    with write_atomically(document) as path:
+        path.write_text(
+            json.dumps(build_posterior_document(post), indent=2, allow_nan=False) + "\n", encoding="utf-8"
+        )
+    tree = xr.DataTree.from_dict(build_groups(post))
+    tree.attrs = build_attributes(post)
+    with write_atomically(groups) as path:
         tree.to_netcdf(path, engine="h5netcdf")
     return [document, groups]

@@ -13,84 +13,92 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from pamjax.infer.posterior.log_density import Density, log_densities
+from pamjax.infer.posterior.log_density import PosteriorDensity, compute_log_densities
 
 #: Scoring steps at most, and the gain of log-density below which they end.
-STEPS, SETTLED = 30, 1e-3
+MAX_SCORING_STEPS, LOG_DENSITY_TOLERANCE = 30, 1e-3
 #: No direction is believed to be wider than this many prior sds: a start beyond would be a wall's.
-WIDEST = 1.5
+MAX_WIDTH_IN_PRIOR_SD = 1.5
 
 
-class Ball(eqx.Module):
+class GaussianApproximation(eqx.Module):
     """A Gaussian, and the map u = centre + root x that makes it a unit ball.
 
     Attributes:
         centre: (p,) its mean, in u.
-        root: (p, p) lower triangular root of its covariance.
+        covariance_root: (p, p) lower triangular root of its covariance.
     """
 
     centre: Float[Array, " p"]
-    root: Float[Array, "p p"]
+    covariance_root: Float[Array, "p p"]
 
     def __call__(self, x: Float[Array, "*w p"]) -> Float[Array, "*w p"]:
-        return self.centre + x @ self.root.T
+        return self.centre + x @ self.covariance_root.T
 
-    def back(self, u: Float[Array, " p"]) -> Float[Array, " p"]:
-        return jax.scipy.linalg.solve_triangular(self.root, u - self.centre, lower=True)
+    def whiten(self, u: Float[Array, " p"]) -> Float[Array, " p"]:
+        return jax.scipy.linalg.solve_triangular(self.covariance_root, u - self.centre, lower=True)
 
 
 @eqx.filter_jit
-def curvature(density: Density, u: Float[Array, " p"]) -> tuple[Array, Array]:
+def compute_curvature(density: PosteriorDensity, u: Float[Array, " p"]) -> tuple[Array, Array]:
     """Gradient and expected curvature of −log-density at u, (p,) and (p, p)."""
-    at, values = density.at, density.at.values(u)
+    space, values = density.space, density.space.to_values(u)
 
-    def everything(v):
-        pairs = zip(density.innovations(v), density.powers, strict=True)
+    def compute_all(v):
+        pairs = zip(density.compute_innovations(v), density.powers, strict=True)
         rows = [w * jnp.sqrt(p) for ws, ps in pairs for w, p in zip(ws, ps, strict=True)]
-        return jnp.concatenate(rows), at.prior_residual(v), -density(v)
+        return jnp.concatenate(rows), space.compute_prior_residual(v), -density(v)
 
-    by_mean, prior, gradient = jax.jacfwd(everything)(u)
-    slope = jax.jvp(at.values, (u,), (jnp.ones_like(u),))[1]
-    own = jnp.zeros(at.size, bool)
-    noise = jnp.zeros((at.size, at.size))
-    for streams, powers in zip(density.streams, density.powers, strict=True):
-        for s, power in zip(streams, powers, strict=True):
-            places = [s.sd] + [s.correlation] * (s.correlation >= 0)
-            own = own.at[jnp.array(places)].set(True)
-            scale = jnp.array([slope[s.sd] / values[s.sd], slope[s.correlation]])[: len(places)]
-            block = s.information(values)[: len(places), : len(places)] * jnp.outer(scale, scale) * power
-            noise = noise.at[jnp.ix_(jnp.array(places), jnp.array(places))].add(block)
-    by_mean = jnp.where(own, 0.0, by_mean)
+    by_mean, prior, gradient = jax.jacfwd(compute_all)(u)
+    slope = jax.jvp(space.to_values, (u,), (jnp.ones_like(u),))[1]
+    is_noise = jnp.zeros(space.size, bool)
+    noise = jnp.zeros((space.size, space.size))
+    for likelihoods, powers in zip(density.likelihoods, density.powers, strict=True):
+        for s, power in zip(likelihoods, powers, strict=True):
+            indices = [s.sd_index] + [s.correlation_index] * (s.correlation_index >= 0)
+            is_noise = is_noise.at[jnp.array(indices)].set(True)
+            scale = jnp.array([slope[s.sd_index] / values[s.sd_index], slope[s.correlation_index]])[
+                : len(indices)
+            ]
+            block = (
+                s.compute_information(values)[: len(indices), : len(indices)]
+                * jnp.outer(scale, scale)
+                * power
+            )
+            noise = noise.at[jnp.ix_(jnp.array(indices), jnp.array(indices))].add(block)
+    by_mean = jnp.where(is_noise, 0.0, by_mean)
     # Half a logistic prior's curvature at its middle holds what is flat at its ends.
-    flat = jnp.where(jnp.isfinite(at.sd), 0.0, at.width**2 / 8)
+    flat = jnp.where(jnp.isfinite(space.sd), 0.0, space.width**2 / 8)
     total = by_mean.T @ by_mean + noise + prior.T @ prior + jnp.diag(flat)
     return gradient, total
 
 
-def laplace(density: Density, start: Float[Array, " p"]) -> Ball:
+def fit_laplace(density: PosteriorDensity, start: Float[Array, " p"]) -> GaussianApproximation:
     """Climb to the top near a start and put the Gaussian there."""
-    u, best = start, float(log_densities(density, start[None])[0])
-    for _ in range(STEPS):
-        slope, total = curvature(density, u)
-        step = -np.linalg.solve(_held(density, u, np.asarray(total)), np.asarray(slope))
-        tries = u + jnp.asarray(0.5 ** np.arange(8))[:, None] * step
-        found = np.asarray(log_densities(density, tries))
-        k = int(np.nanargmax(np.where(np.isfinite(found), found, -np.inf)))
-        gain = found[k] - best
+    u, best = start, float(compute_log_densities(density, start[None])[0])
+    for _ in range(MAX_SCORING_STEPS):
+        slope, total = compute_curvature(density, u)
+        step = -np.linalg.solve(_limit_width(density, u, np.asarray(total)), np.asarray(slope))
+        candidates = u + jnp.asarray(0.5 ** np.arange(8))[:, None] * step
+        log_densities = np.asarray(compute_log_densities(density, candidates))
+        k = int(np.nanargmax(np.where(np.isfinite(log_densities), log_densities, -np.inf)))
+        gain = log_densities[k] - best
         if not gain > 0:
             break
-        u, best = tries[k], found[k]
-        if gain < SETTLED:
+        u, best = candidates[k], log_densities[k]
+        if gain < LOG_DENSITY_TOLERANCE:
             break
-    _, total = curvature(density, u)
-    return Ball(u, jnp.asarray(np.linalg.cholesky(np.linalg.inv(_held(density, u, np.asarray(total))))))
+    _, total = compute_curvature(density, u)
+    return GaussianApproximation(
+        u, jnp.asarray(np.linalg.cholesky(np.linalg.inv(_limit_width(density, u, np.asarray(total)))))
+    )
 
 
-def _held(density: Density, u: Array, total: np.ndarray) -> np.ndarray:
+def _limit_width(density: PosteriorDensity, u: Array, total: np.ndarray) -> np.ndarray:
     """The curvature with no direction wider than the prior, scaled so that it can be inverted."""
-    at = density.at
-    rate = np.asarray(jax.jvp(at.values, (jnp.zeros_like(u),), (jnp.ones_like(u),))[1])
-    known = np.isfinite(np.asarray(at.sd))
+    space = density.space
+    rate = np.asarray(jax.jvp(space.to_values, (jnp.zeros_like(u),), (jnp.ones_like(u),))[1])
+    known = np.isfinite(np.asarray(space.sd))
     # A number anywhere between its limits is logistic in z, with standard deviation π / sqrt(3).
-    prior = np.where(known, np.asarray(at.sd) / np.abs(rate), np.pi / np.sqrt(3) / np.asarray(at.width))
-    return total + np.diag(1 / (WIDEST * 4 * prior) ** 2)
+    prior = np.where(known, np.asarray(space.sd) / np.abs(rate), np.pi / np.sqrt(3) / np.asarray(space.width))
+    return total + np.diag(1 / (MAX_WIDTH_IN_PRIOR_SD * 4 * prior) ** 2)

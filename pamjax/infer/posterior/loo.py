@@ -16,21 +16,21 @@ import numpy as np
 from scipy.special import logsumexp
 
 #: A shape above this is not to be trusted.
-TRUSTED = 0.7
+MAX_PARETO_K = 0.7
 
 
-def left_out(log_likelihood: np.ndarray) -> tuple[float, float]:
+def compute_loo_score(log_likelihood: np.ndarray) -> tuple[float, float]:
     """Log predictive density of a block by draws that did not see it, and the shape k̂.
 
     Args:
         log_likelihood: (draws,) of the block.
     """
-    log_weights, shape = smoothed(-log_likelihood)
+    log_weights, shape = smooth_log_weights(-log_likelihood)
     score, whole = (np.asarray(logsumexp(w)) for w in (log_weights + log_likelihood, log_weights))
     return float(score - whole), shape
 
 
-def smoothed(log_ratios: np.ndarray) -> tuple[np.ndarray, float]:
+def smooth_log_weights(log_ratios: np.ndarray) -> tuple[np.ndarray, float]:
     """Log-weights with their tail smoothed, and the tail's shape."""
     log_weights = log_ratios - log_ratios.max()
     count = len(log_weights)
@@ -40,7 +40,7 @@ def smoothed(log_ratios: np.ndarray) -> tuple[np.ndarray, float]:
     beyond = np.exp(log_weights[top]) - np.exp(cut)
     if tail < 5 or not beyond[0] > 0:
         return log_weights, math.inf if tail < 5 else 0.0
-    shape, scale = pareto(beyond)
+    shape, scale = fit_pareto(beyond)
     if not math.isfinite(shape):
         return log_weights, math.inf
     share = (np.arange(tail) + 0.5) / tail
@@ -53,7 +53,7 @@ def smoothed(log_ratios: np.ndarray) -> tuple[np.ndarray, float]:
     return log_weights, shape
 
 
-def pareto(x: np.ndarray) -> tuple[float, float]:
+def fit_pareto(x: np.ndarray) -> tuple[float, float]:
     """Shape k and scale of a generalised Pareto law for rising x > 0, with a weak prior towards k = 0.5."""
     n = len(x)
     count = 30 + int(math.sqrt(n))

@@ -19,27 +19,27 @@ from jaxtyping import Array, Float
 
 from pamjax.errors import refuse
 from pamjax.infer.posterior.checkpoint import Arrays
-from pamjax.infer.posterior.laplace import Ball
-from pamjax.infer.posterior.log_density import Density
-from pamjax.infer.posterior.sampler import Walk
+from pamjax.infer.posterior.laplace import GaussianApproximation
+from pamjax.infer.posterior.log_density import PosteriorDensity
+from pamjax.infer.posterior.sampler import Sampler
 
-CHAINS = 4
+CHAIN_COUNT = 4
 #: Draws that find the step size (as many as Stan gives it first), and the acceptance it aims at.
-WARMUP, ACCEPTANCE = 75, 0.8
+WARMUP_DRAWS, TARGET_ACCEPTANCE = 75, 0.8
 
 
 @dataclass(frozen=True)
-class Nuts(Walk):
+class NutsSampler(Sampler):
     """Chains whose state is positions, step size, random key and the number of draws so far."""
 
     #: R̂ and ESS of independent chains suffice.
-    long: ClassVar[bool] = False
+    needs_long_chain: ClassVar[bool] = False
 
-    def begin(self, seed: int) -> Arrays:
+    def draw_start(self, seed: int) -> Arrays:
         """Chains drawn from the ball, and a step size for each."""
         keys = jax.random.split(jax.random.key(seed), 3)
-        x = jax.random.normal(keys[0], (CHAINS, self.density.at.size))
-        x, step = _warm(self.density, self.ball, x, keys[1])
+        x = jax.random.normal(keys[0], (CHAIN_COUNT, self.density.space.size))
+        x, step = _run_warmup(self.density, self.gaussian, x, keys[1])
         # The chains share the middle one's step size.
         return {
             "x": np.asarray(x),
@@ -53,12 +53,14 @@ class Nuts(Walk):
         base = jax.random.wrap_key_data(jnp.asarray(state["key"]))
         # A key for each draw by its number: chunks of any size give the same chain.
         keys = jax.vmap(jax.random.fold_in, (None, 0))(base, int(state["n"]) + jnp.arange(self.chunk))
-        draws = _walk(self.density, self.ball, jnp.asarray(state["x"]), jnp.asarray(state["step"]), keys)
+        draws = _run_chains(
+            self.density, self.gaussian, jnp.asarray(state["x"]), jnp.asarray(state["step"]), keys
+        )
         draws = {name: np.asarray(v) for name, v in draws.items()}
         return draws, {**state, "x": draws["x"][-1], "n": state["n"] + self.chunk}
 
 
-def _blackjax() -> Any:
+def _import_blackjax() -> Any:
     try:
         import blackjax
     except ImportError as error:
@@ -67,43 +69,47 @@ def _blackjax() -> Any:
     return blackjax
 
 
-def _log_density(density: Density, ball: Ball):
+def _build_log_density(density: PosteriorDensity, gaussian: GaussianApproximation):
     def value(x):
         # NUTS takes a finite wall for a divergence; an infinite one has no slope.
-        return jnp.maximum(density(ball(x)), -1e30)
+        return jnp.maximum(density(gaussian(x)), -1e30)
 
     return value
 
 
 @eqx.filter_jit
-def _warm(density: Density, ball: Ball, x: Float[Array, "c p"], key: Array) -> tuple[Array, Array]:
+def _run_warmup(
+    density: PosteriorDensity, gaussian: GaussianApproximation, x: Float[Array, "c p"], key: Array
+) -> tuple[Array, Array]:
     """Positions after the warm-up, and the step sizes it ended with."""
     from blackjax.optimizers.dual_averaging import dual_averaging
 
-    blackjax = _blackjax()
-    value, identity = _log_density(density, ball), jnp.ones(x.shape[1])
+    blackjax = _import_blackjax()
+    value, identity = _build_log_density(density, gaussian), jnp.ones(x.shape[1])
     kernel = blackjax.nuts.build_kernel()
     first, update, final = dual_averaging()
 
-    def one(x, key):
+    def warm_up_chain(x, key):
         def draw(carry, key):
             state, average = carry
             step = jnp.exp(average.log_x)
             state, info = kernel(key, state, value, step, identity)
-            return (state, update(average, ACCEPTANCE - info.acceptance_rate)), None
+            return (state, update(average, TARGET_ACCEPTANCE - info.acceptance_rate)), None
 
         start = (blackjax.nuts.init(x, value), first(0.5))
-        (state, average), _ = jax.lax.scan(draw, start, jax.random.split(key, WARMUP))
+        (state, average), _ = jax.lax.scan(draw, start, jax.random.split(key, WARMUP_DRAWS))
         return state.position, final(average)
 
-    return jax.vmap(one)(x, jax.random.split(key, len(x)))
+    return jax.vmap(warm_up_chain)(x, jax.random.split(key, len(x)))
 
 
 @eqx.filter_jit
-def _walk(density: Density, ball: Ball, x: Array, step: Array, keys: Array) -> dict[str, Array]:
+def _run_chains(
+    density: PosteriorDensity, gaussian: GaussianApproximation, x: Array, step: Array, keys: Array
+) -> dict[str, Array]:
     """Draws of every chain from where it stands, one for each key, (n, chains, ...)."""
-    blackjax = _blackjax()
-    nuts = blackjax.nuts(_log_density(density, ball), step, jnp.ones(x.shape[1]))
+    blackjax = _import_blackjax()
+    nuts = blackjax.nuts(_build_log_density(density, gaussian), step, jnp.ones(x.shape[1]))
 
     def draw(states, key):
         states, info = jax.vmap(nuts.step)(jax.random.split(key, len(x)), states)

@@ -12,47 +12,51 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from pamjax.errors import nearest, refuse
-from pamjax.infer.posterior.ar1_likelihood import noise_units
-from pamjax.model.parameters import meaning
+from pamjax.errors import refuse, suggest_word
+from pamjax.infer.posterior.ar1_likelihood import find_noise_units
+from pamjax.model.parameters import find_meaning
 from pamjax.parameter import Meaning
-from pamjax.records.files import decode, read_bytes
-from pamjax.units import number_in, show
+from pamjax.records.files import decode_text, read_bytes
+from pamjax.units import format_quantity, parse_number
 
-ENTRIES = ("value", "sd", "low", "high")
+PRIOR_KEYS = ("value", "sd", "low", "high")
 
 
-def read_beliefs(path: Path) -> dict[str, dict[str, float]]:
+def read_priors(path: Path) -> dict[str, dict[str, float]]:
     """Beliefs by name, SI.
 
     Raises:
         BadInput: if the file cannot be read, or holds an unknown number or entry, or a wrong unit.
     """
     try:
-        written = tomllib.loads(decode(read_bytes(path), path.name))
+        document = tomllib.loads(decode_text(read_bytes(path), path.name))
     except tomllib.TOMLDecodeError as error:
         raise refuse("priors are a TOML file", str(error), path.name) from error
-    return {name: _belief(name, entry, path.name) for name, entry in written.items()}
+    return {name: _parse_prior(name, entry, path.name) for name, entry in document.items()}
 
 
-def _belief(name: str, entry: Any, file: str) -> dict[str, float]:
+def _parse_prior(name: str, entry: Any, file: str) -> dict[str, float]:
     if not isinstance(entry, dict) or any(isinstance(v, dict) for v in entry.values()):
         remedy = f'Write ["{name}...."] with the quotes, then value and sd.'
         raise refuse("a prior is a table named by its number in quotes", f"{name}", file, remedy)
-    about = _about(name)
-    found = {}
+    about = _find_meaning(name)
+    prior = {}
     for key, text in entry.items():
-        if key not in ENTRIES:
-            raise refuse(f"a prior has no entry {key!r}", f"[{name}]", file, nearest(key, ENTRIES))
-        found[key] = number_in(str(text), about.unit, f"[{name}] of {file}")
-    if not found.get("sd", 1.0) > 0:
-        raise refuse("`sd` of a prior must be positive", show(found["sd"], about.show), f"[{name}] of {file}")
-    return found
+        if key not in PRIOR_KEYS:
+            raise refuse(f"a prior has no entry {key!r}", f"[{name}]", file, suggest_word(key, PRIOR_KEYS))
+        prior[key] = parse_number(str(text), about.unit, f"[{name}] of {file}")
+    if not prior.get("sd", 1.0) > 0:
+        raise refuse(
+            "`sd` of a prior must be positive",
+            format_quantity(prior["sd"], about.show),
+            f"[{name}] of {file}",
+        )
+    return prior
 
 
-def _about(name: str) -> Meaning:
+def _find_meaning(name: str) -> Meaning:
     """The number's meaning; of noise only the unit."""
     bare = name.rpartition("/")[2]
     if bare.startswith("noise."):
-        return Meaning(*noise_units(bare), 0.0, 1.0, "linear", "", "")
-    return meaning(bare)
+        return Meaning(*find_noise_units(bare), 0.0, 1.0, "linear", "", "")
+    return find_meaning(bare)

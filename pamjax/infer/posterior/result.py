@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from pamjax.infer.fitting.result import Fit
-from pamjax.infer.posterior.ar1_likelihood import noise_units
-from pamjax.infer.posterior.convergence import Health
-from pamjax.infer.posterior.identifiability_report import Verdict, verdicts
-from pamjax.infer.posterior.laplace import Ball
-from pamjax.infer.posterior.log_density import Density
+from pamjax.infer.posterior.ar1_likelihood import find_noise_units
+from pamjax.infer.posterior.convergence import ConvergenceDiagnostics
+from pamjax.infer.posterior.identifiability_report import Verdict, build_verdicts
+from pamjax.infer.posterior.laplace import GaussianApproximation
+from pamjax.infer.posterior.log_density import PosteriorDensity
 
 
 @dataclass(frozen=True)
@@ -34,41 +34,41 @@ class Posterior:
     Attributes:
         fit: the fit it began from.
         density: its log-density; `density.at` names the numbers.
-        ball: the Gaussian it was whitened with.
+        gaussian: the Gaussian it was whitened with.
         draws: (n, chains, p) values, SI, without the first fifth.
         log_density: (n, chains) up to a constant, as a density of the plain numbers u.
         stats: (n, chains) by name: "accepted", and for nuts "diverging" and "steps".
-        health: effective samples, split-R̂ and autocorrelation time.
-        reached: whether that is as good as wanted.
-        wanted: effective samples and split-R̂ asked for.
+        convergence: effective samples, split-R̂ and autocorrelation time.
+        converged: whether that is as good as wanted.
+        targets: effective samples and split-R̂ asked for.
         sampler, seed: "emcee" or "nuts", and the seed.
-        beliefs: what was believed instead of muscle.toml, SI.
+        priors: what was believed instead of muscle.toml, SI.
     """
 
     fit: Fit
-    density: Density = field(repr=False)
-    ball: Ball = field(repr=False)
+    density: PosteriorDensity = field(repr=False)
+    gaussian: GaussianApproximation = field(repr=False)
     draws: np.ndarray = field(repr=False)
     log_density: np.ndarray = field(repr=False)
     stats: dict[str, np.ndarray] = field(repr=False)
-    health: Health
-    reached: bool
-    wanted: tuple[float, float]
+    convergence: ConvergenceDiagnostics
+    converged: bool
+    targets: tuple[float, float]
     sampler: str
     seed: int
-    beliefs: dict[str, dict[str, Any]]
+    priors: dict[str, dict[str, Any]]
 
     @property
     def names(self) -> tuple[str, ...]:
         """The numbers, the muscle's first."""
-        return self.density.at.names
+        return self.density.space.names
 
-    def units(self, name: str) -> tuple[str, str]:
+    def find_units(self, name: str) -> tuple[str, str]:
         """SI unit of a number, and the unit in which a person reads it."""
         if name in self.fit.estimates:
             about = self.fit.estimates[name].meaning
             return about.unit, about.show
-        return noise_units(name)
+        return find_noise_units(name)
 
     @cached_property
     def flat(self) -> np.ndarray:
@@ -90,15 +90,15 @@ class Posterior:
     @cached_property
     def verdicts(self) -> dict[str, Verdict]:
         """Of each of the muscle's numbers: is it determined?"""
-        return verdicts(self.fit, self.density.at, self.flat)
+        return build_verdicts(self.fit, self.density.space, self.flat)
 
-    def draw(self, count: int) -> np.ndarray:
+    def thin_draws(self, count: int) -> np.ndarray:
         """(count, p) draws spread evenly over the whole chain, SI; fewer where there are fewer."""
         n, chains, size = self.draws.shape
         every = max(1, n * chains // count)
         return self.draws.reshape(n * chains, size)[::every][:count]
 
     def __str__(self) -> str:
-        from pamjax.infer.posterior.report import posterior_note
+        from pamjax.infer.posterior.report import format_posterior_note
 
-        return posterior_note(self)
+        return format_posterior_note(self)

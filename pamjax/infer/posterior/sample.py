@@ -10,25 +10,25 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from pamjax.errors import nearest, refuse
+from pamjax.errors import refuse, suggest_word
 from pamjax.infer.fitting.fit import fit as calibrate
 from pamjax.infer.fitting.result import Fit
-from pamjax.infer.posterior.checkpoint import Arrays, Checkpoint, identity
-from pamjax.infer.posterior.convergence import kept
-from pamjax.infer.posterior.ensemble import Ensemble
-from pamjax.infer.posterior.laplace import Ball, laplace
-from pamjax.infer.posterior.log_density import Density, density_of, tempered
-from pamjax.infer.posterior.nuts import Nuts
+from pamjax.infer.posterior.checkpoint import Arrays, Checkpoint, build_identity
+from pamjax.infer.posterior.convergence import discard_burn_in
+from pamjax.infer.posterior.ensemble import EnsembleSampler
+from pamjax.infer.posterior.laplace import GaussianApproximation, fit_laplace
+from pamjax.infer.posterior.log_density import PosteriorDensity, build_density, temper_density
+from pamjax.infer.posterior.nuts import NutsSampler
 from pamjax.infer.posterior.result import Posterior
-from pamjax.infer.posterior.sampler import Walk, together, walk_on
-from pamjax.progress import Progress, silent
+from pamjax.infer.posterior.sampler import Sampler, concatenate_chunks, run_sampler
+from pamjax.progress import Progress, ignore_progress
 from pamjax.records.case import Case
 
-Sampler = Literal["emcee", "nuts"]
-SAMPLERS: dict[str, type[Walk]] = {"emcee": Ensemble, "nuts": Nuts}
+SamplerName = Literal["emcee", "nuts"]
+SAMPLERS: dict[str, type[Sampler]] = {"emcee": EnsembleSampler, "nuts": NutsSampler}
 
 #: Steps of the walk that shapes the ball.
-PILOT = 400
+PILOT_STEPS = 400
 
 
 def sample(
@@ -37,14 +37,14 @@ def sample(
     share: Sequence[str] = (),
     mechanisms: Sequence[str] = (),
     *,
-    beliefs: Mapping[str, Mapping[str, Any]] | None = None,
-    sampler: Sampler = "emcee",
+    priors: Mapping[str, Mapping[str, Any]] | None = None,
+    sampler: SamplerName = "emcee",
     ess: float = 1000.0,
     rhat: float = 1.01,
     max_draws: int = 20_000,
     seed: int = 0,
     checkpoint: Path | None = None,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> Posterior:
     """How sure the numbers are: draws of the muscle's numbers and of the noise's together.
 
@@ -56,7 +56,7 @@ def sample(
         law: thread law, as in `fit`; only for cases.
         share: numbers that all cases have in common, as in `fit`; only for cases.
         mechanisms: what acts beside the threads, as in `fit`; only for cases.
-        beliefs: by name what is believed instead of muscle.toml: "value", "sd", "low" and "high", SI.
+        priors: by name what is believed instead of muscle.toml: "value", "sd", "low" and "high", SI.
         sampler: "emcee" (an ensemble), or "nuts" (needs blackjax).
         ess: effective samples that every number is to have.
         rhat: split-R̂ that no number is to exceed.
@@ -68,37 +68,39 @@ def sample(
     Raises:
         BadInput: as `fit`; for an unknown sampler or belief; if another chain lies in `checkpoint`.
     """
-    _sensible(sampler, ess, rhat, max_draws, seed)
-    fit = _fitted(source, law, share, mechanisms, seed, progress)
-    cases = [one.case for one in fit.cases]
-    belongs = identity(cases, fit.space, fit.law, fit.mechanisms, beliefs or {}, sampler, seed)
-    store = Checkpoint(checkpoint, belongs)
-    density, start = density_of(fit, beliefs)
-    density, ball, state = _begun(store, density, start, fit, sampler, seed)
-    draws, found = walk_on(SAMPLERS[sampler](density, ball), store, state, (ess, rhat, max_draws), progress)
+    _check_settings(sampler, ess, rhat, max_draws, seed)
+    fit = _fit_source(source, law, share, mechanisms, seed, progress)
+    cases = [case_fit.case for case_fit in fit.cases]
+    chain_identity = build_identity(cases, fit.space, fit.law, fit.mechanisms, priors or {}, sampler, seed)
+    chain_store = Checkpoint(checkpoint, chain_identity)
+    density, start = build_density(fit, priors)
+    density, gaussian, state = _start_chain(chain_store, density, start, fit, sampler, seed)
+    draws, convergence = run_sampler(
+        SAMPLERS[sampler](density, gaussian), chain_store, state, (ess, rhat, max_draws), progress
+    )
     progress("done", 1.0)
     return Posterior(
         fit=fit,
         density=density,
-        ball=ball,
-        draws=_values(density, ball, kept(together(draws, "x"))),
-        log_density=kept(together(draws, "logp")),
-        stats={k: kept(together(draws, k)) for k in draws[0] if k not in ("x", "logp")},
-        health=found,
-        reached=found.good(ess, rhat, SAMPLERS[sampler].long),
-        wanted=(ess, rhat),
+        gaussian=gaussian,
+        draws=_convert_draws(density, gaussian, discard_burn_in(concatenate_chunks(draws, "x"))),
+        log_density=discard_burn_in(concatenate_chunks(draws, "logp")),
+        stats={k: discard_burn_in(concatenate_chunks(draws, k)) for k in draws[0] if k not in ("x", "logp")},
+        convergence=convergence,
+        converged=convergence.is_converged(ess, rhat, SAMPLERS[sampler].needs_long_chain),
+        targets=(ess, rhat),
         sampler=sampler,
         seed=seed,
-        beliefs={name: dict(belief) for name, belief in (beliefs or {}).items()},
+        priors={name: dict(prior) for name, prior in (priors or {}).items()},
     )
 
 
-def _values(density: Density, ball: Ball, x: np.ndarray) -> np.ndarray:
+def _convert_draws(density: PosteriorDensity, gaussian: GaussianApproximation, x: np.ndarray) -> np.ndarray:
     """Draws as values, SI, (n, chains, p)."""
-    return np.asarray(density.at.values(ball(jnp.asarray(x))))
+    return np.asarray(density.space.to_values(gaussian(jnp.asarray(x))))
 
 
-def _fitted(source, law, share, mechanisms, seed: int, progress: Progress) -> Fit:
+def _fit_source(source, law, share, mechanisms, seed: int, progress: Progress) -> Fit:
     if isinstance(source, Fit):
         return source
     return calibrate(
@@ -107,43 +109,53 @@ def _fitted(source, law, share, mechanisms, seed: int, progress: Progress) -> Fi
     )  # fmt: skip
 
 
-def _begun(
-    store: Checkpoint, density: Density, start, fit: Fit, sampler: str, seed: int
-) -> tuple[Density, Ball, Arrays]:
+def _start_chain(
+    chain_store: Checkpoint, density: PosteriorDensity, start, fit: Fit, sampler: str, seed: int
+) -> tuple[PosteriorDensity, GaussianApproximation, Arrays]:
     """The density, its ball and the sampler's first state: as saved, or found and saved."""
-    saved = store.start()
+    saved = chain_store.read_start()
     if saved is not None:
-        ball = Ball(jnp.asarray(saved.pop("centre")), jnp.asarray(saved.pop("root")))
-        return _powered(density, saved.pop("powers")), ball, saved
-    ball = laplace(density, start)
-    density = tempered(density, ball.centre, fit)
+        gaussian = GaussianApproximation(jnp.asarray(saved.pop("centre")), jnp.asarray(saved.pop("root")))
+        return _set_powers(density, saved.pop("powers")), gaussian, saved
+    gaussian = fit_laplace(density, start)
+    density = temper_density(density, gaussian.centre, fit)
     powers = np.array([float(p) for ps in density.powers for p in ps])
     if (powers < 1).any():
-        ball = laplace(density, ball.centre)
-    ball = shaped(Ensemble(density, ball, PILOT), seed)
-    state = SAMPLERS[sampler](density, ball).begin(seed)
-    store.begin({"centre": np.asarray(ball.centre), "root": np.asarray(ball.root), "powers": powers, **state})
-    return density, ball, state
+        gaussian = fit_laplace(density, gaussian.centre)
+    gaussian = refine_gaussian(EnsembleSampler(density, gaussian, PILOT_STEPS), seed)
+    state = SAMPLERS[sampler](density, gaussian).draw_start(seed)
+    chain_store.write_start(
+        {
+            "centre": np.asarray(gaussian.centre),
+            "root": np.asarray(gaussian.covariance_root),
+            "powers": powers,
+            **state,
+        }
+    )
+    return density, gaussian, state
 
 
-def shaped(walk: Walk, seed: int) -> Ball:
+def refine_gaussian(sampler: Sampler, seed: int) -> GaussianApproximation:
     """The ball of one chunk of a first walk: where the posterior is skew, its middle is not its top."""
-    ball = walk.ball
-    x = walk.advance(walk.begin(seed))[0]["x"][walk.chunk // 2 :].reshape(-1, ball.centre.size)
-    return Ball(
-        ball(jnp.asarray(x.mean(0))), ball.root @ jnp.linalg.cholesky(jnp.asarray(np.cov(x, rowvar=False)))
+    gaussian = sampler.gaussian
+    x = sampler.advance(sampler.draw_start(seed))[0]["x"][sampler.chunk // 2 :].reshape(
+        -1, gaussian.centre.size
+    )
+    return GaussianApproximation(
+        gaussian(jnp.asarray(x.mean(0))),
+        gaussian.covariance_root @ jnp.linalg.cholesky(jnp.asarray(np.cov(x, rowvar=False))),
     )
 
 
-def _powered(density: Density, powers: np.ndarray) -> Density:
-    left = iter(jnp.asarray(powers))
-    new = tuple(tuple(next(left) for _ in channels) for channels in density.powers)
+def _set_powers(density: PosteriorDensity, powers: np.ndarray) -> PosteriorDensity:
+    remaining = iter(jnp.asarray(powers))
+    new = tuple(tuple(next(remaining) for _ in channels) for channels in density.powers)
     return eqx.tree_at(lambda d: d.powers, density, new)
 
 
-def _sensible(sampler: str, ess: float, rhat: float, max_draws: int, seed: int) -> None:
+def _check_settings(sampler: str, ess: float, rhat: float, max_draws: int, seed: int) -> None:
     if sampler not in SAMPLERS:
-        raise refuse(f"{sampler!r} is no sampler", remedy=nearest(sampler, SAMPLERS))
+        raise refuse(f"{sampler!r} is no sampler", remedy=suggest_word(sampler, SAMPLERS))
     least = {"ess": (ess, 1), "rhat": (rhat, 1), "max_draws": (max_draws, 100), "seed": (seed, 0)}
     for name, (value, low) in least.items():
         if not value >= low:

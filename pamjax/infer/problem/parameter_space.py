@@ -27,14 +27,14 @@ from jaxtyping import Array, Float
 
 from pamjax.errors import refuse
 from pamjax.parameter import Meaning
-from pamjax.units import show
+from pamjax.units import format_quantity
 
 #: Share of a number's range, on its own scale, within which it counts as sitting at a limit.
-AT_LIMIT = 0.01
+LIMIT_MARGIN = 0.01
 
 
 @dataclass(frozen=True)
-class Free:
+class FreeParameter:
     """One number that a fit may move.
 
     Attributes:
@@ -53,23 +53,23 @@ class Free:
         low, high = self.meaning.low, self.meaning.high
         if not low < self.start < high:
             unit = self.meaning.show
-            rule = f"`{self.name}` must lie between {show(low, unit)} and {show(high, unit)}"
-            raise refuse(rule, show(self.start, unit), remedy="Check its unit.")
+            rule = f"`{self.name}` must lie between {format_quantity(low, unit)} and {format_quantity(high, unit)}"
+            raise refuse(rule, format_quantity(self.start, unit), remedy="Check its unit.")
 
 
-class Space(eqx.Module):
+class ParameterSpace(eqx.Module):
     """All numbers a fit may move, in order; an array program with static names.
 
     Attributes:
         names: (p,) names.
-        log: (p,) whether a number moves on a logarithmic scale.
+        log_scale: (p,) whether a number moves on a logarithmic scale.
         low, high: (p,) limits, SI.
         mean, sd: (p,) Gaussian prior, SI; sd infinite where there is none.
         origin, width: (p,) the map from u to z.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
-    log: tuple[bool, ...] = eqx.field(static=True)
+    log_scale: tuple[bool, ...] = eqx.field(static=True)
     low: Float[Array, " p"]
     high: Float[Array, " p"]
     mean: Float[Array, " p"]
@@ -81,45 +81,47 @@ class Space(eqx.Module):
     def size(self) -> int:
         return len(self.names)
 
-    def _position(self, value: Array) -> Array:
+    def _compute_relative_position(self, value: Array) -> Array:
         """Where a value sits between its limits on its own scale, in (0, 1)."""
-        log = jnp.array(self.log)
+        log = jnp.array(self.log_scale)
         safe = jnp.where(log, value, 1.0)
         low, high = jnp.where(log, self.low, 1.0), jnp.where(log, self.high, 2.0)
         straight = (value - self.low) / (self.high - self.low)
         return jnp.where(log, jnp.log(safe / low) / jnp.log(high / low), straight)
 
-    def values(self, u: Float[Array, " p"]) -> Float[Array, " p"]:
+    def to_values(self, u: Float[Array, " p"]) -> Float[Array, " p"]:
         """Values, SI, of a point of the real line."""
         share = jax.nn.sigmoid(self.origin + u * self.width)
-        log = jnp.array(self.log)
+        log = jnp.array(self.log_scale)
         low, high = jnp.where(log, self.low, 1.0), jnp.where(log, self.high, 2.0)
         return jnp.where(log, low * (high / low) ** share, self.low + (self.high - self.low) * share)
 
-    def named(self, u: Float[Array, " p"]) -> dict[str, Array]:
+    def to_named_values(self, u: Float[Array, " p"]) -> dict[str, Array]:
         """Values by name."""
-        return dict(zip(self.names, self.values(u), strict=True))
+        return dict(zip(self.names, self.to_values(u), strict=True))
 
-    def point(self, values: Mapping[str, float]) -> Float[Array, " p"]:
+    def to_point(self, values: Mapping[str, float]) -> Float[Array, " p"]:
         """The point of the real line at which the values are these."""
         wanted = jnp.array([values[n] for n in self.names], dtype=float)
-        share = jnp.clip(self._position(wanted), 1e-9, 1 - 1e-9)
+        share = jnp.clip(self._compute_relative_position(wanted), 1e-9, 1 - 1e-9)
         return (jax.scipy.special.logit(share) - self.origin) / self.width
 
-    def prior_residual(self, u: Float[Array, " p"]) -> Float[Array, " p"]:
+    def compute_prior_residual(self, u: Float[Array, " p"]) -> Float[Array, " p"]:
         """(value − mean) / sd of every number, or what stands for it where any value is as likely."""
-        gaussian = (self.values(u) - self.mean) / self.sd
-        return jnp.where(jnp.isfinite(self.sd), gaussian, _anywhere(self.origin + u * self.width))
+        gaussian = (self.to_values(u) - self.mean) / self.sd
+        return jnp.where(
+            jnp.isfinite(self.sd), gaussian, _compute_uniform_residual(self.origin + u * self.width)
+        )
 
-    def log_prior(self, u: Float[Array, " p"]) -> Array:
+    def compute_log_prior(self, u: Float[Array, " p"]) -> Array:
         """Logarithm of the prior density of u, up to the constant that the limits cut off a Gaussian.
 
         A residual says how unlikely a value is; a density in u needs d value / d u beside it.
         """
         z = self.origin + u * self.width
         log_share = jax.nn.log_sigmoid(z) + jax.nn.log_sigmoid(-z) + jnp.log(jnp.abs(self.width))
-        value = self.values(u)
-        log = jnp.array(self.log)
+        value = self.to_values(u)
+        log = jnp.array(self.log_scale)
         reach = jnp.where(log, jnp.log(self.high / jnp.where(log, self.low, 1.0)), self.high - self.low)
         known = jnp.isfinite(self.sd)
         sd = jnp.where(known, self.sd, 1.0)
@@ -127,41 +129,41 @@ class Space(eqx.Module):
         gaussian = -0.5 * ((value - self.mean) / sd) ** 2 - jnp.log(sd) - 0.5 * jnp.log(2 * jnp.pi)
         return jnp.sum(jnp.where(known, gaussian + log_slope, log_share))
 
-    def first(self, count: int) -> Space:
+    def take_first(self, count: int) -> ParameterSpace:
         """The first numbers alone."""
         arrays = (a[:count] for a in (self.low, self.high, self.mean, self.sd, self.origin, self.width))
-        return Space(self.names[:count], self.log[:count], *arrays)
+        return ParameterSpace(self.names[:count], self.log_scale[:count], *arrays)
 
-    def inside(self, u: Float[Array, " p"]) -> Float[Array, " p"]:
+    def move_inside_limits(self, u: Float[Array, " p"]) -> Float[Array, " p"]:
         """A point to start from: a number at, or beyond, a limit goes back to where it began.
 
         There the map is so flat that nothing would bring it back.
         """
-        return jnp.where(np.isin(self.names, self.at_limit(u)), 0.0, u)
+        return jnp.where(np.isin(self.names, self.find_names_at_limit(u)), 0.0, u)
 
-    def at_limit(self, u: Float[Array, " p"]) -> list[str]:
+    def find_names_at_limit(self, u: Float[Array, " p"]) -> list[str]:
         """Names that sit at one of their limits."""
-        share = np.asarray(self._position(self.values(u)))
-        stuck = (share < AT_LIMIT) | (share > 1 - AT_LIMIT)
+        share = np.asarray(self._compute_relative_position(self.to_values(u)))
+        stuck = (share < LIMIT_MARGIN) | (share > 1 - LIMIT_MARGIN)
         return [n for n, s in zip(self.names, stuck, strict=True) if s]
 
 
-def space(numbers: Sequence[Free]) -> Space:
+def build_space(parameters: Sequence[FreeParameter]) -> ParameterSpace:
     """A space of free numbers.
 
     Raises:
         BadInput: if two share a name.
     """
-    names = tuple(n.name for n in numbers)
+    names = tuple(n.name for n in parameters)
     for name in names:
         if names.count(name) > 1:
             raise refuse("every free number needs a name of its own", f"{name!r} twice")
-    log = np.array([n.meaning.scale == "log" for n in numbers], dtype=bool)
-    low = np.array([n.meaning.low for n in numbers], dtype=float)
-    high = np.array([n.meaning.high for n in numbers], dtype=float)
-    start = np.array([n.start for n in numbers], dtype=float)
-    sd = np.array([n.sd for n in numbers], dtype=float)
-    share, rate = _position_and_rate(start, low, high, log)
+    log = np.array([n.meaning.scale == "log" for n in parameters], dtype=bool)
+    low = np.array([n.meaning.low for n in parameters], dtype=float)
+    high = np.array([n.meaning.high for n in parameters], dtype=float)
+    start = np.array([n.start for n in parameters], dtype=float)
+    sd = np.array([n.sd for n in parameters], dtype=float)
+    share, rate = _compute_position_and_rate(start, low, high, log)
     # dvalue/dz = rate · share (1 − share); a unit of u moves the value by one prior sd, at most by a
     # fifth of its range, and by a tenth of that range's natural step where nothing is known.
     step = np.minimum(
@@ -169,10 +171,10 @@ def space(numbers: Sequence[Free]) -> Space:
     )
     width = step / (rate * share * (1 - share))
     arrays = (jnp.asarray(a) for a in (low, high, start, sd, np.log(share / (1 - share)), width))
-    return Space(names, tuple(bool(v) for v in log), *arrays)
+    return ParameterSpace(names, tuple(bool(v) for v in log), *arrays)
 
 
-def _anywhere(z: Array) -> Array:
+def _compute_uniform_residual(z: Array) -> Array:
     """2 sqrt(ln cosh(z/2)) with the sign of z: half its square is −ln of the density, up to a constant."""
     small = jnp.abs(z) < 1e-2
     safe = jnp.where(small, 1.0, jnp.abs(z))
@@ -181,7 +183,7 @@ def _anywhere(z: Array) -> Array:
     return jnp.where(small, z / jnp.sqrt(2.0) * (1 - z**2 / 48), jnp.sign(z) * root)
 
 
-def _position_and_rate(start, low, high, log):
+def _compute_position_and_rate(start, low, high, log):
     """Position of the start between its limits, and d value / d position there."""
     safe_low, safe_high = np.where(log, low, 1.0), np.where(log, high, 2.0)
     ratio = np.log(safe_high / safe_low)

@@ -7,7 +7,7 @@ from typing import ClassVar
 from jaxtyping import Array
 
 from pamjax.model import wall
-from pamjax.model.mechanism import About, AbstractStore
+from pamjax.model.mechanism import AbstractStore, Description
 from pamjax.model.state import State
 from pamjax.parameter import Scalar, parameter
 
@@ -33,7 +33,7 @@ class BladderElasticity(AbstractStore):
     """
 
     id: ClassVar[str] = "bladder_elasticity"
-    about: ClassVar[About] = About(
+    about: ClassVar[Description] = Description(
         title="the rubber tube resists stretching, along and around",
         equation="W = V mu/2 [(1 - m)(I1 - 3) + m (I2 - 3)];   F = (V/L)(s_z - s_c tan^2 theta)",
         signature="Force is lost by the same newtons at every pressure, most at a tenth of contraction;"
@@ -54,11 +54,11 @@ class BladderElasticity(AbstractStore):
         "1", low=0.0, high=1.0, about="share of the second invariant, C01 / (C10 + C01)",
         source="0 is neo-Hookean; about 0.1 to 0.5 in gum rubber", default=0.0,
     )  # fmt: skip
-    inner_diameter: Scalar = wall.inner_diameter()
-    thickness: Scalar = wall.thickness()
-    length: Scalar = wall.length()
+    inner_diameter: Scalar = wall.declare_inner_diameter()
+    thickness: Scalar = wall.declare_thickness()
+    length: Scalar = wall.declare_length()
 
     def energy(self, state: State) -> Array:
         stretch = wall.stretch(self, state)
         first, second = wall.first_invariant(stretch), wall.second_invariant(stretch)
-        return 0.5 * self.modulus * wall.rubber(self) * (first + self.mooney * (second - first))
+        return 0.5 * self.modulus * wall.rubber_volume(self) * (first + self.mooney * (second - first))

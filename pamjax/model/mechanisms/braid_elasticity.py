@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from jaxtyping import Array
 
-from pamjax.model.mechanism import About, AbstractYielding
+from pamjax.model.mechanism import AbstractYielding, Description
 from pamjax.parameter import Scalar, parameter
 
 
@@ -21,7 +21,7 @@ class BraidElasticity(AbstractYielding):
     """
 
     id: ClassVar[str] = "braid_elasticity"
-    about: ClassVar[About] = About(
+    about: ClassVar[Description] = Description(
         title="threads stretch in proportion to load",
         equation="B = B0 (1 + C T),   T = P L B / (2 pi N^2),   C = 1 / (n E A)",
         signature="Force is lost as the square of pressure, most at rest and still 60 % of that at free"

@@ -9,25 +9,25 @@ from jaxtyping import Array, Float
 
 from pamjax.model import scan
 from pamjax.model.history import History
-from pamjax.model.mechanism import About, AbstractMemory, Past
+from pamjax.model.mechanism import AbstractMemory, Description, Past
 from pamjax.model.state import State
 from pamjax.parameter import Scalar, parameter
 
 #: Radius of the patch on which two threads press, m: only its product with μ can be found.
-PATCH = 0.5e-3
+PATCH_RADIUS = 0.5e-3
 
 #: Pressure at which the presliding distance is meant, and at which every exponent gives one strength, Pa.
-PRESSURE = 3e5
+PRESLIDING_PRESSURE = 3e5
 
 #: Below this pressure, Pa, the strength is proportional to it: a power less than one is too steep at zero.
-LOW = 1e3
+MIN_FRICTION_PRESSURE = 1e3
 
 #: Cosine of the braid angle below which a muscle is straight, and no power of its radius is asked for.
-STRAIGHT = 1e-3
+MIN_ANGLE_COSINE = 1e-3
 
 #: Presliding distances of the elements, over that of the last one. Equal weights: force rises in four
 #: straight pieces, each less steep than the one before.
-SHARES = (0.25, 0.5, 0.75, 1.0)
+ELEMENT_SHARES = (0.25, 0.5, 0.75, 1.0)
 
 
 class BraidFriction(AbstractMemory):
@@ -67,7 +67,7 @@ class BraidFriction(AbstractMemory):
     """
 
     id: ClassVar[str] = "braid_friction"
-    about: ClassVar[About] = About(
+    about: ClassVar[Description] = Description(
         title="friction between braid threads",
         equation="F = F0 + Fc mean(y) + mu mean(z),  stops |y| <= 1, |z| <= (2/3) r P L/N cos(angle)^k",
         signature="Force is higher while the muscle lengthens and lower while it shortens, by the same at"
@@ -128,25 +128,25 @@ class BraidFriction(AbstractMemory):
 
     def strength(self, pressure: Array, state: State) -> Array:
         """Full friction, N, of a coefficient of one."""
-        power = (jnp.maximum(pressure, LOW) / PRESSURE) ** (self.exponent - 1)
-        wide = jnp.maximum(2 * jnp.pi * state.turns * state.radius / state.thread, STRAIGHT)
+        power = (jnp.maximum(pressure, MIN_FRICTION_PRESSURE) / PRESLIDING_PRESSURE) ** (self.exponent - 1)
+        wide = jnp.maximum(2 * jnp.pi * state.turns * state.radius / state.thread, MIN_ANGLE_COSINE)
         arm = state.length * (state.length / state.thread) ** (self.reach - 1) * wide**self.girth
-        return 2 / 3 * PATCH * jnp.maximum(pressure, 0.0) * power * arm / state.turns
+        return 2 / 3 * PATCH_RADIUS * jnp.maximum(pressure, 0.0) * power * arm / state.turns
 
-    def dragged(self, past: Past) -> Float[Array, "1 ..."]:
+    def full_sliding_stress(self, past: Past) -> Float[Array, "1 ..."]:
         """The stress once every element was dragged all the way by lengthening; times its strain, J."""
         width = self.strength(past.pressure, past.state)
         return ((self.constant + self.coefficient * width) * past.state.thread)[None]
 
     def stresses(self, history: History, strains: Float[Array, "n 1"], past: Past) -> Float[Array, "n 1"]:
-        state, shares = past.state, 1 + self.spread * (jnp.asarray(SHARES) - 1)
+        state, shares = past.state, 1 + self.spread * (jnp.asarray(ELEMENT_SHARES) - 1)
         moved = history.increments(strains[:, 0]) * state.thread / self.presliding
         width = self.strength(past.pressure, state)
         # One number for the whole recording, so that the stiffness is the same at every pressure.
-        whole = 2 / 3 * PATCH * PRESSURE * state.thread[0] / state.turns[0]
+        whole = 2 / 3 * PATCH_RADIUS * PRESLIDING_PRESSURE * state.thread[0] / state.turns[0]
         # Two columns, constant and pressed; four elements in each.
         widths = jnp.stack([jnp.ones_like(width), width], axis=1)[:, :, None] * jnp.ones_like(shares)
         stiffness = jnp.stack([jnp.ones_like(whole), whole])[:, None] / shares
-        stops = scan.stops(moved, stiffness, widths, history.restart, self.start * widths)
+        stops = scan.apply_stop_operator(moved, stiffness, widths, history.restart, self.start * widths)
         force = jnp.mean(stops, axis=2) @ jnp.stack([self.constant, self.coefficient])
         return (force * state.thread)[:, None]

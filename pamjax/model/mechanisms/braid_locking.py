@@ -8,12 +8,12 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from pamjax.model import braid
-from pamjax.model.mechanism import About, AbstractStore
+from pamjax.model.mechanism import AbstractStore, Description
 from pamjax.model.state import State
 from pamjax.parameter import Scalar, parameter
 
 #: Share of a thread's width over which contact sets in: threads are neither round nor equally wide.
-ROUND = 0.01
+CONTACT_ROUNDING = 0.01
 
 
 class BraidLocking(AbstractStore):
@@ -37,7 +37,7 @@ class BraidLocking(AbstractStore):
     """
 
     id: ClassVar[str] = "braid_locking"
-    about: ClassVar[About] = About(
+    about: ClassVar[Description] = Description(
         title="the threads jam at an end of the stroke",
         equation="W = K/2 B^3/(4 pi N^2) <1 - S/w>^2,   S = (B/N) sin(2 theta)",
         signature="Force beyond a sharp end of the stroke only, steep, by the same newtons at every pressure:"
@@ -65,5 +65,5 @@ class BraidLocking(AbstractStore):
         around = 2 * jnp.pi * turns * jnp.sqrt(jnp.where(there, squared, 1.0))
         spacing = jnp.where(there, 2 * length * around / (thread * turns), 0.0)
         closer = 1 - spacing / self.width
-        closer = 0.5 * (closer + jnp.sqrt(closer**2 + ROUND**2))
+        closer = 0.5 * (closer + jnp.sqrt(closer**2 + CONTACT_ROUNDING**2))
         return self.stiffness * thread**3 / (8 * jnp.pi * turns**2) * closer**2

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from pamjax.model.history import History
-from pamjax.model.mechanism import About, AbstractSensor, Past, Samples
+from pamjax.model.mechanism import AbstractSensor, Description, Past, Samples
 from pamjax.parameter import Scalar, parameter
 
 
@@ -20,7 +20,7 @@ class ChannelLag(AbstractSensor):
     """
 
     id: ClassVar[str] = "channel_lag"
-    about: ClassVar[About] = About(
+    about: ClassVar[Description] = Description(
         title="one channel is late against another",
         equation="F_recorded(t) = F(t - d)",
         signature="A loop opposite to that of friction when force is late, in proportion to speed and"
@@ -39,4 +39,4 @@ class ChannelLag(AbstractSensor):
     def read(
         self, force: Samples, diameter: Samples, past: Past, history: History
     ) -> tuple[Samples, Samples]:
-        return history.late(force, self.lag), diameter
+        return history.delay(force, self.lag), diameter

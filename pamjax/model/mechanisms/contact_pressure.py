@@ -8,14 +8,14 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from pamjax.model.history import History
-from pamjax.model.mechanism import About, AbstractLine, Past, Samples
+from pamjax.model.mechanism import AbstractLine, Description, Past, Samples
 from pamjax.parameter import Scalar, parameter
 
 #: Cosine of the braid angle by which a tube is wider than it was made, at least.
-NARROW = 1e-3
+MIN_WIDTH_GAP = 1e-3
 
 #: Pressure, Pa, below which a reading counts as none.
-NONE = 1e-3
+MIN_CONTACT_PRESSURE = 1e-3
 
 
 class ContactPressure(AbstractLine):
@@ -44,7 +44,7 @@ class ContactPressure(AbstractLine):
     """
 
     id: ClassVar[str] = "contact_pressure"
-    about: ClassVar[About] = About(
+    about: ClassVar[Description] = Description(
         title="pressure is spent before the bladder presses on the braid",
         equation="P_eff = P - Pc (1 + (Pc/P)^8)^(-1/8);  Pc = Pt [1 - (c/cos theta)^4]",
         signature="Force is lost by the same newtons at every pressure, in proportion to 3 L^2 - B^2: most at"
@@ -67,12 +67,12 @@ class ContactPressure(AbstractLine):
 
     def pressure(self, history: History, past: Past) -> Samples:
         width = 2 * jnp.pi * past.state.turns * past.state.radius / past.state.thread
-        return past.pressure - self.spent(past.pressure, width)
+        return past.pressure - self.lost_pressure(past.pressure, width)
 
-    def spent(self, pressure: Array, width: Array | float = 1.0) -> Array:
+    def lost_pressure(self, pressure: Array, width: Array | float = 1.0) -> Array:
         """Pressure that does not reach the braid, Pa, at a width, the cosine of the braid angle."""
-        there = pressure > NONE
-        threshold = self.threshold * (1 - (self.fill / jnp.maximum(width, self.fill + NARROW)) ** 4)
+        there = pressure > MIN_CONTACT_PRESSURE
+        threshold = self.threshold * (1 - (self.fill / jnp.maximum(width, self.fill + MIN_WIDTH_GAP)) ** 4)
         below = threshold / jnp.where(there, pressure, 1.0)
         eighth = jnp.sqrt(jnp.sqrt(jnp.sqrt(1 + below**8)))
         return jnp.where(there, threshold / eighth, 0.0)

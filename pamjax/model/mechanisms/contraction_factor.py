@@ -7,7 +7,7 @@ from typing import ClassVar
 import equinox as eqx
 
 from pamjax.model import braid
-from pamjax.model.mechanism import About, AbstractShape
+from pamjax.model.mechanism import AbstractShape, Description
 from pamjax.model.state import State
 from pamjax.parameter import Scalar, parameter
 
@@ -29,7 +29,7 @@ class ContractionFactor(AbstractShape):
     """
 
     id: ClassVar[str] = "contraction_factor"
-    about: ClassVar[About] = About(
+    about: ClassVar[Description] = Description(
         title="contraction counted k times, a textbook's stand-in for end_taper",
         equation="F = P [3 (L0 - k (L0 - L))^2 - B^2] / (4 pi N^2),   k = 1 + excess",
         signature="Force is lost in proportion to pressure and to contraction: nothing at rest, most at free"

@@ -7,7 +7,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 
 from pamjax.model.history import History
-from pamjax.model.mechanism import About, AbstractSensor, Past, Samples
+from pamjax.model.mechanism import AbstractSensor, Description, Past, Samples
 from pamjax.parameter import Scalar, parameter
 
 
@@ -29,7 +29,7 @@ class DiameterOffset(AbstractSensor):
     """
 
     id: ClassVar[str] = "diameter_offset"
-    about: ClassVar[About] = About(
+    about: ClassVar[Description] = Description(
         title="the measured outer diameter includes thread and wall",
         equation="D_recorded = D + d - c P/(P + Ph)",
         signature="Diameter is wrong by the same amount at every contraction; at every pressure too, unless"

@@ -7,7 +7,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 
-from pamjax.model.mechanism import About, AbstractShape
+from pamjax.model.mechanism import AbstractShape, Description
 from pamjax.model.state import State
 from pamjax.parameter import Scalar, parameter
 
@@ -30,7 +30,7 @@ class EndCones(AbstractShape):
     """
 
     id: ClassVar[str] = "end_cones"
-    about: ClassVar[About] = About(
+    about: ClassVar[Description] = Description(
         title="the ends taken for cones, a textbook's stand-in for end_taper",
         equation="V = V_cyl - (2 pi/3) k (R - Rf)^2 (2 R + Rf);   dF = -k P (R - Rf) L / (pi N^2)",
         signature="Force is lost in proportion to pressure, nothing at rest if the fittings are as wide as"

@@ -7,8 +7,8 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 
-from pamjax.model.mechanism import About, AbstractShape
-from pamjax.model.net_table import NearNet, NetTable, tabulate
+from pamjax.model.mechanism import AbstractShape, Description
+from pamjax.model.net_table import NetExpansion, NetTable, tabulate_net
 from pamjax.model.state import State
 from pamjax.parameter import Scalar, parameter
 
@@ -34,7 +34,7 @@ class EndTaper(AbstractShape):
     """
 
     id: ClassVar[str] = "end_taper"
-    about: ClassVar[About] = About(
+    about: ClassVar[Description] = Description(
         title="the muscle is no cylinder near its fittings",
         equation="dV = 0 at given L for a pin-jointed net with r = Rf at both ends;"
         "   V = V_cyl + s (V_net - V_cyl),   F = -P dV/dL",
@@ -57,23 +57,23 @@ class EndTaper(AbstractShape):
         source="as wide as the muscle at rest, or a little less", default=12.67e-3,
     )  # fmt: skip
 
-    table: NetTable | NearNet | None = None
+    table: NetTable | NetExpansion | None = None
 
     def prepared(self, thread_length: Scalar, turns: Scalar) -> EndTaper:
-        return EndTaper(self.share, self.radius, tabulate(thread_length, turns, self.radius))
+        return EndTaper(self.share, self.radius, tabulate_net(thread_length, turns, self.radius))
 
     def held(self) -> EndTaper:
-        table = self.table.held() if isinstance(self.table, NetTable) else self.table
+        table = self.table.stop_gradients() if isinstance(self.table, NetTable) else self.table
         return jax.lax.stop_gradient(EndTaper(self.share, self.radius, table))
 
     def near(self, length: Scalar, thread: Scalar) -> EndTaper:
         if isinstance(self.table, NetTable):
-            return EndTaper(self.share, self.radius, self.table.near(length, thread))
+            return EndTaper(self.share, self.radius, self.table.expand_at(length, thread))
         return self
 
     def shape(self, state: State) -> State:
-        table = self.table if self.table is not None else tabulate(state.thread, state.turns, self.radius)
-        near = table.near(state.length, state.thread) if isinstance(table, NetTable) else table
+        table = self.table if self.table is not None else tabulate_net(state.thread, state.turns, self.radius)
+        near = table.expand_at(state.length, state.thread) if isinstance(table, NetTable) else table
         more = near(state.length, state.thread)
         return eqx.tree_at(
             lambda s: (s.radius, s.diameter, s.volume),

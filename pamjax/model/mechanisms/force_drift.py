@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from pamjax.model.history import History
-from pamjax.model.mechanism import About, AbstractSensor, Past, Samples
+from pamjax.model.mechanism import AbstractSensor, Description, Past, Samples
 from pamjax.parameter import Scalar, parameter
 
 
@@ -20,7 +20,7 @@ class ForceDrift(AbstractSensor):
     """
 
     id: ClassVar[str] = "force_drift"
-    about: ClassVar[About] = About(
+    about: ClassVar[Description] = Description(
         title="the load cell's zero wanders with time",
         equation="F_recorded = F + a t + b t^2",
         signature="The same newtons at every pressure and length, growing with time; nothing returns when a"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from pamjax.model.history import History
-from pamjax.model.mechanism import About, AbstractSensor, Past, Samples
+from pamjax.model.mechanism import AbstractSensor, Description, Past, Samples
 from pamjax.parameter import Scalar, parameter
 
 
@@ -19,7 +19,7 @@ class ForceGain(AbstractSensor):
     """
 
     id: ClassVar[str] = "force_gain"
-    about: ClassVar[About] = About(
+    about: ClassVar[Description] = Description(
         title="the load cell's gain is wrong",
         equation="F_recorded = (1 + g) F",
         signature="Force is wrong by a share of itself: most at rest and high pressure, nothing at free"

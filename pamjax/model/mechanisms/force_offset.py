@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from pamjax.model.history import History
-from pamjax.model.mechanism import About, AbstractSensor, Past, Samples
+from pamjax.model.mechanism import AbstractSensor, Description, Past, Samples
 from pamjax.parameter import Scalar, parameter
 
 
@@ -19,7 +19,7 @@ class ForceOffset(AbstractSensor):
     """
 
     id: ClassVar[str] = "force_offset"
-    about: ClassVar[About] = About(
+    about: ClassVar[Description] = Description(
         title="the load cell's zero is wrong",
         equation="F_recorded = F + f",
         signature="The same newtons everywhere: at every pressure, length and time. Diameter is right.",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from pamjax.model.history import History
-from pamjax.model.mechanism import About, AbstractSensor, Samples
+from pamjax.model.mechanism import AbstractSensor, Description, Samples
 from pamjax.parameter import Scalar, parameter
 
 
@@ -19,7 +19,7 @@ class LengthOffset(AbstractSensor):
     """
 
     id: ClassVar[str] = "length_offset"
-    about: ClassVar[About] = About(
+    about: ClassVar[Description] = Description(
         title="the length zero is wrong",
         equation="L = L_recorded - l",
         signature="Force is wrong as pressure times length: little less at free contraction than"

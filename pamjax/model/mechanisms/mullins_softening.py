@@ -10,13 +10,13 @@ from jaxtyping import Array, Float
 
 from pamjax.model import wall
 from pamjax.model.history import History
-from pamjax.model.mechanism import About, AbstractMemory, Past
+from pamjax.model.mechanism import AbstractMemory, Description, Past
 from pamjax.model.scan import running_max
 from pamjax.model.state import State
 from pamjax.parameter import Scalar, parameter
 
 #: Least energy of the wall, per modulus and rubber, at which stretch counts: of a strain of a thousandth.
-UNSTRETCHED = 1e-6
+MIN_WALL_ENERGY = 1e-6
 
 
 class MullinsSoftening(AbstractMemory):
@@ -38,7 +38,7 @@ class MullinsSoftening(AbstractMemory):
     """
 
     id: ClassVar[str] = "mullins_softening"
-    about: ClassVar[About] = About(
+    about: ClassVar[Description] = Description(
         title="the first stretch of the rubber is stiffer than the later ones",
         equation="W = mu eta V (I1 - 3)/2,   eta = 1 - erf((m - e)/(w m)),   m = largest e so far",
         signature="Force is lower on stretch that the muscle has never had before: the first stroke, or the"
@@ -58,16 +58,16 @@ class MullinsSoftening(AbstractMemory):
         "1", low=0.01, high=1.0, scale="log", about="share of the largest energy over which it fades",
         source="0.1 to 0.5 of the largest energy in filled rubber", default=0.2,
     )  # fmt: skip
-    inner_diameter: Scalar = wall.inner_diameter()
-    thickness: Scalar = wall.thickness()
-    length: Scalar = wall.length()
+    inner_diameter: Scalar = wall.declare_inner_diameter()
+    thickness: Scalar = wall.declare_thickness()
+    length: Scalar = wall.declare_length()
 
     def strains(self, state: State, pressure: Scalar) -> Float[Array, "k ..."]:
-        energy = 0.5 * wall.rubber(self) * wall.first_invariant(wall.stretch(self, state))
+        energy = 0.5 * wall.rubber_volume(self) * wall.first_invariant(wall.stretch(self, state))
         return energy[None]
 
     def stresses(self, history: History, strains: Float[Array, "n k"], past: Past) -> Float[Array, "n k"]:
         largest = running_max(strains, history.restart)
-        least = UNSTRETCHED * wall.rubber(self)
+        least = MIN_WALL_ENERGY * wall.rubber_volume(self)
         left = jax.lax.erf((largest - strains) / (self.width * largest + least))
         return jnp.where(jnp.all(history.restart), 0.0, self.modulus * (1 - left))

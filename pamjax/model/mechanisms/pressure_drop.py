@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from pamjax.model.history import History
-from pamjax.model.mechanism import About, AbstractLine, Past, Samples
+from pamjax.model.mechanism import AbstractLine, Description, Past, Samples
 from pamjax.parameter import Scalar, parameter
 
 
@@ -22,7 +22,7 @@ class PressureDrop(AbstractLine):
     """
 
     id: ClassVar[str] = "pressure_drop"
-    about: ClassVar[About] = About(
+    about: ClassVar[Description] = Description(
         title="the pressure in the muscle lags the measured one",
         equation="P = P_measured - Z dV/dt;   dF = Z (dV/dL)^2 dL/dt",
         signature="Force is higher while the muscle lengthens and lower while it shortens, in proportion to"

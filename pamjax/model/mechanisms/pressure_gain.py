@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from pamjax.model.history import History
-from pamjax.model.mechanism import About, AbstractSensor, Samples
+from pamjax.model.mechanism import AbstractSensor, Description, Samples
 from pamjax.parameter import Scalar, parameter
 
 
@@ -18,7 +18,7 @@ class PressureGain(AbstractSensor):
     """
 
     id: ClassVar[str] = "pressure_gain"
-    about: ClassVar[About] = About(
+    about: ClassVar[Description] = Description(
         title="the pressure gauge's gain is wrong",
         equation="P = P_recorded / (1 + g)",
         signature="Force is wrong by a share of what pressure makes of it, as with a wrong gain of the load"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from pamjax.model.history import History
-from pamjax.model.mechanism import About, AbstractSensor, Samples
+from pamjax.model.mechanism import AbstractSensor, Description, Samples
 from pamjax.parameter import Scalar, parameter
 
 
@@ -19,7 +19,7 @@ class PressureOffset(AbstractSensor):
     """
 
     id: ClassVar[str] = "pressure_offset"
-    about: ClassVar[About] = About(
+    about: ClassVar[Description] = Description(
         title="the pressure gauge's zero is wrong",
         equation="P = P_recorded - p",
         signature="The same newtons at every pressure, in proportion to 3 L^2 - B^2: most at rest, none at"

@@ -7,7 +7,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from pamjax.model.mechanism import About, AbstractRig
+from pamjax.model.mechanism import AbstractRig, Description
 from pamjax.parameter import Scalar, parameter
 
 
@@ -26,7 +26,7 @@ class RigCompliance(AbstractRig):
     """
 
     id: ClassVar[str] = "rig_compliance"
-    about: ClassVar[About] = About(
+    about: ClassVar[Description] = Description(
         title="the rig stretches under load",
         equation="L = L_recorded - c F - s [1 - exp(-F/Fs)]",
         signature="Force is lost as the square of pressure, most at rest and nothing at free contraction;"

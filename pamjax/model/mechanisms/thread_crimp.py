@@ -7,7 +7,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from pamjax.model.mechanism import About, AbstractYielding
+from pamjax.model.mechanism import AbstractYielding, Description
 from pamjax.parameter import Scalar, parameter
 
 
@@ -24,7 +24,7 @@ class ThreadCrimp(AbstractYielding):
     """
 
     id: ClassVar[str] = "thread_crimp"
-    about: ClassVar[About] = About(
+    about: ClassVar[Description] = Description(
         title="threads are soft until they are straight",
         equation="strain = T / (n E A) + c (1 - exp(-T / Tc))",
         signature="Diameter jumps at low pressure and then stiffens; force is lost early and then no more."

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from pamjax.model import scan
 from pamjax.model.history import History
-from pamjax.model.mechanism import About, AbstractSlip, Past, Samples
+from pamjax.model.mechanism import AbstractSlip, Description, Past, Samples
 from pamjax.parameter import Scalar, parameter
 
 
@@ -32,7 +32,7 @@ class ThreadSlip(AbstractSlip):
     """
 
     id: ClassVar[str] = "thread_slip"
-    about: ClassVar[About] = About(
+    about: ClassVar[Description] = Description(
         title="threads lengthen for good",
         equation="B0(t) = B0 [1 + e (1 - exp(-Tmax/Tc)) + a / (1 + exp(-(t - t0)/w))]",
         signature="Force is lost and diameter gained at new highest loads, or at one time, for good; the loss"

@@ -9,8 +9,8 @@ from jaxtyping import Array, Float
 
 from pamjax.model import wall
 from pamjax.model.history import History
-from pamjax.model.mechanism import About, AbstractMemory, Past
-from pamjax.model.scan import relax
+from pamjax.model.mechanism import AbstractMemory, Description, Past
+from pamjax.model.scan import relax_states
 from pamjax.model.state import State
 from pamjax.parameter import Scalar, parameter
 
@@ -50,7 +50,7 @@ class ViscoelasticCreep(AbstractMemory):
     """
 
     id: ClassVar[str] = "viscoelastic_creep"
-    about: ClassVar[About] = About(
+    about: ClassVar[Description] = Description(
         title="the rubber relaxes: force drifts after a stroke",
         equation="dq_i/dt = -q_i/tau_i + V mu_i dS/dt;  W = sum q_i . (lz, lc);  S = d(I1 - 3)/d(lz, lc) / 2;"
         "  dp_i/dt = -p_i/tau_i + f_i dF/dt",
@@ -83,15 +83,15 @@ class ViscoelasticCreep(AbstractMemory):
         "1", show="%", low=0.0, high=0.5, neutral=0.0, about="share of the whole force that relaxes",
         source="some percent in the first minutes", default=0.0,
     )  # fmt: skip
-    inner_diameter: Scalar = wall.inner_diameter()
-    thickness: Scalar = wall.thickness()
-    length: Scalar = wall.length()
+    inner_diameter: Scalar = wall.declare_inner_diameter()
+    thickness: Scalar = wall.declare_thickness()
+    length: Scalar = wall.declare_length()
 
     def strains(self, state: State, pressure: Scalar) -> Float[Array, "k ..."]:
         return jnp.stack([*wall.stretch(self, state)[:2], state.length])
 
     def stresses(self, history: History, strains: Float[Array, "n k"], past: Past) -> Float[Array, "n k"]:
-        stiffness = self.modulus * wall.rubber(self)
+        stiffness = self.modulus * wall.rubber_volume(self)
         times = jnp.stack([self.time_short, self.time_long])
         shares = jnp.stack([self.share, 1 - self.share])
         passed = history.step[:, None] / times
@@ -99,8 +99,8 @@ class ViscoelasticCreep(AbstractMemory):
         waiting = jnp.where(passed > 0, passed, 1.0)
         relaxed = jnp.where(passed > 0, -jnp.expm1(-waiting) / waiting, 1.0)
         axial, hoop, _ = strains.T
-        elastic = wall.springs(wall.Stretch(axial, hoop, 1 / (axial * hoop)))
+        elastic = wall.neo_hookean_stresses(wall.Stretch(axial, hoop, 1 / (axial * hoop)))
         steps = jnp.stack([history.increments(stress) for stress in (*elastic, past.force)], axis=1)
         kicks = steps[:, None, :] * (shares * relaxed)[:, :, None]
-        branches = relax(kicks, jnp.exp(-passed)[:, :, None], history.restart)
+        branches = relax_states(kicks, jnp.exp(-passed)[:, :, None], history.restart)
         return jnp.sum(branches, axis=1) * jnp.stack([stiffness, stiffness, self.force])

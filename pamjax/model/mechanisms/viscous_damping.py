@@ -8,12 +8,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from pamjax.model.history import History
-from pamjax.model.mechanism import About, AbstractMemory, Past
+from pamjax.model.mechanism import AbstractMemory, Description, Past
 from pamjax.model.state import State
 from pamjax.parameter import Scalar, parameter
 
 #: Speed at which the coefficient is meant, and below which a muscle hardly moves, m/s.
-SPEED, SLOW = 1e-3, 2e-5
+REFERENCE_SPEED, REST_SPEED = 1e-3, 2e-5
 
 
 class ViscousDamping(AbstractMemory):
@@ -32,7 +32,7 @@ class ViscousDamping(AbstractMemory):
     """
 
     id: ClassVar[str] = "viscous_damping"
-    about: ClassVar[About] = About(
+    about: ClassVar[Description] = Description(
         title="a force that grows with speed",
         equation="F = F0 + (c + b P) v |v/v1|^(m-1)",
         signature="Force is higher while the muscle lengthens and lower while it shortens, in proportion to"
@@ -64,5 +64,5 @@ class ViscousDamping(AbstractMemory):
         damping = self.coefficient + self.pressed * jnp.maximum(past.pressure, 0.0)
         rate = history.rate(strains[:, 0])
         # Rounded at rest, where a power below one would be infinitely steep.
-        speed = (rate**2 + SLOW**2) / (SPEED**2 + SLOW**2)
+        speed = (rate**2 + REST_SPEED**2) / (REFERENCE_SPEED**2 + REST_SPEED**2)
         return (damping * rate * speed ** (0.5 * (self.power - 1)))[:, None]

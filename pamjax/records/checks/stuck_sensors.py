@@ -10,15 +10,15 @@ import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT
 from pamjax.records.recording import Recording
-from pamjax.units import show
+from pamjax.units import format_quantity
 
 #: Readings alike one after another, rows and share of all of them, from which on a channel stands still.
-ROWS, SHARE = 20, 0.1
+MIN_STUCK_ROWS, MIN_STUCK_SHARE = 20, 0.1
 #: Shares of its range, and of its largest value, through which pressure or length goes if the muscle moves.
-MOVES, MORE_THAN_NOISE = 0.2, 0.01
+MIN_MOVED_RANGE_SHARE, MIN_MOVED_VALUE_SHARE = 0.2, 0.01
 
 
-def stuck(recording: Recording, file: str) -> list[str]:
+def find_stuck_sensors(recording: Recording, file: str) -> list[str]:
     """One sentence for each of force and diameter that stands still while the muscle does not.
 
     Force answers to pressure and length, diameter to length; what pressure adds may hide in its last digit.
@@ -27,27 +27,27 @@ def stuck(recording: Recording, file: str) -> list[str]:
         recording: what was measured, SI. A force of nothing is that of a slack muscle.
         file: name of the CSV file.
     """
-    said = []
+    sentences = []
     moved_by = {
         "force": (recording.pressure, recording.length),
         "diameter": (recording.length,),
     }
-    for name, by in moved_by.items():
+    for name, movers in moved_by.items():
         if name not in recording.channels:
             continue
         values = getattr(recording, name)
-        first, last = _longest(recording, values)
-        enough = max(ROWS, SHARE * np.isfinite(values).sum())
-        if last - first >= enough and any(_moves(channel, first, last) for channel in by):
+        first, last = _find_longest_run(recording, values)
+        enough = max(MIN_STUCK_ROWS, MIN_STUCK_SHARE * np.isfinite(values).sum())
+        if last - first >= enough and any(_is_moving(channel, first, last) for channel in movers):
             rows = f"rows {recording.row[first]} to {recording.row[last - 1]}"
-            said.append(
-                f"`{name}` reads {show(values[first], DISPLAY_UNIT[name])} in {rows} of {file}, while the"
+            sentences.append(
+                f"`{name}` reads {format_quantity(values[first], DISPLAY_UNIT[name])} in {rows} of {file}, while the"
                 " muscle is moved. Blank it there if its sensor was stuck, at its limit, or not read."
             )
-    return said
+    return sentences
 
 
-def _longest(recording: Recording, values: np.ndarray) -> tuple[int, int]:
+def _find_longest_run(recording: Recording, values: np.ndarray) -> tuple[int, int]:
     """Begin and end of the longest run of one reading, to the last digit, in a continuous part."""
     read = np.isfinite(values) & (values != 0)
     new = np.r_[True, values[1:] != values[:-1]] | ~read | recording.starts
@@ -57,11 +57,13 @@ def _longest(recording: Recording, values: np.ndarray) -> tuple[int, int]:
     return int(bounds[k]), int(bounds[k] + lengths[k])
 
 
-def _moves(channel: np.ndarray, first: int, last: int) -> bool:
-    least = max(MOVES * _range(channel), MORE_THAN_NOISE * float(np.nanmax(channel)))
-    return _range(channel[first:last]) > least
+def _is_moving(channel: np.ndarray, first: int, last: int) -> bool:
+    least = max(
+        MIN_MOVED_RANGE_SHARE * _compute_range(channel), MIN_MOVED_VALUE_SHARE * float(np.nanmax(channel))
+    )
+    return _compute_range(channel[first:last]) > least
 
 
-def _range(values: np.ndarray) -> float:
+def _compute_range(values: np.ndarray) -> float:
     read = values[np.isfinite(values)]
     return float(np.ptp(read)) if read.size else 0.0

@@ -15,26 +15,26 @@ import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT
 from pamjax.errors import refuse
-from pamjax.records.reading.muscle_toml import Entry
+from pamjax.records.reading.muscle_toml import MuscleToml
 from pamjax.records.recording import Recording
-from pamjax.units import in_unit, show
+from pamjax.units import compute_si_factor, format_quantity
 
 #: Ratio of measured to ideal force near rest: a muscle that lost two thirds of it still passes.
-FORCE = (0.3, 2.5)
+FORCE_RATIO_LIMITS = (0.3, 2.5)
 #: Ratio of measured to ideal diameter: soft threads give 1.35 at rest, a wall some tenths.
-DIAMETER = (0.6, 1.75)
+DIAMETER_RATIO_LIMITS = (0.6, 1.75)
 #: Ratio of the longest length to the rest length: a muscle shortens by 40 % at most, and hardly lengthens.
-LENGTH = (0.5, 1.6)
+LENGTH_RATIO_LIMITS = (0.5, 1.6)
 #: What goes down to less than this share of its largest value is no length but a way.
-WAY = 0.4
+MAX_DISPLACEMENT_RATIO = 0.4
 
 #: Share of the rest length from which on a row counts as near rest.
-NEAR_REST = 0.97
+MIN_LENGTH_NEAR_REST = 0.97
 #: A slip is named if the ratio is within e to this power of its factor, which is 1.6 times.
-NAMED = 0.5
+MAX_LOG_RATIO_NAMED = 0.5
 
 #: Units that labs mix up.
-MIXED = {
+CONFUSED_UNITS = {
     "pressure": ("Pa", "kPa", "bar", "MPa", "psi"),
     "force": ("N", "kN", "lbf", "kgf"),
     "length": ("mm", "cm", "m", "in"),
@@ -42,10 +42,10 @@ MIXED = {
 }
 
 #: Pa. A vented gauge that reads this close to the atmosphere's pressure, and a force that starts this close.
-ATMOSPHERE, VENT_NEAR, START_NEAR = 101.3e3, 4e3, 10e3
+ATMOSPHERIC_PRESSURE, MAX_VENT_OFFSET, MAX_START_OFFSET = 101.3e3, 4e3, 10e3
 
 
-def no_slip(recording: Recording, entry: Entry, units: dict[str, str], file: str) -> list[str]:
+def check_units(recording: Recording, entry: MuscleToml, units: dict[str, str], file: str) -> list[str]:
     """Refuse a recording whose units cannot be what its headers say.
 
     Args:
@@ -60,120 +60,142 @@ def no_slip(recording: Recording, entry: Entry, units: dict[str, str], file: str
     Raises:
         BadInput: with the likely slip named.
     """
-    shown = {**DISPLAY_UNIT, **units}
-    odd = _length(recording, entry, shown, file)
-    odd += _force(recording, entry, shown, file)
-    _diameter(recording, entry, shown, file)
-    return odd + _gauge(recording, entry, file)
+    column_units = {**DISPLAY_UNIT, **units}
+    warnings = _check_length(recording, entry, column_units, file)
+    warnings += _check_force(recording, entry, column_units, file)
+    _check_diameter(recording, entry, column_units, file)
+    return warnings + _check_gauge(recording, entry, file)
 
 
-def _length(recording: Recording, entry: Entry, shown: dict[str, str], file: str) -> list[str]:
+def _check_length(
+    recording: Recording, entry: MuscleToml, column_units: dict[str, str], file: str
+) -> list[str]:
     rest, longest = entry.rest_length.value, float(np.nanmax(recording.length))
     ratio = longest / rest
-    got, at_rest = show(longest, shown["length"]), show(rest, shown["length"])
-    if not LENGTH[0] < ratio < LENGTH[1]:
+    got, at_rest = (
+        format_quantity(longest, column_units["length"]),
+        format_quantity(rest, column_units["length"]),
+    )
+    if not LENGTH_RATIO_LIMITS[0] < ratio < LENGTH_RATIO_LIMITS[1]:
         rule = f"the longest `length` must be near the rest length ({at_rest})"
-        if np.nanmin(recording.length) < WAY * longest:
+        if np.nanmin(recording.length) < MAX_DISPLACEMENT_RATIO * longest:
             remedy = (
                 "If it is the way of the muscle's end, take it from the rest length: `pamjax import` with a "
                 "`scale` of -1 and the rest length as [tare]."
             )
             raise refuse(rule, got, file, remedy)
-        raise refuse(rule, got, file, _remedy(ratio, _swapped("length", shown["length"])))
+        raise refuse(
+            rule, got, file, _suggest_remedy(ratio, _list_unit_errors("length", column_units["length"]))
+        )
     if abs(ratio - 1.0) > 0.15:
         return [f"the longest `length` in {file} is {got}, rest length {at_rest}: no row is near rest."]
     return []
 
 
-def _force(recording: Recording, entry: Entry, shown: dict[str, str], file: str) -> list[str]:
-    ideal = recording.pressure * _area(recording.length, entry)
-    ask = np.isfinite(recording.force) & (ideal > 0)
-    near = ask & (recording.length > NEAR_REST * entry.rest_length.value)
+def _check_force(
+    recording: Recording, entry: MuscleToml, column_units: dict[str, str], file: str
+) -> list[str]:
+    ideal = recording.pressure * _compute_force_area(recording.length, entry)
+    is_tested = np.isfinite(recording.force) & (ideal > 0)
+    near = is_tested & (recording.length > MIN_LENGTH_NEAR_REST * entry.rest_length.value)
     unstretched = near.sum() >= 3
-    ask = near if unstretched else ask
-    if ask.sum() < 3:
+    is_tested = near if unstretched else is_tested
+    if is_tested.sum() < 3:
         return []
-    ask &= ideal >= 0.5 * np.max(ideal[ask])
-    low, ratio = np.quantile(recording.force[ask] / ideal[ask], [0.1, 0.9])
-    if FORCE[0] < ratio < FORCE[1]:
+    is_tested &= ideal >= 0.5 * np.max(ideal[is_tested])
+    low, ratio = np.quantile(recording.force[is_tested] / ideal[is_tested], [0.1, 0.9])
+    if FORCE_RATIO_LIMITS[0] < ratio < FORCE_RATIO_LIMITS[1]:
         return []
     got = f"{ratio:.4g} times the ideal braid's force"
-    if low < -FORCE[0] and ratio < FORCE[0]:
+    if low < -FORCE_RATIO_LIMITS[0] and ratio < FORCE_RATIO_LIMITS[0]:
         got = f"{low:.4g} times the ideal braid's force"
         raise refuse("a muscle that pulls must have a positive `force`", got, file, "Turn its sign.")
-    if ratio < FORCE[0] and not unstretched:
+    if ratio < FORCE_RATIO_LIMITS[0] and not unstretched:
         return [f"`force` in {file} comes to {got}: the muscle is slack or very stiff, or a unit is wrong."]
     # What a pressure's slip does to the ideal force, it does inversely to the ratio.
-    slips = [(1.0 / factor, name) for factor, name in _swapped("pressure", shown["pressure"])]
-    slips += _swapped("force", shown["force"])
-    raise refuse("force and pressure must fit the braid", got, file, _remedy(ratio, slips))
+    unit_errors = [
+        (1.0 / factor, name) for factor, name in _list_unit_errors("pressure", column_units["pressure"])
+    ]
+    unit_errors += _list_unit_errors("force", column_units["force"])
+    raise refuse("force and pressure must fit the braid", got, file, _suggest_remedy(ratio, unit_errors))
 
 
-def _diameter(recording: Recording, entry: Entry, shown: dict[str, str], file: str) -> None:
+def _check_diameter(recording: Recording, entry: MuscleToml, column_units: dict[str, str], file: str) -> None:
     thread, turns = entry.braid
     ideal = np.sqrt(np.maximum(thread**2 - recording.length**2, 0.0)) / (math.pi * turns)
-    ask = np.isfinite(recording.diameter) & (ideal > 0)
-    if not ask.any():
+    is_tested = np.isfinite(recording.diameter) & (ideal > 0)
+    if not is_tested.any():
         return
-    ratio = float(np.median(recording.diameter[ask] / ideal[ask]))
-    if DIAMETER[0] < ratio < DIAMETER[1]:
+    ratio = float(np.median(recording.diameter[is_tested] / ideal[is_tested]))
+    if DIAMETER_RATIO_LIMITS[0] < ratio < DIAMETER_RATIO_LIMITS[1]:
         return
-    slips = [(0.5, "a radius"), (math.pi, "a circumference"), *_swapped("diameter", shown["diameter"])]
+    unit_errors = [
+        (0.5, "a radius"),
+        (math.pi, "a circumference"),
+        *_list_unit_errors("diameter", column_units["diameter"]),
+    ]
     got = f"{ratio:.4g} times the ideal braid's diameter"
-    raise refuse("`diameter` must fit the braid", got, file, _remedy(ratio, slips))
+    raise refuse("`diameter` must fit the braid", got, file, _suggest_remedy(ratio, unit_errors))
 
 
-def _gauge(recording: Recording, entry: Entry, file: str) -> list[str]:
+def _check_gauge(recording: Recording, entry: MuscleToml, file: str) -> list[str]:
     """Whether pressure counts from vacuum: near rest length the force then starts at one atmosphere.
 
     Rubber that is not stretched yet asks for no dead pressure, so rows near rest length tell.
     """
-    area = _area(recording.length, entry)
+    area = _compute_force_area(recording.length, entry)
     near = np.isfinite(recording.force * recording.pressure) & (
-        recording.length > NEAR_REST * entry.rest_length.value
+        recording.length > MIN_LENGTH_NEAR_REST * entry.rest_length.value
     )
     near &= area > 0
     pressure, push = recording.pressure[near], recording.force[near] / area[near]
-    if near.sum() < 8 or np.ptp(pressure) < 0.5 * ATMOSPHERE:
+    if near.sum() < 8 or np.ptp(pressure) < 0.5 * ATMOSPHERIC_PRESSURE:
         return []
     slope, offset = np.polyfit(pressure, push, 1)
     start = -offset / slope if slope else 0.0
     if (
         not 0.75 < slope < 1.25
-        or abs(start - ATMOSPHERE) > START_NEAR
-        or pressure.min() < ATMOSPHERE - START_NEAR
+        or abs(start - ATMOSPHERIC_PRESSURE) > MAX_START_OFFSET
+        or pressure.min() < ATMOSPHERIC_PRESSURE - MAX_START_OFFSET
     ):
         return []
-    vented = abs(pressure.min() - ATMOSPHERE) < VENT_NEAR
+    vented = abs(pressure.min() - ATMOSPHERIC_PRESSURE) < MAX_VENT_OFFSET
     remedy = "Subtract the atmosphere's 101 kPa if the gauge counts from vacuum."
     if not vented:
-        begins = f"the force begins at {show(start, 'kPa', 3)}"
+        begins = f"the force begins at {format_quantity(start, 'kPa', 3)}"
         return [f"`pressure` in {file} may be absolute: near rest length {begins}. {remedy}"]
-    got = f"a force that begins at {show(start, 'kPa', 3)}"
+    got = f"a force that begins at {format_quantity(start, 'kPa', 3)}"
     raise refuse("`pressure` must be gauge pressure", got, file, remedy)
 
 
-def _area(length: np.ndarray, entry: Entry) -> np.ndarray:
+def _compute_force_area(length: np.ndarray, entry: MuscleToml) -> np.ndarray:
     """(n,) m²: what the pressure of the ideal braid is multiplied by to give its force."""
     thread, turns = entry.braid
     return (3.0 * length**2 - thread**2) / (4.0 * math.pi * turns**2)
 
 
-def _swapped(name: str, header: str) -> list[tuple[float, str]]:
+def _list_unit_errors(name: str, header: str) -> list[tuple[float, str]]:
     """By which factor a column comes out wrong when its numbers are in another unit than its header says."""
-    true = [unit for unit in MIXED[name] if not math.isclose(in_unit(unit), in_unit(header))]
+    true = [
+        unit
+        for unit in CONFUSED_UNITS[name]
+        if not math.isclose(compute_si_factor(unit), compute_si_factor(header))
+    ]
     return [
-        (in_unit(header) / in_unit(unit), f"{name} in {unit} under a header of {header}") for unit in true
+        (compute_si_factor(header) / compute_si_factor(unit), f"{name} in {unit} under a header of {header}")
+        for unit in true
     ]
 
 
-def _remedy(ratio: float, slips: list[tuple[float, str]]) -> str:
+def _suggest_remedy(ratio: float, unit_errors: list[tuple[float, str]]) -> str:
     """Name the slip whose factor is nearest, and its equals, as far as a weak muscle lets it be told."""
     check = "the braid's numbers in muscle.toml"
-    off = [abs(math.log(ratio / factor)) if ratio > 0 else math.inf for factor, _ in slips]
-    if min(off) > NAMED:
+    log_distances = [abs(math.log(ratio / factor)) if ratio > 0 else math.inf for factor, _ in unit_errors]
+    if min(log_distances) > MAX_LOG_RATIO_NAMED:
         return f"Check the units in the headers and {check}."
-    likely = " or ".join(
-        name for distance, (_, name) in zip(off, slips, strict=True) if distance < min(off) + 0.05
+    suspects = " or ".join(
+        name
+        for distance, (_, name) in zip(log_distances, unit_errors, strict=True)
+        if distance < min(log_distances) + 0.05
     )
-    return f"It looks like {likely}; if it is not, check {check}."
+    return f"It looks like {suspects}; if it is not, check {check}."

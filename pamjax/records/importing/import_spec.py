@@ -9,21 +9,21 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
-from pamjax.errors import BadInput, nearest, refuse
-from pamjax.records.files import decode, read_bytes
+from pamjax.errors import BadInput, refuse, suggest_word
+from pamjax.records.files import decode_text, read_bytes
 from pamjax.records.reading import toml_errors as wrong
-from pamjax.records.reading.header import KINDS, split_title
-from pamjax.units import factor, parse
+from pamjax.records.reading.header import COLUMN_KINDS, split_title
+from pamjax.units import parse_quantity, parse_unit
 
 #: Ways to read an entry, which stand among the names of entries where something is wrong.
-TRIED = re.compile(r"function-.*|str|int|constrained-int|list\[.*|dict\[.*")
+READER_NAME_PATTERN = re.compile(r"function-.*|str|int|constrained-int|list\[.*|dict\[.*")
 
 
-class _Table(BaseModel):
+class _SpecTable(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Files(_Table):
+class FilesTable(_SpecTable):
     """[files]: how one file is written.
 
     Attributes:
@@ -43,7 +43,7 @@ class Files(_Table):
     rate: str = ""
 
 
-class Channel(_Table):
+class ChannelEntry(_SpecTable):
     """One entry of [columns]: where a channel stands, and what one of its units is worth.
 
     Attributes:
@@ -61,14 +61,14 @@ class Channel(_Table):
     def to_si(self, name: str, where: str) -> float:
         """SI units for one unit of the file."""
         unit = self.unit or (split_title(self.column)[1] if isinstance(self.column, str) else None) or ""
-        return self.scale * factor(unit, KINDS[name], where)
+        return self.scale * parse_unit(unit, COLUMN_KINDS[name], where)
 
 
-def _channel(said: object) -> object:
-    return {"column": said} if isinstance(said, str | int) else said
+def _wrap_column(raw: object) -> object:
+    return {"column": raw} if isinstance(raw, str | int) else raw
 
 
-class Tare(_Table):
+class TareTable(_SpecTable):
     """[tare]: the part of each test in which the channels read what they are known to read.
 
     Attributes:
@@ -84,17 +84,19 @@ class Tare(_Table):
     pressure: str = ""
     length: str = ""
 
-    def span(self) -> tuple[float, float]:
+    def parse_span(self) -> tuple[float, float]:
         """Start and end, s."""
-        return parse(self.start, "time", "[tare] start"), parse(self.end, "time", "[tare] end")
+        return parse_quantity(self.start, "time", "[tare] start"), parse_quantity(
+            self.end, "time", "[tare] end"
+        )
 
-    def true(self) -> dict[str, float]:
+    def parse_true_values(self) -> dict[str, float]:
         """What each named channel truly was, SI."""
-        said = {name: getattr(self, name) for name in ("force", "pressure", "length")}
-        return {n: parse(text, KINDS[n], f"[tare] {n}") for n, text in said.items() if text}
+        texts = {name: getattr(self, name) for name in ("force", "pressure", "length")}
+        return {n: parse_quantity(text, COLUMN_KINDS[n], f"[tare] {n}") for n, text in texts.items() if text}
 
 
-class Test(_Table):
+class TestTable(_SpecTable):
     """[[tests]]: one test, or several of one setting.
 
     Attributes:
@@ -109,7 +111,7 @@ class Test(_Table):
     pressure: str = ""
 
 
-class Rig(_Table):
+class ImportSpec(_SpecTable):
     """The whole TOML.
 
     Attributes:
@@ -121,39 +123,41 @@ class Rig(_Table):
     muscle: str
     gap: str = "1 s"
     median: str = ""
-    files: Files = Field(default_factory=Files)
-    columns: dict[str, Annotated[Channel, BeforeValidator(_channel)]]
-    tare: Tare | None = None
-    tests: Annotated[list[Test], Field(min_length=1)]
+    files: FilesTable = Field(default_factory=FilesTable)
+    columns: dict[str, Annotated[ChannelEntry, BeforeValidator(_wrap_column)]]
+    tare: TareTable | None = None
+    tests: Annotated[list[TestTable], Field(min_length=1)]
 
     @model_validator(mode="after")
-    def _known(self) -> Rig:
+    def _check_columns(self) -> ImportSpec:
         for name in self.columns:
-            if name not in KINDS:
-                raise refuse(f"`{name}` is no column of a recording", "", "[columns]", nearest(name, KINDS))
+            if name not in COLUMN_KINDS:
+                raise refuse(
+                    f"`{name}` is no column of a recording", "", "[columns]", suggest_word(name, COLUMN_KINDS)
+                )
         for k, test in enumerate(self.tests, 1):
-            _one_test(self, test, k)
+            _check_test(self, test, k)
         return self
 
 
-def _one_test(rig: Rig, test: Test, k: int) -> None:
+def _check_test(spec: ImportSpec, test: TestTable, k: int) -> None:
     where = f"test {k} of [[tests]]"
     for name in ("pressure", "length"):
-        told = bool(getattr(test, name)), name in rig.columns
-        if all(told):
+        sources = bool(getattr(test, name)), name in spec.columns
+        if all(sources):
             raise refuse(f"`{name}` must be a column or stated for the test", "both", where, "Keep one.")
-        if not any(told):
+        if not any(sources):
             remedy = f'Add it to [columns], or state it for the test: {name} = "...".'
             raise refuse(f"`{name}` must be a column or stated for the test", "neither", where, remedy)
     if isinstance(test.file, dict):
-        wanted = set(rig.columns) - {"time"}
+        wanted = set(spec.columns) - {"time"}
         if set(test.file) != wanted:
             got = ", ".join(f"`{name}`" for name in test.file) or "none"
             rule = "`file` must name a file for each channel: " + ", ".join(f"`{n}`" for n in sorted(wanted))
             raise refuse(rule, got, where)
 
 
-def read_rig(path: str | Path) -> Rig:
+def read_import_spec(path: str | Path) -> ImportSpec:
     """Read the TOML that says what a rig's files look like.
 
     Raises:
@@ -161,23 +165,23 @@ def read_rig(path: str | Path) -> Rig:
     """
     path = Path(path)
     try:
-        said = tomllib.loads(decode(read_bytes(path), path.name))
+        raw = tomllib.loads(decode_text(read_bytes(path), path.name))
     except tomllib.TOMLDecodeError as error:
         raise refuse(f"{path.name} must be TOML", f"{error}", remedy="See `pamjax import --help`.") from error
     try:
-        return Rig.model_validate(said)
+        return ImportSpec.model_validate(raw)
     except ValidationError as error:
-        raise _told(error, path.name) from error
+        raise _translate_error(error, path.name) from error
 
 
-def _told(error: ValidationError, file: str) -> BadInput:
+def _translate_error(error: ValidationError, file: str) -> BadInput:
     """The first complaint of pydantic in our wording."""
     first = error.errors()[0]
     own = first.get("ctx", {}).get("error")
     if isinstance(own, BadInput):
         return BadInput(f"{file}: {own}")
     # Beside names, a place has numbers of lists and ways in which the library tried to read it.
-    path = [p for p in first["loc"] if isinstance(p, str) and not TRIED.fullmatch(p)]
+    path = [p for p in first["loc"] if isinstance(p, str) and not READER_NAME_PATTERN.fullmatch(p)]
     key = path[-1]
     table = {"tests": "[[tests]]"}.get(path[0], f"[{path[0]}]")
     where = f"{table} of {file}" if len(path) > 1 else file
@@ -192,7 +196,12 @@ def _told(error: ValidationError, file: str) -> BadInput:
         }.get(key, "what cannot be guessed.")
         return refuse(f"`{key}` must be stated", "", where, remedy)
     if first["type"] == "extra_forbidden":
-        of = {"files": Files, "tare": Tare, "tests": Test, "columns": Channel}.get(path[0], Rig)
-        known = (Rig if len(path) == 1 else of).model_fields
-        return refuse(f"`{key}` is no entry", "", where, nearest(key, known))
-    return refuse(wrong.rule(first, key), wrong.got(first), where)
+        table_class = {
+            "files": FilesTable,
+            "tare": TareTable,
+            "tests": TestTable,
+            "columns": ChannelEntry,
+        }.get(path[0], ImportSpec)
+        known = (ImportSpec if len(path) == 1 else table_class).model_fields
+        return refuse(f"`{key}` is no entry", "", where, suggest_word(key, known))
+    return refuse(wrong.format_rule(first, key), wrong.format_input(first), where)

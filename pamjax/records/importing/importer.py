@@ -15,21 +15,21 @@ import numpy as np
 from pamjax.channels import DISPLAY_UNIT
 from pamjax.errors import BadInput, refuse
 from pamjax.records.case import Case, read_case
-from pamjax.records.files import decode, read_bytes
-from pamjax.records.importing.import_spec import Rig, Test, read_rig
+from pamjax.records.files import decode_text, read_bytes
+from pamjax.records.importing.import_spec import ImportSpec, TestTable, read_import_spec
 from pamjax.records.importing.rig_file import RigFile
-from pamjax.records.reading.header import KINDS
-from pamjax.records.reading.muscle_toml import read_entry
+from pamjax.records.reading.header import COLUMN_KINDS
+from pamjax.records.reading.muscle_toml import read_muscle_toml
 from pamjax.records.recording import Recording
 from pamjax.records.writing.case_folder import write_case
-from pamjax.units import many, parse, show
+from pamjax.units import format_count, format_quantity, parse_quantity
 
 #: The order in which channels are looked for; the first that a test has gives the clock.
-CHANNELS = ("force", "pressure", "length", "diameter", "cycle")
+CHANNEL_ORDER = ("force", "pressure", "length", "diameter", "cycle")
 
 
 @dataclass(frozen=True)
-class Imported:
+class ImportResult:
     """What an import made.
 
     Attributes:
@@ -47,15 +47,15 @@ class Imported:
     def __str__(self) -> str:
         lines = [
             f"{self.case}",
-            f"  from {many(len(self.tests), 'test')} with {many(self.samples, 'sample')}",
+            f"  from {format_count(len(self.tests), 'test')} with {format_count(self.samples, 'sample')}",
         ]
         for name, (low, high, true) in self.tare.items():
-            low, high, true = (show(value, DISPLAY_UNIT[name]) for value in (low, high, true))
+            low, high, true = (format_quantity(value, DISPLAY_UNIT[name]) for value in (low, high, true))
             lines.append(f"  tare: {name} read {low} to {high} where it is {true}")
         recording = self.case.recording
         for name in recording.channels:
             if blank := int(np.isnan(getattr(recording, name)).sum()):
-                lines.append(f"  {many(blank, 'row')} without {name}")
+                lines.append(f"  {format_count(blank, 'row')} without {name}")
         return "\n".join(lines)
 
     def as_dict(self) -> dict:
@@ -70,7 +70,7 @@ class Imported:
         }
 
 
-def import_case(rig: str | Path, folder: str | Path) -> Imported:
+def import_case(rig: str | Path, folder: str | Path) -> ImportResult:
     """Make a case folder from the files of a rig.
 
     Args:
@@ -81,21 +81,21 @@ def import_case(rig: str | Path, folder: str | Path) -> Imported:
         BadInput: in one sentence with file, row and column. Then nothing is written.
     """
     rig, folder = Path(rig), Path(folder)
-    said, home = read_rig(rig), rig.absolute().parent
-    if not (home / said.muscle).is_file():
+    spec, base_folder = read_import_spec(rig), rig.absolute().parent
+    if not (base_folder / spec.muscle).is_file():
         remedy = "`pamjax new` makes one to fill in."
-        raise refuse("`muscle` must be the path of a muscle.toml", said.muscle, rig.name, remedy)
-    muscle = read_bytes(home / said.muscle)
-    read_entry(muscle, Path(said.muscle).name)
-    tests = [(files, test) for test in said.tests for files in _found(test, home)]
-    pieces, read = zip(*(_piece(said, files, test) for files, test in tests), strict=True)
-    recording = _glued(pieces, said)
-    text = decode(muscle, Path(said.muscle).name)
+        raise refuse("`muscle` must be the path of a muscle.toml", spec.muscle, rig.name, remedy)
+    muscle = read_bytes(base_folder / spec.muscle)
+    read_muscle_toml(muscle, Path(spec.muscle).name)
+    tests = [(files, test) for test in spec.tests for files in _find_files(test, base_folder)]
+    pieces, tare_readings = zip(*(_read_test(spec, files, test) for files, test in tests), strict=True)
+    recording = _join_tests(pieces, spec)
+    text = decode_text(muscle, Path(spec.muscle).name)
     # What cannot be used is not written: read it where nobody sees it first.
-    with TemporaryDirectory() as aside:
-        write_case(Path(aside) / "case", recording, text)
+    with TemporaryDirectory() as trial_folder:
+        write_case(Path(trial_folder) / "case", recording, text)
         try:
-            read_case(Path(aside) / "case")
+            read_case(Path(trial_folder) / "case")
         except BadInput as error:
             raise BadInput(
                 f"the case that {rig.name} makes cannot be used, and was not written: {error}"
@@ -103,19 +103,26 @@ def import_case(rig: str | Path, folder: str | Path) -> Imported:
     write_case(folder, recording, text)
     names = tuple(" + ".join(dict.fromkeys(path.name for path in files.values())) for files, _ in tests)
     samples = sum(len(piece["pressure"]) for piece in pieces)
-    return Imported(read_case(folder), names, samples, _tares(said, read))
+    return ImportResult(read_case(folder), names, samples, _summarise_tare(spec, tare_readings))
 
 
-def _tares(rig: Rig, read: Sequence[dict[str, float]]) -> dict[str, tuple[float, float, float]]:
+def _summarise_tare(
+    spec: ImportSpec, tare_readings: Sequence[dict[str, float]]
+) -> dict[str, tuple[float, float, float]]:
     """Lowest and highest reading of all tests, and the truth, by channel."""
-    true = rig.tare.true() if rig.tare else {}
-    return {n: (min(r[n] for r in read), max(r[n] for r in read), value) for n, value in true.items()}
+    true = spec.tare.parse_true_values() if spec.tare else {}
+    return {
+        n: (min(r[n] for r in tare_readings), max(r[n] for r in tare_readings), value)
+        for n, value in true.items()
+    }
 
 
-def _found(test: Test, home: Path) -> list[dict[str, Path]]:
+def _find_files(test: TestTable, base_folder: Path) -> list[dict[str, Path]]:
     """The files of a test by channel, one dictionary for each test that its patterns match."""
-    said = test.file if isinstance(test.file, dict) else {"": test.file}
-    matches = {channel: _matching(patterns, home) for channel, patterns in said.items()}
+    patterns_by_channel = test.file if isinstance(test.file, dict) else {"": test.file}
+    matches = {
+        channel: _match_patterns(patterns, base_folder) for channel, patterns in patterns_by_channel.items()
+    }
     counts = {len(paths) for paths in matches.values()}
     if len(counts) > 1:
         got = " and ".join(f"{len(paths)} of {channel}" for channel, paths in matches.items())
@@ -123,30 +130,32 @@ def _found(test: Test, home: Path) -> list[dict[str, Path]]:
     return [dict(zip(matches, paths, strict=True)) for paths in zip(*matches.values(), strict=True)]
 
 
-def _matching(patterns: str | list[str], home: Path) -> list[Path]:
-    found = []
+def _match_patterns(patterns: str | list[str], base_folder: Path) -> list[Path]:
+    files = []
     for pattern in [patterns] if isinstance(patterns, str) else patterns:
-        paths = glob.glob(os.path.join(glob.escape(str(home)), pattern))
+        paths = glob.glob(os.path.join(glob.escape(str(base_folder)), pattern))
         if not paths:
             got = f"nothing that is called {pattern}"
-            raise refuse("each test needs a file", got, f"{home}", "Check its name.")
-        found += sorted(paths, key=_natural)
-    return [Path(path) for path in found]
+            raise refuse("each test needs a file", got, f"{base_folder}", "Check its name.")
+        files += sorted(paths, key=_build_sort_key)
+    return [Path(path) for path in files]
 
 
-def _natural(text: str) -> list:
+def _build_sort_key(text: str) -> list:
     """So that test 10 comes after test 9."""
     return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", text)]
 
 
-def _piece(rig: Rig, paths: dict[str, Path], test: Test) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+def _read_test(
+    spec: ImportSpec, paths: dict[str, Path], test: TestTable
+) -> tuple[dict[str, np.ndarray], dict[str, float]]:
     """One test: its channels in SI on one clock that starts at zero, zeros taken off; and what was taken."""
-    opened = {channel: RigFile(path, rig.files) for channel, path in paths.items()}
+    opened = {channel: RigFile(path, spec.files) for channel, path in paths.items()}
     columns: dict[str, np.ndarray] = {}
     clock: np.ndarray | None = None
-    for name in (name for name in CHANNELS if name in rig.columns):
+    for name in (name for name in CHANNEL_ORDER if name in spec.columns):
         file = opened.get(name) or opened[""]
-        values, time = _channel(rig, name, file), _clock(rig, file)
+        values, time = _read_channel(spec, name, file), _read_clock(spec, file)
         clock = time if clock is None else clock
         others = len(next(iter(columns.values()), values)) if clock is None else len(values)
         if len(values) != (others if time is None else len(time)):
@@ -160,63 +169,63 @@ def _piece(rig: Rig, paths: dict[str, Path], test: Test) -> tuple[dict[str, np.n
     n = len(next(iter(columns.values())))
     for name in ("pressure", "length"):
         if text := getattr(test, name):
-            columns[name] = np.full(n, parse(text, KINDS[name], f"[[tests]] {name}"))
+            columns[name] = np.full(n, parse_quantity(text, COLUMN_KINDS[name], f"[[tests]] {name}"))
     if clock is not None:
         columns["time"] = clock - clock[0]
-    return _zeroed(columns, rig, next(iter(paths.values())).name)
+    return _subtract_tare(columns, spec, next(iter(paths.values())).name)
 
 
-def _channel(rig: Rig, name: str, file: RigFile) -> np.ndarray:
-    column = rig.columns[name]
+def _read_channel(spec: ImportSpec, name: str, file: RigFile) -> np.ndarray:
+    column = spec.columns[name]
     return (file[column.column] - column.zero) * column.to_si(name, f"[columns] {name}")
 
 
-def _clock(rig: Rig, file: RigFile) -> np.ndarray | None:
+def _read_clock(spec: ImportSpec, file: RigFile) -> np.ndarray | None:
     """(n,) s: the file's own time column, or the rate's; None for a static map."""
-    if "time" in rig.columns:
-        time = _channel(rig, "time", file)
+    if "time" in spec.columns:
+        time = _read_channel(spec, "time", file)
         back = np.flatnonzero(~(np.diff(time) >= 0))
         if back.size or not np.isfinite(time).all():
             bad = int(back[0]) + 1 if back.size else int(np.argmin(np.isfinite(time)))
             remedy = "One file is one test: cut it where the clock begins anew."
-            raise refuse("`time` must not run back", f"{time[bad]:g} s", file.row(bad), remedy)
+            raise refuse("`time` must not run back", f"{time[bad]:g} s", file.locate_row(bad), remedy)
         return time
-    if not rig.files.rate:
+    if not spec.files.rate:
         return None
-    rate = parse(rig.files.rate, "frequency", "[files] rate")
+    rate = parse_quantity(spec.files.rate, "frequency", "[files] rate")
     if rate <= 0:
-        raise refuse("`rate` must be positive", rig.files.rate, "[files]")
-    first = next(c.column for name, c in rig.columns.items() if name != "time")
+        raise refuse("`rate` must be positive", spec.files.rate, "[files]")
+    first = next(c.column for name, c in spec.columns.items() if name != "time")
     return np.arange(len(file[first])) / rate
 
 
-def _zeroed(
-    columns: dict[str, np.ndarray], rig: Rig, file: str
+def _subtract_tare(
+    columns: dict[str, np.ndarray], spec: ImportSpec, file: str
 ) -> tuple[dict[str, np.ndarray], dict[str, float]]:
     """The channels with their zeros taken off, and what each known channel had read."""
-    if rig.tare is None:
+    if spec.tare is None:
         return columns, {}
     if "time" not in columns:
         raise refuse("[tare] needs a clock", "none", file, "Name the column of `time`, or state the `rate`.")
-    start, end = rig.tare.span()
+    start, end = spec.tare.parse_span()
     inside = (columns["time"] >= start) & (columns["time"] <= end)
     if not inside.any():
         raise refuse("[tare] must hold samples of each test", f"none from {start:g} to {end:g} s", file)
-    read: dict[str, float] = {}
-    for name, true in rig.tare.true().items():
+    tare_readings: dict[str, float] = {}
+    for name, true in spec.tare.parse_true_values().items():
         if name not in columns:
             raise refuse(f"[tare] `{name}` must be a column", "none", "[columns]")
-        read[name] = float(np.nanmedian(columns[name][inside]))
-        columns[name] = columns[name] - read[name] + true
+        tare_readings[name] = float(np.nanmedian(columns[name][inside]))
+        columns[name] = columns[name] - tare_readings[name] + true
     # A tare without duration is read, but takes no time off the test.
-    if not rig.tare.cut or end == start:
-        return columns, read
+    if not spec.tare.cut or end == start:
+        return columns, tare_readings
     if inside.all():
         raise refuse("a test must go on after its [tare]", f"{columns['time'][-1]:g} s in all", file)
-    return {name: values[~inside] for name, values in columns.items()}, read
+    return {name: values[~inside] for name, values in columns.items()}, tare_readings
 
 
-def _thinned(columns: dict[str, np.ndarray], block: float) -> dict[str, np.ndarray]:
+def _thin_columns(columns: dict[str, np.ndarray], block: float) -> dict[str, np.ndarray]:
     """Medians over blocks of time; a block without samples leaves no row."""
     import pandas as pd
 
@@ -225,23 +234,23 @@ def _thinned(columns: dict[str, np.ndarray], block: float) -> dict[str, np.ndarr
     return {str(name): table[name].to_numpy() for name in table.columns}
 
 
-def _glued(pieces: Sequence[dict[str, np.ndarray]], rig: Rig) -> Recording:
+def _join_tests(pieces: Sequence[dict[str, np.ndarray]], spec: ImportSpec) -> Recording:
     """All tests, one after another, numbered in `cycle` where no column does."""
-    gap = parse(rig.gap, "time", "`gap`")
+    gap = parse_quantity(spec.gap, "time", "`gap`")
     timed = {"time" in piece for piece in pieces} == {True}
-    if rig.median:
-        block = parse(rig.median, "time", "`median`")
+    if spec.median:
+        block = parse_quantity(spec.median, "time", "`median`")
         if not timed or block <= 0:
             raise refuse(
-                "`median` needs a clock and a time above zero", rig.median, "", "State `rate` in [files]."
+                "`median` needs a clock and a time above zero", spec.median, "", "State `rate` in [files]."
             )
-        pieces = [_thinned(piece, block) for piece in pieces]
-    begun = 0.0
+        pieces = [_thin_columns(piece, block) for piece in pieces]
+    start_time = 0.0
     for number, piece in enumerate(pieces, 1):
         piece.setdefault("cycle", np.full(len(piece["pressure"]), float(number)))
         if timed:
-            piece["time"] = piece["time"] + begun
-            begun = float(piece["time"][-1]) + gap
+            piece["time"] = piece["time"] + start_time
+            start_time = float(piece["time"][-1]) + gap
     joined = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
     return Recording.from_arrays(
         time=joined.get("time"),

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pamjax.errors import nearest, refuse
-from pamjax.records.files import decode, read_bytes
-from pamjax.records.importing.import_spec import Files
+from pamjax.errors import refuse, suggest_word
+from pamjax.records.files import decode_text, read_bytes
+from pamjax.records.importing.import_spec import FilesTable
 from pamjax.records.quotes import check_quotes, lines_of
 from pamjax.records.reading.header import split_title
 
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan", re.IGNORECASE)
+_CELL_PATTERN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan", re.IGNORECASE)
 
 SEPARATORS = {",": ",", ";": ";", "tab": "\t", "space": r"\s+"}
 
@@ -28,19 +28,19 @@ class RigFile:
 
     Args:
         path: a .mat file, or a text file whatever its ending.
-        how: how it is written.
+        file_format: how it is written.
     """
 
-    def __init__(self, path: Path, how: Files) -> None:
+    def __init__(self, path: Path, file_format: FilesTable) -> None:
         self.name = path.name
         #: Lines above the first row of numbers; a row of a MAT file is counted from 1.
-        self.above = 0
+        self.lines_above = 0
         raw = read_bytes(path)
         if path.suffix.lower() == ".mat":
-            self._columns = _mat(raw, how.matrix, self.name)
+            self._columns = _read_mat(raw, file_format.matrix, self.name)
         else:
-            self.above = how.skip + how.header
-            self._columns = _csv(decode(raw, self.name), how, self.name)
+            self.lines_above = file_format.skip + file_format.header
+            self._columns = _read_csv(decode_text(raw, self.name), file_format, self.name)
 
     def __getitem__(self, column: int | str) -> np.ndarray:
         """(n,) the numbers of a column, NaN where a cell is blank.
@@ -53,36 +53,38 @@ class RigFile:
             if column > len(names):
                 rule = f"{self.name} must have a column {column}"
                 raise refuse(rule, f"{len(names)}", remedy="Columns count from 1; check `separator`.")
-            return self._numbers(self._columns[names[column - 1]], f"{column}")
+            return self._parse_cells(self._columns[names[column - 1]], f"{column}")
         plain = {split_title(name)[0]: name for name in self._columns}
-        found = column if column in self._columns else plain.get(column, "")
-        if not found:
+        header = column if column in self._columns else plain.get(column, "")
+        if not header:
             raise refuse(
-                f"{self.name} must have a column `{column}`", "none", remedy=nearest(column, self._columns)
+                f"{self.name} must have a column `{column}`",
+                "none",
+                remedy=suggest_word(column, self._columns),
             )
-        return self._numbers(self._columns[found], f"`{column}`")
+        return self._parse_cells(self._columns[header], f"`{column}`")
 
-    def row(self, index: int) -> str:
+    def locate_row(self, index: int) -> str:
         """Where a row stands, in words."""
-        return f"row {index + self.above + 1} of {self.name}"
+        return f"row {index + self.lines_above + 1} of {self.name}"
 
-    def _numbers(self, cells: Any, column: str) -> np.ndarray:
+    def _parse_cells(self, cells: Any, column: str) -> np.ndarray:
         if isinstance(cells, np.ndarray) and cells.dtype.kind in "biuf":
             return cells.astype(float)
         text = np.array(["" if pd.isna(cell) else str(cell).strip() for cell in cells])
-        wrong = [i for i, cell in enumerate(text) if cell and not _NUMBER.fullmatch(cell)]
+        wrong = [i for i, cell in enumerate(text) if cell and not _CELL_PATTERN.fullmatch(cell)]
         if wrong:
             remedy = "Check `skip`, `header` and `decimal` in [files]."
             rule = f"column {column} must hold numbers or blanks"
-            raise refuse(rule, f"'{text[wrong[0]]}'", self.row(wrong[0]), remedy)
+            raise refuse(rule, f"'{text[wrong[0]]}'", self.locate_row(wrong[0]), remedy)
         return np.where(text == "", "nan", text).astype(float)
 
 
-def _csv(text: str, how: Files, file: str) -> dict[str, Any]:
+def _read_csv(text: str, file_format: FilesTable, file: str) -> dict[str, Any]:
     # The lines above the table may have any marks in them.
-    lines = ["\n" if k < how.skip else line for k, line in enumerate(lines_of(text))]
-    mark = " " if how.separator == "space" else SEPARATORS[how.separator]
-    header = "".join(lines[how.skip : how.skip + how.header])
+    lines = ["\n" if k < file_format.skip else line for k, line in enumerate(lines_of(text))]
+    mark = " " if file_format.separator == "space" else SEPARATORS[file_format.separator]
+    header = "".join(lines[file_format.skip : file_format.skip + file_format.header])
     check_quotes(lines, file, mark, header, skip_spaces=True)
     try:
         with warnings.catch_warnings():
@@ -91,20 +93,22 @@ def _csv(text: str, how: Files, file: str) -> dict[str, Any]:
             table = pd.read_csv(
                 io.StringIO("".join(lines)),
                 index_col=False,
-                sep=SEPARATORS[how.separator],
-                decimal=how.decimal,
-                header=0 if how.header else None,
-                skiprows=how.skip,
+                sep=SEPARATORS[file_format.separator],
+                decimal=file_format.decimal,
+                header=0 if file_format.header else None,
+                skiprows=file_format.skip,
                 skip_blank_lines=False,
                 skipinitialspace=True,
             )
     except (pd.errors.ParserError, pd.errors.ParserWarning, pd.errors.EmptyDataError) as error:
         raise refuse(
-            f"{file} must be a table", _ragged(str(error)), remedy="Check `skip` and `separator` in [files]."
+            f"{file} must be a table",
+            _format_ragged(str(error)),
+            remedy="Check `skip` and `separator` in [files].",
         ) from error
-    if table.shape[1] == 1 and (other := _other_separator(text, how)):
+    if table.shape[1] == 1 and (other := _guess_separator(text, file_format)):
         remedy = f'Write separator = "{other}" in [files].'
-        raise refuse(f"the cells of {file} must be separated by {how.separator!r}", "", "", remedy)
+        raise refuse(f"the cells of {file} must be separated by {file_format.separator!r}", "", "", remedy)
     while len(table) and table.iloc[-1].isna().all():
         table = table.iloc[:-1]
     if not len(table):
@@ -114,58 +118,58 @@ def _csv(text: str, how: Files, file: str) -> dict[str, Any]:
     return {str(name).strip(): table[name].to_numpy() for name in table.columns}
 
 
-def _ragged(said: str) -> str:
-    if "does not match length of data" in said:
+def _format_ragged(message: str) -> str:
+    if "does not match length of data" in message:
         return "rows with more cells than the header"
-    match = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", said)
-    return f"{match[3]} cells instead of {match[1]} in row {match[2]}" if match else said.strip().lower()
+    match = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", message)
+    return f"{match[3]} cells instead of {match[1]} in row {match[2]}" if match else message.strip().lower()
 
 
-def _other_separator(text: str, how: Files) -> str:
-    line = next((line for line in text.splitlines()[how.skip :] if line.strip()), "")
-    marks = {";": ";", "\t": "tab", ",": "," if how.decimal == "." else ""}
-    return next((name for mark, name in marks.items() if mark in line and name != how.separator), "")
+def _guess_separator(text: str, file_format: FilesTable) -> str:
+    line = next((line for line in text.splitlines()[file_format.skip :] if line.strip()), "")
+    marks = {";": ";", "\t": "tab", ",": "," if file_format.decimal == "." else ""}
+    return next((name for mark, name in marks.items() if mark in line and name != file_format.separator), "")
 
 
-def _mat(raw: bytes, matrix: str, file: str) -> dict[str, Any]:
+def _read_mat(raw: bytes, matrix: str, file: str) -> dict[str, Any]:
     """The arrays of a MAT file by name, those of a structure as "structure.field"; or a matrix's columns."""
     try:
-        found = dict(_arrays(_variables(raw)))
+        arrays = dict(_iterate_arrays(_load_variables(raw)))
     except (ValueError, OSError, TypeError) as error:
         raise refuse(f"{file} must be a MAT file", str(error).rstrip("."), remedy="Save it anew.") from error
     if not matrix:
-        return {name: values.ravel() for name, values in found.items() if values.size == max(values.shape)}
-    if matrix not in found:
-        raise refuse(f"{file} must have a variable `{matrix}`", "none", remedy=nearest(matrix, found))
-    table = np.atleast_2d(found[matrix])
+        return {name: values.ravel() for name, values in arrays.items() if values.size == max(values.shape)}
+    if matrix not in arrays:
+        raise refuse(f"{file} must have a variable `{matrix}`", "none", remedy=suggest_word(matrix, arrays))
+    table = np.atleast_2d(arrays[matrix])
     if table.shape[0] < table.shape[1]:  # a row a sample, however it was saved
         table = table.T
     return {str(k): column for k, column in enumerate(table.T, 1)}
 
 
-def _variables(raw: bytes) -> Mapping[str, Any]:
+def _load_variables(raw: bytes) -> Mapping[str, Any]:
     from scipy.io import loadmat
 
     if raw[:4] == b"\x89HDF" or b"MATLAB 7.3" in raw[:128]:
         import h5py
 
-        return _unfolded(h5py.File(io.BytesIO(raw), "r"))
+        return _unfold_group(h5py.File(io.BytesIO(raw), "r"))
     return loadmat(io.BytesIO(raw), simplify_cells=True)
 
 
-def _unfolded(group: Any) -> dict[str, Any]:
+def _unfold_group(group: Any) -> dict[str, Any]:
     return {
-        name: _unfolded(part) if hasattr(part, "keys") else np.asarray(part)
+        name: _unfold_group(part) if hasattr(part, "keys") else np.asarray(part)
         for name, part in group.items()
         if not name.startswith("#")
     }
 
 
-def _arrays(variables: Mapping[str, Any], above: str = ""):
+def _iterate_arrays(variables: Mapping[str, Any], prefix: str = ""):
     for name, value in variables.items():
         if name.startswith("__"):
             continue
         if isinstance(value, Mapping):
-            yield from _arrays(value, f"{above}{name}.")
+            yield from _iterate_arrays(value, f"{prefix}{name}.")
         elif np.ndim(value) and np.asarray(value).dtype.kind in "biuf":
-            yield f"{above}{name}", np.asarray(value)
+            yield f"{prefix}{name}", np.asarray(value)

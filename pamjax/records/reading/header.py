@@ -8,23 +8,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from pamjax.channels import CHANNEL_BY_NAME
-from pamjax.errors import BadInput, nearest, refuse
-from pamjax.units import example, factor
+from pamjax.errors import BadInput, refuse, suggest_word
+from pamjax.units import parse_unit, suggest_units
 
 #: Kind of quantity of each column.
-KINDS = {c.name: c.kind for c in CHANNEL_BY_NAME.values()}
+COLUMN_KINDS = {c.name: c.kind for c in CHANNEL_BY_NAME.values()}
 
 #: Header of each column when nobody mapped it, for error texts.
-USUAL = {c.name: c.header for c in CHANNEL_BY_NAME.values()}
+USUAL_HEADERS = {c.name: c.header for c in CHANNEL_BY_NAME.values()}
 
 #: Units that say "gauge" aloud; a recording's pressure is gauge pressure anyway.
-GAUGE = {"psig": "psi", "barg": "bar", "kPag": "kPa", "MPag": "MPa"}
-ABSOLUTE = {"psia": "psi", "bara": "bar", "kPaa": "kPa", "kPa(a)": "kPa"}
+GAUGE_UNITS = {"psig": "psi", "barg": "bar", "kPag": "kPa", "MPag": "MPa"}
+ABSOLUTE_UNITS = {"psia": "psi", "bara": "bar", "kPaa": "kPa", "kPa(a)": "kPa"}
 
 #: Ways to write that a count has no unit.
-NO_UNIT = ("", "1", "-", "#")
+NO_UNIT_MARKS = ("", "1", "-", "#")
 
-_TITLE = re.compile(r"^\s*(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))\s*$")
+_TITLE_PATTERN = re.compile(r"^\s*(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))\s*$")
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def split_title(header: str) -> tuple[str, str | None]:
     >>> split_title("cycle")
     ('cycle', None)
     """
-    match = _TITLE.match(header)
+    match = _TITLE_PATTERN.match(header)
     if match is None:
         return header.strip(), None
     unit = match[2] if match[2] is not None else match[3]
@@ -68,94 +68,102 @@ def find_columns(
         BadInput: if a needed column is missing, stands twice, or has no unit of its kind.
     """
     titles = [cell.strip() for cell in header]
-    names = _names(titles, mapping, file)
-    found: dict[str, Column] = {}
+    names = _match_names(titles, mapping, file)
+    columns: dict[str, Column] = {}
     for index, (title, name) in enumerate(zip(titles, names, strict=True)):
         if name is None:
             continue
-        if name in found:
-            got = f"`{found[name].header}` and `{title}`"
+        if name in columns:
+            got = f"`{columns[name].header}` and `{title}`"
             raise refuse(
                 f"`{name}` must be one column", got, file, "Keep one, or map the right one in [columns]."
             )
-        found[name] = _column(name, title, index, file)
-    _need(found, titles, file, fixed_length)
-    return found, [title or "(no header)" for title, name in zip(titles, names, strict=True) if name is None]
+        columns[name] = _build_column(name, title, index, file)
+    _check_required(columns, titles, file, fixed_length)
+    return columns, [
+        title or "(no header)" for title, name in zip(titles, names, strict=True) if name is None
+    ]
 
 
-def _names(titles: Sequence[str], mapping: Mapping[str, str], file: str) -> list[str | None]:
+def _match_names(titles: Sequence[str], mapping: Mapping[str, str], file: str) -> list[str | None]:
     """Our name of each header cell, or None; a mapped header takes the place of the usual one."""
     names: list[str | None] = [None] * len(titles)
     for name, wanted in mapping.items():
-        if name not in KINDS:
+        if name not in COLUMN_KINDS:
             raise refuse(
-                f"`{name}` is no column of a recording", where="[columns]", remedy=nearest(name, KINDS)
+                f"`{name}` is no column of a recording",
+                where="[columns]",
+                remedy=suggest_word(name, COLUMN_KINDS),
             )
         hits = [i for i, title in enumerate(titles) if wanted.strip() in (title, split_title(title)[0])]
         if not hits:
             rule = f"`[columns] {name}` must be a header of {file}"
-            raise refuse(rule, f"`{wanted}`", remedy=nearest(wanted, [title for title in titles if title]))
+            raise refuse(
+                rule, f"`{wanted}`", remedy=suggest_word(wanted, [title for title in titles if title])
+            )
         for i in hits:
             names[i] = name
     for i, title in enumerate(titles):
         usual = split_title(title)[0].lower()
-        if names[i] is None and usual in KINDS and usual not in mapping:
+        if names[i] is None and usual in COLUMN_KINDS and usual not in mapping:
             names[i] = usual
     return names
 
 
-def _column(name: str, title: str, index: int, file: str) -> Column:
+def _build_column(name: str, title: str, index: int, file: str) -> Column:
     where = f"column `{title}` of {file}"
     _, unit = split_title(title)
-    kind = KINDS[name]
+    kind = COLUMN_KINDS[name]
     if kind == "count":
-        if unit not in (None, *NO_UNIT):
+        if unit not in (None, *NO_UNIT_MARKS):
             raise refuse(
                 f"`{name}` is a whole number without a unit", f"{unit!r}", where, "Leave the unit out."
             )
         return Column(name, title, index, "1", 1.0)
     if not unit:
-        remedy = f"Write it as `{split_title(title)[0]} [unit]`, with a unit such as {example(kind)}."
+        remedy = f"Write it as `{split_title(title)[0]} [unit]`, with a unit such as {suggest_units(kind)}."
         raise refuse(f"the header of `{name}` must state its unit", f"`{title}`", file, remedy)
-    if unit in ABSOLUTE and name == "pressure":
+    if unit in ABSOLUTE_UNITS and name == "pressure":
         remedy = "Subtract the atmosphere's and write the unit without the `a`."
         raise refuse("`pressure` must be gauge pressure", f"{unit!r}", where, remedy)
-    unit = GAUGE.get(unit, unit)
-    return Column(name, title, index, unit, factor(unit, kind, where))
+    unit = GAUGE_UNITS.get(unit, unit)
+    return Column(name, title, index, unit, parse_unit(unit, kind, where))
 
 
-def _need(found: Mapping[str, Column], titles: Sequence[str], file: str, fixed_length: bool) -> None:
-    if "pressure" not in found:
-        raise _missing("pressure", titles, file)
-    if "length" not in found and not fixed_length:
-        raise _missing(
+def _check_required(
+    columns: Mapping[str, Column], titles: Sequence[str], file: str, fixed_length: bool
+) -> None:
+    if "pressure" not in columns:
+        raise _build_missing_error("pressure", titles, file)
+    if "length" not in columns and not fixed_length:
+        raise _build_missing_error(
             "length", titles, file, " For one fixed length, state `length` in [muscle] of muscle.toml."
         )
-    if "force" not in found and "diameter" not in found:
-        raise _missing("force", titles, file, " A recording has force, diameter, or both.")
+    if "force" not in columns and "diameter" not in columns:
+        raise _build_missing_error("force", titles, file, " A recording has force, diameter, or both.")
 
 
-def _missing(name: str, titles: Sequence[str], file: str, more: str = "") -> BadInput:
-    guess = _likely(name, titles)
+def _build_missing_error(name: str, titles: Sequence[str], file: str, more: str = "") -> BadInput:
+    guess = _guess_header(name, titles)
     remedy = f'Is it `{guess}`? Then map it in muscle.toml: [columns] {name} = "{guess}".' if guess else ""
     remedy = remedy or f"Rename its header, or map it in muscle.toml under [columns] as `{name}`."
     listed = ", ".join(f"`{title}`" for title in titles if title)
-    return refuse(f"a recording must have a column `{USUAL[name]}`", listed, file, remedy + more)
+    return refuse(f"a recording must have a column `{USUAL_HEADERS[name]}`", listed, file, remedy + more)
 
 
-def _likely(name: str, titles: Sequence[str]) -> str | None:
+def _guess_header(name: str, titles: Sequence[str]) -> str | None:
     """The header that is spelled almost so, or else the one whose unit fits."""
     others = {split_title(title)[0].lower(): title for title in titles}
-    others = {plain: title for plain, title in others.items() if plain not in KINDS}
+    others = {plain: title for plain, title in others.items() if plain not in COLUMN_KINDS}
     close = difflib.get_close_matches(name, others, n=1, cutoff=0.6)
     if close:
         return others[close[0]]
-    return next((title for title in others.values() if _measures(title, KINDS[name])), None)
+    return next((title for title in others.values() if _has_unit_of_kind(title, COLUMN_KINDS[name])), None)
 
 
-def _measures(title: str, kind: str) -> bool:
+def _has_unit_of_kind(title: str, kind: str) -> bool:
     unit = split_title(title)[1]
     try:
-        return bool(unit) and factor(GAUGE.get(unit, unit), kind) > 0
+        return bool(unit) and parse_unit(GAUGE_UNITS.get(unit, unit), kind) > 0
     except BadInput:
         return False

@@ -8,20 +8,20 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pamjax.errors import BadInput, refuse
-from pamjax.records.reading.quantity import Measured
-from pamjax.records.reading.schema import Document, Muscle, Thread, read_document
-from pamjax.units import show
+from pamjax.records.reading.quantity import MeasuredValue
+from pamjax.records.reading.schema import MuscleDocument, MuscleTable, ThreadTable, read_document
+from pamjax.units import format_quantity
 
-__all__ = ["Bladder", "Entry", "Measured", "Sensors", "entry_from", "read_entry"]
+__all__ = ["Bladder", "MeasuredValue", "MuscleToml", "Sensors", "parse_muscle_toml", "read_muscle_toml"]
 
 
 @dataclass(frozen=True)
 class Bladder:
     """Size of the rubber tube, m, and its Young's modulus at small strain, Pa; None where not stated."""
 
-    inner_diameter: Measured | None = None
-    thickness: Measured | None = None
-    modulus: Measured | None = None
+    inner_diameter: MeasuredValue | None = None
+    thickness: MeasuredValue | None = None
+    modulus: MeasuredValue | None = None
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Sensors:
 
 
 @dataclass(frozen=True)
-class Entry:
+class MuscleToml:
     """What muscle.toml says, SI.
 
     The braid stands in one of two forms that determine each other: `thread_length` (m) and `turns`, or
@@ -61,17 +61,17 @@ class Entry:
     """
 
     name: str
-    rest_length: Measured
-    thread_length: Measured | None = None
-    turns: Measured | None = None
-    braid_angle: Measured | None = None
-    diameter: Measured | None = None
+    rest_length: MeasuredValue
+    thread_length: MeasuredValue | None = None
+    turns: MeasuredValue | None = None
+    braid_angle: MeasuredValue | None = None
+    diameter: MeasuredValue | None = None
     threads: int | None = None
-    thread_area: Measured | None = None
+    thread_area: MeasuredValue | None = None
     length: float | None = None
-    fitting_diameter: Measured | None = None
-    modulus: Measured | None = None
-    stiffness: Measured | None = None
+    fitting_diameter: MeasuredValue | None = None
+    modulus: MeasuredValue | None = None
+    stiffness: MeasuredValue | None = None
     bladder: Bladder | None = None
     sensors: Sensors = field(default_factory=Sensors)
     baseline: str = "inelastic"
@@ -93,29 +93,29 @@ class Entry:
         )
 
 
-def read_entry(raw: bytes, file: str = "muscle.toml") -> Entry:
+def read_muscle_toml(raw: bytes, file: str = "muscle.toml") -> MuscleToml:
     """The entry in a muscle.toml's bytes.
 
     Raises:
         BadInput: in one sentence with table and key, if it is no TOML or states something impossible.
     """
-    return entry_from(read_document(raw, file), file)
+    return parse_muscle_toml(read_document(raw, file), file)
 
 
-def entry_from(document: Document | Mapping[str, Any], file: str = "muscle.toml") -> Entry:
+def parse_muscle_toml(document: MuscleDocument | Mapping[str, Any], file: str = "muscle.toml") -> MuscleToml:
     """The entry of a document, checked for what no single number shows.
 
     >>> entry_from({"muscle": {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.2}}).baseline
     'inelastic'
     """
-    said = document if isinstance(document, Document) else Document.of(document, file)
-    muscle, thread = said.muscle, said.thread
-    rest_length = _rest_length(muscle, file)
-    _one_braid(muscle, rest_length, file)
-    _one_stiffness(muscle, thread, file)
+    tables = document if isinstance(document, MuscleDocument) else MuscleDocument.from_mapping(document, file)
+    muscle, thread = tables.muscle, tables.thread
+    rest_length = _find_rest_length(muscle, file)
+    _check_braid(muscle, rest_length, file)
+    _check_stiffness(muscle, thread, file)
     elastic = thread.modulus is not None or thread.stiffness is not None
-    sensors = said.sensors
-    return Entry(
+    sensors = tables.sensors
+    return MuscleToml(
         name=muscle.name or "muscle",
         rest_length=rest_length,
         thread_length=muscle.thread_length,
@@ -128,7 +128,7 @@ def entry_from(document: Document | Mapping[str, Any], file: str = "muscle.toml"
         fitting_diameter=muscle.fitting_diameter,
         modulus=thread.modulus,
         stiffness=thread.stiffness,
-        bladder=Bladder(**dict(said.bladder)) if said.bladder else None,
+        bladder=Bladder(**dict(tables.bladder)) if tables.bladder else None,
         sensors=Sensors(
             force=sensors.force.sd if sensors.force else None,
             diameter=sensors.diameter.sd if sensors.diameter else None,
@@ -136,43 +136,45 @@ def entry_from(document: Document | Mapping[str, Any], file: str = "muscle.toml"
             length=sensors.length.sd if sensors.length else None,
             length_per_setting=sensors.length is not None and sensors.length.per == "setting",
         ),
-        baseline=said.baseline.model or ("elastic" if elastic else "inelastic"),
-        columns=dict(said.columns),
+        baseline=tables.baseline.model or ("elastic" if elastic else "inelastic"),
+        columns=dict(tables.columns),
     )
 
 
-def _rest_length(muscle: Muscle, file: str) -> Measured:
-    found = muscle.rest_length or muscle.length
-    if found is None:
+def _find_rest_length(muscle: MuscleTable, file: str) -> MeasuredValue:
+    length = muscle.rest_length or muscle.length
+    if length is None:
         remedy = 'Write the length between the fittings at rest: rest_length = "235 mm".'
         raise refuse("[muscle] must state `rest_length`", "none", file, remedy)
-    return found
+    return length
 
 
-def _one_braid(muscle: Muscle, rest_length: Measured, file: str) -> None:
+def _check_braid(muscle: MuscleTable, rest_length: MeasuredValue, file: str) -> None:
     """Exactly one form of the braid, whole and possible."""
     counted = {"thread_length": muscle.thread_length, "turns": muscle.turns}
     angled = {"braid_angle": muscle.braid_angle, "diameter": muscle.diameter}
-    given = [name for name, value in (counted | angled).items() if value is not None]
-    if given not in (list(counted), list(angled)):
-        raise _no_braid(given, file)
+    stated_names = [name for name, value in (counted | angled).items() if value is not None]
+    if stated_names not in (list(counted), list(angled)):
+        raise _build_braid_error(stated_names, file)
     thread = muscle.thread_length
     if thread is not None and rest_length.value >= thread.value:
-        rule = f"`rest_length` must be shorter than the thread ({show(thread.value, 'mm')})"
+        rule = f"`rest_length` must be shorter than the thread ({format_quantity(thread.value, 'mm')})"
         remedy = "`thread_length` is measured along one thread, from fitting to fitting."
-        raise refuse(rule, show(rest_length.value, "mm"), f"[muscle] of {file}", remedy)
+        raise refuse(rule, format_quantity(rest_length.value, "mm"), f"[muscle] of {file}", remedy)
 
 
-def _no_braid(given: list[str], file: str) -> BadInput:
+def _build_braid_error(stated_names: list[str], file: str) -> BadInput:
     rule = "[muscle] must state the braid as `thread_length` and `turns`, or as `braid_angle` and `diameter`"
-    got = " and ".join(f"`{name}`" for name in given) or "neither"
-    remedy = "Remove one pair: each follows from the other." if len(given) > 2 else "Add what is missing."
-    if len(given) == 2:
+    got = " and ".join(f"`{name}`" for name in stated_names) or "neither"
+    remedy = (
+        "Remove one pair: each follows from the other." if len(stated_names) > 2 else "Add what is missing."
+    )
+    if len(stated_names) == 2:
         remedy = "Complete one pair and remove the other."
     return refuse(rule, got, file, remedy)
 
 
-def _one_stiffness(muscle: Muscle, thread: Thread, file: str) -> None:
+def _check_stiffness(muscle: MuscleTable, thread: ThreadTable, file: str) -> None:
     if thread.modulus is None:
         return
     if thread.stiffness is not None:

@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from pamjax.errors import nearest, refuse
-from pamjax.units import example, parse
+from pamjax.errors import refuse, suggest_word
+from pamjax.units import parse_quantity, suggest_units
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredValue:
     """A number and how well it is known, both SI; `sd` 0 is taken as known.
 
     >>> Measured(0.2512, 0.0008).sd
@@ -24,7 +24,7 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class Noise:
+class SensorNoise:
     """Standard deviation of a sensor, SI, for each "sample" or for each "setting"."""
 
     sd: float
@@ -32,7 +32,7 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class Spot:
+class EntryLocation:
     """Where an entry stands: its table and name, and the file."""
 
     name: str
@@ -42,7 +42,7 @@ class Spot:
         return f"{self.name} of {self.file}"
 
 
-def read_quantity(said: Any, kind: str, spot: Spot) -> Measured:
+def read_quantity(raw: Any, kind: str, location: EntryLocation) -> MeasuredValue:
     """A positive quantity from a string, a bare number, or a table of `value` and `sd`.
 
     Raises:
@@ -51,81 +51,91 @@ def read_quantity(said: Any, kind: str, spot: Spot) -> Measured:
     >>> read_quantity({"value": "251.2 mm", "sd": "0.8 mm"}, "length", Spot("x", "y.toml"))
     Measured(value=0.2512, sd=0.0008)
     """
-    where = str(spot)
-    if isinstance(said, Mapping):
-        only_keys(said, ("value", "sd"), where)
-        if "value" not in said:
-            raise refuse("a quantity must have a `value`", _keys(said), where, "Write value = and sd =.")
-        value = _number(said["value"], kind, where)
-        sd = _number(said.get("sd", 0.0), kind, where) if said.get("sd") else 0.0
+    where = str(location)
+    if isinstance(raw, Mapping):
+        check_keys(raw, ("value", "sd"), where)
+        if "value" not in raw:
+            raise refuse(
+                "a quantity must have a `value`", _format_keys(raw), where, "Write value = and sd =."
+            )
+        value = _parse_number(raw["value"], kind, where)
+        sd = _parse_number(raw.get("sd", 0.0), kind, where) if raw.get("sd") else 0.0
     else:
-        value, sd = _number(said, kind, where), 0.0
+        value, sd = _parse_number(raw, kind, where), 0.0
     if not value > 0:
         raise refuse(
-            f"`{spot.name}` must be positive", _text(said, "value"), spot.file, "Check its sign and unit."
+            f"`{location.name}` must be positive",
+            _format_raw(raw, "value"),
+            location.file,
+            "Check its sign and unit.",
         )
     if sd < 0:
-        raise refuse("`sd` must not be negative", _text(said, "sd"), where, "It is one standard deviation.")
-    return Measured(value, sd)
+        raise refuse(
+            "`sd` must not be negative", _format_raw(raw, "sd"), where, "It is one standard deviation."
+        )
+    return MeasuredValue(value, sd)
 
 
-def read_noise(said: Any, kind: str, spot: Spot, settings: bool) -> Noise:
+def read_sensor_noise(raw: Any, kind: str, location: EntryLocation, allow_per_setting: bool) -> SensorNoise:
     """A sensor's noise from a string, or from a table of `sd` and, where settings are, `per`."""
-    per, where = "sample", str(spot)
-    if isinstance(said, Mapping):
-        only_keys(said, ("sd", "per") if settings else ("sd",), where)
-        per = said.get("per", per)
+    per, where = "sample", str(location)
+    if isinstance(raw, Mapping):
+        check_keys(raw, ("sd", "per") if allow_per_setting else ("sd",), where)
+        per = raw.get("per", per)
         if per not in ("sample", "setting"):
             raise refuse(
                 '`per` must be "sample" or "setting"',
                 f"{per!r}",
                 where,
-                nearest(str(per), ["sample", "setting"]),
+                suggest_word(str(per), ["sample", "setting"]),
             )
-        if "sd" not in said:
+        if "sd" not in raw:
             raise refuse(
-                "a sensor's noise must have an `sd`", _keys(said), where, "It is one standard deviation."
+                "a sensor's noise must have an `sd`",
+                _format_keys(raw),
+                where,
+                "It is one standard deviation.",
             )
-    sd = _number(said["sd"] if isinstance(said, Mapping) else said, kind, where)
+    sd = _parse_number(raw["sd"] if isinstance(raw, Mapping) else raw, kind, where)
     if not sd > 0:
         remedy = "It is one standard deviation; leave it out to have it estimated."
-        raise refuse(f"`{spot.name}` must be positive", _text(said, "sd"), spot.file, remedy)
-    return Noise(sd, per)
+        raise refuse(f"`{location.name}` must be positive", _format_raw(raw, "sd"), location.file, remedy)
+    return SensorNoise(sd, per)
 
 
-def read_count(said: Any, spot: Spot) -> int:
+def read_count(raw: Any, location: EntryLocation) -> int:
     """A positive whole number."""
     if (
-        isinstance(said, bool)
-        or not isinstance(said, (int, float))
-        or not 0 < said < math.inf
-        or said != int(said)
+        isinstance(raw, bool)
+        or not isinstance(raw, (int, float))
+        or not 0 < raw < math.inf
+        or raw != int(raw)
     ):
-        rule = f"`{spot.name}` must be a positive whole number"
-        raise refuse(rule, f"{said!r}", spot.file, "Write it without quotes and unit.")
-    return int(said)
+        rule = f"`{location.name}` must be a positive whole number"
+        raise refuse(rule, f"{raw!r}", location.file, "Write it without quotes and unit.")
+    return int(raw)
 
 
-def only_keys(said: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
+def check_keys(raw: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
     """Refuse the first key that is none of the known ones, naming the nearest."""
-    for key in said:
+    for key in raw:
         if key not in known:
-            raise refuse(f"`{key}` is no entry here", where=where, remedy=nearest(key, known))
+            raise refuse(f"`{key}` is no entry here", where=where, remedy=suggest_word(key, known))
 
 
-def _number(said: Any, kind: str, where: str) -> float:
-    if isinstance(said, bool) or not isinstance(said, (int, float, str)):
-        remedy = f'Write a string such as "3 {example(kind).split(",")[0].split(" ")[0]}".'
-        raise refuse("a quantity is a number and a unit", f"{said!r}", where, remedy)
-    value = parse(said, kind, where)
+def _parse_number(raw: Any, kind: str, where: str) -> float:
+    if isinstance(raw, bool) or not isinstance(raw, (int, float, str)):
+        remedy = f'Write a string such as "3 {suggest_units(kind).split(",")[0].split(" ")[0]}".'
+        raise refuse("a quantity is a number and a unit", f"{raw!r}", where, remedy)
+    value = parse_quantity(raw, kind, where)
     if not math.isfinite(value):
-        raise refuse("a quantity must be finite", f"{said!r}", where, "Leave out what is not known.")
+        raise refuse("a quantity must be finite", f"{raw!r}", where, "Leave out what is not known.")
     return value
 
 
-def _keys(said: Mapping[str, Any]) -> str:
-    return ", ".join(f"`{key}`" for key in said) or "nothing"
+def _format_keys(raw: Mapping[str, Any]) -> str:
+    return ", ".join(f"`{key}`" for key in raw) or "nothing"
 
 
-def _text(said: Any, key: str) -> str:
-    return f"{said[key] if isinstance(said, Mapping) else said}"
+def _format_raw(raw: Any, key: str) -> str:
+    return f"{raw[key] if isinstance(raw, Mapping) else raw}"

@@ -9,53 +9,60 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo
 
-from pamjax.errors import BadInput, nearest, refuse
-from pamjax.records.files import decode
-from pamjax.records.reading.header import KINDS
-from pamjax.records.reading.quantity import Measured, Noise, Spot, read_count, read_noise, read_quantity
+from pamjax.errors import BadInput, refuse, suggest_word
+from pamjax.records.files import decode_text
+from pamjax.records.reading.header import COLUMN_KINDS
+from pamjax.records.reading.quantity import (
+    EntryLocation,
+    MeasuredValue,
+    SensorNoise,
+    read_count,
+    read_quantity,
+    read_sensor_noise,
+)
 
 
-def _spot(info: ValidationInfo) -> Spot:
+def _locate_entry(info: ValidationInfo) -> EntryLocation:
     table = (info.config or {}).get("title")
-    return Spot(f"[{table}] {info.field_name}", (info.context or {}).get("file", "muscle.toml"))
+    return EntryLocation(f"[{table}] {info.field_name}", (info.context or {}).get("file", "muscle.toml"))
 
 
-def _checked(read: Callable[[Any, Spot], Any]) -> BeforeValidator:
+def _build_validator(read: Callable[[Any, EntryLocation], Any]) -> BeforeValidator:
     """A reader of ours as a pydantic validator; what it raises keeps its one sentence."""
-    return BeforeValidator(lambda said, info: read(said, _spot(info)))
+    return BeforeValidator(lambda raw, info: read(raw, _locate_entry(info)))
 
 
-def _quantity(kind: str) -> BeforeValidator:
-    return _checked(lambda said, spot: read_quantity(said, kind, spot))
+def _build_quantity_validator(kind: str) -> BeforeValidator:
+    return _build_validator(lambda raw, location: read_quantity(raw, kind, location))
 
 
-def _noise(kind: str, settings: bool = False) -> BeforeValidator:
-    return _checked(lambda said, spot: read_noise(said, kind, spot, settings))
+def _build_noise_validator(kind: str, allow_per_setting: bool = False) -> BeforeValidator:
+    return _build_validator(lambda raw, location: read_sensor_noise(raw, kind, location, allow_per_setting))
 
 
-def _angle(said: Any, spot: Spot) -> Measured:
-    angle = read_quantity(said, "angle", spot)
+def _read_angle(raw: Any, location: EntryLocation) -> MeasuredValue:
+    angle = read_quantity(raw, "angle", location)
     if not angle.value < math.pi / 2:
         got = f"{math.degrees(angle.value):.4g} deg"
         remedy = "It is measured from the circumference."
-        raise refuse(f"`{spot.name}` must lie between 0 and 90 deg", got, spot.file, remedy)
+        raise refuse(f"`{location.name}` must lie between 0 and 90 deg", got, location.file, remedy)
     return angle
 
 
-Length = Annotated[Measured, _quantity("length")]
-Area = Annotated[Measured, _quantity("area")]
-Pressure = Annotated[Measured, _quantity("pressure")]
-Force = Annotated[Measured, _quantity("force")]
-Angle = Annotated[Measured, _checked(_angle)]
-Number = Annotated[Measured, _quantity("count")]
-Count = Annotated[int, _checked(read_count)]
+Length = Annotated[MeasuredValue, _build_quantity_validator("length")]
+Area = Annotated[MeasuredValue, _build_quantity_validator("area")]
+Pressure = Annotated[MeasuredValue, _build_quantity_validator("pressure")]
+Force = Annotated[MeasuredValue, _build_quantity_validator("force")]
+Angle = Annotated[MeasuredValue, _build_validator(_read_angle)]
+Number = Annotated[MeasuredValue, _build_quantity_validator("count")]
+Count = Annotated[int, _build_validator(read_count)]
 
 
-class _Table(BaseModel):
+class _TomlTable(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
 
 
-class Muscle(_Table):
+class MuscleTable(_TomlTable):
     """[muscle]: the muscle at rest, and its braid in one of two forms."""
 
     model_config = ConfigDict(title="muscle")
@@ -71,7 +78,7 @@ class Muscle(_Table):
     length: Length | None = None
 
 
-class Thread(_Table):
+class ThreadTable(_TomlTable):
     """[thread]: how stiff it is, each or all together."""
 
     model_config = ConfigDict(title="thread")
@@ -79,7 +86,7 @@ class Thread(_Table):
     stiffness: Force | None = None
 
 
-class Bladder(_Table):
+class BladderTable(_TomlTable):
     """[bladder]: the rubber tube, for the mechanism `bladder_elasticity`."""
 
     model_config = ConfigDict(title="bladder")
@@ -88,67 +95,67 @@ class Bladder(_Table):
     modulus: Pressure | None = None
 
 
-class Sensors(_Table):
+class SensorsTable(_TomlTable):
     """[sensors]: noise of one sample."""
 
     model_config = ConfigDict(title="sensors")
-    force: Annotated[Noise, _noise("force")] | None = None
-    diameter: Annotated[Noise, _noise("length")] | None = None
-    pressure: Annotated[Noise, _noise("pressure")] | None = None
-    length: Annotated[Noise, _noise("length", settings=True)] | None = None
+    force: Annotated[SensorNoise, _build_noise_validator("force")] | None = None
+    diameter: Annotated[SensorNoise, _build_noise_validator("length")] | None = None
+    pressure: Annotated[SensorNoise, _build_noise_validator("pressure")] | None = None
+    length: Annotated[SensorNoise, _build_noise_validator("length", allow_per_setting=True)] | None = None
 
 
-class Baseline(_Table):
+class BaselineTable(_TomlTable):
     """[baseline]: what the lab believes so far."""
 
     model_config = ConfigDict(title="baseline")
     model: Literal["inelastic", "elastic"] | None = None
 
 
-class Document(_Table):
+class MuscleDocument(_TomlTable):
     """The whole file."""
 
-    muscle: Muscle
-    thread: Thread = Field(default_factory=Thread)
-    bladder: Bladder | None = None
-    sensors: Sensors = Field(default_factory=Sensors)
-    baseline: Baseline = Field(default_factory=Baseline)
+    muscle: MuscleTable
+    thread: ThreadTable = Field(default_factory=ThreadTable)
+    bladder: BladderTable | None = None
+    sensors: SensorsTable = Field(default_factory=SensorsTable)
+    baseline: BaselineTable = Field(default_factory=BaselineTable)
     columns: dict[str, str] = Field(default_factory=dict)
 
     @classmethod
-    def of(cls, said: Mapping[str, Any], file: str) -> Document:
+    def from_mapping(cls, raw: Mapping[str, Any], file: str) -> MuscleDocument:
         """The document in a mapping, or the first thing wrong with it as one sentence."""
         try:
-            document = cls.model_validate(dict(said), context={"file": file})
+            document = cls.model_validate(dict(raw), context={"file": file})
         except ValidationError as error:
-            raise _told(error, file) from error
+            raise _translate_error(error, file) from error
         for name in document.columns:
-            if name not in KINDS:
+            if name not in COLUMN_KINDS:
                 raise refuse(
                     f"`{name}` is no column of a recording",
                     where=f"[columns] of {file}",
-                    remedy=nearest(name, KINDS),
+                    remedy=suggest_word(name, COLUMN_KINDS),
                 )
         return document
 
 
-def read_document(raw: bytes, file: str) -> Document:
+def read_document(raw: bytes, file: str) -> MuscleDocument:
     """The document in a file's bytes.
 
     Raises:
         BadInput: if it is no TOML, or says what muscle.toml cannot say.
     """
     try:
-        said = tomllib.loads(decode(raw, file).replace("\r\n", "\n"))
+        tables = tomllib.loads(decode_text(raw, file).replace("\r\n", "\n"))
     except tomllib.TOMLDecodeError as error:
         got = str(error)[:1].lower() + str(error)[1:].rstrip(".")
         raise refuse(
             f"{file} must be TOML", got, remedy="A text stands in double quotes, a table in [brackets]."
         ) from error
-    return Document.of(said, file)
+    return MuscleDocument.from_mapping(tables, file)
 
 
-def _told(error: ValidationError, file: str) -> BadInput:
+def _translate_error(error: ValidationError, file: str) -> BadInput:
     """The first complaint of pydantic in our wording; the reader mends one thing at a time."""
     first = error.errors()[0]
     own = first.get("ctx", {}).get("error")
@@ -157,32 +164,34 @@ def _told(error: ValidationError, file: str) -> BadInput:
     path = [str(part) for part in first["loc"]]
     where = f"[{path[0]}] of {file}" if len(path) > 1 else file
     if first["type"] == "extra_forbidden":
-        return _unknown(path, where)
+        return _build_unknown_error(path, where)
     if first["type"] == "missing":
         return refuse(f"{file} must have a table [{path[0]}]", remedy="It says what the muscle is.")
     if first["type"] == "literal_error":
-        said = str(first["input"])
+        raw = str(first["input"])
         return refuse(
             '`model` must be "inelastic" or "elastic"',
-            f"{said!r}",
+            f"{raw!r}",
             where,
-            nearest(said, ["inelastic", "elastic"]),
+            suggest_word(raw, ["inelastic", "elastic"]),
         )
     kind = "a table" if len(path) == 1 else "a text in quotes"
     return refuse(f"`{path[-1]}` must be {kind}", f"{first['input']!r}", where)
 
 
-def _unknown(path: list[str], where: str) -> BadInput:
+def _build_unknown_error(path: list[str], where: str) -> BadInput:
     if len(path) == 1:
-        return refuse(f"[{path[0]}] is no table of {where}", remedy=nearest(path[0], Document.model_fields))
-    known = _TABLES[path[0]].model_fields
-    return refuse(f"`{path[1]}` is no entry", where=where, remedy=nearest(path[1], known))
+        return refuse(
+            f"[{path[0]}] is no table of {where}", remedy=suggest_word(path[0], MuscleDocument.model_fields)
+        )
+    known = _TABLE_CLASSES[path[0]].model_fields
+    return refuse(f"`{path[1]}` is no entry", where=where, remedy=suggest_word(path[1], known))
 
 
-_TABLES: dict[str, type[_Table]] = {
-    "muscle": Muscle,
-    "thread": Thread,
-    "bladder": Bladder,
-    "sensors": Sensors,
-    "baseline": Baseline,
+_TABLE_CLASSES: dict[str, type[_TomlTable]] = {
+    "muscle": MuscleTable,
+    "thread": ThreadTable,
+    "bladder": BladderTable,
+    "sensors": SensorsTable,
+    "baseline": BaselineTable,
 }

@@ -11,21 +11,21 @@ from pathlib import Path
 import numpy as np
 
 from pamjax.errors import BadInput, InputWarning, refuse
-from pamjax.records.files import decode, read_bytes
+from pamjax.records.files import decode_text, read_bytes
 from pamjax.records.quotes import check_quotes, lines_of
 from pamjax.records.reading.header import Column, find_columns
-from pamjax.records.reading.outliers import set_aside
+from pamjax.records.reading.outliers import remove_outliers
 from pamjax.records.recording import Recording
-from pamjax.units import show
+from pamjax.units import format_quantity
 
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
-_COMMA = re.compile(r"[+-]?\d+,\d+")
-_NOT_MEASURED = {"nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "?"}
+_NUMBER_PATTERN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_DECIMAL_COMMA_PATTERN = re.compile(r"[+-]?\d+,\d+")
+_BLANK_MARKS = {"nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "?"}
 
 #: A gauge's zero is rarely off by more: the seven hose recordings' gauge reads 8 to 10 kPa at atmosphere,
 #: laboratory gauges state 0.25 to 1 % of full scale.
-ZERO_ERROR = 5e3
-ZERO_SHARE = 0.01
+MAX_ZERO_ERROR = 5e3
+MAX_ZERO_ERROR_SHARE = 0.01
 
 
 def read_table(
@@ -55,31 +55,31 @@ def parse_table(
     raw: bytes, file: str, columns: Mapping[str, str], default_length: float | None
 ) -> tuple[Recording, list[str], dict[str, str]]:
     """The recording in a CSV file's bytes, what its owner should know about it, and each column's unit."""
-    header, lines, cells = _split(decode(raw, file), file)
-    found, extra = find_columns(header, columns, file, default_length is not None)
-    place = _Place(file, lines)
-    values = {name: _numbers(column, cells, place) for name, column in found.items()}
+    header, lines, cells = _split_cells(decode_text(raw, file), file)
+    known_columns, extra = find_columns(header, columns, file, default_length is not None)
+    locate = _RowLocator(file, lines)
+    values = {name: _parse_column(column, cells, locate) for name, column in known_columns.items()}
     recording = Recording.from_arrays(
         pressure=values["pressure"],
         length=values.get("length", default_length if default_length is not None else np.nan),
         force=values.get("force"),
         diameter=values.get("diameter"),
-        time=_times(values.get("time"), found, place),
-        cycle=_cycles(values.get("cycle"), place),
+        time=_check_times(values.get("time"), known_columns, locate),
+        cycle=_check_cycles(values.get("cycle"), locate),
         row=lines,
     )
     for name in ("length", "diameter"):
-        if name in found:
-            _positive(values[name], found[name], place)
-    units = {name: column.unit for name, column in found.items()}
-    recording = set_aside(recording, units)
-    _not_below_vent(recording.pressure, found["pressure"], place)
-    _something_measured(recording, file)
+        if name in known_columns:
+            _check_positive(values[name], known_columns[name], locate)
+    units = {name: column.unit for name, column in known_columns.items()}
+    recording = remove_outliers(recording, units)
+    _check_gauge_pressure(recording.pressure, known_columns["pressure"], locate)
+    _check_measured(recording, file)
     notes = [f"column `{title}` of {file} is none that pamjax knows, and was kept out." for title in extra]
-    return recording, notes + [f"{aside}." for aside in recording.aside], units
+    return recording, notes + [f"{outlier}." for outlier in recording.outliers], units
 
 
-class _Place:
+class _RowLocator:
     """Where a row stands, in words."""
 
     def __init__(self, file: str, lines: list[int]) -> None:
@@ -91,7 +91,7 @@ class _Place:
         return f"column `{column}`, {row}" if column else row
 
 
-def _split(text: str, file: str) -> tuple[list[str], list[int], list[list[str]]]:
+def _split_cells(text: str, file: str) -> tuple[list[str], list[int], list[list[str]]]:
     """Header, line number of each row, and each row's cells; comments and blank lines left out."""
     # A comment may have any marks in it.
     written = [line if not line.lstrip().startswith("#") else "\n" for line in lines_of(text)]
@@ -105,18 +105,18 @@ def _split(text: str, file: str) -> tuple[list[str], list[int], list[list[str]]]
             f"{file} must hold a recording", "an empty file", remedy="Write a header and a row a sample."
         )
     header = rows[0][1]
-    _comma_separated(header, file)
+    _check_separator(header, file)
     if len(rows) == 1:
         raise refuse(f"{file} must hold a recording", "a header and no row below it")
     while (
         len(header) > 1 and not header[-1].strip() and not any("".join(r[1][len(header) - 1 :]) for r in rows)
     ):
         header = header[:-1]
-    cells = [_as_wide_as(header, line, row, file) for line, row in rows[1:]]
+    cells = [_check_width(header, line, row, file) for line, row in rows[1:]]
     return header, [line for line, _ in rows[1:]], cells
 
 
-def _comma_separated(header: list[str], file: str) -> None:
+def _check_separator(header: list[str], file: str) -> None:
     for mark, name in ((";", "semicolons"), ("\t", "tabs")):
         if mark in ",".join(header) and len(header) <= ",".join(header).count(mark):
             remedy = (
@@ -126,13 +126,13 @@ def _comma_separated(header: list[str], file: str) -> None:
             raise refuse(f"the cells of {file} must be separated by commas", name, "its header", remedy)
 
 
-def _as_wide_as(header: list[str], line: int, row: list[str], file: str) -> list[str]:
+def _check_width(header: list[str], line: int, row: list[str], file: str) -> list[str]:
     if not any(cell.strip() for cell in row[len(header) :]):
         row = row[: len(header)]
     if len(row) == len(header):
         return row
-    many = "If the numbers have decimal commas, write points: 0.5, not 0,5."
-    remedy = many if len(row) > len(header) else "A cell that was not measured keeps its comma."
+    comma_remedy = "If the numbers have decimal commas, write points: 0.5, not 0,5."
+    remedy = comma_remedy if len(row) > len(header) else "A cell that was not measured keeps its comma."
     got = f"{len(row)} cells"
     raise refuse(
         f"each row must have as many cells as the header ({len(header)})",
@@ -142,54 +142,56 @@ def _as_wide_as(header: list[str], line: int, row: list[str], file: str) -> list
     )
 
 
-def _numbers(column: Column, cells: list[list[str]], place: _Place) -> np.ndarray:
+def _parse_column(column: Column, cells: list[list[str]], locate: _RowLocator) -> np.ndarray:
     """(n,) the column in SI, NaN where its cell is blank."""
     values = np.empty(len(cells))
     for i, row in enumerate(cells):
         text = row[column.index].strip()
-        values[i] = _number(text, column, place, i) if text else np.nan
+        values[i] = _parse_cell(text, column, locate, i) if text else np.nan
     return values * column.factor
 
 
-def _number(text: str, column: Column, place: _Place, i: int) -> float:
-    value = float(text) if _NUMBER.fullmatch(text) else np.nan
+def _parse_cell(text: str, column: Column, locate: _RowLocator, i: int) -> float:
+    value = float(text) if _NUMBER_PATTERN.fullmatch(text) else np.nan
     if np.isfinite(value):
         return value
     remedy = "Leave a cell that was not measured blank."
-    if _COMMA.fullmatch(text):
+    if _DECIMAL_COMMA_PATTERN.fullmatch(text):
         remedy = f"Write a decimal point: {text.replace(',', '.')}."
-    elif text.lower() not in _NOT_MEASURED and "inf" not in text.lower() and np.isnan(value):
+    elif text.lower() not in _BLANK_MARKS and "inf" not in text.lower() and np.isnan(value):
         remedy = "Write a bare number, its unit in the header; " + remedy[0].lower() + remedy[1:]
     raise refuse(
-        f"`{column.name}` must be a finite number or blank", f"{text!r}", place(i, column.header), remedy
+        f"`{column.name}` must be a finite number or blank", f"{text!r}", locate(i, column.header), remedy
     )
 
 
-def _times(time: np.ndarray | None, found: Mapping[str, Column], place: _Place) -> np.ndarray | None:
+def _check_times(
+    time: np.ndarray | None, columns: Mapping[str, Column], locate: _RowLocator
+) -> np.ndarray | None:
     if time is None or np.isnan(time).all():
         return None
-    column = found["time"]
+    column = columns["time"]
     blank = np.isnan(time)
     if blank.any():
-        where = place(int(np.argmax(blank)))
+        where = locate(int(np.argmax(blank)))
         remedy = "Fill it in, or leave the column out where order means nothing."
         raise refuse("`time` must stand in every row", "a blank", where, remedy)
     wrong = np.diff(time) <= 0
     if wrong.any():
         i = int(np.argmax(wrong)) + 1
-        now, before = show(time[i], column.unit, 9), show(time[i - 1], column.unit, 9)
-        again = time[i] == time[i - 1]
+        now, before = format_quantity(time[i], column.unit, 9), format_quantity(time[i - 1], column.unit, 9)
+        is_equal = time[i] == time[i - 1]
         remedy = (
             "Give it enough digits."
-            if again
+            if is_equal
             else "Sort the rows, and let a new test go on where the last ended."
         )
-        got = f"{now} again" if again else f"{now} after {before}"
-        raise refuse("`time` must grow from row to row", got, place(i), remedy)
+        got = f"{now} again" if is_equal else f"{now} after {before}"
+        raise refuse("`time` must grow from row to row", got, locate(i), remedy)
     return time
 
 
-def _cycles(cycle: np.ndarray | None, place: _Place) -> np.ndarray | None:
+def _check_cycles(cycle: np.ndarray | None, locate: _RowLocator) -> np.ndarray | None:
     if cycle is None or np.isnan(cycle).all():
         return None
     wrong = ~((cycle >= 0) & (cycle == np.round(cycle)))
@@ -197,37 +199,39 @@ def _cycles(cycle: np.ndarray | None, place: _Place) -> np.ndarray | None:
         i = int(np.argmax(wrong))
         got = "a blank" if np.isnan(cycle[i]) else f"{cycle[i]:g}"
         raise refuse(
-            "`cycle` must be a whole number, 0 or more", got, place(i), "Number the strokes 1, 2, 3."
+            "`cycle` must be a whole number, 0 or more", got, locate(i), "Number the strokes 1, 2, 3."
         )
     return cycle
 
 
-def _positive(values: np.ndarray, column: Column, place: _Place) -> None:
+def _check_positive(values: np.ndarray, column: Column, locate: _RowLocator) -> None:
     wrong = values <= 0
     if wrong.any():
         i = int(np.argmax(wrong))
         remedy = "Leave a cell that was not measured blank; check the sign and zero of the others."
-        raise refuse(f"`{column.name}` must be positive", show(values[i], column.unit), place(i), remedy)
+        raise refuse(
+            f"`{column.name}` must be positive", format_quantity(values[i], column.unit), locate(i), remedy
+        )
 
 
-def _not_below_vent(pressure: np.ndarray, column: Column, place: _Place) -> None:
-    allowed = max(ZERO_ERROR, ZERO_SHARE * np.nanmax(pressure, initial=0.0))
+def _check_gauge_pressure(pressure: np.ndarray, column: Column, locate: _RowLocator) -> None:
+    allowed = max(MAX_ZERO_ERROR, MAX_ZERO_ERROR_SHARE * np.nanmax(pressure, initial=0.0))
     wrong = pressure < -allowed
     if wrong.any():
         i = int(np.argmax(wrong))
-        below = show(-allowed, column.unit)
+        below = format_quantity(-allowed, column.unit)
         rule = f"`pressure` is gauge pressure and must not be below the vent's zero error ({below})"
         remedy = "Check its sign, and that its gauge reads zero at atmosphere."
-        raise refuse(rule, show(pressure[i], column.unit), place(i), remedy)
+        raise refuse(rule, format_quantity(pressure[i], column.unit), locate(i), remedy)
 
 
-def _something_measured(recording: Recording, file: str) -> None:
+def _check_measured(recording: Recording, file: str) -> None:
     if not recording.usable.any():
-        raise _nothing("a pressure and a length", file)
+        raise _build_empty_error("a pressure and a length", file)
     channels = (recording.force, recording.diameter)
     if not any((np.isfinite(channel) & recording.usable).any() for channel in channels):
-        raise _nothing("a force or a diameter beside its pressure and length", file)
+        raise _build_empty_error("a force or a diameter beside its pressure and length", file)
 
 
-def _nothing(what: str, file: str) -> BadInput:
-    return refuse(f"at least one row must have {what}", "none", file, "Check which columns are blank.")
+def _build_empty_error(needed: str, file: str) -> BadInput:
+    return refuse(f"at least one row must have {needed}", "none", file, "Check which columns are blank.")

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 #: By the kind of complaint, what must hold; in braces what the complaint knows.
-RULES = {
+COMPLAINT_RULES = {
     "missing": "must be stated",
     "literal_error": "is {expected}",
     "greater_than": "must be more than {gt}",
@@ -26,7 +26,7 @@ RULES = {
 }
 
 
-def rule(complaint: Mapping[str, Any], name: str) -> str:
+def format_rule(complaint: Mapping[str, Any], name: str) -> str:
     """What must hold of an entry.
 
     Args:
@@ -39,18 +39,18 @@ def rule(complaint: Mapping[str, Any], name: str) -> str:
     '`cycles` is a whole number'
     """
     kind = complaint["type"]
-    said = RULES.get(kind) or RULES.get(kind.partition("_")[0])
-    if said is None:
+    text = COMPLAINT_RULES.get(kind) or COMPLAINT_RULES.get(kind.partition("_")[0])
+    if text is None:
         return f"`{name}`: {complaint['msg'][:1].lower()}{complaint['msg'][1:]}"
-    return f"`{name}` {said.format(**_known(complaint.get('ctx', {})))}"
+    return f"`{name}` {text.format(**_format_bounds(complaint.get('ctx', {})))}"
 
 
-def got(complaint: Mapping[str, Any]) -> str:
+def format_input(complaint: Mapping[str, Any]) -> str:
     """What was found instead; nothing where nothing was."""
-    return "" if complaint["type"] == "missing" else _as_written(complaint["input"])
+    return "" if complaint["type"] == "missing" else _format_value(complaint["input"])
 
 
-def _known(context: Mapping[str, Any]) -> dict[str, str]:
+def _format_bounds(context: Mapping[str, Any]) -> dict[str, str]:
     """Bounds as short as they were written, texts in double quotes as in TOML."""
     return {
         key: f"{value:g}" if isinstance(value, float) else str(value).replace("'", '"')
@@ -58,7 +58,7 @@ def _known(context: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def _as_written(value: Any) -> str:
+def _format_value(value: Any) -> str:
     """A value as TOML has it."""
     if isinstance(value, bool):
         return str(value).lower()

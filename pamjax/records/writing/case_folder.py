@@ -8,12 +8,12 @@ import tomlkit
 
 from pamjax.channels import DISPLAY_UNIT
 from pamjax.errors import refuse
-from pamjax.records.case import MUSCLE, RECORDING
-from pamjax.records.files import folder_beside
+from pamjax.records.case import MUSCLE_FILE, RECORDING_FILE
+from pamjax.records.files import write_folder_atomically
 from pamjax.records.recording import Recording
 
 #: Decimals of each column, in the unit a person reads: finer than any sensor.
-DECIMALS = {"time": 4, "pressure": 4, "length": 5, "force": 4, "diameter": 5}
+COLUMN_DECIMALS = {"time": 4, "pressure": 4, "length": 5, "force": 4, "diameter": 5}
 
 
 def write_case(folder: Path, recording: Recording, muscle: str) -> None:
@@ -30,18 +30,18 @@ def write_case(folder: Path, recording: Recording, muscle: str) -> None:
     """
     if folder.exists() and any(folder.iterdir()):
         raise refuse("a new case needs an empty folder", f"{folder}, which is not", remedy="Name another.")
-    with folder_beside(folder) as beside:
-        table(recording).to_csv(beside / RECORDING, index=False)
-        (beside / MUSCLE).write_text(_own_headers(muscle), encoding="utf-8")
+    with write_folder_atomically(folder) as temporary:
+        build_table(recording).to_csv(temporary / RECORDING_FILE, index=False)
+        (temporary / MUSCLE_FILE).write_text(_drop_column_mapping(muscle), encoding="utf-8")
 
 
-def table(recording: Recording):
+def build_table(recording: Recording):
     """The recording under its own headers, rounded to what a sensor could tell (pandas)."""
     frame = recording.to_frame()
-    return frame.round({f"{name} [{unit}]": DECIMALS[name] for name, unit in DISPLAY_UNIT.items()})
+    return frame.round({f"{name} [{unit}]": COLUMN_DECIMALS[name] for name, unit in DISPLAY_UNIT.items()})
 
 
-def _own_headers(muscle: str) -> str:
+def _drop_column_mapping(muscle: str) -> str:
     document = tomlkit.parse(muscle)
     document.pop("columns", None)
     return tomlkit.dumps(document)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from pamjax.errors import refuse
-from pamjax.records.case import MUSCLE, RECORDING
-from pamjax.records.files import folder_beside
+from pamjax.records.case import MUSCLE_FILE, RECORDING_FILE
+from pamjax.records.files import write_folder_atomically
 
 #: Invented, so that the new folder reads at once: what the muscle below would show, with its sensors' noise.
-_RECORDING = """\
+_RECORDING_TEMPLATE = """\
 # EXAMPLE ROWS: put your own in their place. Lines that begin with # are comments.
 # One row a sample. Any unit will do: state it in the header, as in pressure [psi].
 # A blank cell is "not measured".
@@ -27,7 +27,7 @@ time [s],pressure [kPa],length [mm],force [N],diameter [mm],cycle
 1.0,199.9,180.00,565.2,30.81,1
 """
 
-_MUSCLE = """\
+_MUSCLE_TEMPLATE = """\
 # What the muscle is. A quantity is a text with a unit, or {value = "...", sd = "..."} where sd, one standard
 # deviation, says how well it was measured. A value without sd is taken as known. Lines that begin with # are
 # comments: remove the # to use what stands behind it. ALL NUMBERS BELOW ARE EXAMPLES.
@@ -97,13 +97,13 @@ def write_template(folder: str | Path) -> tuple[Path, Path]:
         BadInput: if either file is there already.
     """
     folder = Path(folder)
-    files = folder / RECORDING, folder / MUSCLE
+    files = folder / RECORDING_FILE, folder / MUSCLE_FILE
     if folder.exists() and not folder.is_dir():
         raise refuse("a case is a folder", f"the file {folder}", remedy="Choose another name.")
     for path in files:
         if path.exists():
             raise refuse(f"{path} is there already, and is not overwritten", remedy="Choose another folder.")
-    with folder_beside(folder) as temporary:
-        (temporary / RECORDING).write_text(_RECORDING, encoding="utf-8", newline="\n")
-        (temporary / MUSCLE).write_text(_MUSCLE, encoding="utf-8", newline="\n")
+    with write_folder_atomically(folder) as temporary:
+        (temporary / RECORDING_FILE).write_text(_RECORDING_TEMPLATE, encoding="utf-8", newline="\n")
+        (temporary / MUSCLE_FILE).write_text(_MUSCLE_TEMPLATE, encoding="utf-8", newline="\n")
     return files

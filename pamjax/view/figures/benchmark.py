@@ -2,8 +2,8 @@
 
 | figure          | question                                                                       |
 |-----------------|--------------------------------------------------------------------------------|
-| `null_figure`   | are p-values uniform where nothing is concealed?                                |
-| `proof_figure`  | what is named, invented, covered, predicted and located, for which effect size? |
+| `plot_null`   | are p-values uniform where nothing is concealed?                                |
+| `plot_proof`  | what is named, invented, covered, predicted and located, for which effect size? |
 """
 
 from __future__ import annotations
@@ -17,52 +17,58 @@ from matplotlib.figure import Figure
 from scipy.stats import beta
 
 from pamjax.benchmark.rates import Rate
-from pamjax.benchmark.tally import DOWN, covered, reliability
+from pamjax.benchmark.tally import MAX_ERROR_NOISE_RATIO, compute_coverage, compute_reliability
 from pamjax.benchmark.trial import Trial
-from pamjax.diagnosis.detect.significance import DETECTED
-from pamjax.view.theme import DOUBLE, OKABE_ITO, QUIET, figure, theme
+from pamjax.diagnosis.detect.significance import DETECTION_P_VALUE
+from pamjax.view.theme import DOUBLE_COLUMN, OKABE_ITO, REFERENCE_COLOUR, apply_theme, create_figure
 
 #: Edges of effect sizes, in noise standard deviations.
-SIZES = (2.0, 4.0, 6.0, 9.0, 14.0, 30.0)
-MINE, BIC, CURVE, NOTHING = (OKABE_ITO[c] for c in ("blue", "vermilion", "orange", "purple"))
+SIZE_EDGES = (2.0, 4.0, 6.0, 9.0, 14.0, 30.0)
+PAMJAX_COLOUR, BIC_COLOUR, GP_COLOUR, BASELINE_COLOUR = (
+    OKABE_ITO[c] for c in ("blue", "vermilion", "orange", "purple")
+)
 #: By correlation of the noise, from none to much.
-SHADES = (OKABE_ITO["sky"], OKABE_ITO["blue"], OKABE_ITO["black"])
+CORRELATION_COLOURS = (OKABE_ITO["sky"], OKABE_ITO["blue"], OKABE_ITO["black"])
 
 
-def null_figure(trials: Sequence[Trial]) -> Figure | None:
+def plot_null(trials: Sequence[Trial]) -> Figure | None:
     """Observed against expected p-values, stage by stage and correlation by correlation; None without any."""
-    nothing = [t for t in trials if t.kind == "nothing" and not t.error]
-    groups = list(dict.fromkeys((t.stage, t.correlation) for t in nothing))
+    null_trials = [trial for trial in trials if trial.kind == "nothing" and not trial.error]
+    groups = list(dict.fromkeys((trial.stage, trial.correlation) for trial in null_trials))
     if not groups:
         return None
-    across = min(len(groups), 3)
-    down = -(-len(groups) // across)
-    with theme():
-        made = figure(DOUBLE, 2.6 * down)
-        panels = made.subplots(down, across, squeeze=False).ravel()
+    column_count = min(len(groups), 3)
+    row_count = -(-len(groups) // column_count)
+    with apply_theme():
+        drawing = create_figure(DOUBLE_COLUMN, 2.6 * row_count)
+        panels = drawing.subplots(row_count, column_count, squeeze=False).ravel()
         for panel, (stage, correlation) in zip(panels, groups, strict=False):
-            some = [t for t in nothing if (t.stage, t.correlation) == (stage, correlation)]
-            _quantiles(panel, [t.p_value for t in some])
-            hits = Rate.of_all(t.detected for t in some)
-            word = "scoring stage" if stage == "score" else "whole pipeline"
+            group_trials = [
+                trial for trial in null_trials if (trial.stage, trial.correlation) == (stage, correlation)
+            ]
+            _plot_quantiles(panel, [trial.p_value for trial in group_trials])
+            hits = Rate.from_outcomes(trial.detected for trial in group_trials)
+            stage_name = "scoring stage" if stage == "score" else "whole pipeline"
             panel.set_title(
-                f"Noise {correlation:g}, {word}:\n"
-                f"{hits.hits} of {hits.of} detected,\nat most {hits.at_most:.1%}"
+                f"Noise {correlation:g}, {stage_name}:\n"
+                f"{hits.hits} of {hits.total} detected,\nat most {hits.upper_limit:.1%}"
             )
         for panel in panels[len(groups) :]:
             panel.remove()
-    return made
+    return drawing
 
 
-def _quantiles(panel: Panel, p_values: Sequence[float]) -> None:
-    seen, n = np.sort(p_values), len(p_values)
+def _plot_quantiles(panel: Panel, p_values: Sequence[float]) -> None:
+    observed, n = np.sort(p_values), len(p_values)
     rank = np.arange(1, n + 1)
     expected = (rank - 0.5) / n
     low, high = (np.clip(beta.ppf(q, rank, n + 1 - rank), 1e-12, 1) for q in (0.025, 0.975))
-    panel.fill_between(expected, low, high, color=QUIET, alpha=0.25, lw=0, label="95 % of uniform ones")
-    panel.plot(expected, expected, color=QUIET, lw=0.8)
-    panel.plot(expected, np.maximum(seen, 0.1 / n), ".", color=MINE, ms=3, gid="p-values")
-    panel.axhline(DETECTED, color=NOTHING, ls=":", lw=0.8, label="detected below")
+    panel.fill_between(
+        expected, low, high, color=REFERENCE_COLOUR, alpha=0.25, lw=0, label="95 % of uniform ones"
+    )
+    panel.plot(expected, expected, color=REFERENCE_COLOUR, lw=0.8)
+    panel.plot(expected, np.maximum(observed, 0.1 / n), ".", color=PAMJAX_COLOUR, ms=3, gid="p-values")
+    panel.axhline(DETECTION_P_VALUE, color=BASELINE_COLOUR, ls=":", lw=0.8, label="detected below")
     panel.set(
         xscale="log", yscale="log", xlim=(min(0.5 / n, 0.03), 1), ylim=(min(0.08 / n, 0.005), 1.2),
         xlabel="expected p-value", ylabel="observed p-value",
@@ -70,177 +76,210 @@ def _quantiles(panel: Panel, p_values: Sequence[float]) -> None:
     panel.legend(loc="lower right")
 
 
-def proof_figure(trials: Sequence[Trial]) -> Figure | None:
+def plot_proof(trials: Sequence[Trial]) -> Figure | None:
     """Six panels; None where nothing was concealed."""
-    some = [t for t in trials if t.stage == "all" and not t.error]
-    real = [t for t in some if t.kind in ("single", "pair", "triple")]
-    if not real:
+    full_trials = [trial for trial in trials if trial.stage == "all" and not trial.error]
+    effect_trials = [trial for trial in full_trials if trial.kind in ("single", "pair", "triple")]
+    if not effect_trials:
         return None
-    with theme():
-        made = figure(DOUBLE, 5.2)
-        panels = made.subplots(2, 3).ravel()
-        _recovered(panels[0], real)
-        _invented(panels[1], some)
-        _reliable(panels[2], some)
-        _covering(panels[3], real)
-        _held_out(panels[4], real)
-        _located(panels[5], real)
-    return made
+    with apply_theme():
+        drawing = create_figure(DOUBLE_COLUMN, 5.2)
+        panels = drawing.subplots(2, 3).ravel()
+        _plot_recovery(panels[0], effect_trials)
+        _plot_false_names(panels[1], full_trials)
+        _plot_reliability(panels[2], full_trials)
+        _plot_coverage(panels[3], effect_trials)
+        _plot_held_out(panels[4], effect_trials)
+        _plot_location(panels[5], effect_trials)
+    return drawing
 
 
-def _recovered(panel: Panel, real: Sequence[Trial]) -> None:
-    pairs = [(size, hit) for t in real for size, hit in zip(t.sizes, t.found, strict=True)]
-    correlations = sorted({t.correlation for t in real})
-    for k, correlation in enumerate(correlations):
-        mine = [
-            (s, h)
-            for t in real
-            if t.correlation == correlation
-            for s, h in zip(t.sizes, t.found, strict=True)
-        ]
-        _by_size(panel, mine, SHADES[k % 3], "o", f"noise {correlation:g}", k - (len(correlations) - 1) / 2)
-    usual = [
-        (size, id in t.selected)
-        for t in real
-        if t.selected is not None
-        for size, id in zip(t.sizes, t.concealed, strict=True)
+def _plot_recovery(panel: Panel, trials: Sequence[Trial]) -> None:
+    all_hits = [
+        (size, hit) for trial in trials for size, hit in zip(trial.sizes, trial.effects_found, strict=True)
     ]
-    if usual:
-        _by_size(panel, usual, BIC, "s", "BIC", 0.0, ls="--")
-    rate = Rate.of_all(hit for _, hit in pairs)
-    panel.set(ylim=(0, 1.03), ylabel="share named", title=f"{rate.share:.0%} of {rate.of} effects are named")
-    _sized(panel)
+    correlations = sorted({trial.correlation for trial in trials})
+    for k, correlation in enumerate(correlations):
+        size_hits = [
+            (size, hit)
+            for trial in trials
+            if trial.correlation == correlation
+            for size, hit in zip(trial.sizes, trial.effects_found, strict=True)
+        ]
+        _plot_by_size(
+            panel,
+            size_hits,
+            CORRELATION_COLOURS[k % 3],
+            "o",
+            f"noise {correlation:g}",
+            k - (len(correlations) - 1) / 2,
+        )
+    bic_hits = [
+        (size, id in trial.selected)
+        for trial in trials
+        if trial.selected is not None
+        for size, id in zip(trial.sizes, trial.concealed, strict=True)
+    ]
+    if bic_hits:
+        _plot_by_size(panel, bic_hits, BIC_COLOUR, "s", "BIC", 0.0, ls="--")
+    rate = Rate.from_outcomes(hit for _, hit in all_hits)
+    panel.set(
+        ylim=(0, 1.03), ylabel="share named", title=f"{rate.share:.0%} of {rate.total} effects are named"
+    )
+    _set_size_axis(panel)
     panel.legend(loc="lower right")
 
 
-def _by_size(panel: Panel, pairs, colour, marker, label, shift, ls="-") -> None:
-    at, rates = [], []
-    for low, high in pairwise(SIZES):
-        hits = [hit for size, hit in pairs if low <= size < high]
+def _plot_by_size(panel: Panel, size_hits, colour, marker, label, shift, ls="-") -> None:
+    sizes, rates = [], []
+    for low, high in pairwise(SIZE_EDGES):
+        hits = [hit for size, hit in size_hits if low <= size < high]
         if hits:
-            at.append(np.sqrt(low * high) * 1.04**shift)
-            rates.append(Rate.of_all(hits))
-    _bars(panel, at, rates, colour, marker, label, ls)
+            sizes.append(np.sqrt(low * high) * 1.04**shift)
+            rates.append(Rate.from_outcomes(hits))
+    _plot_rates(panel, sizes, rates, colour, marker, label, ls)
 
 
-def _bars(panel: Panel, at, rates: Sequence[Rate], colour, marker, label, ls="-") -> None:
+def _plot_rates(panel: Panel, x, rates: Sequence[Rate], colour, marker, label, ls="-") -> None:
     share = np.array([rate.share for rate in rates])
-    limits = np.array([rate.limits() for rate in rates]).reshape(-1, 2)
-    spread = np.abs(limits.T - share)
+    limits = np.array([rate.compute_interval() for rate in rates]).reshape(-1, 2)
+    intervals = np.abs(limits.T - share)
     panel.errorbar(
-        at, share, spread, color=colour, marker=marker, ms=3.5, lw=1, elinewidth=0.7, ls=ls, label=label
+        x, share, intervals, color=colour, marker=marker, ms=3.5, lw=1, elinewidth=0.7, ls=ls, label=label
     )
 
 
-def _sized(panel: Panel) -> None:
-    panel.set(xscale="log", xlim=(SIZES[0], SIZES[-1]), xlabel="effect [noise sd]")
+def _set_size_axis(panel: Panel) -> None:
+    panel.set(xscale="log", xlim=(SIZE_EDGES[0], SIZE_EDGES[-1]), xlabel="effect [noise sd]")
     panel.set_xticks([3, 5, 8, 12, 20], ["3", "5", "8", "12", "20"])
     panel.minorticks_off()
 
 
-def _invented(panel: Panel, some: Sequence[Trial]) -> None:
-    correlations = sorted({t.correlation for t in some})
-    mine = [Rate.of_all(not all(t.right) for t in some if t.correlation == c) for c in correlations]
-    at = np.arange(len(correlations))
-    _bars(panel, at - 0.08, mine, MINE, "o", "pamjax", "none")
-    asked = [[t for t in some if t.correlation == c and t.selected is not None] for c in correlations]
-    if all(asked):
-        usual = [
-            Rate.of_all(bool(set(t.selected or ()) - set(t.concealed)) for t in group) for group in asked
+def _plot_false_names(panel: Panel, trials: Sequence[Trial]) -> None:
+    correlations = sorted({trial.correlation for trial in trials})
+    pamjax_rates = [
+        Rate.from_outcomes(not all(trial.names_right) for trial in trials if trial.correlation == correlation)
+        for correlation in correlations
+    ]
+    x = np.arange(len(correlations))
+    _plot_rates(panel, x - 0.08, pamjax_rates, PAMJAX_COLOUR, "o", "pamjax", "none")
+    bic_trials = [
+        [trial for trial in trials if trial.correlation == correlation and trial.selected is not None]
+        for correlation in correlations
+    ]
+    if all(bic_trials):
+        bic_rates = [
+            Rate.from_outcomes(bool(set(trial.selected or ()) - set(trial.concealed)) for trial in group)
+            for group in bic_trials
         ]
-        _bars(panel, at + 0.08, usual, BIC, "s", "BIC", "none")
-    panel.set_xticks(at, [f"{c:g}" for c in correlations])
-    whole = Rate.of_all(not all(t.right) for t in some)
+        _plot_rates(panel, x + 0.08, bic_rates, BIC_COLOUR, "s", "BIC", "none")
+    panel.set_xticks(x, [f"{correlation:g}" for correlation in correlations])
+    overall = Rate.from_outcomes(not all(trial.names_right) for trial in trials)
     panel.set(
         xlim=(-0.5, len(correlations) - 0.5), ylim=(0, 1.03), xlabel="correlation of neighbouring noise",
         ylabel="share of recordings with a wrong name",
-        title=f"A wrong name in {whole.share:.0%} of {whole.of}",
+        title=f"A wrong name in {overall.share:.0%} of {overall.total}",
     )  # fmt: skip
     panel.legend(loc="upper left")
 
 
-def _reliable(panel: Panel, some: Sequence[Trial]) -> None:
-    told = reliability(some)
-    panel.plot([0.4, 1], [0.4, 1], color=QUIET, lw=0.8)
-    _bars(panel, [p for p, _ in told], [rate for _, rate in told], MINE, "o", "names", "none")
-    for p, rate in told:
-        below = -10 if rate.share > 0.1 else 4
+def _plot_reliability(panel: Panel, trials: Sequence[Trial]) -> None:
+    bins = compute_reliability(trials)
+    panel.plot([0.4, 1], [0.4, 1], color=REFERENCE_COLOUR, lw=0.8)
+    _plot_rates(panel, [p for p, _ in bins], [rate for _, rate in bins], PAMJAX_COLOUR, "o", "names", "none")
+    for p, rate in bins:
+        offset = -10 if rate.share > 0.1 else 4
         panel.annotate(
-            f"{rate.of}", (p, rate.share), (-4, below), textcoords="offset points", fontsize=6, ha="right"
+            f"{rate.total}", (p, rate.share), (-4, offset), textcoords="offset points", fontsize=6, ha="right"
         )
-    total = sum(rate.of for _, rate in told)
-    hits = sum(rate.hits for _, rate in told)
-    mean = sum(p * rate.of for p, rate in told) / max(total, 1)
+    total = sum(rate.total for _, rate in bins)
+    hits = sum(rate.hits for _, rate in bins)
+    mean = sum(p * rate.total for p, rate in bins) / max(total, 1)
     panel.set(
         xlim=(0.48, 1.02), ylim=(0, 1.03), xlabel="stated probability", ylabel="share right",
         title=f"Stated {mean:.2f} on average, right {hits / max(total, 1):.2f}",
     )  # fmt: skip
 
 
-def _covering(panel: Panel, real: Sequence[Trial]) -> None:
-    correlations = sorted({t.correlation for t in real})
-    at = np.arange(len(correlations))
-    kinds = (("numbers of names", False, MINE, -0.08), ("baseline's numbers", True, NOTHING, 0.08))
-    for label, own, colour, shift in kinds:
-        rates = [covered([t for t in real if t.correlation == c], own) for c in correlations]
-        kept = [k for k, rate in enumerate(rates) if rate.of]
-        _bars(panel, at[kept] + shift, [rates[k] for k in kept], colour, "o", label, "none")
-    panel.axhspan(0.85, 0.95, color=QUIET, alpha=0.2, lw=0)
-    panel.set_xticks(at, [f"{c:g}" for c in correlations])
-    whole = covered(real, False)
+def _plot_coverage(panel: Panel, trials: Sequence[Trial]) -> None:
+    correlations = sorted({trial.correlation for trial in trials})
+    x = np.arange(len(correlations))
+    kinds = (
+        ("numbers of names", False, PAMJAX_COLOUR, -0.08),
+        ("baseline's numbers", True, BASELINE_COLOUR, 0.08),
+    )
+    for label, of_baseline, colour, shift in kinds:
+        rates = [
+            compute_coverage([trial for trial in trials if trial.correlation == correlation], of_baseline)
+            for correlation in correlations
+        ]
+        filled = [k for k, rate in enumerate(rates) if rate.total]
+        _plot_rates(panel, x[filled] + shift, [rates[k] for k in filled], colour, "o", label, "none")
+    panel.axhspan(0.85, 0.95, color=REFERENCE_COLOUR, alpha=0.2, lw=0)
+    panel.set_xticks(x, [f"{correlation:g}" for correlation in correlations])
+    overall = compute_coverage(trials, False)
     panel.set(
         xlim=(-0.5, len(correlations) - 0.5), ylim=(0, 1.03), xlabel="correlation of neighbouring noise",
         ylabel="share of 90 % intervals with the truth",
-        title=f"90 % intervals hold {whole.share:.0%} of {whole.of} numbers",
+        title=f"90 % intervals hold {overall.share:.0%} of {overall.total} numbers",
     )  # fmt: skip
     panel.legend(loc="lower left")
 
 
-def _held_out(panel: Panel, real: Sequence[Trial]) -> None:
-    scores = [t for t in real if "force" in t.after]
+def _plot_held_out(panel: Panel, trials: Sequence[Trial]) -> None:
+    scored_trials = [trial for trial in trials if "force" in trial.after]
     kinds: tuple[tuple[str, str, Callable[[Trial], float | None]], ...] = (
-        ("baseline", QUIET, lambda t: t.before["force"]),
-        ("Gaussian process", CURVE, lambda t: t.curve_after),
-        ("selected by BIC", BIC, lambda t: t.selected_after),
-        ("named", MINE, lambda t: t.after["force"]),
+        ("baseline", REFERENCE_COLOUR, lambda trial: trial.before["force"]),
+        ("Gaussian process", GP_COLOUR, lambda trial: trial.curve_after),
+        ("selected by BIC", BIC_COLOUR, lambda trial: trial.selected_after),
+        ("named", PAMJAX_COLOUR, lambda trial: trial.after["force"]),
     )
     for label, colour, score in kinds:
-        at, middle, reach = [], [], []
-        for low, high in pairwise(SIZES):
-            told = [score(t) for t in scores if low <= max(t.sizes) < high]
-            values = [v for v in told if v is not None]
+        sizes, medians, quantiles = [], [], []
+        for low, high in pairwise(SIZE_EDGES):
+            raw_scores = [score(trial) for trial in scored_trials if low <= max(trial.sizes) < high]
+            values = [v for v in raw_scores if v is not None]
             if values:
-                at.append(np.sqrt(low * high))
-                middle.append(np.median(values))
-                reach.append(np.quantile(values, [0.1, 0.9]))
-        if at:
-            panel.plot(at, middle, "o-", color=colour, ms=3, lw=1, label=label)
-            panel.fill_between(at, *np.array(reach).T, color=colour, alpha=0.12, lw=0)
-    panel.axhline(DOWN, color=QUIET, ls=":", lw=0.8)
-    down = Rate.of_all(t.after["force"] <= DOWN for t in scores)
+                sizes.append(np.sqrt(low * high))
+                medians.append(np.median(values))
+                quantiles.append(np.quantile(values, [0.1, 0.9]))
+        if sizes:
+            panel.plot(sizes, medians, "o-", color=colour, ms=3, lw=1, label=label)
+            panel.fill_between(sizes, *np.array(quantiles).T, color=colour, alpha=0.12, lw=0)
+    panel.axhline(MAX_ERROR_NOISE_RATIO, color=REFERENCE_COLOUR, ls=":", lw=0.8)
+    reached = Rate.from_outcomes(trial.after["force"] <= MAX_ERROR_NOISE_RATIO for trial in scored_trials)
     panel.set(
         yscale="log", ylabel="held-out force error / noise",
-        title=f"{down.share:.0%} of {down.of} within {DOWN:g} of the noise",
+        title=f"{reached.share:.0%} of {reached.total} within {MAX_ERROR_NOISE_RATIO:g} of the noise",
     )  # fmt: skip
     panel.set_yticks([1, 2, 5, 10, 20], ["1", "2", "5", "10", "20"])
-    _sized(panel)
+    _set_size_axis(panel)
     panel.set_xlabel("largest effect [noise sd]")
     panel.legend(loc="upper left")
 
 
-def _located(panel: Panel, real: Sequence[Trial]) -> None:
-    boxes = [t for t in real if t.iou is not None]
-    for label, colour, word in (("claimed", MINE, "iou"), ("all of the recording", QUIET, "iou_blind")):
-        at, means, errors = [], [], []
-        for low, high in pairwise(SIZES):
-            values = [getattr(t, word) for t in boxes if low <= max(t.sizes) < high]
+def _plot_location(panel: Panel, trials: Sequence[Trial]) -> None:
+    located_trials = [trial for trial in trials if trial.iou is not None]
+    for label, colour, field in (
+        ("claimed", PAMJAX_COLOUR, "iou"),
+        ("all of the recording", REFERENCE_COLOUR, "iou_blind"),
+    ):
+        sizes, means, errors = [], [], []
+        for low, high in pairwise(SIZE_EDGES):
+            values = [getattr(trial, field) for trial in located_trials if low <= max(trial.sizes) < high]
             if values:
-                at.append(np.sqrt(low * high))
+                sizes.append(np.sqrt(low * high))
                 means.append(np.mean(values))
                 errors.append(1.96 * np.std(values) / np.sqrt(len(values)))
-        panel.errorbar(at, means, errors, color=colour, marker="o", ms=3, lw=1, elinewidth=0.7, label=label)
-    mean = np.mean([t.iou for t in boxes if t.iou is not None]) if boxes else float("nan")
+        panel.errorbar(
+            sizes, means, errors, color=colour, marker="o", ms=3, lw=1, elinewidth=0.7, label=label
+        )
+    mean = (
+        np.mean([trial.iou for trial in located_trials if trial.iou is not None])
+        if located_trials
+        else float("nan")
+    )
     panel.set(ylim=(0, 1.03), ylabel="overlap with the true box", title=f"Located: mean overlap {mean:.2f}")
-    _sized(panel)
+    _set_size_axis(panel)
     panel.set_xlabel("largest effect [noise sd]")
     panel.legend(loc="lower right")

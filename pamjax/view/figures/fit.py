@@ -2,10 +2,10 @@
 
 | figure                | question                                                         |
 |-----------------------|------------------------------------------------------------------|
-| `prediction_figure`   | does the fitted muscle show what was measured?                   |
-| `residual_figure`     | where does it miss, and is that more than noise?                 |
-| `held_out_figure`     | how much worse is it where it did not look?                      |
-| `prior_figure`        | what did the recording teach beyond what was known before?       |
+| `plot_prediction`   | does the fitted muscle show what was measured?                   |
+| `plot_residual`     | where does it miss, and is that more than noise?                 |
+| `plot_held_out`     | how much worse is it where it did not look?                      |
+| `plot_prior`        | what did the recording teach beyond what was known before?       |
 """
 
 from __future__ import annotations
@@ -21,297 +21,346 @@ from matplotlib.figure import Figure
 
 from pamjax.channels import DISPLAY_UNIT
 from pamjax.errors import refuse
-from pamjax.infer.fitting.report import quantity
+from pamjax.infer.fitting.report import format_estimate
 from pamjax.infer.fitting.result import CaseFit, Estimate, Fit
-from pamjax.units import in_unit, show
-from pamjax.view.figures.layout import Layout, axes_of, key, layout, lines, mark, thin
-from pamjax.view.theme import DOUBLE, OKABE_ITO, QUIET, SINGLE, figure, save_png, theme
-from pamjax.view.wording import signed
+from pamjax.units import compute_si_factor, format_quantity
+from pamjax.view.figures.layout import (
+    Layout,
+    add_key,
+    build_layout,
+    create_mark,
+    iterate_lines,
+    select_axes,
+    thin_points,
+)
+from pamjax.view.theme import (
+    DOUBLE_COLUMN,
+    OKABE_ITO,
+    REFERENCE_COLOUR,
+    SINGLE_COLUMN,
+    apply_theme,
+    create_figure,
+    save_png,
+)
+from pamjax.view.wording import format_signed
 
 #: A misfit above this many times the noise is a miss; as in the note.
-MISS = 1.5
+MIN_MISS_RATIO = 1.5
 #: With more blocks than this, not every one has its name on the axis.
-NAMED_BLOCKS = 30
+MAX_NAMED_BLOCKS = 30
 #: A number that moved by less of its prior's standard deviation has not moved.
-STILL = 0.05
+MIN_PRIOR_SHIFT = 0.05
 #: Up to this many rows each point is a reading to be looked at; above, they are a cloud.
-FEW = 200
+MAX_CLEAR_POINTS = 200
 
 
-def prediction_figure(one: CaseFit, narrow: bool = False) -> Figure:
+def plot_prediction(case_fit: CaseFit, narrow: bool = False) -> Figure:
     """Measured points beside the fitted muscle's lines, a panel a channel; one below another if narrow."""
-    form, channels = layout(one.case), one.case.recording.channels
-    with theme():
-        made, panels = panels_of(len(channels), narrow)
+    row_layout, channels = build_layout(case_fit.case), case_fit.case.recording.channels
+    with apply_theme():
+        drawing, panels = create_panels(len(channels), narrow)
         for panel, channel in zip(panels, channels, strict=True):
-            _points_and_lines(panel, one, form, channel)
+            _plot_points_and_lines(panel, case_fit, row_layout, channel)
             panel.set(
-                xlabel=form.xlabel, ylabel=f"{channel} [{DISPLAY_UNIT[channel]}]", title=missed(one, channel)
+                xlabel=row_layout.xlabel,
+                ylabel=f"{channel} [{DISPLAY_UNIT[channel]}]",
+                title=format_misfit_title(case_fit, channel),
             )
-        style = {"ls": "-"} if form.connected else {"marker": "x"}
-        key(made, panels, form, mark("measured", marker="o", ms=3), mark("fitted muscle", **style))
-    return made
+        style = {"ls": "-"} if row_layout.connected else {"marker": "x"}
+        add_key(
+            drawing,
+            panels,
+            row_layout,
+            create_mark("measured", marker="o", ms=3),
+            create_mark("fitted muscle", **style),
+        )
+    return drawing
 
 
-def _points_and_lines(panel: Axes, one: CaseFit, form: Layout, channel: str) -> None:
-    scale = in_unit(DISPLAY_UNIT[channel])
-    measured = getattr(one.case.recording, channel) / scale
-    model = one.prediction[channel] / scale
-    there = np.isfinite(measured)
-    kept = thin(np.where(form.group >= 0, form.x, np.nan), measured)
-    style = _point(there)
-    for group, colour in enumerate(form.colours):
-        rows = kept[form.group[kept] == group]
-        panel.plot(form.x[rows], measured[rows], color=colour, gid=f"measured group-{group}", **style)
-        if not form.connected:
-            panel.plot(form.x[rows], model[rows], "x", color=colour, gid=f"model group-{group}")
+def _plot_points_and_lines(panel: Axes, case_fit: CaseFit, row_layout: Layout, channel: str) -> None:
+    scale = compute_si_factor(DISPLAY_UNIT[channel])
+    measured = getattr(case_fit.case.recording, channel) / scale
+    predicted = case_fit.prediction[channel] / scale
+    measured_rows = np.isfinite(measured)
+    drawn_rows = thin_points(np.where(row_layout.group >= 0, row_layout.x, np.nan), measured)
+    style = _choose_point_style(measured_rows)
+    for group, colour in enumerate(row_layout.colours):
+        rows = drawn_rows[row_layout.group[drawn_rows] == group]
+        panel.plot(row_layout.x[rows], measured[rows], color=colour, gid=f"measured group-{group}", **style)
+        if not row_layout.connected:
+            panel.plot(row_layout.x[rows], predicted[rows], "x", color=colour, gid=f"model group-{group}")
             continue
-        for rows in lines(one.case, form, group, there):
+        for rows in iterate_lines(case_fit.case, row_layout, group, measured_rows):
             # White below every line parts it from its points, and hides no other line.
             panel.plot(
-                form.x[rows], model[rows], color="white", lw=2.4, zorder=2.5, gid=f"casing group-{group}"
+                row_layout.x[rows],
+                predicted[rows],
+                color="white",
+                lw=2.4,
+                zorder=2.5,
+                gid=f"casing group-{group}",
             )
-            panel.plot(form.x[rows], model[rows], color=colour, zorder=3, gid=f"model group-{group}")
+            panel.plot(
+                row_layout.x[rows], predicted[rows], color=colour, zorder=3, gid=f"model group-{group}"
+            )
 
 
-def panels_of(count: int, narrow: bool, height: float = 3.4, **shared: Any) -> tuple[Figure, list[Axes]]:
+def create_panels(count: int, narrow: bool, height: float = 3.4, **shared: Any) -> tuple[Figure, list[Axes]]:
     """Panels beside one another, or one below another where there is no room."""
     if narrow:
-        made = figure(SINGLE, 0.4 + 0.85 * height * count)
-        return made, list(made.subplots(count, 1, squeeze=False, **shared)[:, 0])
-    made = figure(DOUBLE if count > 1 else 4.8, height)
-    return made, list(made.subplots(1, count, squeeze=False, **shared)[0])
+        drawing = create_figure(SINGLE_COLUMN, 0.4 + 0.85 * height * count)
+        return drawing, list(drawing.subplots(count, 1, squeeze=False, **shared)[:, 0])
+    drawing = create_figure(DOUBLE_COLUMN if count > 1 else 4.8, height)
+    return drawing, list(drawing.subplots(1, count, squeeze=False, **shared)[0])
 
 
-def _point(there: np.ndarray) -> dict[str, Any]:
+def _choose_point_style(measured_rows: np.ndarray) -> dict[str, Any]:
     """How a measured point looks: firm and above the lines where there are few, else part of a cloud."""
-    few = there.sum() <= FEW
-    shape = {"ms": 4, "zorder": 4} if few else {"ms": 2.3, "alpha": 0.5}
+    is_sparse = measured_rows.sum() <= MAX_CLEAR_POINTS
+    shape = {"ms": 4, "zorder": 4} if is_sparse else {"ms": 2.3, "alpha": 0.5}
     return {"marker": "o", "ls": "none", "mew": 0, **shape}
 
 
-def missed(one: CaseFit, channel: str) -> str:
+def format_misfit_title(case_fit: CaseFit, channel: str) -> str:
     """The finding: by how much a channel is missed, against its noise or its largest value."""
-    noise, misfit = one.noise[channel], f"{_size(one.rmse[channel], channel)} rms"
-    if not noise.given:
-        largest = np.nanmax(np.abs(getattr(one.case.recording, channel)))
-        share = 100 * one.rmse[channel] / largest
-        return f"{channel.capitalize()} is missed by {misfit},\n{share:.2g} % of its largest value"
-    if noise.excess > MISS:
-        times = f"{noise.excess:.0f}" if noise.excess >= 10 else f"{noise.excess:.2g}"
-        return f"{channel.capitalize()} is missed by {misfit},\n{times} times its noise"
-    return f"{channel.capitalize()} is met to {misfit};\nits noise is {_size(noise.sd, channel)}"
+    noise, rmse_text = case_fit.noise[channel], f"{_format_channel_size(case_fit.rmse[channel], channel)} rms"
+    if not noise.stated:
+        largest = np.nanmax(np.abs(getattr(case_fit.case.recording, channel)))
+        share = 100 * case_fit.rmse[channel] / largest
+        return f"{channel.capitalize()} is missed by {rmse_text},\n{share:.2g} % of its largest value"
+    if noise.excess > MIN_MISS_RATIO:
+        ratio_text = f"{noise.excess:.0f}" if noise.excess >= 10 else f"{noise.excess:.2g}"
+        return f"{channel.capitalize()} is missed by {rmse_text},\n{ratio_text} times its noise"
+    return f"{channel.capitalize()} is met to {rmse_text};\nits noise is {_format_channel_size(noise.sd, channel)}"
 
 
-def _size(value: float, channel: str) -> str:
-    return f"{value / in_unit(DISPLAY_UNIT[channel]):.3g} {DISPLAY_UNIT[channel]}"
+def _format_channel_size(value: float, channel: str) -> str:
+    return f"{value / compute_si_factor(DISPLAY_UNIT[channel]):.3g} {DISPLAY_UNIT[channel]}"
 
 
-def residual_figure(one: CaseFit, narrow: bool = False) -> Figure:
+def plot_residual(case_fit: CaseFit, narrow: bool = False) -> Figure:
     """Measured − model over contraction, pressure and time, beside the band that noise would fill."""
-    form, channels, columns = layout(one.case), one.case.recording.channels, axes_of(one.case)
+    row_layout, channels, columns = (
+        build_layout(case_fit.case),
+        case_fit.case.recording.channels,
+        select_axes(case_fit.case),
+    )
     if narrow:  # what a phone has room for
         columns = dict(list(columns.items())[:1])
-    with theme():
-        width = SINGLE if narrow else DOUBLE if len(columns) > 1 else 4.8
-        made = figure(width, 1.0 + 2.1 * len(channels))
-        grid = made.subplots(len(channels), len(columns), sharey="row", sharex="col", squeeze=False)
+    with apply_theme():
+        width = SINGLE_COLUMN if narrow else DOUBLE_COLUMN if len(columns) > 1 else 4.8
+        drawing = create_figure(width, 1.0 + 2.1 * len(channels))
+        grid = drawing.subplots(len(channels), len(columns), sharey="row", sharex="col", squeeze=False)
         for row, channel in zip(grid, channels, strict=True):
             for panel, x in zip(row, columns.values(), strict=True):
-                _residuals(panel, one, form, channel, x)
+                _plot_residuals(panel, case_fit, row_layout, channel, x)
             row[0].set_ylabel(f"{channel}: measured − model [{DISPLAY_UNIT[channel]}]")
         for panel, label in zip(grid[-1], columns, strict=True):
             panel.set_xlabel(label)
-        said = [outside(one, channel) for channel in channels]
-        said = [textwrap.fill(text, 52) for text in said] if narrow else said
-        made.suptitle("\n".join(said), x=0.01, ha="left")
-        stated = all(one.noise[channel].given for channel in channels)
-        whose = "its noise" if stated else "noise, or of the residual where none was stated"
-        band = mark(f"± 2 sd of {whose}", marker="s", ms=7, alpha=0.3)
-        key(made, list(grid.flat), form, mark("measured − model", marker="o", ms=3), band)
-    return made
+        titles = [format_outliers(case_fit, channel) for channel in channels]
+        titles = [textwrap.fill(text, 52) for text in titles] if narrow else titles
+        drawing.suptitle("\n".join(titles), x=0.01, ha="left")
+        stated = all(case_fit.noise[channel].stated for channel in channels)
+        noise_name = "its noise" if stated else "noise, or of the residual where none was stated"
+        band = create_mark(f"± 2 sd of {noise_name}", marker="s", ms=7, alpha=0.3)
+        add_key(drawing, list(grid.flat), row_layout, create_mark("measured − model", marker="o", ms=3), band)
+    return drawing
 
 
-def _residual(one: CaseFit, channel: str) -> np.ndarray:
+def _compute_residual(case_fit: CaseFit, channel: str) -> np.ndarray:
     """(n,) measured − model in the unit of the figure."""
-    misfit = getattr(one.case.recording, channel) - one.prediction[channel]
-    return np.where(one.case.recording.usable, misfit, np.nan) / in_unit(DISPLAY_UNIT[channel])
+    misfit = getattr(case_fit.case.recording, channel) - case_fit.prediction[channel]
+    return np.where(case_fit.case.recording.usable, misfit, np.nan) / compute_si_factor(DISPLAY_UNIT[channel])
 
 
-def _residuals(panel: Axes, one: CaseFit, form: Layout, channel: str, x: np.ndarray) -> None:
-    misfit, sd = _residual(one, channel), one.noise[channel].sd / in_unit(DISPLAY_UNIT[channel])
-    panel.axhspan(-2 * sd, 2 * sd, color=QUIET, alpha=0.3, lw=0, gid="noise")
-    panel.axhline(0, color=QUIET, lw=0.6)
-    kept = thin(x, np.where(form.group >= 0, misfit, np.nan))
-    style = _point(np.isfinite(misfit))
-    for group, colour in enumerate(form.colours):
-        rows = kept[form.group[kept] == group]
+def _plot_residuals(panel: Axes, case_fit: CaseFit, row_layout: Layout, channel: str, x: np.ndarray) -> None:
+    misfit, sd = (
+        _compute_residual(case_fit, channel),
+        case_fit.noise[channel].sd / compute_si_factor(DISPLAY_UNIT[channel]),
+    )
+    panel.axhspan(-2 * sd, 2 * sd, color=REFERENCE_COLOUR, alpha=0.3, lw=0, gid="noise")
+    panel.axhline(0, color=REFERENCE_COLOUR, lw=0.6)
+    drawn_rows = thin_points(x, np.where(row_layout.group >= 0, misfit, np.nan))
+    style = _choose_point_style(np.isfinite(misfit))
+    for group, colour in enumerate(row_layout.colours):
+        rows = drawn_rows[row_layout.group[drawn_rows] == group]
         panel.plot(x[rows], misfit[rows], color=colour, gid=f"residual group-{group}", **style)
 
 
-def outside(one: CaseFit, channel: str) -> str:
+def format_outliers(case_fit: CaseFit, channel: str) -> str:
     """The finding: how many samples noise does not explain, or the largest miss where none was stated."""
-    noise, misfit = one.noise[channel], np.abs(_residual(one, channel))
-    if not noise.given:
+    noise, misfit = case_fit.noise[channel], np.abs(_compute_residual(case_fit, channel))
+    if not noise.stated:
         row = int(np.nanargmax(misfit))
-        pressure, length = one.case.recording.pressure[row], one.case.recording.length[row]
-        at = f"{show(pressure, 'kPa', 3)} and {show(length, 'mm')}"
-        return f"{channel.capitalize()}: missed most at {at}, by {misfit[row]:.3g} {DISPLAY_UNIT[channel]}"
-    far = 100 * np.mean(misfit[np.isfinite(misfit)] > 2 * noise.sd / in_unit(DISPLAY_UNIT[channel]))
-    return f"{channel.capitalize()}: {far:.0f} % of samples outside ± 2 sd of its noise, where 5 % belong"
+        pressure, length = case_fit.case.recording.pressure[row], case_fit.case.recording.length[row]
+        place = f"{format_quantity(pressure, 'kPa', 3)} and {format_quantity(length, 'mm')}"
+        return f"{channel.capitalize()}: missed most at {place}, by {misfit[row]:.3g} {DISPLAY_UNIT[channel]}"
+    percent_outside = 100 * np.mean(
+        misfit[np.isfinite(misfit)] > 2 * noise.sd / compute_si_factor(DISPLAY_UNIT[channel])
+    )
+    return f"{channel.capitalize()}: {percent_outside:.0f} % of samples outside ± 2 sd of its noise, where 5 % belong"
 
 
-def held_out_figure(one: CaseFit, narrow: bool = False) -> Figure:
+def plot_held_out(case_fit: CaseFit, narrow: bool = False) -> Figure:
     """Misfit of every block, in the fit that saw it and in the one that did not.
 
     Raises:
         BadInput: if no block was held out.
     """
-    if one.held_out is None:
-        raise refuse("this figure needs blocks that were held out", "one block", one.case.name)
-    channels = list(one.held_out.rmse)
-    names = _in_order(one)
-    with theme():
-        height = 1.4 + 0.16 * min(max(len(names), 6), NAMED_BLOCKS)
-        made, panels = panels_of(len(channels), narrow, height, sharey=True)
+    if case_fit.held_out is None:
+        raise refuse("this figure needs blocks that were held out", "one block", case_fit.case.name)
+    channels = list(case_fit.held_out.rmse)
+    block_names = _order_blocks(case_fit)
+    with apply_theme():
+        height = 1.4 + 0.16 * min(max(len(block_names), 6), MAX_NAMED_BLOCKS)
+        drawing, panels = create_panels(len(channels), narrow, height, sharey=True)
         for panel, channel in zip(panels, channels, strict=True):
-            _blocks(panel, one, channel, names)
-        every = math.ceil(len(names) / NAMED_BLOCKS)
-        panels[0].set_yticks(range(0, len(names), every), names[::every])
+            _plot_blocks(panel, case_fit, channel, block_names)
+        label_step = math.ceil(len(block_names) / MAX_NAMED_BLOCKS)
+        panels[0].set_yticks(range(0, len(block_names), label_step), block_names[::label_step])
         panels[0].invert_yaxis()
-        given = [one.noise[channel].given for channel in channels]
-        own = [mark("its noise" if all(given) else "residual's own noise", ls="--")]
-        seen = mark("seen by the fit", marker="o", color=OKABE_ITO["blue"])
-        unseen = mark("held out", marker="D", color=OKABE_ITO["vermilion"], mfc="none")
-        made.legend(handles=[seen, unseen, *own], loc="outside lower center", ncols=3)
-    return made
+        stated = [case_fit.noise[channel].stated for channel in channels]
+        noise_marks = [create_mark("its noise" if all(stated) else "residual's own noise", ls="--")]
+        seen_mark = create_mark("seen by the fit", marker="o", color=OKABE_ITO["blue"])
+        unseen_mark = create_mark("held out", marker="D", color=OKABE_ITO["vermilion"], mfc="none")
+        drawing.legend(handles=[seen_mark, unseen_mark, *noise_marks], loc="outside lower center", ncols=3)
+    return drawing
 
 
-def _in_order(one: CaseFit) -> list[str]:
+def _order_blocks(case_fit: CaseFit) -> list[str]:
     """Names of the blocks with a measured row, by their setting where they are one, else by time."""
-    assert one.held_out is not None
-    recording, label = one.case.recording, np.array(one.block)
+    assert case_fit.held_out is not None
+    recording, label = case_fit.case.recording, np.array(case_fit.block)
     measured = np.isfinite(recording.force) | np.isfinite(recording.diameter)
-    names = [name for name in dict.fromkeys(one.block) if name and measured[label == name].any()]
-    setting = {"isobars": recording.pressure, "lengths": recording.length}.get(one.held_out.kind)
+    names = [name for name in dict.fromkeys(case_fit.block) if name and measured[label == name].any()]
+    setting = {"isobars": recording.pressure, "lengths": recording.length}.get(case_fit.held_out.kind)
     if setting is None:
         return names
     return sorted(names, key=lambda name: float(np.median(setting[label == name])))
 
 
-def _blocks(panel: Axes, one: CaseFit, channel: str, names: list[str]) -> None:
-    scale = in_unit(DISPLAY_UNIT[channel])
-    label = np.array(one.block)
+def _plot_blocks(panel: Axes, case_fit: CaseFit, channel: str, block_names: list[str]) -> None:
+    scale = compute_si_factor(DISPLAY_UNIT[channel])
+    label = np.array(case_fit.block)
     rmse = {}
-    for kind, predicted in (("seen", one.prediction), ("unseen", one.unseen)):
-        misfit = getattr(one.case.recording, channel) - predicted[channel]
-        rmse[kind] = np.array([_rms(misfit[label == name]) / scale for name in names])
-    at = np.arange(len(names))
-    panel.hlines(at, rmse["seen"], rmse["unseen"], color=QUIET, lw=0.8)
-    panel.plot(rmse["seen"], at, "o", color=OKABE_ITO["blue"], gid="seen")
-    panel.plot(rmse["unseen"], at, "D", color=OKABE_ITO["vermilion"], mfc="none", ms=5.5, gid="unseen")
-    panel.axvline(one.noise[channel].sd / scale, color=QUIET, ls="--", lw=0.8, gid="noise")
+    for kind, predicted in (("seen", case_fit.prediction), ("unseen", case_fit.held_out_prediction)):
+        misfit = getattr(case_fit.case.recording, channel) - predicted[channel]
+        rmse[kind] = np.array([_compute_rms(misfit[label == name]) / scale for name in block_names])
+    y = np.arange(len(block_names))
+    panel.hlines(y, rmse["seen"], rmse["unseen"], color=REFERENCE_COLOUR, lw=0.8)
+    panel.plot(rmse["seen"], y, "o", color=OKABE_ITO["blue"], gid="seen")
+    panel.plot(rmse["unseen"], y, "D", color=OKABE_ITO["vermilion"], mfc="none", ms=5.5, gid="unseen")
+    panel.axvline(case_fit.noise[channel].sd / scale, color=REFERENCE_COLOUR, ls="--", lw=0.8, gid="noise")
     # Room for half a mark: a limit on one side alone would freeze the other where it is.
-    most = np.nanmax([*rmse["seen"], *rmse["unseen"], one.noise[channel].sd / scale])
-    panel.set_xlim(0, 1.08 * most)
-    panel.set(xlabel=f"rmse of {channel} [{DISPLAY_UNIT[channel]}]", title=generalises(one, channel))
+    max_rmse = np.nanmax([*rmse["seen"], *rmse["unseen"], case_fit.noise[channel].sd / scale])
+    panel.set_xlim(0, 1.08 * max_rmse)
+    panel.set(
+        xlabel=f"rmse of {channel} [{DISPLAY_UNIT[channel]}]", title=format_generalisation(case_fit, channel)
+    )
 
 
-def _rms(misfit: np.ndarray) -> float:
+def _compute_rms(misfit: np.ndarray) -> float:
     misfit = misfit[np.isfinite(misfit)]
     return float(np.sqrt(np.mean(misfit**2))) if misfit.size else math.nan
 
 
-def generalises(one: CaseFit, channel: str) -> str:
+def format_generalisation(case_fit: CaseFit, channel: str) -> str:
     """The finding: how much a channel loses where the fit did not look."""
-    assert one.held_out is not None
-    seen, unseen = one.rmse[channel], one.held_out.rmse[channel]
-    head = f"Held-out {one.held_out.kind}: {channel} missed by {_size(unseen, channel)},\n"
-    more = 100 * (unseen / seen - 1) if seen > 0 else math.inf
-    if abs(more) < 0.5:
+    assert case_fit.held_out is not None
+    seen_rmse, held_out_rmse = case_fit.rmse[channel], case_fit.held_out.rmse[channel]
+    head = f"Held-out {case_fit.held_out.kind}: {channel} missed by {_format_channel_size(held_out_rmse, channel)},\n"
+    percent_more = 100 * (held_out_rmse / seen_rmse - 1) if seen_rmse > 0 else math.inf
+    if abs(percent_more) < 0.5:
         return f"{head}as where seen"
-    return (
-        f"{head}{abs(more):.0f} % {'more' if more > 0 else 'less'} than where seen ({_size(seen, channel)})"
-    )
+    return f"{head}{abs(percent_more):.0f} % {'more' if percent_more > 0 else 'less'} than where seen ({_format_channel_size(seen_rmse, channel)})"
 
 
-def prior_figure(fit: Fit, narrow: bool = False) -> Figure | None:
+def plot_prior(fit: Fit, narrow: bool = False) -> Figure | None:
     """What was known before and what the fit says, on the scale of the prior; None where none was stated."""
-    known = with_prior(fit)
-    names = list(known)
+    estimates = select_with_prior(fit)
+    names = list(estimates)
     if not names:
         return None
-    with theme():
-        made = figure(SINGLE if narrow else DOUBLE, 1.3 + 0.22 * max(len(names), 3))
-        panel = made.subplots()
-        panel.axvspan(-1, 1, color=QUIET, alpha=0.3, lw=0, gid="prior")
-        panel.axvline(0, color=QUIET, lw=0.6)
-        for at, e in enumerate(known.values()):
-            _estimate(panel, at, e)
+    with apply_theme():
+        drawing = create_figure(SINGLE_COLUMN if narrow else DOUBLE_COLUMN, 1.3 + 0.22 * max(len(names), 3))
+        panel = drawing.subplots()
+        panel.axvspan(-1, 1, color=REFERENCE_COLOUR, alpha=0.3, lw=0, gid="prior")
+        panel.axvline(0, color=REFERENCE_COLOUR, lw=0.6)
+        for y, estimate in enumerate(estimates.values()):
+            _plot_estimate(panel, y, estimate)
         panel.set_yticks(range(len(names)), names)
         panel.set_ylim(len(names) - 0.5, -0.5)
         low, high = panel.get_xlim()
         panel.set_xlim(min(low, -2.5), max(high, 2.5))
         panel.set(xlabel="distance from the prior [its sd]")
-        says = learned(fit)
+        title = format_learned(fit)
         # Across the whole figure: beside the names of the rows a phone has no room for it.
-        made.suptitle(textwrap.fill(says, 48) if narrow else says, x=0.01, ha="left", fontsize=8)
+        drawing.suptitle(textwrap.fill(title, 48) if narrow else title, x=0.01, ha="left", fontsize=8)
         handles = [
-            mark("prior ± 1 sd", marker="s", ms=7, alpha=0.3),
-            mark("estimate ± 1 sd", marker="o", ls="-", color=OKABE_ITO["blue"]),
+            create_mark("prior ± 1 sd", marker="s", ms=7, alpha=0.3),
+            create_mark("estimate ± 1 sd", marker="o", ls="-", color=OKABE_ITO["blue"]),
         ]
-        if any(e.sd is None for e in known.values()):
-            handles.append(mark("at a limit, or not determined", marker="x", color=OKABE_ITO["vermilion"]))
-        made.legend(handles=handles, loc="outside lower center", ncols=2 if narrow else 3)
-    return made
+        if any(estimate.sd is None for estimate in estimates.values()):
+            handles.append(
+                create_mark("at a limit, or not determined", marker="x", color=OKABE_ITO["vermilion"])
+            )
+        drawing.legend(handles=handles, loc="outside lower center", ncols=2 if narrow else 3)
+    return drawing
 
 
-def with_prior(fit: Fit) -> dict[str, Estimate]:
+def select_with_prior(fit: Fit) -> dict[str, Estimate]:
     """The numbers of which something was believed before."""
-    return {name: e for name, e in fit.estimates.items() if math.isfinite(e.prior_sd)}
+    return {name: estimate for name, estimate in fit.estimates.items() if math.isfinite(estimate.prior_sd)}
 
 
-def _estimate(panel: Axes, at: int, e: Estimate) -> None:
+def _plot_estimate(panel: Axes, y: int, estimate: Estimate) -> None:
     """One row: the estimate in prior sd, and its value in words at the right margin."""
-    text = quantity(e.value, e.sd, e.meaning.show)
-    shift = (e.value - e.prior) / e.prior_sd
-    if e.sd is None:
-        panel.plot([shift], [at], "x", color=OKABE_ITO["vermilion"], gid="undetermined")
+    text = format_estimate(estimate.value, estimate.sd, estimate.meaning.show)
+    shift = (estimate.value - estimate.prior) / estimate.prior_sd
+    if estimate.sd is None:
+        panel.plot([shift], [y], "x", color=OKABE_ITO["vermilion"], gid="undetermined")
     else:
         panel.errorbar(
-            [shift], [at], xerr=[e.sd / e.prior_sd], fmt="o", color=OKABE_ITO["blue"], gid="estimate"
+            [shift],
+            [y],
+            xerr=[estimate.sd / estimate.prior_sd],
+            fmt="o",
+            color=OKABE_ITO["blue"],
+            gid="estimate",
         )
-    panel.text(1.01, at, text, transform=panel.get_yaxis_transform(), va="center", fontsize=7)
+    panel.text(1.01, y, text, transform=panel.get_yaxis_transform(), va="center", fontsize=7)
 
 
-def learned(fit: Fit) -> str:
+def format_learned(fit: Fit) -> str:
     """The finding: how many numbers with a prior the recording pinned down, and which moved farthest."""
-    known = with_prior(fit)
-    pinned = sum(e.learned > 0.5 for e in known.values())
-    whose = "numbers" if len(known) == len(fit.estimates) else "numbers that had a prior"
-    text = f"The recording halves the uncertainty of {pinned} of {len(known)} {whose}"
-    shifts = {name: (e.value - e.prior) / e.prior_sd for name, e in known.items()}
+    estimates = select_with_prior(fit)
+    pinned_count = sum(estimate.shrinkage > 0.5 for estimate in estimates.values())
+    group = "numbers" if len(estimates) == len(fit.estimates) else "numbers that had a prior"
+    text = f"The recording halves the uncertainty of {pinned_count} of {len(estimates)} {group}"
+    shifts = {
+        name: (estimate.value - estimate.prior) / estimate.prior_sd for name, estimate in estimates.items()
+    }
     farthest = max(shifts, key=lambda name: abs(shifts[name]))
-    if abs(shifts[farthest]) < STILL:
+    if abs(shifts[farthest]) < MIN_PRIOR_SHIFT:
         return f"{text};\nnone moved from its prior"
-    return f"{text};\n{farthest} moved farthest, {signed(shifts[farthest])} sd of its prior"
+    return f"{text};\n{farthest} moved farthest, {format_signed(shifts[farthest])} sd of its prior"
 
 
-def save_figures(fit: Fit, folder: Path) -> list[Path]:
+def save_fit_figures(fit: Fit, folder: Path) -> list[Path]:
     """Draw every figure that a fit has an answer for; each as PNG.
 
     Returns:
         the PNG files, the prior's first, with the case's name before the figure's where there are several.
     """
-    prior = prior_figure(fit)
-    if prior is None:
+    prior_drawing = plot_prior(fit)
+    if prior_drawing is None:
         # One that an earlier fit left in this folder speaks of that one.
         (folder / "prior.png").unlink(missing_ok=True)
-    written = [save_png(prior, folder / "prior")] if prior is not None else []
-    for one in fit.cases:
-        head = "" if len(fit.cases) == 1 else f"{one.case.name}-"
-        written.append(save_png(prediction_figure(one), folder / f"{head}prediction"))
-        written.append(save_png(residual_figure(one), folder / f"{head}residual"))
-        if one.held_out is not None:
-            written.append(save_png(held_out_figure(one), folder / f"{head}held-out"))
+    written = [save_png(prior_drawing, folder / "prior")] if prior_drawing is not None else []
+    for case_fit in fit.cases:
+        prefix = "" if len(fit.cases) == 1 else f"{case_fit.case.name}-"
+        written.append(save_png(plot_prediction(case_fit), folder / f"{prefix}prediction"))
+        written.append(save_png(plot_residual(case_fit), folder / f"{prefix}residual"))
+        if case_fit.held_out is not None:
+            written.append(save_png(plot_held_out(case_fit), folder / f"{prefix}held-out"))
     return written

@@ -16,26 +16,31 @@ import jax.numpy as jnp
 import numpy as np
 
 from pamjax.model.balance import Status
-from pamjax.model.bench import Bench, record
-from pamjax.model.history import History, history
+from pamjax.model.bench import Bench, record_bench
+from pamjax.model.history import History, build_time_history
 from pamjax.model.mechanism import AbstractMechanism
 from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
 from pamjax.model.registry import MECHANISMS
-from pamjax.parameter import field_meanings, meanings, replace
+from pamjax.parameter import list_field_meanings, list_meanings, replace_values
 
 #: Thread length, m, turns, length at rest, m, and compliance of the threads, 1/N, of the article's muscle.
-THREAD, TURNS, REST, COMPLIANCE = 0.251206, 1.09, 0.235744, 1 / (144 * 0.0858e-6 * 80e9)
+DEMO_THREAD_LENGTH, DEMO_TURNS, DEMO_REST_LENGTH, DEMO_COMPLIANCE = (
+    0.251206,
+    1.09,
+    0.235744,
+    1 / (144 * 0.0858e-6 * 80e9),
+)
 
 #: Of the strokes: pressures, Pa, and contraction; of the ramps: contractions, and the highest pressure, Pa.
-PRESSURES, STROKE = (150e3, 350e3, 690e3), 0.25
-CONTRACTIONS, TOP = (0.0, 0.1, 0.2), 690e3
+DEMO_PRESSURES, DEMO_STROKE = (150e3, 350e3, 690e3), 0.25
+DEMO_CONTRACTIONS, DEMO_MAX_PRESSURE = (0.0, 0.1, 0.2), 690e3
 
 #: Samples from one turn to the next, their distance, s, and cycles of a run. A stroke goes at 1.2 mm/s.
-HALF, STEP, CYCLES = 100, 0.5, 2
+HALF_CYCLE_SAMPLES, DEMO_TIME_STEP, DEMO_CYCLES = 100, 0.5, 2
 
 #: What is shown of each mechanism, SI: of the size that physics or practice gives a muscle of an inch.
-SIZES: dict[str, dict[str, float]] = {
-    "braid_elasticity": {"compliance": COMPLIANCE},
+DEMO_VALUES: dict[str, dict[str, float]] = {
+    "braid_elasticity": {"compliance": DEMO_COMPLIANCE},
     "thread_crimp": {"crimp": 2e-3, "load": 1000.0},
     "thread_slip": {"bedding": 1e-3, "load": 1500.0},
     "bladder_elasticity": {"modulus": 0.4e6},
@@ -62,7 +67,7 @@ SIZES: dict[str, dict[str, float]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class DemoRun:
     """One of the runs of the trial, with and without the mechanism.
 
     Attributes:
@@ -81,59 +86,82 @@ class Run:
     bare_diameter: np.ndarray
 
 
-def sizes(kind: type[AbstractMechanism]) -> dict[str, float]:
-    """The numbers at which a mechanism is shown: those of `SIZES`, or a twentieth of the limits."""
-    if kind.id in SIZES:
-        return SIZES[kind.id]
-    declared = field_meanings(kind).items()
-    return {n: m.neutral + 0.05 * (m.high - m.neutral) for n, m in declared if m.neutral is not None}
+def choose_demo_values(kind: type[AbstractMechanism]) -> dict[str, float]:
+    """The numbers at which a mechanism is shown: those of `DEMO_VALUES`, or a twentieth of the limits."""
+    if kind.id in DEMO_VALUES:
+        return DEMO_VALUES[kind.id]
+    meanings = list_field_meanings(kind).items()
+    return {
+        name: meaning.neutral + 0.05 * (meaning.high - meaning.neutral)
+        for name, meaning in meanings
+        if meaning.neutral is not None
+    }
 
 
-def trial(kind: type[AbstractMechanism]) -> tuple[list[Run], list[Run]]:
-    """Strokes at each of `PRESSURES`, and ramps at each of `CONTRACTIONS`."""
-    pressure, length, _ = _schedule()
-    mine = {f"{kind.id}.{name}": value for name, value in sizes(kind).items()}
-    stiff = {} if kind is BraidElasticity else {f"{BraidElasticity.id}.compliance": COMPLIANCE}
-    (force, diameter), bare = _shown(kind, stiff | mine), _shown(kind, stiff)
-    columns = (pressure, length, _rising(), force, diameter, *bare)
-    runs = [Run(*parts) for parts in zip(*(np.split(c, _count()) for c in columns), strict=True)]
-    return runs[: len(PRESSURES)], runs[len(PRESSURES) :]
+def simulate_demo(kind: type[AbstractMechanism]) -> tuple[list[DemoRun], list[DemoRun]]:
+    """Strokes at each of `DEMO_PRESSURES`, and ramps at each of `DEMO_CONTRACTIONS`."""
+    pressure, length, _ = _build_schedule()
+    demo_values = {f"{kind.id}.{name}": value for name, value in choose_demo_values(kind).items()}
+    thread_values = {} if kind is BraidElasticity else {f"{BraidElasticity.id}.compliance": DEMO_COMPLIANCE}
+    (force, diameter), without_mechanism = (
+        _simulate_bench(kind, thread_values | demo_values),
+        _simulate_bench(kind, thread_values),
+    )
+    columns = (pressure, length, _find_rising(), force, diameter, *without_mechanism)
+    runs = [
+        DemoRun(*parts)
+        for parts in zip(*(np.split(column, _count_runs()) for column in columns), strict=True)
+    ]
+    return runs[: len(DEMO_PRESSURES)], runs[len(DEMO_PRESSURES) :]
 
 
-def _count() -> int:
-    return len(PRESSURES) + len(CONTRACTIONS)
+def _count_runs() -> int:
+    return len(DEMO_PRESSURES) + len(DEMO_CONTRACTIONS)
 
 
 @cache
-def _schedule() -> tuple[np.ndarray, np.ndarray, History]:
-    there = np.linspace(0, 1, HALF, endpoint=False)
-    wave = np.tile(np.r_[there, 1 - there], CYCLES)
-    strokes = [(np.full(wave.size, p), REST * (1 - STROKE * wave)) for p in PRESSURES]
-    ramps = [(TOP * wave, np.full(wave.size, REST * (1 - c))) for c in CONTRACTIONS]
+def _build_schedule() -> tuple[np.ndarray, np.ndarray, History]:
+    ramp = np.linspace(0, 1, HALF_CYCLE_SAMPLES, endpoint=False)
+    wave = np.tile(np.r_[ramp, 1 - ramp], DEMO_CYCLES)
+    strokes = [(np.full(wave.size, p), DEMO_REST_LENGTH * (1 - DEMO_STROKE * wave)) for p in DEMO_PRESSURES]
+    ramps = [
+        (DEMO_MAX_PRESSURE * wave, np.full(wave.size, DEMO_REST_LENGTH * (1 - c))) for c in DEMO_CONTRACTIONS
+    ]
     pressure, length = (np.concatenate(parts) for parts in zip(*strokes, *ramps, strict=True))
     starts = np.arange(pressure.size) % wave.size == 0
-    return pressure, length, history(STEP * np.arange(pressure.size), starts, restart=True)
+    return (
+        pressure,
+        length,
+        build_time_history(DEMO_TIME_STEP * np.arange(pressure.size), starts, restart=True),
+    )
 
 
-def _rising() -> np.ndarray:
-    out = np.arange(2 * HALF * CYCLES) // HALF % 2 == 0
-    return np.concatenate([np.tile(~out, len(PRESSURES)), np.tile(out, len(CONTRACTIONS))])
+def _find_rising() -> np.ndarray:
+    stroke = np.arange(2 * HALF_CYCLE_SAMPLES * DEMO_CYCLES) // HALF_CYCLE_SAMPLES % 2 == 0
+    return np.concatenate([np.tile(~stroke, len(DEMO_PRESSURES)), np.tile(stroke, len(DEMO_CONTRACTIONS))])
 
 
-def _shown(kind: type[AbstractMechanism], numbers: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
-    pressure, length, past = _schedule()
-    bench = _bench(MECHANISMS if kind in MECHANISMS else (BraidElasticity, kind))
-    seen = record(replace(bench, _sized(bench) | numbers), jnp.asarray(pressure), jnp.asarray(length), past)
-    solved = np.asarray(seen.status) == Status.OK
-    force, diameter = (np.where(solved, np.asarray(x), np.nan) for x in (seen.force, seen.diameter))
+def _simulate_bench(
+    kind: type[AbstractMechanism], numbers: dict[str, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    pressure, length, time_history = _build_schedule()
+    bench = _build_bench(MECHANISMS if kind in MECHANISMS else (BraidElasticity, kind))
+    reading = record_bench(
+        replace_values(bench, _set_bladder_lengths(bench) | numbers),
+        jnp.asarray(pressure),
+        jnp.asarray(length),
+        time_history,
+    )
+    solved = np.asarray(reading.status) == Status.OK
+    force, diameter = (np.where(solved, np.asarray(x), np.nan) for x in (reading.force, reading.diameter))
     return force, diameter
 
 
 @cache
-def _bench(kinds: tuple[Any, ...]) -> Bench:
-    return Bench(jnp.asarray(THREAD), jnp.asarray(TURNS), tuple(kind() for kind in kinds))
+def _build_bench(kinds: tuple[Any, ...]) -> Bench:
+    return Bench(jnp.asarray(DEMO_THREAD_LENGTH), jnp.asarray(DEMO_TURNS), tuple(kind() for kind in kinds))
 
 
-def _sized(bench: Bench) -> dict[str, float]:
+def _set_bladder_lengths(bench: Bench) -> dict[str, float]:
     """Every bladder is as long as the muscle at rest."""
-    return {path: REST for path in meanings(bench) if path.endswith(".length")}
+    return {path: DEMO_REST_LENGTH for path in list_meanings(bench) if path.endswith(".length")}

@@ -14,28 +14,28 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from pamjax.diagnosis.detect.locate import Box
-from pamjax.diagnosis.detect.regions import LENGTHENING, SHORTENING, STILL, Axes, axes
-from pamjax.diagnosis.library.library_problem import Problem
-from pamjax.diagnosis.refit.candidate_fit import Model
+from pamjax.diagnosis.detect.regions import LENGTHENING, SHORTENING, STILL, RecordingAxes, build_axes
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.infer.problem.dataset import CHANNELS
-from pamjax.records.levels import find_levels, on_levels
-from pamjax.view.theme import DOUBLE, SINGLE, figure, theme
+from pamjax.records.levels import assign_levels, find_levels
+from pamjax.view.theme import DOUBLE_COLUMN, SINGLE_COLUMN, apply_theme, create_figure
 
 #: Cells along an axis that has no settings, and most settings that each get a cell of their own.
-CELLS, SETTINGS = 18, 24
+AXIS_CELLS, MAX_SETTINGS = 18, 24
 #: Share of the rows on settings from which an axis is cut at them.
-ON = 0.8
+MIN_SHARE_ON_SETTINGS = 0.8
 #: Share of the moving rows from which the two directions are drawn apart.
-MOVING = 0.5
+MIN_MOVING_SHARE = 0.5
 #: An axis is drawn where it spans more than this, in its shown unit.
-LEAST = {"contraction [%]": 0.2, "pressure [kPa]": 1.0, "time [s]": 0.0, "row": 0.0}
+MIN_AXIS_RANGE = {"contraction [%]": 0.2, "pressure [kPa]": 1.0, "time [s]": 0.0, "row": 0.0}
 #: Colours run to this quantile of the cells' size, so that one wild cell does not pale all others.
-REACH = 0.98
+COLOUR_QUANTILE = 0.98
 
 
 @dataclass(frozen=True, eq=False)
-class Axis:
+class MapAxis:
     """One axis of the map: its label, the rows' values, a box's limits' scale, and where cells end."""
 
     label: str
@@ -44,139 +44,174 @@ class Axis:
     values: np.ndarray
     edges: np.ndarray
 
-    def limits(self, box: Box) -> tuple[float, float]:
+    def find_box_limits(self, box: Box) -> tuple[float, float]:
         """From where to where a box reaches, at least a cell."""
         low, high = (self.scale * x for x in getattr(box, self.field))
         first, last = np.clip(np.searchsorted(self.edges, [low, high], "right"), 1, len(self.edges) - 1)
         return float(self.edges[first - 1]), float(self.edges[last])
 
 
-def standard_residual(found: Problem, model: Model) -> np.ndarray:
+def compute_standard_residual(problem: LibraryProblem, candidate_fit: CandidateFit) -> np.ndarray:
     """Measured − model in noise standard deviations, (2, n); NaN where nothing was measured."""
-    misfit = found.measured - found.shows(model.at.values)
-    sd = [np.full(found.n, np.nan) if colour is None else colour.sd for colour in model.white.colours]
+    misfit = problem.measured - problem.predict(candidate_fit.estimate.values)
+    sd = [
+        np.full(problem.n, np.nan) if channel_noise is None else channel_noise.sd
+        for channel_noise in candidate_fit.noise.channels
+    ]
     return misfit / np.stack(sd)
 
 
-def main_channel(one: Diagnosis) -> int:
+def find_main_channel(diagnosis: Diagnosis) -> int:
     """The channel that the first box speaks of, else the one that is missed by most."""
-    if one.detected and one.where:
-        return CHANNELS.index(one.where[0].channel)
-    square = standard_residual(one.found, one.baseline) ** 2
-    means = [np.nanmean(s) if np.isfinite(s).any() else -1.0 for s in square]
-    return int(np.argmax(means))
+    if diagnosis.detected and diagnosis.mismatch_boxes:
+        return CHANNELS.index(diagnosis.mismatch_boxes[0].channel)
+    square = compute_standard_residual(diagnosis.problem, diagnosis.baseline) ** 2
+    mean_squares = [
+        np.nanmean(channel_square) if np.isfinite(channel_square).any() else -1.0 for channel_square in square
+    ]
+    return int(np.argmax(mean_squares))
 
 
-def other_channels(one: Diagnosis) -> list[int]:
+def list_other_channels(diagnosis: Diagnosis) -> list[int]:
     """The channels but the main one that a box speaks of."""
-    spoken = {CHANNELS.index(box.channel) for box in one.where} if one.detected else set()
-    return sorted(spoken - {main_channel(one)})
+    located_channels = (
+        {CHANNELS.index(box.channel) for box in diagnosis.mismatch_boxes} if diagnosis.detected else set()
+    )
+    return sorted(located_channels - {find_main_channel(diagnosis)})
 
 
-def map_figure(one: Diagnosis, channel: int | None = None, narrow: bool = False) -> Figure:
+def plot_map(diagnosis: Diagnosis, channel: int | None = None, narrow: bool = False) -> Figure:
     """Where the baseline is wrong: measured − baseline in noise sd over pressure and contraction.
 
     Args:
-        one: the diagnosis.
+        diagnosis: the diagnosis.
         channel: 0 force, 1 diameter; the one with the largest share if left out.
         narrow: for a column or a phone, with the panels below each other.
     """
-    at, c = axes(one.found), main_channel(one) if channel is None else channel
-    residual = standard_residual(one.found, one.baseline)[c]
-    x, y = _two_axes(one.found, at)
-    sides = list(_sides(at, np.isfinite(residual)))
-    boxes = [(k, box) for k, box in enumerate(one.where, 1) if one.detected and box.channel == CHANNELS[c]]
-    cells = [_means(x, y, np.where(rows, residual, np.nan)) for _, _, rows in sides]
-    reach = max(2.0, float(np.nanquantile(np.abs(np.stack(cells)), REACH)))
-    down = narrow and len(sides) > 1
-    with theme():
-        made = figure(SINGLE if narrow else DOUBLE, 5.4 if down else 3.1)
-        shape = (len(sides), 1) if narrow else (1, len(sides))
-        panels = list(made.subplots(*shape, sharex=True, sharey=True, squeeze=False).flat)
+    coordinates, channel_index = (
+        build_axes(diagnosis.problem),
+        find_main_channel(diagnosis) if channel is None else channel,
+    )
+    residual = compute_standard_residual(diagnosis.problem, diagnosis.baseline)[channel_index]
+    x, y = _select_axes(diagnosis.problem, coordinates)
+    panel_parts = list(_list_directions(coordinates, np.isfinite(residual)))
+    boxes = [
+        (number, box)
+        for number, box in enumerate(diagnosis.mismatch_boxes, 1)
+        if diagnosis.detected and box.channel == CHANNELS[channel_index]
+    ]
+    cells = [_compute_cell_means(x, y, np.where(rows, residual, np.nan)) for _, _, rows in panel_parts]
+    colour_limit = max(2.0, float(np.nanquantile(np.abs(np.stack(cells)), COLOUR_QUANTILE)))
+    stacked = narrow and len(panel_parts) > 1
+    with apply_theme():
+        drawing = create_figure(SINGLE_COLUMN if narrow else DOUBLE_COLUMN, 5.4 if stacked else 3.1)
+        shape = (len(panel_parts), 1) if narrow else (1, len(panel_parts))
+        panels = list(drawing.subplots(*shape, sharex=True, sharey=True, squeeze=False).flat)
         mesh = None
-        for panel, (name, directions, _), mean in zip(panels, sides, cells, strict=True):
-            mesh = _cells(panel, x, y, mean, reach)
-            for k, box in boxes:
+        for panel, (name, directions, _), mean in zip(panels, panel_parts, cells, strict=True):
+            mesh = _plot_cells(panel, x, y, mean, colour_limit)
+            for number, box in boxes:
                 if box.direction in directions:
-                    _outline(panel, k, x.limits(box), y.limits(box))
+                    _plot_box(panel, number, x.find_box_limits(box), y.find_box_limits(box))
             panel.set(title=name, xlabel=x.label, ylabel=y.label)
             panel.label_outer()
         assert mesh is not None
-        where = {"location": "bottom", "aspect": 35, "shrink": 0.8} if down else {"aspect": 25, "pad": 0.02}
-        bar = made.colorbar(mesh, ax=panels, **where)
-        bar.set_label(f"{CHANNELS[c]}: measured − baseline [noise sd]")
+        bar_position = (
+            {"location": "bottom", "aspect": 35, "shrink": 0.8} if stacked else {"aspect": 25, "pad": 0.02}
+        )
+        bar = drawing.colorbar(mesh, ax=panels, **bar_position)
+        bar.set_label(f"{CHANNELS[channel_index]}: measured − baseline [noise sd]")
         bar.outline.set_visible(False)
-        made.suptitle(textwrap.fill(finding(one, CHANNELS[c]), 48 if narrow else 104), x=0.01, ha="left")
-    return made
+        drawing.suptitle(
+            textwrap.fill(format_location(diagnosis, CHANNELS[channel_index]), 48 if narrow else 104),
+            x=0.01,
+            ha="left",
+        )
+    return drawing
 
 
-def finding(one: Diagnosis, channel: str) -> str:
+def format_location(diagnosis: Diagnosis, channel: str) -> str:
     """Where the mismatch of a channel is, in one sentence."""
-    if not one.detected:
+    if not diagnosis.detected:
         return "No part of the recording departs from the baseline by more than its noise explains"
-    says = [box.says for box in one.where if box.channel == channel]
-    return says[0].rstrip(".") if says else f"The {channel} is missed by more than noise, in no one place"
+    sentences = [box.description for box in diagnosis.mismatch_boxes if box.channel == channel]
+    return (
+        sentences[0].rstrip(".")
+        if sentences
+        else f"The {channel} is missed by more than noise, in no one place"
+    )
 
 
-def _sides(at: Axes, measured: np.ndarray) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]:
+def _list_directions(
+    coordinates: RecordingAxes, measured: np.ndarray
+) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]:
     """Title, the directions of boxes that belong there, and the rows, of each panel."""
-    if np.mean(at.direction[measured] != STILL) < MOVING:
+    if np.mean(coordinates.direction[measured] != STILL) < MIN_MOVING_SHARE:
         yield "", ("both", "shortening", "lengthening"), measured
         return
-    for name, way in (("shortening", SHORTENING), ("lengthening", LENGTHENING)):
-        yield f"while {name}", ("both", name), measured & (at.direction == way)
+    for name, direction in (("shortening", SHORTENING), ("lengthening", LENGTHENING)):
+        yield f"while {name}", ("both", name), measured & (coordinates.direction == direction)
 
 
-def _two_axes(found: Problem, at: Axes) -> tuple[Axis, Axis]:
+def _select_axes(problem: LibraryProblem, coordinates: RecordingAxes) -> tuple[MapAxis, MapAxis]:
     """The first two of contraction, pressure and time that vary; x first."""
-    clock = "time [s]" if found.case.recording.has_time else "row"
-    rest = found.case.entry.rest_length.value
+    time_label = "time [s]" if problem.case.recording.has_time else "row"
+    rest_length = problem.case.entry.rest_length.value
     # Noise of a length is not a stroke: a setting's rows share one cell.
-    contractions = 100 * (1 - find_levels(found.case.recording.length)[::-1] / rest)
-    every = [
-        _axis("contraction [%]", "contraction", 100.0, at.contraction, contractions),
-        _axis("pressure [kPa]", "pressure", 1e-3, at.pressure, find_levels(at.pressure) / 1e3),
-        _axis(clock, "time", 1.0, at.time, np.zeros(0)),
+    contractions = 100 * (1 - find_levels(problem.case.recording.length)[::-1] / rest_length)
+    all_axes = [
+        _build_axis("contraction [%]", "contraction", 100.0, coordinates.contraction, contractions),
+        _build_axis(
+            "pressure [kPa]", "pressure", 1e-3, coordinates.pressure, find_levels(coordinates.pressure) / 1e3
+        ),
+        _build_axis(time_label, "time", 1.0, coordinates.time, np.zeros(0)),
     ]
-    varying = [axis for axis in every if np.nanmax(axis.values) - np.nanmin(axis.values) > LEAST[axis.label]]
-    first, second = (varying + [axis for axis in every if axis not in varying])[:2]
+    varying = [
+        axis
+        for axis in all_axes
+        if np.nanmax(axis.values) - np.nanmin(axis.values) > MIN_AXIS_RANGE[axis.label]
+    ]
+    first, second = (varying + [axis for axis in all_axes if axis not in varying])[:2]
     return (second, first) if first.field == "pressure" else (first, second)
 
 
-def _axis(label: str, field: str, scale: float, values: np.ndarray, levels: np.ndarray) -> Axis:
+def _build_axis(label: str, field: str, scale: float, values: np.ndarray, levels: np.ndarray) -> MapAxis:
     values = scale * values
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    if 1 < len(levels) <= SETTINGS and np.mean(on_levels(values, levels) >= 0) > ON:
+    if (
+        1 < len(levels) <= MAX_SETTINGS
+        and np.mean(assign_levels(values, levels) >= 0) > MIN_SHARE_ON_SETTINGS
+    ):
         middle = (levels[1:] + levels[:-1]) / 2
-        ends = [2 * levels[0] - middle[0], 2 * levels[-1] - middle[-1]]
-        return Axis(label, field, scale, values, np.array([ends[0], *middle, ends[1]]))
+        outer_edges = [2 * levels[0] - middle[0], 2 * levels[-1] - middle[-1]]
+        return MapAxis(label, field, scale, values, np.array([outer_edges[0], *middle, outer_edges[1]]))
     if not high > low:
         low, high = low - 0.5, high + 0.5
-    return Axis(label, field, scale, values, np.linspace(low, high, CELLS + 1))
+    return MapAxis(label, field, scale, values, np.linspace(low, high, AXIS_CELLS + 1))
 
 
-def _means(x: Axis, y: Axis, residual: np.ndarray) -> np.ndarray:
+def _compute_cell_means(x: MapAxis, y: MapAxis, residual: np.ndarray) -> np.ndarray:
     """Mean residual of each cell, NaN in empty ones, (rows of y, columns of x)."""
-    there = np.isfinite(residual) & np.isfinite(x.values) & np.isfinite(y.values)
+    finite_rows = np.isfinite(residual) & np.isfinite(x.values) & np.isfinite(y.values)
     shape = (len(y.edges) - 1, len(x.edges) - 1)
     row, column = (
-        np.clip(np.searchsorted(axis.edges, axis.values[there], "right") - 1, 0, len(axis.edges) - 2)
+        np.clip(np.searchsorted(axis.edges, axis.values[finite_rows], "right") - 1, 0, len(axis.edges) - 2)
         for axis in (y, x)
     )
     flat = row * shape[1] + column
     count = np.bincount(flat, minlength=shape[0] * shape[1])
-    total = np.bincount(flat, residual[there], minlength=shape[0] * shape[1])
+    total = np.bincount(flat, residual[finite_rows], minlength=shape[0] * shape[1])
     return np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(shape)
 
 
-def _cells(panel: Panel, x: Axis, y: Axis, mean: np.ndarray, reach: float) -> QuadMesh:
+def _plot_cells(panel: Panel, x: MapAxis, y: MapAxis, mean: np.ndarray, colour_limit: float) -> QuadMesh:
     colours = matplotlib.colormaps["RdBu_r"]
-    mesh = panel.pcolormesh(x.edges, y.edges, mean, cmap=colours, vmin=-reach, vmax=reach)
+    mesh = panel.pcolormesh(x.edges, y.edges, mean, cmap=colours, vmin=-colour_limit, vmax=colour_limit)
     mesh.set_gid("mismatch")
     return mesh
 
 
-def _outline(panel: Panel, number: int, x: tuple[float, float], y: tuple[float, float]) -> None:
+def _plot_box(panel: Panel, number: int, x: tuple[float, float], y: tuple[float, float]) -> None:
     """A box's frame with its number in a corner of its own."""
     frame = Rectangle((x[0], y[0]), x[1] - x[0], y[1] - y[0], fill=False, zorder=4, clip_on=False)
     frame.set(linewidth=1.2, edgecolor="black", linestyle=("-", "--", ":", "-.")[(number - 1) % 4])

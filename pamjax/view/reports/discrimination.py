@@ -9,113 +9,142 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from pamjax.diagnosis.next_experiment.experiment import ENOUGH, Experiment
-from pamjax.diagnosis.next_experiment.power import FALSE_ALARM
-from pamjax.model.registry import mechanism
-from pamjax.planning.discriminate import Contest
-from pamjax.units import show
-from pamjax.view.reports.page import picture, write_page
-from pamjax.view.theme import DOUBLE, OKABE_ITO, QUIET, SINGLE, figure, theme
+from pamjax.diagnosis.next_experiment.experiment import SUFFICIENT_POWER, Experiment
+from pamjax.diagnosis.next_experiment.power import FALSE_ALARM_RATE
+from pamjax.model.registry import find_mechanism
+from pamjax.planning.discriminate import Discrimination
+from pamjax.units import format_quantity
+from pamjax.view.reports.page import build_picture, write_page
+from pamjax.view.theme import (
+    DOUBLE_COLUMN,
+    OKABE_ITO,
+    REFERENCE_COLOUR,
+    SINGLE_COLUMN,
+    apply_theme,
+    create_figure,
+)
 
 #: Protocols that are drawn.
-DRAWN = 8
+MAX_DRAWN_PROTOCOLS = 8
 
 
-def power_figure(contest: Contest, narrow: bool = False) -> Figure:
+def plot_power(discrimination: Discrimination, narrow: bool = False) -> Figure:
     """The power of the most powerful protocols, with what is enough."""
-    rows = contest.best[:DRAWN]
-    folded = ["\n".join(textwrap.wrap(_doing(e), 26 if narrow else 62)) for e in rows]
-    lines = sum(name.count("\n") + 1 for name in folded)
-    with theme():
-        made = figure(SINGLE if narrow else DOUBLE, 0.8 + 0.14 * lines + 0.12 * len(rows))
-        panel = made.subplots()
-        colours = [OKABE_ITO["blue"] if e is contest.chosen else QUIET for e in rows]
-        panel.barh(range(len(rows)), [e.power for e in rows], color=colours, height=0.55)
-        for k, e in enumerate(rows):
-            panel.annotate(f"  {_duration(e)}", (e.power, k), va="center", fontsize=7)
-        panel.axvline(ENOUGH, color=QUIET, ls=":", lw=0.9, gid="enough")
-        panel.set_yticks(range(len(rows)), folded)
+    rows = discrimination.ranked_experiments[:MAX_DRAWN_PROTOCOLS]
+    labels = [
+        "\n".join(textwrap.wrap(_format_protocol(experiment), 26 if narrow else 62)) for experiment in rows
+    ]
+    lines = sum(name.count("\n") + 1 for name in labels)
+    with apply_theme():
+        drawing = create_figure(
+            SINGLE_COLUMN if narrow else DOUBLE_COLUMN, 0.8 + 0.14 * lines + 0.12 * len(rows)
+        )
+        panel = drawing.subplots()
+        colours = [
+            OKABE_ITO["blue"] if experiment is discrimination.chosen else REFERENCE_COLOUR
+            for experiment in rows
+        ]
+        panel.barh(range(len(rows)), [experiment.power for experiment in rows], color=colours, height=0.55)
+        for k, experiment in enumerate(rows):
+            panel.annotate(
+                f"  {_format_duration(experiment)}", (experiment.power, k), va="center", fontsize=7
+            )
+        panel.axvline(SUFFICIENT_POWER, color=REFERENCE_COLOUR, ls=":", lw=0.9, gid="enough")
+        panel.set_yticks(range(len(rows)), labels)
         panel.invert_yaxis()
-        panel.set(xlim=(0, 1.15), xticks=(0, 0.5, ENOUGH, 1), xlabel="power")
-        tells = "would tell" if contest.neither else "tells"
-        panel.set_title(f"{contest.chosen.id} {tells} them apart with power {_share(contest.chosen)}")
-    return made
+        panel.set(xlim=(0, 1.15), xticks=(0, 0.5, SUFFICIENT_POWER, 1), xlabel="power")
+        verb = "would tell" if discrimination.neither_explains else "tells"
+        panel.set_title(
+            f"{discrimination.chosen.id} {verb} them apart with power {_format_power(discrimination.chosen)}"
+        )
+    return drawing
 
 
-def _doing(one: Experiment) -> str:
+def _format_protocol(experiment: Experiment) -> str:
     """What is done, without its duration."""
-    return f"{one.id}: {one.protocol.rpartition(' (')[0]}"
+    return f"{experiment.id}: {experiment.protocol.rpartition(' (')[0]}"
 
 
-def _share(one: Experiment) -> str:
-    return "above 0.99" if one.power > 0.99 else f"{one.power:.2f}"
+def _format_power(experiment: Experiment) -> str:
+    return "above 0.99" if experiment.power > 0.99 else f"{experiment.power:.2f}"
 
 
-def _duration(one: Experiment) -> str:
-    return f"{one.minutes:.0f} min" if one.minutes < 90 else f"{one.minutes / 60:.0f} h"
+def _format_duration(experiment: Experiment) -> str:
+    return f"{experiment.minutes:.0f} min" if experiment.minutes < 90 else f"{experiment.minutes / 60:.0f} h"
 
 
-def save_report(contest: Contest, path: str | Path, command: str = "") -> Path:
+def write_discrimination_report(discrimination: Discrimination, path: str | Path, command: str = "") -> Path:
     """Write the report of a contest.
 
     Args:
-        contest: the contest.
+        discrimination: the contest.
         path: the HTML file; its folder must exist.
         command: what repeats it, in a shell.
     """
     return write_page(
         path,
         "contest.html.jinja",
-        title=headline(contest),
-        kicker=f"What to measure next with {contest.case.name}: {' or '.join(contest.ids)}",
-        answer=answer(contest),
-        power=picture(partial(power_figure, contest), "power"),
-        menu=[_row(e) for e in contest.best],
-        alarm=f"{FALSE_ALARM:.0%}",
-        ids=contest.ids,
-        about=[f"{id}: {mechanism(id).about.title}" for id in contest.ids],
-        rig=_rig(contest),
-        checksum=contest.case.checksum,
-        command=command or "pamjax.tell(...)",
+        title=format_headline(discrimination),
+        kicker=f"What to measure next with {discrimination.case.name}: {' or '.join(discrimination.ids)}",
+        answer=format_answer(discrimination),
+        power=build_picture(partial(plot_power, discrimination), "power"),
+        menu=[_build_row(experiment) for experiment in discrimination.ranked_experiments],
+        alarm=f"{FALSE_ALARM_RATE:.0%}",
+        ids=discrimination.ids,
+        about=[f"{id}: {find_mechanism(id).about.title}" for id in discrimination.ids],
+        rig=_list_rig_rows(discrimination),
+        checksum=discrimination.case.checksum,
+        command=command or "pamjax.discriminate(...)",
     )
 
 
-def headline(contest: Contest) -> str:
+def format_headline(discrimination: Discrimination) -> str:
     """The answer in a line."""
-    if contest.neither:
-        return f"Neither {' nor '.join(contest.ids)} explains this recording"
-    if contest.chosen.power < ENOUGH:
+    if discrimination.neither_explains:
+        return f"Neither {' nor '.join(discrimination.ids)} explains this recording"
+    if discrimination.chosen.power < SUFFICIENT_POWER:
         return "No protocol of the menu surely tells them apart"
-    return f"{_duration(contest.chosen)} tell {' from '.join(contest.ids)}"
+    return f"{_format_duration(discrimination.chosen)} tell {' from '.join(discrimination.ids)}"
 
 
-def answer(contest: Contest) -> tuple[str, str]:
+def format_answer(discrimination: Discrimination) -> tuple[str, str]:
     """What to do and how sure that is; how it stands now, first where neither explains the recording."""
-    best = "" if contest.chosen.power >= ENOUGH else " The best there is:"
-    first = f"{best} {_doing(contest.chosen).partition(': ')[2]} ({_duration(contest.chosen)})".strip()
-    sure = f"where {contest.ids[0]} is true, that settles it with probability {_share(contest.chosen)}"
-    if not contest.neither:
-        return f"{first}: {sure}.", f"So far: {contest.standing}."
-    told = f"{contest.leaves[:1].upper()}{contest.leaves[1:]}: there is no choice between the two before."
-    return told, f"Were one of them true all the same: {first[:1].lower()}{first[1:]}; {sure}."
+    prefix = "" if discrimination.chosen.power >= SUFFICIENT_POWER else " The best there is:"
+    first_sentence = f"{prefix} {_format_protocol(discrimination.chosen).partition(': ')[2]} ({_format_duration(discrimination.chosen)})".strip()
+    certainty = f"where {discrimination.ids[0]} is true, that settles it with probability {_format_power(discrimination.chosen)}"
+    if not discrimination.neither_explains:
+        return f"{first_sentence}: {certainty}.", f"So far: {discrimination.verdict}."
+    summary = f"{discrimination.residual_summary[:1].upper()}{discrimination.residual_summary[1:]}: there is no choice between the two before."
+    return (
+        summary,
+        f"Were one of them true all the same: {first_sentence[:1].lower()}{first_sentence[1:]}; {certainty}.",
+    )
 
 
-def _row(one: Experiment) -> list[str]:
-    limit = f"{one.limit:.1f}" if math.isfinite(one.limit) else "never"
-    return [one.id, _doing(one).partition(": ")[2], f"{one.power:.2f}", _duration(one), limit]
+def _build_row(experiment: Experiment) -> list[str]:
+    limit = f"{experiment.chi2_limit:.1f}" if math.isfinite(experiment.chi2_limit) else "never"
+    return [
+        experiment.id,
+        _format_protocol(experiment).partition(": ")[2],
+        f"{experiment.power:.2f}",
+        _format_duration(experiment),
+        limit,
+    ]
 
 
-def _rig(contest: Contest) -> list[list[str]]:
-    rig = contest.stage.rig
+def _list_rig_rows(discrimination: Discrimination) -> list[list[str]]:
+    rig = discrimination.testbed.rig
     rows = [
-        ["highest pressure", show(rig.pressure, "kPa", 3)],
-        ["largest contraction", f"{rig.contraction:.0%}"],
+        ["highest pressure", format_quantity(rig.max_pressure, "kPa", 3)],
+        ["largest contraction", f"{rig.max_contraction:.0%}"],
         ["speed of a stroke", f"{1e3 * rig.speed:.3g} mm/s"],
         ["between samples", f"{rig.step:.3g} s"],
-        ["noise of force, a sample", show(rig.force, "N", 2)],
-        ["noise of diameter, a sample", show(rig.diameter, "mm", 2)],
-        ["noise of pressure, a sample", show(rig.gauge, "kPa", 2)],
-        ["noise of length, a sample", show(rig.ruler, "mm", 2)],
+        ["noise of force, a sample", format_quantity(rig.force_noise, "N", 2)],
+        ["noise of diameter, a sample", format_quantity(rig.diameter_noise, "mm", 2)],
+        ["noise of pressure, a sample", format_quantity(rig.pressure_noise, "kPa", 2)],
+        ["noise of length, a sample", format_quantity(rig.length_noise, "mm", 2)],
     ]
-    wider = contest.stage.wider
-    return rows + ([["what the models leave widens noise by", f"{wider:.2f}"]] if wider > 1 else [])
+    noise_factor = discrimination.testbed.sd_inflation
+    return rows + (
+        [["what the models leave widens noise by", f"{noise_factor:.2f}"]] if noise_factor > 1 else []
+    )

@@ -8,22 +8,29 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pamjax.infer.fitting.report import correlations, origin, quantity, remarks, told, trust
+from pamjax.infer.fitting.report import (
+    describe_origin,
+    format_channel_value,
+    format_correlations,
+    format_estimate,
+    format_minimiser_state,
+    format_remarks,
+)
 from pamjax.infer.fitting.result import CaseFit, Estimate, Fit
-from pamjax.infer.problem.priors import is_ruler
-from pamjax.units import show
+from pamjax.infer.problem.priors import is_length_error
+from pamjax.units import format_quantity
 from pamjax.view.figures import fit as figures
-from pamjax.view.figures.layout import layout
-from pamjax.view.reports.page import Picture, picture, write_page
-from pamjax.view.wording import noise_says, same_noise, upper
+from pamjax.view.figures.layout import build_layout
+from pamjax.view.reports.page import Picture, build_picture, write_page
+from pamjax.view.wording import capitalise_sentence, format_noise, is_stated_noise
 
 #: How many numbers the first screen names.
-NAMED = 3
+MAX_NAMED = 3
 #: Isobars or lengths, at most, that the page offers to show alone.
-CHOICES = 12
+MAX_GROUP_CHOICES = 12
 
 
-def save_report(fit: Fit, path: str | Path, command: str = "pamjax fit") -> Path:
+def write_fit_report(fit: Fit, path: str | Path, command: str = "pamjax fit") -> Path:
     """Write the report of a fit.
 
     Args:
@@ -31,183 +38,226 @@ def save_report(fit: Fit, path: str | Path, command: str = "pamjax fit") -> Path
         path: the HTML file; its folder must exist.
         command: what repeats it, in a shell.
     """
-    shown = {name: e for name, e in fit.estimates.items() if not is_ruler(name)}
+    estimates = {name: estimate for name, estimate in fit.estimates.items() if not is_length_error(name)}
     return write_page(
         path,
         "fit.html.jinja",
-        title=headline(fit),
-        kicker=f"Fit of {words([one.case.name for one in fit.cases])} · {model_of(fit)}",
-        answer=(met(fit), numbers_say(shown)),
-        cases=[_case(fit, one, k) for k, one in enumerate(fit.cases)],
-        groups=_groups(fit),
+        title=format_headline(fit),
+        kicker=f"Fit of {join_words([case_fit.case.name for case_fit in fit.cases])} · {format_model(fit)}",
+        answer=(format_agreement(fit), format_estimates(estimates)),
+        cases=[_describe_case(fit, case_fit, k) for k, case_fit in enumerate(fit.cases)],
+        groups=_list_groups(fit),
         rows=[
-            [n, quantity(e.value, e.sd, e.meaning.show), origin(e), e.meaning.about] for n, e in shown.items()
+            [
+                n,
+                format_estimate(estimate.value, estimate.sd, estimate.meaning.show),
+                describe_origin(estimate),
+                estimate.meaning.about,
+            ]
+            for n, estimate in estimates.items()
         ],
-        together=[upper(line.strip()) for line in correlations(fit)],
-        prior=drawn(partial(figures.prior_figure, fit), "prior"),
-        prior_caption=_prior_caption(fit, shown),
-        misses=_misses(fit),
-        unlearned=[name for name, e in shown.items() if e.learned < 0.5],
-        assumed=list(_assumed(fit)),
+        together=[capitalise_sentence(line.strip()) for line in format_correlations(fit)],
+        prior=draw_picture(partial(figures.plot_prior, fit), "prior"),
+        prior_caption=_format_prior_caption(fit, estimates),
+        misses=_has_misfit(fit),
+        unlearned=[name for name, estimate in estimates.items() if estimate.shrinkage < 0.5],
+        assumed=list(_list_assumptions(fit)),
         command=command,
     )
 
 
-def model_of(fit: Fit) -> str:
+def format_model(fit: Fit) -> str:
     """The model in words."""
-    return f"{fit.law} threads" + (f" with {words(list(fit.mechanisms))}" if fit.mechanisms else "")
+    return f"{fit.law} threads" + (f" with {join_words(list(fit.mechanisms))}" if fit.mechanisms else "")
 
 
-def words(parts: list[str]) -> str:
+def join_words(parts: list[str]) -> str:
     """One, two and three.
 
-    >>> words(["force", "diameter", "time"])
+    >>> join_words(["force", "diameter", "time"])
     'force, diameter and time'
     """
     return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1] if parts else ""
 
 
-def drawn(draw: Any, name: str) -> Picture | None:
+def draw_picture(plot: Any, name: str) -> Picture | None:
     """A figure for a page, wide and narrow."""
-    return picture(lambda narrow: draw(narrow=narrow), name)
+    return build_picture(lambda narrow: plot(narrow=narrow), name)
 
 
-def _groups(fit: Fit) -> list[str]:
+def _list_groups(fit: Fit) -> list[str]:
     """Isobars or lengths that a reader can choose among; none where that would not help."""
-    names = list(layout(fit.cases[0].case).names)
-    return names if len(fit.cases) == 1 and 1 < len(names) <= CHOICES else []
+    names = list(build_layout(fit.cases[0].case).names)
+    return names if len(fit.cases) == 1 and 1 < len(names) <= MAX_GROUP_CHOICES else []
 
 
-def _worst(fit: Fit) -> tuple[CaseFit, str]:
+def _find_worst_channel(fit: Fit) -> tuple[CaseFit, str]:
     """The channel whose misfit is the largest multiple of its noise."""
-    pairs = [(one, channel) for one in fit.cases for channel in one.rmse]
-    return max(pairs, key=lambda pair: pair[0].noise[pair[1]].excess if pair[0].noise[pair[1]].given else 0.0)
+    pairs = [(case_fit, channel) for case_fit in fit.cases for channel in case_fit.rmse]
+    return max(
+        pairs, key=lambda pair: pair[0].noise[pair[1]].excess if pair[0].noise[pair[1]].stated else 0.0
+    )
 
 
-def _misses(fit: Fit) -> bool:
+def _has_misfit(fit: Fit) -> bool:
     """Whether a channel is off by more than its sensor explains."""
-    one, channel = _worst(fit)
-    return one.noise[channel].given and one.noise[channel].excess > figures.MISS
+    case_fit, channel = _find_worst_channel(fit)
+    return case_fit.noise[channel].stated and case_fit.noise[channel].excess > figures.MIN_MISS_RATIO
 
 
-def headline(fit: Fit) -> str:
+def format_headline(fit: Fit) -> str:
     """The answer in a line."""
-    one, channel = _worst(fit)
-    noise = one.noise[channel]
+    case_fit, channel = _find_worst_channel(fit)
+    noise = case_fit.noise[channel]
     if not fit.converged:
         return "The fit did not converge"
-    if _misses(fit):
+    if _has_misfit(fit):
         return f"The model misses {channel} by {noise.excess:.2g} times its noise"
-    if noise.given:
+    if noise.stated:
         return "The calibrated muscle meets its recording to the noise"
-    return f"Calibrated: {channel} is met to {told(one.rmse[channel], channel)}"
+    return f"Calibrated: {channel} is met to {format_channel_value(case_fit.rmse[channel], channel)}"
 
 
-def met(fit: Fit) -> str:
+def format_agreement(fit: Fit) -> str:
     """How well every channel is met, where seen and where not, in one sentence."""
-    one, _ = _worst(fit)
-    first, *rest = one.rmse
-    parts = [f"{first} is met to {_beside_noise(one, first)}"]
-    text = words([*parts, *(f"{channel} to {_beside_noise(one, channel)}" for channel in rest)])
+    case_fit, _ = _find_worst_channel(fit)
+    first_channel, *other_channels = case_fit.rmse
+    parts = [f"{first_channel} is met to {_format_with_noise(case_fit, first_channel)}"]
+    text = join_words(
+        [*parts, *(f"{channel} to {_format_with_noise(case_fit, channel)}" for channel in other_channels)]
+    )
     if len(fit.cases) > 1:
-        text = f"In {one.case.name}, the worst of {len(fit.cases)}, {text}"
-    if one.held_out is None or not one.held_out.rmse:
-        return f"{upper(text)}; nothing could be held out."
-    unseen = words([told(rmse, channel) for channel, rmse in one.held_out.rmse.items()])
-    return f"{upper(text)}; {one.held_out.kind} that the fit never saw are missed by {unseen}."
+        text = f"In {case_fit.case.name}, the worst of {len(fit.cases)}, {text}"
+    if case_fit.held_out is None or not case_fit.held_out.rmse:
+        return f"{capitalise_sentence(text)}; nothing could be held out."
+    held_out_text = join_words(
+        [format_channel_value(rmse, channel) for channel, rmse in case_fit.held_out.rmse.items()]
+    )
+    return f"{capitalise_sentence(text)}; {case_fit.held_out.kind} that the fit never saw are missed by {held_out_text}."
 
 
-def _beside_noise(one: CaseFit, channel: str) -> str:
+def _format_with_noise(case_fit: CaseFit, channel: str) -> str:
     """A channel's misfit and what its noise is."""
-    kind = "noise" if one.noise[channel].given else "the residual's own noise"
-    return f"{told(one.rmse[channel], channel)} ({kind} {told(one.noise[channel].sd, channel)})"
+    noise_name = "noise" if case_fit.noise[channel].stated else "the residual's own noise"
+    return f"{format_channel_value(case_fit.rmse[channel], channel)} ({noise_name} {format_channel_value(case_fit.noise[channel].sd, channel)})"
 
 
-def numbers_say(shown: dict[str, Estimate]) -> str:
+def format_estimates(estimates: dict[str, Estimate]) -> str:
     """What the recording taught, in one sentence."""
-    limits = [name for name, e in shown.items() if e.at_limit]
-    found = [
-        f"{n} {quantity(e.value, e.sd, e.meaning.show)}"
-        for n, e in shown.items()
-        if e.learned >= 0.5 and n not in limits
+    names_at_limit = [name for name, estimate in estimates.items() if estimate.at_limit]
+    determined = [
+        f"{n} {format_estimate(estimate.value, estimate.sd, estimate.meaning.show)}"
+        for n, estimate in estimates.items()
+        if estimate.shrinkage >= 0.5 and n not in names_at_limit
     ]
-    rest = [n for n, e in shown.items() if e.learned < 0.5 and n not in limits]
-    parts = [f"It determines {words(_some(found))}"] if found else ["It determines no number by itself"]
-    if limits:
-        parts.append(f"{words(_some(limits))} {'sits' if len(limits) == 1 else 'sit'} at a limit")
-    if rest:
+    undetermined = [
+        n for n, estimate in estimates.items() if estimate.shrinkage < 0.5 and n not in names_at_limit
+    ]
+    parts = (
+        [f"It determines {join_words(_shorten_list(determined))}"]
+        if determined
+        else ["It determines no number by itself"]
+    )
+    if names_at_limit:
         parts.append(
-            f"{words(_some(rest))} {'is' if len(rest) == 1 else 'are'} mostly what was believed before"
+            f"{join_words(_shorten_list(names_at_limit))} {'sits' if len(names_at_limit) == 1 else 'sit'} at a limit"
+        )
+    if undetermined:
+        parts.append(
+            f"{join_words(_shorten_list(undetermined))} {'is' if len(undetermined) == 1 else 'are'} mostly what was believed before"
         )
     return "; ".join(parts) + "."
 
 
-def _some(names: list[str]) -> list[str]:
-    return names if len(names) <= NAMED else [*names[:NAMED], f"{len(names) - NAMED} more"]
+def _shorten_list(names: list[str]) -> list[str]:
+    return names if len(names) <= MAX_NAMED else [*names[:MAX_NAMED], f"{len(names) - MAX_NAMED} more"]
 
 
-def _case(fit: Fit, one: CaseFit, k: int) -> dict[str, Any]:
-    several = len(fit.cases) > 1
+def _describe_case(fit: Fit, case_fit: CaseFit, k: int) -> dict[str, Any]:
+    has_several_cases = len(fit.cases) > 1
     return {
-        "name": one.case.name,
-        "heading": f"{one.case.name}: {one.case.entry.name}" if several else "Where it misses",
-        "prediction": drawn(partial(figures.prediction_figure, one), f"prediction-{k}"),
-        "residual": drawn(partial(figures.residual_figure, one), f"residual-{k}"),
-        "held_out": drawn(partial(figures.held_out_figure, one), f"held-out-{k}") if one.held_out else None,
-        "scores": [_score(one, channel) for channel in one.rmse],
+        "name": case_fit.case.name,
+        "heading": f"{case_fit.case.name}: {case_fit.case.entry.name}"
+        if has_several_cases
+        else "Where it misses",
+        "prediction": draw_picture(partial(figures.plot_prediction, case_fit), f"prediction-{k}"),
+        "residual": draw_picture(partial(figures.plot_residual, case_fit), f"residual-{k}"),
+        "held_out": draw_picture(partial(figures.plot_held_out, case_fit), f"held-out-{k}")
+        if case_fit.held_out
+        else None,
+        "scores": [_build_score_row(case_fit, channel) for channel in case_fit.rmse],
         "range": ", ".join(
-            f"{name} {show(low, unit)} to {show(high, unit)}"
-            for (name, (low, high)), unit in zip(one.calibrated.items(), ("kPa", "mm"), strict=True)
+            f"{name} {format_quantity(low, unit)} to {format_quantity(high, unit)}"
+            for (name, (low, high)), unit in zip(
+                case_fit.calibrated_range.items(), ("kPa", "mm"), strict=True
+            )
         ),
-        "checksum": one.case.checksum,
+        "checksum": case_fit.case.checksum,
     }
 
 
-def _prior_caption(fit: Fit, shown: dict[str, Estimate]) -> str:
+def _format_prior_caption(fit: Fit, estimates: dict[str, Estimate]) -> str:
     """What the figure of the priors shows, and of what it shows nothing."""
-    without = [name for name in shown if name not in figures.with_prior(fit)]
+    names_without_prior = [name for name in estimates if name not in figures.select_with_prior(fit)]
     text = "Each number on the scale of what was believed before."
-    return f"{text} Nothing was believed of {words(without)} but limits." if without else text
+    return (
+        f"{text} Nothing was believed of {join_words(names_without_prior)} but limits."
+        if names_without_prior
+        else text
+    )
 
 
-def _sentence(line: str, of: str = "") -> str:
+def _format_sentence(line: str, case_name: str = "") -> str:
     """A line of the note as a sentence, with the case that it is of."""
     line = line.strip().rstrip(".")
-    return f"{of}: {line}." if of else f"{upper(line)}."
+    return f"{case_name}: {line}." if case_name else f"{capitalise_sentence(line)}."
 
 
-def _score(one: CaseFit, channel: str) -> list[str]:
-    noise = one.noise[channel]
-    unseen = one.held_out.rmse.get(channel, math.nan) if one.held_out else math.nan
+def _build_score_row(case_fit: CaseFit, channel: str) -> list[str]:
+    noise = case_fit.noise[channel]
+    held_out_rmse = case_fit.held_out.rmse.get(channel, math.nan) if case_fit.held_out else math.nan
     return [
         channel,
-        told(one.rmse[channel], channel),
-        told(unseen, channel) if math.isfinite(unseen) else "–",
-        f"{told(noise.sd, channel)}, {_whence(one, channel)}",
+        format_channel_value(case_fit.rmse[channel], channel),
+        format_channel_value(held_out_rmse, channel) if math.isfinite(held_out_rmse) else "–",
+        f"{format_channel_value(noise.sd, channel)}, {_format_noise_source(case_fit, channel)}",
         f"{noise.samples} ({noise.samples / noise.inflation:.0f})",
     ]
 
 
-def _whence(one: CaseFit, channel: str) -> str:
+def _format_noise_source(case_fit: CaseFit, channel: str) -> str:
     """Where a channel's noise comes from; what pressure and length add is not in what the lab states."""
-    stated = getattr(one.case.entry.sensors, channel)
-    if not one.noise[channel].given or stated is None:
-        return "stated" if one.noise[channel].given else "estimated"
-    return "stated" if same_noise(one.noise[channel].sd, stated) else f"its sensor's {told(stated, channel)}"
+    stated = getattr(case_fit.case.entry.sensors, channel)
+    if not case_fit.noise[channel].stated or stated is None:
+        return "stated" if case_fit.noise[channel].stated else "estimated"
+    return (
+        "stated"
+        if is_stated_noise(case_fit.noise[channel].sd, stated)
+        else f"its sensor's {format_channel_value(stated, channel)}"
+    )
 
 
-def _assumed(fit: Fit) -> Iterator[str]:
-    yield f"The model is a braid of {model_of(fit)}; the others of the library are left out."
-    yield from map(_sentence, trust(fit))
-    for one in fit.cases:
-        name = one.case.name if len(fit.cases) > 1 else ""
-        begun = "was at rest" if one.case.before == "relaxed" else "had been through the same recording once"
+def _list_assumptions(fit: Fit) -> Iterator[str]:
+    yield f"The model is a braid of {format_model(fit)}; the others of the library are left out."
+    yield from map(_format_sentence, format_minimiser_state(fit))
+    for case_fit in fit.cases:
+        name = case_fit.case.name if len(fit.cases) > 1 else ""
+        history_text = (
+            "was at rest" if case_fit.case.before == "relaxed" else "had been through the same recording once"
+        )
         if fit.mechanisms:
-            gaps = "goes on" if one.case.gaps == "carry" else "begins anew"
-            yield _sentence(f"before its first sample the muscle {begun}; memory {gaps} at a jump", name)
-        yield from (_sentence(line, name) for line in remarks(one))
-        stated = [channel for channel in one.rmse if one.noise[channel].given]
-        yield from (_sentence(noise_says(one.case, c, one.noise[c].sd), name) for c in stated)
+            gaps = "goes on" if case_fit.case.gaps == "carry" else "begins anew"
+            yield _format_sentence(
+                f"before its first sample the muscle {history_text}; memory {gaps} at a jump", name
+            )
+        yield from (_format_sentence(line, name) for line in format_remarks(case_fit))
+        stated = [channel for channel in case_fit.rmse if case_fit.noise[channel].stated]
+        yield from (
+            _format_sentence(
+                format_noise(case_fit.case, stated_channel, case_fit.noise[stated_channel].sd), name
+            )
+            for stated_channel in stated
+        )
     yield (
         "Standard deviations widen with the misfit and with its correlation; a wrong model can still be"
         " surely wrong."

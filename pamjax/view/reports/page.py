@@ -20,16 +20,16 @@ import matplotlib
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
-from pamjax.records.files import write_beside
-from pamjax.view.theme import theme
+from pamjax.records.files import write_atomically
+from pamjax.view.theme import apply_theme
 
 #: What made a result: told at the end of each page.
-MADE_WITH = ("pamjax", "jax", "numpy", "scipy")
+VERSIONED_PACKAGES = ("pamjax", "jax", "numpy", "scipy")
 
 #: How much larger a figure may be on a screen than on paper.
-LARGER = 1.15
+SCREEN_SCALE = 1.15
 
-_SVG: dict[Any, Any] = {
+_SVG_SETTINGS: dict[Any, Any] = {
     # Text stays text: small, searchable, in the reader's own sans-serif.
     "svg.fonttype": "none",
     # The same figure gives the same names inside it.
@@ -51,27 +51,27 @@ class Picture:
     alt: str
 
 
-def picture(draw: Callable[[bool], Figure | None], name: str) -> Picture | None:
+def build_picture(plot: Callable[[bool], Figure | None], name: str) -> Picture | None:
     """Draw a figure wide and narrow.
 
     Args:
-        draw: makes it; is told whether it must be narrow. None where there is nothing to show.
+        plot: makes it; is told whether it must be narrow. None where there is nothing to show.
         name: unique on its page.
     """
-    wide, narrow = draw(False), draw(True)
+    wide, narrow = plot(False), plot(True)
     if wide is None or narrow is None:
         return None
-    alt = finding(wide)
-    return Picture(svg(wide, f"{name}-wide", alt), svg(narrow, f"{name}-narrow", alt), alt)
+    alt = format_figure_titles(wide)
+    return Picture(render_svg(wide, f"{name}-wide", alt), render_svg(narrow, f"{name}-narrow", alt), alt)
 
 
-def finding(figure: Figure) -> str:
+def format_figure_titles(figure: Figure) -> str:
     """All titles of a figure, in one line."""
     titles = [figure.get_suptitle(), *(axes.get_title("left") for axes in figure.axes)]
     return ". ".join(" ".join(title.split()).rstrip(".;") for title in titles if title) + "."
 
 
-def svg(figure: Figure, name: str, alt: str) -> Markup:
+def render_svg(figure: Figure, name: str, alt: str) -> Markup:
     """A figure as an <svg> element that fills the width it is given.
 
     Args:
@@ -80,41 +80,41 @@ def svg(figure: Figure, name: str, alt: str) -> Markup:
         alt: what it says.
     """
     text = io.StringIO()
-    with theme(), matplotlib.rc_context(_SVG):
+    with apply_theme(), matplotlib.rc_context(_SVG_SETTINGS):
         metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))
         figure.savefig(text, format="svg", facecolor="none", metadata=metadata)
     inner = re.sub(r"\A.*?<svg[^>]*viewBox=\"([^\"]*)\"[^>]*>", "", text.getvalue(), flags=re.DOTALL)
     box = re.search(r'viewBox="([^"]*)"', text.getvalue())
     assert box is not None
     inner = re.sub(r"<metadata>.*?</metadata>|<style type.*?</style>", "", inner, flags=re.DOTALL)
-    inner = _own_ids(inner, name)
+    inner = _make_ids_unique(inner, name)
     # Type is a little larger than on paper, and no larger where a screen has more room.
-    width = LARGER * 96 * figure.get_figwidth()
+    width = SCREEN_SCALE * 96 * figure.get_figwidth()
     style = f"max-width: {width:.0f}px"
-    head = f'<svg viewBox="{box[1]}" role="img" aria-label="{escape(alt)}" style="{style}">'
-    return Markup(head + inner.strip())
+    opening_tag = f'<svg viewBox="{box[1]}" role="img" aria-label="{escape(alt)}" style="{style}">'
+    return Markup(opening_tag + inner.strip())
 
 
-def _own_ids(inner: str, name: str) -> str:
+def _make_ids_unique(inner: str, name: str) -> str:
     """Ids that are pointed at, made unique on the page; the others, which may repeat, as classes."""
     used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', inner))
 
-    def renamed(found: re.Match[str]) -> str:
-        return f'id="{name}-{found[1]}"' if found[1] in used else f'class="{found[1]}"'
+    def rename_id(match: re.Match[str]) -> str:
+        return f'id="{name}-{match[1]}"' if match[1] in used else f'class="{match[1]}"'
 
-    inner = re.sub(r'\bid="([^"]*)"', renamed, inner)
+    inner = re.sub(r'\bid="([^"]*)"', rename_id, inner)
     return re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", inner).replace("xlink:href", "href")
 
 
-def versions() -> dict[str, str]:
+def collect_versions() -> dict[str, str]:
     """Of what a page was made with."""
-    return {name: version(name) for name in MADE_WITH} | {"Python": platform.python_version()}
+    return {name: version(name) for name in VERSIONED_PACKAGES} | {"Python": platform.python_version()}
 
 
-def breakable(name: str) -> Markup:
+def add_line_breaks(name: str) -> Markup:
     """A name of a program that may go on in a next line after its dots.
 
-    >>> str(breakable("muscle.thread_length, 0.5"))
+    >>> str(add_line_breaks("muscle.thread_length, 0.5"))
     'muscle.<wbr>thread_length, 0.5'
     """
     return Markup(re.sub(r"\.(?=[a-z])", ".<wbr>", str(escape(name))))
@@ -128,15 +128,15 @@ def write_page(path: str | Path, template: str, **context: Any) -> Path:
         template: as "diagnosis.html.jinja".
         context: what the template names; a name that it does not get is an error.
     """
-    look = jinja2.Environment(
+    environment = jinja2.Environment(
         loader=jinja2.PackageLoader("pamjax.view", "pages"),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    look.filters["breakable"] = breakable
-    text = look.get_template(template).render(versions=versions(), **context)
-    with write_beside(path) as beside:
-        beside.write_text(text, "utf-8")
+    environment.filters["breakable"] = add_line_breaks
+    text = environment.get_template(template).render(versions=collect_versions(), **context)
+    with write_atomically(path) as temporary:
+        temporary.write_text(text, "utf-8")
     return Path(path)

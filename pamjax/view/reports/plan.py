@@ -7,24 +7,26 @@ from functools import partial
 from pathlib import Path
 
 from pamjax.channels import DISPLAY_UNIT
-from pamjax.model.parameters import meaning
-from pamjax.planning.plan import ALL, Plan, Settled
+from pamjax.model.parameters import find_meaning
+from pamjax.planning.plan import ALL_NUMBERS, ExpectedSd, Plan
 from pamjax.planning.report import (
-    alone_words,
-    isobars_words,
-    known_to,
-    left_out,
-    less_words,
-    minutes_words,
-    missed_words,
-    roughly,
+    format_alternatives,
+    format_isobars,
+    format_minutes,
+    format_misfit,
+    format_neglected,
+    format_precision,
+    format_rough_precision,
+    format_single_channel,
 )
-from pamjax.units import show
-from pamjax.view.figures.plan import Course, command_figure, known_figure
-from pamjax.view.reports.page import picture, write_page
+from pamjax.units import format_quantity
+from pamjax.view.figures.plan import PrecisionCourse, plot_commands, plot_precision
+from pamjax.view.reports.page import build_picture, write_page
 
 
-def save_report(plan: Plan, course: Course, path: str | Path, command: str = "", checksum: str = "") -> Path:
+def write_plan_report(
+    plan: Plan, course: PrecisionCourse, path: str | Path, command: str = "", checksum: str = ""
+) -> Path:
     """Write the report of a plan.
 
     Args:
@@ -37,99 +39,124 @@ def save_report(plan: Plan, course: Course, path: str | Path, command: str = "",
     return write_page(
         path,
         "plan.html.jinja",
-        title=headline(plan),
-        kicker=f"Plan for {plan.known.entry.name} · {plan.known.law} threads",
-        answer=answer(plan),
-        known=picture(partial(known_figure, plan, course), "known"),
-        diamonds=bool(plan.alone),
-        commands=picture(partial(command_figure, plan), "commands"),
-        runs=[[run.says, str(count), minutes_words(count * run.minutes)] for count, run in plan.chosen],
-        settles=[_settled(name, one) for name, one in plan.settled.items()],
-        beside=less_words(plan),
-        rig=_rig(plan),
-        off=[_off(name, sd) for name, sd in plan.known.means.assumed.items()],
-        left_out=f"{_upper(left_out(plan))}.",
+        title=format_headline(plan),
+        kicker=f"Plan for {plan.prior.entry.name} · {plan.prior.law} threads",
+        answer=format_answer(plan),
+        known=build_picture(partial(plot_precision, plan, course), "known"),
+        diamonds=bool(plan.single_channel),
+        commands=build_picture(partial(plot_commands, plan), "commands"),
+        runs=[
+            [run.description, str(count), format_minutes(count * run.minutes)]
+            for count, run in plan.chosen_runs
+        ],
+        settles=[_build_expected_row(name, expected) for name, expected in plan.expected_sds.items()],
+        beside=format_alternatives(plan),
+        rig=_list_rig_rows(plan),
+        off=[_build_error_row(name, sd) for name, sd in plan.prior.capabilities.assumed.items()],
+        left_out=f"{_capitalise(format_neglected(plan))}.",
         checksum=checksum,
         command=command or "pamjax.plan(...)",
     )
 
 
-def headline(plan: Plan) -> str:
+def format_headline(plan: Plan) -> str:
     """The answer in a line."""
-    if missed_words(plan):
+    if format_misfit(plan):
         return "Diagnose first: the muscle misses its recording"
-    if plan.goal == ALL:
-        return f"{minutes_words(plan.minutes)} for all numbers together"
-    if not plan.chosen and plan.reached:
-        return f"{plan.goal} is known {known_to(plan, plan.sd)} already"
-    if not plan.reached:
-        return f"No {minutes_words(plan.known.means.minutes)} on this rig tell {plan.goal} as wanted"
-    return f"{minutes_words(plan.minutes)} tell {plan.goal} {known_to(plan, plan.sd)}"
+    if plan.goal == ALL_NUMBERS:
+        return f"{format_minutes(plan.minutes)} for all numbers together"
+    if not plan.chosen_runs and plan.reaches_goal:
+        return f"{plan.goal} is known {format_precision(plan, plan.sd)} already"
+    if not plan.reaches_goal:
+        return f"No {format_minutes(plan.prior.capabilities.minutes)} on this rig tell {plan.goal} as wanted"
+    return f"{format_minutes(plan.minutes)} tell {plan.goal} {format_precision(plan, plan.sd)}"
 
 
-def answer(plan: Plan) -> list[str]:
+def format_answer(plan: Plan) -> list[str]:
     """What to do and what it will settle; what less would do. First, whether a promise is allowed."""
-    missed = missed_words(plan)
-    if not missed:
-        return list(_promise(plan))
-    known = f"; {plan.goal} would be known {roughly(plan)}" if plan.goal != ALL else ""
-    return [f"{_upper(missed)}: no standard deviation is promised.", f"Were it right: {_runs(plan)}{known}."]
+    misfit = format_misfit(plan)
+    if not misfit:
+        return list(_format_promise(plan))
+    precision = (
+        f"; {plan.goal} would be known {format_rough_precision(plan)}" if plan.goal != ALL_NUMBERS else ""
+    )
+    return [
+        f"{_capitalise(misfit)}: no standard deviation is promised.",
+        f"Were it right: {_format_runs(plan)}{precision}.",
+    ]
 
 
-def _runs(plan: Plan) -> str:
+def _format_runs(plan: Plan) -> str:
     """How many runs and checks, and what they cost."""
-    runs = sum(count for count, run in plan.chosen if run.pressure.size)
-    checks = sum(count for count, run in plan.chosen if not run.pressure.size)
-    rig = f" and {_many(checks, 'check')} of the rig" if checks else ""
-    return f"{_many(runs, 'run')}{rig} ({minutes_words(plan.minutes)}, {plan.rows} rows)"
+    run_count = sum(count for count, run in plan.chosen_runs if run.pressure.size)
+    check_count = sum(count for count, run in plan.chosen_runs if not run.pressure.size)
+    check_text = f" and {_format_count(check_count, 'check')} of the rig" if check_count else ""
+    return f"{_format_count(run_count, 'run')}{check_text} ({format_minutes(plan.minutes)}, {plan.rows} rows)"
 
 
-def _promise(plan: Plan) -> tuple[str, str]:
-    if plan.goal == ALL:
-        return f"Make {_runs(plan)}.", f"{_upper(isobars_words(plan))}."
-    if not plan.chosen and plan.reached:
+def _format_promise(plan: Plan) -> tuple[str, str]:
+    if plan.goal == ALL_NUMBERS:
+        return f"Make {_format_runs(plan)}.", f"{_capitalise(format_isobars(plan))}."
+    if not plan.chosen_runs and plan.reaches_goal:
         return "Nothing is to be measured for that.", "Wish for more with `--to`, or for another number."
-    one, unit = plan.settled[plan.goal], meaning(plan.goal).show
-    before = f"± {show(one.before, unit, 2)}" if math.isfinite(one.before) else "unknown"
-    first = f"Make {_runs(plan)}: {plan.goal}, now {before}, is then known {known_to(plan, plan.sd)}."
-    return first, f"{_upper('; '.join(alone_words(plan)) or isobars_words(plan))}."
+    expected, unit = plan.expected_sds[plan.goal], find_meaning(plan.goal).show
+    before_text = (
+        f"± {format_quantity(expected.sd_before, unit, 2)}"
+        if math.isfinite(expected.sd_before)
+        else "unknown"
+    )
+    first_sentence = f"Make {_format_runs(plan)}: {plan.goal}, now {before_text}, is then known {format_precision(plan, plan.sd)}."
+    return first_sentence, f"{_capitalise('; '.join(format_single_channel(plan)) or format_isobars(plan))}."
 
 
-def _many(count: int, word: str) -> str:
+def _format_count(count: int, word: str) -> str:
     return f"{count} {word}{'' if count == 1 else 's'}"
 
 
-def _upper(words: str) -> str:
+def _capitalise(words: str) -> str:
     return words[:1].upper() + words[1:]
 
 
-def _settled(name: str, one: Settled) -> list[str]:
-    about = meaning(name)
-    before = f"± {show(one.before, about.show, 2)}" if math.isfinite(one.before) else "unknown"
-    return [name, show(one.value, about.show), before, f"± {show(one.after, about.show, 2)}", about.about]
+def _build_expected_row(name: str, expected: ExpectedSd) -> list[str]:
+    number_meaning = find_meaning(name)
+    before_text = (
+        f"± {format_quantity(expected.sd_before, number_meaning.show, 2)}"
+        if math.isfinite(expected.sd_before)
+        else "unknown"
+    )
+    return [
+        name,
+        format_quantity(expected.value, number_meaning.show),
+        before_text,
+        f"± {format_quantity(expected.sd_after, number_meaning.show, 2)}",
+        number_meaning.about,
+    ]
 
 
-def _rig(plan: Plan) -> list[list[str]]:
-    means = plan.known.means
-    noise = {"force": means.force, "diameter": means.diameter}
+def _list_rig_rows(plan: Plan) -> list[list[str]]:
+    capabilities = plan.prior.capabilities
+    noise = {"force": capabilities.force, "diameter": capabilities.diameter}
     rows = [
-        ["highest pressure", show(means.pressure, "kPa", 3)],
-        ["largest contraction", f"{means.contraction:.0%}"],
-        ["speed of a stroke", f"{1e3 * means.speed:.3g} mm/s"],
-        ["samples a second", f"{means.rate:.3g}"],
-        ["between two runs", f"{means.setup:.3g} s"],
-        ["time there is", minutes_words(means.minutes)],
+        ["highest pressure", format_quantity(capabilities.pressure, "kPa", 3)],
+        ["largest contraction", f"{capabilities.contraction:.0%}"],
+        ["speed of a stroke", f"{1e3 * capabilities.speed:.3g} mm/s"],
+        ["samples a second", f"{capabilities.rate:.3g}"],
+        ["between two runs", f"{capabilities.setup:.3g} s"],
+        ["time there is", format_minutes(capabilities.minutes)],
     ]
     rows += [
-        [f"noise of {name}, a sample", show(sd, DISPLAY_UNIT[name], 2) if sd is not None else "not measured"]
+        [
+            f"noise of {name}, a sample",
+            format_quantity(sd, DISPLAY_UNIT[name], 2) if sd is not None else "not measured",
+        ]
         for name, sd in noise.items()
     ]
-    length = ["noise of length, a sample", show(means.ruler, "mm", 2)]
-    if means.setting:
-        length = ["error of length, a setting", show(means.setting, "mm", 2)]
-    return [*rows, ["noise of pressure, a sample", show(means.gauge, "kPa", 2)], length]
+    length = ["noise of length, a sample", format_quantity(capabilities.ruler, "mm", 2)]
+    if capabilities.setting:
+        length = ["error of length, a setting", format_quantity(capabilities.setting, "mm", 2)]
+    return [*rows, ["noise of pressure, a sample", format_quantity(capabilities.gauge, "kPa", 2)], length]
 
 
-def _off(name: str, sd: float) -> list[str]:
-    about = meaning(name)
-    return [name, f"± {show(sd, about.show, 2)}", about.about]
+def _build_error_row(name: str, sd: float) -> list[str]:
+    number_meaning = find_meaning(name)
+    return [name, f"± {format_quantity(sd, number_meaning.show, 2)}", number_meaning.about]

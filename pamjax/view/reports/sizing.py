@@ -7,19 +7,26 @@ import math
 from functools import partial
 from pathlib import Path
 
-from pamjax.sizing.report import TIGHT, not_alone, objective, room_words, slope_words
+from pamjax.sizing.problem import OBJECTIVE_UNITS
+from pamjax.sizing.report import (
+    TIGHT_MARGIN,
+    format_joint_conflict,
+    format_margin,
+    format_objective,
+    format_slope,
+)
 from pamjax.sizing.result import Design
-from pamjax.units import show
+from pamjax.units import format_quantity
 from pamjax.view.figures import sizing as figures
-from pamjax.view.reports.page import picture, write_page
-from pamjax.view.reports.sizing_receipt import page_receipt
-from pamjax.view.wording import upper
+from pamjax.view.reports.page import build_picture, write_page
+from pamjax.view.reports.sizing_receipt import build_page_receipt
+from pamjax.view.wording import capitalise_sentence
 
 #: Rows of the table of choices.
-RUNNERS = 8
+MAX_CHOICE_ROWS = 8
 
 
-def save_report(design: Design, path: str | Path, command: str = "") -> Path:
+def write_design_report(design: Design, path: str | Path, command: str = "") -> Path:
     """Write the report of a design.
 
     Args:
@@ -30,70 +37,87 @@ def save_report(design: Design, path: str | Path, command: str = "") -> Path:
     return write_page(
         path,
         "design.html.jinja",
-        title=headline(design),
-        kicker=f"Sizing of {design.spec.name} · least {design.spec.words.minimise}",
-        answer=answer(design),
+        title=format_headline(design),
+        kicker=f"Sizing of {design.spec.name} · least {design.spec.entries.minimise}",
+        answer=format_answer(design),
         feasible=design.feasible,
-        chart=picture(partial(figures.chart_figure, design), "chart"),
-        prices=picture(partial(figures.price_figure, design), "prices"),
-        front=picture(partial(figures.front_figure, design), "front"),
-        front_words=_front_words(design),
-        muscle=_muscle(design),
-        margins_caption=_margins_caption(design),
-        margins_head=["requirement", "room", *(["probability"] if design.held else []), "asked by"],
-        margins=[_margin(design, one) for one in design.asked.requirements],
-        gives=[give.says for give in design.gives if give.amount is not None],
-        not_alone=f"{upper(not_alone(design))}:",
-        lacks=[give.says for give in design.gives if give.amount is None],
-        slopes=[_slope(design, price) for price in design.prices],
-        costs=[_cost(cost, design) for cost in design.costs],
-        runners_caption=_runners_caption(design),
-        runners=[_runner(one, design) for one in design.tried[:RUNNERS]],
-        receipt=page_receipt(design),
+        chart=build_picture(partial(figures.plot_chart, design), "chart"),
+        prices=build_picture(partial(figures.plot_prices, design), "prices"),
+        front=build_picture(partial(figures.plot_front, design), "front"),
+        front_words=_format_front(design),
+        muscle=_list_muscle_rows(design),
+        margins_caption=_format_margins_caption(design),
+        margins_head=[
+            "requirement",
+            "room",
+            *(["probability"] if design.requirement_probabilities else []),
+            "asked by",
+        ],
+        margins=[_build_margin_row(design, item) for item in design.task.requirements],
+        gives=[
+            relaxation.description
+            for relaxation in design.relaxations
+            if relaxation.relaxed_bound is not None
+        ],
+        not_alone=f"{capitalise_sentence(format_joint_conflict(design))}:",
+        lacks=[
+            relaxation.description for relaxation in design.relaxations if relaxation.relaxed_bound is None
+        ],
+        slopes=[_build_price_row(design, price) for price in design.prices],
+        costs=[_build_cost_row(cost, design) for cost in design.inelastic_costs],
+        runners_caption=_format_choices_caption(design),
+        runners=[_build_choice_row(item, design) for item in design.results[:MAX_CHOICE_ROWS]],
+        receipt=build_page_receipt(design),
         spec=design.spec.text,
         checksum=hashlib.sha256(design.spec.text.encode()).hexdigest() if design.spec.text else "",
         command=command or "pamjax.size(...)",
     )
 
 
-def headline(design: Design) -> str:
+def format_headline(design: Design) -> str:
     """The answer in a line."""
     if not design.feasible:
         return "No muscle of this catalogue does all of it"
     choice = str(design.choice)
-    under = " under pressure" if design.spec.words.minimise == "diameter" else ""
-    return f"{upper(choice)}: {design.spec.words.minimise} {objective(design)}{under}"
+    under = " under pressure" if design.spec.entries.minimise == "diameter" else ""
+    return f"{capitalise_sentence(choice)}: {design.spec.entries.minimise} {format_objective(design)}{under}"
 
 
-def answer(design: Design) -> list[str]:
+def format_answer(design: Design) -> list[str]:
     """The answer in two sentences."""
     if not design.feasible:
-        keys = [give.says for give in design.gives if give.amount is not None][:3]
+        sufficient = [
+            relaxation.description
+            for relaxation in design.relaxations
+            if relaxation.relaxed_bound is not None
+        ][:3]
         return [
             f"The nearest choice is {design.choice}.",
-            f"Any one of these would do: {'; '.join(keys)}."
-            if keys
-            else f"No one requirement, given up alone, is enough. {figures.short_says(design)}.",
+            f"Any one of these would do: {'; '.join(sufficient)}."
+            if sufficient
+            else f"No one requirement, given up alone, is enough. {figures.format_shortfall_title(design)}.",
         ]
     n = design.numbers
-    first = (
-        f"At rest {show(n['rest_length'], 'mm')} long, threads of {show(n['thread_length'], 'mm')} in"
+    first_sentence = (
+        f"At rest {format_quantity(n['rest_length'], 'mm')} long, threads of {format_quantity(n['thread_length'], 'mm')} in"
         f" {n['turns']:.3g} turns ({math.degrees(n['braid_angle']):.1f}° from the circumference) over a"
-        f" bladder of {show(n['diameter'], 'mm')} outside and {show(n['wall'], 'mm', 3)} wall; at"
-        f" {show(n['pressure'], 'kPa')} it widens to {show(design.output('widest'), 'mm')} at most."
+        f" bladder of {format_quantity(n['diameter'], 'mm')} outside and {format_quantity(n['wall'], 'mm', 3)} wall; at"
+        f" {format_quantity(n['pressure'], 'kPa')} it widens to {format_quantity(design.output('widest'), 'mm')} at most."
     )
-    wanted = design.spec.words.probability
-    held = f"{design.probability:.2f}"
-    if design.unsure:
-        sure = f"No choice holds with the probability of {wanted:g} that is wanted; this does with {held}."
+    target = design.spec.entries.probability
+    probability_text = f"{design.probability:.2f}"
+    if design.misses_probability:
+        certainty = f"No choice holds with the probability of {target:g} that is wanted; this does with {probability_text}."
     else:
-        sure = f"Everything holds together with probability {held} over other draws of all that is not known"
-        bare = "; none was wanted, so it sits on its bounds: `probability = 0.9` in the spec buys room."
-        sure += f", where {wanted:g} is wanted." if wanted else bare
-    return [first, sure]
+        certainty = f"Everything holds together with probability {probability_text} over other draws of all that is not known"
+        no_target_text = (
+            "; none was wanted, so it sits on its bounds: `probability = 0.9` in the spec buys room."
+        )
+        certainty += f", where {target:g} is wanted." if target else no_target_text
+    return [first_sentence, certainty]
 
 
-def _front_words(design: Design) -> str:
+def _format_front(design: Design) -> str:
     if design.front is None:
         return ""
     if len(design.front.values) < 2:
@@ -101,79 +125,98 @@ def _front_words(design: Design) -> str:
     return ""
 
 
-def _muscle(design: Design) -> list[list[str]]:
+def _list_muscle_rows(design: Design) -> list[list[str]]:
     n, choice = design.numbers, design.choice
     rows = [
-        ["rest length", show(n["rest_length"], "mm"), "between the fittings"],
-        ["thread length", show(n["thread_length"], "mm"), "of one unloaded thread"],
+        ["rest length", format_quantity(n["rest_length"], "mm"), "between the fittings"],
+        ["thread length", format_quantity(n["thread_length"], "mm"), "of one unloaded thread"],
         ["turns", f"{n['turns']:.4g}", "of one thread"],
         ["braid angle", f"{math.degrees(n['braid_angle']):.2f} deg", "from the circumference, at rest"],
-        ["threads", f"{choice.threads} of {show(choice.diameter, 'mm')}", choice.thread.about],
-        ["bladder outside", show(n["diameter"], "mm"), f"at rest; {choice.bladder.about}"],
-        ["wall", show(n["wall"], "mm", 3), "of the unstretched bladder"],
-        ["working pressure", show(n["pressure"], "kPa"), f"supply {show(design.spec.supply, 'kPa')}"],
+        ["threads", f"{choice.threads} of {format_quantity(choice.diameter, 'mm')}", choice.thread.about],
+        ["bladder outside", format_quantity(n["diameter"], "mm"), f"at rest; {choice.bladder.about}"],
+        ["wall", format_quantity(n["wall"], "mm", 3), "of the unstretched bladder"],
+        [
+            "working pressure",
+            format_quantity(n["pressure"], "kPa"),
+            f"supply {format_quantity(design.spec.supply, 'kPa')}",
+        ],
         ["muscles in parallel", str(choice.parallel), ""],
-        ["widest", show(design.output("widest"), "mm"), "outside of one, under pressure"],
-        ["mass", show(design.output("mass"), "g", 3), "threads and rubber of all, without fittings"],
-        ["air", show(design.output("air"), "L", 3), "a stroke of all, at ambient pressure"],
+        ["widest", format_quantity(design.output("widest"), "mm"), "outside of one, under pressure"],
+        [
+            "mass",
+            format_quantity(design.output("mass"), "g", 3),
+            "threads and rubber of all, without fittings",
+        ],
+        ["air", format_quantity(design.output("air"), "L", 3), "a stroke of all, at ambient pressure"],
     ]
     if any(kind.price for kind in (choice.thread, choice.bladder)):
         rows.append(["material", f"{design.output('cost'):.3g}", "in the currency of the spec's prices"])
     return rows
 
 
-def _margin(design: Design, one) -> list[str]:
-    room = float(one.margins(design.outputs).min())
-    held = design.held.get(one.key)
-    kept = "binds" if abs(room) < TIGHT else room_words(room, one)
-    told = [] if held is None else [f"{held:.2f}"]
-    return [one.says, kept, *told, "the spec" if one.stated else "pamjax"]
+def _build_margin_row(design: Design, requirement) -> list[str]:
+    margin = float(requirement.compute_margins(design.outputs).min())
+    probability = design.requirement_probabilities.get(requirement.key)
+    margin_text = "binds" if abs(margin) < TIGHT_MARGIN else format_margin(margin, requirement)
+    probability_cell = [] if probability is None else [f"{probability:.2f}"]
+    return [
+        requirement.description,
+        margin_text,
+        *probability_cell,
+        "the spec" if requirement.stated else "pamjax",
+    ]
 
 
-def _margins_caption(design: Design) -> str:
+def _format_margins_caption(design: Design) -> str:
     """What the table of requirements shows."""
-    if not design.held:
+    if not design.requirement_probabilities:
         return "Room that the nearest muscle has to each requirement"
     return "Room to each requirement, and the probability that it holds over what is not known"
 
 
-def _slope(design: Design, price) -> list[str]:
-    one = price.requirement
-    return [one.says, f"{price.share:.3g} %", slope_words(design, price.slope, one)]
-
-
-def _cost(cost, design: Design) -> list[str]:
-    if cost.choice is None:
-        return [cost.thread, "cannot meet the spec", "", "", "", ""]
-    unit = figures.UNITS[design.spec.words.minimise]
-    own = "cannot meet the spec" if cost.elastic is None else show(cost.elastic, unit)
+def _build_price_row(design: Design, price) -> list[str]:
+    requirement = price.requirement
     return [
-        cost.thread,
-        f"{show(cost.shortfall, 'N', 3)} ({100 * cost.share:.2g} %)",
-        f"{show(cost.overrun, 'mm', 2)} ({100 * cost.wider:.2g} %)",
-        f"{100 * cost.strain:.2g} %",
-        show(cost.inelastic, unit),
-        own,
+        requirement.description,
+        f"{price.percent_saved:.3g} %",
+        format_slope(design, price.slope, requirement),
     ]
 
 
-def _runners_caption(design: Design) -> str:
+def _build_cost_row(cost, design: Design) -> list[str]:
+    if cost.choice is None:
+        return [cost.thread, "cannot meet the spec", "", "", "", ""]
+    unit = OBJECTIVE_UNITS[design.spec.entries.minimise]
+    elastic_text = "cannot meet the spec" if cost.elastic is None else format_quantity(cost.elastic, unit)
+    return [
+        cost.thread,
+        f"{format_quantity(cost.shortfall, 'N', 3)} ({100 * cost.share:.2g} %)",
+        f"{format_quantity(cost.overrun, 'mm', 2)} ({100 * cost.wider:.2g} %)",
+        f"{100 * cost.strain:.2g} %",
+        format_quantity(cost.inelastic, unit),
+        elastic_text,
+    ]
+
+
+def _format_choices_caption(design: Design) -> str:
     """What the table of choices shows, and why the chosen one may not have the least of it."""
-    least = f"the least {design.spec.words.minimise} of each" if design.feasible else "how far each is short"
-    head = f"The best choices of the catalogue, all properties at their typical values: {least}"
-    wanted = design.spec.words.probability
-    if not design.feasible or not wanted or design.unsure:
+    shown_value = (
+        f"the least {design.spec.entries.minimise} of each" if design.feasible else "how far each is short"
+    )
+    head = f"The best choices of the catalogue, all properties at their typical values: {shown_value}"
+    target = design.spec.entries.probability
+    if not design.feasible or not target or design.misses_probability:
         return head
     return (
-        f"{head}. To hold with probability {wanted:g} a muscle takes more: of those that do, the chosen one"
-        f" has the least, {objective(design)}"
+        f"{head}. To hold with probability {target:g} a muscle takes more: of those that do, the chosen one"
+        f" has the least, {format_objective(design)}"
     )
 
 
-def _runner(one, design: Design) -> list[str]:
-    unit = figures.UNITS[design.spec.words.minimise]
-    same = one.problem.choice == design.choice
-    mark = ("chosen" if design.feasible else "nearest") if same else ""
-    if one.answer is None:
-        return [str(one.problem.choice), f"short by {100 * (1 - math.exp(-one.broken)):.2g} %", mark]
-    return [str(one.problem.choice), show(math.exp(one.answer.value), unit), mark]
+def _build_choice_row(result, design: Design) -> list[str]:
+    unit = OBJECTIVE_UNITS[design.spec.entries.minimise]
+    is_chosen = result.problem.choice == design.choice
+    mark = ("chosen" if design.feasible else "nearest") if is_chosen else ""
+    if result.optimum is None:
+        return [str(result.problem.choice), f"short by {100 * (1 - math.exp(-result.violation)):.2g} %", mark]
+    return [str(result.problem.choice), format_quantity(math.exp(result.optimum.log_objective), unit), mark]

@@ -41,10 +41,13 @@ def test_anyone_can_recompute_the_claim(diagnosed):
 @pytest.mark.parametrize("wanted", [True, False])
 def test_the_report_is_written_unless_it_is_not_wanted(wanted, bench, tmp_path, monkeypatch, capsys):
     found = diagnosis()
-    monkeypatch.setattr("pamjax.diagnosis.batch.diagnose_all", lambda cases, **_: [(found.found.case, found)])
+    monkeypatch.setattr(
+        "pamjax.diagnosis.batch.diagnose_all", lambda cases, **_: [(found.problem.case, found)]
+    )
     # A made-up diagnosis has no model to refit: what it showed before stands for the fit without some rows.
     monkeypatch.setattr(
-        "pamjax.baselines.comparison._refitted", lambda one, out: (one.gain.before, one.gain.after)
+        "pamjax.baselines.comparison._predict_without_rows",
+        lambda one, out: (one.gain.before, one.gain.after),
     )
     option = [] if wanted else ["--no-report"]
     assert main(["diagnose", str(bench / "made"), "--out", str(tmp_path), *option]) == 0
@@ -63,8 +66,8 @@ def test_bad_cases_are_told_by_their_folders_and_hide_no_good_one(bench, tmp_pat
 
     def answer(cases, **_):
         told_before.append(capsys.readouterr().err)
-        yield found.found.case, refuse("a diagnosis needs more rows", "3", str(tmp_path), "Record more.")
-        yield found.found.case, found
+        yield found.problem.case, refuse("a diagnosis needs more rows", "3", str(tmp_path), "Record more.")
+        yield found.problem.case, found
 
     monkeypatch.setattr("pamjax.diagnosis.batch.diagnose_all", answer)
     folders = [str(tmp_path / "none"), str(tmp_path / "neither"), str(bench / "made")]
@@ -73,6 +76,6 @@ def test_bad_cases_are_told_by_their_folders_and_hide_no_good_one(bench, tmp_pat
     assert f"pamjax: {folders[0]}: " in told_before[0]
     assert f"pamjax: {folders[1]}: " in told_before[0]
     shown = capsys.readouterr()
-    assert f"pamjax: {found.found.case.folder}: a diagnosis needs more rows" in shown.err
+    assert f"pamjax: {found.problem.case.folder}: a diagnosis needs more rows" in shown.err
     assert (out / "bench" / "diagnosis.json").exists()
     assert "bench" in shown.out

@@ -7,11 +7,11 @@ import pytest
 import xarray as xr
 
 from pamjax.cli.main import main
-from pamjax.control.command_uncertainty import force_sd
-from pamjax.control.posterior_draws import MANY
+from pamjax.control.command_uncertainty import compute_force_sd
+from pamjax.control.posterior_draws import DRAW_COUNT
 from pamjax.control.standalone import Controller
 from pamjax.infer.fitting.load import load_muscle
-from pamjax.units import in_unit, show
+from pamjax.units import compute_si_factor, format_quantity
 
 
 def test_a_fitted_muscle_is_commanded_with_its_doubt(fitted, capsys):
@@ -45,7 +45,7 @@ def test_doubt_is_that_of_draws_from_the_covariance(fitted):
             n: case["muscle"]["numbers"][n] + step for n, step in zip(names, moved, strict=True)
         }
         forces.append(float(assemble(case["muscle"]["law"], numbers)(300e3, 0.18).force))
-    told = force_sd(fitted / "fit.json", np.array([300e3]), np.array([0.18]))[0]
+    told = compute_force_sd(fitted / "fit.json", np.array([300e3]), np.array([0.18]))[0]
     # A hundred and twenty draws know a standard deviation to 6.5 %.
     assert np.std(forces) / 0.2 == pytest.approx(told, rel=0.25)
 
@@ -72,14 +72,20 @@ def test_what_cannot_be_met_is_an_answer(fitted, capsys):
     assert main(["inverse", str(fitted / "fit.json"), "--force", "9 kN", "--pressure", "400 kPa"]) == 0
     told = capsys.readouterr().out
     loaded = load_muscle(fitted / "fit.json")
-    long = loaded.calibrated["length"][1]
+    long = loaded.calibrated_range["length"][1]
     most = float(loaded.muscle(400e3, long).force)
-    assert f"more force than the {show(most, 'N')} at the longest length, {show(long, 'mm')}" in told
-    short = loaded.calibrated["length"][0]
+    assert (
+        f"more force than the {format_quantity(most, 'N')} at the longest length, {format_quantity(long, 'mm')}"
+        in told
+    )
+    short = loaded.calibrated_range["length"][0]
     assert main(["inverse", str(fitted / "fit.json"), "--force", "300 N", "--length", "100 mm"]) == 0
     told = capsys.readouterr().out
-    assert f"a length of 100 mm is outside {show(short, 'mm')} to {show(long, 'mm')}" in told
-    assert f", at {show(short, 'mm')}" in told
+    assert (
+        f"a length of 100 mm is outside {format_quantity(short, 'mm')} to {format_quantity(long, 'mm')}"
+        in told
+    )
+    assert f", at {format_quantity(short, 'mm')}" in told
     assert main(["inverse", str(fitted / "fit.json"), "--force", "-50 N", "--length", "180 mm"]) == 0
     assert "less force than the 0 N at the lowest pressure, 0 kPa" in capsys.readouterr().out
     words = ["--force", "9 kN", "--length", "180 mm", "--json"]
@@ -128,8 +134,8 @@ def drawn(fitted, tmp_path_factory):
     ((case, one),) = document["cases"].items()
     value = np.array([one["muscle"]["numbers"][n] for n in names])
     told = [document["parameters"][n] for n in names]
-    sd = np.array([t["sd"] * in_unit(t["unit"]) for t in told])
-    raw = np.random.default_rng(5).standard_normal((MANY, sd.size))
+    sd = np.array([t["sd"] * compute_si_factor(t["unit"]) for t in told])
+    raw = np.random.default_rng(5).standard_normal((DRAW_COUNT, sd.size))
     # Exactly of mean nothing and covariance one: what is left of a difference is no chance.
     raw -= raw.mean(axis=0)
     unit = raw @ np.linalg.inv(np.linalg.cholesky(np.cov(raw.T))).T
@@ -170,7 +176,7 @@ def test_draws_of_a_normal_posterior_say_what_its_covariance_says(fitted, drawn,
 
 def test_draws_say_how_likely_a_wish_can_be_met(fitted, drawn, capsys):
     muscle = load_muscle(fitted / "fit.json").muscle
-    top = load_muscle(fitted / "fit.json").calibrated["pressure"][1]
+    top = load_muscle(fitted / "fit.json").calibrated_range["pressure"][1]
     most = float(muscle(top, 0.18).force)
     words = ["inverse", str(fitted / "fit.json"), "--force", f"{most:.9g} N", "--length", "180 mm"]
     assert main([*words, "--posterior", str(drawn(1.0)), "--json"]) == 0
@@ -212,8 +218,11 @@ def test_what_a_command_leaves_out_is_said_beside_the_doubt(fitted, tmp_path, ca
     assert found["friction_command"] == pytest.approx(found["friction_force"] * found["by_force"])
     assert main(words) == 0
     said = capsys.readouterr().out
-    assert f", and up to {show(found['friction_command'], 'kPa', 2)} to either side by friction" in said
-    assert f"force up to {show(found['friction_force'], 'N', 2)} more after lengthening" in said
+    assert (
+        f", and up to {format_quantity(found['friction_command'], 'kPa', 2)} to either side by friction"
+        in said
+    )
+    assert f"force up to {format_quantity(found['friction_force'], 'N', 2)} more after lengthening" in said
     assert "left out, as for true sensors and a rigid rig: force_offset" in said
 
 

@@ -9,7 +9,7 @@ import pytest
 from pamjax.cli.main import main
 from tests.view.html_page import Page
 
-PAPER = str(Path(__file__).parents[2] / "fits" / "chambers_wereley_2022")
+PAPER = str(Path(__file__).parents[3] / "fits" / "chambers_wereley_2022")
 
 
 def test_a_plan_is_written_as_it_is_told(planned):

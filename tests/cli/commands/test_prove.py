@@ -27,7 +27,7 @@ def test_wrong_words_leave_one_sentence(words, told, capsys, tmp_path):
 def test_a_proof_writes_trials_a_table_and_figures(capsys, tmp_path, monkeypatch):
     asked = []
     monkeypatch.setattr(
-        pamjax.benchmark.trial, "attempt", lambda task: asked.append(task) or made_up(task), raising=True
+        pamjax.benchmark.trial, "run_trial", lambda task: asked.append(task) or made_up(task), raising=True
     )
     words = ["prove", "--out", str(tmp_path), "--nothing", "6", "--single", "4", "--correlation", "0.9"]
     assert main(words) == 0

@@ -7,7 +7,7 @@ import pytest
 
 from pamjax.cli.main import main
 
-PAPER = str(Path(__file__).parents[2] / "fits/chambers_wereley_2022")
+PAPER = str(Path(__file__).parents[3] / "fits/chambers_wereley_2022")
 
 
 @pytest.mark.slow

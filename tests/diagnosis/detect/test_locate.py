@@ -6,16 +6,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.detect.locate import Box, _extremes, _parts, _Region, _sentence, _shared
-from pamjax.diagnosis.detect.regions import LENGTHENING, SHORTENING, Axes
+from pamjax.diagnosis.detect.locate import Box, _extremes, _format_box, _parts, _Region, _shared
+from pamjax.diagnosis.detect.regions import LENGTHENING, SHORTENING, RecordingAxes
 
 PRESSURE = np.array([138e3, 276e3, 414e3, 552e3, 689e3])
 
 
 def said(off):
-    at = Axes(PRESSURE, np.zeros(5), np.arange(5.0), np.zeros(5, int))
+    at = RecordingAxes(PRESSURE, np.zeros(5), np.arange(5.0), np.zeros(5, int))
     ends = (138e3, 689e3), (0.0, 0.0)
-    return _sentence("diameter", "both", *ends, np.array(off) * 1e-3, np.ones(5, bool), at, np.zeros(5))
+    return _format_box("diameter", "both", *ends, np.array(off) * 1e-3, np.ones(5, bool), at, np.zeros(5))
 
 
 def test_a_diameter_that_grows_with_pressure_is_told_so():
@@ -33,11 +33,11 @@ def test_a_departure_along_pressure_is_not_told_as_one_of_direction():
     """Both ways the same but for a little, whose sign is that of chance."""
     way = np.tile([SHORTENING, LENGTHENING], 20)
     pressure = np.repeat(np.linspace(1e5, 4e5, 20), 2)
-    at = Axes(pressure, np.zeros(40), np.arange(40.0), way)
+    at = RecordingAxes(pressure, np.zeros(40), np.arange(40.0), way)
 
     def told(by_way):
         off = np.linspace(-6, 6, 20).repeat(2) + np.where(way == LENGTHENING, by_way, -by_way)
-        return _sentence("force", "both", (1e5, 4e5), (0.0, 0.0), off, np.ones(40, bool), at, np.zeros(40))
+        return _format_box("force", "both", (1e5, 4e5), (0.0, 0.0), off, np.ones(40, bool), at, np.zeros(40))
 
     assert "force grows with pressure against the baseline, from about 5.7 N lower" in told(0.1)
     assert "while the muscle lengthens and" in told(9.0)
@@ -49,10 +49,10 @@ def at_lengths(means, noise=2.0, way=0):
     pressure = np.tile(np.linspace(368e3, 624e3, many), len(means))
     contraction = np.repeat([0.0, 0.04, 0.08, 0.12][: len(means)], many)
     n = pressure.size
-    at = Axes(pressure, contraction, np.arange(float(n)), np.full(n, way))
+    at = RecordingAxes(pressure, contraction, np.arange(float(n)), np.full(n, way))
     off = np.repeat(means, many) + noise * rng.standard_normal(n)
     ends, direction = ((368e3, 624e3), (0.0, 0.12)), {0: "both", SHORTENING: "shortening"}[way]
-    return _sentence("force", direction, *ends, off, np.ones(n, bool), at, np.full(n, noise))
+    return _format_box("force", direction, *ends, off, np.ones(n, bool), at, np.full(n, noise))
 
 
 PLACE = "Between 368 and 624 kPa, 0 to 12 % contracted, force"
@@ -81,12 +81,12 @@ def test_a_departure_of_one_direction_must_hold_in_all_its_parts():
     """Friction of one sign at three lengths, and of the other at the fourth."""
     way = np.tile([SHORTENING, LENGTHENING], 400)
     contraction = np.repeat([0.0, 0.04, 0.08, 0.12], 200)
-    at = Axes(np.full(800, 4e5), contraction, np.arange(800.0), way)
+    at = RecordingAxes(np.full(800, 4e5), contraction, np.arange(800.0), way)
 
     def told(last):
         off = way * np.where(contraction == 0.12, last, 20.0) + 0.5
         ends = (4e5, 4e5), (0.0, 0.12)
-        return _sentence("force", "both", *ends, off, np.ones(800, bool), at, np.ones(800))
+        return _format_box("force", "both", *ends, off, np.ones(800, bool), at, np.ones(800))
 
     assert "while the muscle lengthens and" in told(10.0)
     assert "either way" in told(-10.0)
@@ -107,7 +107,7 @@ def test_boxes_do_not_count_the_same_misfit_twice():
     boxes = _shared(
         found, model, residual, [region(rows < 40, 1.0), region(rows < 40, 3.0), region(rows < 80, 0.0)]
     )
-    shares = {box.says: box.share for box in boxes}
+    shares = {box.description: box.share for box in boxes}
     assert sum(shares.values()) == pytest.approx(1.0)
     assert shares["3.0"] == pytest.approx(3 * shares["1.0"])
     assert shares["0.0"] == pytest.approx(40 * 8 / (40 * 24 + 40 * 8))
@@ -116,7 +116,7 @@ def test_boxes_do_not_count_the_same_misfit_twice():
 
 def test_extremes_in_different_directions_are_given_so():
     way = np.repeat([SHORTENING, LENGTHENING], 100)
-    at = Axes(np.full(200, 4e5), np.full(200, 0.1), np.arange(200.0), way)
+    at = RecordingAxes(np.full(200, 4e5), np.full(200, 0.1), np.arange(200.0), way)
     off = np.where(way == SHORTENING, -10.0, 50.0)
     parts = _parts(np.ones(200, bool), at)
     assert _extremes(off, parts, at, 1.0, "N") == (

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pamjax.diagnosis.detect.regions import RANGES, ranges
+from pamjax.diagnosis.detect.regions import RANGES_PER_AXIS, ranges
 
 
 def test_an_isobar_on_an_edge_stays_whole():
@@ -11,7 +11,7 @@ def test_an_isobar_on_an_edge_stays_whole():
     levels = np.array([0.0, 100e3, 200e3, 300e3, 500e3])
     isobar = np.repeat(np.arange(5), 200)
     pressure = levels[isobar] + 500.0 * rng.standard_normal(isobar.size)
-    masks = ranges(pressure, RANGES)
+    masks = ranges(pressure, RANGES_PER_AXIS)
     assert sum(int(mask.sum()) for mask in masks) == pressure.size
     for k in range(5):
         assert sorted({bool(mask[isobar == k].all()) for mask in masks}) == [False, True]

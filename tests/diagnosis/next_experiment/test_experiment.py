@@ -3,15 +3,21 @@
 import numpy as np
 import pytest
 
-from pamjax.benchmark.inject_effect import conceal
-from pamjax.diagnosis.detect.score_test import signatures
-from pamjax.diagnosis.library.candidates import forms
-from pamjax.diagnosis.library.library_problem import problem
-from pamjax.diagnosis.next_experiment.experiment import Experiment, choose, joined, stand_in, table
-from pamjax.diagnosis.next_experiment.power import Side, power
-from pamjax.diagnosis.next_experiment.testbed import Stage
-from pamjax.diagnosis.refit.candidate_fit import begun, settle
-from pamjax.planning.discriminate import bare
+from pamjax.benchmark.inject_effect import inject_effects
+from pamjax.diagnosis.detect.score_test import compute_score_directions
+from pamjax.diagnosis.library.candidates import build_candidates
+from pamjax.diagnosis.library.library_problem import build_library_problem
+from pamjax.diagnosis.next_experiment.experiment import (
+    Experiment,
+    choose_experiment,
+    evaluate_protocols,
+    fit_best_candidate,
+    fit_rival,
+)
+from pamjax.diagnosis.next_experiment.power import LinearisedModel, compute_power
+from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed
+from pamjax.diagnosis.refit.candidate_fit import fit_candidate, switch_on_candidate
+from pamjax.planning.discriminate import fit_baseline
 from tests.agreement import SOLVED, agree
 
 
@@ -33,7 +39,7 @@ def least(delta, new, known):
 
 
 def side(first, new, prior):
-    return Side(new.T, first.T @ first + np.diag(1 / prior**2))
+    return LinearisedModel(new.T, first.T @ first + np.diag(1 / prior**2))
 
 
 def test_what_a_refit_takes_up_is_least_squares():
@@ -41,16 +47,16 @@ def test_what_a_refit_takes_up_is_least_squares():
     (first, _), (new, _), prior, _ = linear(rng)
     delta = rng.standard_normal(len(new)) + new @ np.array([3.0, -2.0, 2.0])
     one = side(first, new, prior)
-    agree(one.left(delta), least(delta, new, one.known), SOLVED)
-    assert one.left(delta) < 0.99 * delta @ delta
+    agree(one.compute_refit_chi2(delta), least(delta, new, one.information), SOLVED)
+    assert one.compute_refit_chi2(delta) < 0.99 * delta @ delta
 
 
 def test_numbers_are_drawn_as_uncertain_as_they_are():
     rng = np.random.default_rng(4)
     (first, _), (new, _), prior, _ = linear(rng)
     one = side(first, new, prior)
-    shown = np.cov(one.drawn(rng, 200_000).T)
-    want = new @ np.linalg.inv(one.known) @ new.T
+    shown = np.cov(one.sample_predictions(rng, 200_000).T)
+    want = new @ np.linalg.inv(one.information) @ new.T
     agree(shown, want, 0.03, scale=np.abs(want).max())
 
 
@@ -75,53 +81,58 @@ def test_promised_power_is_what_simulated_experiments_show(size):
     (first_a, first_b), (new_a, new_b), prior_a, prior_b = linear(rng)
     delta = size * rng.standard_normal(60) + 0.7 * (new_b.sum(axis=1) - new_a.sum(axis=1))
     a, b = side(first_a, new_a, prior_a), side(first_b, new_b, prior_b)
-    shown = simulated(new_a, new_b, delta, a.known, b.known, rng, draws=1500)
-    assert abs(power(delta, a, b) - shown) < 0.05
+    shown = simulated(new_a, new_b, delta, a.information, b.information, rng, draws=1500)
+    assert abs(compute_power(delta, a, b) - shown) < 0.05
     # What a refit takes up matters: numbers that cannot move promise something else.
-    sure = Side(a.slopes, 1e9 * a.known), Side(b.slopes, 1e9 * b.known)
-    assert size > 0.1 or abs(power(delta, *sure) - shown) > 0.05
+    sure = LinearisedModel(a.jacobian, 1e9 * a.information), LinearisedModel(b.jacobian, 1e9 * b.information)
+    assert size > 0.1 or abs(compute_power(delta, *sure) - shown) > 0.05
 
 
 def test_power_has_its_ends():
     rng = np.random.default_rng(6)
     (first_a, first_b), (new_a, new_b), prior_a, prior_b = linear(rng)
     a, b = side(first_a, new_a, prior_a), side(first_b, new_b, prior_b)
-    assert power(np.zeros(60), a, b) == 0.05
-    assert power(np.full(60, 30.0), a, b) == 1.0
+    assert compute_power(np.zeros(60), a, b) == 0.05
+    assert compute_power(np.full(60, 30.0), a, b) == 1.0
 
 
 def test_the_cheapest_that_is_enough_is_chosen_and_else_the_most_powerful():
     offer = [Experiment(n, ("a", "b"), p, m) for n, p, m in (("x", 0.95, 9), ("y", 0.99, 20), ("z", 0.5, 1))]
-    assert choose(offer).protocol == "x"
-    assert choose([*offer[2:], Experiment("w", ("a", "b"), 0.6, 90)]).protocol == "w"
+    assert choose_experiment(offer).protocol == "x"
+    assert choose_experiment([*offer[2:], Experiment("w", ("a", "b"), 0.6, 90)]).protocol == "w"
 
 
 def tied(name, rival):
     """A recording with concealed physics, refitted with its name and with a rival in its place."""
-    envelope = conceal(1, np.random.default_rng(3), only=name, smallest=3.0, largest=4.0)
-    found = problem(envelope.case)
+    envelope = inject_effects(1, np.random.default_rng(3), only=name, smallest=3.0, largest=4.0)
+    found = build_library_problem(envelope.case)
     used = np.ones(found.n, bool)
-    bare = settle(found, used, (), found.neutral)
-    shown = signatures(found, bare.white, bare.at, [f for f in forms(found) if f.id == name])
-    best = max(shown, key=lambda s: s.gain)
-    start = begun(found, bare.at.values, best.form, best.amplitudes)
-    model = settle(found, used, (best.form,), start)
-    other = stand_in(found, model, name, rival)
+    bare = fit_candidate(found, used, (), found.neutral)
+    shown = compute_score_directions(
+        found, bare.noise, bare.estimate, [f for f in build_candidates(found) if f.id == name]
+    )
+    best = max(shown, key=lambda s: s.chi2_reduction)
+    start = switch_on_candidate(found, bare.estimate.values, best.candidate, best.amplitudes)
+    model = fit_candidate(found, used, (best.candidate,), start)
+    other = fit_rival(found, model, name, rival)
     assert other is not None
-    return table(Stage.of(found, model), model, other, (name, rival))
+    return evaluate_protocols(SimulatedTestbed.from_fit(found, model), model, other, (name, rival))
 
 
 @pytest.mark.slow
 def test_a_form_that_sticks_at_its_limit_does_not_stand_for_its_mechanism():
-    envelope = conceal(1, np.random.default_rng(2), only="braid_locking", smallest=0.5, largest=2.0)
-    found = problem(envelope.case)
-    baseline, offered = bare(found), [form for form in forms(found) if form.id == "braid_locking"]
-    true = np.array([envelope.true[name] for name in found.names])
-    best = float(np.sum(baseline.white(found.measured - found.shows(true)) ** 2))
+    envelope = inject_effects(1, np.random.default_rng(2), only="braid_locking", smallest=0.5, largest=2.0)
+    found = build_library_problem(envelope.case)
+    baseline, offered = (
+        fit_baseline(found),
+        [form for form in build_candidates(found) if form.id == "braid_locking"],
+    )
+    true = np.array([envelope.true_values[name] for name in found.names])
+    best = float(np.sum(baseline.noise.whiten(found.measured - found.predict(true)) ** 2))
     # As good as the truth, by the χ² of a few numbers that the truth has not fitted.
-    assert joined(found, baseline, offered).at.cost < best + 10
+    assert fit_best_candidate(found, baseline, offered).estimate.cost < best + 10
     # Able to fail: there is something to be found.
-    assert baseline.at.cost > best + 100
+    assert baseline.estimate.cost > best + 100
 
 
 @pytest.mark.slow
@@ -130,6 +141,6 @@ def test_what_only_one_protocol_tells_apart_is_sent_there():
     assert gains.pop("X10") > 0.99
     assert max(gains.values()) < 0.15
     # In the same compiled program: a zero and a dead band, which venting tells apart at once.
-    best = choose(tied("pressure_offset", "contact_pressure"))
+    best = choose_experiment(tied("pressure_offset", "contact_pressure"))
     assert (best.id, best.power) == ("X1", pytest.approx(1.0, abs=0.01))
     assert best.minutes < 5

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from pamjax.diagnosis.noise.estimate import Whitening, _colour, _roughness
-from pamjax.infer.noise.ar1_filter import Colour, correlation_error
+from pamjax.diagnosis.noise.estimate import NoiseModel, _build_channel_noise, _compute_roughness
+from pamjax.infer.noise.ar1_filter import Ar1Noise, compute_correlation_error
 
 
 def sample(shared, correlation, n=20000, seed=0):
@@ -17,7 +17,7 @@ def sample(shared, correlation, n=20000, seed=0):
 
 def whitening(colour, n):
     rows = (np.arange(n), np.arange(0))
-    return Whitening((colour, None), rows, (np.array([[0, n]]), np.zeros((0, 2), int)))
+    return NoiseModel((colour, None), rows, (np.array([[0, n]]), np.zeros((0, 2), int)))
 
 
 @pytest.mark.parametrize(
@@ -25,8 +25,8 @@ def whitening(colour, n):
 )
 def test_the_filter_leaves_white_noise_of_unit_variance(shared, correlation):
     noise = sample(shared, correlation)
-    white = whitening(Colour(np.ones(noise.size), shared, correlation, True), noise.size)
-    left = white(np.stack([noise, noise]))[100:]
+    white = whitening(Ar1Noise(np.ones(noise.size), shared, correlation, True), noise.size)
+    left = white.whiten(np.stack([noise, noise]))[100:]
     assert np.var(left) == pytest.approx(1.0, abs=0.04)
     for lag in (1, 2, 5, 20):
         assert abs(np.mean(left[lag:] * left[:-lag])) < 4 / np.sqrt(left.size)
@@ -37,7 +37,9 @@ def test_the_filter_leaves_white_noise_of_unit_variance(shared, correlation):
 
 def test_a_wrong_correlation_shows():
     noise = sample(1.0, 0.9)
-    left = whitening(Colour(np.ones(noise.size), 1.0, 0.5, True), noise.size)(np.stack([noise, noise]))
+    left = whitening(Ar1Noise(np.ones(noise.size), 1.0, 0.5, True), noise.size).whiten(
+        np.stack([noise, noise])
+    )
     sums = left[: left.size // 100 * 100].reshape(-1, 100).sum(axis=1) / 10
     assert np.var(sums) > 3
 
@@ -47,19 +49,21 @@ def test_correlation_is_read_off_neighbours_whatever_the_misfit(shared, correlat
     n = 4000
     slow = 20 * np.sin(np.arange(n) / 300)
     residual = sample(shared, correlation, n, seed=3) + slow
-    found = _colour(residual, np.array([shared]), np.full(n, 1 - shared), np.arange(n), np.zeros(n), True)
-    assert found.shared == pytest.approx(shared)
+    found = _build_channel_noise(
+        residual, np.array([shared]), np.full(n, 1 - shared), np.arange(n), np.zeros(n), True
+    )
+    assert found.ar1_fraction == pytest.approx(shared)
     assert found.correlation == pytest.approx(correlation, abs=0.06)
 
 
 def test_no_product_reaches_across_a_gap():
-    colour = Colour(np.ones(8), 1.0, 0.9, True)
-    white = Whitening(
+    colour = Ar1Noise(np.ones(8), 1.0, 0.9, True)
+    white = NoiseModel(
         (colour, None), (np.arange(8), np.arange(0)), (np.array([[0, 4], [4, 8]]), np.zeros((0, 2), int))
     )
     step = np.zeros((2, 8))
     step[:, 3] = 1.0
-    assert np.all(white(step)[4:] == 0)
+    assert np.all(white.whiten(step)[4:] == 0)
 
 
 @pytest.mark.parametrize("shared", [1.0, 0.6])
@@ -68,7 +72,7 @@ def test_a_correlation_is_as_uncertain_as_it_says(shared, correlation):
     n, found = 700, []
     for seed in range(300):
         noise = sample(shared, correlation, n + 300, seed)[300:]
-        rough = _roughness(noise, np.ones(n), np.arange(n), np.ones(n))
+        rough = _compute_roughness(noise, np.ones(n), np.arange(n), np.ones(n))
         found.append(1 - (rough - (1 - shared)) / shared)
     # 300 draws know a standard deviation to 4 %.
-    assert np.std(found) == pytest.approx(correlation_error(shared, correlation, n), rel=0.15)
+    assert np.std(found) == pytest.approx(compute_correlation_error(shared, correlation, n), rel=0.15)

@@ -5,13 +5,13 @@ from typing import Any, cast
 
 import pytest
 
-from pamjax.diagnosis.refit.candidate_fit import Model
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 
 
 def model(cost, passed, trust=1.0):
-    at = SimpleNamespace(cost=cost, moved=(0, 1))
-    white = SimpleNamespace(size=1000, trust=trust)
-    return Model((), cast(Any, white), cast(Any, at), passed)
+    at = SimpleNamespace(cost=cost, free=(0, 1))
+    white = SimpleNamespace(size=1000, weight=trust)
+    return CandidateFit((), cast(Any, white), cast(Any, at), passed)
 
 
 @pytest.mark.parametrize(
@@ -24,8 +24,8 @@ def model(cost, passed, trust=1.0):
     ],
 )
 def test_noise_of_a_models_own_is_forgiven_as_far_as_it_is_there(cost, passed, fair):
-    assert model(cost, passed).fair == pytest.approx(fair)
+    assert model(cost, passed).corrected_chi2 == pytest.approx(fair)
 
 
 def test_of_a_model_that_is_weighed_by_what_it_leaves_noise_is_less():
-    assert model(400.0, 1000.0, trust=0.5).fair == pytest.approx(0.25 * 1000 - 2)
+    assert model(400.0, 1000.0, trust=0.5).corrected_chi2 == pytest.approx(0.25 * 1000 - 2)

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.noise.input_noise import passed
-from pamjax.diagnosis.refit.errors_in_variables import pulled, unbiased
-from pamjax.diagnosis.refit.least_squares import refit
+from pamjax.diagnosis.noise.input_noise import compute_input_noise_chi2
+from pamjax.diagnosis.refit.errors_in_variables import correct_input_noise_bias, estimate_input_noise_bias
+from pamjax.diagnosis.refit.least_squares import fit_parameters
 from tests.diagnosis.noise.test_input_noise import NOISE, ROWS, SD, STIFF, Delayed, Set, Spring, weights
 
 LATE, MANY = 0.12, 60
@@ -20,17 +20,17 @@ class Measured(Delayed):
     """The late spring as a recording: its length was written with noise, and its force is too."""
 
     measured: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((2, ROWS)))
-    log: np.ndarray = dataclasses.field(default_factory=lambda: np.array([False]))
-    own: np.ndarray = dataclasses.field(default_factory=lambda: np.array([False]))
+    is_logarithmic: np.ndarray = dataclasses.field(default_factory=lambda: np.array([False]))
+    is_baseline: np.ndarray = dataclasses.field(default_factory=lambda: np.array([False]))
     low: np.ndarray = dataclasses.field(default_factory=lambda: np.array([0.0]))
     high: np.ndarray = dataclasses.field(default_factory=lambda: np.array([1.0]))
-    sd: np.ndarray = dataclasses.field(default_factory=lambda: np.array([np.inf]))
+    prior_sd: np.ndarray = dataclasses.field(default_factory=lambda: np.array([np.inf]))
     start: np.ndarray = dataclasses.field(default_factory=lambda: np.array([0.0]))
 
-    def slopes(self, values, places):
-        force = STIFF * np.asarray(self.member.rows.length)
+    def jacobian(self, values, places):
+        force = STIFF * np.asarray(self.dataset.rows.length)
         slope = np.stack([np.roll(force, 1) - force, np.zeros(ROWS)])
-        return self.shows(values), np.stack([slope for _ in places])
+        return self.predict(values), np.stack([slope for _ in places])
 
 
 def recording(seed: int) -> Measured:
@@ -41,7 +41,7 @@ def recording(seed: int) -> Measured:
     written = Spring(Set(jnp.ones(ROWS), jnp.asarray(true + NOISE * rng.standard_normal(ROWS))))
     sensors = SimpleNamespace(pressure=None, length=NOISE, length_per_setting=False)
     case = SimpleNamespace(entry=SimpleNamespace(sensors=sensors), recording=SimpleNamespace(has_time=True))
-    found = Measured(written, written, case, meaning=(SimpleNamespace(neutral=0.0),))
+    found = Measured(written, written, case, meanings=(SimpleNamespace(neutral=0.0),))
     return dataclasses.replace(
         found, measured=np.stack([STIFF * late + SD * rng.standard_normal(ROWS), np.zeros(ROWS)])
     )
@@ -52,10 +52,10 @@ def test_a_lag_of_noisy_lengths_comes_out_as_it_is(own):
     # Be it one of the library's numbers or one of the lab's own, which begin away from their limits.
     raw, freed = [], []
     for seed in range(MANY):
-        found = dataclasses.replace(recording(seed), own=np.array([own]))
-        at = refit(found, weights(), [0], np.array([0.5]))
-        end, of_noise = unbiased(found, weights(), at)
-        assert end.cost - of_noise <= at.cost - passed(found, weights(), at.values)
+        found = dataclasses.replace(recording(seed), is_baseline=np.array([own]))
+        at = fit_parameters(found, weights(), [0], np.array([0.5]))
+        end, of_noise = correct_input_noise_bias(found, weights(), at)
+        assert end.cost - of_noise <= at.cost - compute_input_noise_chi2(found, weights().whiten, at.values)
         raw.append(at.values[0])
         freed.append(end.values[0])
     error = np.std(freed) / np.sqrt(MANY)
@@ -75,15 +75,17 @@ def test_what_does_not_average_is_left_where_it_is():
             recording=SimpleNamespace(has_time=True),
         ),
     )
-    at = refit(still, weights(), [0], np.array([0.5]))
-    assert unbiased(still, weights(), at) == (at, 0.0)
+    at = fit_parameters(still, weights(), [0], np.array([0.5]))
+    assert correct_input_noise_bias(still, weights(), at) == (at, 0.0)
 
 
 def test_noise_that_comes_once_more_pulls_as_far_as_it_did_before():
     raw, pull = [], []
     for seed in range(MANY):
         found = recording(seed)
-        at = refit(found, weights(), [0], np.array([0.5]))
+        at = fit_parameters(found, weights(), [0], np.array([0.5]))
         raw.append(at.values[0] - LATE)
-        pull.append(pulled(found, weights(), unbiased(found, weights(), at)[0])[0])
+        pull.append(
+            estimate_input_noise_bias(found, weights(), correct_input_noise_bias(found, weights(), at)[0])[0]
+        )
     assert 0.5 < np.mean(pull) / np.mean(raw) < 2.0

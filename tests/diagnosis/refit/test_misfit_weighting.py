@@ -6,12 +6,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.noise.estimate import Whitening
+from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.refit import misfit_weighting as under_test
-from pamjax.diagnosis.refit.candidate_fit import Model
-from pamjax.diagnosis.refit.least_squares import refit
-from pamjax.diagnosis.refit.misfit_weighting import repeats, tempered, weighed
-from pamjax.infer.noise.ar1_filter import Colour
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit
+from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.diagnosis.refit.misfit_weighting import (
+    compute_integrated_autocorrelation_time,
+    fit_with_misfit_weight,
+    reweight_by_misfit,
+)
+from pamjax.infer.noise.ar1_filter import Ar1Noise
 
 ROWS = 2000
 
@@ -29,44 +33,44 @@ def line(smooth):
         return shown, np.stack([np.stack([design[k], np.zeros(ROWS)]) for k in places])
 
     found = SimpleNamespace(
-        start=np.array([3.0, 0.0]), sd=np.array([0.3, np.inf]), low=np.full(2, -50.0), high=np.full(2, 50.0),
-        meaning=(SimpleNamespace(neutral=None, scale="linear"),) * 2, log=np.zeros(2, bool),
-        own=np.ones(2, bool), n=ROWS,
-        measured=measured, slopes=slopes, shows=lambda values: slopes(values, [0])[0],
+        start=np.array([3.0, 0.0]), prior_sd=np.array([0.3, np.inf]), low=np.full(2, -50.0), high=np.full(2, 50.0),
+        meanings=(SimpleNamespace(neutral=None, scale="linear"),) * 2, is_logarithmic=np.zeros(2, bool),
+        is_baseline=np.ones(2, bool), n=ROWS,
+        measured=measured, jacobian=slopes, predict=lambda values: slopes(values, [0])[0],
     )  # fmt: skip
-    colours = (Colour(np.ones(ROWS), 1.0, 0.0, True), None)
-    white = Whitening(colours, (np.arange(ROWS), np.arange(0)), (np.zeros((0, 2), int),) * 2)
-    return found, Model((), white, refit(found, white, [0, 1], np.array([3.0, 0.0])))
+    colours = (Ar1Noise(np.ones(ROWS), 1.0, 0.0, True), None)
+    white = NoiseModel(colours, (np.arange(ROWS), np.arange(0)), (np.zeros((0, 2), int),) * 2)
+    return found, CandidateFit((), white, fit_parameters(found, white, [0, 1], np.array([3.0, 0.0])))
 
 
 def test_what_was_believed_is_kept_where_the_model_is_wrong():
     found, model = line(smooth=60.0)
-    a, kept = model.at.values[0], tempered(found, model).at.values[0]
+    a, kept = model.estimate.values[0], reweight_by_misfit(found, model).estimate.values[0]
     # Weighed by noise alone, two thousand rows move the slope by tens of its sd.
     assert abs(a - 3.0) > 20 * 0.3
     assert abs(kept - 3.0) < abs(a - 3.0) / 2
-    assert tempered(found, model).at.covariance[0, 0] > 5**2 * model.at.covariance[0, 0]
+    assert reweight_by_misfit(found, model).estimate.covariance[0, 0] > 5**2 * model.estimate.covariance[0, 0]
 
 
 def test_a_model_that_leaves_noise_stays_as_it_is():
     found, model = line(smooth=0.0)
-    assert tempered(found, model) is model
+    assert reweight_by_misfit(found, model) is model
 
 
 def test_a_refit_is_weighed_by_what_is_left_where_it_begins(monkeypatch):
     found, model = line(smooth=60.0)
     settled = []
-    monkeypatch.setattr(under_test, "whitening", lambda *_: model.white)
-    monkeypatch.setattr(under_test, "settle", lambda *one: settled.append(one))
-    kept = weighed(found, np.ones(ROWS, bool), (), np.array([3.0, 2.0]))
+    monkeypatch.setattr(under_test, "estimate_noise", lambda *_: model.noise)
+    monkeypatch.setattr(under_test, "fit_candidate", lambda *one: settled.append(one))
+    kept = fit_with_misfit_weight(found, np.ones(ROWS, bool), (), np.array([3.0, 2.0]))
     assert not settled
-    assert kept.white.trust < 0.5
+    assert kept.noise.weight < 0.5
     # Settled under the noise alone, the slope went tens of its sd away.
-    assert abs(kept.at.values[0] - 3.0) < abs(model.at.values[0] - 3.0) / 2
+    assert abs(kept.estimate.values[0] - 3.0) < abs(model.estimate.values[0] - 3.0) / 2
     # A model that is wrong only where it begins is settled by the recording's noise.
     found, model = line(smooth=0.0)
-    weighed(found, np.ones(ROWS, bool), (), np.array([-3.0, 20.0]))
-    weighed(found, np.ones(ROWS, bool), (), model.at.values)
+    fit_with_misfit_weight(found, np.ones(ROWS, bool), (), np.array([-3.0, 20.0]))
+    fit_with_misfit_weight(found, np.ones(ROWS, bool), (), model.estimate.values)
     assert [float(one[3][0]) for one in settled] == pytest.approx([3.0, 3.0], abs=0.3)
 
 
@@ -76,4 +80,4 @@ def test_samples_that_repeat_each_other_are_counted_once(rho):
     noise = rng.standard_normal(20000)
     for k in range(1, noise.size):
         noise[k] = rho * noise[k - 1] + math.sqrt(1 - rho**2) * noise[k]
-    assert repeats(noise) == pytest.approx((1 + rho) / (1 - rho), rel=0.2)
+    assert compute_integrated_autocorrelation_time(noise) == pytest.approx((1 + rho) / (1 - rho), rel=0.2)

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from pamjax.diagnosis.noise.estimate import Whitening
+from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.refit import noise_correlation as under_test
-from pamjax.diagnosis.refit.candidate_fit import Model
-from pamjax.diagnosis.refit.least_squares import refit
-from pamjax.diagnosis.refit.noise_correlation import with_memory
-from pamjax.infer.noise.ar1_filter import Colour
-from pamjax.records.simulate import coloured
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit
+from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.diagnosis.refit.noise_correlation import fit_noise_correlation
+from pamjax.infer.noise.ar1_filter import Ar1Noise
+from pamjax.records.simulate import draw_ar1_noise
 
 ROWS, MEMORY, SHARED, MANY = 900, 0.9, 0.3, 40
 X = np.linspace(-1, 1, ROWS)
@@ -23,7 +23,9 @@ SHAPES = np.stack([np.ones(ROWS), X, X**2, X**3])
 def recording(seed: int, memory: float = MEMORY) -> Any:
     """Three tenths of the noise repeat themselves, on numbers that are all zero."""
     rng = np.random.default_rng(seed)
-    noise = np.sqrt(SHARED) * coloured(rng, ROWS, memory) + np.sqrt(1 - SHARED) * rng.standard_normal(ROWS)
+    noise = np.sqrt(SHARED) * draw_ar1_noise(rng, ROWS, memory) + np.sqrt(1 - SHARED) * rng.standard_normal(
+        ROWS
+    )
 
     def slopes(values, places):
         shown = np.stack([values @ SHAPES, np.zeros(ROWS)])
@@ -31,39 +33,41 @@ def recording(seed: int, memory: float = MEMORY) -> Any:
 
     far = np.full(4, 1e3)
     return SimpleNamespace(
-        n=ROWS, slopes=slopes, shows=lambda v: slopes(v, [0])[0], log=np.zeros(4, bool),
-        own=np.ones(4, bool), sd=np.full(4, np.inf), low=-far, high=far, start=np.zeros(4),
+        n=ROWS, jacobian=slopes, predict=lambda v: slopes(v, [0])[0], is_logarithmic=np.zeros(4, bool),
+        is_baseline=np.ones(4, bool), prior_sd=np.full(4, np.inf), low=-far, high=far, start=np.zeros(4),
         neutral=np.zeros(4),
-        meaning=(SimpleNamespace(neutral=0.0),) * 4, measured=np.stack([noise, np.full(ROWS, np.nan)]),
+        meanings=(SimpleNamespace(neutral=0.0),) * 4, measured=np.stack([noise, np.full(ROWS, np.nan)]),
     )  # fmt: skip
 
 
-def model(found, memory: float, given: bool = True) -> Model:
+def model(found, memory: float, given: bool = True) -> CandidateFit:
     """Refitted under noise that is taken for one of some memory."""
-    colours = (Colour(np.ones(ROWS), SHARED, memory, given), None)
-    white = Whitening(
+    colours = (Ar1Noise(np.ones(ROWS), SHARED, memory, given), None)
+    white = NoiseModel(
         colours, (np.arange(ROWS), np.arange(0)), (np.array([[0, ROWS]]), np.zeros((0, 2), int))
     )
-    return Model((), white, refit(found, white, [0, 1, 2, 3], np.zeros(4)))
+    return CandidateFit((), white, fit_parameters(found, white, [0, 1, 2, 3], np.zeros(4)))
 
 
-def told(found, memory: float = 0.4) -> Model:
-    return with_memory(found, model(found, memory))
+def told(found, memory: float = 0.4) -> CandidateFit:
+    return fit_noise_correlation(found, model(found, memory))
 
 
-def memory_of(one: Model) -> float:
-    colour = one.white.colours[0]
+def memory_of(one: CandidateFit) -> float:
+    colour = one.noise.channels[0]
     assert colour is not None
     return colour.correlation
 
 
-def off(one: Model) -> list[float]:
+def off(one: CandidateFit) -> list[float]:
     """Distance of each number from the truth, in the sd that is told of it."""
-    return [abs(one.at.values[k]) / one.sd(k) for k in range(4)]
+    return [abs(one.estimate.values[k]) / one.sd(k) for k in range(4)]
 
 
 def test_memory_is_found_that_neighbours_do_not_tell(monkeypatch):
-    monkeypatch.setattr(under_test, "freed", lambda found, chosen, white, at: Model(chosen, white, at))
+    monkeypatch.setattr(
+        under_test, "build_corrected_fit", lambda found, chosen, white, at: CandidateFit(chosen, white, at)
+    )
     ends = [told(recording(seed)) for seed in range(MANY)]
     found = np.array([memory_of(one) for one in ends])
     assert abs(found.mean() - MEMORY) < 3 * found.std() / np.sqrt(MANY) + 0.01
@@ -73,13 +77,15 @@ def test_memory_is_found_that_neighbours_do_not_tell(monkeypatch):
 
 
 def test_noise_without_memory_is_left_without(monkeypatch):
-    monkeypatch.setattr(under_test, "freed", lambda found, chosen, white, at: Model(chosen, white, at))
+    monkeypatch.setattr(
+        under_test, "build_corrected_fit", lambda found, chosen, white, at: CandidateFit(chosen, white, at)
+    )
     found = np.array([memory_of(told(recording(seed, 0.0), 0.0)) for seed in range(MANY)])
     assert np.mean(found < 0.3) > 0.8
 
 
 def test_a_sensor_of_which_nothing_was_stated_and_a_model_that_is_wrong_stay_as_they_are():
     one = model(recording(0), 0.4, given=False)
-    assert with_memory(recording(0), one) is one
-    wrong = replace(one, white=replace(one.white, trust=0.5))
-    assert with_memory(recording(0), wrong) is wrong
+    assert fit_noise_correlation(recording(0), one) is one
+    wrong = replace(one, noise=replace(one.noise, weight=0.5))
+    assert fit_noise_correlation(recording(0), wrong) is wrong

@@ -7,18 +7,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.library.candidates import Form
-from pamjax.diagnosis.noise.estimate import Whitening
-from pamjax.diagnosis.refit.candidate_fit import Model
-from pamjax.diagnosis.refit.least_squares import refit
+from pamjax.diagnosis.library.candidates import Candidate
+from pamjax.diagnosis.noise.estimate import NoiseModel
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit
+from pamjax.diagnosis.refit.least_squares import fit_parameters
 from pamjax.diagnosis.select import model_averaging as under_test
-from pamjax.diagnosis.select.model_averaging import spread
-from pamjax.diagnosis.select.selection import Name
-from pamjax.infer.noise.ar1_filter import Colour
+from pamjax.diagnosis.select.model_averaging import average_models
+from pamjax.diagnosis.select.selection import NamedMechanism
+from pamjax.infer.noise.ar1_filter import Ar1Noise
 
 ROWS = 400
 X = np.linspace(0, 1, ROWS)
-UP, DOWN = (Form("wave", ("wave.much",), {"wave.turn": turn}) for turn in (1.0, -1.0))
+UP, DOWN = (Candidate("wave", ("wave.much",), {"wave.turn": turn}) for turn in (1.0, -1.0))
 NAMES = ("level", "wave.much", "wave.turn")
 
 
@@ -34,36 +34,40 @@ def recording(tilt) -> Any:
         )
 
     found = SimpleNamespace(
-        names=NAMES, place=NAMES.index, n=ROWS, slopes=slopes, shows=lambda v: slopes(v, [0])[0],
-        own=np.array([True, False, False]), log=np.zeros(3, bool),
-        on=lambda values: set(), neutral=np.zeros(3), start=np.array([0.0, 5.0, 0.0]),
-        sd=np.array([10.0, 0.5, np.inf]), low=np.array([-50.0, 0.0, -3.0]), high=np.array([50.0, 9.0, 3.0]),
-        meaning=tuple(SimpleNamespace(neutral=n, scale="linear") for n in (None, 0.0, None)),
+        names=NAMES, index=NAMES.index, n=ROWS, jacobian=slopes, predict=lambda v: slopes(v, [0])[0],
+        is_baseline=np.array([True, False, False]), is_logarithmic=np.zeros(3, bool),
+        active=lambda values: set(), neutral=np.zeros(3), start=np.array([0.0, 5.0, 0.0]),
+        prior_sd=np.array([10.0, 0.5, np.inf]), low=np.array([-50.0, 0.0, -3.0]), high=np.array([50.0, 9.0, 3.0]),
+        meanings=tuple(SimpleNamespace(neutral=n, scale="linear") for n in (None, 0.0, None)),
     )  # fmt: skip
     noise = 0.1 * np.random.default_rng(5).standard_normal(ROWS)
-    force = found.shows(np.array([2.0, 5.0, 1.2]))[0] + noise
+    force = found.predict(np.array([2.0, 5.0, 1.2]))[0] + noise
     return SimpleNamespace(**vars(found), measured=np.stack([force, np.full(ROWS, np.nan)]))
 
 
 def fitted(found, turn):
-    colours = (Colour(np.full(ROWS, 0.1), 1.0, 0.0, True), None)
-    white = Whitening(
+    colours = (Ar1Noise(np.full(ROWS, 0.1), 1.0, 0.0, True), None)
+    white = NoiseModel(
         colours, (np.arange(ROWS), np.arange(0)), (np.array([[0, ROWS]]), np.zeros((0, 2), int))
     )
-    return Model((UP,), white, refit(found, white, [0, 1, 2], np.array([0.0, 4.0, turn])))
+    return CandidateFit((UP,), white, fit_parameters(found, white, [0, 1, 2], np.array([0.0, 4.0, turn])))
 
 
 @pytest.fixture(autouse=True)
 def two_forms(monkeypatch):
-    monkeypatch.setattr(under_test, "forms", lambda found: [UP, DOWN])
-    monkeypatch.setattr(under_test, "freed", lambda found, chosen, white, at: Model(chosen, white, at, 0.0))
+    monkeypatch.setattr(under_test, "build_candidates", lambda found: [UP, DOWN])
+    monkeypatch.setattr(
+        under_test,
+        "build_corrected_fit",
+        lambda found, chosen, white, at: CandidateFit(chosen, white, at, 0.0),
+    )
 
 
 def test_two_minima_as_good_are_both_in_the_standard_deviation():
     found = recording(tilt=0.0)
     model = fitted(found, 1.0)
-    told = spread(found, model, ())
-    turn = told.at.values[2]
+    told = average_models(found, model, ())
+    turn = told.estimate.values[2]
     assert turn == pytest.approx(1.2, abs=0.2)
     # Half a chance of being 2.4 away.
     assert told.sd(2) == pytest.approx(np.sqrt(0.5) * 2 * turn, rel=0.05)
@@ -75,11 +79,11 @@ def test_two_minima_as_good_are_both_in_the_standard_deviation():
 def test_the_better_minimum_is_gone_to_and_the_worse_one_forgotten():
     found = recording(tilt=0.9)
     wrong = fitted(found, -1.0)
-    assert wrong.at.values[2] < 0
-    told = spread(found, wrong, ())
+    assert wrong.estimate.values[2] < 0
+    told = average_models(found, wrong, ())
     right = fitted(found, 1.0)
-    assert told.at.cost < wrong.at.cost - 10
-    assert told.at.values == pytest.approx(right.at.values, rel=1e-2)
+    assert told.estimate.cost < wrong.estimate.cost - 10
+    assert told.estimate.values == pytest.approx(right.estimate.values, rel=1e-2)
     assert told.sd(2) == pytest.approx(right.sd(2), rel=0.1)
 
 
@@ -87,14 +91,19 @@ def test_what_a_tie_would_move_is_in_the_standard_deviation():
     """In its form the wave is lower and the level higher; half a chance of that is half of it squared."""
     found = recording(tilt=0.9)
     model = fitted(found, 1.0)
-    other = Form("other", ("wave.turn",))
-    tie = Name("wave", 0.9, ("other",), 50.0, instead=((0.5, other, np.array([0.0, 5.0, 0.3])),))
-    told = spread(found, model, (tie,))
-    by = refit(found, model.white, [0, 2], np.array([2.0, 0.0, 0.3])).values[0] - model.at.values[0]
+    other = Candidate("other", ("wave.turn",))
+    tie = NamedMechanism(
+        "wave", 0.9, ("other",), 50.0, alternatives=((0.5, other, np.array([0.0, 5.0, 0.3])),)
+    )
+    told = average_models(found, model, (tie,))
+    by = (
+        fit_parameters(found, model.noise, [0, 2], np.array([2.0, 0.0, 0.3])).values[0]
+        - model.estimate.values[0]
+    )
     assert abs(by) > 5 * model.sd(0)
     assert told.sd(0) == pytest.approx(np.hypot(model.sd(0), np.sqrt(0.5) * by), rel=0.02)
     # Of the name's own numbers it says nothing.
     assert told.sd(1) == pytest.approx(model.sd(1))
     # A name that is not in the model any more moves nothing.
     gone = dataclasses.replace(tie, id="gone")
-    assert spread(found, model, (gone,)).sd(0) == pytest.approx(model.sd(0), rel=0.1)
+    assert average_models(found, model, (gone,)).sd(0) == pytest.approx(model.sd(0), rel=0.1)

@@ -7,31 +7,36 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from pamjax.benchmark.trial import Task, drawn
-from pamjax.diagnosis.crossval.gain import held_out
-from pamjax.diagnosis.detect.score_test import Signature, signatures
-from pamjax.diagnosis.library.candidates import Form, forms
-from pamjax.diagnosis.library.library_problem import problem
-from pamjax.diagnosis.refit.candidate_fit import settle
+from pamjax.benchmark.trial import TrialTask, draw_ground_truth
+from pamjax.diagnosis.crossval.gain import select_held_out_rows
+from pamjax.diagnosis.detect.score_test import ScoreDirection, compute_score_directions
+from pamjax.diagnosis.library.candidates import Candidate, build_candidates
+from pamjax.diagnosis.library.library_problem import build_library_problem
+from pamjax.diagnosis.refit.candidate_fit import fit_candidate
 from pamjax.diagnosis.select import pair_swap as under_test
-from pamjax.diagnosis.select.pair_swap import best_pairs, exchanged
-from pamjax.diagnosis.select.search import Look, search
-from pamjax.progress import silent
-from pamjax.records.blocks import blocks
+from pamjax.diagnosis.select.pair_swap import rank_pairs, swap_pairs
+from pamjax.diagnosis.select.search import MechanismSearch, search_mechanisms
+from pamjax.progress import ignore_progress
+from pamjax.records.blocks import find_blocks
 
 ROWS = 300
 
 
-def left_with(directions) -> tuple[list[Signature], Any]:
+def left_with(directions) -> tuple[list[ScoreDirection], Any]:
     """Forms a, b, … of one amplitude each, and a model without names."""
     norm = np.linalg.norm(directions, axis=1)
     scored = [
-        Signature(
-            Form(id, (f"{id}.much",), {}), 0.0, np.zeros(1), row[None] / n, np.array([True]), np.array([n])
+        ScoreDirection(
+            Candidate(id, (f"{id}.much",), {}),
+            0.0,
+            np.zeros(1),
+            row[None] / n,
+            np.array([True]),
+            np.array([n]),
         )
         for id, row, n in zip("abcdef", directions, norm, strict=False)
     ]
-    return scored, SimpleNamespace(ids=(), chosen=(), white=SimpleNamespace(size=ROWS))
+    return scored, SimpleNamespace(ids=(), mechanisms=(), noise=SimpleNamespace(size=ROWS))
 
 
 def test_the_best_pair_is_that_of_least_squares_over_all_of_them():
@@ -40,9 +45,9 @@ def test_the_best_pair_is_that_of_least_squares_over_all_of_them():
     directions[4] = directions[0] + directions[1] + 0.3 * directions[4]
     residual = 2.0 * directions[1] - 3.0 * directions[3] + rng.standard_normal(ROWS)
     scored, left = left_with(directions)
-    (first, second), *_ = best_pairs(scored, left, residual)
-    assert {first[0].form.id, second[0].form.id} == {"b", "d"}
-    found = {one.form.id: amplitude.item() for one, amplitude in (first, second)}
+    (first, second), *_ = rank_pairs(scored, left, residual)
+    assert {first[0].candidate.id, second[0].candidate.id} == {"b", "d"}
+    found = {one.candidate.id: amplitude.item() for one, amplitude in (first, second)}
     solved = np.linalg.lstsq(directions[[1, 3]].T, residual, rcond=None)[0]
     np.testing.assert_allclose([found["b"], found["d"]], solved)
 
@@ -54,20 +59,22 @@ def test_of_pairs_that_stand_for_the_same_one_is_tried():
     directions = np.concatenate([directions, directions[:1]])
     residual = directions[0] * 9 + directions[1] * 9
     scored, left = left_with(directions)
-    pairs = [{one.form.id for one, _ in pair} for pair in best_pairs(scored, left, residual)]
+    pairs = [{one.candidate.id for one, _ in pair} for pair in rank_pairs(scored, left, residual)]
     assert len(pairs) < len(list(combinations("abcd", 2)))
     assert ({"a", "b"} in pairs) != ({"d", "b"} in pairs)
 
 
 def ends(kind, correlation, number, seed):
     """What was concealed, where a search ends that goes from name to name, and where names are exchanged."""
-    envelope = drawn(Task("all", kind, correlation, number, seed=seed))
-    found = problem(envelope.case)
-    used = ~held_out(blocks(envelope.case.recording))
-    baseline = settle(found, used, (), found.neutral)
-    look = Look(found, used, baseline, forms(found), silent)
-    stuck = search(look, signatures(found, baseline.white, baseline.at, look.candidates))
-    return set(envelope.concealed), stuck, exchanged(look, stuck)
+    envelope = draw_ground_truth(TrialTask("all", kind, correlation, number, seed=seed))
+    found = build_library_problem(envelope.case)
+    used = ~select_held_out_rows(find_blocks(envelope.case.recording))
+    baseline = fit_candidate(found, used, (), found.neutral)
+    look = MechanismSearch(found, used, baseline, build_candidates(found), ignore_progress)
+    stuck = search_mechanisms(
+        look, compute_score_directions(found, baseline.noise, baseline.estimate, look.candidates)
+    )
+    return set(envelope.effect_ids), stuck, swap_pairs(look, stuck)
 
 
 @pytest.mark.slow
@@ -76,7 +83,7 @@ def test_one_name_in_the_place_of_two_gives_way_to_both():
     assert set(model.ids) == concealed == {"end_taper", "pressure_offset", "mullins_softening"}
     # Able to fail: jamming threads stood for the ends and the zero.
     assert len(stuck.ids) == 2
-    assert model.excess < 0.1 * model.white.size < stuck.excess
+    assert model.excess_chi2 < 0.1 * model.noise.size < stuck.excess_chi2
 
 
 @pytest.mark.parametrize(
@@ -86,11 +93,15 @@ def test_one_name_in_the_place_of_two_gives_way_to_both():
 def test_more_names_are_tried_where_stated_noise_is_exceeded(monkeypatch, given, excess, taken_out):
     """Of noise that nobody stated enough names leave nothing: a map of forty rows had three certain ones."""
     tried = []
-    monkeypatch.setattr(under_test, "_instead", lambda look, model, places: tried.append(places) or [])
-    monkeypatch.setattr(under_test, "abreast", lambda work, over: [work(one) for one in over])
-    white = SimpleNamespace(size=100, colours=(SimpleNamespace(given=given), None))
-    model: Any = SimpleNamespace(chosen=("a", "b"), white=white, excess=excess, score=0.0, likely=0.0)
-    look: Any = Look(cast(Any, None), np.ones(1, dtype=bool), model, (), silent)
-    monkeypatch.setattr(Look, "far", lambda look, model: False)
-    assert exchanged(look, model) is model
+    monkeypatch.setattr(
+        under_test, "_fit_pair_replacements", lambda look, model, places: tried.append(places) or []
+    )
+    monkeypatch.setattr(under_test, "parallel_map", lambda work, over: [work(one) for one in over])
+    white = SimpleNamespace(size=100, channels=(SimpleNamespace(stated=given), None))
+    model: Any = SimpleNamespace(
+        mechanisms=("a", "b"), noise=white, excess_chi2=excess, bic=0.0, full_bic=0.0
+    )
+    look: Any = MechanismSearch(cast(Any, None), np.ones(1, dtype=bool), model, (), ignore_progress)
+    monkeypatch.setattr(MechanismSearch, "leaves_large_residual", lambda look, model: False)
+    assert swap_pairs(look, model) is model
     assert tried == taken_out

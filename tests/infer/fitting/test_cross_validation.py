@@ -5,11 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pamjax.infer.fitting.cross_validation import hold_out, without
-from pamjax.infer.fitting.fit import fit, joint_space
-from pamjax.infer.fitting.least_squares import solve
-from pamjax.infer.problem.dataset import member
-from pamjax.records.blocks import blocks
+from pamjax.infer.fitting.cross_validation import cross_validate, exclude_rows
+from pamjax.infer.fitting.fit import build_joint_space, fit
+from pamjax.infer.fitting.least_squares import solve_least_squares
+from pamjax.infer.problem.dataset import build_dataset
+from pamjax.records.blocks import find_blocks
 from tests.infer.made import made
 
 
@@ -17,14 +17,20 @@ from tests.infer.made import made
 def problem():
     """The plain case in its space, solved, and its blocks."""
     case = made()
-    at, (rename,) = joint_space([case], "elastic", ())
-    members = (member(case, "elastic", at, rename),)
-    return case, at, members, solve(members, at, jnp.zeros(at.size)), blocks(case.recording)
+    at, (rename,) = build_joint_space([case], "elastic", ())
+    members = (build_dataset(case, "elastic", at, rename),)
+    return (
+        case,
+        at,
+        members,
+        solve_least_squares(members, at, jnp.zeros(at.size)),
+        find_blocks(case.recording),
+    )
 
 
 def unseen(problem, members):
     case, at, _, solution, found = problem
-    deals, predictions = hold_out([case], members, [found], at, solution, "square", 2, 0)
+    deals, predictions = cross_validate([case], members, [found], at, solution, "square", 2, 0)
     return deals[0], predictions[0]
 
 
@@ -62,15 +68,15 @@ def test_what_was_held_out_was_not_seen(problem):
 def test_without_leaves_rows_out_of_sight(problem):
     one, n = problem[2][0], problem[0].recording.n
     out = np.arange(n) < 10
-    assert float(without(one, out).rows.used.sum()) == n - 10
-    assert without(one, None) is one
+    assert float(exclude_rows(one, out).rows.training_mask.sum()) == n - 10
+    assert exclude_rows(one, None) is one
 
 
 def test_the_score_is_that_of_the_unseen_predictions():
     fitted = fit(made(), starts=1, fold_count=2)
     (one,) = fitted.cases
     for channel, value in one.held_out.rmse.items():
-        off = getattr(one.case.recording, channel) - one.unseen[channel]
+        off = getattr(one.case.recording, channel) - one.held_out_prediction[channel]
         assert value == pytest.approx(np.sqrt(np.nanmean(off**2)))
         # Simulated by the model itself, an unseen isobar is predicted nearly to the noise.
         assert 0.95 * one.rmse[channel] < value < 1.3 * one.rmse[channel]
@@ -81,6 +87,6 @@ def test_the_score_is_that_of_the_unseen_predictions():
 def test_one_block_is_never_held_out(problem):
     case, at, members, solution, found = problem
     single = type(found)(np.zeros_like(found.label), ("all",), "isobars")
-    deals, predictions = hold_out([case], members, [single], at, solution, "square", 2, 0)
+    deals, predictions = cross_validate([case], members, [single], at, solution, "square", 2, 0)
     assert deals == [[]]
     assert np.isnan(predictions[0]["force"]).all()

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from pamjax.errors import BadInput
-from pamjax.infer.fitting.fit import fit, joint_space
-from pamjax.infer.fitting.least_squares import residual, soften, solve
-from pamjax.infer.problem.dataset import member
+from pamjax.infer.fitting.fit import build_joint_space, fit
+from pamjax.infer.fitting.least_squares import soften_residual, solve_least_squares, stack_residuals
+from pamjax.infer.problem.dataset import build_dataset
 from pamjax.records.reading.muscle_toml import Sensors
-from pamjax.records.reading.quantity import Measured
+from pamjax.records.reading.quantity import MeasuredValue
 from tests.agreement import RECOVERED, ROUNDING, agree
 from tests.infer.made import RAMPS, SD, SENSORS, TRUE, made, sds_off
 
@@ -28,8 +28,8 @@ def found():
 
 
 def in_space(case, law="elastic"):
-    at, (rename,) = joint_space([case], law, ())
-    return at, (member(case, law, at, rename),)
+    at, (rename,) = build_joint_space([case], law, ())
+    return at, (build_dataset(case, law, at, rename),)
 
 
 @pytest.mark.parametrize("law", ["inelastic", "elastic", "toe", "exponential-toe", "recruitment-toe"])
@@ -37,7 +37,7 @@ def test_without_noise_nothing_is_left_at_the_truth(law):
     at, members = in_space(made(law, bench=EXACT, off=(0, 0, 0)), law)
     values = jnp.array([TRUE[n] for n in at.names])
     assert members[0].rows.force_weight.sum() > 0
-    for misfit in members[0].misfit(values):
+    for misfit in members[0].compute_standardised_residuals(values):
         agree(misfit, 0.0, 1e-7, scale=1.0)
 
 
@@ -68,7 +68,7 @@ def test_it_was_not_there_before(found):
 
 
 def test_a_rest_length_that_only_counts_contraction_is_no_number_of_a_fit():
-    at, _ = in_space(made(rest_length=Measured(TRUE["muscle.rest_length"], 1e-3)))
+    at, _ = in_space(made(rest_length=MeasuredValue(TRUE["muscle.rest_length"], 1e-3)))
     assert at.names == ("muscle.thread_length", "muscle.turns", "thread.modulus")
 
 
@@ -82,7 +82,7 @@ def test_same_seed_same_answer(found):
 
 def test_every_start_ends_there(found):
     several = fit(made(), starts=4, fold_count=2, seed=5)
-    assert several.agreeing == several.starts == 4
+    assert several.agreeing_starts == several.starts == 4
     for name, e in several.estimates.items():
         assert abs(e.value - found.estimates[name].value) < 1e-3 * e.sd
 
@@ -98,9 +98,9 @@ def closed_form(length, turns, modulus, pressure, at):
 
 
 def test_lmfit_says_the_same(found):
-    (one,) = found.members
+    (one,) = found.datasets
     rows = one.rows
-    trust = np.asarray(one.trust)
+    trust = np.asarray(one.channel_weights)
 
     def misfit(p):
         force, diameter = closed_form(
@@ -162,7 +162,7 @@ def test_two_specimens_know_their_modulus_better_together():
             r"a shared number \(thread.modulus\) must be stated alike; got another value or sd in b/",
         ),
         (
-            [made(name="a"), made(name="b", turns=Measured(1.09))],
+            [made(name="a"), made(name="b", turns=MeasuredValue(1.09))],
             {"share": ["muscle.turns"]},
             r"a shared number \(muscle.turns\) must be stated alike; got no sd, or no such number",
         ),
@@ -187,7 +187,7 @@ def test_what_cannot_be_fitted_is_told(cases, arguments, text):
 
 
 def test_a_muscle_without_a_number_to_move_is_told():
-    known = {name: Measured(TRUE[f"muscle.{name}"]) for name in ("thread_length", "turns")}
+    known = {name: MeasuredValue(TRUE[f"muscle.{name}"]) for name in ("thread_length", "turns")}
     with pytest.raises(BadInput, match="a fit needs a number that may move; got every number stated without"):
         fit(made(**known), "inelastic")
 
@@ -215,13 +215,13 @@ def test_a_soft_loss_resists_wrong_samples_where_a_square_one_does_not(found):
 
 def test_soft_residual_is_a_square_near_and_a_line_far():
     r = np.array([-1e3, -1e-3, 0.0, 1e-3, 1e3])
-    agree(soften(jnp.asarray(r)) ** 2, 2 * (np.sqrt(1 + r**2) - 1), 1e-9, scale=1e-6)
-    assert np.all(np.sign(soften(jnp.asarray(r))) == np.sign(r))
+    agree(soften_residual(jnp.asarray(r)) ** 2, 2 * (np.sqrt(1 + r**2) - 1), 1e-9, scale=1e-6)
+    assert np.all(np.sign(soften_residual(jnp.asarray(r))) == np.sign(r))
 
 
 def test_errors_of_the_ruler_are_found_and_what_has_no_sd_stays():
     ruler = dataclasses.replace(SENSORS, length=1e-3, length_per_setting=True)
-    case = made(plan=RAMPS, bench=ruler, sensors=ruler, seed=4, turns=Measured(TRUE["muscle.turns"]))
+    case = made(plan=RAMPS, bench=ruler, sensors=ruler, seed=4, turns=MeasuredValue(TRUE["muscle.turns"]))
     fitted = fit(case, **QUICK)
     assert [n for n in fitted.estimates if n in TRUE] == ["muscle.thread_length", "thread.modulus"]
     assert fitted.cases[0].numbers["muscle.turns"] == TRUE["muscle.turns"]
@@ -242,22 +242,22 @@ def with_slack(case):
 
 def test_slack_rows_do_not_drag():
     # A long thread pulls no more after a sixth of contraction.
-    case = with_slack(made(true={"muscle.thread_length": 0.34}, thread_length=Measured(0.3405, 0.8e-3)))
+    case = with_slack(made(true={"muscle.thread_length": 0.34}, thread_length=MeasuredValue(0.3405, 0.8e-3)))
     at, members = in_space(case)
     (one,) = members
-    assert one.rows.slack.sum() > 20
+    assert one.rows.is_slack.sum() > 20
     true = TRUE | {"muscle.thread_length": 0.34}
     fitted = fit(case, **QUICK)
     assert max(map(abs, sds_off(fitted, true).values())) < RECOVERED
     # Taken at their word they would.
-    blind = eqx.tree_at(lambda m: m.rows.slack, one, jnp.zeros_like(one.rows.slack))
-    dragged = at.named(solve((blind,), at, jnp.zeros(at.size)).u)
+    blind = eqx.tree_at(lambda m: m.rows.is_slack, one, jnp.zeros_like(one.rows.is_slack))
+    dragged = at.to_named_values(solve_least_squares((blind,), at, jnp.zeros(at.size)).u)
     assert abs(float(dragged["muscle.turns"]) - 1.09) > 10 * fitted.estimates["muscle.turns"].sd
 
 
 def test_a_number_at_its_limit_has_no_sd_and_says_so():
     # A bench that shows half the diameter: no number of turns within its limits explains that.
-    case = made(turns=Measured(199.0, 500.0), off=(0, 0, 0))
+    case = made(turns=MeasuredValue(199.0, 500.0), off=(0, 0, 0))
     recording = dataclasses.replace(
         case.recording, diameter=case.recording.diameter / 1e3, force=np.full(case.recording.n, np.nan)
     )
@@ -275,7 +275,7 @@ def test_a_number_that_nothing_holds_says_so():
     recording = dataclasses.replace(case.recording, pressure=0.0 * case.recording.pressure)
     fitted = fit(dataclasses.replace(case, recording=recording), "elastic", **QUICK)
     stiffness = fitted.estimates["thread.stiffness"]
-    assert stiffness.learned < 0.5
+    assert stiffness.shrinkage < 0.5
     assert "hardly determined; before anywhere between its limits" in str(fitted)
     assert np.isfinite(fitted.correlation).all()
 
@@ -288,9 +288,9 @@ def test_what_contradicts_its_measurement_is_told():
 def test_padding_and_held_out_rows_leave_no_trace():
     at, (one,) = in_space(made())
     n = made().recording.n
-    assert one.rows.used.shape == (256,)
-    assert float(one.rows.used.sum()) == n
-    everything = residual((one,), at, jnp.zeros(at.size))
+    assert one.rows.training_mask.shape == (256,)
+    assert float(one.rows.training_mask.sum()) == n
+    everything = stack_residuals((one,), at, jnp.zeros(at.size))
     agree(everything[n:256], 0.0, ROUNDING, scale=1.0)
 
 
@@ -302,9 +302,9 @@ def test_a_sd_is_the_curvature_of_the_misfit(found):
     def cost(modulus):
         fixed = eqx.tree_at(lambda s: (s.mean, s.sd), found.space, (
             found.space.mean.at[k].set(modulus), found.space.sd.at[k].set(1e-6 * e.sd)))  # fmt: skip
-        ended = solve(found.members, fixed, found.solution.u)
-        own = 0.5 * float(found.space.prior_residual(ended.u)[k]) ** 2
-        tie = 0.5 * float(fixed.prior_residual(ended.u)[k]) ** 2
+        ended = solve_least_squares(found.datasets, fixed, found.solution.u)
+        own = 0.5 * float(found.space.compute_prior_residual(ended.u)[k]) ** 2
+        tie = 0.5 * float(fixed.compute_prior_residual(ended.u)[k]) ** 2
         return float(ended.cost) - tie + own
 
     rise = 0.5 * (cost(e.value + e.sd) + cost(e.value - e.sd)) - float(found.solution.cost)

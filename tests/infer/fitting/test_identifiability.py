@@ -6,9 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pamjax.infer.fitting.case_summary import Inspection
+from pamjax.infer.fitting.case_summary import CaseSummary
 from pamjax.infer.fitting.fit import fit
-from pamjax.infer.fitting.identifiability import determine
+from pamjax.infer.fitting.identifiability import check_identifiability
 from pamjax.model.assembly import assemble
 from pamjax.model.muscle import predict
 from pamjax.records.protocol import Protocol
@@ -26,7 +26,7 @@ DIAMETERS = {"plan": TABLE, "channels": ("diameter",), "bench": Sensors(diameter
 
 
 def test_a_whole_recording_determines_everything():
-    found, said = determine(made())
+    found, said = check_identifiability(made())
     assert all(d.determined for d in found)
     assert said == [
         "This recording can determine `muscle.thread_length`, `muscle.turns` and `thread.modulus`, "
@@ -35,7 +35,7 @@ def test_a_whole_recording_determines_everything():
 
 
 def test_diameters_at_one_length_cannot_tell_turns():
-    found, said = determine(made(**DIAMETERS))
+    found, said = check_identifiability(made(**DIAMETERS))
     assert {d.name: d.determined for d in found} == {
         "muscle.thread_length": True,
         "muscle.turns": False,
@@ -51,14 +51,14 @@ def test_diameters_at_one_length_cannot_tell_turns():
 def test_a_fit_then_leaves_turns_to_the_prior():
     fitted = fit(made(**DIAMETERS), starts=1)
     turns = fitted.estimates["muscle.turns"]
-    assert turns.learned < 0.1
+    assert turns.shrinkage < 0.1
     assert "mostly the prior's" in str(fitted)
 
 
 def test_forces_at_one_length_know_turns_only_with_something_else():
     # F = P (3 L² − B²) / (4 π N²): one factor on the pressure, and two numbers in it.
     case = made(plan=TABLE, channels=("force",), off=(0, 0, 0))
-    _, said = determine(case, "inelastic")
+    _, said = check_identifiability(case, "inelastic")
     (sentence,) = (s for s in said if "only together" in s)
     moves = dict(re.findall(r"`([\w.]+)` ([+-]?[\d.e-]+)", sentence))
     assert set(moves) == {"muscle.thread_length", "muscle.turns"}
@@ -79,13 +79,13 @@ def test_an_expected_sd_is_that_of_the_fit():
     # Nothing was fitted, yet the sensors say how well it will be.
     case = made(off=(0, 0, 0))
     fitted = fit(case, starts=1, fold_count=2)
-    for d in determine(case)[0]:
-        assert d.after == pytest.approx(fitted.estimates[d.name].sd, rel=0.25)
+    for d in check_identifiability(case)[0]:
+        assert d.expected_sd == pytest.approx(fitted.estimates[d.name].sd, rel=0.25)
 
 
 def test_an_inspection_prints_and_counts():
     case = made()
-    seen = Inspection(case, *determine(case))
+    seen = CaseSummary(case, *check_identifiability(case))
     assert "4 isobars to hold out in turn" in str(seen)
     document = seen.as_dict()
     assert document["numbers"]["thread.modulus"]["unit"] == "GPa"

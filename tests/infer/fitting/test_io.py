@@ -8,7 +8,7 @@ import xarray as xr
 
 from pamjax.errors import BadInput
 from pamjax.infer.fitting.fit import fit
-from pamjax.infer.fitting.io import SCHEMA, as_dict, save
+from pamjax.infer.fitting.io import FIT_SCHEMA, build_fit_document, save
 from pamjax.infer.fitting.load import load_muscle
 from pamjax.model.muscle import predict
 from pamjax.records.case import read_case
@@ -56,8 +56,8 @@ def no_constant(name):
 
 def test_the_document_is_complete(fitted, written):
     document = json.loads((written / "fit.json").read_text("utf-8"), parse_constant=no_constant)
-    assert document == json.loads(json.dumps(as_dict(fitted)))
-    assert document["schema"] == SCHEMA == "pamjax.fit/1"
+    assert document == json.loads(json.dumps(build_fit_document(fitted)))
+    assert document["schema"] == FIT_SCHEMA == "pamjax.fit/1"
     assert set(document) >= {
         "schema", "versions", "law", "mechanisms", "loss", "seed", "converged", "steps", "starts",
         "parameters", "correlation", "cases",
@@ -83,7 +83,7 @@ def test_the_muscle_read_again_is_the_same(fitted, written):
     reading = predict(loaded.muscle, one.case.recording.pressure, one.case.recording.length)
     for channel in ("force", "diameter"):
         agree(getattr(reading, channel), one.prediction[channel], ROUNDING)
-    assert loaded.calibrated == one.calibrated
+    assert loaded.calibrated_range == one.calibrated_range
     assert loaded.text == MUSCLE
 
 
@@ -96,7 +96,7 @@ def test_every_row_is_kept_with_its_unit(fitted, written):
         agree(data["force_residual"] + data["force_model"], one.case.recording.force, ROUNDING)
         assert list(data["block"].values) == one.block
         assert data.attrs["case"] == "hose"
-        np.testing.assert_array_equal(data["force_unseen"], one.unseen["force"])
+        np.testing.assert_array_equal(data["force_unseen"], one.held_out_prediction["force"])
 
 
 @pytest.mark.parametrize(

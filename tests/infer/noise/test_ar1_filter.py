@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import cholesky, solve_triangular, toeplitz
 
-from pamjax.infer.noise.ar1_filter import Colour
+from pamjax.infer.noise.ar1_filter import Ar1Noise
 
 
 def _root(shared, correlation, n):
@@ -19,20 +19,20 @@ def _root(shared, correlation, n):
     ("shared", "correlation"), [(1.0, 0.9), (0.6, 0.5), (0.5, 0.95), (0.1, 0.98), (0.02, 0.9)]
 )
 def test_a_run_is_filtered_as_its_covariance_has_it(shared, correlation, n):
-    colour, root = Colour(np.ones(n), shared, correlation, True), _root(shared, correlation, n)
+    colour, root = Ar1Noise(np.ones(n), shared, correlation, True), _root(shared, correlation, n)
     run = np.random.default_rng(n).standard_normal((3, n))
     expected = solve_triangular(root, run.T, lower=True).T
-    np.testing.assert_allclose(colour.whitened(run), expected, atol=2e-3)
-    assert colour.log_sd(n) == pytest.approx(np.log(np.diag(root)).sum(), abs=2e-3 * (1 + n / 800))
+    np.testing.assert_allclose(colour.whiten(run), expected, atol=2e-3)
+    assert colour.sum_log_sd(n) == pytest.approx(np.log(np.diag(root)).sum(), abs=2e-3 * (1 + n / 800))
 
 
 def test_a_slow_shift_of_a_short_run_counts_for_what_it_is():
     n, shared, correlation = 40, 0.3, 0.97
-    shift = Colour(np.ones(n), shared, correlation, True).whitened(np.ones(n))
+    shift = Ar1Noise(np.ones(n), shared, correlation, True).whiten(np.ones(n))
     by_covariance = solve_triangular(_root(shared, correlation, n), np.ones(n), lower=True)
     assert np.sum(shift**2) == pytest.approx(np.sum(by_covariance**2), rel=1e-3)
     # Able to fail: the steady filter alone, from the second sample on, takes it for a good deal more.
-    theta, left = Colour(np.ones(n), shared, correlation, True).filter
+    theta, left = Ar1Noise(np.ones(n), shared, correlation, True).filter
     steady, last = [1.0], 1.0
     for _ in range(n - 1):
         last = 1 - correlation + theta * last
@@ -42,6 +42,6 @@ def test_a_slow_shift_of_a_short_run_counts_for_what_it_is():
 
 def test_noise_without_memory_is_left_as_it_is():
     run = np.arange(5.0)
-    for colour in (Colour(np.ones(5), 1.0, 0.0, True), Colour(np.ones(5), 0.0, 0.9, True)):
-        np.testing.assert_array_equal(colour.whitened(run), run)
-        assert colour.log_sd(5) == 0.0
+    for colour in (Ar1Noise(np.ones(5), 1.0, 0.0, True), Ar1Noise(np.ones(5), 0.0, 0.9, True)):
+        np.testing.assert_array_equal(colour.whiten(run), run)
+        assert colour.sum_log_sd(5) == 0.0

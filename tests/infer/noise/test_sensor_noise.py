@@ -7,12 +7,16 @@ import numpy as np
 import pytest
 
 import pamjax.infer.fitting.reweight
-from pamjax.infer.fitting.fit import fit, joint_space
-from pamjax.infer.noise.sensor_noise import correlation_time, effective_sd, inflation
-from pamjax.infer.problem.dataset import member
+from pamjax.infer.fitting.fit import build_joint_space, fit
+from pamjax.infer.noise.sensor_noise import (
+    compute_correlation_time,
+    compute_effective_sd,
+    estimate_autocorrelation_time,
+)
+from pamjax.infer.problem.dataset import build_dataset
 from pamjax.model.assembly import assemble
 from pamjax.model.muscle import predict
-from pamjax.records.simulate import coloured
+from pamjax.records.simulate import draw_ar1_noise
 from tests.agreement import BY_DIFFERENCE, agree
 from tests.infer.made import SENSORS, TRUE, made
 
@@ -26,7 +30,10 @@ def worth(lag_one):
 
 @pytest.mark.parametrize("lag_one", [0.0, 0.5, 0.9])
 def test_inflation_of_known_noise(lag_one):
-    found = [inflation(coloured(np.random.default_rng(k), 20_000, lag_one), ONE_RUN) for k in range(8)]
+    found = [
+        estimate_autocorrelation_time(draw_ar1_noise(np.random.default_rng(k), 20_000, lag_one), ONE_RUN)
+        for k in range(8)
+    ]
     # Relative scatter of one estimate: sqrt(2 (2 W + 1) / n), with the window W at two inflations.
     scatter = np.sqrt(2 * (4 * worth(lag_one) + 1) / 20_000)
     agree(np.mean(found), worth(lag_one), 4 * scatter / np.sqrt(8))
@@ -35,25 +42,25 @@ def test_inflation_of_known_noise(lag_one):
 def test_what_a_fit_absorbs_is_given_back():
     given_back, not_given = [], []
     for k in range(200):
-        noise = coloured(np.random.default_rng(k), 400, 0.9)
+        noise = draw_ar1_noise(np.random.default_rng(k), 400, 0.9)
         x = np.linspace(-1, 1, 400)
         left = noise - np.polyval(np.polyfit(x, noise, 2), x)
-        given_back.append(inflation(left, ONE_RUN[:400], 3))
-        not_given.append(inflation(left, ONE_RUN[:400]))
+        given_back.append(estimate_autocorrelation_time(left, ONE_RUN[:400], 3))
+        not_given.append(estimate_autocorrelation_time(left, ONE_RUN[:400]))
     assert np.mean(given_back) == pytest.approx(19, rel=0.15)
     assert np.mean(not_given) < 0.75 * 19
 
 
 def test_no_recording_is_worth_less_than_a_sample():
     for k in range(50):
-        noise = coloured(np.random.default_rng(k), 200, 0.99)
-        assert 1 <= inflation(noise, ONE_RUN[:200], 5) <= 200
+        noise = draw_ar1_noise(np.random.default_rng(k), 200, 0.99)
+        assert 1 <= estimate_autocorrelation_time(noise, ONE_RUN[:200], 5) <= 200
 
 
 def test_blanks_are_left_out():
-    noise = coloured(np.random.default_rng(0), 20_000, 0.9)
+    noise = draw_ar1_noise(np.random.default_rng(0), 20_000, 0.9)
     noise[::3] = np.nan
-    assert np.isfinite(inflation(noise, ONE_RUN))
+    assert np.isfinite(estimate_autocorrelation_time(noise, ONE_RUN))
 
 
 def test_nothing_reaches_across_a_gap():
@@ -61,28 +68,28 @@ def test_nothing_reaches_across_a_gap():
     rng = np.random.default_rng(1)
     starts = np.arange(4000) % 2 == 0
     steps = np.repeat(rng.choice([-1.0, 1.0], 2000), 2)
-    agree(inflation(steps, starts), 3.0, 0.05)
-    assert inflation(rng.standard_normal(4000), starts) < 1.2
+    agree(estimate_autocorrelation_time(steps, starts), 3.0, 0.05)
+    assert estimate_autocorrelation_time(rng.standard_normal(4000), starts) < 1.2
 
 
 def test_single_readings_and_short_tables_are_taken_as_independent():
-    assert inflation(np.ones(100), np.ones(100, dtype=bool)) == 1.0
-    assert inflation(np.ones(29), np.arange(29) == 0) == 1.0
+    assert estimate_autocorrelation_time(np.ones(100), np.ones(100, dtype=bool)) == 1.0
+    assert estimate_autocorrelation_time(np.ones(29), np.arange(29) == 0) == 1.0
 
 
 def test_correlation_time_is_that_of_the_noise():
     case = made()
     there = np.ones(case.recording.n, dtype=bool)
-    agree(correlation_time(worth(np.exp(-1 / 7.0)), case.recording, there), 7.0, 1e-9)
-    assert correlation_time(1.0, case.recording, there) == 0.0
-    assert correlation_time(9.0, dataclasses.replace(case.recording, time=None), there) == 0.0
+    agree(compute_correlation_time(worth(np.exp(-1 / 7.0)), case.recording, there), 7.0, 1e-9)
+    assert compute_correlation_time(1.0, case.recording, there) == 0.0
+    assert compute_correlation_time(9.0, dataclasses.replace(case.recording, time=None), there) == 0.0
 
 
 def test_noise_of_pressure_and_length_is_carried_through_the_model():
     case = made(off=(0, 0, 0))
-    at, (rename,) = joint_space([case], "elastic", ())
-    one = member(case, "elastic", at, rename)
-    sd = effective_sd(one, at.values(jnp.zeros(at.size)), SENSORS, (2.0, 5e-5))[:, 30]
+    at, (rename,) = build_joint_space([case], "elastic", ())
+    one = build_dataset(case, "elastic", at, rename)
+    sd = compute_effective_sd(one, at.to_values(jnp.zeros(at.size)), SENSORS, (2.0, 5e-5))[:, 30]
     muscle = assemble("elastic", {k: jnp.asarray(v) for k, v in TRUE.items()})
     p, x = case.recording.pressure[30], case.recording.length[30]
 
@@ -110,7 +117,7 @@ def test_correlated_noise_widens_what_a_fit_says():
 
 
 def test_without_inflation_it_would_not(monkeypatch):
-    monkeypatch.setattr(pamjax.infer.fitting.reweight, "inflation", lambda *_: 1.0)
+    monkeypatch.setattr(pamjax.infer.fitting.reweight, "estimate_autocorrelation_time", lambda *_: 1.0)
     assert widening(0.8) < 0.65 * np.sqrt(worth(0.8))
 
 
@@ -118,7 +125,7 @@ def test_a_sensor_that_is_not_given_is_found():
     found = fit(made(sensors=dataclasses.replace(SENSORS, force=None, diameter=None)), starts=1, fold_count=2)
     given = fit(made(), starts=1, fold_count=2)
     for channel, noise in found.cases[0].noise.items():
-        assert not noise.given
+        assert not noise.stated
         assert noise.sd == pytest.approx(given.cases[0].noise[channel].sd, rel=0.2)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pamjax.infer.noise.static_table import table_variance
+from pamjax.infer.noise.static_table import estimate_table_variance
 from tests.agreement import SAMPLED
 
 NOISE = 0.3
@@ -21,7 +21,7 @@ def table(seed=1, lengths=40, pressures=12):
 
 
 def test_noise_is_found_under_a_misfit_a_hundred_times_as_large():
-    variance, freedom = table_variance(*table())
+    variance, freedom = estimate_table_variance(*table())
     assert variance / NOISE**2 == pytest.approx(1.0, abs=SAMPLED * np.sqrt(2 / freedom))
     # Able to fail: neighbours in the order of rows see the misfit.
     assert np.mean(np.diff(table()[2]) ** 2) / 2 > 10 * NOISE**2
@@ -31,7 +31,7 @@ def test_noise_is_found_under_a_misfit_a_hundred_times_as_large():
 def test_how_well_it_is_known_is_the_spread_over_many_tables(rows):
     p = np.linspace(1.0, 5.0, rows)
     rng = np.random.default_rng(3)
-    found = [table_variance(p, np.ones(rows), rng.standard_normal(rows)) for _ in range(4000)]
+    found = [estimate_table_variance(p, np.ones(rows), rng.standard_normal(rows)) for _ in range(4000)]
     variances, freedom = np.array([v for v, _ in found]), found[0][1]
     # A mean of ν squares has the relative variance 2/ν.
     assert np.var(variances) == pytest.approx(2 / freedom, rel=0.15)
@@ -39,5 +39,5 @@ def test_how_well_it_is_known_is_the_spread_over_many_tables(rows):
 
 
 def test_without_a_line_of_three_it_is_not_known():
-    assert table_variance(np.array([1.0, 2.0]), np.ones(2), np.ones(2))[1] == 0
-    assert table_variance(np.zeros(0), np.zeros(0), np.zeros(0))[1] == 0
+    assert estimate_table_variance(np.array([1.0, 2.0]), np.ones(2), np.ones(2))[1] == 0
+    assert estimate_table_variance(np.zeros(0), np.zeros(0), np.zeros(0))[1] == 0

@@ -4,29 +4,29 @@ import numpy as np
 import pytest
 
 from pamjax.infer.noise.unknown_sensor import (
-    LAGS,
-    TRIED,
-    Seen,
-    _expected,
-    second_differences,
-    unstated,
+    CORRELATION_GRID,
+    DIFFERENCE_LAGS,
+    DifferenceStatistics,
+    _compute_expected_squares,
+    compute_second_differences,
+    estimate_unknown_noise,
 )
 from tests.diagnosis.noise_draws import repeating
 
 N = 850
 ONE_RUN = np.zeros(N)
-NO_OTHER, MANY = np.zeros(LAGS.size), np.full(LAGS.size, N)
+NO_OTHER, MANY = np.zeros(DIFFERENCE_LAGS.size), np.full(DIFFERENCE_LAGS.size, N)
 
 
 def squares(values):
-    return np.array([np.mean(d**2) for d in second_differences(values, ONE_RUN)])
+    return np.array([np.mean(d**2) for d in compute_second_differences(values, ONE_RUN)])
 
 
 @pytest.mark.parametrize("k", [0, 25, 46])
 def test_mean_squares_and_their_errors_are_those_of_simulated_noise(k):
     rng = np.random.default_rng(k)
-    drawn = np.array([squares(repeating(rng, TRIED[k], N)) for _ in range(3000)])
-    mean, covariance = _expected(k)
+    drawn = np.array([squares(repeating(rng, CORRELATION_GRID[k], N)) for _ in range(3000)])
+    mean, covariance = _compute_expected_squares(k)
     assert drawn.mean(axis=0) == pytest.approx(mean, rel=0.03)
     found = np.cov((drawn / mean).T) * N
     assert found == pytest.approx(covariance, rel=0.15, abs=0.15 * np.max(covariance))
@@ -37,7 +37,12 @@ def test_mean_squares_and_their_errors_are_those_of_simulated_noise(k):
 def test_size_and_memory_are_found_beside_a_misfit_that_bends(rho, misfit):
     rng, slow = np.random.default_rng(1), misfit * np.sin(2 * np.pi * np.arange(N) / 85)
     taken = np.array(
-        [unstated(Seen(squares(repeating(rng, rho, N) + slow), MANY, NO_OTHER, 0.1)).taken for _ in range(60)]
+        [
+            estimate_unknown_noise(
+                DifferenceStatistics(squares(repeating(rng, rho, N) + slow), MANY, NO_OTHER, 0.1)
+            ).correlation_and_variance
+            for _ in range(60)
+        ]
     )
     assert np.median(taken[:, 0]) == pytest.approx(rho, abs=0.06)
     assert np.median(taken[:, 1]) == pytest.approx(1.0, rel=0.3)
@@ -49,12 +54,14 @@ def test_what_it_might_be_holds_what_it_is(rho):
     rng, below, far_below = np.random.default_rng(2), [], []
     for _ in range(100):
         values = repeating(rng, rho, N) + rng.standard_normal(N)
-        found = unstated(Seen(squares(values), MANY, np.full(LAGS.size, 6.0), 0.1))
-        slow = found.might[:, 1] * (1 + found.might[:, 0]) / (1 - found.might[:, 0])
+        found = estimate_unknown_noise(
+            DifferenceStatistics(squares(values), MANY, np.full(DIFFERENCE_LAGS.size, 6.0), 0.1)
+        )
+        slow = found.candidates[:, 1] * (1 + found.candidates[:, 0]) / (1 - found.candidates[:, 0])
         assert np.all(np.diff(slow) >= -1e-9 * slow[-1])
-        assert found.chance.sum() == pytest.approx(1.0)
-        below.append(found.chance[slow < (1 + rho) / (1 - rho)].sum())
-        far_below.append(found.chance[slow < 4 * (1 + rho) / (1 - rho)].sum())
+        assert found.probability.sum() == pytest.approx(1.0)
+        below.append(found.probability[slow < (1 + rho) / (1 - rho)].sum())
+        far_below.append(found.probability[slow < 4 * (1 + rho) / (1 - rho)].sum())
     # It is hardly ever beyond all that it might be: this is what noise is told from a misfit by.
     assert np.mean(np.array(below) > 0.99) < 0.06
     assert np.mean(np.array(below) < 0.01) < 0.06
@@ -66,8 +73,8 @@ def test_what_it_might_be_holds_what_it_is(rho):
 
 def test_differences_stay_within_their_run():
     runs, values = np.repeat([0, 1], 50), np.r_[np.zeros(50), np.full(50, 1e3)]
-    assert all(not d.any() for d in second_differences(values, runs))
-    assert second_differences(values, np.zeros(100))[0].any()
+    assert all(not d.any() for d in compute_second_differences(values, runs))
+    assert compute_second_differences(values, np.zeros(100))[0].any()
 
 
 def test_slow_noise_may_be_there_beside_white_noise_of_which_nothing_was_stated():
@@ -75,15 +82,25 @@ def test_slow_noise_may_be_there_beside_white_noise_of_which_nothing_was_stated(
     for _ in range(40):
         values = squares(repeating(rng, 0.9, N) + rng.standard_normal(N))
         for room, told in beyond.items():
-            found = unstated(Seen(values, MANY, NO_OTHER, 0.1, open=room))
-            slow = found.might[:, 1] * (1 + found.might[:, 0]) / (1 - found.might[:, 0])
-            told.append(found.chance[slow < 19].sum() > 0.99)
+            found = estimate_unknown_noise(
+                DifferenceStatistics(values, MANY, NO_OTHER, 0.1, allows_white_noise=room)
+            )
+            slow = found.candidates[:, 1] * (1 + found.candidates[:, 0]) / (1 - found.candidates[:, 0])
+            told.append(found.probability[slow < 19].sum() > 0.99)
     assert np.mean(beyond[True]) < 0.15
     # Able to fail: without room for white noise next to nothing is believed to repeat itself.
     assert np.mean(beyond[False]) > 0.8
 
 
 def test_a_recording_without_noise_breaks_nothing():
-    found = unstated(Seen(np.zeros(LAGS.size), MANY, np.full(LAGS.size, 6.0), 0.1, open=True))
-    assert np.all(np.isfinite(found.might))
-    assert found.chance.sum() == pytest.approx(1.0)
+    found = estimate_unknown_noise(
+        DifferenceStatistics(
+            np.zeros(DIFFERENCE_LAGS.size),
+            MANY,
+            np.full(DIFFERENCE_LAGS.size, 6.0),
+            0.1,
+            allows_white_noise=True,
+        )
+    )
+    assert np.all(np.isfinite(found.candidates))
+    assert found.probability.sum() == pytest.approx(1.0)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from pamjax.infer.posterior.ar1_likelihood import Stream
+from pamjax.infer.posterior.ar1_likelihood import Ar1Likelihood
 from tests.agreement import ROUNDING, agree, difference
 
 #: Two runs of four samples, of which the second row was not measured.
@@ -17,7 +17,7 @@ CARRIED = np.linspace(0.5, 1.5, 8)
 
 
 def stream():
-    return Stream(0, 0, 1, *map(jnp.asarray, (THERE, LINKED, BEFORE, CARRIED)))
+    return Ar1Likelihood(0, 0, 1, *map(jnp.asarray, (THERE, LINKED, BEFORE, CARRIED)))
 
 
 def by_matrix(misfit, sd, memory):
@@ -34,13 +34,13 @@ def by_matrix(misfit, sd, memory):
 @pytest.mark.parametrize("memory", [-0.3, 0.0, 0.8])
 def test_it_is_the_gaussian_of_its_covariance(memory):
     misfit = np.random.default_rng(1).normal(size=8) * THERE
-    found = stream().log_density(jnp.asarray(misfit), jnp.array([1.3, memory])).sum()
+    found = stream().compute_log_density(jnp.asarray(misfit), jnp.array([1.3, memory])).sum()
     agree(found, by_matrix(misfit, 1.3, memory), ROUNDING)
 
 
 def test_another_memory_is_another_density():
     misfit = np.random.default_rng(1).normal(size=8) * THERE
-    found = float(stream().log_density(jnp.asarray(misfit), jnp.array([1.3, 0.5])).sum())
+    found = float(stream().compute_log_density(jnp.asarray(misfit), jnp.array([1.3, 0.5])).sum())
     assert abs(found - by_matrix(misfit, 1.3, 0.6)) > 0.01
 
 
@@ -51,13 +51,15 @@ def test_the_information_is_the_curvature_on_average():
     s = np.zeros(n)
     for i in range(n):
         s[i] = random.normal() if i == 0 else memory * s[i - 1] + np.sqrt(1 - memory**2) * random.normal()
-    one = Stream(0, 0, 1, jnp.ones(n), jnp.ones(n).at[0].set(0.0), None, jnp.zeros(n))
+    one = Ar1Likelihood(0, 0, 1, jnp.ones(n), jnp.ones(n).at[0].set(0.0), None, jnp.zeros(n))
 
     def slope(log_sd):
         return difference(
-            lambda r: one.log_density(jnp.asarray(sd * s), jnp.array([np.exp(log_sd), r])).sum(), memory, 1e-4
+            lambda r: one.compute_log_density(jnp.asarray(sd * s), jnp.array([np.exp(log_sd), r])).sum(),
+            memory,
+            1e-4,
         )
 
     across = -difference(slope, np.log(sd), 1e-4)
-    said = one.information(jnp.array([sd, memory]))
+    said = one.compute_information(jnp.array([sd, memory]))
     agree(across, said[0, 1], 0.1)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, kstest
 
-from pamjax.infer.posterior.laplace import laplace
+from pamjax.infer.posterior.laplace import fit_laplace
 from tests.calibrated import Bench, believing_white
 
 COUNT = 40
@@ -19,10 +19,10 @@ def distances(bench, change=lambda density: density):
     for k in range(COUNT):
         density, start = bench.recording(k)
         density = change(density)
-        ball = laplace(density, start)
-        at = density.at
-        off = np.asarray(at.point(dict(zip(at.names, bench.true[k], strict=True))) - ball.centre)[:3]
-        covariance = np.asarray(ball.root @ ball.root.T)[:3, :3]
+        ball = fit_laplace(density, start)
+        at = density.space
+        off = np.asarray(at.to_point(dict(zip(at.names, bench.true[k], strict=True))) - ball.centre)[:3]
+        covariance = np.asarray(ball.covariance_root @ ball.covariance_root.T)[:3, :3]
         found.append(chi2.cdf(off @ np.linalg.solve(covariance, off), 3))
     return np.array(found)
 

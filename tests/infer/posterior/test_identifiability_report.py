@@ -7,11 +7,15 @@ import numpy as np
 import pytest
 
 import pamjax
-from pamjax.infer.posterior.identifiability_report import Told, _kind, _product
-from pamjax.infer.posterior.profile import Profile
-from pamjax.infer.posterior.result import profile as profiles
-from pamjax.infer.problem.parameter_space import Free, space
-from pamjax.model.parameters import meaning
+from pamjax.infer.posterior import profile as profiles
+from pamjax.infer.posterior.identifiability_report import (
+    ParameterSummary,
+    _classify_parameter,
+    _format_product,
+)
+from pamjax.infer.posterior.profile import LikelihoodProfile
+from pamjax.infer.problem.parameter_space import FreeParameter, build_space
+from pamjax.model.parameters import find_meaning
 from tests.infer.posterior.test_sample import drawn, fitted
 
 MUSCLE = """\
@@ -57,8 +61,8 @@ def test_only_the_product_of_modulus_and_area_acts(tmp_path):
     found = verdicts(case(tmp_path / "a", (138, 276, 414, 552, 689), area=area, length=KNOWN))
     for name in ("thread.modulus", "muscle.thread_area"):
         assert found[name].kind == "only in combination"
-        assert "thread.modulus × muscle.thread_area" in found[name].says or (
-            "muscle.thread_area × thread.modulus" in found[name].says
+        assert "thread.modulus × muscle.thread_area" in found[name].detail or (
+            "muscle.thread_area × thread.modulus" in found[name].detail
         )
     assert found["muscle.thread_length"].kind == "determined"
 
@@ -68,9 +72,9 @@ def test_longer_threads_look_like_softer_ones_at_one_pressure(tmp_path):
     found = verdicts(case(tmp_path / "b", (680, 684, 689), area='"0.0858 mm^2"', length=UNKNOWN))
     said = found["thread.modulus"]
     assert said.kind == "only in combination"
-    assert "go unnoticed together" in said.says
+    assert "go unnoticed together" in said.detail
     # A longer thread goes with a stiffer one.
-    assert said.says.count("+") == 2
+    assert said.detail.count("+") == 2
 
 
 @pytest.mark.slow
@@ -104,37 +108,47 @@ def test_a_profile_of_a_parabola_ends_where_least_squares_says():
     ],
 )
 def test_a_number_is_at_a_limit_if_its_draws_pile_up_there(draws, kind):
-    told = Told(low=0.0, high=5.0, log=False, unit="1", value=0.1, believed=5 / np.sqrt(12), alone=True)
+    told = ParameterSummary(
+        low=0.0,
+        high=5.0,
+        log_scale=False,
+        unit="1",
+        value=0.1,
+        prior_sd=5 / np.sqrt(12),
+        determined_alone=True,
+    )
     # The profile says determined; the draws say whether a limit comes first.
-    along = Profile(values=np.arange(3.0), rise=np.zeros(3), low=0.05, high=0.2)
-    assert _kind(told, draws(np.random.default_rng(2)), along)[0] == kind
+    along = LikelihoodProfile(values=np.arange(3.0), rise=np.zeros(3), low=0.05, high=0.2)
+    assert _classify_parameter(told, draws(np.random.default_rng(2)), along)[0] == kind
 
 
 def test_a_profile_is_followed_where_a_wide_range_begins_close_by(monkeypatch):
     """0.13 ± 0.05 N in a range of 500 N: hardly off its limit, and known on both sides."""
-    about = meaning("braid_friction.constant")
-    at = space([Free("braid_friction.constant", about, 0.13, np.inf)])
-    top = at.point({"braid_friction.constant": 0.13})
-    slope = jax.grad(lambda u: at.values(u)[0])(top)
-    monkeypatch.setattr(profiles, "spread_in_u", lambda _: 0.05 / np.asarray(slope))
+    about = find_meaning("braid_friction.constant")
+    at = build_space([FreeParameter("braid_friction.constant", about, 0.13, np.inf)])
+    top = at.to_point({"braid_friction.constant": 0.13})
+    slope = jax.grad(lambda u: at.to_values(u)[0])(top)
+    monkeypatch.setattr(profiles, "compute_sd_in_u", lambda _: 0.05 / np.asarray(slope))
     monkeypatch.setattr(
-        profiles, "_held", lambda _, k, u: (0.5 * float(((at.values(u)[k] - 0.13) / 0.05) ** 2), u)
+        profiles,
+        "_solve_with_fixed",
+        lambda _, k, u: (0.5 * float(((at.to_values(u)[k] - 0.13) / 0.05) ** 2), u),
     )
-    problem = profiles.Problem((), at, "square", SimpleNamespace(u=top))  # pyright: ignore[reportArgumentType]
-    found = profiles.profile(problem, "braid_friction.constant")
+    problem = profiles.ProfileProblem((), at, "square", SimpleNamespace(u=top))  # pyright: ignore[reportArgumentType]
+    found = profiles.compute_profile(problem, "braid_friction.constant")
     assert found.low == pytest.approx(0.03, abs=0.01)
     assert found.high == pytest.approx(0.23, abs=0.01)
 
 
 def test_a_product_is_written_as_one():
-    assert _product(["a", "b"], np.array([1.0, -1.02])) == "a / b"
-    assert _product(["a", "b", "c"], np.array([1.0, 0.5, 0.95])) == "a × b^0.5 × c"
+    assert _format_product(["a", "b"], np.array([1.0, -1.02])) == "a / b"
+    assert _format_product(["a", "b", "c"], np.array([1.0, 0.5, 0.95])) == "a × b^0.5 × c"
 
 
 def test_a_verdict_compares_with_what_was_told():
     # Five diameters know the modulus to 4 GPa, as well as they who say so.
     told = {"thread.modulus": {"value": 84e9, "sd": 3e9}}
-    found = pamjax.sample(fitted(), beliefs=told, ess=200, rhat=1.1, seed=1).verdicts["thread.modulus"]
+    found = pamjax.sample(fitted(), priors=told, ess=200, rhat=1.1, seed=1).verdicts["thread.modulus"]
     assert found.kind == "not determined"
     assert drawn().verdicts["thread.modulus"].kind == "determined"
 
@@ -142,6 +156,6 @@ def test_a_verdict_compares_with_what_was_told():
 def test_a_profile_believes_what_was_told_of_the_others():
     # With the turns known, the length that five diameters tell is known much better.
     told = {"muscle.turns": {"value": 1.09, "sd": 1e-5}}
-    post = pamjax.sample(fitted(), beliefs=told, ess=200, rhat=1.1, seed=1)
+    post = pamjax.sample(fitted(), priors=told, ess=200, rhat=1.1, seed=1)
     loose, held = (p.verdicts["muscle.thread_length"].profile for p in (drawn(), post))
     assert held.high - held.low < 0.5 * (loose.high - loose.low)

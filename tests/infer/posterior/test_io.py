@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from pamjax.infer.posterior.identifiability_report import COMBINED
+from pamjax.infer.posterior.identifiability_report import COMBINATION_KIND
 from pamjax.infer.posterior.io import save_posterior
-from pamjax.infer.posterior.predictive import prior_draws
+from pamjax.infer.posterior.predictive import sample_prior
 from pamjax.view.figures.posterior import (
-    band_figure,
-    corner_figure,
-    profile_figure,
-    ridge_figure,
-    ridges,
+    find_ridges,
+    plot_band,
+    plot_corner,
+    plot_profiles,
+    plot_ridges,
     save_posterior_figures,
 )
 from tests.agreement import ROUNDING, SAMPLED, agree
@@ -61,7 +61,7 @@ def test_arviz_reads_it(written):
     assert {name.strip("/") for name in names} - {""} == GROUPS
     assert found is not None
     # Its own count of effective samples is of the same size as ours.
-    assert 0.7 < ess / drawn().health.ess[2] < 1.4
+    assert 0.7 < ess / drawn().convergence.ess[2] < 1.4
 
 
 def test_blocks_add_up_to_the_likelihood(written):
@@ -70,18 +70,18 @@ def test_blocks_add_up_to_the_likelihood(written):
         blocks = tree["log_likelihood"]["blocks"]
         assert list(tree["log_likelihood"]["block"].values) == [f"row {k}" for k in range(2, 7)]
         sums, draw = blocks.sum("block").values, blocks["draw"].values
-    at = post.density.at
+    at = post.density.space
     for k in (0, 3):
         value = dict(zip(post.names, post.draws[draw[k], 0], strict=True))
-        agree(sums[0, k], float(post.density.log_likelihood(at.point(value))), 1e-6)
+        agree(sums[0, k], float(post.density.compute_log_likelihood(at.to_point(value))), 1e-6)
 
 
 def test_the_prior_is_what_was_believed():
-    draws = prior_draws(drawn().density, 20_000, 0)
+    draws = sample_prior(drawn().density, 20_000, 0)
     error = 20e9 / np.sqrt(20_000)
     assert abs(draws[:, 2].mean() - 112e9) < SAMPLED * error
     assert abs(draws[:, 2].std() - 20e9) < SAMPLED * error
-    low, high = (float(a[3]) for a in (drawn().density.at.low, drawn().density.at.high))
+    low, high = (float(a[3]) for a in (drawn().density.space.low, drawn().density.space.high))
     share = np.log(draws[:, 3] / low) / np.log(high / low)
     assert abs(share.mean() - 0.5) < SAMPLED * np.sqrt(1 / 12 / 20_000)
 
@@ -97,15 +97,15 @@ def test_an_interrupted_save_leaves_nothing_half(tmp_path, monkeypatch):
 
 
 def test_figures_show_every_number():
-    corner = corner_figure(drawn())
+    corner = plot_corner(drawn())
     assert sum(axes.axison for axes in corner.axes) == 10
     assert "move together most (correlation +0.9" in corner.get_suptitle()
-    (panel,) = (axes for axes in band_figure(drawn()).axes)
+    (panel,) = (axes for axes in plot_band(drawn()).axes)
     assert "of samples in the band that is to hold 90 %" in panel.get_title("left").replace("\n", " ")
     points = [line for line in panel.lines if line.get_gid() == "measured"]
     assert sum(line.get_xdata().size for line in points) == 5
     lines = [
-        line for axes in profile_figure(drawn()).axes for line in axes.lines if line.get_gid() == "profile"
+        line for axes in plot_profiles(drawn()).axes for line in axes.lines if line.get_gid() == "profile"
     ]
     assert len(lines) == 3
     assert all(line.get_ydata().min() == 0 for line in lines)
@@ -113,18 +113,18 @@ def test_figures_show_every_number():
 
 def test_a_ridge_stands_on_what_was_believed():
     post = drawn()
-    assert ridges(post) == []
+    assert find_ridges(post) == []
     loose = {
-        name: replace(v, kind=COMBINED) if name != "thread.modulus" else v
+        name: replace(v, kind=COMBINATION_KIND) if name != "thread.modulus" else v
         for name, v in post.verdicts.items()
     }
     told = replace(post)
     vars(told)["verdicts"] = loose
-    assert ridges(told) == [(0, 1)]
+    assert find_ridges(told) == [(0, 1)]
     # The partner need not be told as a combination itself.
     vars(told)["verdicts"] = loose | {"muscle.turns": post.verdicts["muscle.turns"]}
-    assert ridges(told) == [(0, 1)]
-    (panel,) = ridge_figure(told).axes
+    assert find_ridges(told) == [(0, 1)]
+    (panel,) = plot_ridges(told).axes
     before, after = (
         next(line for line in panel.lines if line.get_gid() == gid) for gid in ("prior", "posterior")
     )

@@ -22,7 +22,7 @@ from pamjax.infer.fitting.fit import fit
 from pamjax.infer.posterior.sample import sample
 from tests.agreement import ENOUGH, SAMPLED
 
-PAPER = Path(__file__).parents[2] / "fits/chambers_wereley_2022"
+PAPER = Path(__file__).parents[3] / "fits/chambers_wereley_2022"
 QUICK = {"ess": 400.0, "rhat": 1.02}
 KEPT = "draws-*.npz"
 
@@ -68,16 +68,16 @@ def by_grid():
 
 def noisy(post):
     """Draws of each number, the sd by its logarithm, and effective samples."""
-    assert post.health.ess.min() > ENOUGH
+    assert post.convergence.ess.min() > ENOUGH
     draws = post.flat.copy()
     draws[:, 3] = np.log(draws[:, 3])
-    return draws.mean(0), draws.std(0), post.health.ess
+    return draws.mean(0), draws.std(0), post.convergence.ess
 
 
 @pytest.mark.slow
 def test_a_grid_says_the_same():
     mean, sd, ess = noisy(drawn())
-    assert drawn().reached
+    assert drawn().converged
     for k, (grid_mean, grid_sd) in enumerate(by_grid()):
         assert abs(mean[k] - grid_mean) < SAMPLED * grid_sd / np.sqrt(ess[k]) + 0.02 * grid_sd
         # Tails make an sd less sure than the Gaussian's 1 / sqrt(2 ESS).
@@ -121,12 +121,12 @@ def test_a_higher_target_goes_on_where_the_lower_ended(tmp_path):
     count = len(list(tmp_path.glob(KEPT)))
     high = sample(fitted(), seed=1, checkpoint=tmp_path, ess=3000, rhat=1.1)
     assert len(list(tmp_path.glob(KEPT))) > count
-    assert high.health.ess.min() >= 3000 > low.health.ess.min()
+    assert high.convergence.ess.min() >= 3000 > low.convergence.ess.min()
 
 
 def test_too_few_draws_are_told_and_handed_over():
     post = sample(fitted(), max_draws=150)
-    assert not post.reached
+    assert not post.converged
     assert "DID NOT GET THERE" in str(post)
     assert post.draws.shape[0] == 120
 
@@ -146,7 +146,7 @@ def test_another_chain_is_refused(tmp_path):
             sample(fitted(), seed=1, checkpoint=tmp_path, max_draws=100)
         (tmp_path / "identity.json").write_text(json.dumps(document))
     with pytest.raises(BadInput, match=r"begun with \(priors\)"):
-        sample(fitted(), seed=1, checkpoint=tmp_path, beliefs={"thread.modulus": {"sd": 1e9}})
+        sample(fitted(), seed=1, checkpoint=tmp_path, priors={"thread.modulus": {"sd": 1e9}})
     with pytest.raises(BadInput, match=r"begun with \(model\); got another model"):
         sample(_with_memory(fitted(), gaps="anew"), seed=1, checkpoint=tmp_path)
     with pytest.raises(BadInput, match=r"begun with \(seed\); got 1, not 2"):
@@ -190,7 +190,7 @@ def test_a_killed_run_goes_on_as_if_it_had_not_been(tmp_path):
 
 
 def test_a_belief_is_believed():
-    narrow = sample(fitted(), beliefs={"thread.modulus": {"value": 100e9, "sd": 0.5e9}}, seed=1, **QUICK)
+    narrow = sample(fitted(), priors={"thread.modulus": {"value": 100e9, "sd": 0.5e9}}, seed=1, **QUICK)
     m = narrow.marginals["thread.modulus"]
     assert abs(m.mean - 100e9) < 1e9
     assert m.sd < 0.6e9
@@ -202,9 +202,9 @@ def test_a_belief_is_believed():
     [
         ({"sampler": "gibbs"}, "'gibbs' is no sampler. Known are `emcee`, `nuts`."),
         ({"ess": 0}, "`ess` must be at least 1; got 0"),
-        ({"beliefs": {"thread.modulo": {}}}, "'thread.modulo' is no free number of this fit. Did you mean"),
+        ({"priors": {"thread.modulo": {}}}, "'thread.modulo' is no free number of this fit. Did you mean"),
         (
-            {"beliefs": {"thread.modulus": {"low": 1.0}}},
+            {"priors": {"thread.modulus": {"low": 1.0}}},
             "limits of `thread.modulus` must rise and stay within",
         ),
     ],
@@ -220,7 +220,7 @@ def test_a_soft_loss_is_refused():
 
 
 def test_a_prior_is_a_density():
-    at = drawn().density.at
+    at = drawn().density.space
     # Along one number, the others at their starts: the density of u integrates to one.
     for k in range(at.size):
         u = (
@@ -229,7 +229,7 @@ def test_a_prior_is_a_density():
             else jnp.linspace(-30, 30, 4001) / at.width[k]
         )
         points = jnp.zeros((u.size, at.size)).at[:, k].set(u)
-        log_density = jax.vmap(at.log_prior)(points)
+        log_density = jax.vmap(at.compute_log_prior)(points)
         alone = log_density - log_density[u.size // 2] + _alone(at, k)
         assert abs(np.trapezoid(np.exp(alone), u) - 1) < 1e-3
 
@@ -240,7 +240,7 @@ def _alone(at, k):
     share = float(expit(z))
     if not np.isfinite(at.sd[k]):
         return np.log(share * (1 - share) * width)
-    value = float(at.values(np.zeros(at.size))[k])
-    slope = value * np.log(high / low) if at.log[k] else high - low
+    value = float(at.to_values(np.zeros(at.size))[k])
+    slope = value * np.log(high / low) if at.log_scale[k] else high - low
     density = np.exp(-0.5 * ((value - at.mean[k]) / at.sd[k]) ** 2) / at.sd[k] / np.sqrt(2 * np.pi)
     return np.log(density * slope * share * (1 - share) * width)

@@ -4,17 +4,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from pamjax.infer.fitting.fit import joint_space
-from pamjax.infer.problem.dataset import SLACK, counts, member, slack
-from pamjax.records.blocks import blocks
-from pamjax.records.reading.quantity import Measured
+from pamjax.infer.fitting.fit import build_joint_space
+from pamjax.infer.problem.dataset import (
+    MAX_SLACK_FORCE_SHARE,
+    build_dataset,
+    find_informative_samples,
+    find_slack_samples,
+)
+from pamjax.records.blocks import find_blocks
+from pamjax.records.reading.quantity import MeasuredValue
 from pamjax.records.recording import Recording
 from tests.infer.made import made
 
 
 def history_of(case):
-    at, (rename,) = joint_space([case], "elastic", ())
-    return member(case, "elastic", at, rename).history
+    at, (rename,) = build_joint_space([case], "elastic", ())
+    return build_dataset(case, "elastic", at, rename).history
 
 
 def test_memory_goes_on_or_begins_anew_as_is_stated_for_each_recording():
@@ -41,10 +46,10 @@ def test_a_sample_is_not_called_slack_for_its_own_noise():
         time=0.1 * np.arange(up.size),
     )
     case = replace(made(), recording=recording)
-    assert blocks(recording).kind == "lengths"
-    beside = np.abs(300.0 * up - SLACK * 300.0) < 8.0
-    kept = counts(case, "force") & beside
-    by_itself = (recording.force >= SLACK * np.max(recording.force)) & beside
+    assert find_blocks(recording).kind == "lengths"
+    beside = np.abs(300.0 * up - MAX_SLACK_FORCE_SHARE * 300.0) < 8.0
+    kept = find_informative_samples(case, "force") & beside
+    by_itself = (recording.force >= MAX_SLACK_FORCE_SHARE * np.max(recording.force)) & beside
     off, naive = (np.mean(noise[rows]) / (4.0 / np.sqrt(rows.sum())) for rows in (kept, by_itself))
     assert naive > 3.0
     assert abs(off) < 2.0
@@ -62,9 +67,9 @@ def test_a_sample_far_below_its_neighbours_is_slack():
     )
     case = replace(made(), recording=recording)
     assert case.entry.sensors.force
-    assert slack(case)[32::100].all()
+    assert find_slack_samples(case)[32::100].all()
     unstated = replace(case.entry, sensors=replace(case.entry.sensors, force=None))
-    assert not slack(replace(case, entry=unstated))[32::100].any()
+    assert not find_slack_samples(replace(case, entry=unstated))[32::100].any()
 
 
 def test_a_diameter_without_pressure_is_not_held_against_a_model():
@@ -80,27 +85,29 @@ def test_a_diameter_without_pressure_is_not_held_against_a_model():
     entry = made().entry
     noisy = replace(entry, sensors=replace(entry.sensors, pressure=1e3))
     case = replace(made(), recording=recording, entry=noisy)
-    assert blocks(recording).kind == "lengths"
-    assert np.array_equal(counts(case, "diameter"), (recording.pressure > 3e3) & ~slack(case))
-    assert 0 < (slack(case) & (recording.pressure > 3e3)).sum() < 0.1 * recording.n
+    assert find_blocks(recording).kind == "lengths"
+    assert np.array_equal(
+        find_informative_samples(case, "diameter"), (recording.pressure > 3e3) & ~find_slack_samples(case)
+    )
+    assert 0 < (find_slack_samples(case) & (recording.pressure > 3e3)).sum() < 0.1 * recording.n
     strokes = replace(recording, pressure=recording.length, length=recording.pressure)
-    assert counts(replace(case, recording=strokes), "diameter").all()
+    assert find_informative_samples(replace(case, recording=strokes), "diameter").all()
 
 
 def test_the_zero_of_a_load_cell_shows_where_the_muscle_is_slack():
     # A long thread pulls no more after a sixth of contraction.
-    case = made(true={"muscle.thread_length": 0.34}, thread_length=Measured(0.3405, 0.8e-3))
+    case = made(true={"muscle.thread_length": 0.34}, thread_length=MeasuredValue(0.3405, 0.8e-3))
     force = np.where(np.isnan(case.recording.force), 0.0, case.recording.force) - 20.0
     case = replace(case, recording=replace(case.recording, force=force))
-    at, (rename,) = joint_space([case], "elastic", (), ("force_offset",))
-    one = member(case, "elastic", at, rename, ("force_offset",))
+    at, (rename,) = build_joint_space([case], "elastic", (), ("force_offset",))
+    one = build_dataset(case, "elastic", at, rename, ("force_offset",))
     values = np.array(at.mean)
     values[at.names.index("force_offset.offset")] = -20.0
-    shown = np.asarray(one.reading(values).force)
+    shown = np.asarray(one.predict(values).force)
     pushes = np.asarray(
-        replace(one, rows=replace(one.rows, slack=one.rows.slack & False)).reading(values).force
+        replace(one, rows=replace(one.rows, is_slack=one.rows.is_slack & False)).predict(values).force
     )
-    loose = np.asarray(one.rows.slack) & (pushes < -30.0)
+    loose = np.asarray(one.rows.is_slack) & (pushes < -30.0)
     assert loose.sum() > 20
     # It reads what it reads with nothing on it: not what a pushing muscle would do, and not nothing.
     np.testing.assert_allclose(shown[loose], -20.0)

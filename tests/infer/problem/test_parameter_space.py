@@ -8,33 +8,33 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pamjax.errors import BadInput
-from pamjax.infer.problem.parameter_space import Free, space
+from pamjax.infer.problem.parameter_space import FreeParameter, build_space
 from pamjax.parameter import Meaning
 from tests.agreement import BY_DIFFERENCE, ROUNDING, agree, difference
 
 
 def number(name="a", start=2.0, sd=np.inf, low=0.5, high=9.0, scale="linear"):
-    return Free(name, Meaning("1", "1", low, high, scale, "a number", "here"), start, sd)
+    return FreeParameter(name, Meaning("1", "1", low, high, scale, "a number", "here"), start, sd)
 
 
-TWO = space([number("line", -1.0, 0.3, -4.0, 5.0), number("log", 30.0, 4.0, 1e-3, 1e4, "log")])
-UNKNOWN = space([number("line", 2.0), number("log", 3.0, low=1e-2, high=1e3, scale="log")])
+TWO = build_space([number("line", -1.0, 0.3, -4.0, 5.0), number("log", 30.0, 4.0, 1e-3, 1e4, "log")])
+UNKNOWN = build_space([number("line", 2.0), number("log", 3.0, low=1e-2, high=1e3, scale="log")])
 
 
 @given(st.floats(-3.99, 4.99), st.floats(-6.9, 9.2))
 def test_a_point_leads_back_to_its_values(line, log):
     values = {"line": line, "log": float(np.exp(log))}
-    agree(TWO.values(TWO.point(values)), list(values.values()), 1e-9, scale=1e-2)
+    agree(TWO.to_values(TWO.to_point(values)), list(values.values()), 1e-9, scale=1e-2)
 
 
 @jax.jit
 def everything(at, u):
     return (
-        at.values(u),
-        at.prior_residual(u),
-        jax.jacfwd(at.prior_residual)(u),
-        jax.jacrev(at.prior_residual)(u),
-        jax.jacrev(at.values)(u),
+        at.to_values(u),
+        at.compute_prior_residual(u),
+        jax.jacfwd(at.compute_prior_residual)(u),
+        jax.jacrev(at.compute_prior_residual)(u),
+        jax.jacrev(at.to_values)(u),
     )
 
 
@@ -47,14 +47,14 @@ def test_no_point_leaves_the_limits_and_every_slope_is_finite(a, b):
 
 
 def test_the_origin_is_what_was_stated():
-    agree(TWO.values(jnp.zeros(2)), [-1.0, 30.0], ROUNDING)
-    agree(TWO.prior_residual(jnp.zeros(2)), [0.0, 0.0], ROUNDING, scale=1.0)
+    agree(TWO.to_values(jnp.zeros(2)), [-1.0, 30.0], ROUNDING)
+    agree(TWO.compute_prior_residual(jnp.zeros(2)), [0.0, 0.0], ROUNDING, scale=1.0)
 
 
 def test_a_unit_is_about_one_standard_deviation():
-    slope = jax.jvp(TWO.values, (jnp.zeros(2),), (jnp.ones(2),))[1]
+    slope = jax.jvp(TWO.to_values, (jnp.zeros(2),), (jnp.ones(2),))[1]
     agree(slope, [0.3, 4.0], ROUNDING)
-    agree(TWO.prior_residual(TWO.point({"line": -0.7, "log": 34.0})), [1.0, 1.0], 1e-9)
+    agree(TWO.compute_prior_residual(TWO.to_point({"line": -0.7, "log": 34.0})), [1.0, 1.0], 1e-9)
 
 
 @pytest.mark.parametrize("name", ["line", "log"])
@@ -68,8 +68,8 @@ def test_without_a_prior_any_value_is_as_likely_on_its_own_scale(name):
         k = UNKNOWN.names.index(name)
         at = jnp.zeros(2).at[k].set(u)
         return difference(
-            lambda v: position(float(UNKNOWN.values(jnp.zeros(2).at[k].set(v))[k])), u, 1e-3
-        ), float(UNKNOWN.prior_residual(at)[k])
+            lambda v: position(float(UNKNOWN.to_values(jnp.zeros(2).at[k].set(v))[k])), u, 1e-3
+        ), float(UNKNOWN.compute_prior_residual(at)[k])
 
     (first, r), (second, s) = density(0.4), density(-1.3)
     agree(0.5 * (s**2 - r**2), np.log(first / second), BY_DIFFERENCE, scale=1.0)
@@ -77,21 +77,21 @@ def test_without_a_prior_any_value_is_as_likely_on_its_own_scale(name):
 
 def test_that_density_has_no_seam():
     # Its root changes form where z is small.
-    residual = jax.jit(lambda u: UNKNOWN.prior_residual(jnp.zeros(2).at[0].set(u))[0])
+    residual = jax.jit(lambda u: UNKNOWN.compute_prior_residual(jnp.zeros(2).at[0].set(u))[0])
     for z in (-0.0101, -0.0099, 0.0, 0.0099, 0.0101):
         u = float((z - UNKNOWN.origin[0]) / UNKNOWN.width[0])
         agree(jax.grad(residual)(u), difference(residual, u, 1e-4), BY_DIFFERENCE)
 
 
 def test_at_a_limit_is_told_by_name():
-    assert TWO.at_limit(jnp.zeros(2)) == []
-    assert TWO.at_limit(jnp.array([1e3, 0.0])) == ["line"]
-    assert TWO.at_limit(jnp.array([0.0, -1e3])) == ["log"]
+    assert TWO.find_names_at_limit(jnp.zeros(2)) == []
+    assert TWO.find_names_at_limit(jnp.array([1e3, 0.0])) == ["line"]
+    assert TWO.find_names_at_limit(jnp.array([0.0, -1e3])) == ["log"]
 
 
 def test_two_numbers_of_one_name_are_refused():
     with pytest.raises(BadInput, match="a name of its own; got 'a' twice"):
-        space([number(), number()])
+        build_space([number(), number()])
 
 
 def test_a_start_outside_its_limits_is_refused():

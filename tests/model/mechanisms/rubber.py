@@ -3,8 +3,8 @@
 import numpy as np
 from hypothesis import strategies as st
 
-from pamjax.model.bench import Bench, record
-from pamjax.model.history import history
+from pamjax.model.bench import Bench, record_bench
+from pamjax.model.history import build_time_history
 from pamjax.model.state import Cylinder
 
 # The article's muscle, in a bladder of 22.2 mm and 1/16 inch.
@@ -22,13 +22,13 @@ def cylinder(length, thread=THREAD):
 
 
 def clock(n, step=1.0):
-    return history(np.arange(n) * step, np.arange(n) == 0)
+    return build_time_history(np.arange(n) * step, np.arange(n) == 0)
 
 
 def shown(mechanisms, pressure, length, past=None):
     length = np.asarray(length, float)
     pressure = np.broadcast_to(np.asarray(pressure, float), length.shape)
-    return record(bench(*mechanisms), pressure, length, past or clock(length.size))
+    return record_bench(bench(*mechanisms), pressure, length, past or clock(length.size))
 
 
 def added(mechanism, pressure, length, past=None):

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pamjax.model.bench import record
-from pamjax.model.history import history
+from pamjax.model.bench import record_bench
+from pamjax.model.history import build_time_history
 from pamjax.model.mechanism import (
     AbstractMemory,
     AbstractRig,
@@ -22,8 +22,8 @@ from pamjax.model.mechanism import (
 )
 from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
 from pamjax.model.mechanisms.braid_friction import BraidFriction
-from pamjax.model.registry import ALTERNATIVES, MECHANISMS, TWICE, library
-from pamjax.parameter import field_meanings, replace, values
+from pamjax.model.registry import ALTERNATIVES, EXCLUSIVE_PAIRS, MECHANISMS, list_mechanisms
+from pamjax.parameter import list_field_meanings, list_values, replace_values
 from tests.agreement import BY_DIFFERENCE, ROUNDING, SOLVED, agree
 from tests.model.mechanisms.typical import anywhere, bench, full, own, strokes, usual
 
@@ -51,14 +51,14 @@ class Program:
 
     def __init__(self):
         self.bench, self.at = full(*(kind() for kind in ALTERNATIVES)), strokes()
-        self.names = list(values(self.bench))
-        self.neutral = np.array([float(v) for v in values(self.bench).values()])
-        self.many = jax.jit(jax.vmap(self.plain))
+        self.names = list(list_values(self.bench))
+        self.neutral = np.array([float(v) for v in list_values(self.bench).values()])
+        self.row_count = jax.jit(jax.vmap(self.plain))
         self.slopes = jax.jit(jax.jacfwd(lambda x: 2 * (self.plain(x),), has_aux=True))
         self.pull = jax.jit(lambda x, w: jax.vjp(self.plain, x)[1](w)[0])
 
     def plain(self, x):
-        shown = replace(self.bench, dict(zip(self.names, x, strict=True)))(*self.at)
+        shown = replace_values(self.bench, dict(zip(self.names, x, strict=True)))(*self.at)
         return jnp.stack([shown.force, shown.diameter])
 
     def numbers(self, found):
@@ -69,7 +69,7 @@ class Program:
     def shown(self, *several):
         """Force and diameter with the numbers of each; always four, which is one program."""
         filled = [self.numbers(found) for found in several] + [self.neutral] * (4 - len(several))
-        return np.asarray(self.many(np.stack(filled)))[: len(several)]
+        return np.asarray(self.row_count(np.stack(filled)))[: len(several)]
 
     @cached_property
     def at_neutral(self):
@@ -77,7 +77,7 @@ class Program:
 
     @cached_property
     def bare(self):
-        shown = record(bench(), *self.at)
+        shown = record_bench(bench(), *self.at)
         return np.stack([shown.force, shown.diameter])
 
 
@@ -169,9 +169,9 @@ def test_it_says_what_it_is(kind):
     assert "Neutral" in kind.__doc__
     assert "leaves out" in " ".join(kind.__doc__.split())
     assert "Source" in kind.__doc__
-    declared = field_meanings(kind)
+    declared = list_field_meanings(kind)
     assert any(m.neutral is not None for m in declared.values())
-    made = values(kind())
+    made = list_values(kind())
     for name, meaning in declared.items():
         assert meaning.low < meaning.high
         assert meaning.low <= float(made[name]) <= meaning.high
@@ -182,11 +182,13 @@ def test_it_says_what_it_is(kind):
 
 def test_alternatives_are_never_beside_what_they_stand_for():
     for kind in ALTERNATIVES:
-        assert any(frozenset({kind.id, other}) in TWICE for other in WORDS), kind.id
+        assert any(frozenset({kind.id, other}) in EXCLUSIVE_PAIRS for other in WORDS), kind.id
 
 
 def test_what_is_the_same_twice_is_known():
-    assert all(len(pair) == 2 and pair <= set(library()) and why for pair, why in TWICE.items())
+    assert all(
+        len(pair) == 2 and pair <= set(list_mechanisms()) and why for pair, why in EXCLUSIVE_PAIRS.items()
+    )
 
 
 # The potential: force and volume belong together.
@@ -196,11 +198,11 @@ def test_what_is_the_same_twice_is_known():
 def conservative():
     kinds = [kind for kind in EVERY if issubclass(kind, CONSERVATIVE)]
     model = bench(*(kind() for kind in kinds))
-    names, zero = list(values(model)), jnp.zeros(())
+    names, zero = list(list_values(model)), jnp.zeros(())
 
     def instant(x, pressure, length):
-        moved = replace(model, dict(zip(names, x, strict=True)))
-        past, status = moved.prepared().instant(pressure, length, zero, (zero, zero))
+        moved = replace_values(model, dict(zip(names, x, strict=True)))
+        past, status = moved.prepare().solve_instant(pressure, length, zero, (zero, zero))
         return jnp.stack([past.force, past.state.volume]), (past.load, status)
 
     def slopes(x, pressure, length):
@@ -215,7 +217,7 @@ def conservative():
 def maxwell(numbers):
     """∂F/∂P at a length, −∂V/∂L at a pressure, and where the threads are taut, over the muscle's range."""
     _, model, names, slopes = conservative()
-    x = np.array([float(v) for v in values(model).values()])
+    x = np.array([float(v) for v in list_values(model).values()])
     x[[names.index(name) for name in numbers]] = list(numbers.values())
     pressure, contraction = np.meshgrid(np.linspace(1.5e5, 7e5, 6), np.linspace(0, 0.3, 6))
     length = 0.235744 * (1 - contraction.ravel())
@@ -281,14 +283,14 @@ def remembering(*kinds):
     """A bench with elastic threads and memories, compiled as a function of the memories' numbers."""
     model = bench(BraidElasticity(1e-6), *(kind() for kind in kinds))
     names = [name for kind in kinds for name, *_ in own(model, kind)]
-    past = history(np.linspace(0, 60.0, 400), np.arange(400) == 0)
-    shown = jax.jit(lambda x, *at: replace(model, dict(zip(names, x, strict=True)))(*at, past))
+    past = build_time_history(np.linspace(0, 60.0, 400), np.arange(400) == 0)
+    shown = jax.jit(lambda x, *at: replace_values(model, dict(zip(names, x, strict=True)))(*at, past))
     return model, names, shown
 
 
 def check_that_work_is_lost(kind, kinds, seed, share):
     model, names, shown = remembering(*kinds)
-    numbers = {k: float(v) for k, v in values(model).items() if k in names}
+    numbers = {k: float(v) for k, v in list_values(model).items() if k in names}
     bare = shown(np.array(list(numbers.values())), *path(seed))
     # A relaxing force does not say what relaxes: where pressure moves it may give work back.
     relaxed = {k: 0.0 for k in names if k.endswith((".start", ".give", "creep.force"))}
@@ -329,4 +331,4 @@ def test_sensors_take_no_part_in_the_muscle():
     assert len(readers) >= 4
     model = bench(*(kind() for kind in readers))
     numbers = {k: v for kind in readers for k, v in usual(model, kind).items()}
-    agree(record(replace(model, numbers), *p.at).past.force, p.bare[0], ROUNDING)
+    agree(record_bench(replace_values(model, numbers), *p.at).past.force, p.bare[0], ROUNDING)

@@ -123,7 +123,7 @@ def test_elements_start_dragged(start):
 
 def test_a_full_drag_is_that_of_both_frictions():
     friction = BraidFriction(0.2, 5.0)
-    agree(friction.dragged(past(0.2, 300e3)), [[(5 + 0.2 * FULL) * THREAD]], ROUNDING)
+    agree(friction.full_sliding_stress(past(0.2, 300e3)), [[(5 + 0.2 * FULL) * THREAD]], ROUNDING)
 
 
 def test_a_turning_braid_pulls_harder_towards_rest():

@@ -5,8 +5,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from pamjax.model.bench import record
-from pamjax.model.history import history
+from pamjax.model.bench import record_bench
+from pamjax.model.history import build_time_history
 from pamjax.model.mechanisms.braid_locking import BraidLocking
 from pamjax.model.state import Cylinder
 from tests.agreement import ROUNDING, agree, printed
@@ -15,7 +15,7 @@ from tests.model.mechanisms.typical import LENGTH, THREAD, TURNS, bench
 
 ANGLE = np.radians([25.0, 33.0, 45.0, 57.0, 65.0, 69.8, 75.0, 80.0])
 AT = THREAD * np.sin(ANGLE)
-STILL = history(None, np.arange(ANGLE.size) == 0)
+STILL = build_time_history(None, np.arange(ANGLE.size) == 0)
 N = 144
 
 
@@ -23,8 +23,8 @@ N = 144
 def added(pressure, stiffness, width):
     """Force that jamming adds at the angles above, N, and the change of diameter, m."""
     level = np.full(ANGLE.size, pressure)
-    jammed = record(bench(BraidLocking(stiffness, width)), level, AT, STILL)
-    free = record(bench(BraidLocking(0.0, width)), level, AT, STILL)
+    jammed = record_bench(bench(BraidLocking(stiffness, width)), level, AT, STILL)
+    free = record_bench(bench(BraidLocking(0.0, width)), level, AT, STILL)
     return np.asarray(jammed.force - free.force), np.asarray(jammed.diameter - free.diameter)
 
 

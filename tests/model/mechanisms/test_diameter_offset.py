@@ -4,8 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pamjax.model.bench import record
-from pamjax.model.history import history
+from pamjax.model.bench import record_bench
+from pamjax.model.history import build_time_history
 from pamjax.model.mechanisms.diameter_offset import DiameterOffset
 from tests.agreement import ROUNDING, agree
 from tests.model.mechanisms.triangle import past
@@ -13,11 +13,11 @@ from tests.model.mechanisms.typical import LENGTH, bench
 
 PRESSURE = np.array([-2e3, 0.0, 5e4, 1e5, 4e5, 7e5])
 AT = LENGTH * (1 - np.array([0.0, 0.1, 0.2, 0.05, 0.3, 0.0]))
-STILL = history(None, np.arange(AT.size) == 0)
+STILL = build_time_history(None, np.arange(AT.size) == 0)
 
 
 def seen(*numbers):
-    found = record(bench(DiameterOffset(*numbers)), PRESSURE, AT, STILL)
+    found = record_bench(bench(DiameterOffset(*numbers)), PRESSURE, AT, STILL)
     return np.asarray(found.diameter), np.asarray(found.force)
 
 

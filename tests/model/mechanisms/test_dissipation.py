@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pamjax.model.bench import record
-from pamjax.model.history import history
+from pamjax.model.bench import record_bench
+from pamjax.model.history import build_time_history
 from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
-from pamjax.model.mechanisms.braid_friction import PATCH, BraidFriction
+from pamjax.model.mechanisms.braid_friction import PATCH_RADIUS, BraidFriction
 from pamjax.model.mechanisms.pressure_drop import PressureDrop
 from pamjax.model.mechanisms.rig_compliance import RigCompliance
 from pamjax.model.mechanisms.thread_slip import ThreadSlip
@@ -23,7 +23,7 @@ from tests.model.mechanisms.typical import LENGTH, PRESSURE, THREAD, TURNS, benc
 
 ROWS = 401
 TIME = 0.5 * np.arange(ROWS)
-ONE_RUN = history(TIME, np.arange(ROWS) == 0)
+ONE_RUN = build_time_history(TIME, np.arange(ROWS) == 0)
 LEVEL = np.full(ROWS, PRESSURE)
 
 
@@ -35,8 +35,8 @@ def stroke(*turns):
 def added(mechanism, pressure, length, past=ONE_RUN):
     """Force that a mechanism adds to the bare muscle, N."""
     with_it, without = (
-        record(bench(mechanism), pressure, length, past),
-        record(bench(), pressure, length, past),
+        record_bench(bench(mechanism), pressure, length, past),
+        record_bench(bench(), pressure, length, past),
     )
     return np.asarray(with_it.force - without.force)
 
@@ -47,7 +47,7 @@ def added(mechanism, pressure, length, past=ONE_RUN):
 def test_full_friction_is_that_of_turning_crossings():
     length = stroke(0.8, 1.0, 0.8)
     force = added(BraidFriction(0.2, presliding=1e-6), LEVEL, length)
-    full = 2 / 3 * 0.2 * PATCH * PRESSURE * length / TURNS
+    full = 2 / 3 * 0.2 * PATCH_RADIUS * PRESSURE * length / TURNS
     agree(force[1:], (np.sign(np.diff(length)) * full[1:]), SOLVED, 10.0)
 
 
@@ -55,7 +55,7 @@ def test_work_of_full_friction_is_that_of_the_torques():
     """Σ over n² N / 2 crossings of the torque (2/3) μ r p times the turn of 2θ, p all presses of P π R L."""
     length = LENGTH * np.linspace(0.85, 0.95, ROWS)
     angle, radius = np.arcsin(length / THREAD), np.sqrt(THREAD**2 - length**2) / (2 * np.pi * TURNS)
-    torque = 2 / 3 * 0.2 * PATCH * PRESSURE * np.pi * radius * length
+    torque = 2 / 3 * 0.2 * PATCH_RADIUS * PRESSURE * np.pi * radius * length
     force = added(BraidFriction(0.2, presliding=1e-6), LEVEL, length)
     agree(np.trapezoid(force[1:], length[1:]), np.trapezoid(torque[1:], 2 * angle[1:]), 1e-5)
 
@@ -87,7 +87,7 @@ def test_constant_friction_is_the_same_at_every_pressure():
 
 
 def test_friction_has_no_rate():
-    length, slow = stroke(0.9, 1.0, 0.85), history(37 * TIME, np.arange(ROWS) == 0)
+    length, slow = stroke(0.9, 1.0, 0.85), build_time_history(37 * TIME, np.arange(ROWS) == 0)
     friction = BraidFriction(0.2, 3.0)
     agree(added(friction, LEVEL, length, slow), added(friction, LEVEL, length), ROUNDING, PRESSURE / 100)
 
@@ -123,15 +123,15 @@ def test_friction_is_full_after_the_presliding_distance_and_not_before():
 @pytest.mark.parametrize("start", [-1.0, 0.5])
 def test_it_may_have_been_dragged_before(start):
     force = added(BraidFriction(0.2, 5.0, start=start), LEVEL, np.full(ROWS, LENGTH))
-    agree(force, start * (5.0 + 2 / 3 * 0.2 * PATCH * PRESSURE * LENGTH / TURNS), SOLVED)
+    agree(force, start * (5.0 + 2 / 3 * 0.2 * PATCH_RADIUS * PRESSURE * LENGTH / TURNS), SOLVED)
 
 
 def test_a_gap_is_no_forgetting_unless_stated():
     starts = np.isin(np.arange(ROWS), [0, ROWS // 2])
     length = stroke(0.9, 1.0, 1.0)
-    assert np.all(added(BraidFriction(0.2), LEVEL, length, history(TIME, starts))[ROWS // 2 :] > 9)
+    assert np.all(added(BraidFriction(0.2), LEVEL, length, build_time_history(TIME, starts))[ROWS // 2 :] > 9)
     assert not np.any(
-        added(BraidFriction(0.2), LEVEL, length, history(TIME, starts, restart=True))[ROWS // 2 :]
+        added(BraidFriction(0.2), LEVEL, length, build_time_history(TIME, starts, restart=True))[ROWS // 2 :]
     )
 
 
@@ -140,7 +140,7 @@ def test_pressure_alone_moves_what_gives():
     still = np.full(ROWS, LENGTH)
     assert not np.any(added(BraidFriction(0.2), pressure, still))
     loop = added(BraidFriction(0.2, presliding=1e-5, give=2e-9), pressure, still)
-    full = 2 / 3 * 0.2 * PATCH * pressure * LENGTH / TURNS
+    full = 2 / 3 * 0.2 * PATCH_RADIUS * pressure * LENGTH / TURNS
     agree(loop[20:200], -full[20:200], SOLVED)
     agree(loop[220:], full[220:], SOLVED)
 
@@ -148,8 +148,8 @@ def test_pressure_alone_moves_what_gives():
 def test_stretching_threads_drag_at_a_fixed_length():
     pressure = PRESSURE * np.interp(np.arange(ROWS), [0, 200, 400], [0.2, 1, 0.2])
     still, threads = np.full(ROWS, LENGTH), BraidElasticity(1e-6)
-    rubbed = record(bench(threads, BraidFriction(0.2, presliding=1e-4)), pressure, still, ONE_RUN)
-    loop = np.asarray(rubbed.force - record(bench(threads), pressure, still, ONE_RUN).force)
+    rubbed = record_bench(bench(threads, BraidFriction(0.2, presliding=1e-4)), pressure, still, ONE_RUN)
+    loop = np.asarray(rubbed.force - record_bench(bench(threads), pressure, still, ONE_RUN).force)
     assert np.all(loop[20:200] < -1)
     assert np.all(loop[240:] > 1)
 
@@ -158,7 +158,7 @@ def test_stretching_threads_drag_at_a_fixed_length():
 def rubbing(threads):
     def shown(friction, pressure, length):
         past = ONE_RUN
-        return record(bench(*threads, friction), pressure, length, past), record(
+        return record_bench(bench(*threads, friction), pressure, length, past), record_bench(
             bench(*threads), pressure, length, past
         )
 
@@ -204,15 +204,15 @@ def test_damping_is_in_proportion_to_speed():
     speed = 0.1 * LENGTH / (TIME[-1] / 2)
     force = added(ViscousDamping(2e3), LEVEL, length)
     agree(force[[100, 300]], [2e3 * speed, -2e3 * speed], 1e-9)
-    faster = added(ViscousDamping(2e3), LEVEL, length, history(TIME / 3, np.arange(ROWS) == 0))
+    faster = added(ViscousDamping(2e3), LEVEL, length, build_time_history(TIME / 3, np.arange(ROWS) == 0))
     agree(faster, 3 * force, 1e-9, 1.0)
 
 
 def test_damping_knows_no_gap_and_no_static_map():
     length = np.where(np.arange(ROWS) < 200, 0.9, 1.0) * LENGTH
-    past = history(TIME, np.isin(np.arange(ROWS), [0, 200]))
+    past = build_time_history(TIME, np.isin(np.arange(ROWS), [0, 200]))
     agree(added(ViscousDamping(1e5), LEVEL, length, past), 0.0, ROUNDING, PRESSURE)
-    static = history(None, np.arange(ROWS) == 0)
+    static = build_time_history(None, np.arange(ROWS) == 0)
     agree(added(ViscousDamping(1e5), LEVEL, stroke(0.9, 1.0), static), 0.0, ROUNDING, PRESSURE)
 
 
@@ -220,7 +220,7 @@ def test_damping_knows_no_gap_and_no_static_map():
 
 
 def slipped(mechanism, pressure, length, past=ONE_RUN):
-    return np.asarray(record(bench(mechanism), pressure, length, past).past.state.thread) / THREAD - 1
+    return np.asarray(record_bench(bench(mechanism), pressure, length, past).past.state.thread) / THREAD - 1
 
 
 def test_bedding_in_follows_the_largest_load_so_far():
@@ -235,14 +235,17 @@ def test_bedding_in_follows_the_largest_load_so_far():
 def test_a_slip_happens_once_and_stays():
     starts = np.isin(np.arange(ROWS), [0, 150, 300])
     strain = slipped(
-        ThreadSlip(step=1e-3, when=70.0, during=3.0), LEVEL, stroke(1, 0.8, 1), history(TIME, starts)
+        ThreadSlip(step=1e-3, when=70.0, during=3.0),
+        LEVEL,
+        stroke(1, 0.8, 1),
+        build_time_history(TIME, starts),
     )
     agree(strain[TIME == 70.0], 0.5e-3, SOLVED)
     agree(strain[[0, -1]], [0, 1e-3], 1e-8, 1e-3)
 
 
 def test_nothing_is_bedded_in_in_a_static_map():
-    past = history(None, np.arange(ROWS) == 0)
+    past = build_time_history(None, np.arange(ROWS) == 0)
     agree(slipped(ThreadSlip(2e-3, step=1e-3, when=0.0), LEVEL, stroke(1, 0.8), past), 0.0, ROUNDING, 1.0)
 
 
@@ -296,8 +299,10 @@ def test_a_narrow_line_loses_work(seed):
 
 def test_a_rig_shortens_the_muscle_by_its_force():
     length = stroke(1.0, 0.7)
-    found = record(bench(RigCompliance(2e-7)), LEVEL, length, ONE_RUN)
+    found = record_bench(bench(RigCompliance(2e-7)), LEVEL, length, ONE_RUN)
     agree(found.past.state.length, length - 2e-7 * found.force, SOLVED)
     agree(
-        found.force, record(bench(), LEVEL, jnp.asarray(length - 2e-7 * found.force), ONE_RUN).force, SOLVED
+        found.force,
+        record_bench(bench(), LEVEL, jnp.asarray(length - 2e-7 * found.force), ONE_RUN).force,
+        SOLVED,
     )

@@ -6,12 +6,12 @@ import pytest
 
 from pamjax.errors import BadInput
 from pamjax.model import braid
-from pamjax.model.bench import record
-from pamjax.model.history import history
+from pamjax.model.bench import record_bench
+from pamjax.model.history import build_time_history
 from pamjax.model.mechanisms.contraction_factor import ContractionFactor
 from pamjax.model.mechanisms.end_cones import EndCones
-from pamjax.model.net import net
-from pamjax.model.registry import not_twice
+from pamjax.model.net import solve_net
+from pamjax.model.registry import check_exclusive_pairs
 from pamjax.model.state import Cylinder
 from tests.agreement import ROUNDING, SOLVED, agree
 from tests.model.mechanisms.test_end_taper import rings
@@ -21,11 +21,11 @@ CONTRACTION = np.array([0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.37])
 AT = LENGTH * (1 - CONTRACTION)
 RADIUS = np.sqrt(THREAD**2 - AT**2) / (2 * np.pi * TURNS)
 FORCE = PRESSURE * (3 * AT**2 - THREAD**2) / (4 * np.pi * TURNS**2)
-STILL = history(None, np.arange(AT.size) == 0)
+STILL = build_time_history(None, np.arange(AT.size) == 0)
 
 
 def shown(mechanism):
-    found = record(bench(mechanism), np.full(AT.size, PRESSURE), AT, STILL)
+    found = record_bench(bench(mechanism), np.full(AT.size, PRESSURE), AT, STILL)
     return np.asarray(found.force), np.asarray(found.diameter)
 
 
@@ -72,7 +72,7 @@ def best(share, of):
 def test_the_net_fits_a_net_of_rings_and_neither_alternative_comes_near():
     """To 7 % of a noise of 5 N, without a number of its own; the alternatives with their best one."""
     noise, fitting = 5.0, RADIUS[0]
-    slope = jax.jit(jax.grad(lambda z: net(z, THREAD, TURNS, fitting).volume))
+    slope = jax.jit(jax.grad(lambda z: solve_net(z, THREAD, TURNS, fitting).volume))
     at = LENGTH * (1 - np.array([0.02, 0.05, 0.1, 0.15, 0.2, 0.3]))
     # Rings are asked for a length at a force; the force is the net's, so that the lengths are nearly these.
     force = np.array([-PRESSURE * float(slope(z)) for z in at])
@@ -89,5 +89,5 @@ def test_the_net_fits_a_net_of_rings_and_neither_alternative_comes_near():
 
 def test_ends_are_not_taken_twice():
     with pytest.raises(BadInput, match="both stand for the same loss of force at the ends"):
-        not_twice(["end_cones", "end_taper"])
-    not_twice(["end_cones", "bladder_elasticity"])
+        check_exclusive_pairs(["end_cones", "end_taper"])
+    check_exclusive_pairs(["end_cones", "bladder_elasticity"])

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq, minimize
 
-from pamjax.model.bench import record
-from pamjax.model.history import history
+from pamjax.model.bench import record_bench
+from pamjax.model.history import build_time_history
 from pamjax.model.mechanisms import end_taper
 from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
 from pamjax.model.mechanisms.end_taper import EndTaper
-from pamjax.model.net import Net, net
-from pamjax.model.net_table import tabulate
+from pamjax.model.net import Net, solve_net
+from pamjax.model.net_table import tabulate_net
 from pamjax.model.state import Cylinder
 from tests.agreement import ROUNDING, agree
 from tests.model.mechanisms import triangle
@@ -24,7 +24,7 @@ NU = 2 * np.pi * TURNS
 REST = np.sqrt(THREAD**2 - LENGTH**2) / NU
 CONTRACTION = np.array([0.001, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.37])
 GAYLORD = PRESSURE * (3 * (LENGTH * (1 - CONTRACTION)) ** 2 - THREAD**2) / (4 * np.pi * TURNS**2)
-STILL = history(None, np.arange(CONTRACTION.size) == 0)
+STILL = build_time_history(None, np.arange(CONTRACTION.size) == 0)
 
 
 @cache
@@ -33,8 +33,8 @@ def net_at(length, fitting):
     if not hasattr(net_at, "compiled"):
         net_at.compiled = jax.jit(
             lambda at, rf: (
-                jax.grad(lambda z: net(z, THREAD, TURNS, rf).volume)(at),
-                net(at, THREAD, TURNS, rf),
+                jax.grad(lambda z: solve_net(z, THREAD, TURNS, rf).volume)(at),
+                solve_net(at, THREAD, TURNS, rf),
             )
         )
     slope, found = net_at.compiled(length, fitting)
@@ -87,7 +87,9 @@ def test_net_is_that_of_rings(contraction, fitting):
 
 @cache
 def shown(share, radius=REST):
-    return record(bench(EndTaper(share, radius)), np.full(8, PRESSURE), LENGTH * (1 - CONTRACTION), STILL)
+    return record_bench(
+        bench(EndTaper(share, radius)), np.full(8, PRESSURE), LENGTH * (1 - CONTRACTION), STILL
+    )
 
 
 @pytest.mark.slow
@@ -118,19 +120,19 @@ def test_narrower_fittings_take_force_at_rest():
     gaylord = PRESSURE * (3 * LENGTH**2 - THREAD**2) / (4 * np.pi * TURNS**2)
     # A radius printed to 0.1 mm is off by 0.05 mm at most, which is 6 N here.
     for radius, lost, within in ((0.0111, -194.0, 6.0), (REST, 0.0, 0.1)):
-        found = record(bench(EndTaper(1.0, radius)), np.full(8, PRESSURE), np.full(8, LENGTH), STILL)
+        found = record_bench(bench(EndTaper(1.0, radius)), np.full(8, PRESSURE), np.full(8, LENGTH), STILL)
         assert abs(float(found.force[0]) - gaylord - lost) < within
 
 
 @jax.jit
 def slopes(length, thread):
     """∂V/∂L at a thread length, m², by the table of a thread at rest and of the net itself."""
-    table = tabulate(THREAD, TURNS, 0.0121)
+    table = tabulate_net(THREAD, TURNS, 0.0121)
 
     def by_table(z):
-        return table.near(z, thread)(z, thread).volume + z * (thread**2 - z**2) / (4 * jnp.pi * TURNS**2)
+        return table.expand_at(z, thread)(z, thread).volume + z * (thread**2 - z**2) / (4 * jnp.pi * TURNS**2)
 
-    exact = jax.vmap(jax.grad(lambda z: net(z, thread, TURNS, 0.0121).volume))(length)
+    exact = jax.vmap(jax.grad(lambda z: solve_net(z, thread, TURNS, 0.0121).volume))(length)
     return jax.vmap(jax.grad(by_table))(length), exact
 
 
@@ -144,7 +146,7 @@ def test_table_is_the_net(stretched):
 @pytest.mark.slow
 def test_threads_that_stretch_by_hundredths_are_looked_up_where_they_end():
     compliance, fitting = 6e-6, 0.0121
-    slopes_of = jax.jit(jax.grad(lambda z, b: net(z, b, TURNS, fitting).volume, argnums=(0, 1)))
+    slopes_of = jax.jit(jax.grad(lambda z, b: solve_net(z, b, TURNS, fitting).volume, argnums=(0, 1)))
 
     def force(length):
         def pull(b):
@@ -154,10 +156,10 @@ def test_threads_that_stretch_by_hundredths_are_looked_up_where_they_end():
 
     soft = bench(BraidElasticity(compliance), EndTaper(1.0, fitting))
     length = LENGTH * (1 - CONTRACTION)
-    found = np.asarray(record(soft, np.full(length.size, PRESSURE), length, STILL).force)
+    found = np.asarray(record_bench(soft, np.full(length.size, PRESSURE), length, STILL).force)
     agree(found, [force(z) for z in length], 2e-4, 1e3)
     unstretched = np.asarray(
-        record(bench(EndTaper(1.0, fitting)), np.full(length.size, PRESSURE), length, STILL).force
+        record_bench(bench(EndTaper(1.0, fitting)), np.full(length.size, PRESSURE), length, STILL).force
     )
     assert np.max(np.abs(found - unstretched)) > 20.0
 

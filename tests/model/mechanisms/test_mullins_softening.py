@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pamjax.model import wall
-from pamjax.model.history import history
+from pamjax.model.history import build_time_history
 from pamjax.model.mechanisms.bladder_elasticity import BladderElasticity
 from pamjax.model.mechanisms.mullins_softening import MullinsSoftening
-from pamjax.parameter import field_meanings
+from pamjax.parameter import list_field_meanings
 from tests.agreement import ROUNDING, SOLVED, agree
 from tests.model.mechanisms.rubber import REST, SIZE, WALKS, returning, shown
 from tests.model.mechanisms.triangle import one_run, static_map, tube
@@ -21,7 +21,7 @@ from tests.model.mechanisms.triangle import one_run, static_map, tube
 #: Rows of a walk: a twentieth of the narrowest width from one to the next, along its longest piece.
 FINE = 20_000
 
-NARROW, WIDE = (getattr(field_meanings(MullinsSoftening)["width"], end) for end in ("low", "high"))
+NARROW, WIDE = (getattr(list_field_meanings(MullinsSoftening)["width"], end) for end in ("low", "high"))
 
 stresses = jax.jit(lambda m, strains, past: m.stresses(past, strains, None))
 
@@ -46,12 +46,12 @@ def test_softening_outlasts_a_gap_and_has_no_place_in_a_static_map():
     length = REST * np.array([1.0, 0.8, 1.0, 0.9, 0.8])
     soft, starts = [MullinsSoftening(0.1e6, 0.05, **SIZE)], np.array([1, 0, 0, 1, 0], bool)
     still = shown([], 4e5, length).force
-    gap = history(np.array([0, 10.0, 20, 5000, 5010]), starts)
+    gap = build_time_history(np.array([0, 10.0, 20, 5000, 5010]), starts)
     lost = shown(soft, 4e5, length, gap).force - still
     assert abs(lost[3]) < 1e-3
     assert lost[4] < -10.0
-    agree(shown(soft, 4e5, length, history(None, starts)).force, still, ROUNDING)
-    anew = history(np.array([0, 10.0, 20, 5000, 5010]), starts, restart=True)
+    agree(shown(soft, 4e5, length, build_time_history(None, starts)).force, still, ROUNDING)
+    anew = build_time_history(np.array([0, 10.0, 20, 5000, 5010]), starts, restart=True)
     assert (shown(soft, 4e5, length, anew).force - still)[3] < -10.0
 
 
@@ -62,8 +62,8 @@ def gained(walk, width, law=lambda stress: stress):
     energy = along**2 + around**2 + (along * around) ** -2 - 3
     energy[-1] = energy[0]
     rubber = MullinsSoftening(1e6, width, **SIZE)
-    energy = np.asarray(0.5 * wall.rubber(rubber) * energy)
-    stress = law(np.asarray(stresses(rubber, jnp.asarray(energy), history(time, time == 0))))
+    energy = np.asarray(0.5 * wall.rubber_volume(rubber) * energy)
+    stress = law(np.asarray(stresses(rubber, jnp.asarray(energy), build_time_history(time, time == 0))))
     done = 0.5 * (stress[1:] + stress[:-1]) * np.diff(energy, axis=0)
     return -done.sum() / np.abs(done).sum()
 

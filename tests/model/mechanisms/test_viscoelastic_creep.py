@@ -10,7 +10,7 @@ from hypothesis import given, settings
 
 from pamjax.model import wall
 from pamjax.model.balance import Status
-from pamjax.model.history import history
+from pamjax.model.history import build_time_history
 from pamjax.model.mechanism import Past
 from pamjax.model.mechanisms.bladder_elasticity import BladderElasticity
 from pamjax.model.mechanisms.viscoelastic_creep import ViscoelasticCreep
@@ -47,7 +47,10 @@ def test_fast_relaxation_leaves_nothing_and_slow_one_a_spring():
     slow = ViscoelasticCreep(LATEX, 0.5, 1e12, 1e12, **SIZE)
     of_wall = jax.grad(lambda x: BladderElasticity(LATEX, **SIZE).energy(cylinder(x)))
     axial, hoop, radial = wall.stretch(slow, cylinder(length[0]))
-    begun = [LATEX * wall.rubber(slow) * s for s in wall.springs(wall.Stretch(axial, hoop, radial))]
+    begun = [
+        LATEX * wall.rubber_volume(slow) * s
+        for s in wall.neo_hookean_stresses(wall.Stretch(axial, hoop, radial))
+    ]
 
     def of_stretch(x):
         axial, hoop, _ = wall.stretch(slow, cylinder(x))
@@ -62,7 +65,7 @@ def test_holds_end_on_the_resting_curve_from_both_sides():
     time = np.concatenate([np.arange(0, 400, 4.0), np.arange(400, 4000, 40.0)])
     shortened = np.interp(time, [0, 50, 4000], [REST, 0.85 * REST, 0.85 * REST])
     lengthened = np.interp(time, [0, 50, 2000, 2050, 4000], np.array([1, 0.7, 0.7, 0.85, 0.85]) * REST)
-    past = history(time, time == 0)
+    past = build_time_history(time, time == 0)
     drift = {}
     for name, length in (("after shortening", shortened), ("after lengthening", lengthened)):
         drift[name] = np.asarray(
@@ -84,7 +87,7 @@ def test_uneven_steps_tell_the_same_of_a_straight_stretch():
     coarse = np.concatenate([[0], coarse, [2000]])
 
     def stress(rows):
-        past = history(fine[rows], fine[rows] == 0)
+        past = build_time_history(fine[rows], fine[rows] == 0)
         return relaxing(rubber, jnp.asarray(stretches[rows]), past)
 
     # Stress is straight in time, not stretch: the steps matter by their curvature only.
@@ -95,7 +98,7 @@ def test_uneven_steps_tell_the_same_of_a_straight_stretch():
 def test_loop_of_a_relaxing_bladder(pressure, contraction, loop):
     time, length = strokes(contraction)
     rubber = ViscoelasticCreep(0.08e6, 0.5, 10.0, 200.0, **SIZE)
-    force = added(rubber, pressure, length, history(time, time == 0))
+    force = added(rubber, pressure, length, build_time_history(time, time == 0))
     half = REST * contraction / 1e-3
     middle = 0.15 * REST / 1e-3
     down, up = np.interp([4 * half + middle, 6 * half - middle], time, force)
@@ -114,7 +117,7 @@ def test_memory_pulls_no_bladder_off_a_braid_without_rubber():
 def test_relaxation_only_loses_energy(walk):
     time, path = returning(walk)
     rubber = ViscoelasticCreep(1e6, 0.4, 8.0, 60.0, **SIZE)
-    stress = np.asarray(relaxing(rubber, jnp.asarray(path), history(time, time == 0)))
+    stress = np.asarray(relaxing(rubber, jnp.asarray(path), build_time_history(time, time == 0)))
     done = 0.5 * (stress[1:] + stress[:-1]) * np.diff(path, axis=0)
     # The rule of trapezoids is off by the square of a step.
     assert done.sum() > -1e-3 * np.abs(done).sum()

@@ -13,7 +13,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from pamjax.model.history import history
+from pamjax.model.history import build_time_history
 from pamjax.model.mechanism import Past
 from pamjax.model.state import Cylinder, State
 
@@ -46,9 +46,9 @@ def past(length, pressure, load=0.0, force=0.0):
 def one_run(time):
     """Return the history of one continuous run at these times (s)."""
     time = np.asarray(time, float)
-    return history(time, np.arange(time.size) == 0)
+    return build_time_history(time, np.arange(time.size) == 0)
 
 
 def static_map(rows):
     """Return the history of samples without an order."""
-    return history(None, np.arange(rows) == 0)
+    return build_time_history(None, np.arange(rows) == 0)

@@ -4,9 +4,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from pamjax.model.bench import Bench
-from pamjax.model.history import history
+from pamjax.model.history import build_time_history
 from pamjax.model.registry import MECHANISMS
-from pamjax.parameter import meanings, values
+from pamjax.parameter import list_meanings, list_values
 
 #: Chambers & Wereley 2022: thread length and rest length (m), turns, pressure of Table 1 (Pa), n A (m²).
 THREAD, LENGTH, TURNS, PRESSURE, AREA = 0.251206, 0.235744, 1.09, 689.476e3, 144 * 0.0858e-6
@@ -27,7 +27,7 @@ def strokes(rows=300, top=0.15):
     t[rows // 2 :] += 60.0
     pressure = np.interp(phase, [0, 1.9, 2.1, 3.9, 4.1, 6], np.array([2, 2, 4, 4, 7, 7]) * 1e5)
     length = LENGTH * (1 - top * shape) * (1 + 1e-4 * np.sin(0.37 * np.arange(rows)))
-    return jnp.asarray(pressure), jnp.asarray(length), history(t, starts)
+    return jnp.asarray(pressure), jnp.asarray(length), build_time_history(t, starts)
 
 
 def full(*besides):
@@ -37,8 +37,8 @@ def full(*besides):
 
 def own(model, kind):
     """The numbers of one mechanism: path, meaning, value."""
-    now = values(model)
-    return [(p, m, float(now[p])) for p, m in meanings(model).items() if p.startswith(f"{kind.id}.")]
+    now = list_values(model)
+    return [(p, m, float(now[p])) for p, m in list_meanings(model).items() if p.startswith(f"{kind.id}.")]
 
 
 def usual(model, kind, share=0.02):

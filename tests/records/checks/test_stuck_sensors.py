@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from pamjax.records.checks.stuck_sensors import stuck
+from pamjax.records.checks.stuck_sensors import find_stuck_sensors
 from pamjax.records.recording import Recording
 
 
@@ -33,20 +33,22 @@ def _force(recording, change):
 
 
 def test_a_sensor_that_follows_is_not_told(recording):
-    assert stuck(recording, "recording.csv") == []
+    assert find_stuck_sensors(recording, "recording.csv") == []
 
 
 def test_a_weight_written_down_is_told(recording):
     def constant(force):
         force[:] = 120.0
 
-    (said,) = stuck(_force(recording, constant), "recording.csv")
+    (said,) = find_stuck_sensors(_force(recording, constant), "recording.csv")
     assert said.startswith("`force` reads 120 N in rows 2 to 201 of recording.csv")
 
 
 def test_a_load_cell_at_the_end_of_its_range_is_told(recording):
     half = np.nanmedian(recording.force)
-    (said,) = stuck(_force(recording, lambda force: np.minimum(force, half, out=force)), "recording.csv")
+    (said,) = find_stuck_sensors(
+        _force(recording, lambda force: np.minimum(force, half, out=force)), "recording.csv"
+    )
     assert said.startswith("`force` reads ")
     assert "at its limit" in said
 
@@ -55,17 +57,20 @@ def test_slack_and_a_muscle_at_rest_are_no_fault(recording):
     def slack(force):
         force[: recording.n // 2] = 0.0
 
-    assert stuck(_force(recording, slack), "recording.csv") == []
+    assert find_stuck_sensors(_force(recording, slack), "recording.csv") == []
     still = dataclasses.replace(
         recording, pressure=np.full(recording.n, 1e5), length=np.full(recording.n, 0.2)
     )
-    assert stuck(_force(still, lambda force: force.fill(120.0)), "recording.csv") == []
+    assert find_stuck_sensors(_force(still, lambda force: force.fill(120.0)), "recording.csv") == []
 
 
 def test_a_diameter_that_only_pressure_would_move_is_no_fault(recording):
     pressed = dataclasses.replace(
         recording, pressure=np.linspace(1e5, 5e5, recording.n), diameter=np.full(recording.n, 0.0202)
     )
-    (said,) = stuck(pressed, "recording.csv")
+    (said,) = find_stuck_sensors(pressed, "recording.csv")
     assert said.startswith("`diameter` reads 20.2 mm")
-    assert stuck(dataclasses.replace(pressed, length=np.full(recording.n, 0.2)), "recording.csv") == []
+    assert (
+        find_stuck_sensors(dataclasses.replace(pressed, length=np.full(recording.n, 0.2)), "recording.csv")
+        == []
+    )

@@ -12,7 +12,7 @@ from pamjax.errors import BadInput
 from pamjax.records.case import read_case
 from pamjax.records.importing.importer import import_case
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 HOSE = ROOT / "fits" / "portland_hose" / "hose-10mm-132.toml"
 #: No licence is stated for the recordings, so they are not part of the project.
 PUBLISHED = ROOT.parent / "shared" / "data" / "portland-hose" / "hose-10mm-132"

@@ -5,9 +5,14 @@ import math
 import pytest
 
 from pamjax.errors import BadInput
-from pamjax.records.reading.muscle_toml import Bladder, Measured, Sensors, entry_from, read_entry
-
-from .conftest import MUSCLE
+from pamjax.records.reading.muscle_toml import (
+    Bladder,
+    MeasuredValue,
+    Sensors,
+    parse_muscle_toml,
+    read_muscle_toml,
+)
+from tests.records.conftest import MUSCLE
 
 ANGLED = """\
 [muscle]
@@ -21,7 +26,7 @@ BRAID = (
 
 
 def read(text):
-    return read_entry(text.encode())
+    return read_muscle_toml(text.encode())
 
 
 def told(text):
@@ -33,12 +38,14 @@ def told(text):
 def test_a_counted_braid():
     entry = read(MUSCLE + 'threads = 144\nthread_area = "0.0858 mm^2"\n[thread]\nmodulus = "112 GPa"\n')
     assert entry.name == "test muscle"
-    assert entry.rest_length == Measured(pytest.approx(0.2, rel=1e-12), 0.0)
-    assert entry.thread_length == Measured(pytest.approx(0.214, rel=1e-12), pytest.approx(5e-4, rel=1e-12))
-    assert entry.turns == Measured(1.2, 0.0)
+    assert entry.rest_length == MeasuredValue(pytest.approx(0.2, rel=1e-12), 0.0)
+    assert entry.thread_length == MeasuredValue(
+        pytest.approx(0.214, rel=1e-12), pytest.approx(5e-4, rel=1e-12)
+    )
+    assert entry.turns == MeasuredValue(1.2, 0.0)
     assert entry.threads == 144
-    assert entry.thread_area == Measured(pytest.approx(8.58e-8, rel=1e-12))
-    assert entry.modulus == Measured(pytest.approx(112e9, rel=1e-12))
+    assert entry.thread_area == MeasuredValue(pytest.approx(8.58e-8, rel=1e-12))
+    assert entry.modulus == MeasuredValue(pytest.approx(112e9, rel=1e-12))
     assert (entry.braid_angle, entry.diameter, entry.stiffness, entry.bladder) == (None,) * 4
     assert entry.sensors == Sensors()
     assert entry.braid == (pytest.approx(0.214, rel=1e-12), 1.2)
@@ -82,7 +89,7 @@ def test_bladder_sensors_and_columns():
         + '[sensors]\nforce = "2 N"\npressure = {sd = "0.7 kPa"}\nlength = {sd = "1 mm", per = "setting"}\n'
         + '[columns]\nforce = "Load (lbf)"\n'
     )
-    assert entry.bladder == Bladder(Measured(0.019), None, Measured(1.2e6, 0.3e6))
+    assert entry.bladder == Bladder(MeasuredValue(0.019), None, MeasuredValue(1.2e6, 0.3e6))
     assert entry.sensors == Sensors(force=2.0, pressure=700.0, length=1e-3, length_per_setting=True)
     assert entry.columns == {"force": "Load (lbf)"}
 
@@ -90,12 +97,12 @@ def test_bladder_sensors_and_columns():
 def test_one_length_is_the_rest_length_too():
     entry = read(MUSCLE.replace("rest_length", "length"))
     assert entry.length == pytest.approx(0.2, rel=1e-12)
-    assert entry.rest_length == Measured(pytest.approx(0.2, rel=1e-12))
+    assert entry.rest_length == MeasuredValue(pytest.approx(0.2, rel=1e-12))
 
 
 def test_a_mapping_will_do():
     said = {"muscle": {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.2}}
-    assert entry_from(said).braid == (pytest.approx(0.214, rel=1e-12), 1.2)
+    assert parse_muscle_toml(said).braid == (pytest.approx(0.214, rel=1e-12), 1.2)
 
 
 def test_text_that_is_no_toml():

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from pamjax.errors import InputWarning
-from pamjax.records.reading.outliers import set_aside
+from pamjax.records.reading.outliers import remove_outliers
 from pamjax.records.reading.table import read_table
 from pamjax.records.recording import Recording
-
-from .conftest import as_csv, strokes
+from tests.records.conftest import as_csv, strokes
 
 
 def recorded(**changed):
@@ -22,8 +21,8 @@ def test_planted_spikes_are_found_and_nothing_else(name, size):
     planted = [57, 181, 300]
     columns[name] = columns[name].copy()
     columns[name][planted] *= size
-    found = set_aside(Recording.from_arrays(**columns))
-    assert [(aside.row - 2, aside.column) for aside in found.aside] == [(i, name) for i in planted]
+    found = remove_outliers(Recording.from_arrays(**columns))
+    assert [(aside.row - 2, aside.column) for aside in found.outliers] == [(i, name) for i in planted]
     assert np.isnan(getattr(found, name)[planted]).all()
     assert np.isfinite(getattr(found, name)).sum() == found.n - 3
 
@@ -31,13 +30,13 @@ def test_planted_spikes_are_found_and_nothing_else(name, size):
 def test_a_burst_of_garble_is_found():
     columns = strokes(noise=1.0)
     columns["pressure"][100:102] = 4e7
-    assert [aside.row for aside in set_aside(Recording.from_arrays(**columns)).aside] == [102, 103]
+    assert [aside.row for aside in remove_outliers(Recording.from_arrays(**columns)).outliers] == [102, 103]
 
 
 def test_the_first_sample_may_be_garbled():
     columns = strokes(noise=1.0)
     columns["force"][0] = 1e6
-    assert [aside.row for aside in set_aside(Recording.from_arrays(**columns)).aside] == [2]
+    assert [aside.row for aside in remove_outliers(Recording.from_arrays(**columns)).outliers] == [2]
 
 
 def test_a_garbled_cell_is_told_by_name_row_and_unit(write):
@@ -52,7 +51,7 @@ def test_a_garbled_cell_is_told_by_name_row_and_unit(write):
 
 def quiet(time, pressure, length, force):
     recording = Recording.from_arrays(time=time, pressure=pressure, length=length, force=force)
-    return set_aside(recording).aside == ()
+    return remove_outliers(recording).outliers == ()
 
 
 def test_what_a_rig_does_is_left_in():
@@ -82,13 +81,13 @@ def test_a_stay_far_away_is_no_garble():
 def test_too_many_are_no_accident():
     columns = strokes(noise=1.0)
     columns["force"][::20] = 1e6
-    assert set_aside(Recording.from_arrays(**columns)).aside == ()
+    assert remove_outliers(Recording.from_arrays(**columns)).outliers == ()
 
 
 def test_a_static_map_has_no_neighbours():
     pressure = np.tile([1e5, 6e5], 20)
     recording = Recording.from_arrays(pressure=pressure, length=0.2, force=pressure / 300)
-    assert set_aside(recording).aside == ()
+    assert remove_outliers(recording).outliers == ()
     garbled = np.where(np.arange(40) == 7, 4e7, pressure)
-    found = set_aside(Recording.from_arrays(pressure=garbled, length=0.2, force=pressure / 300))
-    assert [aside.row for aside in found.aside] == [9]
+    found = remove_outliers(Recording.from_arrays(pressure=garbled, length=0.2, force=pressure / 300))
+    assert [aside.row for aside in found.outliers] == [9]

@@ -9,8 +9,8 @@ import tomlkit
 from pamjax.errors import BadInput
 from pamjax.records.case import read_case
 from pamjax.records.recording import Recording
-from pamjax.records.writing.case_folder import DECIMALS, write_case
-from pamjax.units import in_unit
+from pamjax.records.writing.case_folder import COLUMN_DECIMALS, write_case
+from pamjax.units import compute_si_factor
 
 MUSCLE = """\
 # a comment stays
@@ -38,8 +38,8 @@ def test_a_recording_comes_back(tmp_path):
     write_case(tmp_path / "new", RECORDING, MUSCLE)
     again = read_case(tmp_path / "new").recording
     units = {"time": "s", "pressure": "kPa", "length": "mm", "force": "N", "diameter": "mm"}
-    for name, digits in DECIMALS.items():
-        half = 0.5 * 10.0**-digits * in_unit(units[name])
+    for name, digits in COLUMN_DECIMALS.items():
+        half = 0.5 * 10.0**-digits * compute_si_factor(units[name])
         np.testing.assert_allclose(getattr(again, name), getattr(RECORDING, name), rtol=0, atol=1.001 * half)
     np.testing.assert_array_equal(again.cycle, RECORDING.cycle)
     np.testing.assert_array_equal(again.row, RECORDING.row)

@@ -7,8 +7,8 @@ import pytest
 
 from pamjax.errors import BadInput
 from pamjax.records.case import read_case
-from pamjax.records.reading.muscle_toml import read_entry
-from pamjax.records.reading.schema import Baseline, Bladder, Muscle, Sensors, Thread
+from pamjax.records.reading.muscle_toml import read_muscle_toml
+from pamjax.records.reading.schema import BaselineTable, BladderTable, MuscleTable, SensorsTable, ThreadTable
 from pamjax.records.writing.template import write_template
 
 
@@ -29,18 +29,18 @@ def test_it_says_that_it_is_an_example(tmp_path):
 
 def test_every_entry_is_explained(tmp_path):
     text = write_template(tmp_path / "new")[1].read_text()
-    for table in (Muscle, Thread, Bladder, Sensors, Baseline):
+    for table in (MuscleTable, ThreadTable, BladderTable, SensorsTable, BaselineTable):
         for name in table.model_fields:
             assert re.search(rf"^(# )?{name} = ", text, re.MULTILINE), f"[{table.__name__}] {name}"
 
 
 def test_the_other_form_of_the_braid_is_the_same_braid(tmp_path):
     text = write_template(tmp_path / "new")[1].read_text()
-    counted = read_entry(text.encode())
+    counted = read_muscle_toml(text.encode())
     other = re.sub(r"^(thread_length|turns) =", r"# \1 =", text, flags=re.MULTILINE)
     other = re.sub(r"^# (braid_angle|diameter) = {", r"\1 = {", other, flags=re.MULTILINE)
     assert "braid_angle" in tomllib.loads(other)["muscle"]
-    assert read_entry(other.encode()).braid == pytest.approx(counted.braid, rel=5e-3)
+    assert read_muscle_toml(other.encode()).braid == pytest.approx(counted.braid, rel=5e-3)
 
 
 @pytest.mark.parametrize("name", ["recording.csv", "muscle.toml"])

@@ -3,33 +3,33 @@
 import numpy as np
 import pytest
 
-from pamjax.benchmark.prove import tasks_of
-from pamjax.view.figures.benchmark import null_figure, proof_figure
+from pamjax.benchmark.prove import build_tasks
+from pamjax.view.figures.benchmark import plot_null, plot_proof
 from tests.benchmark.trials import made_up, uniform
 
 
 @pytest.fixture(scope="module")
 def trials():
     counts = {"nothing": 30, "single": 40, "pair": 20, "triple": 10, "outside": 10}
-    return [made_up(task) for task in tasks_of(counts, (0.0, 0.5, 0.9))]
+    return [made_up(task) for task in build_tasks(counts, (0.0, 0.5, 0.9))]
 
 
 def test_every_p_value_is_a_point(trials):
-    some = [uniform(task) for task in tasks_of({"nothing": 50}, (0.0, 0.9), stage="score")]
-    made = null_figure(some)
+    some = [uniform(task) for task in build_tasks({"nothing": 50}, (0.0, 0.9), stage="score")]
+    made = plot_null(some)
     points = [line for panel in made.axes for line in panel.get_lines() if line.get_gid() == "p-values"]
     assert [len(line.get_xdata()) for line in points] == [50, 50]
     assert np.allclose(np.sort([t.p_value for t in some if t.correlation == 0.9]), points[1].get_ydata())
 
 
 def test_a_proof_has_six_panels_and_titles_that_are_findings(trials):
-    made = proof_figure(trials)
+    made = plot_proof(trials)
     assert len(made.axes) == 6
     real = [t for t in trials if t.kind in ("single", "pair", "triple")]
-    share = np.mean([hit for t in real for hit in t.found])
+    share = np.mean([hit for t in real for hit in t.effects_found])
     assert f"{share:.0%} of" in made.axes[0].get_title("left")
 
 
 def test_no_figure_without_trials(trials):
-    assert null_figure([t for t in trials if t.kind != "nothing"]) is None
-    assert proof_figure([t for t in trials if t.kind in ("nothing", "outside")]) is None
+    assert plot_null([t for t in trials if t.kind != "nothing"]) is None
+    assert plot_proof([t for t in trials if t.kind in ("nothing", "outside")]) is None

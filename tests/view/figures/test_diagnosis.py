@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from pamjax.view.figures.diagnosis import candidates_figure, held_out_figure, moved_figure
-from pamjax.view.figures.diagnosis_loops import left_out_figure, loops_figure
-from pamjax.view.figures.mismatch_map import map_figure
+from pamjax.view.figures.diagnosis import plot_candidates, plot_held_out_scores, plot_shifts
+from pamjax.view.figures.diagnosis_loops import plot_left_out, plot_loops
+from pamjax.view.figures.mismatch_map import plot_map
 from tests.view.made_up import diagnosis, holds, lengths, strokes, table
 
 
@@ -18,7 +18,7 @@ def drawn(panel, kind):
 
 
 def test_the_map_shows_each_direction_with_its_sign_and_its_box():
-    figure = map_figure(diagnosis())
+    figure = plot_map(diagnosis())
     shortening, lengthening = panels(figure)
     assert [shortening.get_title("left"), lengthening.get_title("left")] == [
         "while shortening",
@@ -41,19 +41,19 @@ def test_the_map_shows_each_direction_with_its_sign_and_its_box():
     ],
 )
 def test_every_kind_of_recording_has_a_map(protocol, labels, cells):
-    panel = panels(map_figure(diagnosis(protocol)))[0]
+    panel = panels(plot_map(diagnosis(protocol)))[0]
     assert (panel.get_xlabel(), panel.get_ylabel()) == labels
     assert drawn(panel, "mismatch")[0].get_array().shape == cells
 
 
 def test_nothing_missing_draws_no_box():
-    figure = map_figure(diagnosis(detected=False))
+    figure = plot_map(diagnosis(detected=False))
     assert not any(drawn(panel, "box-1") for panel in panels(figure))
     assert figure.get_suptitle().startswith("No part of the recording departs from the baseline")
 
 
 def test_narrow_panels_stand_below_each_other():
-    wide, narrow = (map_figure(diagnosis(), narrow=n) for n in (False, True))
+    wide, narrow = (plot_map(diagnosis(), narrow=n) for n in (False, True))
     assert narrow.get_figwidth() < 0.5 * wide.get_figwidth()
     assert len({panel.get_position().x0 for panel in panels(narrow)}) == 1
 
@@ -61,7 +61,7 @@ def test_narrow_panels_stand_below_each_other():
 @pytest.mark.parametrize("protocol", [strokes, lengths, holds, table])
 def test_loops_stand_before_and_after(protocol):
     one = diagnosis(protocol)
-    before, after = panels(loops_figure(one))
+    before, after = panels(plot_loops(one))
     left = [np.concatenate([line.get_ydata() for line in drawn(p, "predicted")]) for p in (before, after)]
     assert np.abs(left[1] - left[0]).max() > 9
     assert after.get_title("left").startswith("With braid_friction: force missed by ")
@@ -70,7 +70,7 @@ def test_loops_stand_before_and_after(protocol):
 
 
 def test_what_is_left_is_what_the_name_adds():
-    figure = left_out_figure(diagnosis())
+    figure = plot_left_out(diagnosis())
     assert [panel.get_title("left") for panel in panels(figure)] == [
         "100 kPa",
         "200 kPa",
@@ -80,12 +80,12 @@ def test_what_is_left_is_what_the_name_adds():
     assert (
         figure.get_suptitle() == "99 % of the square of what the baseline leaves is what braid_friction adds"
     )
-    assert left_out_figure(diagnosis(named=False)) is None
+    assert plot_left_out(diagnosis(named=False)) is None
 
 
 def test_held_out_blocks_are_scored_beside_their_noise():
     one = diagnosis()
-    force, _ = panels(held_out_figure(one))
+    force, _ = panels(plot_held_out_scores(one))
     told = one.as_dict()
     scores = told["improvement"]["held_out"]["force"]
     assert drawn(force, "before")[0].get_xdata()[-1] == pytest.approx(scores["rmse_before"])
@@ -95,12 +95,12 @@ def test_held_out_blocks_are_scored_beside_their_noise():
 
 
 def test_a_channel_that_was_not_measured_is_not_drawn():
-    assert len(panels(held_out_figure(diagnosis(diameter=False)))) == 1
+    assert len(panels(plot_held_out_scores(diagnosis(diameter=False)))) == 1
 
 
 def test_rivals_stand_in_the_order_of_their_loss():
     one = diagnosis(ties=["channel_lag"])
-    figure = candidates_figure(one, one.names[0])
+    figure = plot_candidates(one, one.named_mechanisms[0])
     (panel,) = panels(figure)
     assert [tick.get_text() for tick in panel.get_yticklabels()] == [
         "channel_lag",
@@ -115,10 +115,10 @@ def test_rivals_stand_in_the_order_of_their_loss():
 
 
 def test_the_number_that_moved_most_comes_first():
-    figure = moved_figure(diagnosis())
+    figure = plot_shifts(diagnosis())
     (panel,) = panels(figure)
     assert drawn(panel, "shift")[0].get_xdata().tolist() == [8.9, -0.2]
     assert figure.get_suptitle() == (
         "1 of 2 numbers moved by more than 1 sd; thread.modulus most, by +8.9 sd"
     )
-    assert moved_figure(diagnosis(named=False)) is None
+    assert plot_shifts(diagnosis(named=False)) is None

@@ -11,22 +11,22 @@ import numpy as np
 import pytest
 
 from pamjax.errors import BadInput
-from pamjax.infer.fitting.result import CaseFit, Estimate, HeldOut
-from pamjax.infer.noise.sensor_noise import Noise
+from pamjax.infer.fitting.result import CaseFit, Estimate, HeldOutScore
+from pamjax.infer.noise.sensor_noise import ChannelNoise
 from pamjax.model.muscle import Muscle, predict
 from pamjax.parameter import Meaning
-from pamjax.records.blocks import blocks
+from pamjax.records.blocks import find_blocks
 from pamjax.records.case import Case
-from pamjax.records.reading.muscle_toml import entry_from
+from pamjax.records.reading.muscle_toml import parse_muscle_toml
 from pamjax.records.recording import Recording
 from pamjax.view.figures.fit import (
-    held_out_figure,
-    prediction_figure,
-    prior_figure,
-    residual_figure,
-    save_figures,
+    plot_held_out,
+    plot_prediction,
+    plot_prior,
+    plot_residual,
+    save_fit_figures,
 )
-from pamjax.view.figures.layout import CELLS, layout, thin
+from pamjax.view.figures.layout import GRID_CELLS, build_layout, thin_points
 
 MUSCLE = Muscle(0.200, 0.2142, 1.203)
 SD = {"force": 2.0, "diameter": 5e-5}
@@ -40,21 +40,23 @@ def fitted(pressure, length, time=None, channels=("force", "diameter"), miss=0.0
     prediction = {c: np.asarray(getattr(reading, c)) for c in SD}
     n = len(pressure)
     measured = {c: prediction[c] + SD[c] * (miss + draw) for c in channels}
-    entry = entry_from({"muscle": {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.2}})
+    entry = parse_muscle_toml({"muscle": {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.2}})
     recording = Recording.from_arrays(pressure=pressure, length=length, time=time, **measured)
-    found = blocks(recording)
+    found = find_blocks(recording)
     rmse = {c: float(np.sqrt(np.mean((measured[c] - prediction[c]) ** 2))) for c in channels}
     return CaseFit(
         case=Case("bench", Path(), entry, recording, ""),
         numbers={},
         muscle=MUSCLE,
         prediction=prediction,
-        unseen={c: 1.01 * prediction[c] for c in prediction},
+        held_out_prediction={c: 1.01 * prediction[c] for c in prediction},
         block=[found.names[k] if k >= 0 else "" for k in found.label],
         rmse=rmse,
-        noise={c: Noise(SD[c], given, rmse[c] / SD[c] if given else 1.0, 1.0, 0.0, n) for c in channels},
-        held_out=HeldOut(found.kind, (), {c: 1.5 * rmse[c] for c in channels}),
-        failed={},
+        noise={
+            c: ChannelNoise(SD[c], given, rmse[c] / SD[c] if given else 1.0, 1.0, 0.0, n) for c in channels
+        },
+        held_out=HeldOutScore(found.kind, (), {c: 1.5 * rmse[c] for c in channels}),
+        failed_rows={},
     )
 
 
@@ -110,7 +112,7 @@ def keys(figure):
     ids=["strokes", "lengths", "holds", "table"],
 )
 def test_measured_points_lie_beside_a_line_for_each_setting(one, xlabel, groups, channels):
-    figure = prediction_figure(one)
+    figure = plot_prediction(one)
     assert [panel.get_ylabel() for panel in panels(figure)] == channels
     assert {panel.get_xlabel() for panel in panels(figure)} == {xlabel}
     assert [len(lines) for lines in drawn(figure, "measured")] == [groups] * len(channels)
@@ -120,15 +122,15 @@ def test_measured_points_lie_beside_a_line_for_each_setting(one, xlabel, groups,
 
 
 def test_settings_are_named_with_their_unit():
-    assert keys(prediction_figure(lengths()))[2:] == ["200 mm", "190 mm", "180 mm"]
-    (bar,) = (axes for axes in prediction_figure(strokes()).axes if axes.get_label() == "<colorbar>")
+    assert keys(plot_prediction(lengths()))[2:] == ["200 mm", "190 mm", "180 mm"]
+    (bar,) = (axes for axes in plot_prediction(strokes()).axes if axes.get_label() == "<colorbar>")
     assert bar.get_ylabel() == "pressure [kPa]"
     assert [tick.get_text() for tick in bar.get_yticklabels()] == ["100", "200", "300", "400"]
 
 
 def test_the_line_is_the_prediction():
     one = lengths()
-    line = drawn(prediction_figure(one), "model")[0][-1]
+    line = drawn(plot_prediction(one), "model")[0][-1]
     x, y = line.get_data()
     at_rest = predict(MUSCLE, jnp.asarray(x) * 1e3, jnp.full(len(x), 0.2)).force
     np.testing.assert_allclose(y, at_rest, rtol=1e-9)
@@ -144,22 +146,22 @@ def test_the_line_is_the_prediction():
     ids=["missed", "met", "noise unknown"],
 )
 def test_the_title_is_the_finding(one, finding):
-    assert panels(prediction_figure(one))[0].get_title("left") == finding
+    assert panels(plot_prediction(one))[0].get_title("left") == finding
 
 
 def test_a_cloud_is_thinned_and_keeps_its_outline():
     x, y = np.random.default_rng(0).normal(size=(2, 20_000))
     x[7] = np.nan
-    kept = thin(x, y)
+    kept = thin_points(x, y)
     assert 7 not in kept
     assert len(kept) < 0.5 * len(x)
-    assert len(kept) <= CELLS[0] * CELLS[1]
+    assert len(kept) <= GRID_CELLS[0] * GRID_CELLS[1]
     assert np.ptp(y[kept]) > 0.95 * np.ptp(y)
-    assert thin(np.zeros(3), np.zeros(3)).tolist() == [0]
+    assert thin_points(np.zeros(3), np.zeros(3)).tolist() == [0]
 
 
 def test_residuals_stand_beside_the_noise_band():
-    figure = residual_figure(strokes(miss=30.0))
+    figure = plot_residual(strokes(miss=30.0))
     assert [panel.get_xlabel() for panel in panels(figure)[3:]] == [
         "contraction [%]",
         "pressure [kPa]",
@@ -175,14 +177,14 @@ def test_residuals_stand_beside_the_noise_band():
 
 
 def test_a_good_fit_has_one_sample_in_twenty_outside():
-    title = residual_figure(lengths()).get_suptitle()
+    title = plot_residual(lengths()).get_suptitle()
     assert title in {
         f"Force: {k} % of samples outside ± 2 sd of its noise, where 5 % belong" for k in (4, 5, 6)
     }
 
 
 def test_without_a_stated_noise_the_worst_miss_is_told():
-    figure = residual_figure(table(given=False))
+    figure = plot_residual(table(given=False))
     assert figure.get_suptitle().startswith("Diameter: missed most at ")
     assert figure.get_suptitle().endswith(" mm")
     assert "± 2 sd of noise, or of the residual where none was stated" in keys(figure)
@@ -190,7 +192,7 @@ def test_without_a_stated_noise_the_worst_miss_is_told():
 
 def test_each_block_is_scored_seen_and_unseen():
     one = lengths()
-    figure = held_out_figure(one)
+    figure = plot_held_out(one)
     (panel,) = panels(figure)
     assert [tick.get_text() for tick in panel.get_yticklabels()] == [
         "length 180 mm",
@@ -213,7 +215,7 @@ def test_nothing_held_out_is_refused():
     one = table()
     object.__setattr__(one, "held_out", None)
     with pytest.raises(BadInput, match="needs blocks that were held out; got one block in bench"):
-        held_out_figure(one)
+        plot_held_out(one)
 
 
 def estimates():
@@ -227,7 +229,7 @@ def estimates():
 
 
 def test_estimates_stand_on_the_scale_of_their_prior():
-    figure = prior_figure(SimpleNamespace(estimates=estimates()))
+    figure = plot_prior(SimpleNamespace(estimates=estimates()))
     (panel,) = panels(figure)
     # A number without a prior has no place on its scale.
     assert [tick.get_text() for tick in panel.get_yticklabels()] == list(estimates())[:2]
@@ -243,14 +245,14 @@ def test_estimates_stand_on_the_scale_of_their_prior():
 
 def test_what_stays_at_its_prior_has_not_moved():
     still = {name: replace(e, value=e.prior - 0.04 * e.prior_sd) for name, e in list(estimates().items())[:2]}
-    says = prior_figure(SimpleNamespace(estimates=still)).get_suptitle()
+    says = plot_prior(SimpleNamespace(estimates=still)).get_suptitle()
     assert says.endswith(" of 2 numbers;\nnone moved from its prior")
     assert "0.0" not in says
 
 
 @pytest.mark.parametrize("narrow", [False, True])
 def test_a_title_stays_on_its_figure(narrow):
-    figure = prior_figure(SimpleNamespace(estimates=estimates()), narrow)
+    figure = plot_prior(SimpleNamespace(estimates=estimates()), narrow)
     figure.draw_without_rendering()
     assert figure._suptitle.get_window_extent().x1 <= figure.bbox.x1
 
@@ -258,8 +260,8 @@ def test_a_title_stays_on_its_figure(narrow):
 def test_without_a_prior_there_is_no_figure_of_it(tmp_path):
     (tmp_path / "prior.png").write_text("of an earlier fit")
     free = {name: replace(e, prior_sd=np.inf) for name, e in estimates().items()}
-    assert prior_figure(SimpleNamespace(estimates=free)) is None
-    save_figures(SimpleNamespace(estimates=free, cases=()), tmp_path)
+    assert plot_prior(SimpleNamespace(estimates=free)) is None
+    save_fit_figures(SimpleNamespace(estimates=free, cases=()), tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -267,12 +269,12 @@ def test_rows_between_settings_are_not_drawn():
     one = strokes()
     moving = one.case.recording.pressure
     moving[10:20] = np.linspace(2.2e5, 2.8e5, 10)
-    assert (layout(one.case).group[10:20] == -1).sum() >= 5
+    assert (build_layout(one.case).group[10:20] == -1).sum() >= 5
 
 
 def test_figures_are_saved_and_no_setting_stays(tmp_path):
     before = matplotlib.rcParams["font.size"]
-    written = save_figures(SimpleNamespace(estimates=estimates(), cases=(table(),)), tmp_path)
+    written = save_fit_figures(SimpleNamespace(estimates=estimates(), cases=(table(),)), tmp_path)
     names = ["prior.png", "prediction.png", "residual.png", "held-out.png"]
     assert [path.name for path in written] == names
     assert all(path.is_file() for path in written)

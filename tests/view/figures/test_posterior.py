@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pamjax.view.figures.posterior import NARROW_PANELS, corner_figure, profile_figure, trace_figure
-from pamjax.view.theme import SINGLE
+from pamjax.view.figures.posterior import MAX_NARROW_PANELS, plot_corner, plot_profiles, plot_traces
+from pamjax.view.theme import SINGLE_COLUMN
 
 NAMES = tuple(f"braid_friction.number_{k}" for k in range(6))
 
@@ -20,22 +20,22 @@ def posterior():
     return SimpleNamespace(
         names=NAMES,
         fit=SimpleNamespace(estimates=dict.fromkeys(NAMES)),
-        units=lambda name: (1.0, "mm"),
-        draw=lambda count: flat[:count],
+        find_units=lambda name: (1.0, "mm"),
+        thin_draws=lambda count: flat[:count],
         flat=flat,
         draws=draws,
         correlation=np.corrcoef(flat.T),
         verdicts={name: SimpleNamespace(kind="not determined", profile=along) for name in NAMES},
-        health=SimpleNamespace(rhat=np.full(6, 1.01), ess=np.full(6, 400.0)),
-        reached=True,
+        convergence=SimpleNamespace(rhat=np.full(6, 1.01), ess=np.full(6, 400.0)),
+        converged=True,
     )
 
 
-@pytest.mark.parametrize("draw", [corner_figure, profile_figure, trace_figure])
+@pytest.mark.parametrize("draw", [plot_corner, plot_profiles, plot_traces])
 def test_a_phone_has_a_figure_of_its_own(draw):
     wide, narrow = (draw(posterior(), n) for n in (False, True))
-    assert wide.get_figwidth() > 1.8 * SINGLE
-    assert narrow.get_figwidth() == SINGLE
+    assert wide.get_figwidth() > 1.8 * SINGLE_COLUMN
+    assert narrow.get_figwidth() == SINGLE_COLUMN
     narrow.draw_without_rendering()
     texts = [
         text for panel in narrow.axes for text in (panel._left_title, panel.xaxis.label, panel.yaxis.label)
@@ -49,8 +49,8 @@ def test_a_phone_has_a_figure_of_its_own(draw):
 
 
 def test_a_phone_s_corner_holds_what_moves_together_most():
-    figure = corner_figure(posterior(), narrow=True)
-    assert len(figure.axes) == NARROW_PANELS**2
-    below = [panel.get_xlabel() for panel in figure.axes[-NARROW_PANELS:]]
+    figure = plot_corner(posterior(), narrow=True)
+    assert len(figure.axes) == MAX_NARROW_PANELS**2
+    below = [panel.get_xlabel() for panel in figure.axes[-MAX_NARROW_PANELS:]]
     assert below[-2:] == ["braid_friction.\nnumber_4 [mm]", "braid_friction.\nnumber_5 [mm]"]
     assert " ".join(figure.get_suptitle().split()).endswith("; 4 of 6 numbers")

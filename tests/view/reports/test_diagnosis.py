@@ -9,13 +9,13 @@ from types import SimpleNamespace
 
 import pytest
 
-from pamjax.diagnosis.result import Number, told
-from pamjax.model.parameters import meaning
+from pamjax.diagnosis.result import ParameterEstimate, format_estimate
+from pamjax.model.parameters import find_meaning
 from pamjax.records.reading.muscle_toml import Sensors
-from pamjax.view.figures.diagnosis import moved_figure
-from pamjax.view.reports.diagnosis import _moves, answer, headline, save_report
-from pamjax.view.reports.page import svg
-from pamjax.view.wording import noise_says
+from pamjax.view.figures.diagnosis import plot_shifts
+from pamjax.view.reports.diagnosis import _list_shifts, format_answer, format_headline, write_diagnosis_report
+from pamjax.view.reports.page import render_svg
+from pamjax.view.wording import format_noise
 from tests.view.html_page import Page
 from tests.view.made_up import diagnosis, holds, lengths, planned, table
 
@@ -31,7 +31,7 @@ VARIANTS = {
 def written(variant):
     """The report of a variant; drawn once for all tests."""
     with TemporaryDirectory() as folder:
-        path = save_report(diagnosis(**VARIANTS[variant]), Path(folder) / "report.html")
+        path = write_diagnosis_report(diagnosis(**VARIANTS[variant]), Path(folder) / "report.html")
         assert [file.name for file in path.parent.iterdir()] == ["report.html"]
         return path.read_text("utf-8")
 
@@ -85,14 +85,14 @@ def test_it_says_what_the_verdict_says(page):
 def test_noise_is_the_lab_s_and_what_is_added(page):
     assert "Noise of force is 2 N a sample, as the lab states it; neighbours share it by 0.30." in page.text
     case = SimpleNamespace(entry=SimpleNamespace(sensors=Sensors(force=2.0)))
-    says = noise_says(case, "force", 3.18)
+    says = format_noise(case, "force", 3.18)
     assert says.startswith("Noise of force is 3.18 N a sample: 2 N as the lab states it, the rest added")
 
 
 def test_what_did_not_move_has_no_sign():
     one = diagnosis()
-    one.moved["muscle.turns"] = replace(one.moved["muscle.turns"], shift=-0.04)
-    assert [row[-1] for row in _moves(one)] == ["+8.9 sd", "0.0 sd"]
+    one.parameter_shifts["muscle.turns"] = replace(one.parameter_shifts["muscle.turns"], shift=-0.04)
+    assert [row[-1] for row in _list_shifts(one)] == ["+8.9 sd", "0.0 sd"]
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -107,9 +107,9 @@ def test_what_to_do_next_is_named(variant):
 def test_a_note_has_the_digits_of_its_report(page):
     cell = page.table(["number", "value"])["coefficient"][0]
     assert f"    coefficient {cell}" in str(diagnosis()).splitlines()
-    assert told("constant", Number(9.2e-6, 0.48, meaning("braid_friction.constant"))) == (
-        "constant 0.00 ± 0.48 N"
-    )
+    assert format_estimate(
+        "constant", ParameterEstimate(9.2e-6, 0.48, find_meaning("braid_friction.constant"))
+    ) == ("constant 0.00 ± 0.48 N")
 
 
 def test_a_long_name_may_break_and_a_table_that_goes_on_says_so(page):
@@ -120,8 +120,8 @@ def test_a_long_name_may_break_and_a_table_that_goes_on_says_so(page):
 
 def test_the_first_screen_answers_in_two_sentences():
     one = diagnosis()
-    assert headline(one) == "Left out: friction between braid threads"
-    first, second = answer(one)
+    assert format_headline(one) == "Left out: friction between braid threads"
+    first, second = format_answer(one)
     assert first.startswith("The elastic baseline misses something (p\u00a0<\u00a01e-12): above 100 kPa")
     before, after = (s["force"] for s in (one.gain.rmse_before, one.gain.rmse_after))
     assert f"held-out force is missed by {after:.3g} instead of {before:.3g} N" in second
@@ -148,8 +148,8 @@ def test_the_first_screen_answers_in_two_sentences():
 )
 def test_other_answers(more, title, words):
     one = diagnosis(**more)
-    assert headline(one) == title
-    assert words in " ".join(answer(one)).replace("\u00a0", " ")
+    assert format_headline(one) == title
+    assert words in " ".join(format_answer(one)).replace("\u00a0", " ")
 
 
 def test_ties_and_the_next_experiment_are_told():
@@ -177,6 +177,6 @@ def test_it_ends_with_how_to_repeat_it(page):
 
 
 def test_the_same_figure_gives_the_same_element():
-    drawn = [svg(moved_figure(diagnosis()), "moved", "<as told>") for _ in range(2)]
+    drawn = [render_svg(plot_shifts(diagnosis()), "moved", "<as told>") for _ in range(2)]
     assert drawn[0] == drawn[1]
     assert 'aria-label="&lt;as told&gt;"' in drawn[0]

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import pamjax
-from pamjax.sizing.infeasible import plain
-from pamjax.view.figures.sizing import chart_figure, price_figure
-from pamjax.view.reports.sizing import answer, headline, save_report
+from pamjax.sizing.infeasible import format_amount
+from pamjax.view.figures.sizing import plot_chart, plot_prices
+from pamjax.view.reports.sizing import format_answer, format_headline, write_design_report
 from tests.view.html_page import Page
 
 SPEC = {
@@ -44,16 +44,16 @@ def sized(hard):
 @cache
 def page(hard):
     with TemporaryDirectory() as folder:
-        return Page(save_report(sized(hard), Path(folder) / "report.html").read_text("utf-8"))
+        return Page(write_design_report(sized(hard), Path(folder) / "report.html").read_text("utf-8"))
 
 
 def test_a_width_says_whether_it_is_at_rest_or_under_pressure():
     design = sized(False)
     widest, bladder = (f"{1e3 * x:.4g} mm" for x in (design.output("widest"), design.numbers["diameter"]))
     assert widest != bladder
-    assert headline(design).endswith(f"diameter {widest} under pressure")
-    assert f"a bladder of {bladder} outside" in answer(design)[0]
-    assert f"widens to {widest} at most" in answer(design)[0]
+    assert format_headline(design).endswith(f"diameter {widest} under pressure")
+    assert f"a bladder of {bladder} outside" in format_answer(design)[0]
+    assert f"widens to {widest} at most" in format_answer(design)[0]
 
 
 def test_other_choices_are_marked_and_told_as_what_they_are():
@@ -84,17 +84,17 @@ def test_a_receipt_names_its_sources_and_what_is_not_known():
 def test_what_is_out_of_reach_is_told_by_how_much():
     design = sized(True)
     force = design.output("force", 1)
-    says = f"{plain(force, 'N')}, {plain(5000 - force, 'N')} short"
-    assert all(give.amount is None for give in design.gives)
+    says = f"{format_amount(force, 'N')}, {format_amount(5000 - force, 'N')} short"
+    assert all(give.relaxed_bound is None for give in design.relaxations)
     assert f"pull 5000 N at 20 %: the nearest muscle has {says}" in str(design)
     assert "No one requirement, given up alone, is enough" in page(True).text
-    assert says in chart_figure(design).axes[0].get_title("left")
+    assert says in plot_chart(design).axes[0].get_title("left")
 
 
 def test_a_working_point_beyond_the_supply_lies_on_a_line():
     design = sized(True)
     assert design.numbers["pressure"] > 1.1 * design.spec.supply
-    figure = chart_figure(design)
+    figure = plot_chart(design)
     (own,) = (line for line in figure.axes[0].lines if line.get_gid() == "working")
     (there,) = (line for line in figure.axes[0].lines if line.get_gid() == "there")
     x, y = there.get_data()
@@ -103,4 +103,4 @@ def test_a_working_point_beyond_the_supply_lies_on_a_line():
 
 
 def test_a_price_is_what_easier_saves():
-    assert re.search(r"” made 1 % easier saves \S+ % of diameter", price_figure(sized(False)).get_suptitle())
+    assert re.search(r"” made 1 % easier saves \S+ % of diameter", plot_prices(sized(False)).get_suptitle())
