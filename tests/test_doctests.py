@@ -16,7 +16,7 @@ MODULES = sorted(
 @pytest.mark.parametrize("name", MODULES)
 def test_examples(name):
     found = doctest.testmod(importlib.import_module(name), optionflags=doctest.NORMALIZE_WHITESPACE)
-    assert found.failed_rows == 0
+    assert found.failed == 0
 
 
 def test_there_are_examples():

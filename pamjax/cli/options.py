@@ -49,7 +49,7 @@ class ModelOptions:
         """The cases, with what is said of their memory.
 
         Raises:
-            BadInput: as `settings.read_each`, or where one case alone is to share a number.
+            BadInput: as `settings.read_cases`, or where one case alone is to share a number.
         """
         from pamjax.cli.settings import read_cases
 

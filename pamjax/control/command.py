@@ -26,22 +26,22 @@ class CommandResult:
     """What to command, SI.
 
     Attributes:
-        what: "pressure" or "length".
+        quantity: "pressure" or "length".
         value: Pa or m; where the wish cannot be met, the nearest there is.
         sd: of it, from what the calibration does not know; NaN where no covariance is kept.
         force: wanted, N.
-        other: the given length, m, or pressure, Pa.
-        by_force, by_other: derivatives of the value.
+        given: the given length, m, or pressure, Pa.
+        by_force, by_given: derivatives of the value.
         stiffness: ∂F/∂L, N/m.
-        by_pressure, by_length: derivatives of the stiffness, N/(m Pa) and N/m².
+        stiffness_by_pressure, stiffness_by_length: derivatives of the stiffness, N/(m Pa) and N/m².
         limit: what keeps the wish from being met.
         spread: what posterior draws make of it, where there are any.
-        missed: force that the muscle misses beyond noise on held-out blocks, N, part of `sd`; 0 if unknown.
-        there: force at the value, N.
+        unexplained_force: force that the muscle misses beyond noise on held-out blocks, N, part of `sd`; 0 if unknown.
+        reached_force: force at the value, N.
         friction: half the width of the friction's loop in force, N, there; no part of `sd`; 0 for none.
-        ends: lowest and highest of the given length, m, or pressure, Pa.
-        beyond: what of pressure and length lies beyond where the muscle was calibrated, a sentence each.
-        past, lab: ids of mechanisms that take no part: what past and speed leave; sensors and rig.
+        given_range: lowest and highest of the given length, m, or pressure, Pa.
+        extrapolations: what of pressure and length lies beyond where the muscle was calibrated, a sentence each.
+        neglected_history, neglected_rig: ids of mechanisms that take no part: what past and speed leave; sensors and rig.
     """
 
     quantity: str

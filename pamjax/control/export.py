@@ -47,7 +47,7 @@ class ExportedController:
         pressures, lengths: what the table covers, Pa and m.
         degree: of the sums.
         error: stated error by name, SI: twice the largest that was met.
-        share: the largest of them, as a share of its range.
+        largest_share: the largest of them, as a share of its range.
     """
 
     files: tuple[Path, Path]

@@ -8,7 +8,7 @@ their derivatives follow from the implicit function:
 
 JAX sees the same derivatives, of any order, in the muscle's own numbers too; the stiffness has its own,
 ∂²F/∂P∂L and ∂²F/∂L². What the past leaves (friction, relaxation), the errors of sensors and the give of the
-rig take no part (`left_out.py`): pressure and length are the true ones, the pressure that before the
+rig take no part (`neglected.py`): pressure and length are the true ones, the pressure that before the
 bladder's contact, the length the muscle's own.
 """
 
@@ -67,7 +67,7 @@ class Command(eqx.Module):
     Attributes:
         value: pressure (Pa) or length (m).
         by_force: its derivative by force.
-        by_other: its derivative by the given length, or pressure.
+        by_given: its derivative by the given length, or pressure.
         stiffness: ∂F/∂L there, N/m.
         status: a `CommandLimit`.
     """
@@ -104,7 +104,7 @@ def solve_at_rest(bench: Bench, pressure: Array, length: Array) -> tuple[Past, A
     past, status = bench.solve_instant(pressure, length, zero, (zero, zero))
     if not bench.find_mechanisms(AbstractLine):
         return past, status
-    # What arrives depends on the state without the line, as in `Bench.passed`.
+    # What arrives depends on the state without the line, as in `Bench.compute_past`.
     static_history, one_sample = (
         build_time_history(None, np.ones(1, dtype=bool)),
         jax.tree.map(lambda x: x[None], past),

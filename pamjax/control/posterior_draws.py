@@ -35,7 +35,7 @@ class CommandSpread:
 
     Attributes:
         sd, low, high: standard deviation and ends of the middle `INTERVAL_SHARE`, of the draws that meet the wish.
-        met: share of draws that do.
+        feasible_share: share of draws that do.
     """
 
     sd: float
@@ -50,7 +50,7 @@ class PosteriorDraws:
 
     Attributes:
         loaded: the muscle at the means of its draws.
-        moving: (`DRAW_COUNT`,) SI, by name of the number.
+        samples: (`DRAW_COUNT`,) SI, by name of the number.
     """
 
     loaded: LoadedMuscle

@@ -6,7 +6,7 @@
     off = muscle.sd(pressure, length) / muscle.pull(pressure, length)     # Pa, one standard deviation
 
 Each function of two variables is a sum of Chebyshev polynomials. `muscle.error` states the largest error that
-was measured against the model on random points, by name, SI; statuses are explained in LIMITS.
+was measured against the model on random points, by name, SI; statuses are explained in STATUS_TEXTS.
 """
 
 import numpy as np

@@ -26,7 +26,7 @@ def assemble(law: str, numbers: Mapping[str, Array]) -> Muscle:
     """A muscle from named numbers, SI.
 
     Args:
-        law: a key of `catalogue.LAWS`.
+        law: a key of `parameters.THREAD_LAWS`.
         numbers: "muscle.rest_length"; "muscle.thread_length" and "muscle.turns", or
             "muscle.braid_angle" and "muscle.diameter"; for a law that stretches "thread.stiffness",
             or "thread.modulus" with "muscle.threads" and "muscle.thread_area"; the law's own.
@@ -98,7 +98,7 @@ def assemble_bench(law: str, ids: tuple[str, ...], numbers: Mapping[str, Array])
     Args:
         law: "inelastic" or "elastic".
         ids: of the mechanisms.
-        numbers: as for `catalogue.assemble`, and the mechanisms' own as "id.field"; those left out
+        numbers: as for `assemble`, and the mechanisms' own as "id.field"; those left out
             stay at their defaults.
     """
     length, turns = _read_braid(numbers)

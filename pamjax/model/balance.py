@@ -128,7 +128,7 @@ def solve_strain(residual: Callable[[Array], Array], start: Array, steps: int = 
 
     Args:
         residual: pull of the threads minus pull of everything else, N, at a strain.
-        start: a strain near the root, or anywhere above it (`AbstractThread.start`).
+        start: a strain near the root, or anywhere above it (`AbstractThread.initial_strain`).
         steps: Newton steps.
     """
 

@@ -4,7 +4,7 @@ One potential, as for the bare muscle (`muscle.py`), with every mechanism in its
 
     W(L, B) = Σ stored energies + Σ frozen stress · strain − P V          in a state that geometries wrap
 
-Its balance at one instant is in `instant.py`.
+Its balance at one instant is in `equilibrium.py`.
 
 A recording in which something lasts is predicted in two passes. The first, without memory, gives what
 memories look at; their stresses are then found all at once (`scan.py`), and with them how hard they pull on

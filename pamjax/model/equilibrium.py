@@ -9,7 +9,7 @@ With the potential W(L, B) of the bench (`bench.py`)
 
 Threads do not push. Where W pulls them inwards, contact is lost: T = 0, and the bladder stands off the
 braid at the radius where its own rubber balances the pressure. One unknown x serves both branches,
-x = T above zero and below it the *slack*, s = −x / (NATURAL ∂T/∂P), by which the radius has shrunk:
+x = T above zero and below it the *slack*, s = −x / (SLACK_PRESSURE_SCALE ∂T/∂P), by which the radius has shrunk:
 
     R² = R0² / √(1 + s),   B² = L² + (2πN R)²        R0 that of the threads without load
 
@@ -88,9 +88,9 @@ class InstantBalance(eqx.Module):
     Attributes:
         bench: the muscle with its mechanisms, its shapes as they are around some state.
         pressure, length: recorded, Pa and m.
-        rest: length of the threads without load, m.
-        frozen: what memories add to the force and to the pull of the threads, N.
-        at_contact: pull on threads that do not yet stretch, without what is frozen, N.
+        unloaded_thread: length of the threads without load, m.
+        memory_loads: what memories add to the force and to the pull of the threads, N.
+        contact_pull: pull on threads that do not yet stretch, without what is frozen, N.
     """
 
     bench: BalanceModel

@@ -51,11 +51,11 @@ class NetTable(eqx.Module):
     Attributes:
         thread: B0, m.
         turns: N.
-        made: of what the table is: radius of the fittings in units of B0/ν, and ν.
+        net_parameters: of what the table is: radius of the fittings in units of B0/ν, and ν.
         middle, half: of the range of x.
-        terms: coefficients of derivatives by x (first index, up to an order) of volume, mean and mid radius
+        coefficients: coefficients of derivatives by x (first index, up to an order) of volume, mean and mid radius
             (second), by powers of y − 1 (third) and of x, which is −1 to 1 (last).
-        lean: derivatives of the terms by what the table is made of; none where nobody will ask for them.
+        parameter_slopes: derivatives of the terms by what the table is made of; none where nobody will ask for them.
     """
 
     thread: Scalar
@@ -70,7 +70,9 @@ class NetTable(eqx.Module):
         """The same for finding a balance: without derivatives by what it was made of."""
         return jax.lax.stop_gradient(
             eqx.tree_at(
-                lambda t: (t.terms, t.parameter_slopes), self, (self.coefficients[:DERIVATIVE_ORDER], None)
+                lambda t: (t.coefficients, t.parameter_slopes),
+                self,
+                (self.coefficients[:DERIVATIVE_ORDER], None),
             )
         )
 
@@ -102,8 +104,8 @@ class NetExpansion(eqx.Module):
 
     Attributes:
         table: where it comes from.
-        terms: derivatives by x (first index) and y (second) of volume, mean and mid radius.
-        lean: derivatives of these by what the table is made of.
+        derivatives: derivatives by x (first index) and y (second) of volume, mean and mid radius.
+        parameter_slopes: derivatives of these by what the table is made of.
     """
 
     table: NetTable

@@ -52,7 +52,7 @@ class AbstractThread(eqx.Module):
 
     Attributes:
         stiffness: slope of the curve once the threads are straight, N.
-        steps: Newton steps that lead from `start` to rounding over all declared parameters.
+        newton_steps: Newton steps that lead from `initial_strain` to rounding over all declared parameters.
     """
 
     newton_steps: ClassVar[int] = 8

@@ -63,7 +63,7 @@ class RigCapabilities:
         force, diameter: noise of one sample, N and m; None where the channel is not there.
         gauge, ruler: noise of one sample of pressure and length, Pa and m.
         setting: error of each length that is set, one for all samples there, m; 0 where there is none.
-        off: standard deviation of zeros, gains and give, SI, by name of the number.
+        error_sds: standard deviation of zeros, gains and give, SI, by name of the number.
     """
 
     pressure: float = 600e3

@@ -45,12 +45,12 @@ class Discrimination:
     Attributes:
         case: the recording.
         ids: the two.
-        worse: χ² by which the second fits the recording worse than the first.
-        stage: the rig and the noise that the recording shows, on which protocols are played.
-        menu: every protocol with its power.
+        chi2_difference: χ² by which the second fits the recording worse than the first.
+        testbed: the rig and the noise that the recording shows, on which protocols are played.
+        experiments: every protocol with its power.
         chosen: the cheapest that is powerful enough, else the most powerful.
-        left: what the first and what the second alone leave of the recording, judged.
-        neither: whether both leave more than noise and the rough edges of textbook forms.
+        residual_tests: what the first and what the second alone leave of the recording, judged.
+        neither_explains: whether both leave more than noise and the rough edges of textbook forms.
     """
 
     case: Case

@@ -55,14 +55,14 @@ class PriorInformation:
 
     Attributes:
         entry: what muscle.toml says.
-        means: what the rig can do.
+        capabilities: what the rig can do.
         law: thread law.
         at: every number that a fit would move, the rig's zeros, gains and set lengths too, with its prior.
         free: the same numbers as they are declared: the muscle's, zeros and gains, errors of set lengths.
         mean: (p,) where they are believed to be, SI.
         scale: (p,) the step in which each is measured, SI: its prior's sd, or a share of its limits.
-        before: (p, p) information of priors and of the recording at hand, in those steps.
-        missed: by channel of that recording, how many times its noise the muscle misses it by, in rms.
+        matrix: (p, p) information of priors and of the recording at hand, in those steps.
+        misfit_ratios: by channel of that recording, how many times its noise the muscle misses it by, in rms.
     """
 
     entry: MuscleToml
@@ -342,8 +342,8 @@ def _update_with_recording(prior_information: PriorInformation, case: Case) -> P
     return replace(
         prior_information,
         mean=values,
-        before=before,
-        missed={c: channel_noise.excess for c, channel_noise in noise.items()},
+        matrix=before,
+        misfit_ratios={c: channel_noise.excess for c, channel_noise in noise.items()},
     )
 
 

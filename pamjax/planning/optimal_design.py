@@ -46,10 +46,10 @@ class RunMenu:
     """What there is to choose from.
 
     Attributes:
-        before: (t, p, p) what is known already, at each of t truths.
-        each: (r, t, p, p) what each run adds.
+        prior_matrix: (t, p, p) what is known already, at each of t truths.
+        run_matrices: (r, t, p, p) what each run adds.
         minutes: (r,) what each costs.
-        once: (r,) whether it tells nothing more when done again.
+        once_only: (r,) whether it tells nothing more when done again.
         criterion: to be made small.
         budget: minutes.
         goal: value of the criterion that is enough.

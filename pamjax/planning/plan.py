@@ -43,16 +43,16 @@ class Plan:
     """Which runs to make, and what they will settle.
 
     Attributes:
-        known: what is believed before.
+        prior: what is believed before.
         goal: the number that is wanted, or "all".
-        wanted: standard deviation that is enough, SI; 0 for as small as possible.
-        chosen: how often each run is made, in the order to make them in.
+        target_sd: standard deviation that is enough, SI; 0 for as small as possible.
+        chosen_runs: how often each run is made, in the order to make them in.
         minutes: what they cost.
-        settled: the muscle's numbers before and after.
-        reached: whether the goal is expected to be reached.
-        alone: by channel that there is besides others, the goal's standard deviation (SI) and the minutes
+        expected_sds: the muscle's numbers before and after.
+        reaches_goal: whether the goal is expected to be reached.
+        single_channel: by channel that there is besides others, the goal's standard deviation (SI) and the minutes
             of the best plan with that channel only.
-        isobars: the goal's standard deviation after ten isobars in the same minutes, SI.
+        isobars_sd: the goal's standard deviation after ten isobars in the same minutes, SI.
     """
 
     prior: PriorInformation

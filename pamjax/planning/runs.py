@@ -30,11 +30,11 @@ class PlannedRun:
     """One thing to do.
 
     Attributes:
-        says: what, in a few words.
+        description: what, in a few words.
         pressure, length: (n,) Pa and m, sample by sample; empty for a check.
         minutes: what it costs, its set-up included.
-        direct: numbers that are read directly, with the standard deviation of the reading, SI.
-        again: whether doing it twice tells more than once.
+        direct_sds: numbers that are read directly, with the standard deviation of the reading, SI.
+        is_repeatable: whether doing it twice tells more than once.
     """
 
     description: str

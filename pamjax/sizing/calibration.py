@@ -42,13 +42,13 @@ class CalibrationTransfer:
 
     Attributes:
         ids: mechanisms beside threads and rubber.
-        numbers: theirs, as `candidate.bench` takes them.
+        numbers: theirs, as `candidate.build_bench` takes them.
         thread, bladder: names of the materials it speaks for; "" for none.
         thread_modulus: Pa, None where it was not calibrated.
         shear, mooney: of the rubber, None where it was not calibrated.
         draws: posterior draws by name: "thread" and "shear" as ratios to their means, numbers as they are.
         discrepancy: what is left of the force, as a share of the blocked force.
-        says: what came from where, a sentence each.
+        sources: what came from where, a sentence each.
     """
 
     ids: tuple[str, ...] = ()
@@ -152,9 +152,7 @@ def _transfer_muscle(loaded: LoadedMuscle, file: str, where: str, sources: list[
     if stiffness is not None and math.isfinite(stiffness):
         if not area:
             remedy = "Add them to the muscle.toml that was fitted."
-            raise refuse(
-                "a calibrated thread needs `list_threads` and `thread_area`", "neither", where, remedy
-            )
+            raise refuse("a calibrated thread needs `threads` and `thread_area`", "neither", where, remedy)
         properties["thread_modulus"] = stiffness / area
         sources.append(f"thread modulus {stiffness / area / 1e9:.3g} GPa from {file}")
     if isinstance(muscle, Bench):

@@ -70,8 +70,8 @@ class MuscleBuild(NamedTuple):
         elastic: 1, or 0 for threads that do not stretch.
         shear, mooney, elongation: of the rubber, Pa, 1 and 1; rubber_density, rubber_price alike.
         parallel: muscles side by side; packing: of the circle around them, over the diameter of one.
-        off_length, off_thread, off_turns, off_wall: how far it is built from its drawing, m, m, 1, m.
-        off_force: what the model misses of the force, as a share of the blocked force at that pressure.
+        length_error, thread_error, turns_error, wall_error: how far it is built from its drawing, m, m, 1, m.
+        force_error: what the model misses of the force, as a share of the blocked force at that pressure.
     """
 
     threads: Any = 0.0
@@ -177,7 +177,7 @@ def compute_outputs(
 
     force (N, all muscles), diameter (outside, m), tension (one thread, N) and its share of the strength,
     fit (spacing over width), mesh (pressure over that of bulging), strain (of the rubber around, over its
-    elongation at break), burst (pull over stiffness) at each place; then what `SPEC_TITLE` names, SI.
+    elongation at break), burst (pull over stiffness) at each place; then what `MUSCLE_OUTPUTS` names, SI.
     """
     rest_length, t, working_pressure = jnp.exp(c[0]), jnp.exp(c[3]), jnp.exp(c[4])
     bench = build_bench(c, build, ids, numbers).prepare()

@@ -36,10 +36,10 @@ class ChoiceResult:
 
     Attributes:
         problem: of the choice.
-        answer: the best that keeps every requirement; None where none was found.
+        optimum: the best that keeps every requirement; None where none was found.
         start: (free,) scaled, the most promising candidate of the first look.
-        broken: least largest broken margin that was seen.
-        agreeing, starts: how many searches ended at the best, and how many there were.
+        violation: least largest broken margin that was seen.
+        agreeing_count, start_count: how many searches ended at the best, and how many there were.
     """
 
     problem: SizingProblem
@@ -51,7 +51,7 @@ class ChoiceResult:
 
 
 def screen_choices(problems: Sequence[SizingProblem], seed: int) -> list[np.ndarray]:
-    """The most promising starts of each choice, (LOOKS, free) best first, by one batched program."""
+    """The most promising starts of each choice, (SCREENING_POINTS, free) best first, by one batched program."""
     points = qmc.Sobol(5, rng=np.random.default_rng(seed)).random(SCREENING_POINTS)
     c = np.concatenate([p.low + points * (p.start_high - p.low) for p in problems])
     build = jax.tree.map(

@@ -34,10 +34,10 @@ class Relaxation:
 
     Attributes:
         requirement: which.
-        part: its share of the conflict.
-        amount: what would be met instead of its bound, SI; None where it alone does not do.
+        conflict_share: its share of the conflict.
+        relaxed_bound: what would be met instead of its bound, SI; None where it alone does not do.
         contraction: alike as a contraction, for a free contraction.
-        lacks: what the nearest muscle has of it, and by how much that is off; "" where it alone does.
+        shortfall: what the nearest muscle has of it, and by how much that is off; "" where it alone does.
     """
 
     requirement: Requirement

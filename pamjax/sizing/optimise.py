@@ -35,11 +35,11 @@ class SearchResult:
 
     Attributes:
         z: (free,) scaled coordinates.
-        value: ln of the objective.
+        log_objective: ln of the objective.
         margins: (rows,) what is left.
         multipliers: (rows,) λ, zero where nothing binds.
-        stationary: largest residual of ∇f = Σ λ ∇m, over the size of ∇f.
-        steps: of the solver.
+        stationarity: largest residual of ∇f = Σ λ ∇m, over the size of ∇f.
+        step_count: of the solver.
     """
 
     z: np.ndarray

@@ -54,7 +54,7 @@ class Choice:
         threads: how many, both families together.
         diameter: of one thread, m.
         parallel: muscles side by side.
-        outside: standard diameter of the bladder, m; None where it is free.
+        outer_diameter: standard diameter of the bladder, m; None where it is free.
     """
 
     thread: ThreadKind
@@ -141,10 +141,10 @@ class SizingProblem:
     """Minimise ln(objective) under margins that must not be negative, in coordinates scaled to 0..1.
 
     Attributes:
-        asked: places and requirements.
+        task: places and requirements.
         choice: the discrete part.
-        made, numbers, ids: what the candidates are made of.
-        low, high, usual: (5,) coordinates.
+        build, numbers, ids: what the candidates are made of.
+        low, high, start_high: (5,) coordinates.
         objective: key of `OBJECTIVE_OUTPUTS`.
         back_off: margin that each requirement must keep, by key: what uncertainty takes.
         caps: further outputs with an upper bound, by name.

@@ -88,7 +88,7 @@ def format_margin(margin: float, requirement) -> str:
 
 
 def compute_output_ratio(margin: float) -> float:
-    """Output over lower bound at a room, see `requirements.room`: below a tenth it is its tangent."""
+    """Output over lower bound at a room, see `requirements.compute_margin`: below a tenth it is its tangent."""
     return (
         math.exp(margin)
         if margin > math.log(MIN_LOG_RATIO)

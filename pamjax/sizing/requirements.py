@@ -44,15 +44,15 @@ class Requirement:
 
     Attributes:
         key: short, unique in a spec, as "force 1".
-        says: in words, as "pull 300 N at 10 %".
+        description: in words, as "pull 300 N at 10 %".
         rows: outputs that it is about.
         bounds: of each, SI.
         sense: +1 where the output must be at least its bound, −1 where at most.
         scale: SI; where the bound is zero a margin of one is this much room.
         unit: in which a person reads it.
         stated: whether the spec says so, or pamjax assumes it.
-        factor: whether it is a safety factor: 1 / bound is what the spec states.
-        beside: what the spec's bound holds besides the output, SI: the fittings.
+        is_safety_factor: whether it is a safety factor: 1 / bound is what the spec states.
+        fitting_length: what the spec's bound holds besides the output, SI: the fittings.
     """
 
     key: str
@@ -80,8 +80,8 @@ class SizingTask:
     """Where a candidate is asked, and what is required of the answers.
 
     Attributes:
-        places: of the outputs.
-        used: how many of them differ.
+        points: of the outputs.
+        point_count: how many of them differ.
         labels: of the used places.
         loads: (used,) force wanted there, N; NaN where none is.
         requirements: of all.

@@ -26,20 +26,20 @@ class Design:
     """The answer to a spec; prints as a lab note.
 
     Attributes:
-        spec, asked, handed: what was wanted, and what a calibration handed on.
-        tried: every choice that was searched, the best first.
+        spec, task, transfer: what was wanted, and what a calibration handed on.
+        results: every choice that was searched, the best first.
         chosen: the answer; where the spec cannot be met, the candidate that comes nearest.
         probability: that everything holds, over the draws; NaN where the spec cannot be met.
-        held: the same of each requirement, by key.
+        requirement_probabilities: the same of each requirement, by key.
         prices: requirements that cost something, the dearest first.
-        properties: per cent of the objective for a per cent of a property, by its words.
-        limits: coordinates at an end of their range.
-        gives: what would have to give; empty where the spec is met.
-        costs: of the inelastic assumption.
+        property_sensitivities: per cent of the objective for a per cent of a property, by its words.
+        active_limits: coordinates at an end of their range.
+        relaxations: what would have to give; empty where the spec is met.
+        inelastic_costs: of the inelastic assumption.
         front: between two objectives, None where the spec cannot be met.
-        left_out: choices that were looked at but not searched.
+        unsearched_count: choices that were looked at but not searched.
         seed, method: of the search.
-        unsure: whether a probability was wanted that no choice holds.
+        misses_probability: whether a probability was wanted that no choice holds.
     """
 
     spec: Spec
@@ -81,7 +81,7 @@ class Design:
 
     @cached_property
     def outputs(self) -> np.ndarray:
-        """Everything that the chosen muscle shows, in the order of `candidate.outputs`."""
+        """Everything that the chosen muscle shows, in the order of `candidate.compute_outputs`."""
         return self.problem.compute_outputs(self.z)
 
     def output(self, name: str, point: int | None = None) -> float:

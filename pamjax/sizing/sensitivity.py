@@ -23,7 +23,7 @@ RELATIVE_STEP = 1e-4
 #: Multiplier below which nothing is said.
 MIN_MULTIPLIER = 1e-4
 
-#: Properties that are asked about, by field of `Made`.
+#: Properties that are asked about, by field of `MuscleBuild`.
 PROPERTY_LABELS = {
     "modulus": "thread modulus",
     "strength": "thread strength",
@@ -39,7 +39,7 @@ class ShadowPrice:
 
     Attributes:
         requirement: which.
-        share: by how many per cent the objective falls where it gives one per cent.
+        percent_saved: by how many per cent the objective falls where it gives one per cent.
         slope: change of the objective for a unit of the bound (of the safety factor), SI.
     """
 

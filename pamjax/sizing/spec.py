@@ -32,7 +32,7 @@ class Spec:
     """A spec as read.
 
     Attributes:
-        words: every entry, SI.
+        entries: every entry, SI.
         file: its name; folder: where paths in it start from.
         threads, bladders: the catalogue.
         text: the file as it was, "" for one from Python.

@@ -81,7 +81,7 @@ def locate_effects(problem: LibraryProblem, baseline: CandidateFit, fit: Candida
             if size > 0 and size >= MIN_BOX_RMS_RATIO * max(sizes):
                 standard = _standardise_channel(problem, fit, candidate_effect, c)
                 boxes.append(_build_box(baseline, axes, c, standard**2, candidate_effect[c]))
-    return _shared(problem, baseline, residual, boxes)
+    return _divide_shares(problem, baseline, residual, boxes)
 
 
 def locate_residual(problem: LibraryProblem, fit: CandidateFit) -> list[Box]:
@@ -102,7 +102,7 @@ def locate_residual(problem: LibraryProblem, fit: CandidateFit) -> list[Box]:
         excess.append(np.nansum(weight))
         boxes.append((c, weight))
     kept = [b for b, e in zip(boxes, excess, strict=True) if e > 0.2 * max(excess, default=0.0)]
-    return _shared(
+    return _divide_shares(
         problem, fit, residual, [_build_box(fit, axes, c, weight, residual[c]) for c, weight in kept]
     )
 
@@ -180,13 +180,13 @@ def _find_direction(direction: np.ndarray, weights: np.ndarray) -> str:
     return "shortening" if sides[LENGTHENING] < MIN_DIRECTION_SHARE * moving else "both"
 
 
-def _shared(
-    found: LibraryProblem, model: CandidateFit, residual: np.ndarray, regions: Sequence[_Region]
+def _divide_shares(
+    problem: LibraryProblem, fit: CandidateFit, residual: np.ndarray, regions: Sequence[_Region]
 ) -> list[Box]:
     """Return the boxes with their parts of the excess of squared residuals; at most five, largest first."""
     excess = []
     for c in range(len(CHANNELS)):
-        standard = _standardise_channel(found, model, residual, c)
+        standard = _standardise_channel(problem, fit, residual, c)
         excess.append(np.where(np.isfinite(standard), standard**2 - 1, 0.0))
     parts = np.array([excess[CHANNELS.index(r.box.channel)] @ d for r, d in divided(regions)])
     # Outside the boxes the residual may be below its noise.

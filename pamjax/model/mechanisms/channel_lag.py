@@ -16,7 +16,7 @@ class ChannelLag(AbstractSensor):
 
     Samples of other runs are never looked at: before a run begins the force was what it is then.
     Neutral: d = 0, exactly. What it leaves out: a filter (it is late by its time constant, and rounds
-    corners besides), a lag of diameter. Source: by definition; interpolation as in `History.late`.
+    corners besides), a lag of diameter. Source: by definition; interpolation as in `History.delay`.
     """
 
     id: ClassVar[str] = "channel_lag"

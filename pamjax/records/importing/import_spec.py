@@ -19,11 +19,11 @@ from pamjax.units import parse_quantity, parse_unit
 READER_NAME_PATTERN = re.compile(r"function-.*|str|int|constrained-int|list\[.*|dict\[.*")
 
 
-class _SpecTable(BaseModel):
+class _ImportTable(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class FilesTable(_SpecTable):
+class FilesTable(_ImportTable):
     """[files]: how one file is written.
 
     Attributes:
@@ -43,7 +43,7 @@ class FilesTable(_SpecTable):
     rate: str = ""
 
 
-class ChannelEntry(_SpecTable):
+class ChannelEntry(_ImportTable):
     """One entry of [columns]: where a channel stands, and what one of its units is worth.
 
     Attributes:
@@ -68,7 +68,7 @@ def _wrap_column(raw: object) -> object:
     return {"column": raw} if isinstance(raw, str | int) else raw
 
 
-class TareTable(_SpecTable):
+class TareTable(_ImportTable):
     """[tare]: the part of each test in which the channels read what they are known to read.
 
     Attributes:
@@ -96,7 +96,7 @@ class TareTable(_SpecTable):
         return {n: parse_quantity(text, COLUMN_KINDS[n], f"[tare] {n}") for n, text in texts.items() if text}
 
 
-class TestTable(_SpecTable):
+class TestTable(_ImportTable):
     """[[tests]]: one test, or several of one setting.
 
     Attributes:
@@ -111,7 +111,7 @@ class TestTable(_SpecTable):
     pressure: str = ""
 
 
-class ImportSpec(_SpecTable):
+class ImportSpec(_ImportTable):
     """The whole TOML.
 
     Attributes:

@@ -2,12 +2,12 @@
 
 | figure              | question                                                             |
 |---------------------|----------------------------------------------------------------------|
-| `map_figure`        | where is the baseline wrong? (in `mismatch_map`)                     |
-| `loops_figure`      | do loops lie on the measured ones with names? (in `diagnosis_loops`) |
-| `left_out_figure`   | is what the baseline leaves what the names add? (there too)          |
-| `plot_held_out`   | are blocks that no fit has seen predicted down to their noise?       |
-| `plot_candidates` | how much worse does another mechanism fit in a name's place?         |
-| `plot_shifts`      | which of the baseline's numbers had swallowed the effect?            |
+| `plot_map`             | where is the baseline wrong? (in `mismatch_map`)                     |
+| `plot_loops`           | do loops lie on the measured ones with names? (in `diagnosis_loops`) |
+| `plot_left_out`        | is what the baseline leaves what the names add? (there too)          |
+| `plot_held_out_scores` | are blocks that no fit has seen predicted down to their noise?       |
+| `plot_candidates`      | how much worse does another mechanism fit in a name's place?         |
+| `plot_shifts`          | which of the baseline's numbers had swallowed the effect?            |
 """
 
 from __future__ import annotations

@@ -190,7 +190,7 @@ def test_what_goes_is_switched_off_wherever_a_refit_begins(judged):
     _, kept = judged(recording(5 * X + np.where(X > 0.6, 5 * (X - 0.6), 0.0)), (SLOPE, OTHER))
     assert [name.id for name in kept.named_mechanisms] == ["slope"]
     assert kept.start_values[NAMES.index("other.much")] == 0.0
-    assert kept.before is None
+    assert kept.fit_before_small_effects is None
 
 
 def test_a_number_that_one_block_alone_knows_excuses_no_other_block():

@@ -96,7 +96,7 @@ def test_boxes_do_not_count_the_same_misfit_twice():
     """Two names in the same rows, one with three times the squared effect; a third reaches farther."""
     standard = np.array([5.0] * 40 + [3.0] * 40 + [0.1] * 20)
     found: Any = SimpleNamespace(measured=np.stack([np.zeros(100), np.full(100, np.nan)]), n=100)
-    model: Any = SimpleNamespace(white=SimpleNamespace(colours=(SimpleNamespace(sd=np.ones(100)), None)))
+    model: Any = SimpleNamespace(noise=SimpleNamespace(channels=(SimpleNamespace(sd=np.ones(100)), None)))
     rows = np.arange(100)
 
     def region(inside, weight):

@@ -199,7 +199,9 @@ def test_the_middle_is_wider_than_a_cylinder_and_the_mean_narrower(prepare):
 
 def test_the_net_is_that_of_the_braid_and_of_the_fittings(monkeypatch):
     asked = []
-    monkeypatch.setattr(end_taper, "tabulate", lambda *of: asked.append(of) or (lambda *at: Net(-8e-6, 0, 0)))
+    monkeypatch.setattr(
+        end_taper, "tabulate_net", lambda *of: asked.append(of) or (lambda *at: Net(-8e-6, 0, 0))
+    )
     EndTaper(1.0, 0.0121).prepared(0.3, 1.5)
     found = EndTaper(1.0, 0.0121).shape(triangle.state(0.2))
     agree(np.array(asked, float), [[0.3, 1.5, 0.0121], [triangle.THREAD, triangle.TURNS, 0.0121]], ROUNDING)

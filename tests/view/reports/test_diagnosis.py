@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from pamjax.diagnosis.result import ParameterEstimate, format_estimate
+from pamjax.diagnosis.result import ParameterEstimate, format_named_estimate
 from pamjax.model.parameters import find_meaning
 from pamjax.records.reading.muscle_toml import Sensors
 from pamjax.view.figures.diagnosis import plot_shifts
@@ -107,7 +107,7 @@ def test_what_to_do_next_is_named(variant):
 def test_a_note_has_the_digits_of_its_report(page):
     cell = page.table(["number", "value"])["coefficient"][0]
     assert f"    coefficient {cell}" in str(diagnosis()).splitlines()
-    assert format_estimate(
+    assert format_named_estimate(
         "constant", ParameterEstimate(9.2e-6, 0.48, find_meaning("braid_friction.constant"))
     ) == ("constant 0.00 ± 0.48 N")
 
