@@ -26,7 +26,7 @@ def compose_message(rule: str, got: str = "", where: str = "", remedy: str = "")
         where: file, row and column, as "row 41 of recording.csv".
         remedy: what to do about it, one imperative sentence.
 
-    >>> sentence("`length` must be positive", "-3 mm", "row 4 of a.csv", "Check its sign.")
+    >>> compose_message("`length` must be positive", "-3 mm", "row 4 of a.csv", "Check its sign.")
     '`length` must be positive; got -3 mm in row 4 of a.csv. Check its sign.'
     """
     text = rule
@@ -61,9 +61,9 @@ def suggest_word(word: str, known: Iterable[str], listing: str = "") -> str:
         known: what could have been.
         listing: command that lists them, where they are too many for a sentence.
 
-    >>> nearest("trheads", ["threads", "turns"])
+    >>> suggest_word("trheads", ["threads", "turns"])
     'Did you mean `threads`?'
-    >>> nearest("xyz", ["threads", "turns"], listing="pamjax explain")
+    >>> suggest_word("xyz", ["threads", "turns"], listing="pamjax explain")
     '`pamjax explain` lists what there is.'
     """
     known = list(known)

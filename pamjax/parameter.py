@@ -66,7 +66,7 @@ def parameter(
 
     >>> class Spring(eqx.Module):
     ...     rate: Scalar = parameter("N/m", low=1.0, high=1e6, about="stiffness", source="example")
-    >>> meanings(Spring(2.0))["rate"].unit
+    >>> list_meanings(Spring(2.0))["rate"].unit
     'N/m'
     """
     meaning = Meaning(unit, show or unit, low, high, scale, about, source, neutral)

@@ -50,7 +50,7 @@ def parse_unit(unit: str, kind: str, where: str = "") -> float:
     Raises:
         BadInput: if the unit is unknown, or measures something else.
 
-    >>> round(factor("psi", "pressure"), 3)
+    >>> round(parse_unit("psi", "pressure"), 3)
     6894.757
     """
     si = SI_UNITS[kind]
@@ -110,7 +110,7 @@ def parse_quantity(text: str | float, kind: str, where: str = "") -> float:
     Raises:
         BadInput: if there is no number, or the unit is missing, unknown or of another kind.
 
-    >>> round(parse("9.89 in", "length"), 6)
+    >>> round(parse_quantity("9.89 in", "length"), 6)
     0.251206
     """
     if isinstance(text, (int, float)) and not isinstance(text, bool):
@@ -129,7 +129,7 @@ def parse_number(text: str, si: str, where: str = "") -> float:
     Raises:
         BadInput: if there is no number, or its unit is missing, unknown or of another dimension.
 
-    >>> number_in("5 kPa", "Pa"), number_in("0.2", "1"), number_in("0", "N")
+    >>> parse_number("5 kPa", "Pa"), parse_number("0.2", "1"), parse_number("0", "N")
     (5000.0, 0.2, 0.0)
     """
     match = _QUANTITY_PATTERN.match(text)
@@ -159,7 +159,7 @@ def compute_si_factor(unit: str) -> float:
 def format_count(count: int, noun: str) -> str:
     """A count and what is counted.
 
-    >>> many(1, "row"), many(2, "row")
+    >>> format_count(1, "row"), format_count(2, "row")
     ('1 row', '2 rows')
     """
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
@@ -168,7 +168,7 @@ def format_count(count: int, noun: str) -> str:
 def format_quantity(value: float, unit: str, digits: int = 4) -> str:
     """An SI number as a person reads it.
 
-    >>> show(0.235744, "mm")
+    >>> format_quantity(0.235744, "mm")
     '235.7 mm'
     """
     number = f"{value / compute_si_factor(unit):.{digits}g}"

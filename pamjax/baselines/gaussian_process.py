@@ -61,7 +61,7 @@ def find_widest_gap(values: np.ndarray) -> float:
     A shorter one fits each isobar by itself and knows nothing of one between them: no curve that anybody
     would draw.
 
-    >>> widest_gap(np.array([0.0, 1.0, 1.01, 3.0]))
+    >>> find_widest_gap(np.array([0.0, 1.0, 1.01, 3.0]))
     1.99
     """
     return float(

@@ -54,7 +54,8 @@ class GroundTruth:
     Attributes:
         case: what the diagnosis sees.
         effect_ids: ids, or one of `MIN_OUTSIDE_RANGES`.
-        effect_sizes: rms of each in effective noise standard deviations, after the baseline has made up for what
+        effect_sizes: rms of each in effective noise standard deviations, after the baseline has made up for
+            what
             it can with all others there; on the channel where it is largest.
         true_values: the values of every number, SI, by name.
         candidates: in which each id was concealed; none for what is in no catalogue.

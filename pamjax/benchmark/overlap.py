@@ -107,11 +107,11 @@ def compute_interval_overlap(
 ) -> float:
     """Length shared over length covered together, of intervals at least so thick.
 
-    >>> interval_overlap((0.0, 2.0), (1.0, 3.0), 0.01)
+    >>> compute_interval_overlap((0.0, 2.0), (1.0, 3.0), 0.01)
     0.3333333333333333
-    >>> interval_overlap((1.0, 1.0), (1.0, 1.0), 0.01)
+    >>> compute_interval_overlap((1.0, 1.0), (1.0, 1.0), 0.01)
     1.0
-    >>> interval_overlap((0.0, 1.0), (2.0, 3.0), 0.01)
+    >>> compute_interval_overlap((0.0, 1.0), (2.0, 3.0), 0.01)
     0.0
     """
     (a, b), (c, d) = _widen_interval(claim, min_length), _widen_interval(other, min_length)

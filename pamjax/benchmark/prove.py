@@ -40,7 +40,8 @@ def run_proof(
         file: of trials, one line each; every trial is added as soon as it is there.
         workers: processes.
         progress: called with what is being done and the share done.
-        attempt: what turns a task into a trial, `trial.run_trial` by itself; importable by name where there are
+        attempt: what turns a task into a trial, `trial.run_trial` by itself; importable by name where there
+            are
             several workers.
 
     Returns:
@@ -154,7 +155,7 @@ def build_tasks(
 ) -> list[TrialTask]:  # fmt: skip
     """So many envelopes of each kind at each correlation, kinds and correlations by turns.
 
-    >>> [(t.kind, t.number) for t in tasks_of({"nothing": 1, "pair": 2}, [0.5])]
+    >>> [(t.kind, t.number) for t in build_tasks({"nothing": 1, "pair": 2}, [0.5])]
     [('nothing', 0), ('pair', 0), ('pair', 1)]
     """
     return [

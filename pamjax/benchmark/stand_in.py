@@ -6,7 +6,8 @@ refitted; what is left, in noise standard deviations with the noise's own correl
 
     χ² = |W (y_true − y_refit)|²,          y_true what the true bench shows of what was set, as recorded,
 
-the largest expected gain of the truth over the stand-in. Below `MIN_SIMILARITY` no test on one recording of this
+the largest expected gain of the truth over the stand-in. Below `MIN_SIMILARITY` no test on one recording of
+this
 length decides between them.
 """
 

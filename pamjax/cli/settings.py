@@ -35,7 +35,10 @@ def _parse_setting(text: str) -> tuple[str, float]:
     number_meaning = find_meaning(name.strip(), "--with")
     value = parse_number(quantity, number_meaning.unit, f"--with {name}")
     if not number_meaning.low <= value <= number_meaning.high:
-        rule = f"`{name}` lies between {format_quantity(number_meaning.low, number_meaning.show)} and {format_quantity(number_meaning.high, number_meaning.show)}"
+        rule = (
+            f"`{name}` lies between {format_quantity(number_meaning.low, number_meaning.show)} and"
+            f" {format_quantity(number_meaning.high, number_meaning.show)}"
+        )
         raise refuse(rule, format_quantity(value, number_meaning.show), "--with")
     return name.strip(), value
 

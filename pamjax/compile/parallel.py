@@ -19,7 +19,7 @@ MAX_THREADS = 4
 def parallel_map(function: Callable[[A], B], items: Iterable[A]) -> list[B]:
     """What a function gives for each item, in their order, on all cores.
 
-    >>> abreast(abs, [-1, 2, -3])
+    >>> parallel_map(abs, [-1, 2, -3])
     [1, 2, 3]
     """
     pool = ThreadPoolExecutor(min(os.cpu_count() or 1, MAX_THREADS))

@@ -36,12 +36,15 @@ class CommandResult:
         stiffness_by_pressure, stiffness_by_length: derivatives of the stiffness, N/(m Pa) and N/m².
         limit: what keeps the wish from being met.
         spread: what posterior draws make of it, where there are any.
-        unexplained_force: force that the muscle misses beyond noise on held-out blocks, N, part of `sd`; 0 if unknown.
+        unexplained_force: force that the muscle misses beyond noise on held-out blocks, N, part of `sd`; 0
+            if unknown.
         reached_force: force at the value, N.
         friction: half the width of the friction's loop in force, N, there; no part of `sd`; 0 for none.
         given_range: lowest and highest of the given length, m, or pressure, Pa.
-        extrapolations: what of pressure and length lies beyond where the muscle was calibrated, a sentence each.
-        neglected_history, neglected_rig: ids of mechanisms that take no part: what past and speed leave; sensors and rig.
+        extrapolations: what of pressure and length lies beyond where the muscle was calibrated, a sentence
+            each.
+        neglected_history, neglected_rig: ids of mechanisms that take no part: what past and speed leave;
+            sensors and rig.
     """
 
     quantity: str
@@ -92,11 +95,19 @@ class CommandResult:
     def as_dict(self) -> dict[str, Any]:
         """As plain numbers, SI; None where there is none."""
         numbers = {
-            "value": self.value, "sd": self.sd, "force": self.force, "given": self.given,
-            "by_force": self.by_force, "by_given": self.by_given, "stiffness": self.stiffness,
-            "stiffness_by_pressure": self.stiffness_by_pressure, "stiffness_by_length": self.stiffness_by_length,
-            "force_missed": self.unexplained_force, "friction_force": self.friction, "friction_command": self.friction_shift,
-        }  # fmt: skip
+            "value": self.value,
+            "sd": self.sd,
+            "force": self.force,
+            "given": self.given,
+            "by_force": self.by_force,
+            "by_given": self.by_given,
+            "stiffness": self.stiffness,
+            "stiffness_by_pressure": self.stiffness_by_pressure,
+            "stiffness_by_length": self.stiffness_by_length,
+            "force_missed": self.unexplained_force,
+            "friction_force": self.friction,
+            "friction_command": self.friction_shift,
+        }
         document: dict[str, Any] = {"command": self.quantity} | {
             n: _finite_or_none(x) for n, x in numbers.items()
         }
@@ -120,7 +131,10 @@ class CommandResult:
             lines.append(f"{self.spread.feasible_share:.0%} of the draws can meet it")
         lines.append(f"stiffness there {self.stiffness / 1e3:.4g} N/mm")
         if math.isfinite(self.stiffness_by_pressure) and math.isfinite(self.stiffness_by_length):
-            slopes = f"{self.stiffness_by_pressure:+.4g} N/mm for a kPa more, {1e-6 * self.stiffness_by_length:+.4g} N/mm for a mm"
+            slopes = (
+                f"{self.stiffness_by_pressure:+.4g} N/mm for a kPa more,"
+                f" {1e-6 * self.stiffness_by_length:+.4g} N/mm for a mm"
+            )
             lines[-1] += f": {slopes} more"
         return "\n  ".join(lines + self._format_neglected())
 
@@ -132,7 +146,8 @@ class CommandResult:
     def _format_nearest(self) -> list[str]:
         nearest = f"nearest {self.quantity} {format_quantity(self.value, self._units[0])}"
         if self.limit == CommandLimit.OUTSIDE:
-            nearest += f", at {format_quantity(min(max(self.given, self.given_range[0]), self.given_range[1]), self._units[1])}"
+            low, high = self.given_range
+            nearest += f", at {format_quantity(min(max(self.given, low), high), self._units[1])}"
         return [f"cannot be met: {self.reason}", nearest]
 
     def _format_value(self) -> list[str]:
@@ -161,7 +176,8 @@ class CommandResult:
                 format_quantity(self.unexplained_force, "N", 2),
             )
             lines.append(
-                f"{command_error} of the ± since the muscle misses {unexplained} of held-out blocks beyond noise"
+                f"{command_error} of the ± since the muscle misses {unexplained} of held-out blocks"
+                f" beyond noise"
             )
         return lines
 
@@ -173,7 +189,8 @@ class CommandResult:
         if self.friction:
             directions = "more after lengthening and as much less after shortening"
             lines.append(
-                f"braid_friction makes force up to {format_quantity(self.friction, 'N', 2)} {directions}; no ± counts it"
+                f"braid_friction makes force up to {format_quantity(self.friction, 'N', 2)} {directions};"
+                f" no ± counts it"
             )
         if self.neglected_rig:
             lines.append(f"left out, as for true sensors and a rigid rig: {', '.join(self.neglected_rig)}")
@@ -194,7 +211,8 @@ def _list_extrapolations(
                 else f"{format_quantity(low, unit)} to {format_quantity(high, unit)}"
             )
             sentences.append(
-                f"extrapolated: {name} {format_quantity(value, unit)}, calibrated at {range_text}; no ± counts it"
+                f"extrapolated: {name} {format_quantity(value, unit)}, calibrated at {range_text}; no ±"
+                f" counts it"
             )
     return tuple(sentences)
 
@@ -246,7 +264,23 @@ def solve_command(
     by_pressure, by_length = inverse.stiffness_slopes(p, l)[0]
     neglected_history, neglected_rig = list_neglected(inverse.muscle)
     return CommandResult(
-        quantity, value, sd, force, given, by_force, by_given, stiffness, float(by_pressure), float(by_length),
-        limit, spread, unexplained_force, reached_force, float(compute_friction_half_loop(inverse.muscle, p, l)[0]), given_range,
-        _list_extrapolations(calibrated_range or {}, {"pressure": p, "length": l}), neglected_history, neglected_rig,
-    )  # fmt: skip
+        quantity,
+        value,
+        sd,
+        force,
+        given,
+        by_force,
+        by_given,
+        stiffness,
+        float(by_pressure),
+        float(by_length),
+        limit,
+        spread,
+        unexplained_force,
+        reached_force,
+        float(compute_friction_half_loop(inverse.muscle, p, l)[0]),
+        given_range,
+        _list_extrapolations(calibrated_range or {}, {"pressure": p, "length": l}),
+        neglected_history,
+        neglected_rig,
+    )

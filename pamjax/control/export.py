@@ -61,7 +61,10 @@ class ExportedController:
         units = {"pressure": "Pa", "length": "um", "force": "N", "stiffness": "N/m"}
         errors = ", ".join(f"{n} {format_quantity(self.error[n], u, 2)}" for n, u in units.items())
         (low, high), (short, long) = self.pressures, self.lengths
-        covered_range = f"{format_quantity(low, 'kPa')} to {format_quantity(high, 'kPa')}, {format_quantity(short, 'mm')} to {format_quantity(long, 'mm')}"
+        covered_range = (
+            f"{format_quantity(low, 'kPa')} to {format_quantity(high, 'kPa')},"
+            f" {format_quantity(short, 'mm')} to {format_quantity(long, 'mm')}"
+        )
         return f"for {covered_range}; sums of degree {self.degree}; off by less than {errors}"
 
 

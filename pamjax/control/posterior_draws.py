@@ -34,7 +34,8 @@ class CommandSpread:
     """What draws make of a command, SI.
 
     Attributes:
-        sd, low, high: standard deviation and ends of the middle `INTERVAL_SHARE`, of the draws that meet the wish.
+        sd, low, high: standard deviation and ends of the middle `INTERVAL_SHARE`, of the draws that meet the
+            wish.
         feasible_share: share of draws that do.
     """
 

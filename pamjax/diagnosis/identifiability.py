@@ -52,7 +52,8 @@ def format_strained_parameters(problem: LibraryProblem, fit: CandidateFit) -> li
         return []
     it, its = ("it", "its") if len(names) == 1 else ("them", "their")
     return [
-        f"{format_list(names)} ended as far from what is stated as is believed possible: something that is missing"
+        f"{format_list(names)} ended as far from what is stated as is believed possible: something that"
+        f" is missing"
         f" pulls at {it}, or {its} sd is too small."
     ]
 

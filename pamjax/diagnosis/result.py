@@ -346,4 +346,5 @@ def _format_lines(diagnosis: Diagnosis) -> list[str]:
 def format_named_estimate(name: str, estimate: ParameterEstimate) -> str:
     """A number for people, as "coefficient 0.210 ± 0.012"."""
     limit = ", at an end of its range" if estimate.at_limit else ""
-    return f"{name} {format_estimate(estimate.value, estimate.sd, _get_display_unit(estimate.meaning)[1])}{limit}"
+    unit = _get_display_unit(estimate.meaning)[1]
+    return f"{name} {format_estimate(estimate.value, estimate.sd, unit)}{limit}"

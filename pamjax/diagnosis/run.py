@@ -116,7 +116,11 @@ def diagnose(
         model=model,
         baseline=baseline,
         mismatch=mismatch,
-        mismatch_boxes=locate_effects(problem, baseline, model) if selection.named_mechanisms else locate_residual(problem, baseline),
+        mismatch_boxes=(
+            locate_effects(problem, baseline, model)
+            if selection.named_mechanisms
+            else locate_residual(problem, baseline)
+        ),
         residual_test=residual_test,
         unexplained=unexplained,
         residual_boxes=locate_residual(problem, model) if unexplained else [],

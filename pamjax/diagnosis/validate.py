@@ -131,7 +131,8 @@ def validate_model(model: LoadedMuscle, case: Case, training_checksums: Collecti
     Args:
         model: as `load_muscle` reads it from a fit.json or a model.json.
         case: the recording.
-        training_checksums: checksums of the recordings that the model was fitted to, as `read_training_checksums` reads them; its own
+        training_checksums: checksums of the recordings that the model was fitted to, as
+            `read_training_checksums` reads them; its own
             recording is among them where it was calibrated.
     """
     case = average_fixed_lengths(case)

@@ -9,7 +9,8 @@ With the potential W(L, B) of the bench (`bench.py`)
 
 Threads do not push. Where W pulls them inwards, contact is lost: T = 0, and the bladder stands off the
 braid at the radius where its own rubber balances the pressure. One unknown x serves both branches,
-x = T above zero and below it the *slack*, s = −x / (SLACK_PRESSURE_SCALE ∂T/∂P), by which the radius has shrunk:
+x = T above zero and below it the *slack*, s = −x / (SLACK_PRESSURE_SCALE ∂T/∂P), by which the radius has
+shrunk:
 
     R² = R0² / √(1 + s),   B² = L² + (2πN R)²        R0 that of the threads without load
 

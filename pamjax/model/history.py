@@ -36,11 +36,13 @@ class History(eqx.Module):
         time: (n,) s; zeros for a static map.
         step: (n,) time since the sample before, s; zero at the first.
         restart: (n,) whether memory begins anew at this sample.
-        rate_weights: (n, 2 RATE_HALF_WIDTH + 1) weights that turn a sample and its neighbours into a rate, 1/s; zero
+        rate_weights: (n, 2 RATE_HALF_WIDTH + 1) weights that turn a sample and its neighbours into a rate,
+            1/s; zero
             for those of another run.
         first, last: (n,) the ends of each sample's run; the sample itself in a static map.
         settled: whether the muscle had been through the recording once before.
-        row_count: how many samples are worked out; those after them repeat the last. None for all, which alone
+        row_count: how many samples are worked out; those after them repeat the last. None for all, which
+            alone
             has derivatives in reverse.
         has_memory: whether anything leaves something to later samples; where nothing does, once through the
             recording is enough. None for yes, which alone has derivatives in reverse.

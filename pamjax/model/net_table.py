@@ -53,9 +53,11 @@ class NetTable(eqx.Module):
         turns: N.
         net_parameters: of what the table is: radius of the fittings in units of B0/ν, and ν.
         middle, half: of the range of x.
-        coefficients: coefficients of derivatives by x (first index, up to an order) of volume, mean and mid radius
+        coefficients: coefficients of derivatives by x (first index, up to an order) of volume, mean and mid
+            radius
             (second), by powers of y − 1 (third) and of x, which is −1 to 1 (last).
-        parameter_slopes: derivatives of the terms by what the table is made of; none where nobody will ask for them.
+        parameter_slopes: derivatives of the terms by what the table is made of; none where nobody will ask
+            for them.
     """
 
     thread: Scalar

@@ -110,7 +110,8 @@ def find_meaning(name: str, where: str = "") -> Meaning:
 def list_meanings_by_law(name: str) -> dict[str, Meaning]:
     """What a number of the threads means to each law that has it; empty for any other number.
 
-    >>> {law: meaning.about for law, meaning in list_meanings_by_law("thread.crimp").items()}["recruitment-toe"]
+    >>> {law: meaning.about for law, meaning in
+    ... list_meanings_by_law("thread.crimp").items()}["recruitment-toe"]
     'mean slack of the filaments'
     """
     meanings_by_law = {law: list_field_meanings(kind) for law, kind in THREAD_LAWS.items()}

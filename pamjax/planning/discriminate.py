@@ -170,9 +170,15 @@ def discriminate(
     testbed = SimulatedTestbed.from_fit(library_problem, first_fit)
     experiments = evaluate_protocols(testbed, first_fit, second_fit, (first, second))
     return Discrimination(
-        case, (first, second), second_fit.corrected_chi2 - first_fit.corrected_chi2, testbed, tuple(experiments), choose_experiment(experiments),
-        residual_tests, all(is_residual_significant(baseline_test, residual_test) for residual_test in residual_tests),
-    )  # fmt: skip
+        case,
+        (first, second),
+        second_fit.corrected_chi2 - first_fit.corrected_chi2,
+        testbed,
+        tuple(experiments),
+        choose_experiment(experiments),
+        residual_tests,
+        all(is_residual_significant(baseline_test, residual_test) for residual_test in residual_tests),
+    )
 
 
 def fit_baseline(library_problem: LibraryProblem) -> CandidateFit:

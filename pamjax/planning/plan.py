@@ -50,7 +50,8 @@ class Plan:
         minutes: what they cost.
         expected_sds: the muscle's numbers before and after.
         reaches_goal: whether the goal is expected to be reached.
-        single_channel: by channel that there is besides others, the goal's standard deviation (SI) and the minutes
+        single_channel: by channel that there is besides others, the goal's standard deviation (SI) and the
+            minutes
             of the best plan with that channel only.
         isobars_sd: the goal's standard deviation after ten isobars in the same minutes, SI.
     """
@@ -203,12 +204,13 @@ def plan(
         chosen_runs=tuple((int(n), run) for n, run in zip(counts, offered_runs, strict=True) if n),
         minutes=total_minutes,
         expected_sds={
-            prior.space.names[k]: ExpectedSd(*(float(x[k]) for x in (prior.mean, sds_before, sds_after))) for k in indices
+            prior.space.names[k]: ExpectedSd(*(float(x[k]) for x in (prior.mean, sds_before, sds_after)))
+            for k in indices
         },
         reaches_goal=bool(run_menu.compute_criterion(counts) <= run_menu.goal) if target_sd else True,
         single_channel=single_channel,
         isobars_sd=float(isobar_sds[indices[0]]),
-    )  # fmt: skip
+    )
 
 
 def _find_highest_pressure(case: Case) -> float:

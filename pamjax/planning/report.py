@@ -41,7 +41,10 @@ def format_plan_note(plan: Plan) -> str:
 
 def format_rig(capabilities: RigCapabilities) -> str:
     """How far the rig goes, and how fast."""
-    limits = f"up to {format_quantity(capabilities.pressure, 'kPa', 3)} and {capabilities.contraction:.0%} contraction"
+    limits = (
+        f"up to {format_quantity(capabilities.pressure, 'kPa', 3)} and"
+        f" {capabilities.contraction:.0%} contraction"
+    )
     return f"{limits}, {1e3 * capabilities.speed:.3g} mm/s, {capabilities.rate:.3g} samples a second"
 
 
@@ -117,7 +120,10 @@ def _format_expected_sd(name: str, expected: ExpectedSd) -> str:
         if math.isfinite(expected.sd_before)
         else "unknown"
     )
-    return f"{format_quantity(expected.value, unit)}, {before_text} now, ± {format_quantity(expected.sd_after, unit, 2)} after"
+    return (
+        f"{format_quantity(expected.value, unit)}, {before_text} now, ±"
+        f" {format_quantity(expected.sd_after, unit, 2)} after"
+    )
 
 
 def format_alternatives(plan: Plan) -> list[str]:

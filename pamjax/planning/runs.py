@@ -98,7 +98,10 @@ def _build_run(
 
 def _build_stroke(capabilities: RigCapabilities, rest_length: float, pressure: float) -> PlannedRun:
     shortest = rest_length * (1 - capabilities.contraction)
-    description = f"stroke to {capabilities.contraction:.0%} contraction and back at {format_quantity(pressure, 'kPa', 3)}"
+    description = (
+        f"stroke to {capabilities.contraction:.0%} contraction and back at"
+        f" {format_quantity(pressure, 'kPa', 3)}"
+    )
     corners = [(0.0, pressure, rest_length), (0.5, pressure, shortest), (1.0, pressure, rest_length)]
     return _build_run(
         capabilities, description, 2 * rest_length * capabilities.contraction / capabilities.speed, corners
@@ -137,19 +140,24 @@ def _list_checks(capabilities: RigCapabilities) -> list[PlannedRun]:
     checks = {
         "reading of all channels, vented and unclamped": (
             3.0,
-            {"force_offset.offset": force / averaging, "pressure_offset.offset": capabilities.gauge / averaging},
+            {
+                "force_offset.offset": force / averaging,
+                "pressure_offset.offset": capabilities.gauge / averaging,
+            },
         ),
         "reading of a steel bar of known length and width in the grips": (
             15.0,
-            {"length_offset.offset": max(ruler, GAUGE_BLOCK_SD),
-             "diameter_offset.offset": max(diameter / averaging, GAUGE_BLOCK_SD),
-             "rig_compliance.compliance": ruler / CHECK_FORCE},
+            {
+                "length_offset.offset": max(ruler, GAUGE_BLOCK_SD),
+                "diameter_offset.offset": max(diameter / averaging, GAUGE_BLOCK_SD),
+                "rig_compliance.compliance": ruler / CHECK_FORCE,
+            },
         ),
         "reading of dead weights and of a second gauge": (
             20.0,
             {"force_gain.gain": REFERENCE_SHARE, "pressure_gain.gain": REFERENCE_SHARE},
         ),
-    }  # fmt: skip
+    }
     measured = {"pressure", "length", "rig", *capabilities.channels}
     return [
         PlannedRun(description, no_samples, no_samples, minutes, direct_sds, is_repeatable=False)

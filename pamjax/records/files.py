@@ -49,7 +49,7 @@ def write_atomically(path: str | Path) -> Iterator[Path]:
 
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
-    ...     with write_beside(Path(folder) / "fit.json") as temporary:
+    ...     with write_atomically(Path(folder) / "fit.json") as temporary:
     ...         _ = temporary.write_text("{}")
     ...     (Path(folder) / "fit.json").read_text()
     '{}'

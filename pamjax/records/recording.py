@@ -44,7 +44,10 @@ class Outlier:
     reason: str
 
     def __str__(self) -> str:
-        return f"{self.column} {format_quantity(self.value, self.unit, 6)} in row {self.row} was set aside: {self.reason}"
+        return (
+            f"{self.column} {format_quantity(self.value, self.unit, 6)} in row {self.row} was set"
+            f" aside: {self.reason}"
+        )
 
 
 @dataclass(frozen=True, eq=False)

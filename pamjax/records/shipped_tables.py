@@ -43,7 +43,7 @@ def read_sidecar(name: str) -> dict[str, Any]:
     Raises:
         BadInput: if no table has this name.
 
-    >>> sidecar("chambers_wereley_2022/table1")["source"]["licence"]
+    >>> read_sidecar("chambers_wereley_2022/table1")["source"]["licence"]
     'CC BY 4.0'
     """
     return tomllib.loads(_find_file(name, ".toml").read_text(encoding="utf-8"))
@@ -73,7 +73,7 @@ def read_shipped(name: str) -> pd.DataFrame:
 def convert_to_si(table: pd.DataFrame) -> pd.DataFrame:
     """The same table in SI under bare names; columns without a unit stay as they are.
 
-    >>> in_si(read_shipped("chambers_wereley_2022/table1"))["pressure"].iloc[0].item()
+    >>> convert_to_si(read_shipped("chambers_wereley_2022/table1"))["pressure"].iloc[0].item()
     689000.0
 
     Raises:
@@ -94,7 +94,7 @@ def convert_to_si(table: pd.DataFrame) -> pd.DataFrame:
 def read_quantities(name: str) -> dict[str, float]:
     """SI values of a table that has a row for each quantity, by the quantity's name.
 
-    >>> round(quantities("chambers_wereley_2022/materials")["rest_length"], 6)
+    >>> round(read_quantities("chambers_wereley_2022/materials")["rest_length"], 6)
     0.235744
     """
     table = read_shipped(name)

@@ -101,7 +101,8 @@ def describe_extrapolation(calibrated_range: dict[str, tuple[float, float]], sch
     """How far a schedule leaves the pressures (Pa) and lengths (m) a muscle was calibrated on.
 
     Args:
-        calibrated_range: "pressure" and "length", or one of them, with lowest and highest calibrated value, SI.
+        calibrated_range: "pressure" and "length", or one of them, with lowest and highest calibrated value,
+            SI.
 
     Returns:
         a sentence for each end that is left; none if the schedule stays inside.

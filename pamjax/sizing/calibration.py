@@ -112,7 +112,8 @@ def transfer_calibration(
         if misfit_share is not None:
             properties["discrepancy"] = misfit_share
             sources.append(
-                f"force missed on held-out blocks beyond noise: {100 * misfit_share:.1f} % of the blocked force"
+                f"force missed on held-out blocks beyond noise: {100 * misfit_share:.1f} % of the"
+                f" blocked force"
             )
     if calibration.posterior is not None:
         properties |= _transfer_posterior(folder / calibration.posterior, properties, where, sources)

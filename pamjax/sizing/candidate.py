@@ -197,9 +197,15 @@ def compute_outputs(
     outer_diameter = 2 * radius + 2 * build.thread_diameter
     tension = past.load / n
     point_outputs = (
-        force, outer_diameter, tension, tension / (build.thread_area * build.strength), spacing / build.thread_diameter,
-        mesh, (stretched[:, 1] - 1) / build.elongation, burst,
-    )  # fmt: skip
+        force,
+        outer_diameter,
+        tension,
+        tension / (build.thread_area * build.strength),
+        spacing / build.thread_diameter,
+        mesh,
+        (stretched[:, 1] - 1) / build.elongation,
+        burst,
+    )
 
     rubber_volume = wall.rubber_volume(rubber)
     rest_volume = braid.volume(rest_length, bench.thread_length, bench.turns) - rubber_volume
@@ -212,10 +218,22 @@ def compute_outputs(
     rest_diameter = jnp.exp(c[2])
     widest = jnp.max(outer_diameter[1:])
     muscle_outputs = (
-        rest_length, c[1], rest_diameter, t, working_pressure, bench.thread_length, bench.turns, 1 - 2 * t / rest_diameter,
-        rest_length / widest, mass, air, cost, jnp.sum(status != int(Status.OK)).astype(float), widest,
+        rest_length,
+        c[1],
+        rest_diameter,
+        t,
+        working_pressure,
+        bench.thread_length,
+        bench.turns,
+        1 - 2 * t / rest_diameter,
+        rest_length / widest,
+        mass,
+        air,
+        cost,
+        jnp.sum(status != int(Status.OK)).astype(float),
+        widest,
         widest * build.packing,
-    )  # fmt: skip
+    )
     return jnp.concatenate([jnp.stack(point_outputs).ravel(), jnp.stack(muscle_outputs)])
 
 

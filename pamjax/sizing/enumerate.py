@@ -51,7 +51,9 @@ class ChoiceResult:
 
 
 def screen_choices(problems: Sequence[SizingProblem], seed: int) -> list[np.ndarray]:
-    """The most promising starts of each choice, (SCREENING_POINTS, free) best first, by one batched program."""
+    """The most promising starts of each choice, (SCREENING_POINTS, free) best first, by one batched
+    program.
+    """
     points = qmc.Sobol(5, rng=np.random.default_rng(seed)).random(SCREENING_POINTS)
     c = np.concatenate([p.low + points * (p.start_high - p.low) for p in problems])
     build = jax.tree.map(

@@ -57,7 +57,10 @@ class Relaxation:
         if requirement.is_safety_factor:
             return f"{requirement.description}: {1 / self.relaxed_bound:.3g} times would do"
         if len(requirement.bounds) > 1 and requirement.key == "stroke":
-            return f"{requirement.description}: {100 * self.relaxed_bound / requirement.bounds[-1]:.3g} % of the load would do"
+            return (
+                f"{requirement.description}: {100 * self.relaxed_bound / requirement.bounds[-1]:.3g} %"
+                f" of the load would do"
+            )
         return f"{requirement.description}: {format_amount(self.relaxed_bound, requirement.unit)} would do"
 
 
@@ -67,7 +70,10 @@ def format_shortfall(requirement: Requirement, y: np.ndarray) -> str:
     reached, bound = float(y[requirement.rows[worst]]), requirement.bounds[worst]
     if requirement.is_safety_factor:
         return f"{format_amount(1 / reached, '1')} times, {format_amount(1 / bound - 1 / reached, '1')} short"
-    difference = f"{format_amount(abs(reached - bound), requirement.unit)} {'short' if requirement.sense > 0 else 'too much'}"
+    difference = (
+        f"{format_amount(abs(reached - bound), requirement.unit)}"
+        f" {'short' if requirement.sense > 0 else 'too much'}"
+    )
     return f"{format_amount(reached + requirement.fitting_length, requirement.unit)}, {difference}"
 
 

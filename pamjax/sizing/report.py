@@ -52,11 +52,15 @@ def _format_muscle(design: Design) -> list[str]:
     )
     limits = f" ({', '.join(design.active_limits)})" if design.active_limits else ""
     return [
-        f"  rest length {format_quantity(n['rest_length'], 'mm')}, thread length {format_quantity(n['thread_length'], 'mm')},"
+        f"  rest length {format_quantity(n['rest_length'], 'mm')}, thread length"
+        f" {format_quantity(n['thread_length'], 'mm')},"
         f" {n['turns']:.4g} turns (braid angle {angle:.1f} deg)",
-        f"  bladder {format_quantity(n['diameter'], 'mm')} outside, wall {format_quantity(n['wall'], 'mm', 3)}{limits}",
-        f"  {format_quantity(n['pressure'], 'kPa')}, at most {format_quantity(design.output('widest'), 'mm')} wide{bundle},"
-        f" {format_quantity(design.output('mass'), 'g', 3)}, {format_quantity(design.output('air'), 'L', 3)} of air a stroke",
+        f"  bladder {format_quantity(n['diameter'], 'mm')} outside, wall"
+        f" {format_quantity(n['wall'], 'mm', 3)}{limits}",
+        f"  {format_quantity(n['pressure'], 'kPa')}, at most"
+        f" {format_quantity(design.output('widest'), 'mm')} wide{bundle},"
+        f" {format_quantity(design.output('mass'), 'g', 3)},"
+        f" {format_quantity(design.output('air'), 'L', 3)} of air a stroke",
     ]
 
 
@@ -88,7 +92,9 @@ def format_margin(margin: float, requirement) -> str:
 
 
 def compute_output_ratio(margin: float) -> float:
-    """Output over lower bound at a room, see `requirements.compute_margin`: below a tenth it is its tangent."""
+    """Output over lower bound at a room, see `requirements.compute_margin`: below a tenth it is its
+    tangent.
+    """
     return (
         math.exp(margin)
         if margin > math.log(MIN_LOG_RATIO)

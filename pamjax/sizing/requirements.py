@@ -272,9 +272,12 @@ def _list_assumed_requirements(spec: Spec, point_count: int) -> list[Requirement
         require_safety("mesh", "bladder {} times from bulging through", "mesh"),
         require_safety("rubber", "rubber stretched to 1/{} of its break", "strain"),
         _require_everywhere("fit", "threads fit side by side", "fit", point_count, 1.0, 1),
-        _require_everywhere("burst", "threads far from stretching without end", "burst", point_count, MAX_BURST_RATIO, -1),
-        _require_at_least("bore", f"bore at least {MIN_BORE_RATIO:g} of the bladder's outside", "bore", MIN_BORE_RATIO),
-        _require_at_least("slenderness", f"at least {slenderness:g} times as long as wide", "slenderness", slenderness,
+        _require_everywhere("burst", "threads far from stretching"
+                                     " without end", "burst", point_count, MAX_BURST_RATIO, -1),
+        _require_at_least("bore", f"bore at least {MIN_BORE_RATIO:g} of the bladder's"
+                                  f" outside", "bore", MIN_BORE_RATIO),
+        _require_at_least("slenderness", f"at least {slenderness:g} times as long"
+                                         f" as wide", "slenderness", slenderness,
                stated="slenderness" in limits.model_fields_set),
     ]  # fmt: skip
 

@@ -328,7 +328,12 @@ def _find_table(name: str) -> type[BaseModel]:
         "supply": Supply,
     }
     kinds = tables | {
-        "envelope": SizeLimits, "safety": Safety, "threads": Threads, "bladders": Bladders, "limits": CoordinateLimits,
-        "tolerance": Tolerance, "calibration": Calibration,
-    }  # fmt: skip
+        "envelope": SizeLimits,
+        "safety": Safety,
+        "threads": Threads,
+        "bladders": Bladders,
+        "limits": CoordinateLimits,
+        "tolerance": Tolerance,
+        "calibration": Calibration,
+    }
     return kinds.get(name, SpecEntries)

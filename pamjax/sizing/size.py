@@ -95,9 +95,16 @@ def _build_infeasible_design(
 ) -> Design:
     nearest_result, relaxations = find_conflict(results)
     return Design(
-        spec, task, transfer, tuple(results), nearest_result, relaxations=tuple(relaxations), unsearched_count=unsearched_count, seed=seed,
+        spec,
+        task,
+        transfer,
+        tuple(results),
+        nearest_result,
+        relaxations=tuple(relaxations),
+        unsearched_count=unsearched_count,
+        seed=seed,
         method=method,
-    )  # fmt: skip
+    )
 
 
 def _build_feasible_design(

@@ -44,4 +44,7 @@ def format_noise(case: Case, channel: str, sd: float) -> str:
     head = f"Noise of {channel} is {format_channel_value(sd, channel)} a sample"
     if stated is None or is_stated_noise(sd, stated):
         return f"{head}, as the lab states it"
-    return f"{head}: {format_channel_value(stated, channel)} as the lab states it, the rest added by that of pressure and length"
+    return (
+        f"{head}: {format_channel_value(stated, channel)} as the lab states it, the rest added by that"
+        f" of pressure and length"
+    )

@@ -252,7 +252,7 @@ def test_a_plan_s_title_stays_on_a_phone(entry, stroke):
     figure = plot_precision(wrong, course, narrow=True)
     figure.draw_without_rendering()
     title = figure.axes[0]._left_title
-    assert " ".join(title.get_text().split()).endswith("were the muscle right")
+    assert " ".join(title.get_text().split()).endswith("model of the muscle were right")
     assert title.get_window_extent().x1 <= figure.bbox.x1
 
 

@@ -119,11 +119,15 @@ def diagnosis(
         blocks=laid,
         gain=compute_gain(found, laid, select_held_out_rows(laid), models[0], models[1]),
         parameters={"braid_friction": {"coefficient": ParameterEstimate(0.21, 0.01, find_meaning(NAMES[2]))}},
-        parameter_shifts={NAMES[0]: ParameterShift(80e9, 92e9, 8.9, find_meaning(NAMES[0])),
-               NAMES[1]: ParameterShift(1.2, 1.2, -0.2, find_meaning(NAMES[1]))} if named and detected else {},
+        parameter_shifts={
+            NAMES[0]: ParameterShift(80e9, 92e9, 8.9, find_meaning(NAMES[0])),
+            NAMES[1]: ParameterShift(1.2, 1.2, -0.2, find_meaning(NAMES[1])),
+        }
+        if named and detected
+        else {},
         notes=["turns and thread length only together"],
         experiments=list(experiments),
-    )  # fmt: skip
+    )
 
 
 def planned():

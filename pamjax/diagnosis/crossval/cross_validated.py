@@ -9,7 +9,8 @@ unseen blocks is something else.
 
 Where much is left where they were fitted, be it known from noise or not, each name is judged as well, once,
 beside everything that came near (judged again after its neighbours have gone, a name has their misfit held
-against it as well): its probability counts for its share, and names that fall below `ESTABLISHED_PROBABILITY` go.
+against it as well): its probability counts for its share, and names that fall below
+`ESTABLISHED_PROBABILITY` go.
 
 Names that stay beside something unexplained keep half of the certainty that is left to them.
 
@@ -91,7 +92,8 @@ def format_dropped_mechanisms(before: Selection, after: Selection) -> list[str]:
         return []
     explain, are = ("explains", "is") if len(dropped_ids) == 1 else ("explain", "are")
     return [
-        f"{format_list(dropped_ids)} {explain} too little of the blocks that were left out of a fit and {are} not named."
+        f"{format_list(dropped_ids)} {explain} too little of the blocks that were left out of a fit and"
+        f" {are} not named."
     ]
 
 

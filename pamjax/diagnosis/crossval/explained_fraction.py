@@ -47,8 +47,10 @@ class BlockCrossValidation:
     Attributes:
         problem: the recording before the library.
         fit: as all blocks tell it.
-        noise_splits: the noise of all but one block, and of that block, for each; none where blocks are too few.
-        fixed_indices: shapes that stay where all blocks put them, as nothing is known of them without one, for each.
+        noise_splits: the noise of all but one block, and of that block, for each; none where blocks are too
+            few.
+        fixed_indices: shapes that stay where all blocks put them, as nothing is known of them without one,
+            for each.
         block_fits: the fits without a block.
         is_informed: whether a fit without a block still knows of a form's amplitudes, by id.
     """

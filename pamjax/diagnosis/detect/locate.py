@@ -221,7 +221,8 @@ def _format_box(channel, direction, pressure, contraction, signed, inside, axes:
     by_way = direction == "both" and not mixed
     if by_way and shortens is not None and lengthens is not None and shortens * lengthens < 0:
         return (
-            f"{where}, {channel} is {_format_difference(lengthens, scale, unit)} while the muscle lengthens and"
+            f"{where}, {channel} is {_format_difference(lengthens, scale, unit)} while the muscle"
+            f" lengthens and"
             f" {_format_difference(shortens, scale, unit)} while it shortens."
         )
     values = signed[inside]
@@ -229,7 +230,8 @@ def _format_box(channel, direction, pressure, contraction, signed, inside, axes:
     sentence = f"{where}, {channel} is {_format_difference(typical, scale, unit)} than the baseline says"
     if _compute_one_sided_rms(values) is None:
         sentence = _format_trend(where, channel, values, inside, axes, scale, unit) or (
-            f"{where}, {channel} departs from the baseline by about {_format_size(typical, scale, unit)} either way"
+            f"{where}, {channel} departs from the baseline by about {_format_size(typical, scale, unit)}"
+            f" either way"
         )
     elif _mixed(signed, sd, parts):
         sentence = _format_trend(where, channel, values, inside, axes, scale, unit) or (

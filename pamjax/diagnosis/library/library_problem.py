@@ -215,7 +215,7 @@ def _sweep_derivatives(
 def compute_program_rows(n: int) -> int:
     """Rows of the program that a recording of n rows runs in.
 
-    >>> [program_rows(n) for n in (5, 870, 5000)]
+    >>> [compute_program_rows(n) for n in (5, 870, 5000)]
     [640, 1280, 5120]
     """
     return MIN_PROGRAM_ROWS * 2 ** max(math.ceil(math.log2(max(n, 1) / MIN_PROGRAM_ROWS)), 0)

@@ -64,7 +64,8 @@ def compute_power(
 def compute_power_and_limit(
     delta: np.ndarray, a: LinearisedModel, b: LinearisedModel, draws: int = POWER_DRAWS, seed: int = 0
 ) -> tuple[float, float]:
-    """Chance that A is preferred where it is true, if B is given up only at a false alarm of `FALSE_ALARM_RATE`.
+    """Chance that A is preferred where it is true, if B is given up only at a false alarm of
+    `FALSE_ALARM_RATE`.
 
     Args:
         delta: (m,) white difference of A's and B's predictions.

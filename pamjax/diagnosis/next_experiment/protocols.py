@@ -173,7 +173,8 @@ PROTOCOL_MENU = (
     PlannedProtocol(
         "X2",
         lambda rig: (
-            f"Stroke slowly at 0 and at {_format_kpa(0.05 * rig.max_pressure)} to {_format_kpa(0.2 * rig.max_pressure)}"
+            f"Stroke slowly at 0 and at {_format_kpa(0.05 * rig.max_pressure)} to"
+            f" {_format_kpa(0.2 * rig.max_pressure)}"
         ),
         _build_low_strokes,
     ),
@@ -218,14 +219,16 @@ PROTOCOL_MENU = (
     PlannedProtocol(
         "X8",
         lambda rig: (
-            f"Repeat the stroke at a low pressure ({_format_kpa(0.2 * rig.max_pressure)}) before and after the highest"
+            f"Repeat the stroke at a low pressure ({_format_kpa(0.2 * rig.max_pressure)}) before and"
+            f" after the highest"
         ),
         _build_repeated_low,
     ),
     PlannedProtocol(
         "X9",
         lambda rig: (
-            f"Put a steel bar of known length and width in the grips; pull it to {rig.max_force:.0f} N in steps"
+            f"Put a steel bar of known length and width in the grips; pull it to {rig.max_force:.0f} N"
+            f" in steps"
         ),
         get_direct_readings=_read_bar,
         operator_minutes=20.0,

@@ -28,7 +28,8 @@ class RigLimits:
         max_contraction: largest contraction that was reached.
         speed: usual speed of a stroke, m/s.
         step: seconds between samples.
-        force_noise, diameter_noise, pressure_noise, length_noise: noise of one sample of force (N), diameter (m), pressure (Pa) and
+        force_noise, diameter_noise, pressure_noise, length_noise: noise of one sample of force (N), diameter
+            (m), pressure (Pa) and
             length (m).
         max_force: largest force that was met, N.
         has_camera: whether diameters are recorded as a matter of course.

@@ -70,7 +70,9 @@ def compute_input_noise_chi2(
 
 
 def propagate_input_noise(problem: LibraryProblem, values: np.ndarray) -> np.ndarray | None:
-    """What each draw of noise does to what is shown, (draws, 2, n), SI; None where `compute_input_noise_chi2` is zero."""
+    """What each draw of noise does to what is shown, (draws, 2, n), SI; None where
+    `compute_input_noise_chi2` is zero.
+    """
     perturbed = build_perturbed_problems(problem, values)
     if not perturbed:
         return None

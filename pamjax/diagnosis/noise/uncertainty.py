@@ -5,7 +5,8 @@ A direction d, white and of unit length, has the noise variance
     V(ρ′) = Σ_ω |d(ω)|² S(ω; ρ′) / S(ω; ρ),     S(ω; ρ) = 1 − A + A (1 − ρ²) / |1 − ρ e^(−iω)|²,
 
 if the correlation is ρ′ where it was taken for ρ: a slow direction has more for a larger one, a fast one
-less. ρ′ may be zero, half a chance before anything was seen, or anything up to `MAX_RUN_SAMPLES`; what neighbours'
+less. ρ′ may be zero, half a chance before anything was seen, or anything up to `MAX_RUN_SAMPLES`; what
+neighbours'
 differences tell of it, with their error, weighs that. Where a channel's own noise is a small part of the
 whole they tell little, less still because that of pressure and length is known to a share only, and slow
 noise may be there unseen. A channel in which no correlation was looked for has the doubt of so many squared
@@ -41,7 +42,8 @@ class NoiseUncertainty:
 
     Attributes:
         known_variance: (k,) the part of it that is known.
-        variance_by_channel: (k, channels, SCALE) the parts by each channel, as a standard normal variable has it.
+        variance_by_channel: (k, channels, SCALE) the parts by each channel, as a standard normal variable
+            has it.
     """
 
     known_variance: np.ndarray

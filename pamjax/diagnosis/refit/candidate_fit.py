@@ -24,7 +24,8 @@ class CandidateFit:
         noise: the noise, as read off this model's residual.
         estimate: the refit.
         input_noise_chi2: χ² that noise of what was set is expected to leave beyond what the weights know of.
-        between_model_covariance: (k, k) covariance of the numbers that moved, SI, among models that are told apart no better.
+        between_model_covariance: (k, k) covariance of the numbers that moved, SI, among models that are told
+            apart no better.
         errors_in_variables_bias: (k,) how far noise of what was set moves them, SI.
     """
 

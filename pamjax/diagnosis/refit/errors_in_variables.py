@@ -8,11 +8,13 @@ leaves, C − p, the minimum is found from that of C by Gauss–Newton steps,
 J the white derivatives, Λ the priors' information; a step that makes C − p no smaller ends it.
 
 What is left of that pull is not known better than the pull itself: how far the numbers go when the same
-noise comes once more, on average over the draws of `compute_input_noise_chi2`, is part of their doubt (`estimate_input_noise_bias`),
+noise comes once more, on average over the draws of `compute_input_noise_chi2`, is part of their doubt
+(`estimate_input_noise_bias`),
 
     δ = (JᵀJ + Λ)⁻¹ mean_u [J_uᵀ W (y − f(x + u)) − Jᵀ W (y − f(x))].
 
-Source: derived here; see `compute_input_noise_chi2`. Noise added once more: J. Cook, L. Stefanski, J. Am. Stat. Assoc. 89,
+Source: derived here; see `compute_input_noise_chi2`. Noise added once more: J. Cook, L. Stefanski, J. Am.
+Stat. Assoc. 89,
 1314 (1994).
 """
 

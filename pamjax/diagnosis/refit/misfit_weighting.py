@@ -93,7 +93,7 @@ def _compute_weight(residual: np.ndarray) -> float:
 def compute_integrated_autocorrelation_time(residual: np.ndarray) -> float:
     """Over how many samples a residual repeats itself, 1 for white noise.
 
-    >>> 0.8 < repeats(np.random.default_rng(0).standard_normal(2000)) < 1.2
+    >>> 0.8 < compute_integrated_autocorrelation_time(np.random.default_rng(0).standard_normal(2000)) < 1.2
     True
     """
     centred = residual - residual.mean()

@@ -9,7 +9,8 @@ weighed by p_m, the numbers get the covariance
 
     C = C_0 + Σ p_m (v_m − v_0) (v_m − v_0)ᵀ + δ δᵀ,        p_m = e^(−Δχ²_m / 2 s) / Σ,
 
-v_0 the numbers that are told, s the mean square that the model leaves and δ that pull (`correct_input_noise_bias`). A tie has
+v_0 the numbers that are told, s the mean square that the model leaves and δ that pull
+(`correct_input_noise_bias`). A tie has
 the chance that it has beside the name whose place it takes, and says nothing of that name's own numbers.
 
 What it leaves out: moments of a slip, which are many and which the search has tried.

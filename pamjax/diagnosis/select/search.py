@@ -326,7 +326,9 @@ def _is_strained(problem: LibraryProblem, fit: CandidateFit) -> bool:
 def refit_most_promising(
     problem: LibraryProblem, reduced_fit: CandidateFit, trials: Sequence[CandidateFit]
 ) -> list[CandidateFit]:
-    """The most promising of some rough refits, refitted to the end, best first; `reduced_fit` has a form fewer."""
+    """The most promising of some rough refits, refitted to the end, best first; `reduced_fit` has a form
+    fewer.
+    """
     first = sorted(trials, key=lambda trial: trial.bic)[:FINAL_REFIT_COUNT]
     return refit_fully(
         problem,
@@ -353,7 +355,9 @@ def refit_fully(problem: LibraryProblem, rough_fits: Sequence[CandidateFit]) -> 
 
 
 def compute_rough_limit(reduced_fit: CandidateFit, fit: CandidateFit) -> float:
-    """What a rough refit of `reduced_fit` with another form must reach for its end to come near that of a model."""
+    """What a rough refit of `reduced_fit` with another form must reach for its end to come near that of a
+    model.
+    """
     return (reduced_fit.bic + fit.bic) / 2
 
 

@@ -67,7 +67,8 @@ class Selection:
         model: the baseline with all names.
         named_mechanisms: of all that the model holds, most probable first.
         baseline_directions: the signatures at the baseline, for its p-value.
-        weighted_values: (p,) SI, where the model lies weighed by what it leaves; None where that is its own place.
+        weighted_values: (p,) SI, where the model lies weighed by what it leaves; None where that is its own
+            place.
         fit_before_small_effects: the model before small effects joined; None where none did.
     """
 

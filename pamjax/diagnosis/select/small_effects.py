@@ -2,7 +2,8 @@
 
 No textbook wall is right to the noise of a load cell. What it leaves is smooth, and rows that repeat one
 mistake a thousand times bend the lab's rulers and every further name to it. So such a model is weighed by
-its own misfit first (`misfit_weighting.py`), and the question is asked again with what its rows are worth then: which
+its own misfit first (`misfit_weighting.py`), and the question is asked again with what its rows are worth
+then: which
 further form takes away a good part of what is left?
 
 significant   beyond what as many independent samples of the misfit as there are show by chance, over all

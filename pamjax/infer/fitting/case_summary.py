@@ -48,7 +48,10 @@ class CaseSummary:
         missing = int((~self.case.recording.usable).sum())
         lack = "lacks" if missing == 1 else "lack"
         tail = f"; {format_count(missing, 'row')} {lack} pressure or length" if missing else ""
-        return f"{format_count(len(case_blocks.names), case_blocks.kind.removesuffix('s'))} to hold out in turn{tail}"
+        return (
+            f"{format_count(len(case_blocks.names), case_blocks.kind.removesuffix('s'))} to hold out"
+            f" in turn{tail}"
+        )
 
     def _format_parameter(self, d: ParameterIdentifiability) -> str:
         unit = find_meaning(d.name).show

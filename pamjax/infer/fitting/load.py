@@ -73,7 +73,8 @@ def load_muscle(
         settings: numbers of mechanisms to add or to change, SI, as {"braid_friction.coefficient": 0.2}.
 
     Returns:
-        a `LoadedMuscle`: its `muscle` (a bench where mechanisms act), and the pressures, Pa, and lengths, m, that
+        a `LoadedMuscle`: its `muscle` (a bench where mechanisms act), and the pressures, Pa, and lengths, m,
+        that
         it was `calibrated` on.
 
     Raises:

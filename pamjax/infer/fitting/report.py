@@ -33,7 +33,7 @@ def format_fit_note(fit: Fit) -> str:
 def format_estimate(value: float, sd: float | None, unit: str) -> str:
     """Value ± sd with as many digits as the sd allows.
 
-    >>> quantity(83.512e9, 3.43e9, "GPa")
+    >>> format_estimate(83.512e9, 3.43e9, "GPa")
     '83.5 ± 3.4 GPa'
     """
     scale = compute_si_factor(unit)
@@ -48,7 +48,7 @@ def format_estimate(value: float, sd: float | None, unit: str) -> str:
 def format_channel_value(value: float, channel: str) -> str:
     """A value of a channel, SI, in the unit in which the channel is reported.
 
-    >>> told(2.21e-5, "diameter")
+    >>> format_channel_value(2.21e-5, "diameter")
     '0.0221 mm'
     """
     return f"{to_display(channel, value):.3g} {DISPLAY_UNIT[channel]}"
@@ -117,9 +117,15 @@ def _format_case(case_fit: CaseFit, several: bool) -> Iterator[str]:
     for channel, value in case_fit.rmse.items():
         noise = case_fit.noise[channel]
         kind = "its noise" if noise.stated else "residual noise, no sensor given"
-        line = f"  {channel}: rmse {format_channel_value(value, channel)}, {kind} {format_channel_value(noise.sd, channel)}"
+        line = (
+            f"  {channel}: rmse {format_channel_value(value, channel)}, {kind}"
+            f" {format_channel_value(noise.sd, channel)}"
+        )
         if case_fit.held_out and channel in case_fit.held_out.rmse:
-            line += f", on held-out {case_fit.held_out.kind} {format_channel_value(case_fit.held_out.rmse[channel], channel)}"
+            line += (
+                f", on held-out {case_fit.held_out.kind}"
+                f" {format_channel_value(case_fit.held_out.rmse[channel], channel)}"
+            )
         yield line
         if noise.inflation > 1.5:
             clock = f" over {_format_seconds(noise.correlation_time)}" if noise.correlation_time else ""

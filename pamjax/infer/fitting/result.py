@@ -83,7 +83,8 @@ class CaseFit:
         numbers: the muscle's numbers by name, SI: what `catalogue.assemble` takes.
         muscle: the calibrated muscle, without its mechanisms.
         prediction: (n,) by channel, SI.
-        held_out_prediction: (n,) by channel, SI: each row predicted by a fit that never saw its block; NaN where
+        held_out_prediction: (n,) by channel, SI: each row predicted by a fit that never saw its block; NaN
+            where
             no block could be held out.
         block: (n,) name of each row's block.
         rmse: SI, by channel.

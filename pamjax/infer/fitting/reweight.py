@@ -107,7 +107,8 @@ def _compute_degrees_of_freedom(
 ) -> float:
     """Samples of a channel less what the numbers taken from it absorb of its noise.
 
-    Of noise in which `autocorrelation_time` samples are one, a number absorbs as much as of so many independent ones;
+    Of noise in which `autocorrelation_time` samples are one, a number absorbs as much as of so many
+    independent ones;
     at most three quarters, so that a short recording does not divide by nothing.
     """
     return max(

@@ -36,7 +36,7 @@ def estimate_table_variance(
         values: (n,) readings of one channel, or their misfit; the variance has their unit squared.
 
     >>> p = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
-    >>> table_variance(p, np.ones(5), 7 * p)[0] < 1e-20
+    >>> estimate_table_variance(p, np.ones(5), 7 * p)[0] < 1e-20
     True
     """
     if not values.size:

@@ -6,7 +6,8 @@ cov(s_t, s_t+k) = A ρ^k, they have the mean square
     E (s_t+m − 2 s_t + s_t−m)² = A (6 − 8 ρ^m + 2 ρ^2m) + c m⁴,
 
 c m⁴ of a misfit that bends. Several lags tell A, ρ and c apart, with an error that follows from ρ itself. ρ
-may be zero, half a chance before anything was seen, or any of the others in `CORRELATION_GRID`. What it leaves out:
+may be zero, half a chance before anything was seen, or any of the others in `CORRELATION_GRID`. What it
+leaves out:
 misfits that bend on the scale of a few samples, noise with more than one memory, and correlations above
 0.95, of which it takes too little.
 Source: derived here; covariance of mean squares of a Gaussian process, M. S. Bartlett, Suppl. J. R. Stat.

@@ -2,7 +2,8 @@
 
 | verdict                 | when                                                                            |
 |-------------------------|---------------------------------------------------------------------------------|
-| at a limit              | its draws pile up there: `MIN_DRAWS_AT_LIMIT` of them within `LIMIT_DISTANCE_SD` of their sd            |
+| at a limit              | its draws pile up there: `MIN_DRAWS_AT_LIMIT` of them within `LIMIT_DISTANCE_SD`
+of their sd            |
 | determined              | its profile ends on both sides, and halves what was believed                     |
 | one-sided               | its profile ends on one side only                                                |
 | only in combination     | it would be determined if the others were known, and is not                      |

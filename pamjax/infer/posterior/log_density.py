@@ -1,10 +1,12 @@
 """The log-density of a posterior: what was believed, and every sample given the one before it.
 
-All numbers, the muscle's and the noise's, live in one `ParameterSpace`, so that a sampler walks on the whole real
+All numbers, the muscle's and the noise's, live in one `ParameterSpace`, so that a sampler walks on the whole
+real
 line. One point is a pure function; the samplers `vmap` it.
 
 Where the noise has more than one memory the innovations of `streams.py` still repeat each other. If
-`estimate_innovation_autocorrelation` > `MAX_WHITE_AUTOCORRELATION_TIME` of them say what one independent one would, the log-likelihood of that channel counts
+`estimate_innovation_autocorrelation` > `MAX_WHITE_AUTOCORRELATION_TIME` of them say what one independent one
+would, the log-likelihood of that channel counts
 1/worth: the model that misses something slowly is not to be sure of itself. For noise as in `streams.py`
 nothing is changed.
 """

@@ -49,7 +49,10 @@ def _format_parameters(post: Posterior) -> Iterator[str]:
     for name in _list_reported_names(post):
         m, (_, unit) = post.marginals[name], post.find_units(name)
         verdict = str(post.verdicts[name]) if name in post.verdicts else "noise"
-        yield f"  {name:<{width}}  {format_estimate(m.mean, m.sd, unit):<24} {format_interval(post, name):<22} {verdict}"
+        yield (
+            f"  {name:<{width}}  {format_estimate(m.mean, m.sd, unit):<24}"
+            f" {format_interval(post, name):<22} {verdict}"
+        )
 
 
 def format_interval(post: Posterior, name: str) -> str:
@@ -105,7 +108,8 @@ def format_likelihood_powers(post: Posterior) -> Iterator[str]:
             if power < 1:
                 channel = ("force", "diameter")[likelihood.channel]
                 yield (
-                    f"  {case_fit.case.name}: what is left of {channel} repeats itself over more than one memory; "
+                    f"  {case_fit.case.name}: what is left of {channel} repeats itself over more than one"
+                    f" memory; "
                     f"{1 / float(power):.1f} samples count as one"
                 )
 
@@ -121,7 +125,8 @@ def format_sampler_state(post: Posterior) -> Iterator[str]:
         f"{post.seed}: {state}"
     )
     yield (
-        f"  effective samples {convergence.ess.min():.0f} (wanted {ess:.0f}), split-R̂ {convergence.rhat.max():.3f} "
+        f"  effective samples {convergence.ess.min():.0f} (wanted {ess:.0f}), split-R̂"
+        f" {convergence.rhat.max():.3f} "
         f"(wanted {rhat:g}), autocorrelation time {convergence.autocorrelation_time.max():.1f} draws"
     )
     if (diverging := int(np.sum(post.stats.get("diverging", 0)))) > 0:

@@ -53,7 +53,10 @@ class FreeParameter:
         low, high = self.meaning.low, self.meaning.high
         if not low < self.start < high:
             unit = self.meaning.show
-            rule = f"`{self.name}` must lie between {format_quantity(low, unit)} and {format_quantity(high, unit)}"
+            rule = (
+                f"`{self.name}` must lie between {format_quantity(low, unit)} and"
+                f" {format_quantity(high, unit)}"
+            )
             raise refuse(rule, format_quantity(self.start, unit), remedy="Check its unit.")
 
 

@@ -41,7 +41,8 @@ def find_stuck_sensors(recording: Recording, file: str) -> list[str]:
         if last - first >= enough and any(_is_moving(channel, first, last) for channel in movers):
             rows = f"rows {recording.row[first]} to {recording.row[last - 1]}"
             sentences.append(
-                f"`{name}` reads {format_quantity(values[first], DISPLAY_UNIT[name])} in {rows} of {file}, while the"
+                f"`{name}` reads {format_quantity(values[first], DISPLAY_UNIT[name])} in {rows} of"
+                f" {file}, while the"
                 " muscle is moved. Blank it there if its sensor was stuck, at its limit, or not read."
             )
     return sentences

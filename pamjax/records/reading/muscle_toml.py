@@ -105,7 +105,7 @@ def read_muscle_toml(raw: bytes, file: str = "muscle.toml") -> MuscleToml:
 def parse_muscle_toml(document: MuscleDocument | Mapping[str, Any], file: str = "muscle.toml") -> MuscleToml:
     """The entry of a document, checked for what no single number shows.
 
-    >>> entry_from({"muscle": {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.2}}).baseline
+    >>> parse_muscle_toml({"muscle": {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.2}}).baseline
     'inelastic'
     """
     tables = document if isinstance(document, MuscleDocument) else MuscleDocument.from_mapping(document, file)

@@ -2,9 +2,11 @@
 
 A cell is set aside in two cases only:
 
-* it stands alone: farther beyond both its neighbours in one continuous run than `MIN_SPIKE_RANGE_SHARE` of the channel's
+* it stands alone: farther beyond both its neighbours in one continuous run than `MIN_SPIKE_RANGE_SHARE` of
+the channel's
   range and `MAX_ROOT_STEPS` of its larger steps; or
-* it lies far outside: beyond the middle 80 % of the channel by `MIN_OUTSIDE_RANGES` times their range, for at most
+* it lies far outside: beyond the middle 80 % of the channel by `MIN_OUTSIDE_RANGES` times their range, for
+at most
   `MAX_OUTLIER_RUN` samples in a row.
 
 Staircases, reversals and jumps between tests move one neighbour only, and drift and noise are small beside

@@ -15,7 +15,7 @@ from pamjax.units import parse_quantity, suggest_units
 class MeasuredValue:
     """A number and how well it is known, both SI; `sd` 0 is taken as known.
 
-    >>> Measured(0.2512, 0.0008).sd
+    >>> MeasuredValue(0.2512, 0.0008).sd
     0.0008
     """
 
@@ -48,8 +48,8 @@ def read_quantity(raw: Any, kind: str, location: EntryLocation) -> MeasuredValue
     Raises:
         BadInput: naming the place, if it is none.
 
-    >>> read_quantity({"value": "251.2 mm", "sd": "0.8 mm"}, "length", Spot("x", "y.toml"))
-    Measured(value=0.2512, sd=0.0008)
+    >>> read_quantity({"value": "251.2 mm", "sd": "0.8 mm"}, "length", EntryLocation("x", "y.toml"))
+    MeasuredValue(value=0.2512, sd=0.0008)
     """
     where = str(location)
     if isinstance(raw, Mapping):

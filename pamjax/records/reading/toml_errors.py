@@ -33,9 +33,9 @@ def format_rule(complaint: Mapping[str, Any], name: str) -> str:
         complaint: one of `ValidationError.errors()`.
         name: of the entry.
 
-    >>> rule({"type": "less_than", "ctx": {"lt": 0.9}}, "contractions")
+    >>> format_rule({"type": "less_than", "ctx": {"lt": 0.9}}, "contractions")
     '`contractions` must be less than 0.9'
-    >>> rule({"type": "int_parsing"}, "cycles")
+    >>> format_rule({"type": "int_parsing"}, "cycles")
     '`cycles` is a whole number'
     """
     kind = complaint["type"]

@@ -106,7 +106,10 @@ def _plot_scores(panel: Panel, diagnosis: Diagnosis, channel: str, block_names: 
         for score in (diagnosis.gain.rmse_before, diagnosis.gain.rmse_after)
     )
     change = f"{before_text} → {after_text}" if diagnosis.named_mechanisms else before_text
-    title = f"Held-out {channel}: {change};\nits noise is {format_channel_value(noise * compute_si_factor(DISPLAY_UNIT[channel]), channel)}"
+    title = (
+        f"Held-out {channel}: {change};\nits noise is"
+        f" {format_channel_value(noise * compute_si_factor(DISPLAY_UNIT[channel]), channel)}"
+    )
     panel.set(xlabel=f"rmse of {channel} [{DISPLAY_UNIT[channel]}]", title=title)
 
 
@@ -145,7 +148,11 @@ def format_rivalry(mechanism: NamedMechanism) -> str:
     if not mechanism.rival_chi2_increase:
         return f"Nothing else comes near {mechanism.id}"
     best_rival = min(mechanism.rival_chi2_increase, key=lambda id: mechanism.rival_chi2_increase[id])
-    return f"The next best, {best_rival}, loses {_format_three_digits(mechanism.rival_chi2_increase[best_rival])} of χ² in the place of {mechanism.id}"
+    return (
+        f"The next best, {best_rival}, loses"
+        f" {_format_three_digits(mechanism.rival_chi2_increase[best_rival])} of χ² in the place of"
+        f" {mechanism.id}"
+    )
 
 
 def plot_shifts(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
@@ -180,7 +187,10 @@ def format_shifts(diagnosis: Diagnosis) -> str:
         return "None of the baseline's numbers had swallowed the effect: all stay within 1 sd"
     most_biased = max(biased_names, key=lambda name: abs(diagnosis.parameter_shifts[name].shift))
     shift_text = f"{diagnosis.parameter_shifts[most_biased].shift:+.1f}".replace("-", "−")
-    return f"{len(biased_names)} of {len(diagnosis.parameter_shifts)} numbers moved by more than 1 sd; {most_biased} most, by {shift_text} sd"
+    return (
+        f"{len(biased_names)} of {len(diagnosis.parameter_shifts)} numbers moved by more than 1 sd;"
+        f" {most_biased} most, by {shift_text} sd"
+    )
 
 
 def _format_three_digits(value: float) -> str:

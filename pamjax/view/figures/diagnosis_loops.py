@@ -178,7 +178,10 @@ def format_resemblance(diagnosis: Diagnosis, residual: np.ndarray, correction: n
     explained_fraction = 1 - np.nanmean((residual - correction) ** 2) / np.nanmean(residual**2)
     names = " and ".join(name.id for name in diagnosis.named_mechanisms)
     verb = "adds" if len(diagnosis.named_mechanisms) == 1 else "add"
-    return f"{100 * max(explained_fraction, 0.0):.0f} % of the square of what the baseline leaves is what {names} {verb}"
+    return (
+        f"{100 * max(explained_fraction, 0.0):.0f} % of the square of what the baseline leaves is what"
+        f" {names} {verb}"
+    )
 
 
 def compute_rms(misfit: np.ndarray) -> float:

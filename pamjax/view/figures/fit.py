@@ -131,7 +131,10 @@ def format_misfit_title(case_fit: CaseFit, channel: str) -> str:
     if noise.excess > MIN_MISS_RATIO:
         ratio_text = f"{noise.excess:.0f}" if noise.excess >= 10 else f"{noise.excess:.2g}"
         return f"{channel.capitalize()} is missed by {rmse_text},\n{ratio_text} times its noise"
-    return f"{channel.capitalize()} is met to {rmse_text};\nits noise is {_format_channel_size(noise.sd, channel)}"
+    return (
+        f"{channel.capitalize()} is met to {rmse_text};\nits noise is"
+        f" {_format_channel_size(noise.sd, channel)}"
+    )
 
 
 def _format_channel_size(value: float, channel: str) -> str:
@@ -198,7 +201,10 @@ def format_outliers(case_fit: CaseFit, channel: str) -> str:
     percent_outside = 100 * np.mean(
         misfit[np.isfinite(misfit)] > 2 * noise.sd / compute_si_factor(DISPLAY_UNIT[channel])
     )
-    return f"{channel.capitalize()}: {percent_outside:.0f} % of samples outside ± 2 sd of its noise, where 5 % belong"
+    return (
+        f"{channel.capitalize()}: {percent_outside:.0f} % of samples outside ± 2 sd of its noise,"
+        f" where 5 % belong"
+    )
 
 
 def plot_held_out(case_fit: CaseFit, narrow: bool = False) -> Figure:
@@ -268,11 +274,17 @@ def format_generalisation(case_fit: CaseFit, channel: str) -> str:
     """The finding: how much a channel loses where the fit did not look."""
     assert case_fit.held_out is not None
     seen_rmse, held_out_rmse = case_fit.rmse[channel], case_fit.held_out.rmse[channel]
-    head = f"Held-out {case_fit.held_out.kind}: {channel} missed by {_format_channel_size(held_out_rmse, channel)},\n"
+    head = (
+        f"Held-out {case_fit.held_out.kind}: {channel} missed by"
+        f" {_format_channel_size(held_out_rmse, channel)},\n"
+    )
     percent_more = 100 * (held_out_rmse / seen_rmse - 1) if seen_rmse > 0 else math.inf
     if abs(percent_more) < 0.5:
         return f"{head}as where seen"
-    return f"{head}{abs(percent_more):.0f} % {'more' if percent_more > 0 else 'less'} than where seen ({_format_channel_size(seen_rmse, channel)})"
+    return (
+        f"{head}{abs(percent_more):.0f} % {'more' if percent_more > 0 else 'less'} than where seen"
+        f" ({_format_channel_size(seen_rmse, channel)})"
+    )
 
 
 def plot_prior(fit: Fit, narrow: bool = False) -> Figure | None:

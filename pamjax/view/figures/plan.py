@@ -57,7 +57,8 @@ def plot_precision(plan: Plan, course: PrecisionCourse, narrow: bool = False) ->
         drawing = create_figure(SINGLE_COLUMN if narrow else DOUBLE_COLUMN, 2.7)
         panel = drawing.subplots()
         _plot_precision_course(panel, plan, course)
-        title = f"{_format_reached_precision(plan, course)}{', were the muscle right' if format_misfit(plan) else ''}"
+        condition = ", if the model of the muscle were right" if format_misfit(plan) else ""
+        title = f"{_format_reached_precision(plan, course)}{condition}"
         panel.set_title(textwrap.fill(title, 42) if narrow else title)
         handles = [create_mark("expected after each run", marker="o", ls="-", color=OKABE_ITO["black"])]
         if plan.target_sd:

@@ -303,7 +303,10 @@ def plot_traces(post: Posterior, narrow: bool = False) -> Figure:
             panel.tick_params(labelsize=6)
         panels[-1].set_xlabel("draw, after the first fifth")
         agreement = "The chains agree" if post.converged else "The chains are NOT yet good enough"
-        health_text = f"at least {post.convergence.ess.min():.0f} effective samples, R-hat ≤ {post.convergence.rhat.max():.3f}"
+        health_text = (
+            f"at least {post.convergence.ess.min():.0f} effective samples, R-hat ≤"
+            f" {post.convergence.rhat.max():.3f}"
+        )
         title = f"{agreement}: {health_text}"
         drawing.suptitle(textwrap.fill(title, 46) if narrow else title, x=0.01, ha="left")
     return drawing

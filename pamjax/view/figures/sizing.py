@@ -117,9 +117,17 @@ def _plot_region(panel: Axes, design: Design, contraction, force, diameter) -> N
         panel.axvline(x, color=REFERENCE_COLOUR, ls="--", lw=0.8)
         # Beside the line, on the side that has room, and above the isobars.
         on_left = x > 50 * (contraction[-1] + contraction[0])
-        panel.annotate(f"wider than {format_quantity(max_diameter, 'mm')}", (x, 0.97), (-6 if on_left else 6, 0),
-                       xycoords=("data", "axes fraction"), textcoords="offset points", va="top",
-                       ha="right" if on_left else "left", fontsize=7, color=REFERENCE_COLOUR)  # fmt: skip
+        panel.annotate(
+            f"wider than {format_quantity(max_diameter, 'mm')}",
+            (x, 0.97),
+            (-6 if on_left else 6, 0),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            va="top",
+            ha="right" if on_left else "left",
+            fontsize=7,
+            color=REFERENCE_COLOUR,
+        )
 
 
 def _plot_points(panel: Axes, design: Design) -> None:
@@ -192,7 +200,10 @@ def plot_prices(design: Design, narrow: bool = False) -> Figure | None:
         panel.axvline(0, color=REFERENCE_COLOUR, lw=0.6)
         panel.set_xlabel(f"change of {objective} [%]")
         dearest = design.prices[0]
-        title = f"“{dearest.requirement.description}” made 1 % easier saves {dearest.percent_saved:.2g} % of {objective}"
+        title = (
+            f"“{dearest.requirement.description}” made 1 % easier saves {dearest.percent_saved:.2g} %"
+            f" of {objective}"
+        )
         drawing.suptitle(textwrap.fill(title, 46) if narrow else title, x=0.01, ha="left", fontsize=8)
         handles = [create_mark("requirement, 1 % easier", marker="s", ms=7, color=colour["requirement"])]
         if any(row[2] == "property" for row in rows):

@@ -100,7 +100,10 @@ def format_answer(diagnosis: Diagnosis) -> tuple[str, str]:
     """The answer in two sentences: what is wrong and where; what is missing and what naming it gains."""
     law = diagnosis.problem.law
     if not diagnosis.detected:
-        first_sentence = f"The {law} baseline explains this recording to its noise ({format_p_value(diagnosis.mismatch.p_value)})."
+        first_sentence = (
+            f"The {law} baseline explains this recording to its noise"
+            f" ({format_p_value(diagnosis.mismatch.p_value)})."
+        )
         gain = _format_gain(diagnosis)
         return (
             first_sentence,
@@ -109,7 +112,10 @@ def format_answer(diagnosis: Diagnosis) -> tuple[str, str]:
     where = (
         diagnosis.mismatch_boxes[0].description if diagnosis.mismatch_boxes else "It shows in no one place."
     )
-    first_sentence = f"The {law} baseline misses something ({format_p_value(diagnosis.mismatch.p_value)}): {_lower_first(where)}"
+    first_sentence = (
+        f"The {law} baseline misses something"
+        f" ({format_p_value(diagnosis.mismatch.p_value)}): {_lower_first(where)}"
+    )
     if diagnosis.is_faint:
         return first_sentence, "It is so far below the noise of a sample that a name would be a guess."
     if not diagnosis.named_mechanisms:
@@ -193,10 +199,14 @@ def _describe_mechanism(diagnosis: Diagnosis, k: int) -> dict[str, Any]:
         "about": description,
         "sure": _format_probability(mechanism.probability),
         "ties": list(mechanism.indistinguishable),
-        "rows": [[n, _format_quantity(v.value, v.sd, v.meaning), v.meaning.about]
-                 for n, v in diagnosis.parameters[mechanism.id].items()],
-        "candidates": _draw_picture(diagnosis, partial(figures.plot_candidates, diagnosis, mechanism), f"candidates-{mechanism.id}"),
-    }  # fmt: skip
+        "rows": [
+            [n, _format_quantity(v.value, v.sd, v.meaning), v.meaning.about]
+            for n, v in diagnosis.parameters[mechanism.id].items()
+        ],
+        "candidates": _draw_picture(
+            diagnosis, partial(figures.plot_candidates, diagnosis, mechanism), f"candidates-{mechanism.id}"
+        ),
+    }
 
 
 def _format_quantity(value: float, sd: float | None, meaning: Meaning) -> str:
@@ -246,8 +256,11 @@ def _list_shifts(diagnosis: Diagnosis) -> Iterator[list[str]]:
         index = diagnosis.problem.index(name)
         after = _format_quantity(shift.after, diagnosis.model.sd(index), shift.meaning)
         yield [
-            name, _format_quantity(shift.before, baseline_before[name].sd, shift.meaning), after, f"{format_signed(shift.shift)} sd",
-        ]  # fmt: skip
+            name,
+            _format_quantity(shift.before, baseline_before[name].sd, shift.meaning),
+            after,
+            f"{format_signed(shift.shift)} sd",
+        ]
 
 
 def _list_assumptions(diagnosis: Diagnosis) -> Iterator[str]:
@@ -267,7 +280,8 @@ def _list_assumptions(diagnosis: Diagnosis) -> Iterator[str]:
             f"; neighbours share it by {channel_noise.correlation:.2f}" if channel_noise.correlation else ""
         )
         if channel_noise.stated:
-            yield f"{format_noise(case, channel, noise['sd'] * compute_si_factor(DISPLAY_UNIT[channel]))}{correlation_text}."
+            sd = noise["sd"] * compute_si_factor(DISPLAY_UNIT[channel])
+            yield f"{format_noise(case, channel, sd)}{correlation_text}."
             continue
         yield (
             f"Noise of {channel} is {noise['sd']:.3g} {noise['unit']} a sample, read off neighbouring"
@@ -288,5 +302,8 @@ def _list_assumptions(diagnosis: Diagnosis) -> Iterator[str]:
 def _format_prior(problem, k: int) -> str:
     meaning, sd = problem.meanings[k], float(problem.prior_sd[k])
     if not math.isfinite(sd):
-        return f"within {format_quantity(problem.low[k], meaning.show, 3)} and {format_quantity(problem.high[k], meaning.show, 3)}"
+        return (
+            f"within {format_quantity(problem.low[k], meaning.show, 3)} and"
+            f" {format_quantity(problem.high[k], meaning.show, 3)}"
+        )
     return _format_quantity(float(problem.start[k]), sd, meaning)

@@ -110,11 +110,18 @@ def format_headline(discrimination: Discrimination) -> str:
 def format_answer(discrimination: Discrimination) -> tuple[str, str]:
     """What to do and how sure that is; how it stands now, first where neither explains the recording."""
     prefix = "" if discrimination.chosen.power >= SUFFICIENT_POWER else " The best there is:"
-    first_sentence = f"{prefix} {_format_protocol(discrimination.chosen).partition(': ')[2]} ({_format_duration(discrimination.chosen)})".strip()
-    certainty = f"where {discrimination.ids[0]} is true, that settles it with probability {_format_power(discrimination.chosen)}"
+    protocol = _format_protocol(discrimination.chosen).partition(": ")[2]
+    first_sentence = f"{prefix} {protocol} ({_format_duration(discrimination.chosen)})".strip()
+    certainty = (
+        f"where {discrimination.ids[0]} is true, that settles it with probability"
+        f" {_format_power(discrimination.chosen)}"
+    )
     if not discrimination.neither_explains:
         return f"{first_sentence}: {certainty}.", f"So far: {discrimination.verdict}."
-    summary = f"{discrimination.residual_summary[:1].upper()}{discrimination.residual_summary[1:]}: there is no choice between the two before."
+    summary = (
+        f"{discrimination.residual_summary[:1].upper()}{discrimination.residual_summary[1:]}: there"
+        f" is no choice between the two before."
+    )
     return (
         summary,
         f"Were one of them true all the same: {first_sentence[:1].lower()}{first_sentence[1:]}; {certainty}.",

@@ -133,13 +133,19 @@ def format_agreement(fit: Fit) -> str:
     held_out_text = join_words(
         [format_channel_value(rmse, channel) for channel, rmse in case_fit.held_out.rmse.items()]
     )
-    return f"{capitalise_sentence(text)}; {case_fit.held_out.kind} that the fit never saw are missed by {held_out_text}."
+    return (
+        f"{capitalise_sentence(text)}; {case_fit.held_out.kind} that the fit never saw are missed by"
+        f" {held_out_text}."
+    )
 
 
 def _format_with_noise(case_fit: CaseFit, channel: str) -> str:
     """A channel's misfit and what its noise is."""
     noise_name = "noise" if case_fit.noise[channel].stated else "the residual's own noise"
-    return f"{format_channel_value(case_fit.rmse[channel], channel)} ({noise_name} {format_channel_value(case_fit.noise[channel].sd, channel)})"
+    return (
+        f"{format_channel_value(case_fit.rmse[channel], channel)} ({noise_name}"
+        f" {format_channel_value(case_fit.noise[channel].sd, channel)})"
+    )
 
 
 def format_estimates(estimates: dict[str, Estimate]) -> str:
@@ -160,11 +166,13 @@ def format_estimates(estimates: dict[str, Estimate]) -> str:
     )
     if names_at_limit:
         parts.append(
-            f"{join_words(_shorten_list(names_at_limit))} {'sits' if len(names_at_limit) == 1 else 'sit'} at a limit"
+            f"{join_words(_shorten_list(names_at_limit))} {'sits' if len(names_at_limit) == 1 else 'sit'}"
+            f" at a limit"
         )
     if undetermined:
         parts.append(
-            f"{join_words(_shorten_list(undetermined))} {'is' if len(undetermined) == 1 else 'are'} mostly what was believed before"
+            f"{join_words(_shorten_list(undetermined))} {'is' if len(undetermined) == 1 else 'are'}"
+            f" mostly what was believed before"
         )
     return "; ".join(parts) + "."
 

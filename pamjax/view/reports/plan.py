@@ -105,7 +105,10 @@ def _format_promise(plan: Plan) -> tuple[str, str]:
         if math.isfinite(expected.sd_before)
         else "unknown"
     )
-    first_sentence = f"Make {_format_runs(plan)}: {plan.goal}, now {before_text}, is then known {format_precision(plan, plan.sd)}."
+    first_sentence = (
+        f"Make {_format_runs(plan)}: {plan.goal}, now {before_text}, is then known"
+        f" {format_precision(plan, plan.sd)}."
+    )
     return first_sentence, f"{_capitalise('; '.join(format_single_channel(plan)) or format_isobars(plan))}."
 
 

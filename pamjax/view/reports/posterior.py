@@ -34,7 +34,8 @@ def write_posterior_report(post: Posterior, path: str | Path, command: str = "pa
         path,
         "posterior.html.jinja",
         title=format_headline(post),
-        kicker=f"Posterior of {join_words([case_fit.case.name for case_fit in fit.cases])} · {format_model(fit)}",
+        kicker=f"Posterior of {join_words([case_fit.case.name for case_fit in fit.cases])} ·"
+        f" {format_model(fit)}",
         answer=format_answer(post),
         belief=draw_picture(partial(figures.plot_marginals, post), "belief"),
         rows=[_build_row(post, name) for name in names],

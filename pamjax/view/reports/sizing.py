@@ -99,17 +99,26 @@ def format_answer(design: Design) -> list[str]:
         ]
     n = design.numbers
     first_sentence = (
-        f"At rest {format_quantity(n['rest_length'], 'mm')} long, threads of {format_quantity(n['thread_length'], 'mm')} in"
+        f"At rest {format_quantity(n['rest_length'], 'mm')} long, threads of"
+        f" {format_quantity(n['thread_length'], 'mm')} in"
         f" {n['turns']:.3g} turns ({math.degrees(n['braid_angle']):.1f}° from the circumference) over a"
-        f" bladder of {format_quantity(n['diameter'], 'mm')} outside and {format_quantity(n['wall'], 'mm', 3)} wall; at"
-        f" {format_quantity(n['pressure'], 'kPa')} it widens to {format_quantity(design.output('widest'), 'mm')} at most."
+        f" bladder of {format_quantity(n['diameter'], 'mm')} outside and"
+        f" {format_quantity(n['wall'], 'mm', 3)} wall; at"
+        f" {format_quantity(n['pressure'], 'kPa')} it widens to"
+        f" {format_quantity(design.output('widest'), 'mm')} at most."
     )
     target = design.spec.entries.probability
     probability_text = f"{design.probability:.2f}"
     if design.misses_probability:
-        certainty = f"No choice holds with the probability of {target:g} that is wanted; this does with {probability_text}."
+        certainty = (
+            f"No choice holds with the probability of {target:g} that is wanted; this does with"
+            f" {probability_text}."
+        )
     else:
-        certainty = f"Everything holds together with probability {probability_text} over other draws of all that is not known"
+        certainty = (
+            f"Everything holds together with probability {probability_text} over other draws of"
+            f" all that is not known"
+        )
         no_target_text = (
             "; none was wanted, so it sits on its bounds: `probability = 0.9` in the spec buys room."
         )

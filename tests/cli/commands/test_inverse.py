@@ -75,8 +75,8 @@ def test_what_cannot_be_met_is_an_answer(fitted, capsys):
     long = loaded.calibrated_range["length"][1]
     most = float(loaded.muscle(400e3, long).force)
     assert (
-        f"more force than the {format_quantity(most, 'N')} at the longest length, {format_quantity(long, 'mm')}"
-        in told
+        f"more force than the {format_quantity(most, 'N')} at the longest length,"
+        f" {format_quantity(long, 'mm')}" in told
     )
     short = loaded.calibrated_range["length"][0]
     assert main(["inverse", str(fitted / "fit.json"), "--force", "300 N", "--length", "100 mm"]) == 0

@@ -55,11 +55,21 @@ def recording(force, empty=False) -> Any:
     if empty:
         measured[0, BLOCK == 0] = np.nan
     return SimpleNamespace(
-        names=NAMES, index=NAMES.index, n=ROWS, is_baseline=own, measured=measured, jacobian=slopes,
-        start=np.zeros(5), neutral=np.zeros(5), prior_sd=np.where(own, 10.0, np.inf), is_logarithmic=np.zeros(5, bool),
-        low=np.full(5, -50.0), high=np.full(5, 50.0), predict=lambda values: slopes(values, [0])[0],
+        names=NAMES,
+        index=NAMES.index,
+        n=ROWS,
+        is_baseline=own,
+        measured=measured,
+        jacobian=slopes,
+        start=np.zeros(5),
+        neutral=np.zeros(5),
+        prior_sd=np.where(own, 10.0, np.inf),
+        is_logarithmic=np.zeros(5, bool),
+        low=np.full(5, -50.0),
+        high=np.full(5, 50.0),
+        predict=lambda values: slopes(values, [0])[0],
         meanings=tuple(SimpleNamespace(neutral=None if mine else 0.0, scale="linear") for mine in own),
-    )  # fmt: skip
+    )
 
 
 def settled(found, used, chosen, values):

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.detect.locate import Box, _extremes, _format_box, _parts, _Region, _shared
+from pamjax.diagnosis.detect.locate import Box, _divide_shares, _extremes, _format_box, _parts, _Region
 from pamjax.diagnosis.detect.regions import LENGTHENING, SHORTENING, RecordingAxes
 
 PRESSURE = np.array([138e3, 276e3, 414e3, 552e3, 689e3])
@@ -104,7 +104,7 @@ def test_boxes_do_not_count_the_same_misfit_twice():
         return _Region(box, inside, weight * inside)
 
     residual = np.stack([standard, np.zeros(100)])
-    boxes = _shared(
+    boxes = _divide_shares(
         found, model, residual, [region(rows < 40, 1.0), region(rows < 40, 3.0), region(rows < 80, 0.0)]
     )
     shares = {box.description: box.share for box in boxes}

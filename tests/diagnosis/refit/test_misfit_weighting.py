@@ -33,11 +33,18 @@ def line(smooth):
         return shown, np.stack([np.stack([design[k], np.zeros(ROWS)]) for k in places])
 
     found = SimpleNamespace(
-        start=np.array([3.0, 0.0]), prior_sd=np.array([0.3, np.inf]), low=np.full(2, -50.0), high=np.full(2, 50.0),
-        meanings=(SimpleNamespace(neutral=None, scale="linear"),) * 2, is_logarithmic=np.zeros(2, bool),
-        is_baseline=np.ones(2, bool), n=ROWS,
-        measured=measured, jacobian=slopes, predict=lambda values: slopes(values, [0])[0],
-    )  # fmt: skip
+        start=np.array([3.0, 0.0]),
+        prior_sd=np.array([0.3, np.inf]),
+        low=np.full(2, -50.0),
+        high=np.full(2, 50.0),
+        meanings=(SimpleNamespace(neutral=None, scale="linear"),) * 2,
+        is_logarithmic=np.zeros(2, bool),
+        is_baseline=np.ones(2, bool),
+        n=ROWS,
+        measured=measured,
+        jacobian=slopes,
+        predict=lambda values: slopes(values, [0])[0],
+    )
     colours = (Ar1Noise(np.ones(ROWS), 1.0, 0.0, True), None)
     white = NoiseModel(colours, (np.arange(ROWS), np.arange(0)), (np.zeros((0, 2), int),) * 2)
     return found, CandidateFit((), white, fit_parameters(found, white, [0, 1], np.array([3.0, 0.0])))

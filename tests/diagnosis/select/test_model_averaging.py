@@ -34,12 +34,21 @@ def recording(tilt) -> Any:
         )
 
     found = SimpleNamespace(
-        names=NAMES, index=NAMES.index, n=ROWS, jacobian=slopes, predict=lambda v: slopes(v, [0])[0],
-        is_baseline=np.array([True, False, False]), is_logarithmic=np.zeros(3, bool),
-        active=lambda values: set(), neutral=np.zeros(3), start=np.array([0.0, 5.0, 0.0]),
-        prior_sd=np.array([10.0, 0.5, np.inf]), low=np.array([-50.0, 0.0, -3.0]), high=np.array([50.0, 9.0, 3.0]),
+        names=NAMES,
+        index=NAMES.index,
+        n=ROWS,
+        jacobian=slopes,
+        predict=lambda v: slopes(v, [0])[0],
+        is_baseline=np.array([True, False, False]),
+        is_logarithmic=np.zeros(3, bool),
+        active=lambda values: set(),
+        neutral=np.zeros(3),
+        start=np.array([0.0, 5.0, 0.0]),
+        prior_sd=np.array([10.0, 0.5, np.inf]),
+        low=np.array([-50.0, 0.0, -3.0]),
+        high=np.array([50.0, 9.0, 3.0]),
         meanings=tuple(SimpleNamespace(neutral=n, scale="linear") for n in (None, 0.0, None)),
-    )  # fmt: skip
+    )
     noise = 0.1 * np.random.default_rng(5).standard_normal(ROWS)
     force = found.predict(np.array([2.0, 5.0, 1.2]))[0] + noise
     return SimpleNamespace(**vars(found), measured=np.stack([force, np.full(ROWS, np.nan)]))

@@ -37,12 +37,23 @@ def read(kink, bump, unknown=0.0):
 
     limits = np.array([0.3, *[1e3] * 4])
     return SimpleNamespace(
-        names=NAMES, index=NAMES.index, active=lambda values: set(), n=ROWS, measured=measured, jacobian=slopes,
-        predict=lambda values: slopes(values, [0])[0], start=np.zeros(5), neutral=np.zeros(5),
-        prior_sd=np.array([0.1, *[np.inf] * 4]), low=-limits, high=limits,
-        meanings=(SimpleNamespace(neutral=0.0, scale="linear"),) * 5, is_logarithmic=np.zeros(5, bool),
-        is_baseline=np.array([True, *[False] * 4]), case=SimpleNamespace(recording=SimpleNamespace(time=None)),
-    )  # fmt: skip
+        names=NAMES,
+        index=NAMES.index,
+        active=lambda values: set(),
+        n=ROWS,
+        measured=measured,
+        jacobian=slopes,
+        predict=lambda values: slopes(values, [0])[0],
+        start=np.zeros(5),
+        neutral=np.zeros(5),
+        prior_sd=np.array([0.1, *[np.inf] * 4]),
+        low=-limits,
+        high=limits,
+        meanings=(SimpleNamespace(neutral=0.0, scale="linear"),) * 5,
+        is_logarithmic=np.zeros(5, bool),
+        is_baseline=np.array([True, *[False] * 4]),
+        case=SimpleNamespace(recording=SimpleNamespace(time=None)),
+    )
 
 
 @pytest.fixture
