@@ -105,7 +105,8 @@ def read_muscle_toml(raw: bytes, file: str = "muscle.toml") -> MuscleToml:
 def parse_muscle_toml(document: MuscleDocument | Mapping[str, Any], file: str = "muscle.toml") -> MuscleToml:
     """The entry of a document, checked for what no single number shows.
 
-    >>> parse_muscle_toml({"muscle": {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.2}}).baseline
+    >>> muscle = {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.2}
+    >>> parse_muscle_toml({"muscle": muscle}).baseline
     'inelastic'
     """
     tables = document if isinstance(document, MuscleDocument) else MuscleDocument.from_mapping(document, file)
