@@ -11,7 +11,7 @@ import numpy as np
 from pamjax.diagnosis.crossval.cross_validated import (
     cross_validate_selection,
     format_dropped_mechanisms,
-    keep_time_dependent,
+    halve_certainty,
 )
 from pamjax.diagnosis.crossval.gain import compute_gain, select_held_out_rows
 from pamjax.diagnosis.detect.locate import locate_effects, locate_residual
@@ -95,7 +95,7 @@ def diagnose(
         )
         selection, unexplained = validated, is_residual_significant(mismatch, residual_test)
     if selection.named_mechanisms and unexplained:
-        selection = keep_time_dependent(selection)
+        selection = halve_certainty(selection)
     held_out_gain = compute_gain(
         problem,
         blocks_of_case,

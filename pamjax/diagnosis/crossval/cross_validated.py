@@ -75,7 +75,7 @@ def cross_validate_selection(
     )
 
 
-def keep_time_dependent(selection: Selection) -> Selection:
+def halve_certainty(selection: Selection) -> Selection:
     """Return the naming with half of each probability's distance to even chances."""
     halved = [
         replace(n, probability=ESTABLISHED_PROBABILITY + (n.probability - ESTABLISHED_PROBABILITY) / 2)

@@ -11,7 +11,7 @@ from pamjax.diagnosis.crossval import cross_validated as under_test
 from pamjax.diagnosis.crossval.cross_validated import (
     cross_validate_selection,
     format_dropped_mechanisms,
-    keep_time_dependent,
+    halve_certainty,
 )
 from pamjax.diagnosis.crossval.explained_fraction import BlockCrossValidation, _fit_without_blocks
 from pamjax.diagnosis.library.candidates import Candidate
@@ -178,7 +178,7 @@ def test_beside_something_unexplained_a_name_of_any_kind_stays_with_half_its_cer
     named = replace(
         kept, named_mechanisms=(replace(kept.named_mechanisms[0], id=id), kept.named_mechanisms[1])
     )
-    less_sure = keep_time_dependent(named)
+    less_sure = halve_certainty(named)
     assert [name.id for name in less_sure.named_mechanisms] == [name.id for name in named.named_mechanisms]
     assert [name.probability for name in less_sure.named_mechanisms] == pytest.approx([0.7, 0.7])
     assert less_sure.model is named.model
