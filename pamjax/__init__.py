@@ -1,4 +1,6 @@
-"""Pneumatic artificial muscles in JAX: elastic braids, calibrated on recordings, with honest uncertainty."""
+"""Models of pneumatic artificial muscles in JAX: elastic braids, calibrated on recordings with
+uncertainty.
+"""
 
 import time
 from importlib import import_module
@@ -32,10 +34,10 @@ if TYPE_CHECKING:
     from pamjax.sizing.result import Design
     from pamjax.sizing.size import size
 
-#: When this process began to import pamjax: sources that were written later are not what runs.
+#: Time at which this process imported pamjax. Source files that are newer than this do not run.
 IMPORT_TIME = time.time()
 
-#: Where each public name lives. They load when first used, so that `pamjax --help` loads no JAX.
+#: Module of each public name. A module loads at its first use, so that `pamjax --help` does not load JAX.
 _MODULE_OF_NAME = {
     "BadInput": "pamjax.errors",
     "InputWarning": "pamjax.errors",

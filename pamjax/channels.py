@@ -1,4 +1,4 @@
-"""Channels of a recording: the quantity that each measures, its SI unit, and the unit people read."""
+"""Channels of a recording: the quantity that each measures, its SI unit and its display unit."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ class Channel:
     """One column of a recording.
 
     Attributes:
-        name: of the column.
-        kind: of quantity, as in `units.py`.
-        si_unit: in which arrays hold it.
-        display_unit: in which people read it.
+        name: name of the column.
+        kind: kind of quantity, a key of `SI_UNITS`.
+        si_unit: unit in arrays.
+        display_unit: unit in reports, figures and files.
         about: what is measured.
     """
 
@@ -27,7 +27,7 @@ class Channel:
 
     @property
     def header(self) -> str:
-        """The usual header of the column."""
+        """Return the default header of the column."""
         return self.name if self.kind == "count" else f"{self.name} [{self.display_unit}]"
 
 
@@ -46,12 +46,12 @@ CHANNEL_BY_NAME = {
 #: SI unit of each channel that has a unit.
 SI_UNIT = {c.name: c.si_unit for c in CHANNEL_BY_NAME.values() if c.kind != "count"}
 
-#: Unit in which people read each channel that has a unit.
+#: Display unit of each channel that has a unit.
 DISPLAY_UNIT = {c.name: c.display_unit for c in CHANNEL_BY_NAME.values() if c.kind != "count"}
 
 
 def to_display(channel: str, value):
-    """Return a value or an array, SI, in the unit in which people read the channel.
+    """Return a value or an array, SI, converted to the display unit of the channel.
 
     >>> to_display("diameter", 0.0254)
     25.4

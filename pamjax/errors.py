@@ -1,4 +1,4 @@
-"""How a bad input is told: one sentence with rule, what was got, where, and what to do."""
+"""Error messages for bad input: one message with rule, value, place and remedy."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from collections.abc import Iterable
 
 
 class BadInput(ValueError):
-    """An input that cannot be used; its text is the one sentence a user reads.
+    """An input that cannot be used; its text is the message that the user reads.
 
     The command line prints it to standard error and exits with code 2.
     """
 
 
 class InputWarning(UserWarning):
-    """An input that is used all the same, but about which the user should know."""
+    """A warning about an input that is used nevertheless."""
 
 
 def compose_message(rule: str, got: str = "", where: str = "", remedy: str = "") -> str:
-    """Put the four parts of a complaint into the one order every complaint has.
+    """Return a message with rule, value, place and remedy in this order.
 
     Args:
         rule: what must hold, as "`length` must be shorter than the thread (300 mm)".
-        got: what was found instead, with its unit.
+        got: the actual value, with its unit.
         where: file, row and column, as "row 41 of recording.csv".
-        remedy: what to do about it, one imperative sentence.
+        remedy: what the user should do, in the imperative.
 
     >>> compose_message("`length` must be positive", "-3 mm", "row 4 of a.csv", "Check its sign.")
     '`length` must be positive; got -3 mm in row 4 of a.csv. Check its sign.'
@@ -39,7 +39,7 @@ def compose_message(rule: str, got: str = "", where: str = "", remedy: str = "")
 
 
 def refuse(rule: str, got: str = "", where: str = "", remedy: str = "") -> BadInput:
-    """The exception for a broken rule, to be raised by the caller."""
+    """Return the exception for a broken rule; the caller raises it."""
     return BadInput(compose_message(rule, got, where, remedy))
 
 
@@ -47,24 +47,24 @@ def check_minimum(name: str, value: int, least: int) -> None:
     """Refuse a count that is too small.
 
     Raises:
-        BadInput: naming it.
+        BadInput: with the name of the count.
     """
     if value < least:
         raise refuse(f"`{name}` must be at least {least}", f"{value}")
 
 
 def suggest_word(word: str, known: Iterable[str], listing: str = "") -> str:
-    """A hint that names the nearest known word, or lists the known ones.
+    """Return a hint with the most similar valid name, or with all valid names.
 
     Args:
-        word: what was written.
-        known: what could have been.
-        listing: command that lists them, where they are too many for a sentence.
+        word: the name that was written.
+        known: the valid names.
+        listing: command that lists the valid names, if they are too many for a message.
 
     >>> suggest_word("trheads", ["threads", "turns"])
     'Did you mean `threads`?'
     >>> suggest_word("xyz", ["threads", "turns"], listing="pamjax explain")
-    '`pamjax explain` lists what there is.'
+    'Run `pamjax explain` for the list.'
     """
     known = list(known)
     close = difflib.get_close_matches(word, known, n=1, cutoff=0.6)

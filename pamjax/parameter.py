@@ -1,4 +1,4 @@
-"""A number that knows its unit, limits, scale and meaning; walking a model by name."""
+"""Declaration of a model's parameters (unit, limits, scale, meaning), and access to them by name."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ ModelType = TypeVar("ModelType", bound=eqx.Module)
 
 @dataclass(frozen=True)
 class Meaning:
-    """What a number of a model is: the one place that bounds, reports, errors and help read.
+    """Unit, limits and description of a parameter; bounds, reports, errors and help use them.
 
     Attributes:
-        unit: SI unit in which the number is kept.
-        show: unit in which a person reads it.
-        low, high: physical limits, SI. A fit stays strictly between them.
-        scale: "log" for positive numbers that are known by their order of magnitude, else "linear".
-        about: what it is, one line.
-        source: where the limits come from.
-        neutral: value at which it has no effect, SI, or None.
+        unit: SI unit of the stored value.
+        show: display unit.
+        low, high: physical limits, SI. An estimate is strictly between them.
+        scale: "log" for positive parameters whose order of magnitude is uncertain, else "linear".
+        about: description, one line.
+        source: source of the limits.
+        neutral: value at which the parameter has no effect, SI, or None.
     """
 
     unit: str
@@ -46,7 +46,7 @@ class Meaning:
 
 
 def convert_scalar(value: Any) -> Array:
-    """A number as a 64-bit array; arrays, tracers and placeholders of other libraries pass unchanged."""
+    """Return a number as a 64-bit array; arrays, tracers and other objects are returned unchanged."""
     return jnp.asarray(value, dtype=float) if isinstance(value, (int, float)) else value
 
 
@@ -62,7 +62,7 @@ def parameter(
     neutral: float | None = None,
     **default: Any,
 ) -> Any:
-    """Declare a number of a model: an equinox field that carries its `Meaning`.
+    """Return an equinox field that declares a parameter and carries its `Meaning`.
 
     >>> class Spring(eqx.Module):
     ...     rate: Scalar = parameter("N/m", low=1.0, high=1e6, about="stiffness", source="example")
@@ -88,25 +88,25 @@ def _iterate_parameters(model: Any, prefix: str = "") -> Iterator[tuple[str, Mea
 
 
 def list_field_meanings(kind: type) -> dict[str, Meaning]:
-    """The numbers that a class of models declares itself, by field."""
+    """Return the parameters that a model class itself declares, by field."""
     return {f.name: f.metadata["meaning"] for f in dataclasses.fields(kind) if "meaning" in f.metadata}
 
 
 def list_meanings(model: eqx.Module) -> dict[str, Meaning]:
-    """Every declared number of a model, by path."""
+    """Return the meaning of every parameter of a model, by path."""
     return {path: meaning for path, meaning, _ in _iterate_parameters(model)}
 
 
 def list_values(model: eqx.Module) -> dict[str, Any]:
-    """The value of every declared number of a model, SI, by path."""
+    """Return the value of every parameter of a model, SI, by path."""
     return {path: value for path, _, value in _iterate_parameters(model)}
 
 
 def replace_values(model: ModelType, new_values: Mapping[str, Any]) -> ModelType:
-    """A copy of the model with the named numbers replaced.
+    """Return a copy of the model with new values of the named parameters.
 
     Raises:
-        BadInput: if a name is not one of the model's.
+        BadInput: if the model has no parameter of a name.
     """
     known = list(list_values(model))
     for name in new_values:

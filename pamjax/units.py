@@ -1,4 +1,4 @@
-"""Unit names and their way to SI: pint lives here and nowhere else."""
+"""Conversion of units to SI; the only module that uses pint."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _QUANTITY_PATTERN = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)
 
 @cache
 def load_unit_registry() -> pint.UnitRegistry:
-    """The one unit registry; built at the first conversion, because it takes a third of a second."""
+    """Return the unit registry, built at the first conversion because it takes a third of a second."""
     import pint
 
     # Not cached on disk: pint's cache keeps paths into the environment that wrote it, and every later
@@ -40,15 +40,15 @@ def load_unit_registry() -> pint.UnitRegistry:
 
 @cache
 def parse_unit(unit: str, kind: str, where: str = "") -> float:
-    """How many SI units one `unit` is.
+    """Return the SI value of one `unit`.
 
     Args:
-        unit: any unit name pint knows, as "psi", "lbf", "mm^2", "deg"; "" and "1" for a pure number.
-        kind: what it has to measure, a key of `SI_UNITS`.
-        where: the place to name in the error text.
+        unit: any unit name of pint, as "psi", "lbf", "mm^2", "deg"; "" and "1" for a pure number.
+        kind: required kind of quantity, a key of `SI_UNITS`.
+        where: place for the error message.
 
     Raises:
-        BadInput: if the unit is unknown, or measures something else.
+        BadInput: if the unit is unknown or of another kind.
 
     >>> round(parse_unit("psi", "pressure"), 3)
     6894.757
@@ -89,7 +89,7 @@ def _convert_unit(unit: str, si: str, kind: str, where: str) -> float:
 
 
 def suggest_units(kind: str) -> str:
-    """Units a user is likely to want for this kind of quantity, for error texts."""
+    """Return common units of this kind of quantity, for error messages."""
     return {
         "length": "mm, cm, m or in",
         "area": "mm^2",
@@ -105,7 +105,7 @@ def suggest_units(kind: str) -> str:
 
 
 def parse_quantity(text: str | float, kind: str, where: str = "") -> float:
-    """SI value of a quantity written as "235.74 mm", or of a bare number where `kind` is "count".
+    """Return the SI value of a text such as "235.74 mm", or of a pure number if `kind` is "count".
 
     Raises:
         BadInput: if there is no number, or the unit is missing, unknown or of another kind.
@@ -124,7 +124,7 @@ def parse_quantity(text: str | float, kind: str, where: str = "") -> float:
 
 
 def parse_number(text: str, si: str, where: str = "") -> float:
-    """SI value of "5 kPa", or of a bare number where there is no unit to state; 0 is 0 in any.
+    """Return the SI value of a text such as "5 kPa"; a pure number and 0 need no unit.
 
     Raises:
         BadInput: if there is no number, or its unit is missing, unknown or of another dimension.
@@ -148,7 +148,7 @@ def parse_number(text: str, si: str, where: str = "") -> float:
 
 @cache
 def compute_si_factor(unit: str) -> float:
-    """How many SI units one `unit` is, of whatever kind; for showing numbers, not for reading them."""
+    """Return the SI value of one `unit` of any kind; for output only, because the kind is not checked."""
     return (
         1.0
         if unit in ("", "1")
@@ -157,7 +157,7 @@ def compute_si_factor(unit: str) -> float:
 
 
 def format_count(count: int, noun: str) -> str:
-    """A count and what is counted.
+    """Return a count and its noun as text.
 
     >>> format_count(1, "row"), format_count(2, "row")
     ('1 row', '2 rows')
@@ -166,7 +166,7 @@ def format_count(count: int, noun: str) -> str:
 
 
 def format_quantity(value: float, unit: str, digits: int = 4) -> str:
-    """An SI number as a person reads it.
+    """Return an SI number as text in a unit.
 
     >>> format_quantity(0.235744, "mm")
     '235.7 mm'

@@ -1,13 +1,13 @@
-"""Traced programs, kept on disk beside the compiled ones: to trace takes longer than to read them.
+"""Cache of traced programs (StableHLO) on disk.
 
-JAX finds a compiled program by what was traced, so every process traces anew, for some twenty seconds. Here
-the traced program is kept (StableHLO) under a name made of what it depends on: the function, its arguments
-but for their values, the sources of pamjax, and the versions of what traces. It is written once the program
-is compiled; processes that want it meanwhile wait, rather than compile it as well. Where the folder is in
-trouble, a process goes without.
+JAX looks up a compiled program by its trace, so every process traces anew, which takes about twenty seconds.
+This cache stores the trace. Its file name is a hash of the function, the shapes and types of its arguments,
+the sources of pamjax, and the versions of JAX and Equinox. The file is written after the program is compiled.
+Other processes that need the same program wait for it. If the folder cannot be used, a process compiles
+without the cache.
 
-Nothing is kept where the sources are no longer those that were imported, where a mechanism of the library is
-not pamjax's own, or for other devices than the processor. What a debugger patches while it runs is not seen.
+The cache is not used if the sources changed after the import, if the library has a mechanism from outside
+pamjax, or for devices other than the CPU. It does not detect code that is patched at run time.
 """
 
 from __future__ import annotations
@@ -31,24 +31,24 @@ from pamjax.errors import BadInput
 from pamjax.model.registry import ALTERNATIVES, MECHANISMS
 from pamjax.records.files import write_atomically
 
-#: What a program may change with besides pamjax itself.
+#: Packages whose versions are part of a program's name.
 TRACING_PACKAGES = ("jax", "jaxlib", "equinox")
 
-#: Seconds after which another process that has begun a program is waited for no longer.
+#: Longest time to wait for a program of another process, s.
 LOCK_TIMEOUT = 240.0
 
-#: Bytes of the checksum before a program.
+#: Length of the checksum at the start of a file, bytes.
 CHECKSUM_BYTES = 32
 
-#: Tracing holds Python's lock, compiling does not: one is traced at a time, and soon being compiled.
+#: Tracing needs Python's global lock, compilation does not: threads trace one after the other.
 _tracing_lock = threading.Lock()
 
 
 def load_or_compile(function: Any, *arguments: Any) -> Compiled:
-    """A function of the arguments' leaves, compiled for arguments like these, by this process or another.
+    """Return the function of the arguments' leaves, compiled for arguments of these shapes.
 
     Args:
-        function: a jitted function; only those of pamjax itself are kept, whose sources are known.
+        function: a jitted function; only functions of pamjax are cached, since their sources are hashed.
         arguments: pytrees of JAX arrays.
     """
     leaves, shape = jax.tree_util.tree_flatten(arguments)
@@ -60,7 +60,7 @@ def load_or_compile(function: Any, *arguments: Any) -> Compiled:
         return program.compile()
     if not file.is_file():
         with _lock_program(file):
-            # Another process may have been first.
+            # Another process may have written the file before this one had the lock.
             if not file.is_file():
                 return _compile_and_store(flat, leaves, file)
     return _load_program(file, leaves) or _compile_and_store(flat, leaves, file)
@@ -70,7 +70,7 @@ def _compile_and_store(function: Wrapped, leaves: list, file: Path) -> Compiled:
     with _tracing_lock:
         exported = jax.export.export(function, platforms=["cpu"])(*leaves)
     program = _compile_exported(exported.call, leaves)
-    # Full, deleted meanwhile, or another's: the next process compiles for itself.
+    # A full, deleted or protected folder is no error: the next process compiles again.
     with suppress(OSError, BadInput), write_atomically(file) as temporary:
         body = bytes(exported.serialize())
         temporary.write_bytes(hashlib.sha256(body).digest() + body)
@@ -78,7 +78,7 @@ def _compile_and_store(function: Wrapped, leaves: list, file: Path) -> Compiled:
 
 
 def _load_program(file: Path, leaves: list) -> Compiled | None:
-    """A program that was kept; None where it cannot be read."""
+    """Return a cached program, or None if its file cannot be read."""
     content = b""
     with suppress(OSError):
         content = file.read_bytes()
@@ -94,7 +94,7 @@ def _compile_exported(function: Callable, leaves: list) -> Compiled:
 
 @contextmanager
 def _lock_program(file: Path) -> Iterator[None]:
-    """One process at a time, where the folder takes locks and nobody has stopped while holding one."""
+    """Let one process in at a time; without a lock if the folder supports none."""
     lock = FileLock(file.with_suffix(".lock"), timeout=LOCK_TIMEOUT)
     with suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -106,7 +106,7 @@ def _lock_program(file: Path) -> Iterator[None]:
 
 
 def _locate_program(function: Any, arguments: tuple) -> Path | None:
-    """Where a program is kept; None where it is not."""
+    """Return the file of a program, or None if it is not cached."""
     folder = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
     is_own = all(owner.__module__.startswith("pamjax.") for owner in (function, *MECHANISMS, *ALTERNATIVES))
     leaves = jax.tree_util.tree_leaves(arguments)
@@ -124,14 +124,14 @@ def _list_sources() -> list[Path]:
 
 
 def _are_sources_unchanged() -> bool:
-    """Whether no source was written since pamjax was imported: what is traced is what was imported."""
+    """Return whether no source file changed since pamjax was imported."""
     sources = _list_sources()
     return bool(sources) and max(source.stat().st_mtime for source in sources) < pamjax.IMPORT_TIME
 
 
 @cache
 def _describe_tracer() -> str:
-    """What traces: versions, and all that pamjax is made of."""
+    """Return the versions of the tracing packages and a hash of pamjax's sources."""
     sources, root = hashlib.sha256(), Path(pamjax.__file__).parent
     for source in _list_sources():
         sources.update(source.relative_to(root).as_posix().encode() + b"\0" + source.read_bytes())

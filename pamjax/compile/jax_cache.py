@@ -1,4 +1,4 @@
-"""Compiled programs are kept on disk, so that a repeated command does not compile again."""
+"""JAX's persistent cache of compiled programs."""
 
 from __future__ import annotations
 
@@ -11,18 +11,20 @@ from pamjax.errors import refuse
 
 
 def keep_compiled(folder: str | Path | None = None) -> Path | None:
-    """Turn on JAX's persistent compilation cache; a folder already configured in JAX stays.
+    """Turn on JAX's persistent compilation cache, and return its folder.
+
+    A folder that is already configured in JAX has precedence.
 
     Args:
-        folder: where to keep compiled programs; None for `compiled` in `PAMJAX_CACHE_DIR`, or in the user's
+        folder: folder for compiled programs; None for `compiled` in `PAMJAX_CACHE_DIR`, or in the user's
             cache folder.
 
     Returns:
-        the folder in use; None where nobody named one and the user's own cannot be written to: then every
-        process compiles for itself.
+        the folder; None if no folder was given and the user's cache folder is not writable. Then every
+        process compiles its own programs.
 
     Raises:
-        BadInput: for a named folder that cannot be written to.
+        BadInput: if a given folder is not writable.
     """
     configured = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
     if configured:

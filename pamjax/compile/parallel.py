@@ -1,4 +1,4 @@
-"""Independent pieces of work side by side: compiled programs leave Python's lock alone while they run."""
+"""Parallel map over threads. Compiled programs release Python's global lock while they run."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from threadpoolctl import threadpool_limits
 A = TypeVar("A")
 B = TypeVar("B")
 
-#: Most threads.
+#: Maximum number of threads.
 MAX_THREADS = 4
 
 
 def parallel_map(function: Callable[[A], B], items: Iterable[A]) -> list[B]:
-    """What a function gives for each item, in their order, on all cores.
+    """Return the function's value for each item, in order, computed on several cores.
 
     >>> parallel_map(abs, [-1, 2, -3])
     [1, 2, 3]
     """
     pool = ThreadPoolExecutor(min(os.cpu_count() or 1, MAX_THREADS))
     try:
-        # Each has a core: threads of linear algebra besides would wait for each other.
+        # One linear-algebra thread per item: more threads would compete for the cores.
         with threadpool_limits(1, user_api="blas"):
             return list(pool.map(function, items))
     finally:
-        # An interruption waits for what runs, not for what has not begun.
+        # After an interruption only the running items are completed.
         pool.shutdown(cancel_futures=True)

@@ -1,7 +1,7 @@
-"""A problem's two programs, compiled side by side and once, however many threads ask for them.
+"""Compilation of programs in the background, once for all threads.
 
-JAX compiles a function anew in every thread that calls it before the first is done. What an earlier process
-has traced, or another is tracing, is read (`traced.py`).
+JAX compiles a function again in every thread that calls it before its first compilation ends. Programs of
+earlier processes are read from the cache (`aot_cache.py`).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import jax
 
 from pamjax.compile.aot_cache import load_or_compile
 
-#: Programs that are compiled at the same time.
+#: Maximum number of concurrent compilations.
 MAX_CONCURRENT_COMPILATIONS = 2
 
 _compilations: dict[Hashable, Future] = {}
@@ -24,7 +24,7 @@ _compile_pool = ThreadPoolExecutor(MAX_CONCURRENT_COMPILATIONS, thread_name_pref
 
 
 def start_compilation(function: Any, *arguments: Any) -> Future:
-    """Compile a function for arguments like these, no more than once.
+    """Return the future of a function compiled for arguments of these shapes; compile it only once.
 
     Args:
         function: a jitted function.
@@ -39,5 +39,5 @@ def start_compilation(function: Any, *arguments: Any) -> Future:
 
 
 def run_compiled(function: Any, *arguments: Any) -> Any:
-    """What the function gives, once it is compiled."""
+    """Return the function's value; compile the function first if necessary."""
     return start_compilation(function, *arguments).result()(*jax.tree_util.tree_leaves(arguments))

@@ -1,8 +1,8 @@
-"""What a recording cannot tell of its baseline and its library, and what it drives too far, in words.
+"""Notes of a diagnosis: parameters at their bound, mechanisms not tested, parameters not determined.
 
-The baseline's refit already holds all that is needed: how each whitened sample answers to each number
-(its Jacobian J) and what was believed of the number. A combination of numbers of which JᵀJ knows less
-than the belief does would move without anyone noticing, and so could hide missing physics, or feign it.
+The refit of the baseline has the Jacobian J of the whitened samples and the priors. A combination of
+parameters is not determined by the data if JᵀJ has less information on it than the prior. A change of such a
+combination can hide missing physics, or look like it.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from pamjax.infer.fitting.identifiability import (
 
 
 def format_notes(problem: LibraryProblem, baseline: CandidateFit, fit: CandidateFit) -> list[str]:
-    """All sentences, what was driven too far first.
+    """Return all notes: parameters at their bound first.
 
     Args:
-        problem: the recording before the library.
-        baseline: the baseline, refitted.
-        fit: it with what was named; the baseline itself where nothing was.
+        problem: the recording and the library.
+        baseline: the refitted baseline.
+        fit: the refitted baseline with the identified mechanisms; the baseline itself without any.
     """
     return [
         *format_strained_parameters(problem, fit),
@@ -36,11 +36,11 @@ def format_notes(problem: LibraryProblem, baseline: CandidateFit, fit: Candidate
 
 
 def format_strained_parameters(problem: LibraryProblem, fit: CandidateFit) -> list[str]:
-    """A sentence on the baseline's own numbers that ended as far off as they may, if some did.
+    """Return a note on the baseline's parameters that are at their bound, if there are any.
 
     Args:
-        problem: the recording before the library.
-        fit: what is left of them is not laid to what it names.
+        problem: the recording and the library.
+        fit: the refitted baseline with the identified mechanisms.
     """
     at_limit = [fit.estimate.free[k] for k in find_parameters_at_limit(problem, fit.estimate)]
     names = [
@@ -59,7 +59,7 @@ def format_strained_parameters(problem: LibraryProblem, fit: CandidateFit) -> li
 
 
 def format_untestable_mechanisms(problem: LibraryProblem) -> list[str]:
-    """A sentence on the mechanisms that a static table cannot show, if the recording is one."""
+    """Return a note on the mechanisms that were not tested, if the recording is a static table."""
     if problem.case.recording.has_time:
         return []
     return [
@@ -69,11 +69,11 @@ def format_untestable_mechanisms(problem: LibraryProblem) -> list[str]:
 
 
 def format_unidentified_combinations(problem: LibraryProblem, baseline: CandidateFit) -> list[str]:
-    """Sentences, one for each combination of the baseline's numbers that its refit leaves open.
+    """Return one note for each combination of the baseline's parameters that the data do not determine.
 
     Args:
-        problem: the recording before the library.
-        baseline: the baseline, refitted; samples count as its noise lets them.
+        problem: the recording and the library.
+        baseline: the refitted baseline; its noise model weights the samples.
     """
     estimate = baseline.estimate
     free = list(estimate.free)

@@ -1,4 +1,4 @@
-"""Keep the improved model: a file from which `simulate`, `validate` and Python load it again."""
+"""model.json: the selected model as a file for `simulate`, `validate` and Python."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from pamjax.units import compute_si_factor
 
 
 def build_model_document(problem: LibraryProblem, fit: CandidateFit) -> dict[str, Any]:
-    """The named model as a document of the same schema as fit.json.
+    """Return the selected model as a document in the schema of fit.json.
 
     Args:
-        problem: the recording before the library.
-        fit: its baseline with names, refitted.
+        problem: the recording and the library.
+        fit: the refitted baseline with the identified mechanisms.
     """
     case, recording = problem.case, problem.case.recording
     ids = [candidate.id for candidate in fit.mechanisms]
@@ -30,7 +30,7 @@ def build_model_document(problem: LibraryProblem, fit: CandidateFit) -> dict[str
     }
     law = problem.law
     if COMPLIANCE_PARAMETER in numbers:
-        # An inelastic braid that was found to stretch is an elastic one.
+        # An inelastic braid with a thread compliance is an elastic braid.
         law, ids = "elastic", [id for id in ids if id != "braid_elasticity"]
         numbers["thread.stiffness"] = 1 / max(numbers.pop(COMPLIANCE_PARAMETER), 1e-12)
         numbers.pop("thread.modulus", None)
@@ -56,7 +56,7 @@ def build_model_document(problem: LibraryProblem, fit: CandidateFit) -> dict[str
 
 
 def _serialise_covariance(problem: LibraryProblem, fit: CandidateFit) -> dict[str, Any]:
-    """How surely the numbers that moved are known, and how they move together, as a fit.json has it."""
+    """Return the fitted parameters with standard deviations and correlations, as in fit.json."""
     estimate = fit.estimate
     names, values = [problem.names[k] for k in estimate.free], estimate.values[list(estimate.free)]
     slope = np.ones(values.size)
@@ -64,7 +64,7 @@ def _serialise_covariance(problem: LibraryProblem, fit: CandidateFit) -> dict[st
         k = names.index(COMPLIANCE_PARAMETER)
         compliance = max(values[k], 1e-12)
         names[k], values[k], slope[k] = "thread.stiffness", 1 / compliance, -1 / compliance**2
-    # Of this one model: what others as good disagree about moves its numbers, not what it predicts.
+    # Covariance within this model: the difference to other models does not change its predictions.
     covariance = fit.within_model_covariance * np.outer(slope, slope)
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     unit = np.where(sd > 0, sd, 1.0)

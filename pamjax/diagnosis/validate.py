@@ -1,4 +1,4 @@
-"""Hold a model against a recording that it never saw, and say where it still fits."""
+"""Validation of a model on a recording that it was not fitted to, block by block."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ MAX_RMSE_NOISE_RATIO = 1.25
 
 @dataclass(frozen=True)
 class BlockValidation:
-    """How one block is predicted: rmse and noise by channel, SI."""
+    """Prediction error of one block: rmse and noise by channel, SI."""
 
     name: str
     rmse: dict[str, float]
@@ -44,24 +44,24 @@ class BlockValidation:
 
     @property
     def worst_misfit(self) -> str:
-        """The channel that is missed by most, and by how much."""
+        """The channel with the largest rmse over noise, in words."""
         worst = max(self.rmse, key=lambda channel: self.rmse[channel] / self.noise[channel])
         return f"{worst} by {self.rmse[worst] / self.noise[worst]:.3g} of noise"
 
 
 @dataclass(frozen=True)
 class Validation:
-    """A model against a recording that it never saw.
+    """Prediction errors of a model on one recording.
 
     Attributes:
         case: name of the recording.
-        rmse: by channel, SI, over all rows that count.
-        noise: standard deviation of a sample by channel, SI: the sensor's (one percent of the range where
-            none is stated), with what the noise of pressure and length does to the prediction.
-        blocks: the recording's blocks.
-        failed_rows: rows where the model has no answer.
-        is_training_recording: whether the model was fitted to this very recording, which makes it no test.
-        extrapolations: sentences on pressures and lengths beyond those it was calibrated on.
+        rmse: root mean square error by channel, SI, over all compared rows.
+        noise: standard deviation of a sample by channel, SI. It includes the sensor's noise (one percent of
+            the range if none is stated) and the effect of pressure and length noise on the prediction.
+        blocks: errors of each block.
+        failed_rows: number of rows in which the model has no solution.
+        extrapolations: sentences on pressures and lengths outside the calibrated range.
+        is_training_recording: whether the model was fitted to this recording; it is then no validation.
     """
 
     case: str
@@ -73,7 +73,7 @@ class Validation:
     is_training_recording: bool = False
 
     def fits_block(self, block: BlockValidation) -> bool:
-        """Whether a block is predicted as well as noise allows."""
+        """Return whether every channel of a block is predicted to its noise."""
         return all(
             rmse <= MAX_RMSE_NOISE_RATIO * block.noise[channel] for channel, rmse in block.rmse.items()
         )
@@ -101,7 +101,7 @@ class Validation:
         return "\n".join(lines + [f"  {sentence}" for sentence in self.extrapolations])
 
     def as_dict(self) -> dict[str, Any]:
-        """For programs, SI."""
+        """Return the validation as a dictionary for JSON, SI."""
         blocks = [
             {"name": b.name, "rmse": b.rmse, "noise": b.noise, "fits": self.fits_block(b)}
             for b in self.blocks
@@ -118,7 +118,7 @@ class Validation:
 
 
 def read_training_checksums(file: Path) -> frozenset[str]:
-    """Checksums of all recordings that a fit.json or model.json was fitted to; none if it does not know."""
+    """Return the checksums of the recordings that a fit.json or model.json was fitted to, if stated."""
     if file.suffix != ".json":
         return frozenset()
     cases = json.loads(read_bytes(file)).get("cases", {})
@@ -126,14 +126,13 @@ def read_training_checksums(file: Path) -> frozenset[str]:
 
 
 def validate_model(model: LoadedMuscle, case: Case, training_checksums: Collection[str] = ()) -> Validation:
-    """Predict a recording with a model as it is.
+    """Predict a recording with a fitted model and return the errors.
 
     Args:
-        model: as `load_muscle` reads it from a fit.json or a model.json.
+        model: the model, from `load_muscle` of a fit.json or a model.json.
         case: the recording.
-        training_checksums: checksums of the recordings that the model was fitted to, as
-            `read_training_checksums` reads them; its own
-            recording is among them where it was calibrated.
+        training_checksums: checksums of the recordings that the model was fitted to, from
+            `read_training_checksums`. The recording that `model` was calibrated on is always included.
     """
     case = average_fixed_lengths(case)
     recording = case.recording
@@ -189,7 +188,7 @@ def _predict_reading(
 
 
 def _compute_channel_rms(values: dict[str, np.ndarray], rows: np.ndarray) -> dict[str, float]:
-    """Rms over some rows of every channel that was measured there."""
+    """Return the rms over some rows, for every channel measured there."""
     return {c: _compute_rms(v[rows]) for c, v in values.items() if np.isfinite(v[rows]).any()}
 
 

@@ -1,1 +1,1 @@
-"""Which numbers fit, and how sure they are."""
+"""Estimation of parameters: fits, posteriors, priors and noise."""

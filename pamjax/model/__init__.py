@@ -1,4 +1,4 @@
-"""What the muscle is: geometry, threads, balance, and the muscle that joins them."""
+"""The model of a muscle: geometry, threads, balance of forces, mechanisms and test bench."""
 
-# Importing any part of the model turns on 64-bit numbers.
+# This import turns on 64-bit numbers.
 import pamjax.parameter  # noqa: F401

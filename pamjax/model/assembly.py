@@ -1,4 +1,4 @@
-"""A muscle, or a bench, from named numbers as they stand in muscle.toml and in fit.json."""
+"""Build a muscle or a bench from the named numbers of muscle.toml and fit.json."""
 
 from __future__ import annotations
 
@@ -23,16 +23,17 @@ BENCH_LAWS = ("inelastic", "elastic")
 
 
 def assemble(law: str, numbers: Mapping[str, Array]) -> Muscle:
-    """A muscle from named numbers, SI.
+    """Return the muscle that named numbers describe.
 
     Args:
         law: a key of `parameters.THREAD_LAWS`.
-        numbers: "muscle.rest_length"; "muscle.thread_length" and "muscle.turns", or
-            "muscle.braid_angle" and "muscle.diameter"; for a law that stretches "thread.stiffness",
-            or "thread.modulus" with "muscle.threads" and "muscle.thread_area"; the law's own.
+        numbers: values in SI units by name. Required: "muscle.rest_length"; "muscle.thread_length" and
+            "muscle.turns", or "muscle.braid_angle" and "muscle.diameter". A law that stretches also
+            needs "thread.stiffness", or "thread.modulus" with "muscle.threads" and
+            "muscle.thread_area", and the numbers of the law itself.
 
     Raises:
-        BadInput: for an unknown law, or a number that is missing.
+        BadInput: if the law is unknown, or a number is missing.
 
     >>> numbers = {"muscle.rest_length": 0.2, "muscle.thread_length": 0.214, "muscle.turns": 1.2}
     >>> muscle = assemble("elastic", numbers | {"thread.stiffness": 0.59e6})
@@ -50,7 +51,7 @@ def assemble(law: str, numbers: Mapping[str, Array]) -> Muscle:
 
 
 def _read_braid(numbers: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Thread length, m, and turns, however the braid is stated."""
+    """Return thread length (m) and turns, from either way to state a braid."""
     if "muscle.braid_angle" in numbers:
         rest_length = numbers["muscle.rest_length"]
         return braid.from_angle(rest_length, numbers["muscle.diameter"], numbers["muscle.braid_angle"])
@@ -68,10 +69,10 @@ def _build_thread(
 
 
 def resolve_bench_law(law: str, ids: Iterable[str]) -> str:
-    """The law of a bench: naming `braid_elasticity` makes an inelastic braid elastic.
+    """Return the thread law of a bench: the mechanism `braid_elasticity` makes an inelastic braid elastic.
 
     Raises:
-        BadInput: for a law that a bench does not have.
+        BadInput: if a bench does not have this law.
     """
     if law not in BENCH_LAWS:
         raise refuse(
@@ -83,9 +84,9 @@ def resolve_bench_law(law: str, ids: Iterable[str]) -> str:
 
 
 def list_mechanism_parameters(ids: Iterable[str]) -> dict[str, tuple[type[AbstractMechanism], str]]:
-    """Every number of the named mechanisms, "id.field", with its class and field.
+    """Return class and field of every number of these mechanisms, by its name "id.field".
 
-    The stiffness of the threads is left out: it is the muscle's own, `thread.modulus` or
+    The stiffness of the threads is not among them: it is a number of the muscle, `thread.modulus` or
     `thread.stiffness`.
     """
     kinds = (kind for kind in order_mechanisms(ids) if kind is not BraidElasticity)
@@ -93,13 +94,13 @@ def list_mechanism_parameters(ids: Iterable[str]) -> dict[str, tuple[type[Abstra
 
 
 def assemble_bench(law: str, ids: tuple[str, ...], numbers: Mapping[str, Array]) -> Bench:
-    """A bench from named numbers, SI.
+    """Return the bench that named numbers describe.
 
     Args:
         law: "inelastic" or "elastic".
-        ids: of the mechanisms.
-        numbers: as for `assemble`, and the mechanisms' own as "id.field"; those left out
-            stay at their defaults.
+        ids: ids of the mechanisms.
+        numbers: SI, as for `assemble`, and those of the mechanisms as "id.field". Missing numbers of
+            mechanisms keep their defaults.
     """
     length, turns = _read_braid(numbers)
     if law == "elastic":
@@ -118,7 +119,7 @@ def assemble_bench(law: str, ids: tuple[str, ...], numbers: Mapping[str, Array])
 
 
 def compute_thread_stiffness(numbers: Mapping[str, Array]) -> Array:
-    """Pull of all threads together at unit strain, n E A, N, however it is stated."""
+    """Return the pull of all threads at unit strain, n E A, in N, from either way to state it."""
     if "thread.stiffness" in numbers:
         return numbers["thread.stiffness"]
     return numbers["thread.modulus"] * numbers["muscle.threads"] * numbers["muscle.thread_area"]

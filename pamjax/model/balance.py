@@ -1,10 +1,10 @@
-"""The implicit root: how far the threads stretch, its derivative, and failure as data.
+"""Thread strain at equilibrium, with its derivative and a status.
 
-Three ways to the stretched thread, which agree where they must:
+There are three solutions. They agree where their assumptions hold:
 
-* `stretch_linear`: linear threads and the muscle's own force, in closed form;
+* `stretch_linear`: linear threads and the model's force, in closed form;
 * `stretch_measured`: linear threads and a *measured* force, the paper's cubic;
-* `solve_strain`: any thread law and any stored energy, by Newton with an implicit derivative.
+* `solve_strain`: any thread law and any stored energy, by Newton's method with an implicit derivative.
 
 Derivation. Hoop balance without a bladder (the paper's Eqs. 2 and 3) gives n T = P L B / (2πN²).
 With n T = S ε and B = B0 (1 + ε):
@@ -15,16 +15,16 @@ With the axial balance and a measured F instead, n T = B (F + PπR²) / L, so th
 
     B = B0 (1 + n T / S)  =>  B = B0 / (1 − B0 (F + PπR²) / (L S))               (Eq. 10)
 
-with a *minus* in the denominator: a pull lengthens the thread. Putting R² = (B² − L²)/(2πN)² in,
+with a *minus* in the denominator: a pull lengthens the thread. With R² = (B² − L²)/(2πN)²,
 
     0 = B³ K P/(4πN²) + B [ K (F − L² P/(4πN²)) − 1 ] + B0,   K = B0 / (L S)     (Eq. 11)
 
-where the −1 stands *outside* the bracket that K multiplies: inside, a force and a pure number
-would be added. Both differ from the printed equations; the errata page derives them again.
+where the −1 is *outside* the bracket that K multiplies. Inside, a force and a pure number would be
+added. Both equations differ from the printed ones. The errata page has the derivation.
 
-At x → 1 the muscle bursts open: the pull of pressure grows as fast with the thread as the thread's
-own load. Such states have no equilibrium; `Status` says so, and the number beside it is the last
-stretch before it, never NaN.
+At x → 1 the pull of pressure grows as fast with thread length as the load of the thread, and the
+threads stretch without limit. Such states have no equilibrium: their `Status` is UNSTABLE, and their
+strain is that at `BURST_LOAD_SHARE`, never NaN.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ BURST_LOAD_SHARE = 0.98
 
 
 class Status(StatusCode):
-    """What became of a state."""
+    """Status of the solution of one state."""
 
     OK = 0, "solved"
     UNSTABLE = 1, "no equilibrium: threads too soft for this pressure stretch without end"
@@ -52,14 +52,14 @@ class Status(StatusCode):
 
 
 def stretch_linear(pull: Real, stiffness: Real) -> tuple[Array, Array]:
-    """Strain of linear threads under the muscle's own force: ε = x / (1 − x), x = pull / stiffness.
+    """Return the strain of linear threads in the modelled muscle: ε = x / (1 − x), x = pull / stiffness.
 
     Args:
         pull: pull of pressure on all unstretched threads, P L B0 / (2πN²), N (`braid.hoop_pull`).
         stiffness: n E A, N.
 
     Returns:
-        strain and `Status`. Threads do not push: a negative pull strains them by nothing.
+        strain and `Status`. Threads do not push: at a negative pull the strain is zero.
     """
     x = jnp.asarray(pull / stiffness)
     # Not `maximum`, which halves the derivative at no pressure, where many recordings begin.
@@ -72,20 +72,21 @@ def stretch_linear(pull: Real, stiffness: Real) -> tuple[Array, Array]:
 def stretch_measured(
     force: Real, pressure: Real, length: Real, thread_length: Real, turns: Real, stiffness: Real
 ) -> tuple[Array, Array]:
-    """Strain of linear threads when the force is measured: the smallest positive root of Eq. 11.
+    """Return the strain of linear threads at a measured force: the smallest positive root of Eq. 11.
 
     With b = B/B0, m = L S and d = m − B0 (F − P L²/(4πN²)) the cubic is that of c = b d / m,
 
         v c³ − c + 1 = 0,   v = B0³ P m² / (4πN² d³),
 
-    which has a positive root for v ≤ 4/27 only. There it meets a second one; the smallest is that
-    of the muscle while x (1 + B²/L²) < 1, which is the slope of Eq. 11 at the closed form.
+    which has a positive root for v ≤ 4/27 only, where it meets a second root. The smallest root is that
+    of the muscle while x (1 + B²/L²) < 1. This condition is the slope of Eq. 11 at the closed form.
 
     Args:
         force: measured tension, N.
         pressure: gauge pressure, Pa.
-        length, thread_length: m.
-        turns: 1.
+        length: length between the fittings, m.
+        thread_length: length of one unloaded thread, m.
+        turns: turns of one thread, 1.
         stiffness: n E A, N.
 
     Returns:
@@ -103,7 +104,7 @@ def stretch_measured(
 
 @jax.custom_jvp
 def _cubic_root(v: Array) -> Array:
-    """The smallest positive root of v c³ − c + 1 = 0, for −1 < v ≤ 4/27: at most 3/2."""
+    """Return the smallest positive root of v c³ − c + 1 = 0, for −1 < v ≤ 4/27: at most 3/2."""
     # The square root has the fold of the true curve at v = 4/27, where plain Newton would crawl.
     root = 3.0 / (2.0 + jnp.sqrt(jnp.maximum(1.0 - 6.75 * v, 0.0)))
     for _ in range(4):
@@ -120,11 +121,11 @@ def _cubic_root_jvp(primals, tangents):
 
 
 def solve_strain(residual: Callable[[Array], Array], start: Array, steps: int = 8) -> Array:
-    """Root of a rising, convex scalar function by a fixed number of Newton steps.
+    """Return the root of a rising, convex scalar function after a fixed number of Newton steps.
 
-    A fixed number of steps needs no branch, so that a million states run as one loop in registers.
-    The derivative is that of the implicit function, in forward and in reverse mode and of any
-    order: nothing is differentiated through the steps.
+    A fixed number of steps needs no branch, so that a million states run as one loop. The derivative is
+    that of the implicit function, in forward and reverse mode and of any order. The steps themselves are
+    not differentiated.
 
     Args:
         residual: pull of the threads minus pull of everything else, N, at a strain.

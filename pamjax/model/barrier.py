@@ -1,8 +1,8 @@
-"""Intermediate results that are written down.
+"""A barrier that makes XLA compute an intermediate result once.
 
-XLA's compiler for processors fuses an expression into everything that uses it, and works it out anew in each:
-a solution that ten results depend on is solved ten times, its derivatives too, and is compiled as often. It
-never fuses across a loop. `materialize` is the identity, as a loop of which it cannot know that it runs once.
+XLA's compiler for CPUs fuses an expression into everything that uses it, and computes it again in each place.
+A solution with ten users is then solved ten times, with its derivatives, and compiled as often. XLA never
+fuses across a loop. `materialize` is the identity, written as a loop that XLA cannot remove.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Tree = TypeVar("Tree")
 
 
 def materialize(tree: Tree) -> Tree:
-    """The same arrays, each worked out once. All derivatives are those of the identity."""
+    """Return the same arrays, each computed once. All derivatives are those of the identity."""
     leaves, shape = jax.tree.flatten(tree)
     return jax.tree.unflatten(shape, [_materialize.bind(jnp.asarray(leaf)) for leaf in leaves])
 

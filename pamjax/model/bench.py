@@ -1,15 +1,14 @@
-"""The bench: a muscle with everything that models leave out, seen through its sensors.
+"""The bench: a muscle with mechanisms, recorded by sensors.
 
-One potential, as for the bare muscle (`muscle.py`), with every mechanism in its place:
+As for the muscle without mechanisms (`muscle.py`) there is one potential:
 
-    W(L, B) = Σ stored energies + Σ frozen stress · strain − P V          in a state that geometries wrap
+    W(L, B) = Σ stored energies + Σ memory stress · strain − P V
 
-Its balance at one instant is in `equilibrium.py`.
+The state is that of a cylinder, changed by mechanisms of shape. `equilibrium.py` solves one instant.
 
-A recording in which something lasts is predicted in two passes. The first, without memory, gives what
-memories look at; their stresses are then found all at once (`scan.py`), and with them how hard they pull on
-length and thread, which is frozen in the second. The error of that is of the order of the memory's own
-effect on what it looks at: some thousandths of the memory.
+A recording with memory is predicted in two passes. The first pass has no memory. Its result is the input of
+the memories, whose stresses are then computed for all rows at once (`scan.py`). The second pass adds their
+constant loads on length and thread. The error of this is some thousandths of the memory's own effect.
 """
 
 from __future__ import annotations
@@ -39,20 +38,20 @@ from pamjax.model.mechanism import (
 from pamjax.model.state import Cylinder, State
 from pamjax.parameter import Scalar, parameter
 
-#: What leaves something to later samples, for which a recording is passed twice.
+#: Mechanisms whose effect depends on earlier samples. With one of them a recording needs two passes.
 HISTORY_DEPENDENT = (AbstractMemory, AbstractSlip, AbstractLine)
 
-#: Rows whose balance is solved at once.
+#: Rows whose balance is solved together.
 BLOCK_ROWS = 256
 
 
 class BenchReading(eqx.Module):
-    """What a bench shows at every sample.
+    """Predicted readings of a bench at every sample.
 
     Attributes:
-        force: recorded tension, N.
-        diameter: recorded outer diameter, m.
-        past: what the muscle went through, memory included.
+        force: (n,) recorded tension, N.
+        diameter: (n,) recorded outer diameter, m.
+        past: true states of the muscle, memory included.
         status: (n,) a `balance.Status`.
     """
 
@@ -63,7 +62,7 @@ class BenchReading(eqx.Module):
 
 
 class Bench(eqx.Module):
-    """A muscle with mechanisms, and the bench that records it.
+    """A muscle with mechanisms on a test bench.
 
     Without mechanisms it is the ideal inelastic cylinder. Mechanisms of one kind act in their order.
     """
@@ -79,7 +78,7 @@ class Bench(eqx.Module):
     mechanisms: tuple[AbstractMechanism, ...] = ()
 
     def find_mechanisms(self, kind: type) -> list:
-        """The mechanisms of one kind, in order."""
+        """Return the mechanisms of one kind, in order."""
         return [m for m in self.mechanisms if isinstance(m, kind)]
 
     def __call__(
@@ -89,13 +88,14 @@ class Bench(eqx.Module):
         history: History,
         slack: Bool[Array, " n"] | None = None,
     ) -> BenchReading:
-        """What the bench records.
+        """Return the predicted readings.
 
         Args:
             pressure: (n,) recorded gauge pressure, Pa.
             length: (n,) recorded length, m.
             history: time and order of the samples.
-            slack: (n,) where the muscle, if it would push, is slack and pulls with nothing; None for nowhere.
+            slack: (n,) where the muscle can be slack, so that a negative force becomes zero; None for
+                nowhere.
         """
         for sensor in self.find_mechanisms(AbstractSensor):
             pressure, length = sensor.undo(pressure, length, history)
@@ -107,7 +107,7 @@ class Bench(eqx.Module):
         return BenchReading(force, diameter, past, status)
 
     def prepare(self) -> Bench:
-        """The same bench, with what all states share worked out once."""
+        """Return the same bench with the quantities that all states share computed."""
         mechanisms = (
             m.prepared(self.thread_length, self.turns) if isinstance(m, AbstractShape) else m
             for m in self.mechanisms
@@ -115,7 +115,7 @@ class Bench(eqx.Module):
         return Bench(self.thread_length, self.turns, tuple(mechanisms))
 
     def compute_past(self, pressure: Samples, length: Samples, history: History) -> tuple[Past, Array]:
-        """What the muscle truly went through at a true pressure (Pa) and length (m), and the status."""
+        """Return the states at true pressure (Pa) and length (m), both (n,), and their status."""
         zeros = jnp.zeros(pressure.shape[0])
 
         def solve_all(pressure, extension, memory_loads):
@@ -137,13 +137,13 @@ class Bench(eqx.Module):
             )
             return next_inputs, (past, status)
 
-        # A loop, so that the balance is compiled once for both passes.
+        # With a loop the balance is compiled once for both passes.
         shape = jax.eval_shape(solve_all, *without_memory)
         empty_result = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shape)
         return jax.lax.fori_loop(0, passes, run_pass, (without_memory, empty_result))[1]
 
     def _compute_memory(self, first_pass: Past, history: History) -> tuple[Samples, Samples, Pair]:
-        """Pressure inside, extension and what memories pull with, from what happened without them."""
+        """Return inner pressure (Pa), thread extension and memory loads (N), from the pass without memory."""
         for line in self.find_mechanisms(AbstractLine):
             first_pass = eqx.tree_at(lambda p: p.pressure, first_pass, line.pressure(history, first_pass))
         zeros, memories = jnp.zeros_like(first_pass.pressure), self.find_mechanisms(AbstractMemory)
@@ -170,12 +170,13 @@ class Bench(eqx.Module):
     def solve_instant(
         self, pressure: Scalar, length: Scalar, extension: Scalar, memory_loads: Pair
     ) -> tuple[Past, Array]:
-        """The balance at one instant, or at many side by side.
+        """Return state and status at one instant, or at many.
 
         Args:
-            pressure, length: Pa and m.
-            extension: share by which the threads are longer for good.
-            memory_loads: what memories add to the force and to the pull of the threads, N.
+            pressure: gauge pressure, Pa.
+            length: recorded length, m.
+            extension: permanent relative increase of thread length.
+            memory_loads: force and pull on the threads by memories, N.
         """
         unloaded_thread = self.thread_length * (1 + extension)
         balance, (x, true_length), solved = solve_balance(
@@ -189,32 +190,33 @@ class Bench(eqx.Module):
         return jax.tree.map(lambda value: jnp.broadcast_to(value, jnp.shape(true_length)), (past, status))
 
     def expand_at(self, length: Scalar, thread: Scalar) -> Bench:
-        """The same bench, with its shapes as they are needed around one state."""
+        """Return the same bench with its shapes expanded around one length (m) and thread length (m)."""
         mechanisms = (m.near(length, thread) if isinstance(m, AbstractShape) else m for m in self.mechanisms)
         return Bench(self.thread_length, self.turns, tuple(mechanisms))
 
     def stop_gradients(self) -> Bench:
-        """The same bench, without derivatives by its numbers."""
+        """Return the same bench without derivatives by its numbers."""
         mechanisms = (
             m.held() if isinstance(m, AbstractShape) else jax.lax.stop_gradient(m) for m in self.mechanisms
         )
         return Bench(*jax.lax.stop_gradient((self.thread_length, self.turns)), tuple(mechanisms))
 
     def state(self, length: Scalar, thread: Scalar) -> State:
+        """Return the state at a length (m) and thread length (m)."""
         state = Cylinder()(length, thread, self.turns)
         for shape in self.find_mechanisms(AbstractShape):
             state = shape.shape(state)
         return state
 
     def energy_and_volume(self, length: Scalar, thread: Scalar) -> Pair:
-        """Stored energy without the threads' own, J, and volume, m³."""
+        """Return stored energy without that of the threads (J), and volume (m³)."""
         state = self.state(length, thread)
         return sum(
             (store.energy(state) for store in self.find_mechanisms(AbstractStore)), jnp.zeros(())
         ), state.volume
 
     def compute_memory_loads(self, past: Past, stresses: list[Float[Array, "... k"]]) -> Pair:
-        """What the stresses of all memories, in their order, add to the force and to the threads' pull, N."""
+        """Return force and pull on the threads, N, by the stresses of all memories in their order."""
         expanded = self.expand_at(past.state.length, past.state.thread)
 
         def work(length, thread):
@@ -230,22 +232,23 @@ class Bench(eqx.Module):
         return by_length, -by_thread
 
     def strain(self, load: Scalar) -> Array:
-        """Strain of the threads at a load, N, not negative."""
+        """Return the strain of the threads at a load, N, that is not negative."""
         return sum((y.strain(load) for y in self.find_mechanisms(AbstractYielding)), jnp.zeros(()))
 
     def deflection(self, force: Scalar) -> Array:
+        """Return the deflection of the rig, m, at a force, N."""
         return sum((rig.deflection(force) for rig in self.find_mechanisms(AbstractRig)), jnp.zeros(()))
 
 
 def _map_blocks(function, row_count: Array | None, *rows):
-    """The function at every row, in blocks.
+    """Return a function's values at all rows, computed in blocks.
 
-    What many rows share while derivatives are taken in many numbers then stays in the cache. And the
-    blocks are a loop, whose results are written down: else XLA finds a state anew for every look-up.
+    The intermediate results of one block stay in the cache while derivatives are computed. The blocks are a
+    loop, so that XLA does not compute a state again for each of its users.
 
     Args:
         function: of rows.
-        row_count: rows that are worked out, the others repeat the last of them; None for all.
+        row_count: number of rows to compute; the others repeat the last one. None for all.
         rows: arrays of shape (n, ...).
     """
     n = len(jax.tree.leaves(rows)[0])
@@ -267,7 +270,7 @@ def _map_blocks(function, row_count: Array | None, *rows):
 
 
 def _map_first_blocks(function, count: Array, cuts):
-    """The function at the first blocks, of a count that the program need not know; zero at the others."""
+    """Return the function at the first blocks, zero at the others; the count may be traced."""
 
     def block(k):
         return function(*jax.tree.map(lambda x: jax.lax.dynamic_index_in_dim(x, k, keepdims=False), cuts))
@@ -287,7 +290,7 @@ def _repeat_last(values: Array, row_count: Array) -> Array:
 
 
 def clip_slack_force(force: Samples, slack: Bool[Array, " n"]) -> Samples:
-    """Force of a muscle that pulls with nothing where it is slack and the ideal one would push."""
+    """Return the force with zero in place of negative values where the muscle can be slack."""
     return jnp.where(slack, jnp.maximum(force, 0.0), force)
 
 
@@ -299,5 +302,5 @@ def record_bench(
     history: History,
     slack: Bool[Array, " n"] | None = None,
 ) -> BenchReading:
-    """What a bench records, compiled; see `Bench.__call__`."""
+    """Return the predicted readings of a bench by a compiled program; see `Bench.__call__`."""
     return bench(jnp.asarray(pressure, float), jnp.asarray(length, float), history, slack)

@@ -1,22 +1,21 @@
-"""The balance of a bench at one instant: how hard the threads pull, or how far the bladder stands off them.
+"""The equilibrium of a bench at one instant: thread load, or the gap between a slack bladder and its braid.
 
 With the potential W(L, B) of the bench (`bench.py`)
 
     load  T = −∂W/∂B,      B = B0 (1 + extension) (1 + Σ strain(T))       threads
     force F = ∂W/∂L,       L = recorded − deflection(F)                   rig
 
-(T, L) is found by Newton on these two equations; its derivative is implicit.
+Newton's method solves these two equations for (T, L). The derivative is implicit.
 
-Threads do not push. Where W pulls them inwards, contact is lost: T = 0, and the bladder stands off the
-braid at the radius where its own rubber balances the pressure. One unknown x serves both branches,
-x = T above zero and below it the *slack*, s = −x / (SLACK_PRESSURE_SCALE ∂T/∂P), by which the radius has
-shrunk:
+Threads do not push. Where W pulls them inwards, contact is lost: T = 0, and the bladder has the radius at
+which its rubber balances the pressure. One unknown x describes both branches: x = T above zero, and the
+*slack* s = −x / (SLACK_PRESSURE_SCALE ∂T/∂P) below zero. The slack reduces the radius:
 
     R² = R0² / √(1 + s),   B² = L² + (2πN R)²        R0 that of the threads without load
 
-The fourth power, because the hoop pull of a neo-Hookean tube is a straight line in R⁻⁴: Newton then
-needs a step or two from wherever it starts, and no slack can make the muscle straight. Frozen stresses
-cannot follow the wall: they pull no bladder off the braid that rubber would not, or no more than it does.
+The fourth power is used because the hoop pull of a neo-Hookean tube is linear in R⁻⁴. Newton's method
+then needs one or two steps from any start, and no slack makes the muscle straight. Loads of memories are
+constant during the balance. They cannot pull the bladder off the braid further than the rubber does.
 """
 
 from __future__ import annotations
@@ -33,65 +32,66 @@ from pamjax.model.barrier import materialize
 from pamjax.model.state import State
 from pamjax.parameter import Scalar
 
-#: Most Newton steps of the balance. The load is nearly known beforehand: two or three are the rule.
+#: Maximum number of Newton steps. The first guess of the load is good: two or three steps are usual.
 MAX_NEWTON_STEPS = 8
 
-#: Step of Newton, relative, after which only the one that carries the derivatives is taken: what this leaves
-#: is of the order of its square, and what that one leaves of its fourth power.
+#: Relative Newton step below which only one more is done, which has the derivatives. The remaining error is
+#: of the order of the square of this step, and of its fourth power after the last one.
 NEWTON_TOLERANCE = 3e-4
 
-#: Pressure, Pa, that scales the unknown of a slack muscle: of the order of what holds a bladder back.
+#: Pressure, Pa, that scales the unknown of a slack muscle. A bladder resists with about this pressure.
 SLACK_PRESSURE_SCALE = 1e5
 
-#: Pressure, Pa, with which a slack muscle is held from shrinking further, for each unit of slack.
-#: Next to nothing (a tube of latex is held by tens of kPa), but it leaves no muscle without an answer.
+#: Pressure, Pa, that resists each unit of slack. It is small (a latex tube has tens of kPa), and makes the
+#: balance solvable for a muscle without a bladder.
 SLACK_HOLD_PRESSURE = 1.0
 
-#: Balance residual, relative to the load and the length, above which a state counts as not solved.
+#: Residual relative to load and length above which a state is not solved.
 BALANCE_TOLERANCE = 1e-6
 
 Pair = tuple[Array, Array]
 
 
 class BalanceModel(Protocol):
-    """What the balance asks of a bench."""
+    """Interface of a bench for its balance."""
 
     turns: Scalar
 
     def expand_at(self, length: Scalar, thread: Scalar) -> BalanceModel:
-        """The same bench, with its shapes as they are needed around one state."""
+        """Return the same bench with its shapes expanded around one length (m) and thread length (m)."""
         ...
 
     def stop_gradients(self) -> BalanceModel:
-        """The same bench, without derivatives by its numbers."""
+        """Return the same bench without derivatives by its numbers."""
         ...
 
     def state(self, length: Scalar, thread: Scalar) -> State:
-        """Where everything is."""
+        """Return the state at a length (m) and thread length (m)."""
         ...
 
     def energy_and_volume(self, length: Scalar, thread: Scalar) -> Pair:
-        """Stored energy without the threads' own, J, and volume, m³."""
+        """Return stored energy without that of the threads (J), and volume (m³)."""
         ...
 
     def strain(self, load: Scalar) -> Array:
-        """Strain of the threads at a load, N."""
+        """Return the strain of the threads at a load, N."""
         ...
 
     def deflection(self, force: Scalar) -> Array:
-        """Give of the rig at a force (N), m."""
+        """Return the deflection of the rig, m, at a force, N."""
         ...
 
 
 class InstantBalance(eqx.Module):
-    """A bench at one instant, or at many: all of it works on arrays of equal shape as well.
+    """A bench at one instant, or at many as arrays of one shape.
 
     Attributes:
-        bench: the muscle with its mechanisms, its shapes as they are around some state.
-        pressure, length: recorded, Pa and m.
+        bench: the muscle with its mechanisms, its shapes expanded around some state.
+        pressure: gauge pressure, Pa.
+        length: recorded length, m.
         unloaded_thread: length of the threads without load, m.
-        memory_loads: what memories add to the force and to the pull of the threads, N.
-        contact_pull: pull on threads that do not yet stretch, without what is frozen, N.
+        memory_loads: force and pull on the threads by memories, N.
+        contact_pull: pull on unstretched threads without memory loads, N.
     """
 
     bench: BalanceModel
@@ -102,7 +102,7 @@ class InstantBalance(eqx.Module):
     contact_pull: Scalar
 
     def thread_length(self, x: Scalar, length: Scalar) -> Array:
-        """Length of the braid's threads, m: stretched, or as if they were taut around a slack bladder."""
+        """Return the length of the threads, m: stretched, or that of taut threads around a slack bladder."""
         hoop = braid.hoop_pull(1.0, self.length, self.unloaded_thread, self.bench.turns)
         slack = jnp.where(x < 0, -x, 0.0) / (SLACK_PRESSURE_SCALE * hoop)
         taut = self.unloaded_thread * (1 + self.bench.strain(jnp.where(x < 0, 0.0, x)))
@@ -110,7 +110,9 @@ class InstantBalance(eqx.Module):
         return jnp.where(x < 0, jnp.sqrt(length**2 + missing / jnp.sqrt(1 + slack)), taut)
 
     def force_and_pull(self, thread: Scalar, length: Scalar) -> Pair:
-        """Tension, and pull on all threads (negative where the bladder stands off them), N."""
+        """Return tension and pull on all threads, N; the pull is negative where the bladder is off the
+        braid.
+        """
         stored, volume = materialize(
             compute_partial_derivatives(self.bench.energy_and_volume, length, thread)
         )
@@ -120,7 +122,7 @@ class InstantBalance(eqx.Module):
         return force, outward_pull + jnp.maximum(self.memory_loads[1], least)
 
     def residual(self, unknown: Pair) -> Pair:
-        """What is missing to both balances, N and m, at x (N) and a true length (m)."""
+        """Return the residuals of both balances, N and m, at x (N) and a true length (m)."""
         x, length = unknown
         thread = self.thread_length(x, length)
         force, pull = self.force_and_pull(thread, length)
@@ -128,7 +130,7 @@ class InstantBalance(eqx.Module):
         return load - pull, length + self.bench.deflection(force) - self.length
 
     def expand_at(self, x: Scalar, length: Scalar) -> InstantBalance:
-        """The same, with shapes as they are around a state."""
+        """Return the same balance with its shapes expanded around a state."""
         bench = self.bench.expand_at(length, self.thread_length(x, length))
         return eqx.tree_at(lambda instant_balance: instant_balance.bench, self, bench)
 
@@ -136,7 +138,7 @@ class InstantBalance(eqx.Module):
 def build_instant_balance(
     bench: BalanceModel, pressure: Scalar, length: Scalar, unloaded_thread: Scalar, memory_loads: Pair
 ) -> InstantBalance:
-    """A bench before its balance: see `InstantBalance`."""
+    """Return the unsolved balance of a bench; see `InstantBalance`."""
     stored, volume = compute_partial_derivatives(
         bench.expand_at(length, unloaded_thread).energy_and_volume, length, unloaded_thread
     )
@@ -151,15 +153,17 @@ def build_instant_balance(
 
 
 def inflating_pressure(pressure: Scalar) -> Array:
-    """The pressure that pushes threads outwards, Pa.
+    """Return the pressure that pushes the threads outwards, Pa.
 
-    Suction closes no braid: below zero a gauge is off, or the tube is flat, and no longer round.
+    A negative pressure pushes nothing: the gauge has an offset, or the tube has collapsed.
     """
     return jnp.where(pressure > 0, pressure, 0.0)
 
 
 def solve_balance(instant_balance: InstantBalance) -> tuple[InstantBalance, Pair, Array]:
-    """x (N) and true length (m) in balance; the bench around them; and whether it was found."""
+    """Return the balance expanded around its solution, x (N) with true length (m), and whether it is
+    solved.
+    """
     without_gradients = jax.lax.stop_gradient(
         eqx.tree_at(lambda balance: balance.bench, instant_balance, instant_balance.bench.stop_gradients())
     )
@@ -177,14 +181,14 @@ def solve_balance(instant_balance: InstantBalance) -> tuple[InstantBalance, Pair
 
 
 def compute_partial_derivatives(function, a: Scalar, b: Scalar):
-    """Derivatives by two numbers, (2, ...) of each result: both at once, so that it is compiled once."""
+    """Return the derivatives of each result by two numbers, (2, ...). One compiled program has both."""
     unit, zero = jnp.ones_like(a), jnp.zeros_like(a)
     along = jnp.stack([unit, zero]), jnp.stack([zero, unit])
     return jax.vmap(lambda *t: jax.jvp(function, (a, b), t)[1])(*along)
 
 
 def _iterate_newton(balance_at, x: Pair) -> Pair:
-    """x (N) and true length (m), from the instant with its shapes around any of them."""
+    """Return x (N) and true length (m) by Newton's method from the balance expanded at each step."""
 
     def on(carry):
         _, size, count = carry
@@ -192,14 +196,14 @@ def _iterate_newton(balance_at, x: Pair) -> Pair:
 
     def step(carry):
         x, _, count = carry
-        # Threads that stretch by a hundredth widen a slender muscle by a tenth: shapes are as they are here,
-        # not as with the threads at rest.
+        # Shapes are expanded at this step. Threads that stretch by 1 % widen a slender muscle by 10 %, so
+        # that an expansion around unloaded threads is not sufficient.
         balance = balance_at(x)
         updated = _newton_step(lambda x: balance.residual(x), x)
         size = jnp.abs(updated[0] - x[0]) / jnp.maximum(jnp.abs(x[0]), 1.0), jnp.abs(updated[1] / x[1] - 1)
         return updated, jnp.maximum(*size), count + 1
 
-    # A loop, not its unrolling, which would compile for a minute.
+    # Unrolled steps would compile for a minute.
     return jax.lax.while_loop(on, step, (x, jnp.ones_like(x[0]), 0))[0]
 
 

@@ -1,9 +1,9 @@
-"""What a bench did over time, as the mechanisms that remember need it.
+"""Time and order of the samples, for mechanisms with memory.
 
-A recording is a sequence of samples with gaps where the rig was moved. Memory is carried across a gap
-unless it is stated to restart there; a rate never reaches across one. Before the first sample the muscle
-was at rest in that state, or, where that is stated, had been through the same recording once. What it leaves
-out: corners of strokes with five samples or fewer, at which a rate is that across the corner.
+A recording is a sequence of samples with gaps where the rig was moved. Memory continues across a gap, unless
+a restart is stated. A rate is never computed across a gap. Before the first sample the muscle rested in that
+state, or, if stated, had been through the same recording once. What it leaves out: corners of strokes with
+five samples or fewer, where the rate is computed across the corner.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from jaxtyping import Array, Bool, Float, Int
 
 from pamjax.parameter import Scalar
 
-#: What turns has a corner where a straight line leaves this many times the usual of it.
+#: A signal has a corner where a straight line leaves this many times the usual residual.
 CORNER_RATIO = 6.0
-#: Share of a channel's range that is no noise but rounding.
+#: Share of a channel's range below which differences are rounding, not noise.
 ROUNDING_SHARE = 1e-6
-#: Share of a channel's range below which a step between two rests is one of its resolution.
+#: Share of a channel's range below which an isolated step is the resolution of the channel.
 RESOLUTION_SHARE = 0.02
-#: A side of a sample is bent where a straight line leaves this many times the usual of it.
+#: One side of a sample is bent where a straight line leaves this many times the usual residual.
 BEND_RATIO = 3.0
 
 #: A rate is the slope of a straight line through a sample and this many neighbours on each side.
@@ -30,22 +30,21 @@ RATE_HALF_WIDTH = 2
 
 
 class History(eqx.Module):
-    """Time, and what is known of the order of the samples.
+    """Time and order of the samples.
 
     Attributes:
         time: (n,) s; zeros for a static map.
-        step: (n,) time since the sample before, s; zero at the first.
-        restart: (n,) whether memory begins anew at this sample.
-        rate_weights: (n, 2 RATE_HALF_WIDTH + 1) weights that turn a sample and its neighbours into a rate,
-            1/s; zero
-            for those of another run.
-        first, last: (n,) the ends of each sample's run; the sample itself in a static map.
+        step: (n,) time since the previous sample, s; zero at the first.
+        restart: (n,) whether memory restarts at this sample.
+        rate_weights: (n, 2 RATE_HALF_WIDTH + 1) weights of a sample and its neighbours in the rate, 1/s;
+            zero for neighbours in another run.
+        first: (n,) first sample of each sample's run; the sample itself in a static map.
+        last: (n,) last sample of each sample's run; the sample itself in a static map.
         settled: whether the muscle had been through the recording once before.
-        row_count: how many samples are worked out; those after them repeat the last. None for all, which
-            alone
-            has derivatives in reverse.
-        has_memory: whether anything leaves something to later samples; where nothing does, once through the
-            recording is enough. None for yes, which alone has derivatives in reverse.
+        row_count: number of samples to compute; later ones repeat the last. None for all; only None has
+            derivatives in reverse mode.
+        has_memory: whether a mechanism with memory acts; without one, one pass is enough. None for yes;
+            only None has derivatives in reverse mode.
     """
 
     time: Float[Array, " n"]
@@ -59,7 +58,7 @@ class History(eqx.Module):
     has_memory: Bool[Array, ""] | None = None
 
     def rate(self, values: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Change of a quantity in a second; zero in a static map."""
+        """Return the rate of change of a quantity, 1/s; zero in a static map."""
         n, around = values.shape[0], _compute_once(jnp.pad(values, RATE_HALF_WIDTH))
         return sum(
             (self.rate_weights[:, k] * around[k : k + n] for k in range(2 * RATE_HALF_WIDTH + 1)),
@@ -67,10 +66,10 @@ class History(eqx.Module):
         )
 
     def delay(self, values: Float[Array, " n"], lag: Scalar) -> Float[Array, " n"]:
-        """What a quantity was `lag` seconds ago; at the ends of a run, what it is there.
+        """Return a quantity `lag` seconds earlier; beyond the ends of a run, the value at that end.
 
-        Between samples it is a cubic with the rates of its ends, so that the derivative in the lag is
-        continuous: minus the rate at a lag of zero.
+        Between samples it is a cubic with the rates at both samples. The derivative by the lag is thus
+        continuous, and minus the rate at a lag of zero.
         """
         delayed_time = self.time - lag
         before = jnp.searchsorted(self.time, delayed_time, side="right") - 1
@@ -85,15 +84,15 @@ class History(eqx.Module):
         return (1 - ease) * y[before] + ease * y[after] + bend
 
     def increments(self, values: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Change of a quantity since the sample before; zero where memory begins anew."""
+        """Return the change of a quantity since the previous sample; zero where memory restarts."""
         before = jnp.concatenate([values[:1], values[:-1]])
         return jnp.where(self.restart, 0.0, values - before)
 
     def repeat(self) -> History:
-        """The recording, and then the recording again: 2n samples.
+        """Return the history of the recording played twice, 2n samples.
 
-        From its last state the muscle goes to its first at once: nothing is known of the way. (A static map
-        stays one: each of its samples begins anew.)
+        The muscle moves from its last state to its first in one step, since the path between is unknown.
+        Each sample of a static map still restarts.
         """
         n = self.time.shape[0]
 
@@ -121,16 +120,17 @@ def build_time_history(
     size: int | None = None,
     padding: bool = True,
 ) -> History:
-    """The history of a recording.
+    """Return the history of a recording.
 
     Args:
-        time: (n,) s, increasing; None for a static map, in which nothing is remembered.
+        time: (n,) s, increasing; None for a static map, which has no memory.
         starts: (n,) whether a continuous run begins at this sample.
-        restart: whether memory begins anew at every run, rather than only at the first sample.
+        restart: whether memory restarts at every run, rather than only at the first sample.
         settled: whether the muscle had been through the recording once before.
-        stroke_channels: (k, n) what may stroke, in any unit: a rate does not reach across its corners.
+        stroke_channels: (k, n) channels that may have strokes, in any unit. No rate is computed across
+            their corners.
         size: length to pad to; padded samples repeat the last one.
-        padding: whether padded samples are worked out as well, rather than only repeated.
+        padding: whether padded samples are computed as well, rather than repeated.
     """
     n = starts.size
     size = size or n
@@ -154,16 +154,16 @@ def build_time_history(
 
 
 def _compute_once(values: Array) -> Array:
-    """The same values, computed before they are looked up: else each look-up computes them again."""
+    """Return the same values, computed before indexing: otherwise each index computes them again."""
     return jax.lax.optimization_barrier(values)
 
 
 def _compute_rate_weights(
     clock: np.ndarray, run: np.ndarray, stroke_channels: np.ndarray | None = None
 ) -> np.ndarray:
-    """Weights of the least-squares slope through a sample and its neighbours of the same run.
+    """Return the weights of the least-squares slope of a sample and its neighbours in the same run.
 
-    Beside a corner of what turns, only the neighbours on the sample's own side.
+    Next to a corner of a stroke, only neighbours on the sample's side of the corner count.
     """
     n = clock.size
     neighbours = np.clip(
@@ -186,8 +186,8 @@ def _compute_rate_weights(
     misfit = _compute_line_misfit(
         clock, stroke_channels, neighbours, list(zip(lines, (same_run, *sides), strict=True))
     )
-    # A corner stands out of the noise of the straight lines; the sample is on the side that is straight, and
-    # the other is not. One that lies at the corner itself is on neither: there what turns is at rest.
+    # At a corner the residual of a line exceeds the noise. The sample belongs to its straight side, and the
+    # other side is bent. A sample at the corner itself belongs to neither side: there the motion stops.
     side = 1 + np.argmin(misfit[1:], axis=0)
     straight, bent = misfit[1:].min(axis=0), misfit[1:].max(axis=0)
     corner = (
@@ -199,9 +199,9 @@ def _compute_rate_weights(
 
 
 def _compute_line_misfit(clock, stroke_channels, neighbours, lines) -> np.ndarray:
-    """What straight lines leave of all that turns, (lines, n), where the first usually leaves one.
+    """Return the residuals of straight lines, (lines, n), scaled so that the median of the first is one.
 
-    Each channel counts in its own noise, or in the steps in which it is written.
+    Each channel is divided by its noise, or by its resolution.
     """
     total = np.zeros((len(lines), clock.size))
     for channel in stroke_channels:
@@ -222,7 +222,7 @@ def _compute_line_misfit(clock, stroke_channels, neighbours, lines) -> np.ndarra
 
 
 def _estimate_resolution(channel: np.ndarray) -> float:
-    """The step in which a slow channel is written, which stands still between two of them; 0 without one."""
+    """Return the resolution of a slow channel, from its isolated steps; 0 without such steps."""
     step = np.abs(np.diff(channel))
     is_isolated = (
         (step[1:-1] > 0)
@@ -239,7 +239,7 @@ def _finite_median(misfit: np.ndarray) -> float:
 
 
 def _line_residual_rms(clock, around, neighbours, weights, in_line) -> np.ndarray:
-    """Rms of what a straight line leaves of the values, (n,); infinite where two points make the line."""
+    """Return the rms residual of a straight line, (n,); infinite where the line has two points only."""
     count = in_line.sum(axis=1)
     safe = np.maximum(count, 1)[:, None]
     moment = np.where(in_line, clock[neighbours], 0.0)

@@ -1,1 +1,1 @@
-"""What was measured: recordings, case folders, and the blocks they fall into."""
+"""Recordings, case folders, and the blocks of rows in a recording."""

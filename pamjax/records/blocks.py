@@ -1,14 +1,14 @@
-"""Blocks: rows that know each other, so that holding out means holding out a whole block.
+"""Blocks of dependent rows; cross-validation holds out whole blocks.
 
-Rows of one loop share its history, its noise and its setting: a model that has seen half of a loop is not
-tested by the other half. The blocks are read off the recording itself, whatever the protocol was:
+Rows of one loop share their history, noise and setting. A fit to half of a loop is not tested by the other
+half. The recording itself determines the blocks, for any protocol:
 
-| pressure      | length        | blocks                                                      |
-|---------------|---------------|-------------------------------------------------------------|
-| few settings  | strokes       | isobars                                                     |
-| moves         | few settings  | lengths                                                     |
-| few settings  | few settings  | holds; where each pair was set, the one that changed less   |
-| else          | else          | cycles, or stretches of rows, or single rows                |
+| pressure      | length        | blocks                                                            |
+|---------------|---------------|-------------------------------------------------------------------|
+| few settings  | strokes       | isobars                                                           |
+| moves         | few settings  | lengths                                                           |
+| few settings  | few settings  | holds; if all pairs were set, the channel with fewer changes      |
+| else          | else          | cycles, or sequences of rows, or single rows                      |
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class Blocks:
     """The blocks of a recording.
 
     Attributes:
-        label: (n,) index of each row's block; -1 for rows of none: unusable, or between two settings.
-        names: what each block is called, as "isobar 138 kPa".
+        label: (n,) index of each row's block; -1 for unusable rows and rows between two settings.
+        names: name of each block, as "isobar 138 kPa".
         kind: "isobars", "lengths", "holds", "cycles" or "rows".
     """
 
@@ -52,32 +52,31 @@ class Blocks:
         return len(self.names)
 
     def build_mask(self, index: int) -> np.ndarray:
-        """(n,) bool: the rows of one block."""
+        """Return the mask of the rows of one block, (n,) bool."""
         return self.label == index
 
 
 def find_blocks(recording: Recording) -> Blocks:
-    """Find the whole blocks of a recording."""
+    """Return the blocks of a recording."""
     row_blocks = _find_settings(recording) or _find_cycles(recording) or _split_rows(recording)
     return _drop_unusable_rows(row_blocks, recording.usable)
 
 
 def split_folds(blocks: Blocks, k: int = 5, seed: int = 0) -> list[np.ndarray]:
-    """Masks of the rows to hold out, whole blocks at a time, each block in exactly one fold.
+    """Return the masks of the held-out rows of each fold; each block is in exactly one fold.
 
-    Each fold takes one block from every k neighbouring ones: none holds out one end of the range
-    alone more than it must, and interior blocks spread over all folds.
+    Each fold takes one of every k neighbouring blocks. Hence every fold covers the whole range.
 
     Args:
         blocks: the blocks, in order of their setting or of time.
-        k: how many folds, at most one a block.
-        seed: which block of each k goes to which fold.
+        k: number of folds, at most the number of blocks.
+        seed: seed of the random assignment of blocks to folds.
 
     Returns:
         list of (n,) bool.
 
     Raises:
-        BadInput: if there is but one block, so that nothing could be held out.
+        BadInput: if there are fewer than two blocks.
     """
     block_count = len(blocks)
     if block_count < 2:
@@ -92,10 +91,10 @@ def split_folds(blocks: Blocks, k: int = 5, seed: int = 0) -> list[np.ndarray]:
 
 
 def find_length_settings(recording: Recording) -> np.ndarray:
-    """(n,) index of the length that was set, for a length error that is one for each setting.
+    """Return the index of the length setting of each row, (n,), for a length error per setting.
 
-    Rows between two settings go to the nearer; a recording that strokes has one setting, 0; -1 where the
-    length was not measured.
+    A row between two settings gets the nearer one. A recording of strokes has one setting, 0. The index is -1
+    where the length was not measured.
     """
     levels = find_levels(recording.length, recording.has_time)
     if not len(levels):
@@ -104,7 +103,7 @@ def find_length_settings(recording: Recording) -> np.ndarray:
 
 
 def _find_settings(recording: Recording) -> Blocks | None:
-    """Isobars, lengths or holds, where the recording settles on enough of them."""
+    """Return isobars, lengths or holds; None if the recording has too few settings."""
     pressures = find_levels(recording.pressure, recording.has_time)
     lengths = find_levels(recording.length, recording.has_time)
     isobars = Blocks(
@@ -121,7 +120,7 @@ def _find_settings(recording: Recording) -> Blocks | None:
 
 
 def _name_levels(kind: str, levels: np.ndarray, unit: str) -> tuple[str, ...]:
-    """Names with as many digits as tell the levels apart."""
+    """Return the names of the levels, with enough digits to distinguish them."""
     for digits in (3, 4, 5):
         names = tuple(f"{kind} {format_quantity(level, unit, digits)}" for level in levels)
         if len(set(names)) == len(names):
@@ -130,7 +129,7 @@ def _name_levels(kind: str, levels: np.ndarray, unit: str) -> tuple[str, ...]:
 
 
 def _are_crossed(isobars: Blocks, settings: Blocks) -> bool:
-    """Whether nearly each pressure was set at each length."""
+    """Return whether nearly every pair of pressure and length was measured."""
     both = (isobars.label >= 0) & (settings.label >= 0)
     met = set(zip(isobars.label[both].tolist(), settings.label[both].tolist(), strict=True))
     return len(met) >= MIN_CROSSED_SHARE * len(isobars) * len(settings)
@@ -142,7 +141,7 @@ def _count_changes(label: np.ndarray) -> int:
 
 
 def _find_holds(at_pressure: np.ndarray, at_length: np.ndarray) -> Blocks | None:
-    """Stretches in which neither moves; the move towards a hold belongs to it, as its relaxation does."""
+    """Return the holds of constant pressure and length; the transition before a hold belongs to it."""
     settled = (at_pressure >= 0) & (at_length >= 0)
     pair = np.where(settled, at_pressure * (at_length.max() + 1) + at_length, -1)
     label = np.empty(len(pair), dtype=int)
@@ -161,7 +160,7 @@ def _find_holds(at_pressure: np.ndarray, at_length: np.ndarray) -> Blocks | None
 
 
 def _find_cycles(recording: Recording) -> Blocks | None:
-    """Strokes or tests as the lab numbered them, parted where the rig was moved; 0 is no stroke."""
+    """Return the numbered cycles, divided at jumps of the recording; rows of cycle 0 have no block."""
     if not recording.has_time:
         return None
     run = np.cumsum(recording.starts)
@@ -180,7 +179,7 @@ def _find_cycles(recording: Recording) -> Blocks | None:
 
 
 def _split_rows(recording: Recording) -> Blocks:
-    """Single rows of a short table, or stretches of a long one."""
+    """Return the single rows of a short recording, or equal parts of a long one."""
     n = recording.n
     if n <= MAX_SINGLE_READINGS:
         return Blocks(np.arange(n), tuple(f"row {row}" for row in recording.row), "rows")
@@ -190,7 +189,7 @@ def _split_rows(recording: Recording) -> Blocks:
 
 
 def _drop_unusable_rows(blocks: Blocks, usable: np.ndarray) -> Blocks:
-    """The blocks with unusable rows taken out, and blocks that have none left."""
+    """Return the blocks without unusable rows and without empty blocks."""
     label = np.where(usable, blocks.label, -1)
     kept = np.unique(label[label >= 0])
     number = np.full(len(blocks) + 1, -1)
@@ -199,6 +198,6 @@ def _drop_unusable_rows(blocks: Blocks, usable: np.ndarray) -> Blocks:
 
 
 def _find_stretches(values: np.ndarray) -> list[tuple[int, int]]:
-    """First row, and the row after the last, of each stretch of equal values."""
+    """Return the first row, and the row after the last, of each sequence of equal values."""
     edges = np.flatnonzero(np.diff(values)) + 1
     return list(zip([0, *edges.tolist()], [*edges.tolist(), len(values)], strict=True))

@@ -1,4 +1,4 @@
-"""A case: one folder with what was measured and what the muscle is, checked against each other."""
+"""Case folders: a recording and the description of its muscle, checked for consistency."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ BEFORE_CHOICES = ("relaxed", "settled")
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One case folder as read.
+    """Contents of one case folder.
 
     Attributes:
-        name: the folder's name.
-        folder: where it lies.
-        entry: what muscle.toml says.
-        recording: what recording.csv says.
-        gaps: what became of the muscle where the rig was moved: one of `GAP_CHOICES`.
-        before: what it had gone through before the first sample: one of `BASELINE_MARK_COLOUR`.
-        checksum: SHA-256 over the bytes of recording.csv, then muscle.toml: the same data, the same sum.
-        warnings: what its owner should know, one sentence each; the reader of a case shows them.
-        text: of muscle.toml.
+        name: name of the folder.
+        folder: path of the folder.
+        entry: contents of muscle.toml, SI.
+        recording: contents of recording.csv, SI.
+        checksum: SHA-256 of the bytes of recording.csv followed by muscle.toml.
+        warnings: warnings for the user, one sentence each; the caller shows them.
+        gaps: memory at a jump of the recording: one of `GAP_CHOICES`.
+        before: load history before the first sample: one of `BEFORE_CHOICES`.
+        text: text of muscle.toml.
     """
 
     name: str
@@ -68,15 +68,15 @@ class Case:
 def read_case(folder: str | Path, *, gaps: str = "carry", before: str = "relaxed") -> Case:
     """Read a case folder: `recording.csv` and `muscle.toml`.
 
-    Nothing is warned aloud here: what the owner should know is in `warnings`.
+    Warnings are not issued but stored in `Case.warnings`.
 
     Args:
-        folder: where it lies.
-        gaps: "carry" or "anew", what mechanisms that remember do at a jump of the recording.
-        before: "relaxed" or "settled", what the muscle had gone through before the first sample.
+        folder: path of the folder.
+        gaps: "carry" or "anew": mechanisms with memory continue or restart at a jump of the recording.
+        before: "relaxed" or "settled": the muscle was at rest, or had run the whole recording once.
 
     Raises:
-        BadInput: in one sentence, if a file is missing, cannot be used, or contradicts the other.
+        BadInput: if a file is missing, cannot be used, or contradicts the other.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -91,10 +91,10 @@ def read_case(folder: str | Path, *, gaps: str = "carry", before: str = "relaxed
 
 
 def load_case(source: Case | str | Path) -> Case:
-    """The case, or the one that lies in a folder.
+    """Return the case itself, or read it from its folder.
 
     Raises:
-        BadInput: as `read_case`, or for what is neither.
+        BadInput: as `read_case`, or for another type of argument.
     """
     if isinstance(source, Case):
         return source
@@ -104,13 +104,13 @@ def load_case(source: Case | str | Path) -> Case:
 
 
 def load_case_or_toml(source: MuscleToml | Case | str | Path) -> MuscleToml | Case:
-    """What a lab knows of a muscle: the case of a folder that holds a recording, else what muscle.toml says.
+    """Return the case of a folder with a recording, else the contents of muscle.toml.
 
     Args:
-        source: either of them already, a case folder, a folder with muscle.toml alone, or that file.
+        source: a case, the contents of a muscle.toml, a case folder, a folder with muscle.toml, or that file.
 
     Raises:
-        BadInput: as `read_case`, or for what is none of these.
+        BadInput: as `read_case`, or for another type of argument.
     """
     if isinstance(source, MuscleToml | Case):
         return source
@@ -128,14 +128,14 @@ def load_case_or_toml(source: MuscleToml | Case | str | Path) -> MuscleToml | Ca
 def build_case(
     toml_bytes: bytes, csv_bytes: bytes, folder: Path, gaps: str, before: str, file: str = RECORDING_FILE
 ) -> Case:
-    """A case from the bytes of its two files.
+    """Return the case from the bytes of its two files.
 
     Args:
-        toml_bytes: of muscle.toml.
-        csv_bytes: of recording.csv.
-        folder: where they lie, or would lie.
+        toml_bytes: bytes of muscle.toml.
+        csv_bytes: bytes of recording.csv.
+        folder: path of the case folder; need not exist.
         gaps, before: as for `read_case`.
-        file: what the recording is called in error texts.
+        file: name of the recording in error messages.
     """
     _check_choice("gaps", gaps, GAP_CHOICES)
     _check_choice("before", before, BEFORE_CHOICES)
@@ -162,7 +162,7 @@ def _check_choice(name: str, got: str, known: tuple[str, ...]) -> None:
 
 
 def _check_length_below_thread(recording: Recording, entry: MuscleToml, unit: str, file: str) -> None:
-    """No length beyond the thread's, but for its stretch and what the thread's length may be wrong by."""
+    """Refuse a length above the thread's, with tolerance for stretch and for the thread length's sd."""
     thread = _compute_thread_length(entry)
     beyond = recording.length > thread.value + max(4.0 * thread.sd, 0.02 * thread.value)
     if beyond.any():

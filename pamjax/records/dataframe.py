@@ -1,4 +1,4 @@
-"""A case from a table that is already in memory: pandas or xarray in place of recording.csv."""
+"""Cases from tables in memory: a pandas or xarray object instead of recording.csv."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ def case_from(
     gaps: str = "carry",
     before: str = "relaxed",
 ) -> Case:
-    """A case from a table in memory, checked as a case folder is.
+    """Return a case from a table in memory, with the same checks as for a case folder.
 
     Args:
-        table: a DataFrame with columns `name [unit]` as recording.csv has, or a Dataset whose variables
-            have those names and an attribute `units`.
-        muscle: path of a muscle.toml, or the same as nested dictionaries.
-        name: what the case is called.
+        table: a DataFrame with columns `name [unit]` as in recording.csv, or a Dataset whose variables have
+            those names and an attribute `units`.
+        muscle: path of a muscle.toml, or its contents as nested dictionaries.
+        name: name of the case.
         gaps, before: as for `read_case`.
 
     Raises:
-        BadInput: in one sentence; rows count as they would in a file whose header is line 1.
+        BadInput: if the table cannot be used; rows are counted as in a file whose header is line 1.
 
     >>> import pandas as pd
     >>> table = pd.DataFrame({"pressure [kPa]": [200.0], "length [mm]": [200.0], "force [N]": [779.1]})
@@ -54,7 +54,7 @@ def case_from(
 
 
 def _convert_to_frame(table: Any) -> pd.DataFrame:
-    """The table with headers `name [unit]`."""
+    """Return the table with headers `name [unit]`."""
     if hasattr(table, "to_csv"):
         return table
     if not hasattr(table, "data_vars"):

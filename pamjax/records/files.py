@@ -1,4 +1,4 @@
-"""Files are read whole and written whole: an interrupted run leaves nothing half."""
+"""Reading and atomic writing of files: an interrupted run leaves no incomplete file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,11 @@ from pamjax.errors import refuse
 
 
 def read_bytes(path: Path) -> bytes:
-    """A file's bytes, or a sentence that says why there are none."""
+    """Return the bytes of a file.
+
+    Raises:
+        BadInput: if the file does not exist or cannot be read.
+    """
     try:
         return path.read_bytes()
     except FileNotFoundError as error:
@@ -26,10 +30,10 @@ def read_bytes(path: Path) -> bytes:
 
 
 def decode_text(raw: bytes, file: str) -> str:
-    """The text of a file, whatever mark of byte order stands before it.
+    """Return the text of a UTF-8 file, with or without a byte order mark.
 
     Raises:
-        BadInput: if it is no UTF-8 text.
+        BadInput: if the file is not UTF-8 text.
     """
     if raw[:2] == b"PK" or b"\0" in raw[:4096]:
         raise refuse(f"{file} must be plain text", "a binary file", remedy="Save it as UTF-8 text.")
@@ -43,9 +47,9 @@ def decode_text(raw: bytes, file: str) -> str:
 
 @contextmanager
 def write_atomically(path: str | Path) -> Iterator[Path]:
-    """A path beside the wanted one to write to; it takes the wanted place only if all went well.
+    """Yield a temporary path in the same folder, which replaces `path` at the end.
 
-    The folder must exist. On any exception, Ctrl-C included, what stood there before stays untouched.
+    The folder must exist. After an exception or Ctrl-C, an existing file at `path` is unchanged.
 
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
@@ -65,9 +69,9 @@ def write_atomically(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def write_folder_atomically(folder: str | Path) -> Iterator[Path]:
-    """A folder beside the wanted one to write several files to; all of them take their places, or none.
+    """Yield a temporary folder whose files move to `folder` at the end, all or none.
 
-    The wanted folder is made if it does not exist; its other files stay.
+    The folder is created if it does not exist. Its other files are unchanged.
     """
     folder = Path(folder)
     temporary = _choose_temporary_path(folder)
@@ -81,7 +85,7 @@ def write_folder_atomically(folder: str | Path) -> Iterator[Path]:
 
 
 def is_writable(folder: Path) -> bool:
-    """Whether something can be made in a folder: tried, as permissions say nothing of /proc."""
+    """Return whether a folder accepts new files, by a trial: permissions are not sufficient for /proc."""
     try:
         os.rmdir(tempfile.mkdtemp(prefix=".pamjax-", dir=folder))
     except OSError:
@@ -90,7 +94,7 @@ def is_writable(folder: Path) -> bool:
 
 
 def _choose_temporary_path(path: Path) -> Path:
-    """A hidden name in the same folder, so that the replacing is one rename on one disk."""
+    """Return a hidden path in the same folder, so that a rename on one disk replaces the target."""
     folder = path.absolute().parent
     if not folder.is_dir():
         raise refuse(f"the folder of {path} must exist", remedy="Make it first, or check its name.")
@@ -114,7 +118,7 @@ def _move_files(source: Path, target: Path) -> None:
 
 @contextmanager
 def _delay_interrupt() -> Iterator[None]:
-    """Hold Ctrl-C back for the few renames; it arrives right after them."""
+    """Delay Ctrl-C until the files are renamed."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

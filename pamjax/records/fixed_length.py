@@ -1,17 +1,17 @@
-"""A length that was held is one length, whatever its sensor's noise says of every sample.
+"""Averaging of the length during fixed-length (isometric) tests.
 
-A ramp of pressure is run between fixed ends. Noise of the recorded length passes for motion there: what
-remembers where the muscle turned (friction) turns with every sample. Where a visit to one length shows
-nothing but noise, its mean is that length. With d the noise that neighbours show, of their median difference,
+In a fixed-length test, sensor noise of the length looks like motion, and mechanisms with memory (friction)
+reverse at every sample. If the samples at one length setting differ only by noise, they are replaced by their
+mean. The noise d is the standard deviation from the median difference of neighbouring samples. The tests are:
 
-    near      |l − median l| < 4 d; what is farther, on the way there or off, is no part of the visit
-    steady    s < (1 + 1/4 + 3/√n) d,     s² = mean (l − l̄)² of what is near
-    no drift  Σ m (l̄_k − l̄)² / d² of eight stretches of m samples is no rarer than one in a thousand
+    near      |l − median l| < 4 d; other samples are transitions and are left out
+    steady    s < (1 + 1/4 + 3/√n) d,     s² = mean (l − l̄)² of the near samples
+    no drift  Σ m (l̄_k − l̄)² / d² of eight parts of m samples: p-value at least 0.001
 
-and the error of a mean is the same at all its samples: from then on one number for each length that was set.
+The error of a mean is the same at all its samples. The length error is then one number for each setting.
 
-What it leaves out: noise of a length sensor that repeats itself, which passes for motion; pressure, which a
-regulator does move; recordings of fewer lengths than blocks are made of.
+Left out: autocorrelated noise of the length sensor, which looks like motion; pressure, which a regulator does
+move; recordings with too few lengths to form blocks.
 Source: derived here.
 """
 
@@ -25,27 +25,28 @@ from scipy.stats import chi2
 from pamjax.records.blocks import find_blocks
 from pamjax.records.case import Case
 
-#: Samples of the shortest visit; a visit has so many stretches, of five samples at least.
+#: Minimum samples at one setting; maximum number of its parts; minimum samples of a part.
 MIN_VISIT_SAMPLES, MAX_VISIT_STRETCHES, MIN_STRETCH_SAMPLES = 16, 8, 5
-#: Noise that neighbours show beyond which a sample is no part of a visit, and the share of near ones.
+#: Maximum deviation of a near sample in units of the noise d, and minimum share of near samples.
 MAX_VISIT_DEVIATION_SD, MIN_SHARE_AT_REST = 4.0, 0.8
-#: Share by which the scatter of a visit may exceed what neighbours differ by, beyond chance.
+#: Share by which the scatter at one setting may exceed the noise d, in addition to chance.
 MAX_EXCESS_SCATTER = 0.25
-#: Chance that stretches of noise alone lie as far apart.
+#: Significance level of the drift test.
 DRIFT_SIGNIFICANCE = 1e-3
-#: Median of |difference of two| of a normal variable, in standard deviations.
+#: Median of the absolute difference of two normal samples, in standard deviations.
 NORMAL_DIFFERENCE_MEDIAN = 0.9539
-#: Share of the rows of a recording that were held from which its lengths have no other noise: what moved
-#: is then compared as if its length were exact.
+#: Minimum share of averaged rows for which the length error becomes the error of the means. The other rows
+#: then have the same small error.
 MIN_FIXED_ROW_SHARE = 0.99
 
 
 def average_fixed_lengths(case: Case) -> Case:
-    """The case with every held length as one; as it is where lengths are not held, or have no noise.
+    """Return the case with the length averaged at each fixed length.
+
+    The case is unchanged if its blocks are not lengths, or if its length error is stated per setting.
 
     Args:
-        case: a recording and what the lab says of it. Of rulers that are read once a setting nothing is
-            changed: their error is one for each.
+        case: the case to average.
     """
     recording, sensors = case.recording, case.entry.sensors
     if recording.time is None or sensors.length_per_setting:
@@ -70,13 +71,17 @@ def average_fixed_lengths(case: Case) -> Case:
 
 
 def _find_visits(label: np.ndarray, starts: np.ndarray) -> list[np.ndarray]:
-    """Rows of each stay at one setting; a longer one ends where the recording was interrupted."""
+    """Return the rows of each continuous sequence at one setting."""
     cuts = np.flatnonzero((np.diff(label) != 0) | starts[1:]) + 1
     return [rows for rows in np.split(np.arange(label.size), cuts) if label[rows[0]] >= 0]
 
 
 def find_rest_samples(length: np.ndarray) -> np.ndarray:
-    """(n,) which samples of a visit, (n,) m, show one length and noise; none where it moved."""
+    """Return the mask of the samples, (n,) bool, that show one length and noise; all False if it moved.
+
+    Args:
+        length: (n,) m, the samples at one setting.
+    """
     none = np.zeros(length.size, dtype=bool)
     if length.size < MIN_VISIT_SAMPLES:
         return none
@@ -89,7 +94,7 @@ def find_rest_samples(length: np.ndarray) -> np.ndarray:
 
 
 def _has_drift(length: np.ndarray, noise: float) -> bool:
-    """Whether stretches of a visit lie farther apart than noise puts them."""
+    """Return whether the means of the parts differ by more than noise."""
     parts = np.array_split(length, min(MAX_VISIT_STRETCHES, length.size // MIN_STRETCH_SAMPLES))
     apart = sum(part.size * (part.mean() - length.mean()) ** 2 for part in parts) / noise**2
     return bool(chi2.sf(apart, len(parts) - 1) < DRIFT_SIGNIFICANCE)

@@ -1,36 +1,36 @@
-"""Levels: the few values on which a channel settles, as isobars or the lengths that were set."""
+"""Levels: the few values at which a channel is held, such as isobars or length settings."""
 
 from __future__ import annotations
 
 import numpy as np
 
-#: A channel that moves by less than this share of its size has been held all along.
+#: A channel whose range is below this share of its magnitude is constant.
 MAX_CONSTANT_RANGE = 0.02
-#: A channel settles if this share of its samples lies on levels; the rest are moves between them.
+#: Minimum share of samples at levels; the others are transitions.
 MIN_SHARE_ON_LEVELS = 0.75
-#: Two sorted samples farther apart than this share of the range lie on two levels, if there are few samples.
+#: If there are few samples, a gap in the sorted values above this share of the range separates two levels.
 MIN_LEVEL_GAP = 0.02
-#: Few samples are counted one by one, many in this number of bins over the range.
+#: Fewer samples than this are separated by gaps; more are counted in this number of bins over the range.
 MAX_UNBINNED_SAMPLES, BIN_COUNT = 400, 200
-#: A bin this many times fuller than if the samples were spread evenly belongs to a level.
+#: A bin with this many times the count of a uniform distribution belongs to a level.
 MIN_BIN_FILL_RATIO = 2.0
-#: A level is no wider than this share of the range, or it is a stroke ...
+#: Maximum width of a level, as a share of the range; a stroke is wider.
 MAX_LEVEL_WIDTH = 0.08
-#: ... and no wider than this share of the distance to the next one.
+#: Maximum width of a level, as a share of the smallest distance between levels.
 MAX_WIDTH_TO_SPACING = 0.25
-#: A level holds at least this share of the samples, and three of them on average.
+#: Minimum share of the samples at a level. The mean count per level is at least three.
 MIN_LEVEL_SHARE = 0.01
-#: In a history a channel stays: this share of samples has the one before it on the same level. A stroke
-#: that is sampled at the same lengths each time has few values too, but stays on none.
+#: Minimum share of samples of a time series whose previous sample is at the same level. A stroke that is
+#: sampled at the same lengths each time has few values too, but it remains at none.
 MIN_STAY_SHARE = 0.5
 
 
 def find_levels(channel: np.ndarray, ordered: bool = False) -> np.ndarray:
-    """Centres of the values on which a channel settles, ascending; empty if it does not settle.
+    """Return the levels of a channel, ascending, SI; empty if it has none.
 
     Args:
         channel: (n,) SI, NaN where not measured.
-        ordered: whether the rows are a history, in which a level is a place to stay.
+        ordered: whether the rows are a time series, so that a level must last several samples.
 
     >>> find_levels(np.repeat([1.0, 3.0, 2.0], 50))
     array([1., 2., 3.])
@@ -49,7 +49,7 @@ def find_levels(channel: np.ndarray, ordered: bool = False) -> np.ndarray:
     if on_level < max(MIN_SHARE_ON_LEVELS * len(x), 3 * len(groups)):
         return np.empty(0)
     centres = np.array([np.median(group) for group in groups])
-    # The middle 90 %: a sample or two on the way to the next level must not widen a level.
+    # Only the middle 90 %: single samples of a transition must not widen a level.
     widths = [float(np.ptp(np.quantile(group, [0.05, 0.95]))) for group in groups]
     apart = min(MAX_WIDTH_TO_SPACING * np.diff(centres).min(initial=np.inf), MAX_LEVEL_WIDTH * (x[-1] - x[0]))
     if max(widths) > apart or (ordered and not _stays_on_levels(history, centres)):
@@ -58,7 +58,7 @@ def find_levels(channel: np.ndarray, ordered: bool = False) -> np.ndarray:
 
 
 def assign_levels(channel: np.ndarray, levels: np.ndarray) -> np.ndarray:
-    """(n,) index of the level each sample lies on; -1 between levels and where not measured."""
+    """Return the index of each sample's level, (n,); -1 between levels and where not measured."""
     nearest = find_nearest_level(channel, levels)
     if len(levels) < 2:
         return nearest
@@ -67,7 +67,7 @@ def assign_levels(channel: np.ndarray, levels: np.ndarray) -> np.ndarray:
 
 
 def find_nearest_level(channel: np.ndarray, levels: np.ndarray) -> np.ndarray:
-    """(n,) index of the nearest level; -1 where not measured, or where there is no level."""
+    """Return the index of the nearest level, (n,); -1 where not measured or if there is no level."""
     measured = np.isfinite(channel)
     if not len(levels):
         return np.full(len(channel), -1)
@@ -85,10 +85,10 @@ def _split_by_gaps(x: np.ndarray) -> list[np.ndarray]:
 
 
 def _group_by_bins(x: np.ndarray) -> list[np.ndarray]:
-    """Samples in and right beside each stretch of full bins."""
+    """Return the samples in each sequence of full bins and in the bins next to it."""
     bins = np.minimum(((x - x[0]) / (x[-1] - x[0]) * BIN_COUNT).astype(int), BIN_COUNT - 1)
     full = np.bincount(bins, minlength=BIN_COUNT) > MIN_BIN_FILL_RATIO * len(x) / BIN_COUNT
-    # One thin bin amid a level does not part it.
+    # One bin with a low count inside a level does not divide the level.
     full[1:-1] |= full[:-2] & full[2:]
     edges = np.flatnonzero(np.diff(np.r_[0, full.astype(int), 0]))
     return [x[(bins >= a - 1) & (bins <= b)] for a, b in zip(edges[::2], edges[1::2], strict=True)]

@@ -1,4 +1,4 @@
-"""What a bench does to a muscle: pressure and length over time, sample by sample."""
+"""Test protocols: pressure and length of a bench over time, and their TOML file."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class Schedule:
         time: (n,) s.
         pressure: (n,) gauge, Pa.
         length: (n,) m.
-        cycle: (n,) stroke, ramp or hold.
-        diameter_measured: (n,) whether the diameter is photographed at this sample.
+        cycle: (n,) number of the stroke, ramp or hold.
+        diameter_measured: (n,) bool, whether the diameter is measured at this sample.
     """
 
     time: np.ndarray
@@ -47,19 +47,19 @@ KEY_HINTS = {
 
 
 class Protocol(BaseModel):
-    """A protocol as written in a TOML file, table `[protocol]`.
+    """A protocol as in a TOML file, table `[protocol]`.
 
     Attributes:
-        kind: "strokes" moves the length at one pressure after another; "ramps" fills and vents at one
-            length after another; "holds" keeps each pair of pressure and length.
-        pressures: the pressures, each with its unit; for "ramps" the highest of each ramp.
-        contractions: 1 − length/rest length; for "strokes" the largest of each stroke (one number, or
+        kind: "strokes" moves the length at each pressure; "ramps" fills and vents at each length; "holds"
+            keeps each pair of pressure and length constant.
+        pressures: the pressures with units; for "ramps" the maximum of each ramp.
+        contractions: 1 − length/rest length; for "strokes" the maximum of each stroke (one number, or
             one for each pressure).
-        cycles: strokes or ramps at each setting.
-        speed: of a stroke, with its unit.
-        duration: of a ramp up, or of a hold, with its unit.
-        rate: samples in a time, as "1 Hz".
-        diameter_every: a diameter is measured at every so many samples; 0 for never.
+        cycles: number of strokes or ramps at each setting.
+        speed: speed of a stroke, with its unit.
+        duration: duration of a ramp up or of a hold, with its unit.
+        rate: sampling rate, as "1 Hz".
+        diameter_every: samples from one diameter measurement to the next; 0 for no diameter.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -74,10 +74,10 @@ class Protocol(BaseModel):
     diameter_every: Annotated[int, Field(ge=0)] = 1
 
     def build_schedule(self, rest_length: float) -> Schedule:
-        """The samples for a muscle of this rest length, m.
+        """Return the schedule for a muscle of this rest length, m.
 
         Raises:
-            BadInput: for a wrong unit, a pressure below zero, or numbers that do not pair up.
+            BadInput: for a wrong unit, a negative pressure, or a wrong number of contractions.
         """
         where = "[protocol]"
         pressures = [parse_quantity(p, "pressure", where) for p in self.pressures]
@@ -127,7 +127,7 @@ class Protocol(BaseModel):
 
 
 def _build_ramp_cycle(duration: float, step: float) -> np.ndarray:
-    """From 0 to 1 in a time, rounded up to whole steps so that the last one is as long as any, and back."""
+    """Return a ramp from 0 to 1 and back; the duration of each is rounded up to whole steps."""
     up = np.linspace(0.0, 1.0, max(math.ceil(duration / step - 1e-9), 1) + 1)
     return np.concatenate([up, up[-2::-1]])
 
@@ -151,7 +151,7 @@ def read_protocol(path: Path) -> Protocol:
     """Read a protocol from a TOML file.
 
     Raises:
-        BadInput: if the file is missing, no TOML, or an entry of it is wrong.
+        BadInput: if the file is missing or not TOML, or if an entry is wrong.
     """
     try:
         document: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""Quotation marks in a CSV file: a cell that does not close its own would take the next rows with it."""
+"""Check of quotation marks in a CSV file: an unclosed cell would include the next rows."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ def check_quotes(
 ) -> None:
     """Refuse the first line in which a quoted cell does not end.
 
-    A quotation mark opens a quoted cell only where the cell begins. A quoted cell may hold separators, and
-    two quotation marks for one. It may not hold a line break: nothing would show where the row was to end.
+    A quotation mark opens a quoted cell only at the beginning of the cell. A quoted cell may contain
+    separators, and two quotation marks for one. It must not contain a line break.
 
     Args:
-        lines: of the whole file; the row number in the error is the place in this list, from 1.
-        file: name for the error.
-        separator: one character; a space stands for any run of spaces.
-        header: the line of titles, for the error; without one the columns are counted from 1.
-        skip_spaces: whether the reader skips spaces before a cell, and so before its quotation mark.
+        lines: lines of the whole file; the row number in the message is the index in this list plus 1.
+        file: file name for the message.
+        separator: one character; a space means any number of spaces.
+        header: header line, for the message; without it, the message has the column number from 1.
+        skip_spaces: whether the reader ignores spaces before a cell and its quotation mark.
 
     Raises:
         BadInput: with column and row.
@@ -53,7 +53,7 @@ def check_quotes(
 
 
 def _open_cell(line: str, separator: str, skip_spaces: bool) -> tuple[int, str] | None:
-    """Return the place and the text of the cell that the line leaves open; None if all are closed."""
+    """Return the index and the text of the line's unclosed cell; None if all cells are closed."""
     # An open cell takes the next line with it.
     rows = _cells([line, "next"], separator, skip_spaces)
     if len(rows) > 1:

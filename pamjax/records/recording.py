@@ -1,4 +1,4 @@
-"""A recording: what was measured, one row a sample, in SI, with blanks told from zeros."""
+"""Recordings: measured channels in SI, one row per sample, NaN where not measured."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ MIN_JUMP_TO_NEIGHBOUR = 5.0
 
 @dataclass(frozen=True)
 class Outlier:
-    """One outlying cell that was set aside: it stands as "not measured" in the recording.
+    """An outlying cell that is treated as not measured.
 
     Attributes:
         row: line of the CSV file.
         column: "pressure", "length", "force" or "diameter".
-        value: what the cell said, SI.
-        unit: unit in which a person reads it.
-        reason: what is wrong with it, one clause.
+        value: value of the cell, SI.
+        unit: unit in messages.
+        reason: reason, one clause.
     """
 
     row: int
@@ -52,17 +52,17 @@ class Outlier:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What was measured, row by row; NaN is "not measured".
+    """Measured channels, one row per sample; NaN where not measured.
 
     Attributes:
-        time: (n,) s, strictly increasing, or None where the rows are a static map without order.
+        time: (n,) s, strictly increasing; None for a static map, whose rows have no order.
         pressure: (n,) gauge pressure at the muscle's inlet, Pa.
         length: (n,) distance between the fittings, m.
-        force: (n,) tension, N, positive pulls.
+        force: (n,) tension, N, positive when the muscle pulls.
         diameter: (n,) outer mean diameter, m.
-        cycle: (n,) stroke, step or test; 0 while the rig settles; 1 everywhere where it was not given.
-        row: (n,) line of the CSV file, its header being line 1.
-        outliers: the outlying cells that were set aside.
+        cycle: (n,) number of the stroke, step or test; 0 before the first; 1 everywhere if not given.
+        row: (n,) line of the CSV file, whose header is line 1.
+        outliers: the outlying cells that were ignored.
     """
 
     time: np.ndarray | None
@@ -127,27 +127,27 @@ class Recording:
 
     @property
     def n(self) -> int:
-        """How many rows there are."""
+        """Number of rows."""
         return len(self)
 
     @property
     def has_time(self) -> bool:
-        """Whether the order of the rows means anything."""
+        """Whether the rows are a time series."""
         return self.time is not None
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Which of force and diameter were measured in at least one row."""
+        """Those of force and diameter that were measured in at least one row."""
         return tuple(name for name in ("force", "diameter") if np.isfinite(getattr(self, name)).any())
 
     @property
     def usable(self) -> np.ndarray:
-        """(n,) bool: rows whose pressure and length are both known, so that a model can be asked there."""
+        """(n,) bool: rows with measured pressure and length, which a model needs."""
         return np.isfinite(self.pressure) & np.isfinite(self.length)
 
     @property
     def starts(self) -> np.ndarray:
-        """(n,) bool: rows at which a continuous history begins; every row of a static map."""
+        """(n,) bool: first rows of continuous parts; every row of a static map."""
         if self.time is None:
             return np.ones(self.n, dtype=bool)
         new_cycle = np.r_[False, np.diff(self.cycle) != 0]
@@ -158,11 +158,11 @@ class Recording:
 
     @property
     def length_and_pressure(self) -> np.ndarray:
-        """(2, n) length, m, and pressure, Pa: what turns back at corners of strokes; 0 where not measured."""
+        """(2, n) length, m, and pressure, Pa, which reverse at the ends of strokes; 0 where not measured."""
         return np.nan_to_num(np.stack([self.length, self.pressure]))
 
     def select(self, mask: np.ndarray) -> Recording:
-        """The rows of a mask (or of row indices), with the line numbers they came from."""
+        """Return the rows of a mask or of row indices; they keep their line numbers."""
         columns = {
             name: getattr(self, name)[mask] for name in (*DISPLAY_UNIT, "cycle", "row") if name != "time"
         }
@@ -171,12 +171,12 @@ class Recording:
         return Recording(time=time, **columns, outliers=tuple(a for a in self.outliers if a.row in kept))
 
     def blank_cells(self, cells: dict[str, np.ndarray], outliers: tuple[Outlier, ...]) -> Recording:
-        """A copy in which the masked cells of each named column count as not measured."""
+        """Return a copy in which the masked cells of each named column are not measured."""
         blanked = {name: np.where(mask, np.nan, getattr(self, name)) for name, mask in cells.items()}
         return replace(self, **blanked, outliers=self.outliers + outliers)
 
     def to_frame(self) -> pd.DataFrame:
-        """The recording as a table with "name [unit]" headers, as it would stand in recording.csv."""
+        """Return the recording as a table with headers "name [unit]", as in recording.csv."""
         import pandas as pd
 
         table = {
@@ -188,7 +188,7 @@ class Recording:
 
 
 def _find_pauses(time: np.ndarray) -> np.ndarray:
-    """(n,) bool: rows before which time ran back, or stood still for much longer than usual."""
+    """Return the rows, (n,) bool, before which time decreases or has a long step."""
     step = np.diff(time)
     if not len(step):
         return np.zeros(len(time), dtype=bool)
@@ -199,7 +199,7 @@ def _find_pauses(time: np.ndarray) -> np.ndarray:
 
 
 def _find_jumps(channel: np.ndarray) -> np.ndarray:
-    """(n,) bool: rows before which a channel jumps alone, so that what lay between was not recorded."""
+    """Return the rows, (n,) bool, before which a channel has a single large step."""
     measured = np.flatnonzero(np.isfinite(channel))
     jumps = np.zeros(len(channel), dtype=bool)
     if len(measured) < 2:

@@ -1,4 +1,4 @@
-"""Shipped tables: printed numbers of others, each with a sidecar that says what and whence.
+"""Shipped tables of published data, each with a sidecar that states its source.
 
 A table is `<folder>/<name>.csv` with headers `name [unit]` and a sidecar `<name>.toml` (title, how it was
 read, sha256 of the CSV's bytes, source, licence, a unit for each column). Text columns have no unit.
@@ -22,7 +22,7 @@ _HEADER_PATTERN = re.compile(r"^(?P<name>.*?)\s*\[(?P<unit>[^\]]*)\]$")
 
 
 def find_data_folder() -> Path:
-    """Where the shipped tables lie: inside an installed package, beside the package in a checkout."""
+    """Return the folder of the shipped tables: inside an installed package, or next to it in a checkout."""
     package = Path(__file__).resolve().parents[1]
     # The package's own folder comes first: beside an installed one, `data` could be anybody's.
     for folder in (package / "data", package.parent / "data"):
@@ -32,13 +32,13 @@ def find_data_folder() -> Path:
 
 
 def list_shipped() -> list[str]:
-    """The names that `read_shipped` knows, as "chambers_wereley_2022/table1"."""
+    """Return the names of all shipped tables, as "chambers_wereley_2022/table1"."""
     folder = find_data_folder()
     return sorted(p.relative_to(folder).with_suffix("").as_posix() for p in folder.glob("*/*.csv"))
 
 
 def read_sidecar(name: str) -> dict[str, Any]:
-    """What a shipped table is: title, source, licence, how it was read, unit of each column.
+    """Return title, source, licence, method of reading and column units of a shipped table.
 
     Raises:
         BadInput: if no table has this name.
@@ -50,10 +50,10 @@ def read_sidecar(name: str) -> dict[str, Any]:
 
 
 def read_shipped(name: str) -> pd.DataFrame:
-    """A shipped table as printed, headers `name [unit]`; `convert_to_si` converts it.
+    """Return a shipped table in its printed units, headers `name [unit]`; `convert_to_si` converts it.
 
     Raises:
-        BadInput: if no table has this name, or the file is not the one the sidecar was written for.
+        BadInput: if no table has this name, or if the file differs from the sidecar's sha256.
 
     >>> read_shipped("chambers_wereley_2022/table1")["diameter [mm]"].iloc[0].item()
     26.52
@@ -71,7 +71,7 @@ def read_shipped(name: str) -> pd.DataFrame:
 
 
 def convert_to_si(table: pd.DataFrame) -> pd.DataFrame:
-    """The same table in SI under bare names; columns without a unit stay as they are.
+    """Return the table in SI with headers without units; columns without a unit are unchanged.
 
     >>> convert_to_si(read_shipped("chambers_wereley_2022/table1"))["pressure"].iloc[0].item()
     689000.0
@@ -92,7 +92,7 @@ def convert_to_si(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def read_quantities(name: str) -> dict[str, float]:
-    """SI values of a table that has a row for each quantity, by the quantity's name.
+    """Return the SI values of a table with one quantity per row, by the quantity's name.
 
     >>> round(read_quantities("chambers_wereley_2022/materials")["rest_length"], 6)
     0.235744

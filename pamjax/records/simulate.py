@@ -1,4 +1,4 @@
-"""A recording that a muscle and a bench would have made."""
+"""Simulated recordings of a muscle on a bench, with sensor noise."""
 
 from __future__ import annotations
 
@@ -25,21 +25,20 @@ def simulate(
     correlation_time: float = 0.0,
     settled: bool = False,
 ) -> Recording:
-    """What the bench would have written down.
+    """Return a simulated recording of a schedule.
 
-    Samples at which the muscle has no solution, or would have to push, are left out of force and
-    diameter: they are not measured.
+    Force is not measured where the muscle has no equilibrium or would push, diameter where it has none.
 
     Args:
-        muscle: the true muscle, or the bench it stands on.
-        schedule: what the bench does.
-        sensors: noise of each channel; a channel without one is exact.
-        seed: of the noise.
-        correlation_time: of the noise of force and diameter, s.
-        settled: whether the muscle had been through the schedule once before.
+        muscle: the true muscle, or a bench with the muscle.
+        schedule: pressure and length at every sample.
+        sensors: noise of each channel; a channel without noise is exact.
+        seed: seed of the noise.
+        correlation_time: correlation time of the noise of force and diameter, s.
+        settled: whether the muscle has run the schedule once before.
 
     Returns:
-        a recording of the schedule's rows.
+        a recording with the rows of the schedule.
     """
     rng = np.random.default_rng(seed)
     n = schedule.time.size
@@ -87,7 +86,7 @@ def _draw_length_error(schedule: Schedule, sensors: Sensors, rng: np.random.Gene
 
 
 def draw_ar1_noise(rng: np.random.Generator, n: int, correlation: float) -> np.ndarray:
-    """Noise of unit variance in which a sample keeps a share `correlation` of the one before."""
+    """Return first-order autoregressive noise of unit variance, (n,)."""
     from scipy.signal import lfilter
 
     white = rng.standard_normal(n)
@@ -98,14 +97,14 @@ def draw_ar1_noise(rng: np.random.Generator, n: int, correlation: float) -> np.n
 
 
 def describe_extrapolation(calibrated_range: dict[str, tuple[float, float]], schedule: Schedule) -> list[str]:
-    """How far a schedule leaves the pressures (Pa) and lengths (m) a muscle was calibrated on.
+    """Return where a schedule leaves the pressures (Pa) and lengths (m) of the calibration.
 
     Args:
-        calibrated_range: "pressure" and "length", or one of them, with lowest and highest calibrated value,
-            SI.
+        calibrated_range: lowest and highest calibrated value of "pressure", "length" or both, SI.
+        schedule: pressure and length at every sample.
 
     Returns:
-        a sentence for each end that is left; none if the schedule stays inside.
+        one sentence for each limit that is exceeded; empty if the schedule is inside the range.
     """
     sentences = []
     for name, unit, scale in (("pressure", "kPa", 1e3), ("length", "mm", 1e-3)):
@@ -124,5 +123,5 @@ def describe_extrapolation(calibrated_range: dict[str, tuple[float, float]], sch
 
 
 def renumber_rows(recording: Recording) -> Recording:
-    """The recording as it stands in a fresh file: rows from 2 on, nothing set aside."""
+    """Return the recording with rows numbered from 2, as in a new file, and without outliers."""
     return replace(recording, row=np.arange(recording.n) + 2, outliers=())

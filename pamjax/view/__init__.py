@@ -1,1 +1,1 @@
-"""How it looks: theme, plots, reports."""
+"""Figures, reports and their style."""

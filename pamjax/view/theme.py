@@ -1,10 +1,10 @@
-"""The look of every figure: sizes, type, colours, and how one is written to disk.
+"""Style of every figure: sizes, type, colours, and the writing of files.
 
-A figure here is a `matplotlib.figure.Figure` of its own: no pyplot, no current axes, and no setting
-that outlives the `with` block, so that a user's own plots keep their own look.
+Every figure is a separate `matplotlib.figure.Figure`, without pyplot. Settings apply inside a `with` block
+only, so that a user's own plots keep their style.
 
-Colours: Okabe & Ito's eight for kinds of things (Color Universal Design, 2008); the green-to-blue
-part of viridis for pressure, dark for high, without the light end that vanishes on paper.
+Colours: Okabe & Ito's eight for categories (Color Universal Design, 2008). Pressure has the green-to-blue
+part of viridis, dark for high, without the light end, which has little contrast on paper.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from matplotlib.figure import Figure
 
 from pamjax.records.files import write_atomically
 
-#: Widths of one and of two columns of a journal, in.
+#: Widths of one and of two columns of a journal, inches.
 SINGLE_COLUMN, DOUBLE_COLUMN = 3.5, 7.2
 
-#: Colours of kinds, each with the name Okabe and Ito gave it.
+#: Colours of categories, with Okabe and Ito's names.
 OKABE_ITO = {
     "black": "#000000",
     "orange": "#E69F00",
@@ -40,7 +40,7 @@ OKABE_ITO = {
     "purple": "#CC79A7",
 }
 
-#: What stands for a reference, a limit or an alternative: visible, and quieter than data and model.
+#: Colour of references, limits and alternatives: visible, but less prominent than data and model.
 REFERENCE_COLOUR = "#6E6E6E"
 
 _SETTINGS: dict[Any, Any] = {
@@ -71,7 +71,7 @@ _SETTINGS: dict[Any, Any] = {
     "ytick.major.size": 3,
     "lines.linewidth": 1.2,
     "lines.markersize": 4,
-    # Text stays text in the PDF: it can be searched, and a journal can set it again.
+    # Embed TrueType fonts, so that text in the PDF can be searched and edited.
     "pdf.fonttype": 42,
     "savefig.facecolor": "white",
 }
@@ -79,7 +79,7 @@ _SETTINGS: dict[Any, Any] = {
 
 @contextmanager
 def apply_theme() -> Iterator[None]:
-    """Figures made inside the block have our look; nothing outside it changes.
+    """Apply pamjax's figure style inside the block only.
 
     >>> before = matplotlib.rcParams["font.size"]
     >>> with apply_theme():
@@ -93,20 +93,20 @@ def apply_theme() -> Iterator[None]:
 
 
 def create_figure(width: float = SINGLE_COLUMN, height: float = 2.6) -> Figure:
-    """An empty figure of a size in inches, whose parts make room for one another."""
+    """Return an empty figure of a size in inches with constrained layout."""
     return Figure(figsize=(width, height), layout="constrained")
 
 
 def build_shades(count: int) -> np.ndarray:
-    """Colours from light to dark, (count, 4); the lightest is 3 to 1 to white paper (WCAG 1.4.11)."""
+    """Return colours from light to dark, (count, 4), with contrast to white of 3:1 or more (WCAG 1.4.11)."""
     return matplotlib.colormaps["viridis_r"](np.linspace(0.4, 1.0, count))
 
 
 def build_pressure_colours(levels: Sequence[float]) -> tuple[Colormap, BoundaryNorm]:
-    """A colour for each of some isobars, light for low and dark for high.
+    """Return a colour map and norm with a colour for each isobar, light for low and dark for high.
 
     Args:
-        levels: rising pressures, in the unit in which they are to be read.
+        levels: increasing pressures, in the display unit.
     """
     half = np.diff(levels) / 2 if len(levels) > 1 else np.array([0.5])
     edges = [levels[0] - half[0], *(np.asarray(levels[:-1]) + half), levels[-1] + half[-1]]
@@ -114,7 +114,7 @@ def build_pressure_colours(levels: Sequence[float]) -> tuple[Colormap, BoundaryN
 
 
 def add_pressure_bar(axes: Axes | Sequence[Axes], levels: Sequence[float], unit: str = "kPa") -> Colorbar:
-    """One colour bar beside all of `axes`, with each isobar's pressure at its colour."""
+    """Add one colour bar next to all of `axes`, with the pressure of each isobar."""
     colours, norm = build_pressure_colours(levels)
     first = axes if isinstance(axes, Axes) else axes[0]
     parent = first.get_figure(root=True)
@@ -129,17 +129,17 @@ def add_pressure_bar(axes: Axes | Sequence[Axes], levels: Sequence[float], unit:
 
 
 def add_panel_letters(axes: Sequence[Axes]) -> None:
-    """Put (a), (b), ... before the titles of some panels."""
+    """Add (a), (b), ... before the titles of panels."""
     for name, panel in zip("abcdefghijkl", axes, strict=False):
         panel.set_title(rf"$\bf{{({name})}}$ {panel.get_title('left')}", loc="left")
 
 
 def save_png(figure: Figure, path: str | Path) -> Path:
-    """Write a figure as PNG (200 dots an inch), for the screen; a PDF takes three times as long.
+    """Write a figure as PNG (200 dots per inch) and return its path.
 
     Args:
-        figure: what to write.
-        path: without suffix; missing folders are made.
+        figure: the figure.
+        path: file without suffix; missing folders are created.
     """
     png = Path(path).with_name(f"{Path(path).name}.png")
     png.parent.mkdir(parents=True, exist_ok=True)
@@ -149,11 +149,11 @@ def save_png(figure: Figure, path: str | Path) -> Path:
 
 
 def save_figure(figure: Figure, path: str | Path) -> tuple[Path, Path]:
-    """Write a figure as PNG (200 dots an inch) and as PDF; the same figure gives the same bytes.
+    """Write a figure as PNG (200 dots per inch) and as PDF; equal figures give equal bytes.
 
     Args:
-        figure: what to write.
-        path: without suffix; missing folders are made.
+        figure: the figure.
+        path: file without suffix; missing folders are created.
 
     Returns:
         paths of the PNG and of the PDF.

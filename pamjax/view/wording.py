@@ -1,4 +1,4 @@
-"""Words that several pages share: signs, beginnings of sentences, where a noise comes from."""
+"""Text that several pages share: signs, capital letters, the source of a noise level."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ NOISE_TOLERANCE = 0.01
 
 
 def format_signed(value: float, digits: int = 1) -> str:
-    """A number with its sign, and nothing without one.
+    """Return a number with its sign; zero has none.
 
     >>> format_signed(-1.26), format_signed(0.34), format_signed(-0.04)
     ('−1.3', '+0.3', '0.0')
@@ -20,7 +20,7 @@ def format_signed(value: float, digits: int = 1) -> str:
 
 
 def capitalise_sentence(line: str) -> str:
-    """A line that begins as a sentence does; a name of a program, as muscle.turns, stays as it is.
+    """Return a line with a capital first letter; a parameter's name, such as muscle.turns, is kept.
 
     >>> capitalise_sentence("no two are alike"), capitalise_sentence("muscle.turns moves")
     ('No two are alike', 'muscle.turns moves')
@@ -30,15 +30,17 @@ def capitalise_sentence(line: str) -> str:
 
 
 def is_stated_noise(sd: float, stated: float) -> bool:
-    """Whether the noise of a sample is what the lab states, and nothing to speak of is added."""
+    """Return whether the noise of a sample equals the stated noise within `NOISE_TOLERANCE`."""
     return abs(sd / stated - 1) < NOISE_TOLERANCE
 
 
 def format_noise(case: Case, channel: str, sd: float) -> str:
-    """Noise of a channel where a sensor is stated: what the lab states of it, and what makes up the rest.
+    """Return the noise of a channel with a stated sensor: the stated part and the propagated part.
 
     Args:
-        sd: of a sample, SI, with that of pressure and length carried through the model.
+        case: the case.
+        channel: "force" or "diameter".
+        sd: noise of a sample, SI, with the noise of pressure and length propagated through the model.
     """
     stated = getattr(case.entry.sensors, channel)
     head = f"Noise of {channel} is {format_channel_value(sd, channel)} a sample"

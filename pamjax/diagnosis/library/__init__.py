@@ -1,1 +1,1 @@
-"""One recording and every mechanism of the library as one problem."""
+"""A recording with the whole library of mechanisms, and the candidates to test."""

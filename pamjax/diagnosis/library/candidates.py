@@ -1,8 +1,8 @@
-"""In which forms a mechanism may show: its amplitude, and a few fixed shapes to begin from.
+"""Candidates: each mechanism with its amplitudes and a few starting values of its shape parameters.
 
-The derivative of the prediction by an amplitude is the mechanism's signature. Where a mechanism has a
-shape as well, a time or a distance, the signature depends on it, and a few shapes spread over what the
-recording can show stand for all of them; the refit then moves the shape too.
+The derivative of the prediction with respect to an amplitude is the candidate's score direction. It depends
+on the shape parameters, for example a time or a distance. A few starting shapes cover the range of the
+recording. The refit then estimates the shape parameters too.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ MAX_STATED_CHI2 = 12.0
 
 @dataclass(frozen=True)
 class Candidate:
-    """One form of a mechanism.
+    """A mechanism with one set of starting values of its shape.
 
     Attributes:
-        id: of the mechanism.
-        amplitudes: names of the numbers that are zero without it.
-        shape: names of the numbers that give it its shape, with the values to begin from, SI.
-        stated_chi2: χ² by which what the lab states of its muscle asks for it, whatever the recording says.
+        id: id of the mechanism.
+        amplitudes: names of the parameters that are zero without the mechanism.
+        shape: starting values of the shape parameters by name, SI.
+        stated_chi2: χ² in favour of the mechanism from the stated values of the muscle alone.
     """
 
     id: str
@@ -47,17 +47,17 @@ class Candidate:
 
     @property
     def free_parameters(self) -> tuple[str, ...]:
-        """Names of all numbers that a refit moves."""
+        """Names of all parameters that a refit of the candidate estimates."""
         return self.amplitudes + tuple(self.shape)
 
 
 @dataclass(frozen=True)
 class TimeCourse:
-    """How an effect goes with time, where that is all that its shape does to it.
+    """A factor on an effect over time, for effects whose shape parameters change only this factor.
 
     Attributes:
-        factor: from times, s, and a shape to a factor of the effect, (n,).
-        reference_shape: a shape in which the factor is nowhere small.
+        factor: function of times, s, and shape parameters; returns the factor, (n,).
+        reference_shape: shape parameters at which the factor is large at all times.
     """
 
     factor: Callable[[np.ndarray, dict[str, float]], np.ndarray]
@@ -68,14 +68,14 @@ def _compute_slip_factor(time: np.ndarray, shape: dict[str, float]) -> np.ndarra
     return expit((time - shape["thread_slip.when"]) / shape["thread_slip.during"])
 
 
-#: By amplitude. Where a memory is in the model already it is approximate, and good enough to choose by.
+#: Time courses by amplitude. They are approximate if the model already has a mechanism with memory.
 TIME_COURSES = {
     "thread_slip.step": TimeCourse(_compute_slip_factor, {"thread_slip.when": 0.0, "thread_slip.during": 1e5})
 }
 
 
 def build_candidates(problem: LibraryProblem) -> list[Candidate]:
-    """The forms that a recording can show, mechanism by mechanism."""
+    """Return the candidates that the recording can test, in the order of the mechanisms."""
     scales = _RecordingScales.from_problem(problem)
     out: list[Candidate] = []
     for kind in MECHANISMS:
@@ -90,12 +90,12 @@ def build_candidates(problem: LibraryProblem) -> list[Candidate]:
 
 
 def _is_testable(candidate: Candidate, problem: LibraryProblem) -> bool:
-    """Whether a recording could show it at all."""
+    """Return whether the recording can test the candidate."""
     needs_time = candidate.id in MECHANISMS_NEEDING_TIME
     return problem.case.recording.has_time or not needs_time
 
 
-#: Mechanisms that a static map, whose order means nothing, cannot show.
+#: Mechanisms that a static table, in which the order of rows has no meaning, cannot test.
 MECHANISMS_NEEDING_TIME = {
     "braid_friction", "viscous_damping", "viscoelastic_creep", "mullins_softening", "thread_slip",
     "pressure_drop", "force_drift", "channel_lag",
@@ -103,7 +103,7 @@ MECHANISMS_NEEDING_TIME = {
 
 
 def _build_single_candidate(kind) -> Candidate:
-    """A mechanism whose only amplitude has no shape that matters."""
+    """Return the candidate of a mechanism with one amplitude and no shape parameters."""
     from pamjax.parameter import list_field_meanings
 
     amplitudes = [f for f, m in list_field_meanings(kind).items() if m.neutral is not None]
@@ -112,7 +112,7 @@ def _build_single_candidate(kind) -> Candidate:
 
 @dataclass(frozen=True)
 class _RecordingScales:
-    """What a recording spans: lengths of time, of stroke, of load."""
+    """Scales of a recording: its times, stroke, load, pressure and speeds."""
 
     begin: float
     duration: float
@@ -161,7 +161,7 @@ class _RecordingScales:
 
 
 def _compute_speed_ratio(problem: LibraryProblem) -> float:
-    """Speed of the fastest tenth of the way over that of the slowest, beyond noise of the rate."""
+    """Return the ratio of the 90 % to the 10 % quantile of speed, by distance, corrected for rate noise."""
     history = problem.dataset.history
     speed = np.sort(np.abs(np.asarray(history.rate(problem.dataset.rows.length)))[: problem.n])
     distance = np.cumsum(speed)
@@ -174,7 +174,7 @@ def _compute_speed_ratio(problem: LibraryProblem) -> float:
 
 
 def _compute_fitting_bore(problem: LibraryProblem) -> float:
-    """Bore of a tube whose outside lies against the braid at rest, m."""
+    """Return the bore of a tube whose outer wall touches the braid at rest length, m."""
     entry = problem.case.entry
     thread, turns = entry.braid
     wide = np.sqrt(max(thread**2 - entry.rest_length.value**2, 0.0)) / (np.pi * turns)
@@ -182,7 +182,7 @@ def _compute_fitting_bore(problem: LibraryProblem) -> float:
 
 
 def _compute_stated_compliance(problem: LibraryProblem) -> float:
-    """How many standard deviations the lab says its threads are from rigid; 0 where it says nothing."""
+    """Return the stated thread compliance in its standard deviations; 0 if none is stated."""
     if COMPLIANCE_PARAMETER not in problem.names:
         return 0.0
     k = problem.index(COMPLIANCE_PARAMETER)
@@ -208,7 +208,7 @@ def _build_thread_crimp(scales: _RecordingScales) -> list[Candidate]:
 
 def _build_bladder_elasticity(scales: _RecordingScales) -> list[Candidate]:
     name = "bladder_elasticity."
-    # Where the stated tube is wider than the braid, its threads lie in the wall: begin with one that fits.
+    # A stated bore wider than the braid is not possible: start from one that fits.
     fits = scales.fitting_bore if 0.3 * scales.bore < scales.fitting_bore < scales.bore else scales.bore
     return [
         Candidate(
@@ -232,7 +232,7 @@ def _build_braid_friction(scales: _RecordingScales) -> list[Candidate]:
         for angle in (0.1, 0.9)
     ]
     if scales.isometric:
-        # What moves in the braid when only the pressure changes: some per mille of the length.
+        # At a fixed length, pressure changes move the braid by a few per mille of its length.
         out += [
             Candidate(
                 "braid_friction",
@@ -296,7 +296,7 @@ def _build_thread_slip(scales: _RecordingScales) -> list[Candidate]:
 def _build_viscous_damping(scales: _RecordingScales) -> list[Candidate]:
     amplitudes = ("viscous_damping.coefficient", "viscous_damping.pressed")
     if scales.speed_ratio < MIN_SPEED_RATIO_FOR_POWER:
-        # At one speed a power shows in nothing but the noise of the rate, to which it would be fitted.
+        # At one speed the data do not determine the power: it would be fitted to noise of the rate.
         return [Candidate("viscous_damping", amplitudes)]
     return [
         Candidate("viscous_damping", amplitudes, {"viscous_damping.power": power}) for power in (0.5, 0.95)

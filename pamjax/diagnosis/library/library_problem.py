@@ -1,7 +1,7 @@
-"""One recording before the whole library: every mechanism at its neutral value, one compiled program.
+"""A recording with the model of all mechanisms: parameters, priors, limits and compiled predictions.
 
-A candidate is a choice of numbers that may move, so that every combination of mechanisms runs through
-the same two programs: what the bench shows, and how that changes with one number at a time.
+At its neutral value a parameter switches its mechanism off. A candidate is a set of free parameters.
+So one compiled program evaluates every combination of mechanisms: the prediction and its derivatives.
 """
 
 from __future__ import annotations
@@ -73,21 +73,24 @@ COMPLIANCE_PARAMETER = "braid_elasticity.compliance"
 
 @dataclass(frozen=True, eq=False)
 class LibraryProblem:
-    """A recording, its muscle with the whole library, and what is believed of every number.
+    """A recording and the model of all mechanisms, with the prior and the limits of every parameter.
+
+    The p parameters are those of the baseline, of all mechanisms and of length errors. A candidate model is
+    a choice of free parameters; the others stay at `neutral`, where their mechanism is switched off.
 
     Attributes:
-        case: the recording, held lengths as one, and what the lab says of it.
-        law: the baseline, "inelastic" or "elastic".
-        names: (p,) of all numbers.
-        meanings: (p,) their meanings.
-        neutral: (p,) the baseline's values with every mechanism switched off, SI.
-        start: (p,) where a number starts once it may move, SI.
+        case: the recording, with fixed lengths averaged, and the stated values of its muscle.toml.
+        law: thread law of the baseline, "inelastic" or "elastic".
+        names: (p,) names of the parameters.
+        meanings: (p,) unit, scale, limits and neutral value of each parameter.
+        neutral: (p,) values of the baseline with every mechanism switched off, SI.
+        start: (p,) starting value of each parameter in a fit and mean of its prior, SI.
         low, high: (p,) limits, SI.
-        prior_sd: (p,) of the prior around `start`, SI; infinite where there is none.
-        is_baseline: (p,) whether the baseline itself moves the number.
-        dataset: the compiled program's arrays.
-        reduced_dataset: the same without the costliest mechanism, for as long as that is switched off.
-        measured: (2, n) force and diameter, SI; NaN where there is nothing to compare.
+        prior_sd: (p,) standard deviation of the prior, SI; infinite without a prior.
+        is_baseline: (p,) whether the parameter belongs to the baseline and is free in every fit.
+        dataset: arrays for the compiled program with all mechanisms.
+        reduced_dataset: the same without `COSTLIEST_MECHANISM`; used while that is switched off.
+        measured: (2, n) measured force (N) and diameter (m); NaN where no sample is compared.
     """
 
     case: Case
@@ -106,43 +109,43 @@ class LibraryProblem:
 
     @property
     def is_logarithmic(self) -> np.ndarray:
-        """(p,) whether a number moves on a logarithmic scale."""
+        """(p,) Whether a parameter is fitted on a logarithmic scale."""
         return np.array([m.scale == "log" for m in self.meanings])
 
     @property
     def is_switch(self) -> np.ndarray:
-        """(p,) whether a number switches its mechanism on."""
+        """(p,) Whether a parameter switches its mechanism on."""
         return np.array([m.neutral is not None for m in self.meanings])
 
     @property
     def n(self) -> int:
-        """How many rows there are."""
+        """Number of rows of the recording."""
         return self.case.recording.n
 
     def index(self, name: str) -> int:
-        """Index of a number."""
+        """Return the index of a parameter by name."""
         return self.names.index(name)
 
     def predict(self, values: np.ndarray) -> np.ndarray:
-        """What the bench shows at these values: force (N) and diameter (m), (2, n)."""
+        """Return the predicted force (N) and diameter (m), (2, n), at parameter values (p,), SI."""
         return self.jacobian(values, ())[0]
 
     def active(self, values: np.ndarray) -> set[str]:
-        """Ids of the mechanisms that are switched on at these values."""
+        """Return the ids of the mechanisms that are switched on at these values."""
         return {
             _get_mechanism_id(self.names[k])
             for k in np.flatnonzero((values != self.neutral) & self.is_switch)
         }
 
     def compile(self) -> None:
-        """Begin to compile both programs, side by side; whoever needs one waits for it."""
+        """Start to compile both programs in parallel; the first use of each waits for it."""
         for dataset in (self.reduced_dataset, self.dataset):
             programs.start_compilation(
                 _sweep_derivatives, *_pack_sweep_arguments(dataset, self.neutral, (), True)
             )
 
     def jacobian(self, values: np.ndarray, indices) -> tuple[np.ndarray, np.ndarray]:
-        """What the bench shows, (2, n), and its derivative by each of the numbers, (k, 2, n), SI."""
+        """Return the prediction, (2, n), and its derivatives by some parameters, (k, 2, n), SI."""
         indices, active_ids = np.array(list(indices), dtype=int), self.active(values)
         mechanism_ids = [_get_mechanism_id(self.names[k]) for k in indices]
         dataset = (
@@ -185,9 +188,9 @@ def _pack_sweep_arguments(dataset: Dataset, values, indices, twice: bool) -> tup
 def _sweep_derivatives(
     dataset: Dataset, values: Float[Array, " p"], slots: Array, count: Array, twice: Array
 ) -> tuple[Array, Array]:
-    """What is shown, and its derivative by the first `evaluate_many` of the numbers in `slots`.
+    """Return the prediction and its derivatives by the first `count` parameters in `slots`.
 
-    `twice` says whether any of them, or of what is switched on, leaves something to later samples.
+    `twice` is true if one of them, or an active mechanism, has memory: the recording is then simulated twice.
     """
     dataset = eqx.tree_at(lambda m: m.history.has_memory, dataset, twice, is_leaf=lambda x: x is None)
 
@@ -213,7 +216,7 @@ def _sweep_derivatives(
 
 
 def compute_program_rows(n: int) -> int:
-    """Rows of the program that a recording of n rows runs in.
+    """Return the number of rows of the compiled program for a recording of n rows.
 
     >>> [compute_program_rows(n) for n in (5, 870, 5000)]
     [640, 1280, 5120]
@@ -222,13 +225,13 @@ def compute_program_rows(n: int) -> int:
 
 
 def build_library_problem(case: Case) -> LibraryProblem:
-    """Put a recording before the whole library.
+    """Build the problem of a recording and all mechanisms.
 
     Args:
-        case: the recording and what the lab says of it; its baseline is inelastic or elastic.
+        case: the recording and the stated values of its muscle; the baseline is inelastic or elastic.
 
     Raises:
-        BadInput: for a baseline that no bench has, or nothing to compare with.
+        BadInput: if the baseline is not available, or if no sample can be compared.
     """
     case = average_fixed_lengths(case)
     law = resolve_bench_law(case.entry.baseline, ())
@@ -295,7 +298,7 @@ def build_library_problem(case: Case) -> LibraryProblem:
 
 
 def _read_mechanism_priors(case: Case, law: str, ids: tuple[str, ...]) -> dict[str, MeasuredValue]:
-    """The mechanisms' numbers; of an inelastic braid its compliance too, believed as its threads are."""
+    """Return the priors of the mechanisms' parameters, and of the thread compliance of an inelastic braid."""
     priors = collect_mechanism_values(case.entry, ids)
     if law == "inelastic":
         priors[COMPLIANCE_PARAMETER] = _estimate_compliance(case)

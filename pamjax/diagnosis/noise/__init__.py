@@ -1,1 +1,1 @@
-"""Noise of a recording under diagnosis."""
+"""Noise models of a recording for a diagnosis."""

@@ -1,7 +1,7 @@
-"""The noise of a recording, read off neighbouring samples, which a filter makes white.
+"""Noise model of a recording, estimated from differences of neighbouring samples, and its whitening filter.
 
-A misfit is smooth where noise is not: what neighbours differ by tells the noise before anything is known
-of the misfit. Filtered alike (`colour`), residual and derivatives meet as in generalised least squares.
+A misfit is smooth and noise is not, so differences of neighbouring samples estimate the noise without a
+model of the misfit. Residual and derivatives are whitened by the same filter (generalised least squares).
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ MIN_NEAR_STEP_SHARE = 0.9
 
 @dataclass(frozen=True, eq=False)
 class NoiseModel:
-    """Makes (…, 2, n) residuals or derivatives, SI, into white ones of unit variance.
+    """Noise of force and diameter, which whitens (…, 2, n) residuals or derivatives, SI, to unit variance.
 
     Attributes:
-        channels: by channel, None where nothing was measured.
-        rows: by channel, the rows that are looked at, in order.
-        runs: by channel, where in `rows` continuous runs begin and end.
-        weight: factor on everything white; below one where the model is wrong by more than noise.
+        channels: noise by channel; None for a channel without measurements.
+        rows: by channel, the rows in use, in order.
+        runs: by channel, (k, 2) begin and end of the continuous runs in `rows`.
+        weight: factor on all whitened values; below one for a model with systematic misfit.
     """
 
     channels: tuple[Ar1Noise | None, ...]
@@ -60,12 +60,12 @@ class NoiseModel:
 
     @property
     def size(self) -> int:
-        """How many samples are looked at."""
+        """Number of samples in use."""
         return sum(r.size for r in self.rows)
 
     @property
     def log_determinant(self) -> float:
-        """Logarithm of the determinant of the noise's covariance, SI."""
+        """Logarithm of the determinant of the noise covariance, SI."""
         out = -2 * self.size * math.log(self.weight)
         for channel, rows, runs in zip(self.channels, self.rows, self.runs, strict=True):
             if channel is not None:
@@ -74,7 +74,7 @@ class NoiseModel:
         return out
 
     def restrict_to_rows(self, mask: np.ndarray) -> NoiseModel:
-        """The same noise, looked at in the rows of a mask, (n,), alone."""
+        """Return the same noise model for the rows of a mask, (n,), only."""
         rows = tuple(channel_rows[mask[channel_rows]] for channel_rows in self.rows)
         runs = tuple(
             _split_runs(mask[channel_rows], run)
@@ -83,7 +83,7 @@ class NoiseModel:
         return replace(self, rows=rows, runs=runs)
 
     def whiten(self, values: np.ndarray) -> np.ndarray:
-        """Standardised and filtered, (…, size): force first, then diameter."""
+        """Return values divided by their sd and whitened, (…, size): force first, then diameter."""
         parts = [
             self._whiten_channel(values[..., c, :], c) for c in range(len(CHANNELS)) if self.rows[c].size
         ]
@@ -95,12 +95,12 @@ class NoiseModel:
         standard = values[..., rows] / channel.sd[rows]
         if channel.correlation == 0:
             return standard
-        # Nothing is known before a run.
+        # The filter restarts at each run.
         parts = [channel.whiten(standard[..., first:last]) for first, last in self.runs[c]]
         return np.concatenate(parts, axis=-1)
 
     def standardise(self, values: np.ndarray, c: int) -> np.ndarray:
-        """One channel over its standard deviation, unfiltered, NaN where it is not looked at, (…, n)."""
+        """Return one channel over its standard deviation, (…, n), not whitened; NaN in rows not in use."""
         out = np.full(values.shape[:-2] + values.shape[-1:], np.nan)
         channel, rows = self.channels[c], self.rows[c]
         if channel is not None:
@@ -109,7 +109,7 @@ class NoiseModel:
 
 
 def _split_runs(kept: np.ndarray, runs: np.ndarray) -> np.ndarray:
-    """(k, 2) begin and end of runs, in what is kept of their samples; what is left out ends a run."""
+    """Return (k, 2) begin and end of the runs among the kept samples; a removed sample ends a run."""
     run = np.repeat(np.arange(len(runs)), runs[:, 1] - runs[:, 0])[kept]
     breaks = (np.diff(run) != 0) | (np.diff(np.flatnonzero(kept)) > 1)
     bounds = np.concatenate([[0], np.flatnonzero(breaks) + 1, [run.size]]).astype(int)
@@ -117,16 +117,16 @@ def _split_runs(kept: np.ndarray, runs: np.ndarray) -> np.ndarray:
 
 
 def estimate_noise(problem: LibraryProblem, values: np.ndarray, training_rows: np.ndarray) -> NoiseModel:
-    """The noise that the residual at these values shows.
+    """Estimate the noise model from the residual at some parameter values.
 
     Args:
-        problem: the recording before the library.
-        values: (p,) numbers, SI.
-        training_rows: (n,) the rows that may be looked at.
+        problem: the recording and the library.
+        values: (p,) parameter values, SI.
+        training_rows: (n,) mask of the rows in use.
     """
     residual = problem.measured - problem.predict(values)
     sensor_variance, input_variance = _compute_variances(problem, values)
-    # What was left out ends a run: samples on either side of it are no neighbours.
+    # A removed row ends a run: the samples before and after it are not neighbours.
     starts = np.cumsum(problem.case.recording.starts | (np.diff(training_rows, prepend=training_rows[:1])))
     sensors = problem.case.entry.sensors
     input_noise_unknown = sensors.pressure is None or (
@@ -162,7 +162,7 @@ def estimate_noise(problem: LibraryProblem, values: np.ndarray, training_rows: n
 
 
 def _compute_variances(problem: LibraryProblem, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Variance of a channel's own noise, (2, 1), and of what pressure and length carry into it, (2, n)."""
+    """Return the variance of sensor noise, (2, 1), and of propagated pressure and length noise, (2, n)."""
     sensors = problem.case.entry.sensors
     by_pressure, by_length = (
         np.asarray(s)[:, : problem.n] for s in compute_sensitivities(problem.dataset, jnp.asarray(values))
@@ -175,9 +175,9 @@ def _compute_variances(problem: LibraryProblem, values: np.ndarray) -> tuple[np.
 def _estimate_table_variances(
     problem: LibraryProblem, training_rows: np.ndarray
 ) -> list[tuple[float, float]]:
-    """By channel, the variance of a reading of a static table and how well it is known; NaN in a history.
+    """Return by channel the noise variance of a static table and its degrees of freedom; NaN with time.
 
-    Of the neutral muscle's misfit, so that no model that bends to few rows makes its own noise small.
+    It uses the misfit of the neutral muscle: a model fitted to few rows would underestimate the noise.
     """
     recording = problem.case.recording
     if recording.has_time:
@@ -235,13 +235,13 @@ def _build_channel_noise(
         )
     if not stated or channel_rows.size < MIN_SAMPLES_FOR_CORRELATION:
         return Ar1Noise(sd, shared, 0.0, stated)
-    # Half the mean square of neighbours' differences is W + A (1 − ρ); less than W where a lag averages.
+    # Half the mean square of neighbours' differences is W + A (1 − ρ); a lag that averages gives less than W.
     roughness, input_roughness = (
         _compute_roughness(residual, sd, channel_rows, starts),
         _compute_input_roughness(input_variance, input_noise, sd, channel_rows, starts),
     )
     if input_roughness > roughness:
-        # A model that would make more of noise than there is tells nothing of it.
+        # The model predicts more input noise than the data show: ignore its memory.
         input_roughness = _compute_input_roughness(input_variance, None, sd, channel_rows, starts)
     roughness -= input_roughness
     rho = 1 - roughness / shared
@@ -254,7 +254,7 @@ def _build_channel_noise(
 def _estimate_unknown_sensor(
     residual, input_variance, input_noise, channel_rows, starts, input_noise_unknown: bool
 ) -> UnknownSensorNoise | None:
-    """What the recording tells of a sensor of which nothing was stated; None where runs are too short."""
+    """Estimate the noise of a sensor without stated noise; None if runs are too short."""
     differences = [
         d[np.isfinite(d)] for d in compute_second_differences(residual[channel_rows], starts[channel_rows])
     ]
@@ -282,7 +282,7 @@ def _estimate_unknown_sensor(
 
 
 def _compute_input_roughness(input_variance, input_noise, sd, channel_rows, starts) -> float:
-    """Half the mean square of neighbours' differences by noise of what was set, over sd²."""
+    """Return half the mean square of neighbours' differences due to input noise, over sd²."""
     if input_noise is None:
         return float(np.mean((input_variance / sd**2)[channel_rows]))
     step = np.diff((input_noise / sd)[:, channel_rows], axis=1)[:, np.diff(starts[channel_rows]) == 0]
@@ -290,7 +290,7 @@ def _compute_input_roughness(input_variance, input_noise, sd, channel_rows, star
 
 
 def _compute_roughness(residual, sd, channel_rows, starts) -> float:
-    """Half the mean square of neighbours' differences, insensitive to the few that jump."""
+    """Return half the mean square of neighbours' differences over sd², robust against a few jumps."""
     standard = residual[channel_rows] / sd[channel_rows]
     step = np.diff(standard)[np.diff(starts[channel_rows]) == 0]
     if step.size < 3:
@@ -299,9 +299,9 @@ def _compute_roughness(residual, sd, channel_rows, starts) -> float:
 
 
 def _compute_robust_mean_square(steps: np.ndarray) -> float:
-    """Of steps, insensitive to the few that jump."""
+    """Return the mean square of steps, robust against a few jumps."""
     is_near = np.abs(steps) < 3.5 * 1.4826 * np.median(np.abs(steps))
-    # Where many are far (the steps of a coarse converter) they do not jump: that is how they are.
+    # If many steps are large (a coarse converter), they are not outliers.
     if np.mean(is_near) < MIN_NEAR_STEP_SHARE:
         return float(np.mean(steps**2))
     # Of a normal variable 0.046 % lies beyond 3.5 standard deviations, with 0.6 % of its square.

@@ -1,21 +1,20 @@
-"""What noise of pressure and length does to a misfit once a mechanism with a memory has passed it on.
+"""χ² due to input noise (of pressure and length) for models with memory.
 
-Weights are made for a muscle that passes such noise on sample by sample. A delay between samples
-averages neighbours, and a rate is their difference: the noise of what they show is less, or more, and
-with it the χ² of a misfit that is nothing but noise,
+The noise model assumes that input noise propagates sample by sample. A delay between samples averages
+neighbours, and a rate is their difference. The predicted noise is then smaller or larger, and so is the
+χ² of a residual that is only noise:
 
     E χ²(m) − E χ²(0) = E |W [f_m(x + u) − f_m(x)]|² − E |W (∂f_0/∂x) u|²,
 
-f_m the model, f_0 its bare muscle, W the weights, u the sensors' noise in what was set, x. Two models
-are told apart by what is left when each is freed of its own. Untold, a delay by half a sample explains
-thousands of rows better than the truth.
+f_m the model, f_0 its muscle without memory, W the weights, x the measured inputs (pressure and length), u
+their noise. Two models are compared after this difference is subtracted from each χ². Without the
+correction, a delay of half a sample can have a lower χ² than the true model.
 
-The mean over u is taken with signs, ±sd, the same for every model. Four draws carry the rows of a
-Hadamard matrix, so that no product of neighbours, nor of pressure and length, is left in it.
+The mean over u uses random signs, ±sd, the same for every model. Four draws have the signs of the rows of
+a Hadamard matrix: products of neighbours, and of pressure and length, then average to zero.
 
-A model that would make very much of noise is not forgiven more than a tenth of the samples: noise on a path
-that has it already then says little of noise on the true one, and a model whose answer hangs on every sample
-would be forgiven anything.
+The correction is at most a tenth of the samples: for a model that amplifies noise strongly, noise added to
+an already noisy path is no good estimate of noise on the true path.
 Source: derived here; signs as M. F. Hutchinson, Commun. Stat. Simul. 18, 1059 (1989); Hadamard's rows as
 C. Bekas, E. Kokiopoulou, Y. Saad, Appl. Numer. Math. 57, 1214 (2007).
 """
@@ -42,16 +41,16 @@ MAX_CHI2_CREDIT_SHARE = 0.1
 def compute_input_noise_chi2(
     problem: LibraryProblem, whiten: Callable[[np.ndarray], np.ndarray], values: np.ndarray
 ) -> float:
-    """χ² that a model is expected to leave beyond its bare muscle, by noise of what was set alone.
+    """Return the expected χ² of a model due to input noise, minus that of its muscle without memory.
 
     Args:
-        problem: the recording before the library.
-        whiten: the weights, `NoiseModel.whiten`.
-        values: (p,) all numbers, SI.
+        problem: the recording and the library.
+        whiten: whitening filter, `NoiseModel.whiten`.
+        values: (p,) parameter values, SI.
 
     Returns:
-        zero where nothing remembers, or no such noise is stated; negative for a model that averages; at most
-        `MAX_CHI2_CREDIT_SHARE` of the samples.
+        zero without an active mechanism with memory or without stated input noise; negative for a model that
+        averages; at most `MAX_CHI2_CREDIT_SHARE` of the samples.
     """
     propagated = propagate_input_noise(problem, values)
     if propagated is None:
@@ -70,9 +69,7 @@ def compute_input_noise_chi2(
 
 
 def propagate_input_noise(problem: LibraryProblem, values: np.ndarray) -> np.ndarray | None:
-    """What each draw of noise does to what is shown, (draws, 2, n), SI; None where
-    `compute_input_noise_chi2` is zero.
-    """
+    """Return the change of the prediction by each draw, (draws, 2, n), SI; None without memory or noise."""
     perturbed = build_perturbed_problems(problem, values)
     if not perturbed:
         return None
@@ -83,7 +80,7 @@ def propagate_input_noise(problem: LibraryProblem, values: np.ndarray) -> np.nda
 
 
 def build_perturbed_problems(problem: LibraryProblem, values: np.ndarray) -> list[LibraryProblem]:
-    """The problem with each draw of noise in what was set; none where `compute_input_noise_chi2` is zero."""
+    """Return the problem with each draw of input noise added; empty without memory or input noise."""
     if not _has_memory(problem, values) or not any(_get_input_noise_sd(problem)):
         return []
     return [_perturb_problem(problem, *draw) for draw in sample_input_noise(problem)]
@@ -92,7 +89,7 @@ def build_perturbed_problems(problem: LibraryProblem, values: np.ndarray) -> lis
 def compute_input_noise_gradient(
     problem: LibraryProblem, whiten: Callable[[np.ndarray], np.ndarray], values, indices
 ) -> np.ndarray:
-    """Derivative of `compute_input_noise_chi2` by some numbers, (k,), SI, but for the bare muscle's share."""
+    """Return the gradient of `compute_input_noise_chi2`, (k,), SI, without the term of f_0."""
     prediction, jacobian = problem.jacobian(values, indices)
     total = np.zeros(len(indices))
     for draw in sample_input_noise(problem):
@@ -106,7 +103,7 @@ def compute_input_noise_gradient(
 
 
 def sample_input_noise(problem: LibraryProblem) -> list[tuple[np.ndarray, np.ndarray]]:
-    """What is added to pressure and to length, (n,) each, draw by draw, SI."""
+    """Return the draws of pressure and length noise, (n,) each, SI."""
     pressure, length = _get_input_noise_sd(problem)
     signs = np.random.default_rng(INPUT_NOISE_SEED).choice([-1.0, 1.0], (2, problem.n))
     position = np.arange(problem.n) % (INPUT_NOISE_DRAWS // 2)
@@ -117,18 +114,18 @@ def sample_input_noise(problem: LibraryProblem) -> list[tuple[np.ndarray, np.nda
 
 
 def _get_input_noise_sd(problem: LibraryProblem) -> tuple[float, float]:
-    """Noise of pressure and of length from sample to sample, SI."""
+    """Return the sd of pressure and length noise that is independent between samples, SI."""
     sensors = problem.case.entry.sensors
     return sensors.pressure or 0.0, 0.0 if sensors.length_per_setting else sensors.length or 0.0
 
 
 def _has_memory(problem: LibraryProblem, values: np.ndarray) -> bool:
-    """Whether a mechanism that looks at other samples is switched on."""
+    """Return whether a mechanism that depends on other samples is switched on."""
     return bool(MECHANISMS_NEEDING_TIME & problem.active(values)) and problem.case.recording.has_time
 
 
 def _perturb_problem(problem: LibraryProblem, pressure: np.ndarray, length: np.ndarray) -> LibraryProblem:
-    """The problem with something added to what was set."""
+    """Return the problem with noise added to pressure and length."""
 
     def perturb(dataset):
         n, rows = problem.n, dataset.rows

@@ -1,17 +1,17 @@
-"""How well the noise along a direction is known: its correlation was read off the recording itself.
+"""Uncertainty of the noise variance along a direction, due to the estimated noise correlation.
 
 A direction d, white and of unit length, has the noise variance
 
     V(ρ′) = Σ_ω |d(ω)|² S(ω; ρ′) / S(ω; ρ),     S(ω; ρ) = 1 − A + A (1 − ρ²) / |1 − ρ e^(−iω)|²,
 
-if the correlation is ρ′ where it was taken for ρ: a slow direction has more for a larger one, a fast one
-less. ρ′ may be zero, half a chance before anything was seen, or anything up to `MAX_RUN_SAMPLES`; what
-neighbours'
-differences tell of it, with their error, weighs that. Where a channel's own noise is a small part of the
-whole they tell little, less still because that of pressure and length is known to a share only, and slow
-noise may be there unseen. A channel in which no correlation was looked for has the doubt of so many squared
-differences; of a sensor of which nothing was stated size and memory are in doubt together (`unstated.py`).
-What it leaves out: that runs end, and a sensor that is worse than stated.
+if the true correlation is ρ′ and the assumed one is ρ: a larger ρ′ gives a slow direction more variance and
+a fast one less. The prior of ρ′ is one half at zero and one half uniform up to `MAX_CORRELATION`. The
+likelihood is the estimate from neighbours' differences with its standard error. This error is large if the
+sensor noise is a small part of the total, because the input noise is known only to a share of its variance.
+A channel without an estimated correlation has the uncertainty of a variance from that many squared
+differences. For a sensor without stated noise, variance and correlation are uncertain together
+(`unknown_sensor.py`).
+What it leaves out: the ends of runs, and a sensor that is worse than stated.
 Source: filtering of a stationary process, derived here.
 """
 
@@ -38,19 +38,18 @@ NORMAL_NODES = np.linspace(-4.0, 4.0, 33)
 
 @dataclass(frozen=True, eq=False)
 class NoiseUncertainty:
-    """Variance of directions whose noise is not known, over what it was taken for.
+    """Noise variance along directions, relative to the assumed one, as a function of normal variables.
 
     Attributes:
-        known_variance: (k,) the part of it that is known.
-        variance_by_channel: (k, channels, SCALE) the parts by each channel, as a standard normal variable
-            has it.
+        known_variance: (k,) the part without uncertainty, from the priors.
+        variance_by_channel: (k, channels, nodes) the part of each channel at `NORMAL_NODES`.
     """
 
     known_variance: np.ndarray
     variance_by_channel: np.ndarray
 
     def compute_sd(self, normal: np.ndarray) -> np.ndarray:
-        """(m, k) standard deviations, for (m, channels) standard normal variables."""
+        """Return (m, k) standard deviations for (m, channels) standard normal variables."""
         variance = np.broadcast_to(self.known_variance, (len(normal), self.known_variance.size)).copy()
         position = np.interp(normal, NORMAL_NODES, np.arange(NORMAL_NODES.size))
         below = np.minimum(position.astype(int), NORMAL_NODES.size - 2)
@@ -62,11 +61,11 @@ class NoiseUncertainty:
 
 
 def estimate_noise_uncertainty(noise: NoiseModel, directions: np.ndarray) -> NoiseUncertainty:
-    """What is not known of the noise of each direction.
+    """Return the uncertainty of the noise variance of each direction.
 
     Args:
-        noise: the noise.
-        directions: (k, size or more) white directions; what is beyond the samples is priors.
+        noise: the noise model.
+        directions: (k, size or more) whitened directions; entries after the samples belong to the priors.
     """
     parts, begin = [], 0
     for channel, rows in zip(noise.channels, noise.rows, strict=True):
@@ -78,9 +77,9 @@ def estimate_noise_uncertainty(noise: NoiseModel, directions: np.ndarray) -> Noi
 
 
 def _compute_channel_variances(channel: Ar1Noise | None, direction_part: np.ndarray) -> np.ndarray:
-    """Of one channel, (k, SCALE), with its share of each direction as what is expected."""
+    """Return the variances of one channel at the nodes, (k, nodes)."""
     samples, share = direction_part.shape[1], np.sum(direction_part**2, axis=1)[:, None]
-    # Noise that was found from few squares has its doubt in the tail of Student's variable.
+    # Noise estimated with few degrees of freedom is already covered by Student's t distribution.
     if channel is None or samples < 2 or math.isfinite(channel.degrees_of_freedom):
         return np.repeat(share, NORMAL_NODES.size, axis=1)
     variance_factors = np.exp(NORMAL_NODES * math.sqrt(3 / samples))
@@ -104,7 +103,7 @@ def _compute_channel_variances(channel: Ar1Noise | None, direction_part: np.ndar
 
 
 def _get_unknown_sensor_nodes(unknown_sensor: UnknownSensorNoise) -> tuple[np.ndarray, np.ndarray]:
-    """Correlation and share of the variance taken, as a standard normal variable has them, (SCALE,) each."""
+    """Return correlation and variance over the assumed one, at the nodes, (nodes,) each."""
     k = np.minimum(
         np.searchsorted(np.cumsum(unknown_sensor.probability), norm.cdf(NORMAL_NODES)),
         unknown_sensor.probability.size - 1,
@@ -114,12 +113,12 @@ def _get_unknown_sensor_nodes(unknown_sensor: UnknownSensorNoise) -> tuple[np.nd
 
 
 def _compute_correlation_nodes(channel: Ar1Noise, samples: int) -> np.ndarray:
-    """The correlation as a standard normal variable has it, (SCALE,), by Bayes' rule."""
+    """Return the posterior quantiles of the correlation at the nodes, (nodes,)."""
     estimated_rho = channel.rho_from_differences
     by_chance = compute_correlation_error(
         channel.ar1_fraction, min(max(estimated_rho, 0.0), MAX_CORRELATION), samples
     )
-    # Of what is not the channel's own the variance is known to a share, and the difference passes for ρ.
+    # The variance of input noise is known only to a share; its error shifts the estimate of ρ.
     error = math.hypot(
         by_chance, SENSOR_VARIANCE_SD_SHARE * (1 - channel.ar1_fraction) / channel.ar1_fraction
     )
@@ -139,5 +138,5 @@ def _compute_correlation_nodes(channel: Ar1Noise, samples: int) -> np.ndarray:
 def _compute_spectral_density(
     shared: float, correlation: float, variance_factor: float, phase: np.ndarray
 ) -> np.ndarray:
-    """Spectrum at e^(−iω) of noise of unit variance, but for a factor on the variance of its shared part."""
+    """Return the noise spectrum at e^(−iω) for unit variance, with a factor on the correlated part."""
     return 1 - shared + variance_factor * shared * (1 - correlation**2) / np.abs(1 - correlation * phase) ** 2

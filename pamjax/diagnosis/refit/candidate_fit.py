@@ -1,4 +1,4 @@
-"""A baseline with some forms of the library, refitted under the noise that its own residual shows."""
+"""Refit of the baseline with candidate mechanisms, with noise estimated from its own residual."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from pamjax.diagnosis.refit.least_squares import START_LIMIT_DISTANCE_SHARE, Map
 
 @dataclass(frozen=True, eq=False)
 class CandidateFit:
-    """A baseline with names, refitted.
+    """A refitted baseline with candidate mechanisms.
 
     Attributes:
-        mechanisms: the forms that are in, in the order in which they came.
-        noise: the noise, as read off this model's residual.
-        estimate: the refit.
-        input_noise_chi2: χ² that noise of what was set is expected to leave beyond what the weights know of.
-        between_model_covariance: (k, k) covariance of the numbers that moved, SI, among models that are told
-            apart no better.
-        errors_in_variables_bias: (k,) how far noise of what was set moves them, SI.
+        mechanisms: the candidates in the model, in the order in which they were added.
+        noise: noise model, estimated from the residual of this model.
+        estimate: the estimated parameters.
+        input_noise_chi2: expected χ² due to input noise that the noise model does not include.
+        between_model_covariance: (k, k) covariance of the free parameters between models that fit equally
+            well, SI.
+        errors_in_variables_bias: (k,) bias of the free parameters due to input noise, SI.
     """
 
     mechanisms: tuple[Candidate, ...]
@@ -42,18 +42,15 @@ class CandidateFit:
 
     @property
     def corrected_chi2(self) -> float:
-        """χ² freed of what the model makes of noise: averaging neighbours explains nothing.
-
-        Forgiven is only what is there: no model's χ² falls below what noise leaves by that.
-        """
+        """χ² minus the expected χ² due to input noise; the result is not below the expected χ² of noise."""
         noise_chi2 = self.noise.weight**2 * self.noise.size - len(self.estimate.free)
         return self.estimate.cost - min(self.input_noise_chi2, max(self.estimate.cost - noise_chi2, 0.0))
 
     @property
     def bic(self) -> float:
-        """χ² with the price of its numbers: ln n for each beyond the baseline's (Schwarz).
+        """Bayesian information criterion: corrected χ² + ln n for each parameter that is not the baseline's.
 
-        What the lab's own statement of its muscle asks for is not paid twice.
+        The χ² of stated values in favour of a mechanism is subtracted.
         """
         extra = sum(len(candidate.free_parameters) for candidate in self.mechanisms)
         stated_chi2 = sum(candidate.stated_chi2 for candidate in self.mechanisms)
@@ -61,33 +58,33 @@ class CandidateFit:
 
     @property
     def full_bic(self) -> float:
-        """The score of a model among others that see other noise: minus twice its log-likelihood, priced."""
+        """BIC with the log-determinant of the noise, to compare models with different noise models."""
         return self.bic + self.noise.log_determinant
 
     @property
     def excess_chi2(self) -> float:
-        """χ² beyond what noise leaves."""
+        """χ² above its expected value for noise alone."""
         return max(self.estimate.chi2 - self.input_noise_chi2 - self.noise.size, 0.0)
 
     @property
     def variance_inflation(self) -> float:
-        """Factor on a variance where the model leaves more than noise."""
+        """Factor on variances of a model with systematic misfit; 1 without."""
         return max(self.estimate.chi2 / max(self.noise.size, 1), 1.0)
 
     @property
     def covariance(self) -> np.ndarray:
-        """Of the numbers that moved, SI, (k, k)."""
+        """Covariance of the free parameters, SI, (k, k)."""
         return self.within_model_covariance + self.between_model_covariance
 
     @property
     def within_model_covariance(self) -> np.ndarray:
-        """The same, of this one model: what others as good disagree about is left out."""
+        """Covariance within this model, SI, (k, k), without the differences between models."""
         return self.variance_inflation * self.estimate.covariance + np.multiply.outer(
             self.errors_in_variables_bias, self.errors_in_variables_bias
         )
 
     def sd(self, index: int) -> float:
-        """Standard deviation of a number, SI; NaN where it did not move."""
+        """Return the standard deviation of a parameter, SI; NaN if it was not free."""
         if index not in self.estimate.free:
             return float("nan")
         k = self.estimate.free.index(index)
@@ -101,7 +98,7 @@ def fit_candidate(
     values: np.ndarray,
     rounds: int = 2,
 ) -> CandidateFit:
-    """Refit the baseline with some forms, with the noise that its own residual shows."""
+    """Refit the baseline with some candidates, with noise estimated from its own residual."""
     free = get_free_indices(problem, mechanisms)
     for _ in range(rounds):
         noise = estimate_noise(problem, values, training_rows)
@@ -113,17 +110,17 @@ def fit_candidate(
 def build_corrected_fit(
     problem: LibraryProblem, mechanisms: tuple[Candidate, ...], noise: NoiseModel, estimate: MapEstimate
 ) -> CandidateFit:
-    """A refitted model, without what it makes of noise."""
+    """Return the fit after correction of the bias due to input noise."""
     return CandidateFit(mechanisms, noise, *correct_input_noise_bias(problem, noise, estimate))
 
 
 def get_parameter_indices(problem: LibraryProblem, mechanisms: Sequence[Candidate]) -> list[int]:
-    """Indices of the numbers that some forms move."""
+    """Return the indices of the free parameters of some candidates."""
     return [problem.index(name) for candidate in mechanisms for name in candidate.free_parameters]
 
 
 def get_free_indices(problem: LibraryProblem, mechanisms: Sequence[Candidate]) -> list[int]:
-    """Indices of the numbers that a refit with some forms moves: the baseline's own and theirs."""
+    """Return the indices of the free parameters of the baseline and of some candidates."""
     return sorted(
         {*np.flatnonzero(problem.is_baseline).tolist(), *get_parameter_indices(problem, mechanisms)}
     )
@@ -132,14 +129,14 @@ def get_free_indices(problem: LibraryProblem, mechanisms: Sequence[Candidate]) -
 def switch_on_candidate(
     problem: LibraryProblem, values: np.ndarray, candidate: Candidate, amplitudes: np.ndarray
 ) -> np.ndarray:
-    """Values with a form switched on at its best amplitudes in the linear limit, within its limits."""
+    """Return values with a candidate switched on at some amplitudes, clipped to their limits."""
     out = values.copy()
     for name, value in candidate.shape.items():
         k = problem.index(name)
         out[k] = np.clip(value, problem.low[k], problem.high[k])
     for name, value in zip(candidate.amplitudes, amplitudes, strict=True):
         k = problem.index(name)
-        # The minimiser creeps away from a limit at which it starts.
+        # The minimiser is slow if it starts at a limit.
         limit_range = problem.high[k] - problem.low[k]
         out[k] = np.clip(
             value,
@@ -150,7 +147,7 @@ def switch_on_candidate(
 
 
 def switch_off_candidate(problem: LibraryProblem, values: np.ndarray, candidate: Candidate) -> np.ndarray:
-    """Values with a form switched off."""
+    """Return values with a candidate switched off."""
     out = values.copy()
     for name in candidate.free_parameters:
         k = problem.index(name)
@@ -159,7 +156,7 @@ def switch_off_candidate(problem: LibraryProblem, values: np.ndarray, candidate:
 
 
 def compute_effect(problem: LibraryProblem, fit: CandidateFit, candidate: Candidate) -> np.ndarray:
-    """What a form alone does to the recording, beyond what a refitted baseline makes up for, SI, (2, n)."""
+    """Return the effect of one candidate that a refit of the baseline does not absorb, SI, (2, n)."""
     values = fit.estimate.values
     for other in fit.mechanisms:
         values = values if other is candidate else switch_off_candidate(problem, values, other)

@@ -1,21 +1,20 @@
-"""A minimum moved back from where a model only passes less noise on.
+"""Correction of the errors-in-variables bias: input noise biases parameters of mechanisms with memory.
 
-A lag is drawn towards half a sample, where it averages most. Of χ² less what the noise of what was set
-leaves, C − p, the minimum is found from that of C by Gauss–Newton steps,
+A fitted lag is biased towards half a sample, where it averages input noise most. The corrected cost is
+C − p, with p the expected χ² due to input noise. Gauss–Newton steps go from the minimum of C to that of C −
+p:
 
     δ = −(JᵀJ + Λ)⁻¹ (½ ∇C − ½ ∇p),
 
-J the white derivatives, Λ the priors' information; a step that makes C − p no smaller ends it.
+J the whitened derivatives, Λ the information of the priors. The steps end when C − p no longer decreases.
 
-What is left of that pull is not known better than the pull itself: how far the numbers go when the same
-noise comes once more, on average over the draws of `compute_input_noise_chi2`, is part of their doubt
-(`estimate_input_noise_bias`),
+The remaining bias is counted as uncertainty. It is estimated as the shift of the parameters when the same
+noise is added once more, on average over draws (`estimate_input_noise_bias`):
 
     δ = (JᵀJ + Λ)⁻¹ mean_u [J_uᵀ W (y − f(x + u)) − Jᵀ W (y − f(x))].
 
-Source: derived here; see `compute_input_noise_chi2`. Noise added once more: J. Cook, L. Stefanski, J. Am.
-Stat. Assoc. 89,
-1314 (1994).
+Source: derived here; see `compute_input_noise_chi2`. Added noise (SIMEX): J. Cook, L. Stefanski, J. Am.
+Stat. Assoc. 89, 1314 (1994).
 """
 
 from __future__ import annotations
@@ -43,12 +42,12 @@ MIN_INPUT_NOISE_CHI2_SHARE, MAX_CORRECTION_STEPS = 0.02, 6
 def correct_input_noise_bias(
     problem: LibraryProblem, noise: NoiseModel, estimate: MapEstimate
 ) -> tuple[MapEstimate, float]:
-    """A refit freed of the pull of noise, and the χ² that noise leaves there.
+    """Return the estimate corrected for input noise, and the expected χ² due to input noise there.
 
     Args:
-        problem: the recording before the library.
-        noise: the weights of the refit.
-        estimate: the refit.
+        problem: the recording and the library.
+        noise: noise model of the fit.
+        estimate: the estimate before the correction.
     """
     input_noise_chi2 = compute_input_noise_chi2(problem, noise.whiten, estimate.values)
     for _ in range(
@@ -67,12 +66,12 @@ def correct_input_noise_bias(
 def estimate_input_noise_bias(
     problem: LibraryProblem, noise: NoiseModel, estimate: MapEstimate
 ) -> np.ndarray:
-    """How far noise of what was set, coming once more, moves the numbers that moved, SI, (k,).
+    """Return the shift of the free parameters when input noise is added once more, SI, (k,).
 
     Args:
-        problem: the recording before the library.
-        noise: the weights of the refit.
-        estimate: the refit.
+        problem: the recording and the library.
+        noise: noise model of the fit.
+        estimate: the estimate.
     """
     free = list(estimate.free)
     perturbed = build_perturbed_problems(problem, estimate.values)
@@ -87,7 +86,7 @@ def estimate_input_noise_bias(
 
 
 def _take_correction_step(problem: LibraryProblem, noise: NoiseModel, estimate: MapEstimate) -> np.ndarray:
-    """Values after one step, within their limits."""
+    """Return parameter values after one Gauss–Newton step, within their limits."""
     free = list(estimate.free)
     x, (mean, _) = transform_to_coordinates(problem, free, estimate.values), compute_priors(problem, free)
     noise_gradient = (

@@ -1,4 +1,4 @@
-"""The most probable values of the numbers that may move, under correlated noise and their priors."""
+"""Maximum a posteriori estimate of the free parameters, with correlated noise and priors."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ UNIFORM_RANGE_SD = 12**0.5
 
 @dataclass(frozen=True, eq=False)
 class MapEstimate:
-    """Where a refit ended.
+    """Maximum a posteriori estimate of a refit.
 
     Attributes:
-        free: indices of the numbers that moved.
-        values: (p,) all numbers, SI.
+        free: indices of the free parameters.
+        values: (p,) all parameter values, SI.
         cost: χ² of whitened residual and priors.
         chi2: χ² of the whitened residual alone.
         residual: (size,) whitened residual.
-        jacobian: (size, k) its derivative by the numbers that moved, in their coordinates, sign of the model.
-        prior_sd: (k,) sd of the priors in those coordinates.
+        jacobian: (size, k) derivative of the whitened prediction by the coordinates of the free parameters.
+        prior_sd: (k,) sd of the priors in these coordinates.
         scale: (k,) derivative of value by coordinate.
     """
 
@@ -54,7 +54,7 @@ class MapEstimate:
 
     @property
     def covariance(self) -> np.ndarray:
-        """Of the numbers that moved, SI, (k, k)."""
+        """Covariance of the free parameters, SI, (k, k)."""
         information = self.jacobian.T @ self.jacobian + np.diag(1 / self.prior_sd**2)
         # Scaled to a unit diagonal: newtons and pascals are many orders of magnitude apart.
         unit = np.sqrt(np.maximum(np.diag(information), 1e-300))
@@ -65,13 +65,13 @@ class MapEstimate:
 def transform_to_coordinates(
     problem: LibraryProblem, indices: Sequence[int], values: np.ndarray
 ) -> np.ndarray:
-    """Values as coordinates: their logarithm where they move on a logarithmic scale."""
+    """Return the coordinates of values: the logarithm for parameters on a logarithmic scale."""
     picked, log = values[list(indices)], problem.is_logarithmic[list(indices)]
     return np.where(log, np.log(np.where(log, picked, 1.0)), picked)
 
 
 def compute_limit_distances(problem: LibraryProblem, estimate: MapEstimate) -> tuple[np.ndarray, np.ndarray]:
-    """How far down and up the numbers that moved may still go, in their coordinates."""
+    """Return the distances of the free parameters to their lower and upper limits, in coordinates."""
     here = transform_to_coordinates(problem, estimate.free, estimate.values)
     low, high = (
         transform_to_coordinates(problem, estimate.free, edge) - here for edge in (problem.low, problem.high)
@@ -80,16 +80,16 @@ def compute_limit_distances(problem: LibraryProblem, estimate: MapEstimate) -> t
 
 
 def find_parameters_at_limit(problem: LibraryProblem, estimate: MapEstimate) -> np.ndarray:
-    """Which of the numbers that moved, by their order, were driven to a limit."""
+    """Return the positions in `estimate.free` of the parameters at a limit."""
     low, high = compute_limit_distances(problem, estimate)
     return np.flatnonzero(np.minimum(-low, high) < AT_LIMIT_RANGE_SHARE * (high - low))
 
 
 def compute_priors(problem: LibraryProblem, indices: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and standard deviation of the priors in coordinates; infinite where there is none.
+    """Return mean and standard deviation of the priors in coordinates; infinite without a prior.
 
-    What was stated is believed as stated. A shape that was not, or a logarithm, may be anywhere between its
-    limits: it is believed to be its textbook's, to no better than its rms distance from all that lies there.
+    A stated parameter has its stated value and sd. Other shape parameters and logarithmic parameters have
+    their default value as mean and, as sd, the rms distance of that value to all values between their limits.
     """
     indices = list(indices)
     sd, log = problem.prior_sd[indices], problem.is_logarithmic[indices]
@@ -116,14 +116,14 @@ def fit_parameters(
     values: np.ndarray,
     max_evaluations: int = MAX_REFIT_EVALUATIONS,
 ) -> MapEstimate:
-    """Let some numbers move, from where they are.
+    """Return the maximum a posteriori estimate of some parameters.
 
     Args:
-        problem: the recording before the library.
-        noise: its noise.
-        free: indices of the numbers that move; all others stay.
-        values: (p,) where everything starts, SI.
-        max_evaluations: evaluations after which it ends.
+        problem: the recording and the library.
+        noise: noise model.
+        free: indices of the free parameters; the others are fixed.
+        values: (p,) starting values, SI.
+        max_evaluations: largest number of evaluations.
     """
     free = list(free)
     mean, prior_sd = compute_priors(problem, free)
@@ -154,7 +154,7 @@ def fit_parameters(
 def evaluate_estimate(
     problem: LibraryProblem, noise: NoiseModel, free: Sequence[int], values: np.ndarray
 ) -> MapEstimate:
-    """What a refit would be that ended at these values; arguments as those of `fit_parameters`."""
+    """Return the estimate at given values, without a fit; arguments as in `fit_parameters`."""
     evaluator = _ResidualEvaluator(problem, noise, free, values)
     return evaluator.build_estimate(transform_to_coordinates(problem, free, values))
 
@@ -168,7 +168,7 @@ class _Evaluation:
 
 
 class _ResidualEvaluator:
-    """Residual and derivative at a point; the minimiser asks for them one after the other."""
+    """Residual and Jacobian at a point, evaluated once for both calls of the minimiser."""
 
     def __init__(
         self, problem: LibraryProblem, noise: NoiseModel, free: Sequence[int], values: np.ndarray
@@ -191,7 +191,7 @@ class _ResidualEvaluator:
         return self.evaluation
 
     def build_estimate(self, x: np.ndarray) -> MapEstimate:
-        """As a refit that ended here."""
+        """Return the estimate at the coordinates x."""
         mean, prior_sd = compute_priors(self.problem, self.free)
         prior_residual = np.where(np.isfinite(prior_sd), (x - mean) / prior_sd, 0.0)
         evaluation = self(x)

@@ -1,15 +1,16 @@
-"""Weigh a recording by what its model cannot say, so that what the lab measured still counts.
+"""Weight on the samples of a model with systematic misfit, so that the stated values keep their weight.
 
-A model that leaves more than noise is wrong by something smooth. Weighed by noise alone, thousands of rows
-that repeat one mistake overrule every ruler: a muscle grows by millimetres to please a wall law that is not
-quite right. So the whitened residual r of such a model is scaled by a trust
+A systematic misfit is smooth, so its samples are not independent. Weighted as independent, thousands of
+samples with one common error outweigh the priors and bias the stated dimensions. The whitened residual r of
+such a model is therefore scaled by a weight
 
     τ = 1 / √(s T),     s = mean r²,     T = 1 + 2 Σ ρ_k,
 
-with T the samples over which r repeats itself (Geyer's initial positive sequence), and the model is refitted:
-its rows then count as what n / T independent samples of its own misfit do. Where s is near one nothing
-changes. What it leaves out: a misfit that differs between parts of a recording.
-Source: the widening of least squares by its own misfit, with the effective sample size of C. Geyer,
+with T the integrated autocorrelation time of r (Geyer's initial positive sequence), and the model is
+refitted.
+The n samples then count as n / T independent samples with the variance of the misfit. Nothing changes if s is
+near one. What it leaves out: a misfit that differs between parts of a recording.
+Source: least squares with the variance of its residual, and the effective sample size of C. Geyer,
 Statist. Sci. 7, 473 (1992).
 """
 
@@ -36,16 +37,15 @@ MISFIT_WEIGHTING_ROUNDS = 2
 def fit_with_misfit_weight(
     problem: LibraryProblem, training_rows: np.ndarray, mechanisms: Sequence[Candidate], values: np.ndarray
 ) -> CandidateFit:
-    """Refit the baseline with some forms, its rows weighed by what is left where it begins.
+    """Refit the baseline with some candidates, weighted by the misfit at the starting values.
 
-    Settled under the recording's noise first, a model that is wrong runs to wherever thousands of rows bend
-    it, and may not find back from there.
+    A model with systematic misfit that is first fitted without the weight can end in another minimum.
 
     Args:
-        problem: the recording before the library.
-        training_rows: (n,) the rows that tell.
-        mechanisms: the forms.
-        values: (p,) where everything begins, SI.
+        problem: the recording and the library.
+        training_rows: (n,) mask of the rows in use.
+        mechanisms: the candidates.
+        values: (p,) starting values, SI.
     """
     noise = estimate_noise(problem, values, training_rows)
     residual = np.nan_to_num(noise.whiten(problem.measured - problem.predict(values)), nan=1e3)
@@ -57,17 +57,17 @@ def fit_with_misfit_weight(
         problem, CandidateFit(tuple(mechanisms), noise, fit_parameters(problem, noise, free, values))
     )
     if _compute_mean_square(fit.estimate.residual / fit.noise.weight) < MIN_MISFIT_MEAN_SQUARE:
-        # It was wrong only where it began.
+        # The misfit was only at the starting values.
         return fit_candidate(problem, training_rows, mechanisms, fit.estimate.values)
     return fit
 
 
 def reweight_by_misfit(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
-    """The model, refitted with its rows weighed by its own misfit; as it is where that is noise.
+    """Return the fit, refitted with the weight of its misfit; unchanged if the residual is noise.
 
     Args:
-        problem: the recording before the library.
-        fit: refitted under the recording's noise.
+        problem: the recording and the library.
+        fit: the fit with the noise of the recording.
     """
     for _ in range(MISFIT_WEIGHTING_ROUNDS):
         residual = fit.estimate.residual / fit.noise.weight
@@ -91,7 +91,7 @@ def _compute_weight(residual: np.ndarray) -> float:
 
 
 def compute_integrated_autocorrelation_time(residual: np.ndarray) -> float:
-    """Over how many samples a residual repeats itself, 1 for white noise.
+    """Return the integrated autocorrelation time of a residual in samples, 1 for white noise.
 
     >>> 0.8 < compute_integrated_autocorrelation_time(np.random.default_rng(0).standard_normal(2000)) < 1.2
     True

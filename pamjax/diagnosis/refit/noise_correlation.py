@@ -1,16 +1,16 @@
-"""How long noise remembers, as all that a model leaves tells it, not only what neighbours differ by.
+"""Restricted maximum likelihood estimate of the noise correlation from the whole residual of a model.
 
-While something is missing, what is slow may be misfit, and only the differences of neighbours tell noise.
-Where pressure and length carry most of them, they say little of the channel's own memory. Once a model leaves
-nothing but noise, what is slow is noise too. The correlations ρ of both channels are then the likeliest ones,
-whatever the numbers x of the model are:
+A slow residual can be misfit, so the first noise estimate uses only differences of neighbours. If input noise
+dominates these differences, they determine the correlation badly. The residual of a model without systematic
+misfit is noise at all frequencies. The correlations ρ of both channels then minimise, with the parameters x
+of the model integrated out:
 
     −2 ln L(ρ) = |e|² + |(x − m)/s|² − bᵀ A⁻¹ b + ln det C(ρ) + ln det A,
     e = W(ρ) r,   J = W(ρ) ∂f/∂x,   A = JᵀJ + Λ,   b = Jᵀe − Λ (x − m),   Λ = diag 1/s²,
 
-r the residual, W the filter that makes its noise white, m and s the priors. The last term is for what the
-numbers absorb: slow noise looks like them, and without it seems to remember less than it does.
-What it leaves out: a sensor of which nothing was stated; the size of any noise, which stays as stated.
+r the residual, W the whitening filter, m and s the mean and sd of the priors. The last term corrects for slow
+noise that the parameters absorb; without it ρ is underestimated.
+What it leaves out: a sensor without stated noise; the noise level, which stays as stated.
 Source: restricted likelihood, H. D. Patterson, R. Thompson, Biometrika 58, 545 (1971), linear in x.
 """
 
@@ -36,11 +36,11 @@ MIN_CORRELATION_CHANGE = 0.005
 
 
 def fit_noise_correlation(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
-    """The model, refitted under the correlations of noise that its whole residual tells.
+    """Return the fit, refitted with the noise correlations estimated from its whole residual.
 
     Args:
-        problem: the recording before the library.
-        fit: refitted; as it is where it leaves more than noise, or sensors are not stated.
+        problem: the recording and the library.
+        fit: the fit; unchanged if it has systematic misfit or no sensor's noise is stated.
     """
     if fit.noise.weight != 1:
         return fit
@@ -61,7 +61,7 @@ def fit_noise_correlation(problem: LibraryProblem, fit: CandidateFit) -> Candida
 
 
 def _build_restricted_deviance(problem: LibraryProblem, fit: CandidateFit) -> Callable[[NoiseModel], float]:
-    """−2 ln L of a noise, but for a constant."""
+    """Return the function −2 ln L of a noise model, without a constant."""
     estimate, free = fit.estimate, list(fit.estimate.free)
     prediction, model_jacobian = problem.jacobian(estimate.values, free)
     residual, model_jacobian = problem.measured - prediction, model_jacobian * estimate.scale[:, None, None]
@@ -86,7 +86,7 @@ def _build_restricted_deviance(problem: LibraryProblem, fit: CandidateFit) -> Ca
 def _fit_channel_correlation(
     noise: NoiseModel, c: int, compute_deviance: Callable[[NoiseModel], float]
 ) -> NoiseModel:
-    """The noise with the likeliest correlation of one channel."""
+    """Return the noise model with the most likely correlation of one channel."""
 
     def set_correlation(rho: float) -> NoiseModel:
         channel = noise.channels[c]

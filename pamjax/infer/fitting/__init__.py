@@ -1,1 +1,1 @@
-"""Least-squares fits."""
+"""Least-squares fits, cross-validation and identifiability."""

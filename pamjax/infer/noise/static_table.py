@@ -1,12 +1,12 @@
-"""Noise of a static table whose sensors are not stated, read off how far readings lie from a line.
+"""Noise of a static table whose sensor noise is not stated, from second differences.
 
-Rows of a table have no neighbours in time. But along pressure at one length (or along length at one
-pressure) a muscle is smooth, and so is a misfit: a reading off the line through the two beside it,
+Rows of a table have no order in time. But force and misfit are smooth along pressure at one length, and along
+length at one pressure. The deviation of a reading from the line through its two neighbours,
 
     d = y₂ − (1 − w) y₁ − w y₃,     w = (x₂ − x₁) / (x₃ − x₁),     E d² = σ² [1 + (1 − w)² + w²],
 
-tells the noise before anything is known of the misfit; of a line of few readings, all of them are held
-against one straight line. Curvature is taken for noise, which is careful.
+estimates the noise without a model. A line of few readings is compared with one straight line instead.
+Curvature counts as noise, so the estimate is conservative.
 
 Source: second differences as T. Gasser, L. Sroka, C. Jennen-Steinmetz, Biometrika 73, 625 (1986).
 """
@@ -28,7 +28,7 @@ SQUARES_PER_DIFFERENCE = 18 / 35
 def estimate_table_variance(
     pressure: np.ndarray, length: np.ndarray, values: np.ndarray
 ) -> tuple[float, float]:
-    """Variance of a reading, and how many independent squares it was found from; NaN and 0 without a line.
+    """Return the variance of a reading and its degrees of freedom; NaN and 0 without a line.
 
     Args:
         pressure: (n,) Pa.
@@ -54,7 +54,7 @@ def estimate_table_variance(
 
 
 def _estimate_line_variance(along: np.ndarray, values: np.ndarray) -> tuple[float, float]:
-    """Variance along one line, and how many independent squares it was found from."""
+    """Return the variance along one line and its degrees of freedom."""
     if np.unique(along).size < 3:
         return 0.0, 0.0
     if along.size <= MAX_STRAIGHT_READINGS:
@@ -66,14 +66,14 @@ def _estimate_line_variance(along: np.ndarray, values: np.ndarray) -> tuple[floa
 
 
 def _group_by_setting(fixed: np.ndarray) -> list[np.ndarray]:
-    """Rows of each setting."""
+    """Return the rows of each setting."""
     order = np.argsort(fixed, kind="stable")
     edges = np.flatnonzero(np.diff(fixed[order]) > SETTING_TOLERANCE * np.max(np.abs(fixed))) + 1
     return np.split(order, edges)
 
 
 def _square_second_differences(along: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Squares of second differences along a line, each worth one variance."""
+    """Return squared second differences along a line, scaled to expectation σ²."""
     order = np.argsort(along, kind="stable")
     x, y = along[order], values[order]
     span = x[2:] - x[:-2]

@@ -1,15 +1,14 @@
-"""The noise of a sensor of which nothing was stated: its size and its memory, from the recording alone.
+"""Noise of a sensor whose noise is not stated: variance and correlation, from the recording alone.
 
-Second differences at a lag of m samples know little of what is smooth, and of noise that repeats itself,
-cov(s_t, s_t+k) = A ρ^k, they have the mean square
+Second differences at a lag of m samples suppress smooth signals. For autocorrelated noise,
+cov(s_t, s_t+k) = A ρ^k, their mean square is
 
     E (s_t+m − 2 s_t + s_t−m)² = A (6 − 8 ρ^m + 2 ρ^2m) + c m⁴,
 
-c m⁴ of a misfit that bends. Several lags tell A, ρ and c apart, with an error that follows from ρ itself. ρ
-may be zero, half a chance before anything was seen, or any of the others in `CORRELATION_GRID`. What it
-leaves out:
-misfits that bend on the scale of a few samples, noise with more than one memory, and correlations above
-0.95, of which it takes too little.
+with c m⁴ from the curvature of a misfit. Several lags together determine A, ρ and c; their errors follow
+from ρ. The prior probability of ρ = 0 is one half; the rest is shared by the other values of
+`CORRELATION_GRID`. What it leaves out: misfits with curvature within a few samples, noise with more than one
+time constant, and correlations above 0.95, which it underestimates.
 Source: derived here; covariance of mean squares of a Gaussian process, M. S. Bartlett, Suppl. J. R. Stat.
 Soc. 8, 27 (1946).
 """
@@ -26,11 +25,11 @@ from scipy.stats import truncnorm
 
 #: Lags of the second differences, samples.
 DIFFERENCE_LAGS = np.array([1, 2, 4, 8, 16])
-#: Correlations of neighbours that are tried: none, and what lies between.
+#: Lag-one correlations that are tried.
 CORRELATION_GRID = np.concatenate([[0.0], np.linspace(0.02, 0.98, 49)])
-#: Ranks at which a variance is looked at.
+#: Quantiles at which the distribution of a variance is evaluated.
 VARIANCE_RANKS = (np.arange(12) + 0.5) / 12
-#: How far apart differences may be and still share noise, samples.
+#: Greatest distance of two differences with correlated noise, samples.
 MAX_SAMPLES_APART = 300
 
 
@@ -40,10 +39,10 @@ class DifferenceStatistics:
 
     Attributes:
         mean_squares: of the residual, SI squared.
-        counts: how many differences there are.
-        propagated_variance: what stated noise of pressure and length is expected to add.
-        propagated_error: share to which that is known.
-        allows_white_noise: whether there may be more white noise, of which nothing was stated.
+        counts: numbers of differences.
+        propagated_variance: expected part from the stated noise of pressure and length, SI squared.
+        propagated_error: relative error of that part.
+        allows_white_noise: whether additional white noise, which is not stated, is estimated too.
     """
 
     mean_squares: np.ndarray
@@ -55,13 +54,13 @@ class DifferenceStatistics:
 
 @dataclass(frozen=True, eq=False)
 class UnknownSensorNoise:
-    """What a recording tells of a sensor's noise.
+    """Estimate of a sensor's noise from a recording.
 
     Attributes:
-        correlation_and_variance: correlation and variance (SI squared) that it is taken to have.
-        white_variance: variance of other white noise, of which nothing was stated, SI squared.
-        candidates: (k, 2) what correlation and variance might be, from the least slow noise to the most.
-        probability: (k,) of each.
+        correlation_and_variance: the estimate: correlation, and variance (SI squared).
+        white_variance: variance of additional white noise that is not stated, SI squared.
+        candidates: (k, 2) possible correlations and variances, in ascending order of slow noise.
+        probability: (k,) posterior probability of each candidate.
     """
 
     correlation_and_variance: tuple[float, float]
@@ -71,8 +70,8 @@ class UnknownSensorNoise:
 
 
 def estimate_unknown_noise(statistics: DifferenceStatistics) -> UnknownSensorNoise:
-    """Size and memory of noise from mean squares of second differences."""
-    # Where a recording is all but free of noise: next to nothing beside what was stated.
+    """Return variance and correlation of noise from mean squares of second differences."""
+    # A lower bound for recordings almost free of noise, far below the stated noise.
     floor = np.maximum(1e-6 * statistics.propagated_variance, 1e-36)
     statistics = replace(statistics, mean_squares=np.maximum(statistics.mean_squares, floor))
     log_likelihood, variance, error, white = np.array(
@@ -81,14 +80,14 @@ def estimate_unknown_noise(statistics: DifferenceStatistics) -> UnknownSensorNoi
     prior = np.r_[0.5, np.full(CORRELATION_GRID.size - 1, 0.5 / (CORRELATION_GRID.size - 1))]
     probability = prior * np.exp(log_likelihood - log_likelihood.max())
     probability /= probability.sum()
-    # A variance is known with its error, and is not negative.
+    # The variance is normal with its error, truncated at zero.
     low = -variance / error
     sizes = variance[:, None] + error[:, None] * truncnorm.ppf(VARIANCE_RANKS, low[:, None], np.inf)
     candidates = np.stack(np.broadcast_arrays(CORRELATION_GRID[:, None], sizes), axis=-1).reshape(-1, 2)
     order = np.argsort(candidates[:, 1] * (1 + candidates[:, 0]) / (1 - candidates[:, 0]))
     candidate_probability = np.repeat(probability / VARIANCE_RANKS.size, VARIANCE_RANKS.size)
     correlated_probability = float(probability[1:].sum())
-    # No correlation, unless some is more probable than none.
+    # The estimate is zero unless a positive correlation is more probable than none.
     rho = (
         float(probability[1:] @ CORRELATION_GRID[1:]) / correlated_probability
         if correlated_probability > 0.5
@@ -103,10 +102,10 @@ def estimate_unknown_noise(statistics: DifferenceStatistics) -> UnknownSensorNoi
 
 
 def _fit_correlation(k: int, statistics: DifferenceStatistics) -> tuple[float, float, float, float]:
-    """Log-likelihood of one correlation, the variance that goes with it, its error, and other white noise."""
+    """Return the log-likelihood of one correlation, the variance, its error, and other white variance."""
     mean, covariance = _compute_expected_squares(k)
     squares, per = statistics.mean_squares, 1 / np.sqrt(statistics.counts)
-    # All in shares of each square, as it was seen.
+    # All terms are relative to the measured mean squares.
     propagated, curvature = (
         statistics.propagated_variance / squares,
         (DIFFERENCE_LAGS / DIFFERENCE_LAGS[-1]) ** 4 * squares[-1] / squares,
@@ -134,7 +133,7 @@ def _fit_correlation(k: int, statistics: DifferenceStatistics) -> tuple[float, f
 
 @cache
 def _compute_expected_squares(k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Mean squares at unit variance, and their relative covariance times samples."""
+    """Return mean squares at unit variance, and their relative covariance times the sample count."""
     rho, taps, places = CORRELATION_GRID[k], np.array([1.0, -2.0, 1.0]), np.array([-1, 0, 1])
     mean = 6 - 8 * rho**DIFFERENCE_LAGS + 2 * rho ** (2 * DIFFERENCE_LAGS)
     apart = np.arange(-MAX_SAMPLES_APART, MAX_SAMPLES_APART + 1)
@@ -148,10 +147,10 @@ def _compute_expected_squares(k: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def compute_second_differences(values: np.ndarray, runs: np.ndarray) -> list[np.ndarray]:
-    """Second differences of (…, n) values at each of `DIFFERENCE_LAGS`, within runs.
+    """Return second differences of (…, n) values at each of `DIFFERENCE_LAGS`, within runs.
 
     Args:
-        values: one after the other.
+        values: (…, n) in order of time.
         runs: (n,) number of each sample's run.
     """
     within = [runs[2 * m :] == runs[: -2 * m] for m in DIFFERENCE_LAGS]

@@ -1,1 +1,1 @@
-"""Posteriors."""
+"""Posterior distributions: samplers, convergence, model comparison and reports."""

@@ -1,9 +1,8 @@
-"""A chain on disk that survives being killed at any moment.
+"""Checkpoint of a chain on disk, safe against interruption at any time.
 
-A folder holds `identity.json`, `start.npz` and one `draws-000000.npz` after the other, each written
-beside its place and moved there in one rename: a file is whole or not there. A chunk of draws carries the
-sampler's state after it, so that a resumed chain is the one that would have been. (emcee's own HDF file
-is opened for every step, and one that is killed while it writes may not open again.)
+A folder contains `identity.json`, `start.npz` and the chunks `draws-000000.npz`, … . Every file is written
+atomically. A chunk contains the sampler's state after it, so a resumed chain equals an uninterrupted one.
+emcee's own HDF file is not used, because an interrupted write can damage it.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ def build_identity(
     sampler: str,
     seed: int,
 ) -> dict[str, Any]:
-    """What a chain belongs to: data, model, priors, sampler and seed."""
+    """Return the identity of a chain: data, model, priors, sampler and seed."""
     prior_arrays = [
         [float(f"{v:.12g}") for v in np.asarray(a)] for a in (space.low, space.high, space.mean, space.sd)
     ]
@@ -60,11 +59,11 @@ class Checkpoint:
     """The folder of one chain.
 
     Args:
-        folder: where it lies; None keeps nothing.
-        identity: what it belongs to, see `build_identity`.
+        folder: the folder; None saves nothing.
+        identity: identity of the chain, see `build_identity`.
 
     Raises:
-        BadInput: if another chain lies there.
+        BadInput: if the folder contains another chain.
     """
 
     def __init__(self, folder: Path | None, identity: dict[str, Any]) -> None:
@@ -80,15 +79,15 @@ class Checkpoint:
                 path.write_text(json.dumps(identity, indent=2) + "\n", encoding="utf-8")
 
     def read_start(self) -> Arrays | None:
-        """Where the chain began, if it did."""
+        """Return the saved start of the chain, or None."""
         return None if self.folder is None else _read_arrays(self.folder / "start.npz")
 
     def write_start(self, arrays: Arrays) -> None:
-        """Keep where the chain begins."""
+        """Save the start of the chain."""
         self._write_arrays("start", arrays)
 
     def read_draws(self) -> tuple[list[Arrays], Arrays | None]:
-        """Every saved chunk of draws, and the sampler's state after the last."""
+        """Return every saved chunk of draws, and the sampler's state after the last."""
         chunks: list[Arrays] = []
         state = None
         while (
@@ -100,7 +99,7 @@ class Checkpoint:
         return chunks, state
 
     def save_chunk(self, number: int, draws: Arrays, state: Arrays) -> None:
-        """Keep a chunk of draws with the state after it."""
+        """Save a chunk of draws with the state after it."""
         self._write_arrays(
             _format_chunk_name(number).removesuffix(".npz"),
             draws | {f"state_{k}": v for k, v in state.items()},

@@ -1,11 +1,12 @@
-"""Posteriors of one recording compared by how they predict whole blocks that they did not see.
+"""Comparison of posteriors of one recording by their predictions of held-out blocks.
 
-The score of a posterior is Σ over blocks of ln p(block | the other blocks), by importance (`psis.py`); the
-difference of two has the standard error of its blocks, sqrt(blocks) × sd of the differences. Blocks, not
-samples: rows of one loop know each other.
+The score of a posterior is Σ over blocks of ln p(block | the other blocks), by importance sampling
+(`loo.py`).
+The standard error of the difference of two scores is sqrt(blocks) × sd of the differences. The unit is a
+block, because rows of one loop are correlated.
 
-What it leaves out: a block on which a posterior leans (k̂ > 0.7) would need a run without it; it is named.
-A posterior whose samples count less than one each (`density.py`) is left out of a block by their full weight.
+What it leaves out: the score of an influential block (k̂ > 0.7) is not reliable without another run; the
+report lists such blocks. Samples with reduced weights (`log_density.py`) count fully here.
 """
 
 from __future__ import annotations
@@ -28,10 +29,10 @@ MIN_CLEAR_DIFFERENCE = 2.0
 
 @dataclass(frozen=True, eq=False)
 class PosteriorScore:
-    """One posterior's score.
+    """Score of one posterior.
 
     Attributes:
-        name: the file's folder.
+        name: folder of the file.
         model: law and mechanisms.
         blocks: names.
         block_scores: (blocks,) log predictive density.
@@ -46,18 +47,18 @@ class PosteriorScore:
 
     @property
     def total(self) -> float:
-        """ln p of all blocks, each by the others."""
+        """Return the sum over blocks of ln p(block | the other blocks)."""
         return float(self.block_scores.sum())
 
 
 @dataclass(frozen=True, eq=False)
 class PosteriorComparison:
-    """Posteriors, best first; prints as a note."""
+    """Posteriors, best first; prints as a report."""
 
     scores: tuple[PosteriorScore, ...]
 
     def compute_deficit(self, score: PosteriorScore) -> tuple[float, float]:
-        """By how much a posterior is behind the best, and the standard error of that."""
+        """Return the difference of the best score and a posterior's, and its standard error."""
         difference = self.scores[0].block_scores - score.block_scores
         error = float(np.sqrt(len(difference)) * difference.std(ddof=1)) if len(difference) > 1 else np.inf
         return float(difference.sum()), error
@@ -85,7 +86,7 @@ class PosteriorComparison:
         return f"  {self.scores[0].name} and {self.scores[1].name} cannot be told apart"
 
     def as_dict(self) -> dict[str, Any]:
-        """For programs."""
+        """Return the scores as a JSON document."""
         return {
             s.name: {
                 "model": s.model,
@@ -100,13 +101,13 @@ class PosteriorComparison:
 
 
 def compare_posteriors(files: Sequence[Path]) -> PosteriorComparison:
-    """Compare posteriors of the same recordings.
+    """Return the comparison of posteriors of the same recordings.
 
     Args:
-        files: each a posterior.nc, or a folder that holds one.
+        files: each a posterior.nc, or a folder that contains one.
 
     Raises:
-        BadInput: if a file is none, or they saw different measurements.
+        BadInput: if a file is not a posterior, or the measurements differ.
     """
     if not files:
         raise refuse("a comparison needs a posterior", "none")

@@ -1,7 +1,9 @@
-"""Is a chain good enough: effective samples, split-R̂, autocorrelation time.
+"""Convergence of chains: effective sample size, split-R̂ and autocorrelation time.
 
-    R̂   = sqrt(variance of all half chains together / mean variance within one) of the ranks' normal scores
-    ESS = chains × draws / τ,     τ = 1 + 2 Σ ρ_t   summed over pairs while they stay positive and fall
+    R̂   = sqrt(variance of all half chains together / mean variance within one), of ranks' normal scores
+    ESS = chains × draws / τ,     τ = 1 + 2 Σ ρ_t   over positive, non-increasing pairs of lags
+
+Both are computed by ArviZ. A parameter that is constant in every chain has ESS 1 and R̂ infinite.
 
 Source: Vehtari, Gelman, Simpson, Carpenter & Bürkner, Bayesian Anal. 16, 667 (2021), Eqs. 4, 10-14.
 """
@@ -22,13 +24,13 @@ MIN_CHAIN_AUTOCORRELATION_TIMES = 50
 
 @dataclass(frozen=True)
 class ConvergenceDiagnostics:
-    """How far a chain can be trusted, for each number.
+    """Convergence diagnostics of each parameter.
 
     Attributes:
-        ess: effective samples of the mean.
-        rhat: split-R̂ of normal scores.
-        autocorrelation_time: autocorrelation time, draws.
-        chain_length: kept draws of one chain.
+        ess: (p,) effective sample size of the mean.
+        rhat: (p,) split-R̂ of normal scores.
+        autocorrelation_time: (p,) in draws.
+        chain_length: draws of one chain after burn-in.
     """
 
     ess: np.ndarray
@@ -37,7 +39,13 @@ class ConvergenceDiagnostics:
     chain_length: int
 
     def is_converged(self, ess: float, rhat: float, check_length: bool) -> bool:
-        """Whether every number has enough; `check_length` asks for a trusted autocorrelation time too."""
+        """Return whether every parameter meets the targets.
+
+        Args:
+            ess: smallest effective sample size.
+            rhat: largest split-R̂.
+            check_length: whether the chain must also be long enough for its autocorrelation time.
+        """
         enough = bool(np.all(self.ess >= ess) and np.all(self.rhat <= rhat))
         return enough and (
             not check_length
@@ -46,12 +54,12 @@ class ConvergenceDiagnostics:
 
 
 def discard_burn_in(draws: np.ndarray) -> np.ndarray:
-    """The draws without their first fifth; (n, chains, p)."""
+    """Return the draws without their first fifth; (n, chains, p)."""
     return draws[int(BURN_IN_SHARE * len(draws)) :]
 
 
 def compute_convergence(draws: np.ndarray) -> ConvergenceDiagnostics:
-    """Look at kept draws, (n, chains, p)."""
+    """Return the convergence diagnostics of draws after burn-in, (n, chains, p)."""
     n, chains, count = draws.shape
     half = n // 2
     halves = np.concatenate([draws[:half], draws[n - half :]], axis=1)
@@ -61,7 +69,7 @@ def compute_convergence(draws: np.ndarray) -> ConvergenceDiagnostics:
 
 
 def compute_ess(x: np.ndarray) -> float:
-    """Effective samples of the mean of (n, chains) draws, split into halves."""
+    """Return the effective sample size of the mean of (n, chains, p) draws, (p,)."""
     half = len(x) // 2
     x = np.concatenate([x[:half], x[len(x) - half :]], axis=1)
     n, chains = x.shape

@@ -1,8 +1,8 @@
-"""An ensemble of walkers (emcee) that know where the posterior's Gaussian lies.
+"""Ensemble sampler (emcee) with proposals from the posterior's Gaussian approximation.
 
-Half of the moves draw a walker anew from that Gaussian with wide tails, half step along the difference of
-two others. Where the posterior is nearly Gaussian the first forgets within a few steps; where it is
-bent, the second still walks. All walkers' densities are one compiled call.
+Half of the moves are independent proposals: a Student t distribution at the Gaussian approximation. Half are
+differential-evolution moves along the difference of two walkers. The first mix fast in a nearly Gaussian
+posterior; the second still move in a curved one. One compiled call evaluates all walkers.
 
 Sources: emcee, Foreman-Mackey, Hogg, Lang & Goodman, PASP 125, 306 (2013); differences, ter Braak, Stat.
 Comput. 16, 239 (2006).
@@ -21,15 +21,15 @@ from pamjax.infer.posterior.checkpoint import Arrays
 from pamjax.infer.posterior.log_density import compute_log_densities
 from pamjax.infer.posterior.sampler import Sampler
 
-#: Wide tails of the drawn-anew moves: degrees of freedom, and sds of the Gaussian.
+#: Independent proposals: degrees of freedom of the t distribution, and its scale in sds of the Gaussian.
 PROPOSAL_DEGREES_OF_FREEDOM, PROPOSAL_WIDTH = 5.0, 1.1
-#: Share of the moves that draw anew.
+#: Fraction of independent proposals.
 INDEPENDENT_MOVE_SHARE = 0.5
 
 
 @dataclass(frozen=True)
 class EnsembleSampler(Sampler):
-    """Walkers whose state is positions, their log-density and random numbers."""
+    """Ensemble sampler. Its state has positions, log-densities and the random generator."""
 
     needs_long_chain: ClassVar[bool] = True
 
@@ -38,7 +38,7 @@ class EnsembleSampler(Sampler):
         return max(32, 4 * (self.density.space.size // 2 + 1))
 
     def draw_start(self, seed: int) -> Arrays:
-        """Walkers drawn from the ball."""
+        """Return walkers drawn from the Gaussian approximation."""
         random = np.random.RandomState(np.random.MT19937(np.random.SeedSequence([seed, 5])))
         x = random.standard_normal((self.walkers, self.density.space.size))
         for _ in range(50):
@@ -50,7 +50,7 @@ class EnsembleSampler(Sampler):
         return {"x": x, "logp": self._compute_log_density(x), **_pack_state(random.get_state())}
 
     def advance(self, state: Arrays) -> tuple[Arrays, Arrays]:
-        """`chunk` steps on: draws (n, chains, p), "logp" and "accepted" (n, chains); and the new state."""
+        """Return `chunk` draws (n, chains, p) with "logp" and "accepted" (n, chains), and the new state."""
         walkers, size = state["x"].shape
         moves: Any = [
             (_IndependentMove(), INDEPENDENT_MOVE_SHARE),
@@ -65,14 +65,14 @@ class EnsembleSampler(Sampler):
         return draws, {"x": end.coords, "logp": end.log_prob, **_pack_state(end.random_state)}
 
     def _compute_log_density(self, x: np.ndarray) -> np.ndarray:
-        # One compiled shape for all: half an ensemble, which is what a move looks at.
+        # A move evaluates half an ensemble: all calls have this shape and need one compilation.
         half = self.walkers // 2
         parts = [self.gaussian(jnp.asarray(x[k : k + half])) for k in range(0, len(x), half)]
         return np.concatenate([np.asarray(compute_log_densities(self.density, part)) for part in parts])
 
 
 class _IndependentMove(emcee.moves.RedBlueMove):
-    """Draw walkers from the ball with wide tails."""
+    """Independent proposals from a t distribution."""
 
     def get_proposal(self, s: np.ndarray, c: Any, random: Any) -> tuple[np.ndarray, np.ndarray]:
         scale = np.sqrt(

@@ -1,16 +1,14 @@
-"""Is a number determined? In words, from its posterior and its profile likelihood.
+"""Identifiability of each parameter, from its posterior and its profile likelihood.
 
-| verdict                 | when                                                                            |
-|-------------------------|---------------------------------------------------------------------------------|
-| at a limit              | its draws pile up there: `MIN_DRAWS_AT_LIMIT` of them within `LIMIT_DISTANCE_SD`
-of their sd            |
-| determined              | its profile ends on both sides, and halves what was believed                     |
-| one-sided               | its profile ends on one side only                                                |
-| only in combination     | it would be determined if the others were known, and is not                      |
-| not determined          | else                                                                             |
+| verdict             | condition                                                                          |
+|---------------------|------------------------------------------------------------------------------------|
+| at a limit          | `MIN_DRAWS_AT_LIMIT` of its draws are within `LIMIT_DISTANCE_SD` of a bound        |
+| determined          | its profile has two ends, and its sd is at most half the prior sd                  |
+| one-sided           | its profile has one end                                                            |
+| only in combination | it would be determined if the other parameters were known                          |
+| not determined      | otherwise                                                                          |
 
-What was believed is what the posterior was drawn with, `--priors` among it. Not determined means that its
-sd is more than `MAX_POSTERIOR_SD_RATIO` of that.
+The priors are those of the posterior, including `--priors`. Words for people: `determination.py`.
 """
 
 from __future__ import annotations
@@ -48,11 +46,11 @@ MAX_PRODUCT_EXPONENT = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """What a recording says of one number.
+    """Identifiability of one parameter.
 
     Attributes:
-        kind: "at a limit", "determined", "one-sided", "only in combination" or "not determined".
-        detail: the rest of the sentence, or nothing.
+        kind: how well it is determined.
+        detail: the bound, combination or sd ratio in words; may be empty.
         profile: its profile likelihood.
     """
 
@@ -66,15 +64,15 @@ class Verdict:
 
 @dataclass(frozen=True, eq=False)
 class ParameterSummary:
-    """One number as the posterior believed it.
+    """Prior and best fit of one parameter.
 
     Attributes:
-        low, high: limits, SI.
-        log_scale: whether it moves by its logarithm.
-        unit: in which a person reads it.
+        low, high: bounds, SI.
+        log_scale: whether it has a logarithmic scale.
+        unit: display unit.
         value: best fit, SI.
-        prior_sd: the prior's sd, SI; where any value is as likely, that of the whole range.
-        determined_alone: whether the recording would determine it if it knew all others.
+        prior_sd: sd of the prior, SI; for a uniform prior, sd of the whole range.
+        determined_alone: whether the recording would determine it if all others were known.
     """
 
     low: float
@@ -86,7 +84,7 @@ class ParameterSummary:
     determined_alone: bool
 
     def compute_range_position(self, draws: np.ndarray) -> np.ndarray:
-        """Where draws lie between the limits, on the number's own scale."""
+        """Return positions of draws between the bounds, on the parameter's own scale, in (0, 1)."""
         if self.log_scale:
             return np.log(draws / self.low) / np.log(self.high / self.low)
         return (draws - self.low) / (self.high - self.low)
@@ -105,11 +103,11 @@ def _summarise_parameter(problem: ProfileProblem, name: str, unit: str) -> Param
 
 
 def build_verdicts(fit: Fit, space: ParameterSpace, draws: np.ndarray) -> dict[str, Verdict]:
-    """A verdict for each of the muscle's numbers.
+    """Return a verdict for each of the muscle's parameters.
 
     Args:
-        fit: the fit from which the posterior began.
-        space: the posterior's numbers; the fit's come first.
+        fit: the fit from which the posterior started.
+        space: the posterior's parameters; the fit's come first.
         draws: (n, p) values, SI.
     """
     problem = build_profile_problem(fit, space)
@@ -161,7 +159,7 @@ def _classify_parameter(
 
 
 def _find_partners(name: str, undetermined: Sequence[str], draws: np.ndarray) -> list[int]:
-    """Places among the loose numbers of those that move with this one, itself too; none if alone."""
+    """Return indices of the undetermined parameters correlated with this one and its own; or none."""
     if len(undetermined) == 1:
         return []
     index = undetermined.index(name)
@@ -177,13 +175,14 @@ def describe_combination(
     undetermined: Sequence[str],
     draws: np.ndarray,
 ) -> str:
-    """Which combination with others the recording knows, or how they move unnoticed.
+    """Return the combination that the recording determines, or the joint change that it does not detect.
 
     Args:
-        summaries: each number as it was believed.
-        partners: places among `undetermined` of the numbers that combine.
-        undetermined: names that are not determined by themselves, `name` among them.
-        draws: (n, len(loose)) values, SI.
+        summaries: prior and best fit of each parameter.
+        name: the parameter.
+        partners: indices in `undetermined` of the combined parameters, with its own.
+        undetermined: names of parameters that are not determined individually.
+        draws: (n, len(undetermined)) values, SI.
     """
     index = undetermined.index(name)
     partner_summaries = [summaries[undetermined[k]] for k in partners]
@@ -208,7 +207,7 @@ def describe_combination(
 
 
 def _format_product(names: Sequence[str], power: np.ndarray) -> str:
-    """As "a × b" or "a / b^0.7"."""
+    """Return a product as text, such as "a × b" or "a / b^0.7"."""
     text = ""
     for name, p in zip(names, power, strict=True):
         size = "" if abs(abs(p) - 1) < 0.1 else f"^{abs(p):.2g}"

@@ -1,16 +1,16 @@
-"""A posterior on disk: posterior.nc, which ArviZ reads, and posterior.json for programs.
+"""Files of a posterior: posterior.nc for ArviZ, and posterior.json for programs.
 
-| group                  | holds                                                                            |
+| group                  | content                                                                          |
 |------------------------|----------------------------------------------------------------------------------|
-| `posterior`            | every number, (chain, draw), in SI, with its unit                                 |
+| `posterior`            | every parameter, (chain, draw), in SI, with its unit                              |
 | `sample_stats`         | lp, acceptance; for nuts divergences and steps                                    |
 | `log_likelihood`       | of every block, (chain, draw, block), at thinned draws                            |
-| `prior`                | draws of what was believed                                                        |
-| `posterior_predictive` | rows with their noise at some draws; `prior_predictive` alike                     |
-| `observed_data`        | what was measured                                                                 |
+| `prior`                | draws of the prior                                                                |
+| `posterior_predictive` | rows with noise at some draws; `prior_predictive` alike                           |
+| `observed_data`        | measurements                                                                      |
 
-A number that belongs to one case of several is named case.number. Read it with `arviz.from_netcdf`, or
-with `xarray.open_datatree`.
+With several cases, a parameter of one case has the name case.parameter. Read the file with
+`arviz.from_netcdf` or `xarray.open_datatree`.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ from pamjax.units import compute_si_factor
 
 POSTERIOR_SCHEMA = "pamjax.posterior/1"
 
-#: Draws in the groups that hold a number a row, and draws whose blocks are scored.
+#: Draws in the predictive groups, and draws in `log_likelihood`.
 PREDICTIVE_DRAWS, SCORED_DRAWS = 100, 1000
-#: Draws of the prior.
+#: Draws in the prior's group.
 PRIOR_DRAWS = 1000
 
 
 def build_groups(post: Posterior) -> dict[str, Any]:
-    """Every group as an xarray Dataset, by name."""
+    """Return every group as an xarray Dataset, by name."""
     import xarray as xr
 
     space = post.density.space
@@ -77,12 +77,12 @@ _STATISTIC_NAMES = {"accepted": "acceptance_rate", "diverging": "diverging", "st
 
 
 def format_variable_name(name: str) -> str:
-    """A number's name in the file: netCDF keeps the slash for groups."""
+    """Return a parameter's name in the file, without slashes: netCDF uses them for groups."""
     return name.replace("/", ".")
 
 
 def build_attributes(post: Posterior) -> dict[str, Any]:
-    """What the file belongs to."""
+    """Return the attributes of the file: versions, data, model, sampler and report."""
     cases = [case_fit.case for case_fit in post.fit.cases]
     return {
         "schema": POSTERIOR_SCHEMA,
@@ -134,7 +134,12 @@ def _build_likelihood_group(post: Posterior) -> dict[str, Any]:
 
 
 def compute_points(density: PosteriorDensity, values: np.ndarray) -> np.ndarray:
-    """(n, p) plain coordinates of values, SI."""
+    """Return the unbounded coordinates of values, (n, p).
+
+    Args:
+        density: the posterior density.
+        values: (n, p) parameters, SI.
+    """
     import jax
     import jax.numpy as jnp
 
@@ -187,7 +192,7 @@ def _build_channel_attributes(name: str) -> dict[str, str]:
 
 
 def build_posterior_document(post: Posterior) -> dict[str, Any]:
-    """The posterior as plain numbers, in the units a person reads."""
+    """Return the posterior as a JSON document, in display units."""
     convergence = post.convergence
     space = post.density.space
     numbers = {}
@@ -222,11 +227,11 @@ def build_posterior_document(post: Posterior) -> dict[str, Any]:
 
 
 def save_posterior(post: Posterior, folder: str | Path) -> list[Path]:
-    """Write posterior.json and posterior.nc, each whole or not at all.
+    """Write posterior.json and posterior.nc atomically, and return their paths.
 
     Args:
         post: the posterior.
-        folder: where to; made if it is not there.
+        folder: the folder; it is created if necessary.
 
     Returns:
         the files written.

@@ -1,8 +1,8 @@
-"""The Gaussian that touches a posterior at its top, and the coordinates in which it is a unit ball.
+"""Laplace approximation of a posterior, and coordinates in which it is a standard normal distribution.
 
-The muscle's numbers and the noise's are independent in the expected curvature of a Gaussian likelihood:
-the first is JᵀJ of the innovations, the second is known in closed form (`streams.py`), and the priors add
-theirs. Scoring steps with that curvature find the top.
+In the Fisher information of a Gaussian likelihood, parameters of the muscle and of the noise are independent.
+The first block is JᵀJ of the innovations; the second has a closed form (`ar1_likelihood.py`). The priors add
+their curvature. Fisher scoring with this matrix gives the mode.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from jaxtyping import Array, Float
 
 from pamjax.infer.posterior.log_density import PosteriorDensity, compute_log_densities
 
-#: Scoring steps at most, and the gain of log-density below which they end.
+#: Maximum number of scoring steps, and the gain of log-density at which they stop.
 MAX_SCORING_STEPS, LOG_DENSITY_TOLERANCE = 30, 1e-3
-#: No direction is believed to be wider than this many prior sds: a start beyond would be a wall's.
+#: Maximum sd of the approximation, in prior sds: wider starting points would be close to the bounds.
 MAX_WIDTH_IN_PRIOR_SD = 1.5
 
 
 class GaussianApproximation(eqx.Module):
-    """A Gaussian, and the map u = centre + root x that makes it a unit ball.
+    """A Gaussian approximation, and the map u = centre + root x from standard normal x.
 
     Attributes:
         centre: (p,) its mean, in u.
@@ -41,7 +41,7 @@ class GaussianApproximation(eqx.Module):
 
 @eqx.filter_jit
 def compute_curvature(density: PosteriorDensity, u: Float[Array, " p"]) -> tuple[Array, Array]:
-    """Gradient and expected curvature of −log-density at u, (p,) and (p, p)."""
+    """Return gradient and expected curvature of −log-density at u, (p,) and (p, p)."""
     space, values = density.space, density.space.to_values(u)
 
     def compute_all(v):
@@ -67,14 +67,14 @@ def compute_curvature(density: PosteriorDensity, u: Float[Array, " p"]) -> tuple
             )
             noise = noise.at[jnp.ix_(jnp.array(indices), jnp.array(indices))].add(block)
     by_mean = jnp.where(is_noise, 0.0, by_mean)
-    # Half a logistic prior's curvature at its middle holds what is flat at its ends.
+    # Half the curvature of a logistic prior at its middle: the prior itself is flat near its bounds.
     flat = jnp.where(jnp.isfinite(space.sd), 0.0, space.width**2 / 8)
     total = by_mean.T @ by_mean + noise + prior.T @ prior + jnp.diag(flat)
     return gradient, total
 
 
 def fit_laplace(density: PosteriorDensity, start: Float[Array, " p"]) -> GaussianApproximation:
-    """Climb to the top near a start and put the Gaussian there."""
+    """Return the Gaussian approximation at the mode near a starting point."""
     u, best = start, float(compute_log_densities(density, start[None])[0])
     for _ in range(MAX_SCORING_STEPS):
         slope, total = compute_curvature(density, u)
@@ -95,10 +95,10 @@ def fit_laplace(density: PosteriorDensity, start: Float[Array, " p"]) -> Gaussia
 
 
 def _limit_width(density: PosteriorDensity, u: Array, total: np.ndarray) -> np.ndarray:
-    """The curvature with no direction wider than the prior, scaled so that it can be inverted."""
+    """Return the curvature plus a small multiple of the prior's, so that it can be inverted."""
     space = density.space
     rate = np.asarray(jax.jvp(space.to_values, (jnp.zeros_like(u),), (jnp.ones_like(u),))[1])
     known = np.isfinite(np.asarray(space.sd))
-    # A number anywhere between its limits is logistic in z, with standard deviation π / sqrt(3).
+    # A uniform prior is logistic in z, with standard deviation π / sqrt(3).
     prior = np.where(known, np.asarray(space.sd) / np.abs(rate), np.pi / np.sqrt(3) / np.asarray(space.width))
     return total + np.diag(1 / (MAX_WIDTH_IN_PRIOR_SD * 4 * prior) ** 2)

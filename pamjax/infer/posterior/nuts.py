@@ -1,7 +1,7 @@
-"""No-U-turn sampling (blackjax) in the coordinates in which the posterior's Gaussian is a unit ball.
+"""No-U-turn sampler (blackjax) in the coordinates of the posterior's Gaussian approximation.
 
-There every direction is equally long, so a few chains only have to find a step size. blackjax and not
-numpyro: a log-density is all it takes, and its state is a plain array that can be saved and resumed.
+All directions have similar scales in these coordinates, so the warm-up adapts only the step size. blackjax
+needs only a log-density, and its state is an array that can be saved.
 
 Source: Hoffman & Gelman, J. Mach. Learn. Res. 15, 1593 (2014).
 """
@@ -30,13 +30,13 @@ WARMUP_DRAWS, TARGET_ACCEPTANCE = 75, 0.8
 
 @dataclass(frozen=True)
 class NutsSampler(Sampler):
-    """Chains whose state is positions, step size, random key and the number of draws so far."""
+    """No-U-turn sampler. Its state has positions, step size, random key and the number of draws."""
 
     #: R̂ and ESS of independent chains suffice.
     needs_long_chain: ClassVar[bool] = False
 
     def draw_start(self, seed: int) -> Arrays:
-        """Chains drawn from the ball, and a step size for each."""
+        """Return chains after the warm-up, with their common step size."""
         keys = jax.random.split(jax.random.key(seed), 3)
         x = jax.random.normal(keys[0], (CHAIN_COUNT, self.density.space.size))
         x, step = _run_warmup(self.density, self.gaussian, x, keys[1])
@@ -49,7 +49,7 @@ class NutsSampler(Sampler):
         }
 
     def advance(self, state: Arrays) -> tuple[Arrays, Arrays]:
-        """`chunk` draws on: the draws (n, chains, p) with their statistics, and the new state."""
+        """Return `chunk` draws (n, chains, p) with their statistics, and the new state."""
         base = jax.random.wrap_key_data(jnp.asarray(state["key"]))
         # A key for each draw by its number: chunks of any size give the same chain.
         keys = jax.vmap(jax.random.fold_in, (None, 0))(base, int(state["n"]) + jnp.arange(self.chunk))
@@ -81,7 +81,7 @@ def _build_log_density(density: PosteriorDensity, gaussian: GaussianApproximatio
 def _run_warmup(
     density: PosteriorDensity, gaussian: GaussianApproximation, x: Float[Array, "c p"], key: Array
 ) -> tuple[Array, Array]:
-    """Positions after the warm-up, and the step sizes it ended with."""
+    """Return positions and step sizes after the warm-up."""
     from blackjax.optimizers.dual_averaging import dual_averaging
 
     blackjax = _import_blackjax()
@@ -107,7 +107,7 @@ def _run_warmup(
 def _run_chains(
     density: PosteriorDensity, gaussian: GaussianApproximation, x: Array, step: Array, keys: Array
 ) -> dict[str, Array]:
-    """Draws of every chain from where it stands, one for each key, (n, chains, ...)."""
+    """Return one draw of every chain for each key, (n, chains, ...)."""
     blackjax = _import_blackjax()
     nuts = blackjax.nuts(_build_log_density(density, gaussian), step, jnp.ones(x.shape[1]))
 

@@ -1,4 +1,4 @@
-"""What the draws of a posterior would show: rows with their noise, and the log-likelihood of every block."""
+"""Predictions of posterior draws: rows with noise, and the log-likelihood of every block."""
 
 from __future__ import annotations
 
@@ -14,17 +14,19 @@ from pamjax.infer.posterior.ar1_likelihood import Ar1Likelihood
 from pamjax.infer.posterior.log_density import PosteriorDensity
 from pamjax.infer.problem.dataset import CHANNELS
 
-#: Draws that go through the model together.
+#: Draws that the model evaluates together.
 DRAWS_PER_BATCH = 16
-#: Rows of no block, as passages between two settings, count as one.
+#: Name of the block for all rows without a block, such as transitions between settings.
 UNASSIGNED_BLOCK_NAME = "between blocks"
 
 
 def predict_channels(density: PosteriorDensity, values: np.ndarray, index: int) -> dict[str, np.ndarray]:
-    """Force and diameter of member k at draws, without noise, (draws, rows) each, SI.
+    """Return force and diameter of one dataset at draws, without noise, (draws, rows) each, SI.
 
     Args:
-        values: (draws, p) numbers, SI.
+        density: the posterior density.
+        values: (draws, p) parameters, SI.
+        index: index of the dataset.
     """
     parts = [_predict_batch(density, index, jnp.asarray(batch)) for batch in _split_batches(values)]
     stacked = np.concatenate([np.asarray(p) for p in parts])[: len(values)]
@@ -34,7 +36,7 @@ def predict_channels(density: PosteriorDensity, values: np.ndarray, index: int) 
 def add_noise(
     case_fit: CaseFit, likelihood: Ar1Likelihood, prediction: np.ndarray, values: np.ndarray, seed: int
 ) -> np.ndarray:
-    """Predictions as a bench would have recorded them, (draws, rows), SI; NaN where nothing was measured."""
+    """Return predictions with simulated sensor noise, (draws, rows), SI; NaN where nothing was measured."""
     n = case_fit.case.recording.n
     measured, has_predecessor = (
         np.asarray(a)[:n] > 0 for a in (likelihood.measured, likelihood.has_predecessor)
@@ -64,12 +66,14 @@ def add_noise(
 def compute_block_log_likelihoods(
     density: PosteriorDensity, u: np.ndarray, cases: tuple[CaseFit, ...]
 ) -> list[tuple[list[str], np.ndarray]]:
-    """For each case the names of its blocks and the log-likelihood of each at draws, (draws, blocks).
+    """Return for each case the names of its blocks and their log-likelihoods at draws, (draws, blocks).
 
-    A sample counts given the one before it, so that the blocks of a draw add up to its log-likelihood.
+    A sample's density is conditional on the sample before it, so the blocks sum to the log-likelihood.
 
     Args:
-        u: (draws, p) plain coordinates of the numbers.
+        density: the posterior density.
+        u: (draws, p) unbounded coordinates of the parameters.
+        cases: the fitted cases.
     """
     labels = []
     for case_fit, likelihoods in zip(cases, density.likelihoods, strict=True):
@@ -92,7 +96,7 @@ def compute_block_log_likelihoods(
 
 
 def sample_prior(density: PosteriorDensity, count: int, seed: int) -> np.ndarray:
-    """(count, p) draws of what was believed, SI: Gaussians cut off at the limits, or anywhere between."""
+    """Return (count, p) draws of the prior, SI: Gaussians truncated at the bounds, or uniform."""
     space = density.space
     random = np.random.default_rng([seed, 11])
     share = random.uniform(size=(count, space.size))
@@ -108,7 +112,7 @@ def sample_prior(density: PosteriorDensity, count: int, seed: int) -> np.ndarray
 
 
 def _split_batches(draws: np.ndarray):
-    """Draws in batches of one size, the last filled up with its own first."""
+    """Return draws in batches of equal size; the first draw of the last batch fills it up."""
     for first in range(0, len(draws), DRAWS_PER_BATCH):
         batch = draws[first : first + DRAWS_PER_BATCH]
         yield np.concatenate([batch, np.repeat(batch[:1], DRAWS_PER_BATCH - len(batch), axis=0)])
@@ -129,7 +133,7 @@ def _predict_batch(
 def _sum_blocks(density: PosteriorDensity, u: Float[Array, "w p"], labels: list[Array]) -> list[Array]:
     def sum_draw(v):
         pairs = zip(density.compute_sample_log_densities(v), labels, strict=True)
-        # One place more than rows takes what belongs to no block.
+        # The additional segment collects rows without a block.
         return [jax.ops.segment_sum(sum(parts), label, label.size + 1) for parts, label in pairs]
 
     return jax.vmap(sum_draw)(u)

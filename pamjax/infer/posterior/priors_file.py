@@ -1,9 +1,9 @@
-"""What is believed of a number instead of what muscle.toml or a mechanism says: a TOML file.
+"""Reader of a TOML file with priors that replace those of muscle.toml and of mechanisms.
 
 ["thread.modulus"]
 value = "90 GPa"
 sd = "10 GPa"
-low = "50 GPa"      # each entry is optional; limits stay within what is physical
+low = "50 GPa"      # each entry is optional; bounds must be within the physical ones
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ PRIOR_KEYS = ("value", "sd", "low", "high")
 
 
 def read_priors(path: Path) -> dict[str, dict[str, float]]:
-    """Beliefs by name, SI.
+    """Return the priors by name, SI.
 
     Raises:
-        BadInput: if the file cannot be read, or holds an unknown number or entry, or a wrong unit.
+        BadInput: if the file cannot be read, or has an unknown parameter or entry, or a wrong unit.
     """
     try:
         document = tomllib.loads(decode_text(read_bytes(path), path.name))
@@ -55,7 +55,7 @@ def _parse_prior(name: str, entry: Any, file: str) -> dict[str, float]:
 
 
 def _find_meaning(name: str) -> Meaning:
-    """The number's meaning; of noise only the unit."""
+    """Return a parameter's meaning; for noise only its unit."""
     bare = name.rpartition("/")[2]
     if bare.startswith("noise."):
         return Meaning(*find_noise_units(bare), 0.0, 1.0, "linear", "", "")

@@ -1,10 +1,10 @@
-"""Profile likelihood: how badly the recording fits when one number is held elsewhere.
+"""Profile likelihood: the misfit as a function of one parameter.
 
-    χ²(v) = min over the others of Σ (misfit / sd)² + Σ (their distance from their priors)²
+    χ²(v) = min over the others of Σ (misfit / sd)² + Σ (their distance from their priors / prior sd)²
 
-The others' priors are those of the posterior, `--priors` among them, and samples weigh as in its fit. The
-number's own prior is left out: what remains is what the recording (and what is known of the others)
-says of it. Two numbers that only act together give a flat profile, whatever the shape of the posterior.
+Priors of the other parameters are those of the posterior, including `--priors`; weights are those of the fit.
+The parameter's own prior is left out. Two parameters that act only in combination have a flat profile,
+whatever the shape of the posterior.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from pamjax.infer.fitting.result import Fit
 from pamjax.infer.problem.dataset import Dataset
 from pamjax.infer.problem.parameter_space import ParameterSpace
 
-#: A profile is followed until the misfit has risen by this much, or to within this share of a limit, or
-#: to a tenth of what is left there if that is less.
+#: A profile ends at this rise of χ², or at this distance from a bound (fraction of the range), or at a tenth
+#: of the distance at the start if that is less.
 MAX_CHI2_RISE, MIN_LIMIT_DISTANCE = 9.0, 0.005
-#: A number is held by a prior this much narrower than its own step.
+#: Width of the prior that fixes a parameter, relative to its prior sd or step.
 FIXED_PRIOR_WIDTH = 1e-3
-#: Rise of χ² at the ends of an interval of 95 %.
+#: Rise of χ² at the ends of a 95 % interval.
 CHI2_RISE_95 = 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodProfile:
-    """χ² along one number.
+    """χ² along one parameter.
 
     Attributes:
-        values: rising, SI.
-        rise: χ² above its least.
-        low, high: where the rise is `CHI2_RISE_95`, SI; None where a limit comes first.
+        values: ascending, SI.
+        rise: χ² above its minimum.
+        low, high: values at which the rise is `CHI2_RISE_95`, SI; None if a bound comes first.
     """
 
     values: np.ndarray
@@ -49,13 +49,13 @@ class LikelihoodProfile:
 
 @dataclass(frozen=True, eq=False)
 class ProfileProblem:
-    """A fit's least squares under a posterior's priors.
+    """The least-squares problem of a fit with the priors of a posterior.
 
     Attributes:
-        datasets: the recordings, weighed as in the fit.
-        space: the muscle's numbers.
-        loss: the fit's.
-        solution: where it ends.
+        datasets: the recordings, with the weights of the fit.
+        space: the muscle's parameters.
+        loss: the loss of the fit.
+        solution: its solution.
     """
 
     datasets: tuple[Dataset, ...]
@@ -65,12 +65,12 @@ class ProfileProblem:
 
     @property
     def values(self) -> np.ndarray:
-        """(p,) the numbers where it ends, SI."""
+        """Return the parameters at the solution, (p,), SI."""
         return np.asarray(self.space.to_values(self.solution.u))
 
 
 def build_profile_problem(fit: Fit, space: ParameterSpace) -> ProfileProblem:
-    """The fit's problem under the priors of a posterior, whose first numbers are the fit's."""
+    """Return the fit's problem with the priors of a posterior, whose first parameters are the fit's."""
     own_space = space.take_first(fit.space.size)
     if all(
         np.array_equal(getattr(own_space, a), getattr(fit.space, a)) for a in ("low", "high", "mean", "sd")
@@ -84,13 +84,13 @@ def build_profile_problem(fit: Fit, space: ParameterSpace) -> ProfileProblem:
 
 
 def compute_profile(problem: ProfileProblem, name: str) -> LikelihoodProfile:
-    """Follow one number from the best fit to both sides."""
+    """Return the profile of one parameter, followed from the best fit to both sides."""
     space, k, top = problem.space, problem.space.names.index(name), problem.solution.u
     step = float(min(compute_sd_in_u(problem.solution)[k], 1.0))
     solutions = {0.0: _solve_with_fixed(problem, k, top)}
     for side in (-1.0, 1.0):
         u, far = top, 0.5
-        # Towards the limit on this side; a number may begin close to one.
+        # A parameter may start close to the bound on this side.
         least = min(MIN_LIMIT_DISTANCE, 0.1 * _compute_distance_to_limit(space, k, float(top[k]), side))
         while True:
             far *= 2
@@ -98,7 +98,7 @@ def compute_profile(problem: ProfileProblem, name: str) -> LikelihoodProfile:
             if _compute_distance_to_limit(space, k, target, side) < least:
                 break
             cost, near = _solve_with_fixed(problem, k, u.at[k].set(target))
-            # Beyond lies a muscle without a solution, which is no evidence against the number.
+            # A muscle without a solution is no evidence against the value.
             if not np.isfinite(cost):
                 break
             solutions[side * far], u = (cost, near), near
@@ -114,14 +114,14 @@ def compute_profile(problem: ProfileProblem, name: str) -> LikelihoodProfile:
 
 
 def compute_sd_in_u(solution: Solution) -> np.ndarray:
-    """Standard deviations of the plain numbers u at a solution."""
+    """Return the standard deviations of the unbounded coordinates u at a solution, (p,)."""
     sd, _ = compute_sd_and_correlation(solution)
     slope = np.maximum(np.abs(np.asarray(solution.slope)), 1e-300)
     return np.where(np.isfinite(sd), sd / slope, 1.0)
 
 
 def _solve_with_fixed(problem: ProfileProblem, k: int, u: Array) -> tuple[float, Array]:
-    """Half χ² with number k held at u[k], and where the others went."""
+    """Return half χ² with parameter k fixed at u[k], and the solution for the others."""
     space, solution = problem.space, problem.solution
     value, slope = space.to_values(u)[k], jnp.abs(solution.slope[k])
     sd = FIXED_PRIOR_WIDTH * space.sd[k] if jnp.isfinite(space.sd[k]) else FIXED_PRIOR_WIDTH * slope
@@ -134,12 +134,12 @@ def _solve_with_fixed(problem: ProfileProblem, k: int, u: Array) -> tuple[float,
 
 
 def _compute_distance_to_limit(space: ParameterSpace, k: int, u: float, side: float) -> float:
-    """Share of a number's range that is left on one side of it."""
+    """Return the fraction of a parameter's range between it and the bound on one side."""
     return float(1 / (1 + np.exp(side * (space.origin[k] + u * space.width[k]))))
 
 
 def _find_crossing(values: np.ndarray, rise: np.ndarray) -> float | None:
-    """Where the rise passes `CHI2_RISE_95` on the way out, by its root, which is straight for a parabola."""
+    """Return the value at which the rise exceeds `CHI2_RISE_95`, by linear interpolation of its root."""
     beyond = np.flatnonzero(rise > CHI2_RISE_95)
     if not beyond.size:
         return None

@@ -1,4 +1,4 @@
-"""The lab note of a posterior."""
+"""The text report of a posterior."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def format_posterior_note(post: Posterior) -> str:
-    """The whole note, plain text."""
+    """Return the whole report, plain text."""
     lines = [
         _format_title(post),
         "",
@@ -56,7 +56,7 @@ def _format_parameters(post: Posterior) -> Iterator[str]:
 
 
 def format_interval(post: Posterior, name: str) -> str:
-    """The middle 90 % of a number, to as many digits as its sd asks for, in the unit of its value."""
+    """Return the 90 % credible interval of a parameter, with digits according to its sd."""
     m, (_, unit) = post.marginals[name], post.find_units(name)
     scale, digits = compute_si_factor(unit), _count_digits(m.sd / compute_si_factor(unit))
     return f"{m.low / scale:.{digits}f} to {m.high / scale:.{digits}f}"
@@ -67,7 +67,7 @@ def _count_digits(sd: float) -> int:
 
 
 def format_priors(post: Posterior) -> Iterator[str]:
-    """What was believed before."""
+    """Return lines with the prior of every parameter, after a heading."""
     space = post.density.space
     yield "  believed before:"
     for k, name in enumerate(space.names):
@@ -87,7 +87,7 @@ def format_priors(post: Posterior) -> Iterator[str]:
 
 
 def format_posterior_correlations(post: Posterior) -> Iterator[str]:
-    """Which numbers move together."""
+    """Return lines with the strongest correlations."""
     names = post.names
     pairs = [
         (abs(post.correlation[i, j]), names[j], names[i], post.correlation[i, j])
@@ -100,7 +100,7 @@ def format_posterior_correlations(post: Posterior) -> Iterator[str]:
 
 
 def format_likelihood_powers(post: Posterior) -> Iterator[str]:
-    """Where noise has more than one memory."""
+    """Return a line for each channel whose residuals are not AR(1)."""
     for case_fit, likelihoods, powers in zip(
         post.fit.cases, post.density.likelihoods, post.density.powers, strict=True
     ):
@@ -115,7 +115,7 @@ def format_likelihood_powers(post: Posterior) -> Iterator[str]:
 
 
 def format_sampler_state(post: Posterior) -> Iterator[str]:
-    """Are the draws good enough, and were there accidents?"""
+    """Return lines on convergence and divergent draws."""
     convergence = post.convergence
     n, chains, _ = post.draws.shape
     ess, rhat = post.targets

@@ -1,4 +1,4 @@
-"""What a posterior says: draws of every number, how far they can be trusted, and a note."""
+"""Result of sampling: draws of every parameter, their convergence, and a report."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pamjax.infer.posterior.log_density import PosteriorDensity
 
 @dataclass(frozen=True)
 class Marginal:
-    """One number's posterior: mean, sd, median and the 90 % interval, SI."""
+    """Posterior of one parameter: mean, sd, median and the 90 % credible interval, SI."""
 
     mean: float
     sd: float
@@ -29,20 +29,20 @@ class Marginal:
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Draws of the muscle's numbers and of the noise's; prints as a lab note.
+    """Draws of the parameters of muscle and noise; prints as a report.
 
     Attributes:
-        fit: the fit it began from.
-        density: its log-density; `density.at` names the numbers.
-        gaussian: the Gaussian it was whitened with.
-        draws: (n, chains, p) values, SI, without the first fifth.
-        log_density: (n, chains) up to a constant, as a density of the plain numbers u.
+        fit: the fit from which sampling started.
+        density: the log-density; `density.space` has the parameters.
+        gaussian: the Gaussian approximation that defines the sampler's coordinates.
+        draws: (n, chains, p) values, SI, without burn-in.
+        log_density: (n, chains) up to a constant, as a density of the unbounded coordinates u.
         stats: (n, chains) by name: "accepted", and for nuts "diverging" and "steps".
-        convergence: effective samples, split-R̂ and autocorrelation time.
-        converged: whether that is as good as wanted.
-        targets: effective samples and split-R̂ asked for.
+        convergence: effective sample size, split-R̂ and autocorrelation time.
+        converged: whether the targets are met.
+        targets: smallest effective sample size and largest split-R̂.
         sampler, seed: "emcee" or "nuts", and the seed.
-        priors: what was believed instead of muscle.toml, SI.
+        priors: priors that replace those of muscle.toml, SI.
     """
 
     fit: Fit
@@ -60,11 +60,11 @@ class Posterior:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The numbers, the muscle's first."""
+        """Return the names of the parameters, the muscle's first."""
         return self.density.space.names
 
     def find_units(self, name: str) -> tuple[str, str]:
-        """SI unit of a number, and the unit in which a person reads it."""
+        """Return the SI unit and the display unit of a parameter."""
         if name in self.fit.estimates:
             about = self.fit.estimates[name].meaning
             return about.unit, about.show
@@ -72,28 +72,28 @@ class Posterior:
 
     @cached_property
     def flat(self) -> np.ndarray:
-        """(draws, p) of all chains together, SI."""
+        """Return the draws of all chains together, (draws, p), SI."""
         return self.draws.reshape(-1, self.draws.shape[2])
 
     @cached_property
     def marginals(self) -> dict[str, Marginal]:
-        """Each number's posterior, by name."""
+        """Return the marginal posterior of each parameter, by name."""
         low, median, high = np.quantile(self.flat, (0.05, 0.5, 0.95), axis=0)
         rows = zip(self.flat.mean(0), self.flat.std(0, ddof=1), median, low, high, strict=True)
         return {name: Marginal(*map(float, row)) for name, row in zip(self.names, rows, strict=True)}
 
     @cached_property
     def correlation(self) -> np.ndarray:
-        """(p, p) of the numbers, in their order."""
+        """Return the correlation matrix of the parameters, (p, p)."""
         return np.corrcoef(self.flat, rowvar=False)
 
     @cached_property
     def verdicts(self) -> dict[str, Verdict]:
-        """Of each of the muscle's numbers: is it determined?"""
+        """Return the identifiability of each of the muscle's parameters."""
         return build_verdicts(self.fit, self.density.space, self.flat)
 
     def thin_draws(self, count: int) -> np.ndarray:
-        """(count, p) draws spread evenly over the whole chain, SI; fewer where there are fewer."""
+        """Return (at most count, p) draws at equal distances over all chains, SI."""
         n, chains, size = self.draws.shape
         every = max(1, n * chains // count)
         return self.draws.reshape(n * chains, size)[::every][:count]

@@ -1,4 +1,4 @@
-"""From a fit to a posterior: `sample` is the verb, `posterior.Posterior` what it returns."""
+"""Sampling of the posterior of a fit: `sample` returns a `Posterior`."""
 
 from __future__ import annotations
 
@@ -46,27 +46,27 @@ def sample(
     checkpoint: Path | None = None,
     progress: Progress = ignore_progress,
 ) -> Posterior:
-    """How sure the numbers are: draws of the muscle's numbers and of the noise's together.
+    """Return draws of the joint posterior of the muscle's and the noise's parameters.
 
-    Runs until every number has enough effective samples and the chains agree, not for a number of
-    steps. Where `max_draws` does not suffice, the result says so and holds what there is.
+    Sampling stops when every parameter meets `ess` and `rhat`. If `max_draws` is reached first, the result
+    has `converged` false.
 
     Args:
-        source: a fit, or what to fit first: one case or several, or their folders.
+        source: a fit; or one or several cases, or their folders, which are fitted first.
         law: thread law, as in `fit`; only for cases.
-        share: numbers that all cases have in common, as in `fit`; only for cases.
-        mechanisms: what acts beside the threads, as in `fit`; only for cases.
-        priors: by name what is believed instead of muscle.toml: "value", "sd", "low" and "high", SI.
+        share: parameters that all cases have in common, as in `fit`; only for cases.
+        mechanisms: mechanisms beside the threads, as in `fit`; only for cases.
+        priors: by name, priors that replace those of muscle.toml: "value", "sd", "low" and "high", SI.
         sampler: "emcee" (an ensemble), or "nuts" (needs blackjax).
-        ess: effective samples that every number is to have.
-        rhat: split-R̂ that no number is to exceed.
-        max_draws: of one walker or chain.
-        seed: of the sampler, and of a fit made here.
-        checkpoint: folder in which the chain is kept and resumed; None for none.
-        progress: called with what is being done and the share done.
+        ess: smallest effective sample size of a parameter.
+        rhat: largest split-R̂ of a parameter.
+        max_draws: maximum draws of one walker or chain.
+        seed: seed of the sampler, and of the fit.
+        checkpoint: folder in which the chain is saved and from which it is resumed; None for none.
+        progress: called with what is being done and the fraction done.
 
     Raises:
-        BadInput: as `fit`; for an unknown sampler or belief; if another chain lies in `checkpoint`.
+        BadInput: as `fit`; for an unknown sampler or prior; if `checkpoint` contains another chain.
     """
     _check_settings(sampler, ess, rhat, max_draws, seed)
     fit = _fit_source(source, law, share, mechanisms, seed, progress)
@@ -96,7 +96,7 @@ def sample(
 
 
 def _convert_draws(density: PosteriorDensity, gaussian: GaussianApproximation, x: np.ndarray) -> np.ndarray:
-    """Draws as values, SI, (n, chains, p)."""
+    """Return draws as values, SI, (n, chains, p)."""
     return np.asarray(density.space.to_values(gaussian(jnp.asarray(x))))
 
 
@@ -112,7 +112,7 @@ def _fit_source(source, law, share, mechanisms, seed: int, progress: Progress) -
 def _start_chain(
     chain_store: Checkpoint, density: PosteriorDensity, start, fit: Fit, sampler: str, seed: int
 ) -> tuple[PosteriorDensity, GaussianApproximation, Arrays]:
-    """The density, its ball and the sampler's first state: as saved, or found and saved."""
+    """Return the density, its Gaussian approximation and the sampler's initial state; save them if new."""
     saved = chain_store.read_start()
     if saved is not None:
         gaussian = GaussianApproximation(jnp.asarray(saved.pop("centre")), jnp.asarray(saved.pop("root")))
@@ -136,7 +136,7 @@ def _start_chain(
 
 
 def refine_gaussian(sampler: Sampler, seed: int) -> GaussianApproximation:
-    """The ball of one chunk of a first walk: where the posterior is skew, its middle is not its top."""
+    """Return the Gaussian with mean and covariance of a pilot run; in a skewed posterior the mode differs."""
     gaussian = sampler.gaussian
     x = sampler.advance(sampler.draw_start(seed))[0]["x"][sampler.chunk // 2 :].reshape(
         -1, gaussian.centre.size

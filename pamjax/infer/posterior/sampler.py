@@ -1,4 +1,4 @@
-"""A walk on a posterior: what every sampler is, and walking on until the chain is good enough."""
+"""Base class of samplers, and the loop that runs one until it converges."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from pamjax.infer.posterior.laplace import GaussianApproximation
 from pamjax.infer.posterior.log_density import PosteriorDensity
 from pamjax.progress import Progress
 
-#: Draws between two looks at the chain; saved together.
+#: Draws of one chunk; a chunk is saved as one file.
 DRAWS_PER_CHUNK = 50
-#: The chain is looked at when it has grown by this factor.
+#: Growth of the chain between two checks of convergence.
 CHECK_GROWTH_FACTOR = 1.2
 
 
 @dataclass(frozen=True)
 class Sampler(ABC):
-    """A sampler in the coordinates of a ball; its state is arrays that can be saved and resumed.
+    """A sampler in the coordinates of a Gaussian approximation; its state is a dict of arrays.
 
     Attributes:
-        density: where it walks.
-        gaussian: the coordinates.
+        density: the posterior density.
+        gaussian: the Gaussian approximation that defines the coordinates.
         chunk: draws of one `advance`.
-        needs_long_chain: whether emcee's advice on autocorrelation times is to be heeded.
+        needs_long_chain: whether a chain must have a minimum length in autocorrelation times.
     """
 
     density: PosteriorDensity
@@ -45,11 +45,11 @@ class Sampler(ABC):
 
     @abstractmethod
     def draw_start(self, seed: int) -> Arrays:
-        """The first state."""
+        """Return the initial state."""
 
     @abstractmethod
     def advance(self, state: Arrays) -> tuple[Arrays, Arrays]:
-        """`chunk` draws on: "x" (n, chains, p), "logp" and others (n, chains); and the new state."""
+        """Return `chunk` draws, "x" (n, chains, p), "logp" and others (n, chains), and the new state."""
 
 
 def run_sampler(
@@ -59,17 +59,24 @@ def run_sampler(
     targets: tuple[float, float, int],
     progress: Progress,
 ) -> tuple[list[Arrays], ConvergenceDiagnostics]:
-    """Walk on from what is saved until the chain is good enough, or as long as allowed.
+    """Return all chunks of draws, after continuing a saved chain until it converges or is too long.
 
     Args:
-        targets: effective samples and split-R̂ of every number, and draws of a chain at most.
+        sampler: the sampler.
+        checkpoint: the folder of the chain.
+        state: initial state, if no draws are saved.
+        targets: smallest effective sample size, largest split-R̂, and maximum draws of a chain.
+        progress: called with what is being done and the fraction done.
+
+    Returns:
+        the chunks of draws, and their convergence diagnostics.
     """
     ess, rhat, longest = targets
     draws, last = checkpoint.read_draws()
     state = last or state
     while True:
         if len(draws) in _schedule_checks(longest) or len(draws) * sampler.chunk >= longest:
-            # Looked at in the plain coordinates of the numbers.
+            # Convergence is checked in the unbounded coordinates u.
             convergence = compute_convergence(
                 np.asarray(sampler.gaussian(jnp.asarray(discard_burn_in(concatenate_chunks(draws, "x")))))
             )
@@ -93,7 +100,7 @@ def run_sampler(
 
 @functools.cache
 def _schedule_checks(longest: int) -> frozenset[int]:
-    """After how many chunks the chain is looked at: always the same, so that a resumed run ends alike."""
+    """Return the chunk counts at which convergence is checked; a resumed run has the same schedule."""
     checks = [2]
     while checks[-1] < longest:
         checks.append(max(checks[-1] + 1, int(CHECK_GROWTH_FACTOR * checks[-1])))
@@ -101,5 +108,5 @@ def _schedule_checks(longest: int) -> frozenset[int]:
 
 
 def concatenate_chunks(draws: list[Arrays], name: str) -> np.ndarray:
-    """One array of all chunks."""
+    """Return one array of all chunks, (n, ...)."""
     return np.concatenate([chunk[name] for chunk in draws])

@@ -1,1 +1,1 @@
-"""The numbers of a fit, their priors, and the arrays of a recording."""
+"""Free parameters of a fit, their priors, and the arrays of a recording."""

@@ -1,16 +1,16 @@
-"""The numbers a fit may move: names, limits, priors, and a smooth map from the whole real line.
+"""Free parameters of a fit: names, bounds, priors, and a smooth map from the real line.
 
-A fit works on plain numbers u without limits. Each named number is a smooth bounded image of its u,
+A fit works on unbounded coordinates u. Each parameter is a smooth bounded function of its u,
 
     value = low + (high − low) σ(z)            scale "linear"
     value = low (high/low)^σ(z)                scale "log"        z = z0 + u · width
 
-where z0 is its starting point and `width` makes a unit of u about one prior standard deviation (or a
-tenth, where there is no prior), so that every direction starts out equally long.
+where z0 is its starting point. `width` makes a unit of u about one prior standard deviation, or a tenth of
+the value or range without a prior. All coordinates so have similar scales.
 
-A number without a Gaussian prior is taken to be anywhere between its limits on its own scale. In z that
-is the density σ(z) (1 − σ(z)), whose logarithm joins the fit as the residual 2 sqrt(ln cosh(z/2)):
-next to nothing where the data speak, and enough to keep a number that they do not hold from running off.
+A parameter without a Gaussian prior has a uniform prior between its bounds, on its own scale. In z this
+is the density σ(z) (1 − σ(z)). Its logarithm enters the fit as the residual 2 sqrt(ln cosh(z/2)). It is
+negligible where the data determine the parameter, and otherwise prevents divergence to infinity.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ LIMIT_MARGIN = 0.01
 
 @dataclass(frozen=True)
 class FreeParameter:
-    """One number that a fit may move.
+    """One parameter that a fit estimates.
 
     Attributes:
         name: as in muscle.toml; unique in its space.
-        meaning: unit, limits, scale.
-        start: where the fit starts, SI.
+        meaning: unit, bounds, scale.
+        start: starting value of the fit, SI.
         sd: standard deviation of its Gaussian prior around `start`, SI; infinite for none.
     """
 
@@ -61,13 +61,13 @@ class FreeParameter:
 
 
 class ParameterSpace(eqx.Module):
-    """All numbers a fit may move, in order; an array program with static names.
+    """All free parameters of a fit, in order; a pytree with static names.
 
     Attributes:
         names: (p,) names.
-        log_scale: (p,) whether a number moves on a logarithmic scale.
-        low, high: (p,) limits, SI.
-        mean, sd: (p,) Gaussian prior, SI; sd infinite where there is none.
+        log_scale: (p,) whether a parameter has a logarithmic scale.
+        low, high: (p,) bounds, SI.
+        mean, sd: (p,) Gaussian prior, SI; sd is infinite for a uniform prior.
         origin, width: (p,) the map from u to z.
     """
 
@@ -85,7 +85,7 @@ class ParameterSpace(eqx.Module):
         return len(self.names)
 
     def _compute_relative_position(self, value: Array) -> Array:
-        """Where a value sits between its limits on its own scale, in (0, 1)."""
+        """Return the position of a value between its bounds, on its own scale, in (0, 1)."""
         log = jnp.array(self.log_scale)
         safe = jnp.where(log, value, 1.0)
         low, high = jnp.where(log, self.low, 1.0), jnp.where(log, self.high, 2.0)
@@ -93,33 +93,33 @@ class ParameterSpace(eqx.Module):
         return jnp.where(log, jnp.log(safe / low) / jnp.log(high / low), straight)
 
     def to_values(self, u: Float[Array, " p"]) -> Float[Array, " p"]:
-        """Values, SI, of a point of the real line."""
+        """Return the values, SI, at coordinates u."""
         share = jax.nn.sigmoid(self.origin + u * self.width)
         log = jnp.array(self.log_scale)
         low, high = jnp.where(log, self.low, 1.0), jnp.where(log, self.high, 2.0)
         return jnp.where(log, low * (high / low) ** share, self.low + (self.high - self.low) * share)
 
     def to_named_values(self, u: Float[Array, " p"]) -> dict[str, Array]:
-        """Values by name."""
+        """Return the values by name, SI."""
         return dict(zip(self.names, self.to_values(u), strict=True))
 
     def to_point(self, values: Mapping[str, float]) -> Float[Array, " p"]:
-        """The point of the real line at which the values are these."""
+        """Return the coordinates u of given values, SI."""
         wanted = jnp.array([values[n] for n in self.names], dtype=float)
         share = jnp.clip(self._compute_relative_position(wanted), 1e-9, 1 - 1e-9)
         return (jax.scipy.special.logit(share) - self.origin) / self.width
 
     def compute_prior_residual(self, u: Float[Array, " p"]) -> Float[Array, " p"]:
-        """(value − mean) / sd of every number, or what stands for it where any value is as likely."""
+        """Return (value − mean) / sd of every parameter, or the residual of its uniform prior."""
         gaussian = (self.to_values(u) - self.mean) / self.sd
         return jnp.where(
             jnp.isfinite(self.sd), gaussian, _compute_uniform_residual(self.origin + u * self.width)
         )
 
     def compute_log_prior(self, u: Float[Array, " p"]) -> Array:
-        """Logarithm of the prior density of u, up to the constant that the limits cut off a Gaussian.
+        """Return the log prior density of u, without the normalisation of truncated Gaussians.
 
-        A residual says how unlikely a value is; a density in u needs d value / d u beside it.
+        A density in u has the factor d value / d u.
         """
         z = self.origin + u * self.width
         log_share = jax.nn.log_sigmoid(z) + jax.nn.log_sigmoid(-z) + jnp.log(jnp.abs(self.width))
@@ -133,29 +133,29 @@ class ParameterSpace(eqx.Module):
         return jnp.sum(jnp.where(known, gaussian + log_slope, log_share))
 
     def take_first(self, count: int) -> ParameterSpace:
-        """The first numbers alone."""
+        """Return the space of the first parameters."""
         arrays = (a[:count] for a in (self.low, self.high, self.mean, self.sd, self.origin, self.width))
         return ParameterSpace(self.names[:count], self.log_scale[:count], *arrays)
 
     def move_inside_limits(self, u: Float[Array, " p"]) -> Float[Array, " p"]:
-        """A point to start from: a number at, or beyond, a limit goes back to where it began.
+        """Return u with every parameter at its bound reset to its starting value.
 
-        There the map is so flat that nothing would bring it back.
+        At a bound the slope of the map is almost zero, and the minimiser would not leave it.
         """
         return jnp.where(np.isin(self.names, self.find_names_at_limit(u)), 0.0, u)
 
     def find_names_at_limit(self, u: Float[Array, " p"]) -> list[str]:
-        """Names that sit at one of their limits."""
+        """Return the names of the parameters at one of their bounds."""
         share = np.asarray(self._compute_relative_position(self.to_values(u)))
         stuck = (share < LIMIT_MARGIN) | (share > 1 - LIMIT_MARGIN)
         return [n for n, s in zip(self.names, stuck, strict=True) if s]
 
 
 def build_space(parameters: Sequence[FreeParameter]) -> ParameterSpace:
-    """A space of free numbers.
+    """Return the space of free parameters.
 
     Raises:
-        BadInput: if two share a name.
+        BadInput: if two have the same name.
     """
     names = tuple(n.name for n in parameters)
     for name in names:
@@ -178,7 +178,7 @@ def build_space(parameters: Sequence[FreeParameter]) -> ParameterSpace:
 
 
 def _compute_uniform_residual(z: Array) -> Array:
-    """2 sqrt(ln cosh(z/2)) with the sign of z: half its square is −ln of the density, up to a constant."""
+    """Return sign(z) 2 sqrt(ln cosh(z/2)): half its square is −ln of the density, up to a constant."""
     small = jnp.abs(z) < 1e-2
     safe = jnp.where(small, 1.0, jnp.abs(z))
     # ln cosh y = y + ln(1 + e^(−2y)) − ln 2; for small y its series y²/2 − y⁴/12.
@@ -187,7 +187,7 @@ def _compute_uniform_residual(z: Array) -> Array:
 
 
 def _compute_position_and_rate(start, low, high, log):
-    """Position of the start between its limits, and d value / d position there."""
+    """Return the position of the start between its bounds, and d value / d position there."""
     safe_low, safe_high = np.where(log, low, 1.0), np.where(log, high, 2.0)
     ratio = np.log(safe_high / safe_low)
     share = np.where(log, np.log(np.where(log, start, 1.0) / safe_low) / ratio, (start - low) / (high - low))

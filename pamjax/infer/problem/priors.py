@@ -1,4 +1,4 @@
-"""What is believed of a muscle before it is fitted: numbers from muscle.toml, and where the rest start."""
+"""Priors of a muscle's parameters: stated values from muscle.toml, and starting values of the others."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ DEFAULT_BORE_SHARE, DEFAULT_WALL_SHARE = 0.75, 0.08
 
 
 def is_length_error(name: str) -> bool:
-    """Whether a number is the error of one length setting, by its name in a space."""
+    """Return whether a parameter is the error of one length setting, by its name."""
     return name.rpartition("/")[2].startswith(LENGTH_ERROR_PREFIX)
 
 
 def collect_stated_values(entry: MuscleToml, law: str) -> dict[str, MeasuredValue]:
-    """What muscle.toml says about the numbers that this law needs, SI."""
+    """Return the values that muscle.toml states for the parameters of this law, SI."""
     values = {
         "muscle.rest_length": entry.rest_length,
         "muscle.thread_length": entry.thread_length,
@@ -66,12 +66,12 @@ def collect_stated_values(entry: MuscleToml, law: str) -> dict[str, MeasuredValu
 
 
 def _guess_stiffness(entry: MuscleToml) -> float:
-    """A start for unknown threads: stiff enough that the muscle is far from bursting."""
+    """Return a starting value for unknown threads: stiff enough that the muscle is far from bursting."""
     return 1e5 * (entry.rest_length.value / 0.2) ** 2
 
 
 def list_free_parameters(case: Case, law: str, mechanisms: Sequence[str] = ()) -> list[FreeParameter]:
-    """The numbers of a case that a fit may move: all that were measured with an error, or not at all."""
+    """Return the free parameters of a case: those that are stated with an sd, or not stated."""
     numbers = [
         FreeParameter(name, find_meaning(name), m.value, m.sd)
         for name, m in (
@@ -90,7 +90,7 @@ def list_free_parameters(case: Case, law: str, mechanisms: Sequence[str] = ()) -
 
 
 def collect_mechanism_values(entry: MuscleToml, ids: Sequence[str]) -> dict[str, MeasuredValue]:
-    """What is known of the mechanisms' numbers before a fit, SI: from muscle.toml, or a place to start."""
+    """Return prior or starting values of the mechanisms' parameters, SI."""
     known = estimate_tube_sizes(entry) | _read_bladder_modulus(entry)
     return {
         name: known[name.rpartition(".")[2]]
@@ -101,7 +101,7 @@ def collect_mechanism_values(entry: MuscleToml, ids: Sequence[str]) -> dict[str,
 
 
 def estimate_tube_sizes(entry: MuscleToml) -> dict[str, MeasuredValue]:
-    """Sizes of the rubber tube and of the fittings, as stated, or what is usual beside the braid."""
+    """Return dimensions of the rubber tube and the fittings: stated values, or usual ones for the braid."""
     thread, turns = entry.braid
     rest = entry.rest_length.value
     outer = math.sqrt(max(thread**2 - rest**2, 0.0)) / (math.pi * turns)
@@ -121,7 +121,7 @@ def estimate_tube_sizes(entry: MuscleToml) -> dict[str, MeasuredValue]:
 
 
 def _read_bladder_modulus(entry: MuscleToml) -> dict[str, MeasuredValue]:
-    """Shear modulus of the rubber: the lab states Young's, three times as large in incompressible rubber."""
+    """Return the shear modulus of the rubber: a third of Young's modulus for incompressible rubber."""
     if entry.bladder is None or entry.bladder.modulus is None:
         return {}
     young = entry.bladder.modulus
@@ -129,12 +129,12 @@ def _read_bladder_modulus(entry: MuscleToml) -> dict[str, MeasuredValue]:
 
 
 def _choose_start_value(about: Meaning, kind: type, field: str) -> float:
-    """Where a number starts when nothing is known: at its default, or a little inside its limits."""
+    """Return the starting value of a parameter without a stated value: its default, inside its bounds."""
     default = float(getattr(kind(), field))
     reach = 0.05 * (about.high - about.low)
     return min(max(default, about.low + reach), about.high - reach) if about.scale == "linear" else default
 
 
 def _has_no_effect(name: str, entry: MuscleToml) -> bool:
-    """Whether a number acts on nothing: rest length only names the contraction of a counted braid."""
+    """Return whether a parameter has no effect: rest length, if the thread length is stated."""
     return name == "muscle.rest_length" and entry.thread_length is not None

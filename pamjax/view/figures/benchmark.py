@@ -1,9 +1,9 @@
-"""Figures of a proof: p-values where nothing is, and what was recovered where something is.
+"""Figures of a benchmark: p-values without a concealed effect, and recovery of concealed effects.
 
-| figure          | question                                                                       |
-|-----------------|--------------------------------------------------------------------------------|
-| `plot_null`   | are p-values uniform where nothing is concealed?                                |
-| `plot_proof`  | what is named, invented, covered, predicted and located, for which effect size? |
+| figure       | question                                                                              |
+|--------------|---------------------------------------------------------------------------------------|
+| `plot_null`  | are p-values uniform without a concealed effect?                                      |
+| `plot_proof` | how well are effects identified, quantified, predicted and located, by effect size?   |
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ CORRELATION_COLOURS = (OKABE_ITO["sky"], OKABE_ITO["blue"], OKABE_ITO["black"])
 
 
 def plot_null(trials: Sequence[Trial]) -> Figure | None:
-    """Observed against expected p-values, stage by stage and correlation by correlation; None without any."""
+    """Return observed against expected p-values, a panel per stage and correlation; None without trials."""
     null_trials = [trial for trial in trials if trial.kind == "nothing" and not trial.error]
     groups = list(dict.fromkeys((trial.stage, trial.correlation) for trial in null_trials))
     if not groups:
@@ -77,7 +77,7 @@ def _plot_quantiles(panel: Panel, p_values: Sequence[float]) -> None:
 
 
 def plot_proof(trials: Sequence[Trial]) -> Figure | None:
-    """Six panels; None where nothing was concealed."""
+    """Return six panels on recovery, or None if no effect was concealed."""
     full_trials = [trial for trial in trials if trial.stage == "all" and not trial.error]
     effect_trials = [trial for trial in full_trials if trial.kind in ("single", "pair", "triple")]
     if not effect_trials:

@@ -1,13 +1,13 @@
-"""Figures of a diagnosis: one question each, its answer in the title.
+"""Figures of a diagnosis: one question each, with its answer in the title.
 
-| figure              | question                                                             |
-|---------------------|----------------------------------------------------------------------|
-| `plot_map`             | where is the baseline wrong? (in `mismatch_map`)                     |
-| `plot_loops`           | do loops lie on the measured ones with names? (in `diagnosis_loops`) |
-| `plot_left_out`        | is what the baseline leaves what the names add? (there too)          |
-| `plot_held_out_scores` | are blocks that no fit has seen predicted down to their noise?       |
-| `plot_candidates`      | how much worse does another mechanism fit in a name's place?         |
-| `plot_shifts`          | which of the baseline's numbers had swallowed the effect?            |
+| figure                 | question                                                                      |
+|------------------------|-------------------------------------------------------------------------------|
+| `plot_map`             | where does the baseline model not fit? (in `mismatch_map`)                    |
+| `plot_loops`           | do the predicted loops match the measured ones? (in `diagnosis_loops`)        |
+| `plot_left_out`        | do the identified mechanisms explain the residuals? (in `diagnosis_loops`)    |
+| `plot_held_out_scores` | is the error of held-out blocks as small as the noise?                        |
+| `plot_candidates`      | how much worse do other mechanisms fit in place of an identified one?         |
+| `plot_shifts`          | which baseline parameters were biased by the missing physics?                 |
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ BASELINE_MARK_COLOUR, NAMED_COLOUR = OKABE_ITO["vermilion"], OKABE_ITO["blue"]
 
 
 def plot_held_out_scores(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
-    """Misfit of each held-out block before and after, beside the noise; None where none was held out."""
+    """Return the error of each held-out block before and after, or None if no block was held out."""
     channels = list(diagnosis.gain.rmse_before)
     if not channels:
         return None
@@ -114,7 +114,7 @@ def _plot_scores(panel: Panel, diagnosis: Diagnosis, channel: str, block_names: 
 
 
 def plot_candidates(diagnosis: Diagnosis, mechanism: NamedMechanism, narrow: bool = False) -> Figure:
-    """How much χ² is lost when another mechanism takes a name's place, or nothing does."""
+    """Return the increase of χ² if another mechanism, or none, replaces an identified mechanism."""
     rivals = sorted(mechanism.rival_chi2_increase.items(), key=lambda pair: pair[1])[:MAX_RIVALS]
     labels = [*(id for id, _ in rivals), "nothing"]
     losses = np.array([*(loss for _, loss in rivals), mechanism.chi2_increase])
@@ -142,7 +142,7 @@ def plot_candidates(diagnosis: Diagnosis, mechanism: NamedMechanism, narrow: boo
 
 
 def format_rivalry(mechanism: NamedMechanism) -> str:
-    """The finding: what comes closest to a name, and by how much it is worse."""
+    """Return the finding: the closest rival mechanism, and how much worse it fits."""
     if mechanism.indistinguishable:
         return f"{', '.join(mechanism.indistinguishable)} fits this recording as well as {mechanism.id}"
     if not mechanism.rival_chi2_increase:
@@ -156,7 +156,7 @@ def format_rivalry(mechanism: NamedMechanism) -> str:
 
 
 def plot_shifts(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
-    """By how many of its sd each of the baseline's numbers moves once names are in; None without one."""
+    """Return the shift of each baseline parameter in its sd, or None without an identified mechanism."""
     if not diagnosis.parameter_shifts:
         return None
     numbers = sorted(diagnosis.parameter_shifts.items(), key=lambda pair: -abs(pair[1].shift))[:MAX_NUMBERS]
@@ -181,7 +181,7 @@ def plot_shifts(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
 
 
 def format_shifts(diagnosis: Diagnosis) -> str:
-    """The finding: how many of the baseline's numbers were biased, and which most."""
+    """Return the finding: how many baseline parameters were biased, and which one most."""
     biased_names = [name for name, shift in diagnosis.parameter_shifts.items() if abs(shift.shift) > 1]
     if not biased_names:
         return "None of the baseline's numbers had swallowed the effect: all stay within 1 sd"
@@ -194,7 +194,7 @@ def format_shifts(diagnosis: Diagnosis) -> str:
 
 
 def _format_three_digits(value: float) -> str:
-    """Three digits, with thin thousands: 12 300."""
+    """Return a value with three digits and thin spaces between thousands, such as 12 300."""
     if not 1 <= abs(value) < 1e9:
         return f"{value:.3g}"
     decimals = max(0, 2 - math.floor(math.log10(abs(value)))) if abs(value) < 100 else 0

@@ -1,4 +1,4 @@
-"""Loops of a diagnosis: measured beside predicted, and what the baseline leaves beside what names add."""
+"""Loop figures of a diagnosis: measured and predicted loops, residuals and contribution of mechanisms."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ MAX_LOOPS, MAX_LOOP_POINTS = 4, 120
 
 
 def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
-    """Measured beside predicted at a few settings, without and with what was named.
+    """Return measured and predicted loops at a few settings, without and with the identified mechanisms.
 
-    A held-out setting is among them where there is one; every prediction is by fits that never saw it.
+    One setting is a held-out one, if there is any. Held-out blocks are predicted by fits without them.
     """
     row_layout, channel_index = _select_settings(diagnosis), find_main_channel(diagnosis)
     predictions = [("the baseline", diagnosis.gain.before)]
@@ -67,7 +67,7 @@ def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
 
 
 def _select_settings(diagnosis: Diagnosis) -> Layout:
-    """The layout of a few settings: the outer ones, some between, and a held-out one."""
+    """Return the layout of a few settings: the outer ones, some between, and a held-out one."""
     whole_layout = build_layout(diagnosis.problem.case)
     setting_count = len(whole_layout.names)
     if setting_count <= MAX_LOOPS:
@@ -113,7 +113,7 @@ def _plot_loops(
 
 
 def plot_left_out(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
-    """Measured − baseline as points, named − baseline as a line, a panel a setting; None without a name."""
+    """Return residuals and the mechanisms' contribution, a panel per setting; None without a mechanism."""
     if not diagnosis.named_mechanisms:
         return None
     row_layout, channel_index = _select_settings(diagnosis), find_main_channel(diagnosis)
@@ -174,7 +174,7 @@ def plot_left_out(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
 
 
 def format_resemblance(diagnosis: Diagnosis, residual: np.ndarray, correction: np.ndarray) -> str:
-    """The finding: how much of what the baseline leaves is what the names add."""
+    """Return the finding: the share of the residuals' variance that the mechanisms explain."""
     explained_fraction = 1 - np.nanmean((residual - correction) ** 2) / np.nanmean(residual**2)
     names = " and ".join(name.id for name in diagnosis.named_mechanisms)
     verb = "adds" if len(diagnosis.named_mechanisms) == 1 else "add"
@@ -185,11 +185,11 @@ def format_resemblance(diagnosis: Diagnosis, residual: np.ndarray, correction: n
 
 
 def compute_rms(misfit: np.ndarray) -> float:
-    """Root mean square of what was measured; NaN where nothing was."""
+    """Return the root mean square of the finite values, or NaN if there are none."""
     misfit = misfit[np.isfinite(misfit)]
     return float(np.sqrt(np.mean(misfit**2))) if misfit.size else math.nan
 
 
 def format_channel_value(value: float, channel: str) -> str:
-    """A channel's SI value as a person reads it."""
+    """Return an SI value of a channel in its display unit."""
     return f"{to_display(channel, value):.3g} {DISPLAY_UNIT[channel]}"

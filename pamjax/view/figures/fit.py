@@ -1,11 +1,11 @@
-"""Figures of a fit: one question each, its answer in the title.
+"""Figures of a fit: one question each, with its answer in the title.
 
-| figure                | question                                                         |
-|-----------------------|------------------------------------------------------------------|
-| `plot_prediction`   | does the fitted muscle show what was measured?                   |
-| `plot_residual`     | where does it miss, and is that more than noise?                 |
-| `plot_held_out`     | how much worse is it where it did not look?                      |
-| `plot_prior`        | what did the recording teach beyond what was known before?       |
+| figure            | question                                                    |
+|-------------------|-------------------------------------------------------------|
+| `plot_prediction` | does the fitted model predict the measured values?          |
+| `plot_residual`   | where is the misfit, and does it exceed the noise?          |
+| `plot_held_out`   | how much larger is the misfit of held-out blocks?           |
+| `plot_prior`      | how much did the recording change the prior?                |
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ MAX_CLEAR_POINTS = 200
 
 
 def plot_prediction(case_fit: CaseFit, narrow: bool = False) -> Figure:
-    """Measured points beside the fitted muscle's lines, a panel a channel; one below another if narrow."""
+    """Return measured points and the fitted model's lines, a panel per channel, stacked if narrow."""
     row_layout, channels = build_layout(case_fit.case), case_fit.case.recording.channels
     with apply_theme():
         drawing, panels = create_panels(len(channels), narrow)
@@ -106,7 +106,7 @@ def _plot_points_and_lines(panel: Axes, case_fit: CaseFit, row_layout: Layout, c
 
 
 def create_panels(count: int, narrow: bool, height: float = 3.4, **shared: Any) -> tuple[Figure, list[Axes]]:
-    """Panels beside one another, or one below another where there is no room."""
+    """Return a figure with panels side by side, or stacked if narrow."""
     if narrow:
         drawing = create_figure(SINGLE_COLUMN, 0.4 + 0.85 * height * count)
         return drawing, list(drawing.subplots(count, 1, squeeze=False, **shared)[:, 0])
@@ -115,14 +115,14 @@ def create_panels(count: int, narrow: bool, height: float = 3.4, **shared: Any) 
 
 
 def _choose_point_style(measured_rows: np.ndarray) -> dict[str, Any]:
-    """How a measured point looks: firm and above the lines where there are few, else part of a cloud."""
+    """Return the style of measured points: large and above the lines if they are few."""
     is_sparse = measured_rows.sum() <= MAX_CLEAR_POINTS
     shape = {"ms": 4, "zorder": 4} if is_sparse else {"ms": 2.3, "alpha": 0.5}
     return {"marker": "o", "ls": "none", "mew": 0, **shape}
 
 
 def format_misfit_title(case_fit: CaseFit, channel: str) -> str:
-    """The finding: by how much a channel is missed, against its noise or its largest value."""
+    """Return the finding: a channel's misfit relative to its noise, or to its largest value."""
     noise, rmse_text = case_fit.noise[channel], f"{_format_channel_size(case_fit.rmse[channel], channel)} rms"
     if not noise.stated:
         largest = np.nanmax(np.abs(getattr(case_fit.case.recording, channel)))
@@ -142,7 +142,7 @@ def _format_channel_size(value: float, channel: str) -> str:
 
 
 def plot_residual(case_fit: CaseFit, narrow: bool = False) -> Figure:
-    """Measured − model over contraction, pressure and time, beside the band that noise would fill."""
+    """Return measured − model over contraction, pressure and time, with the noise band."""
     row_layout, channels, columns = (
         build_layout(case_fit.case),
         case_fit.case.recording.channels,
@@ -171,7 +171,7 @@ def plot_residual(case_fit: CaseFit, narrow: bool = False) -> Figure:
 
 
 def _compute_residual(case_fit: CaseFit, channel: str) -> np.ndarray:
-    """(n,) measured − model in the unit of the figure."""
+    """Return measured − model in the display unit, (n,)."""
     misfit = getattr(case_fit.case.recording, channel) - case_fit.prediction[channel]
     return np.where(case_fit.case.recording.usable, misfit, np.nan) / compute_si_factor(DISPLAY_UNIT[channel])
 
@@ -191,7 +191,7 @@ def _plot_residuals(panel: Axes, case_fit: CaseFit, row_layout: Layout, channel:
 
 
 def format_outliers(case_fit: CaseFit, channel: str) -> str:
-    """The finding: how many samples noise does not explain, or the largest miss where none was stated."""
+    """Return the finding: the share of samples beyond noise, or the largest misfit without stated noise."""
     noise, misfit = case_fit.noise[channel], np.abs(_compute_residual(case_fit, channel))
     if not noise.stated:
         row = int(np.nanargmax(misfit))
@@ -208,7 +208,7 @@ def format_outliers(case_fit: CaseFit, channel: str) -> str:
 
 
 def plot_held_out(case_fit: CaseFit, narrow: bool = False) -> Figure:
-    """Misfit of every block, in the fit that saw it and in the one that did not.
+    """Return the misfit of every block, in the fit that includes it and in the fit without it.
 
     Raises:
         BadInput: if no block was held out.
@@ -234,7 +234,7 @@ def plot_held_out(case_fit: CaseFit, narrow: bool = False) -> Figure:
 
 
 def _order_blocks(case_fit: CaseFit) -> list[str]:
-    """Names of the blocks with a measured row, by their setting where they are one, else by time."""
+    """Return the blocks with a measured row, sorted by setting if they have one, else by time."""
     assert case_fit.held_out is not None
     recording, label = case_fit.case.recording, np.array(case_fit.block)
     measured = np.isfinite(recording.force) | np.isfinite(recording.diameter)
@@ -271,7 +271,7 @@ def _compute_rms(misfit: np.ndarray) -> float:
 
 
 def format_generalisation(case_fit: CaseFit, channel: str) -> str:
-    """The finding: how much a channel loses where the fit did not look."""
+    """Return the finding: how much larger a channel's held-out error is than its fitted misfit."""
     assert case_fit.held_out is not None
     seen_rmse, held_out_rmse = case_fit.rmse[channel], case_fit.held_out.rmse[channel]
     head = (
@@ -288,7 +288,7 @@ def format_generalisation(case_fit: CaseFit, channel: str) -> str:
 
 
 def plot_prior(fit: Fit, narrow: bool = False) -> Figure | None:
-    """What was known before and what the fit says, on the scale of the prior; None where none was stated."""
+    """Return prior and estimate of each parameter in sd of the prior; None if no prior was stated."""
     estimates = select_with_prior(fit)
     names = list(estimates)
     if not names:
@@ -321,12 +321,12 @@ def plot_prior(fit: Fit, narrow: bool = False) -> Figure | None:
 
 
 def select_with_prior(fit: Fit) -> dict[str, Estimate]:
-    """The numbers of which something was believed before."""
+    """Return the estimates with a finite prior standard deviation."""
     return {name: estimate for name, estimate in fit.estimates.items() if math.isfinite(estimate.prior_sd)}
 
 
 def _plot_estimate(panel: Axes, y: int, estimate: Estimate) -> None:
-    """One row: the estimate in prior sd, and its value in words at the right margin."""
+    """Draw one row: the estimate in sd of the prior, and its value as text at the right margin."""
     text = format_estimate(estimate.value, estimate.sd, estimate.meaning.show)
     shift = (estimate.value - estimate.prior) / estimate.prior_sd
     if estimate.sd is None:
@@ -344,7 +344,7 @@ def _plot_estimate(panel: Axes, y: int, estimate: Estimate) -> None:
 
 
 def format_learned(fit: Fit) -> str:
-    """The finding: how many numbers with a prior the recording pinned down, and which moved farthest."""
+    """Return the finding: how many priors the recording halves, and the largest shift."""
     estimates = select_with_prior(fit)
     pinned_count = sum(estimate.shrinkage > 0.5 for estimate in estimates.values())
     group = "numbers" if len(estimates) == len(fit.estimates) else "numbers that had a prior"
@@ -359,10 +359,10 @@ def format_learned(fit: Fit) -> str:
 
 
 def save_fit_figures(fit: Fit, folder: Path) -> list[Path]:
-    """Draw every figure that a fit has an answer for; each as PNG.
+    """Write every figure of a fit as PNG.
 
     Returns:
-        the PNG files, the prior's first, with the case's name before the figure's where there are several.
+        the PNG files, the prior's first; with several cases, names begin with the case's name.
     """
     prior_drawing = plot_prior(fit)
     if prior_drawing is None:

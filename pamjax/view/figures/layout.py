@@ -1,4 +1,4 @@
-"""How the rows of a case lie on paper: over what they run, and which of them share a colour."""
+"""Layout of a case's rows in a figure: the horizontal axis, and the groups that share a colour."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ from pamjax.view.theme import (
     build_shades,
 )
 
-#: Lengths are told apart by kinds of colour up to this number, then by shades.
+#: Largest number of lengths with different hues; more lengths have shades of one hue.
 MAX_LENGTH_COLOURS = 7
-#: A panel is a grid of this many cells; what falls into one cell would hide itself and is drawn once.
+#: Cells of a panel along x and y. One point per cell is drawn.
 GRID_CELLS = (160, 100)
-#: A model's line has at most this many points a group.
+#: Largest number of points of a model's line in a group.
 MAX_LINE_POINTS = 400
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """The rows of a case on paper.
+    """Layout of the rows of a case in a figure.
 
     Attributes:
-        x: (n,) what the rows run over, in the unit of its label.
+        x: (n,) horizontal coordinate of the rows, in the unit of its label.
         xlabel: with unit.
         group: (n,) index of the rows that share a colour and a line; -1 for rows that are not drawn.
         names: of the groups.
         colours: of the groups.
         isobars: pressures of the groups, kPa, where they are isobars; else empty.
-        connected: whether a line may join the model's points of a group.
+        connected: whether a line may connect the model's points of a group.
     """
 
     x: np.ndarray
@@ -55,7 +55,7 @@ class Layout:
 
 
 def select_axes(case: Case) -> dict[str, np.ndarray]:
-    """(n,) by label: contraction, pressure and time in the units of a figure, where they vary."""
+    """Return contraction, pressure and time in display units, (n,) each by label, if they vary."""
     recording = case.recording
     columns = {
         "contraction [%]": 100 * (1 - recording.length / case.entry.rest_length.value),
@@ -68,7 +68,7 @@ def select_axes(case: Case) -> dict[str, np.ndarray]:
 
 
 def build_layout(case: Case) -> Layout:
-    """Isobars over contraction, lengths over pressure, everything else over time (or pressure)."""
+    """Return the layout: isobars over contraction, lengths over pressure, others over time or pressure."""
     recording, columns = case.recording, select_axes(case)
     lengths, isobars = find_levels(recording.length), find_levels(recording.pressure)
     kind = find_blocks(recording).kind
@@ -86,7 +86,7 @@ def build_layout(case: Case) -> Layout:
 
 
 def _assemble_layout(case, xlabel, group, names, isobars=(), connected=True) -> Layout:
-    """A layout without the rows that cannot be drawn and the groups that have no measured row."""
+    """Return a layout without unusable rows and without groups that have no measured row."""
     recording = case.recording
     measured = np.isfinite(recording.force) | np.isfinite(recording.diameter)
     group = np.where(recording.usable & measured, group, -1)
@@ -112,7 +112,7 @@ def _choose_colours(count: int, isobars: tuple[float, ...]) -> tuple[ColorType, 
 
 
 def add_key(figure: Figure, axes: list[Axes], layout: Layout, *marks: Line2D) -> None:
-    """Say what the marks are, and which colour is which isobar or length."""
+    """Add a legend of the marks, and a key of the isobars' or lengths' colours."""
     figure.legend(handles=list(marks), loc="outside lower center", ncols=len(marks))
     if len(layout.isobars) > 1:
         add_pressure_bar(axes, layout.isobars)
@@ -123,12 +123,12 @@ def add_key(figure: Figure, axes: list[Axes], layout: Layout, *marks: Line2D) ->
 
 
 def create_mark(label: str, **style) -> Line2D:
-    """One entry of a key, in a colour that belongs to no group."""
+    """Return one legend entry in a colour that no group has."""
     return Line2D([], [], **{"color": REFERENCE_COLOUR, "ls": "none", **style, "label": label})
 
 
 def thin_points(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Indices of the first point in each cell of a grid over all points; blanks are left out."""
+    """Return indices of the first point in each cell of a grid over all points, without blanks."""
     finite_rows = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
     cells = np.zeros(finite_rows.size, dtype=int)
     for values, count in zip((x[finite_rows], y[finite_rows]), GRID_CELLS, strict=True):
@@ -141,10 +141,13 @@ def thin_points(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def iterate_lines(case: Case, layout: Layout, group: int, measured_rows: np.ndarray) -> Iterator[np.ndarray]:
-    """Indices of the rows along each line of a group: in time, broken at pauses; or along x.
+    """Yield the rows' indices along each line of a group: in time between gaps, or along x.
 
     Args:
-        measured_rows: (n,) bool, rows where the channel was measured.
+        case: the case.
+        layout: the layout of its rows.
+        group: index of the group.
+        measured_rows: (n,) bool, rows with a measured value of the channel.
     """
     recording = case.recording
     rows = np.flatnonzero((layout.group == group) & measured_rows)

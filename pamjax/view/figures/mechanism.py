@@ -1,4 +1,4 @@
-"""A figure of one mechanism: what it does to the article's muscle, as change of what the bench shows."""
+"""Figure of one mechanism: its effect on the force and diameter of the article's muscle."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ LENGTH_COLOURS = tuple(OKABE_ITO[name] for name in ("blue", "orange", "purple"))
 
 
 def plot_mechanism(kind: type[AbstractMechanism]) -> Figure:
-    """Change of force and of diameter in strokes, the force itself, and change of force in ramps."""
+    """Return the change of force and diameter in strokes, the force, and the change of force in ramps."""
     strokes, ramps = simulate_demo(kind)
     levels = [pressure / 1e3 for pressure in DEMO_PRESSURES]
     colour_map, norm = build_pressure_colours(levels)
@@ -67,7 +67,7 @@ def plot_mechanism(kind: type[AbstractMechanism]) -> Figure:
 
 
 def _build_key(colours: Sequence[ColorType]) -> list[Line2D]:
-    """Three columns: what shades are, what kinds of colour are, what kinds of line are."""
+    """Return the legend entries in three columns: shades, hues, line styles."""
     isobars = [
         (f"{pressure / 1e3:.0f} kPa, in (a) to (c)", colour)
         for pressure, colour in zip(DEMO_PRESSURES, colours, strict=True)
@@ -109,7 +109,7 @@ def _plot_strokes(
 
 
 def _plot_force(panel: Axes, strokes: Sequence[DemoRun], colours: Sequence[ColorType]) -> None:
-    """Force against length in a cycle at constant pressure, with and without the mechanism."""
+    """Draw force against length in a cycle at constant pressure, with and without the mechanism."""
     for run, colour in zip(strokes, colours, strict=True):
         length = run.length / 1e-3
         panel.plot(
@@ -144,9 +144,9 @@ def _plot_ramps(panel: Axes, ramps: Sequence[DemoRun]) -> None:
 
 
 def _plot_path(panel: Axes, x, y, rising: np.ndarray, colour: ColorType) -> None:
-    """A line a half-cycle: dashed one way, drawn the other.
+    """Draw a line per half-cycle, dashed in one direction and solid in the other.
 
-    What comes again is drawn once, the last time: dashes would fill each other's gaps.
+    A repeated half-cycle is drawn once, because overlapping dashes fill each other's gaps.
     """
     for start in range(0, x.size, HALF_CYCLE_SAMPLES):
         if _repeats_later(y, start):
@@ -158,7 +158,7 @@ def _plot_path(panel: Axes, x, y, rising: np.ndarray, colour: ColorType) -> None
 
 
 def _repeats_later(y: np.ndarray, start: int) -> bool:
-    """Whether a half-cycle is the same a cycle later, but for the samples beside its turns."""
+    """Return whether a half-cycle is repeated one cycle later, except next to its turning points."""
     this_cycle, next_cycle = (
         y[row + 2 : row + HALF_CYCLE_SAMPLES - 1] for row in (start, start + 2 * HALF_CYCLE_SAMPLES)
     )
@@ -169,7 +169,7 @@ def _repeats_later(y: np.ndarray, start: int) -> bool:
 
 
 def _format_change_range(changes: Sequence[np.ndarray], channel: str) -> str:
-    """By how much, in words: the range of the change, and the widest loop."""
+    """Return the range of the change and the widest loop as text."""
     low, high = min(np.nanmin(change) for change in changes), max(np.nanmax(change) for change in changes)
     max_change = max(abs(low), abs(high))
     if max_change < NEGLIGIBLE_CHANGE[channel]:
@@ -196,7 +196,7 @@ def _format_change_range(changes: Sequence[np.ndarray], channel: str) -> str:
 
 
 def _format_change(value: float, channel: str) -> str:
-    """Two digits, with a sign, and no power of ten."""
+    """Return a value with two digits and a sign, without exponent."""
     if abs(value) < NEGLIGIBLE_CHANGE[channel]:
         return "0"
     digits = max(0, 1 - math.floor(math.log10(abs(value))))
@@ -204,7 +204,7 @@ def _format_change(value: float, channel: str) -> str:
 
 
 def _compute_loop_width(change: np.ndarray, cycle: int) -> float:
-    """Widest distance between the two ways of a cycle, at equal places."""
+    """Return the largest difference between the two directions of a cycle at equal positions."""
     start = 2 * HALF_CYCLE_SAMPLES * cycle
     forward, backward = (
         change[start : start + HALF_CYCLE_SAMPLES],
@@ -215,7 +215,7 @@ def _compute_loop_width(change: np.ndarray, cycle: int) -> float:
 
 
 def _set_vertical_range(panel: Axes, channel: str) -> None:
-    """No change is in sight, and a change of next to nothing is not magnified."""
+    """Draw the zero line, and set a minimum range, so that negligible changes are not magnified."""
     panel.axhline(0.0, color=REFERENCE_COLOUR, lw=0.5, zorder=0)
     low, high = panel.get_ylim()
     min_range = 10 * NEGLIGIBLE_CHANGE[channel]

@@ -1,9 +1,9 @@
-"""One bench trial for every mechanism: the article's muscle, with and without it.
+"""Simulated trial of one mechanism: the article's muscle with and without it.
 
-The muscle of Chambers & Wereley (Actuators 2022, 11, 219) with its threads of 80 GPa goes through strokes at
-three pressures, and is filled and vented at three lengths. The bench holds every mechanism of the library
-and all but one stand at their neutral values, so that every figure shares one compiled program; a textbook
-form, which is not in the library, has a small bench of its own.
+The muscle of Chambers & Wereley (Actuators 2022, 11, 219) with threads of 80 GPa makes strokes at three
+pressures, and is filled and vented at three lengths. The bench contains every mechanism of the library, all
+but one at their neutral values, so that all figures share one compiled program. A textbook form is not in
+the library and has a bench of its own.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ DEMO_THREAD_LENGTH, DEMO_TURNS, DEMO_REST_LENGTH, DEMO_COMPLIANCE = (
     1 / (144 * 0.0858e-6 * 80e9),
 )
 
-#: Of the strokes: pressures, Pa, and contraction; of the ramps: contractions, and the highest pressure, Pa.
+#: Strokes: pressures, Pa, and contraction. Ramps: contractions, and highest pressure, Pa.
 DEMO_PRESSURES, DEMO_STROKE = (150e3, 350e3, 690e3), 0.25
 DEMO_CONTRACTIONS, DEMO_MAX_PRESSURE = (0.0, 0.1, 0.2), 690e3
 
-#: Samples from one turn to the next, their distance, s, and cycles of a run. A stroke goes at 1.2 mm/s.
+#: Samples of a half-cycle, sampling interval, s, and cycles of a run. The stroke speed is 1.2 mm/s.
 HALF_CYCLE_SAMPLES, DEMO_TIME_STEP, DEMO_CYCLES = 100, 0.5, 2
 
-#: What is shown of each mechanism, SI: of the size that physics or practice gives a muscle of an inch.
+#: Parameters of each mechanism in its figure, SI: typical values of a muscle of 25 mm.
 DEMO_VALUES: dict[str, dict[str, float]] = {
     "braid_elasticity": {"compliance": DEMO_COMPLIANCE},
     "thread_crimp": {"crimp": 2e-3, "load": 1000.0},
@@ -68,11 +68,11 @@ DEMO_VALUES: dict[str, dict[str, float]] = {
 
 @dataclass(frozen=True, eq=False)
 class DemoRun:
-    """One of the runs of the trial, with and without the mechanism.
+    """One run of the trial, with and without the mechanism.
 
     Attributes:
         pressure, length: (n,) Pa and m.
-        rising: (n,) whether length, or in a ramp pressure, grows.
+        rising: (n,) whether length, or in a ramp pressure, increases.
         force, diameter: (n,) with the mechanism, N and m; NaN where there is no solution.
         bare_force, bare_diameter: (n,) without it.
     """
@@ -87,7 +87,7 @@ class DemoRun:
 
 
 def choose_demo_values(kind: type[AbstractMechanism]) -> dict[str, float]:
-    """The numbers at which a mechanism is shown: those of `DEMO_VALUES`, or a twentieth of the limits."""
+    """Return a mechanism's parameters: those of `DEMO_VALUES`, else 5 % from neutral to the upper limit."""
     if kind.id in DEMO_VALUES:
         return DEMO_VALUES[kind.id]
     meanings = list_field_meanings(kind).items()
@@ -99,7 +99,7 @@ def choose_demo_values(kind: type[AbstractMechanism]) -> dict[str, float]:
 
 
 def simulate_demo(kind: type[AbstractMechanism]) -> tuple[list[DemoRun], list[DemoRun]]:
-    """Strokes at each of `DEMO_PRESSURES`, and ramps at each of `DEMO_CONTRACTIONS`."""
+    """Return strokes at each of `DEMO_PRESSURES`, and ramps at each of `DEMO_CONTRACTIONS`."""
     pressure, length, _ = _build_schedule()
     demo_values = {f"{kind.id}.{name}": value for name, value in choose_demo_values(kind).items()}
     thread_values = {} if kind is BraidElasticity else {f"{BraidElasticity.id}.compliance": DEMO_COMPLIANCE}
@@ -163,5 +163,5 @@ def _build_bench(kinds: tuple[Any, ...]) -> Bench:
 
 
 def _set_bladder_lengths(bench: Bench) -> dict[str, float]:
-    """Every bladder is as long as the muscle at rest."""
+    """Return the lengths of all bladders, equal to the rest length."""
     return {path: DEMO_REST_LENGTH for path in list_meanings(bench) if path.endswith(".length")}

@@ -1,4 +1,4 @@
-"""The map of a mismatch: where a recording departs from its baseline, and the boxes that say so."""
+"""Map of a misfit: where a recording deviates from the baseline model, with the misfit's boxes."""
 
 from __future__ import annotations
 
@@ -36,7 +36,15 @@ COLOUR_QUANTILE = 0.98
 
 @dataclass(frozen=True, eq=False)
 class MapAxis:
-    """One axis of the map: its label, the rows' values, a box's limits' scale, and where cells end."""
+    """One axis of the map.
+
+    Attributes:
+        label: with display unit.
+        field: attribute of a box that has the box's limits on this axis.
+        scale: factor from SI to the display unit.
+        values: (n,) of the rows, in the display unit.
+        edges: (cells + 1,) limits of the cells, in the display unit.
+    """
 
     label: str
     field: str
@@ -45,14 +53,14 @@ class MapAxis:
     edges: np.ndarray
 
     def find_box_limits(self, box: Box) -> tuple[float, float]:
-        """From where to where a box reaches, at least a cell."""
+        """Return the limits of a box on this axis, at least one cell wide."""
         low, high = (self.scale * x for x in getattr(box, self.field))
         first, last = np.clip(np.searchsorted(self.edges, [low, high], "right"), 1, len(self.edges) - 1)
         return float(self.edges[first - 1]), float(self.edges[last])
 
 
 def compute_standard_residual(problem: LibraryProblem, candidate_fit: CandidateFit) -> np.ndarray:
-    """Measured − model in noise standard deviations, (2, n); NaN where nothing was measured."""
+    """Return measured − model in standard deviations of the noise, (2, n); NaN without a measurement."""
     misfit = problem.measured - problem.predict(candidate_fit.estimate.values)
     sd = [
         np.full(problem.n, np.nan) if channel_noise is None else channel_noise.sd
@@ -62,7 +70,7 @@ def compute_standard_residual(problem: LibraryProblem, candidate_fit: CandidateF
 
 
 def find_main_channel(diagnosis: Diagnosis) -> int:
-    """The channel that the first box speaks of, else the one that is missed by most."""
+    """Return the channel of the first box, else the channel with the largest misfit."""
     if diagnosis.detected and diagnosis.mismatch_boxes:
         return CHANNELS.index(diagnosis.mismatch_boxes[0].channel)
     square = compute_standard_residual(diagnosis.problem, diagnosis.baseline) ** 2
@@ -73,7 +81,7 @@ def find_main_channel(diagnosis: Diagnosis) -> int:
 
 
 def list_other_channels(diagnosis: Diagnosis) -> list[int]:
-    """The channels but the main one that a box speaks of."""
+    """Return the channels with a box, except the main channel."""
     located_channels = (
         {CHANNELS.index(box.channel) for box in diagnosis.mismatch_boxes} if diagnosis.detected else set()
     )
@@ -81,12 +89,12 @@ def list_other_channels(diagnosis: Diagnosis) -> list[int]:
 
 
 def plot_map(diagnosis: Diagnosis, channel: int | None = None, narrow: bool = False) -> Figure:
-    """Where the baseline is wrong: measured − baseline in noise sd over pressure and contraction.
+    """Return the map of measured − baseline in noise sd over pressure and contraction.
 
     Args:
         diagnosis: the diagnosis.
-        channel: 0 force, 1 diameter; the one with the largest share if left out.
-        narrow: for a column or a phone, with the panels below each other.
+        channel: 0 force, 1 diameter; the main channel if omitted.
+        narrow: draw for a column or a phone, with the panels below each other.
     """
     coordinates, channel_index = (
         build_axes(diagnosis.problem),
@@ -131,7 +139,7 @@ def plot_map(diagnosis: Diagnosis, channel: int | None = None, narrow: bool = Fa
 
 
 def format_location(diagnosis: Diagnosis, channel: str) -> str:
-    """Where the mismatch of a channel is, in one sentence."""
+    """Return the place of a channel's misfit in one sentence."""
     if not diagnosis.detected:
         return "No part of the recording departs from the baseline by more than its noise explains"
     sentences = [box.description for box in diagnosis.mismatch_boxes if box.channel == channel]
@@ -145,7 +153,7 @@ def format_location(diagnosis: Diagnosis, channel: str) -> str:
 def _list_directions(
     coordinates: RecordingAxes, measured: np.ndarray
 ) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]:
-    """Title, the directions of boxes that belong there, and the rows, of each panel."""
+    """Yield the title, the directions of boxes and the (n,) mask of rows of each panel."""
     if np.mean(coordinates.direction[measured] != STILL) < MIN_MOVING_SHARE:
         yield "", ("both", "shortening", "lengthening"), measured
         return
@@ -154,7 +162,7 @@ def _list_directions(
 
 
 def _select_axes(problem: LibraryProblem, coordinates: RecordingAxes) -> tuple[MapAxis, MapAxis]:
-    """The first two of contraction, pressure and time that vary; x first."""
+    """Return the first two of contraction, pressure and time that vary, x first."""
     time_label = "time [s]" if problem.case.recording.has_time else "row"
     rest_length = problem.case.entry.rest_length.value
     # Noise of a length is not a stroke: a setting's rows share one cell.
@@ -191,7 +199,7 @@ def _build_axis(label: str, field: str, scale: float, values: np.ndarray, levels
 
 
 def _compute_cell_means(x: MapAxis, y: MapAxis, residual: np.ndarray) -> np.ndarray:
-    """Mean residual of each cell, NaN in empty ones, (rows of y, columns of x)."""
+    """Return the mean residual of each cell, (cells of y, cells of x); NaN in empty cells."""
     finite_rows = np.isfinite(residual) & np.isfinite(x.values) & np.isfinite(y.values)
     shape = (len(y.edges) - 1, len(x.edges) - 1)
     row, column = (
@@ -212,7 +220,7 @@ def _plot_cells(panel: Panel, x: MapAxis, y: MapAxis, mean: np.ndarray, colour_l
 
 
 def _plot_box(panel: Panel, number: int, x: tuple[float, float], y: tuple[float, float]) -> None:
-    """A box's frame with its number in a corner of its own."""
+    """Draw a box's frame with its number."""
     frame = Rectangle((x[0], y[0]), x[1] - x[0], y[1] - y[0], fill=False, zorder=4, clip_on=False)
     frame.set(linewidth=1.2, edgecolor="black", linestyle=("-", "--", ":", "-.")[(number - 1) % 4])
     frame.set_gid(f"box-{number}")

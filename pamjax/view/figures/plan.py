@@ -1,4 +1,4 @@
-"""A plan, drawn: how well the goal is known after each run, and what to command over time."""
+"""Figures of a plan: expected precision of the goal after each run, and commands over time."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from pamjax.view.theme import (
 
 @dataclass(frozen=True, eq=False)
 class PrecisionCourse:
-    """A number's expected standard deviation, run by run.
+    """Expected standard deviation of a parameter after each run.
 
     Attributes:
-        name: of the number; of "all" the first.
-        unit: in which it is drawn.
-        minutes: spent, before the first run and after each.
-        sds: expected, in that unit.
+        name: of the parameter; with the goal "all", of the first one.
+        unit: display unit.
+        minutes: time spent, before the first run and after each.
+        sds: expected standard deviations, in the display unit.
     """
 
     name: str
@@ -44,7 +44,7 @@ class PrecisionCourse:
 
     @classmethod
     def from_plan(cls, plan: Plan) -> PrecisionCourse:
-        """The course of a plan's goal."""
+        """Return the course of a plan's goal."""
         name = next(iter(plan.expected_sds)) if plan.goal == ALL_NUMBERS else plan.goal
         unit = find_meaning(name).show
         minutes, sds = compute_sd_course(plan, name)
@@ -52,7 +52,7 @@ class PrecisionCourse:
 
 
 def plot_precision(plan: Plan, course: PrecisionCourse, narrow: bool = False) -> Figure:
-    """The goal's expected standard deviation against the minutes spent, with what is wanted."""
+    """Return the goal's expected standard deviation against the time spent, with the wanted value."""
     with apply_theme():
         drawing = create_figure(SINGLE_COLUMN if narrow else DOUBLE_COLUMN, 2.7)
         panel = drawing.subplots()
@@ -103,13 +103,13 @@ def _plot_precision_course(panel: Axes, plan: Plan, course: PrecisionCourse) -> 
 
 
 def _format_reached_precision(plan: Plan, course: PrecisionCourse) -> str:
-    """The finding: how well the goal is known, and after how long."""
+    """Return the finding: the goal's precision, and the time spent."""
     sd_text = format_quantity(plan.expected_sds[course.name].sd_after, course.unit, 2)
     return f"{course.name} to ± {sd_text} in {format_minutes(plan.minutes)}"
 
 
 def plot_commands(plan: Plan, narrow: bool = False) -> Figure | None:
-    """Pressure and length to command over time; None where only checks of the rig are to be made."""
+    """Return pressure and length to command over time, or None if the plan has only checks of the rig."""
     table = plan.schedule()
     if not len(table):
         return None
@@ -139,7 +139,7 @@ def _format_command_title(plan: Plan, narrow: bool) -> str:
 
 
 def save_plan_figures(plan: Plan, course: PrecisionCourse, folder: Path) -> list[Path]:
-    """Draw both, each as PNG."""
+    """Write the figures of a plan as PNG and return their paths."""
     written = [save_png(plot_precision(plan, course), folder / "plan")]
     commands = plot_commands(plan)
     return written + ([save_png(commands, folder / "schedule")] if commands else [])

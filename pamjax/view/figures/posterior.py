@@ -1,13 +1,13 @@
 """Figures of a posterior.
 
-| figure             | question                                                                  |
-|--------------------|---------------------------------------------------------------------------|
-| `plot_corner`    | how sure are the numbers, and which move together?                        |
-| `plot_ridges`     | which numbers are known only together?                                    |
-| `plot_marginals`    | what did the recording teach beyond what was believed?                    |
-| `plot_profiles`   | how badly would the recording fit if a number were another?               |
-| `plot_traces`     | did the chains forget where they began?                                   |
-| `plot_band`      | does what was measured lie where the posterior expects it?                |
+| figure           | question                                                            |
+|------------------|---------------------------------------------------------------------|
+| `plot_corner`    | how uncertain are the parameters, and which are correlated?         |
+| `plot_ridges`    | which parameters are determined only in combination?                |
+| `plot_marginals` | how does the posterior differ from the prior?                       |
+| `plot_profiles`  | how much worse is the fit at another value of a parameter?          |
+| `plot_traces`    | have the chains converged?                                          |
+| `plot_band`      | do the measured values agree with the posterior prediction?         |
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ BAND_DRAWS = 100
 
 
 def _select_parameters(post: Posterior) -> list[int]:
-    """Places of the numbers that a figure shows: the muscle's, and the noise's where there is room."""
+    """Return indices of the parameters in a figure: the muscle's, and the noise's if they fit."""
     parameters = [k for k, name in enumerate(post.names) if not is_length_error(name)]
     muscle_parameters = [k for k in parameters if post.names[k] in post.fit.estimates]
     return parameters if len(parameters) <= MAX_PANELS else muscle_parameters[:MAX_PANELS]
@@ -70,7 +70,7 @@ def _convert_to_unit(post: Posterior, values: np.ndarray, k: int) -> np.ndarray:
 
 
 def _select_most_correlated(post: Posterior, indices: list[int]) -> list[int]:
-    """The few of some numbers that move together most, in their order."""
+    """Return the indices of the most correlated parameters, in their order."""
     correlation = np.abs(post.correlation[np.ix_(indices, indices)])
     np.fill_diagonal(correlation, 0)
     ranked = np.argsort(-correlation.max(axis=1), kind="stable")[:MAX_NARROW_PANELS]
@@ -78,9 +78,9 @@ def _select_most_correlated(post: Posterior, indices: list[int]) -> list[int]:
 
 
 def plot_corner(post: Posterior, narrow: bool = False) -> Figure:
-    """Every number's histogram, and every pair's cloud with its 39 and 86 % contours.
+    """Return every parameter's histogram, and every pair's draws with 39 and 86 % contours.
 
-    On a phone those few numbers that move together most.
+    A narrow figure has the most correlated parameters only.
     """
     all_indices, draws = _select_parameters(post), post.thin_draws(SHOWN_DRAWS)
     indices = _select_most_correlated(post, all_indices) if narrow else all_indices
@@ -130,7 +130,7 @@ def plot_corner(post: Posterior, narrow: bool = False) -> Figure:
 
 
 def _plot_ellipses(panel: Axes, x: np.ndarray, y: np.ndarray) -> None:
-    """Where a Gaussian of the same covariance holds 39 and 86 % of the draws: one and two sd."""
+    """Draw the 1 and 2 sd ellipses of a Gaussian with the draws' covariance, which hold 39 and 86 %."""
     root = np.linalg.cholesky(np.cov(x, y) + 1e-30 * np.eye(2))
     circle = np.linspace(0, 2 * np.pi, 60)
     for sd in (1, 2):
@@ -139,7 +139,7 @@ def _plot_ellipses(panel: Axes, x: np.ndarray, y: np.ndarray) -> None:
 
 
 def _format_strongest_correlation(post: Posterior, indices: list[int]) -> str:
-    """The finding: which two of the numbers move together most."""
+    """Return the finding: the most correlated pair of parameters."""
     correlation = np.abs(post.correlation[np.ix_(indices, indices)])
     np.fill_diagonal(correlation, 0)
     if len(indices) < 2:
@@ -151,7 +151,7 @@ def _format_strongest_correlation(post: Posterior, indices: list[int]) -> str:
 
 
 def find_ridges(post: Posterior) -> list[tuple[int, int]]:
-    """Places of the pairs of numbers that are known only together, each with its closest partner."""
+    """Return index pairs of parameters that are determined only in combination, with their partners."""
     correlation, kind_by_index = (
         np.abs(post.correlation),
         {post.names.index(n): v.kind for n, v in post.verdicts.items()},
@@ -166,7 +166,7 @@ def find_ridges(post: Posterior) -> list[tuple[int, int]]:
 
 
 def plot_ridges(post: Posterior, narrow: bool = False) -> Figure:
-    """What was believed of two numbers, and the ridge that the recording leaves of it, a panel a pair."""
+    """Return prior and posterior draws of each pair that is determined only in combination."""
     pairs, prior_samples, posterior_samples = (
         find_ridges(post),
         sample_prior(post.density, SHOWN_DRAWS, post.seed),
@@ -202,7 +202,7 @@ def plot_ridges(post: Posterior, narrow: bool = False) -> Figure:
 
 
 def plot_marginals(post: Posterior, narrow: bool = False) -> Figure:
-    """Prior against posterior, a panel a number."""
+    """Return prior and posterior of each parameter, a panel each."""
     indices = _select_parameters(post)
     prior_samples = sample_prior(post.density, 4000, post.seed)
     columns = min(1 if narrow else 3, len(indices))
@@ -252,7 +252,7 @@ def _plot_marginal(panel: Axes, prior_samples: np.ndarray, posterior_samples: np
 
 
 def plot_profiles(post: Posterior, narrow: bool = False) -> Figure:
-    """χ² above its least along every number, the others following."""
+    """Return the profile likelihood of every parameter: χ² above its minimum, with all others refitted."""
     verdicts = post.verdicts
     columns = min(2 if narrow else 3, len(verdicts))
     with apply_theme():
@@ -279,7 +279,7 @@ def plot_profiles(post: Posterior, narrow: bool = False) -> Figure:
 
 
 def plot_traces(post: Posterior, narrow: bool = False) -> Figure:
-    """Some chains of every number against the draw's number; on a phone each is named above its panel."""
+    """Return traces of some chains for every parameter; a narrow figure has labels above the panels."""
     indices = _select_parameters(post)
     n, chains, _ = post.draws.shape
     stride = max(1, n // 500)
@@ -313,7 +313,7 @@ def plot_traces(post: Posterior, narrow: bool = False) -> Figure:
 
 
 def plot_band(post: Posterior, k: int = 0, narrow: bool = False) -> Figure:
-    """Measured points on the bands in which 90 % of new samples are expected, a panel a channel."""
+    """Return measured points on bands in which 90 % of new samples are expected, a panel per channel."""
     case_fit = post.fit.cases[k]
     row_layout, values = build_layout(case_fit.case), post.thin_draws(BAND_DRAWS)
     smooth_predictions = predict_channels(post.density, values, k)
@@ -387,11 +387,7 @@ def _plot_channel_band(
 
 
 def save_posterior_figures(post: Posterior, folder: Path) -> list[Path]:
-    """Draw every figure; each as PNG.
-
-    Returns:
-        the files.
-    """
+    """Write every figure of a posterior as PNG and return the files."""
     plots = {"corner": plot_corner, "belief": plot_marginals, "trace": plot_traces}
     if post.verdicts:
         plots["profile"] = plot_profiles

@@ -1,4 +1,4 @@
-"""Figures of a sized muscle: its operating chart, what buys most, and the front between two objectives."""
+"""Figures of a sized muscle: operating chart, sensitivities, and the front between two objectives."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ MARGIN_TIE = 0.02
 
 
 def plot_chart(design: Design, narrow: bool = False) -> Figure:
-    """Force against contraction with isobars, the admissible region, the load and the working points."""
+    """Return force against contraction: isobars, the admissible region, the load and the working points."""
     supply = design.spec.supply
     levels = np.linspace(supply / ISOBAR_COUNT, supply, ISOBAR_COUNT)
     # Closer where the rubber bends the isobars.
@@ -88,7 +88,7 @@ def plot_chart(design: Design, narrow: bool = False) -> Figure:
 
 
 def _find_chart_end(contraction: np.ndarray, max_force: np.ndarray) -> float:
-    """A little beyond where the muscle pulls no more."""
+    """Return a contraction slightly above that of zero force."""
     pulling = np.flatnonzero(np.nan_to_num(max_force) > 0)
     return (
         float(min(MAX_CHART_CONTRACTION, contraction[pulling[-1]] + 0.03))
@@ -98,7 +98,7 @@ def _find_chart_end(contraction: np.ndarray, max_force: np.ndarray) -> float:
 
 
 def _plot_region(panel: Axes, design: Design, contraction, force, diameter) -> None:
-    """What the muscle may be asked for: it pulls, within the supply and the room."""
+    """Draw the admissible region: positive force within the supply and the envelope."""
     max_diameter = design.spec.entries.envelope.diameter or np.inf
     fits = diameter <= max_diameter * (1 + 1e-6)
     admissible_force = np.where(fits, force, -np.inf).max(axis=0)
@@ -146,7 +146,7 @@ def _plot_points(panel: Axes, design: Design) -> None:
 
 
 def format_shortfall_title(design: Design) -> str:
-    """What the nearest muscle has of what it misses most; of equals a force, else what the spec states."""
+    """Return the shortfall of the nearest muscle; of equal ones a force, else a requirement of the spec."""
     y = design.outputs
     margins_by_key = {
         requirement.key: float(requirement.compute_margins(y).min())
@@ -162,7 +162,7 @@ def format_shortfall_title(design: Design) -> str:
 
 
 def format_chart_title(design: Design) -> str:
-    """The finding of the chart."""
+    """Return the finding of the chart."""
     if not design.feasible:
         return format_shortfall_title(design)
     rows = np.flatnonzero(design.task.loads > 0)
@@ -179,7 +179,7 @@ def format_chart_title(design: Design) -> str:
 
 
 def plot_prices(design: Design, narrow: bool = False) -> Figure | None:
-    """What the objective gains for one per cent of each requirement or property; None where nothing binds."""
+    """Return the objective's change for 1 % of each requirement or property; None if none is active."""
     rows = [(price.requirement.description, -price.percent_saved, "requirement") for price in design.prices]
     rows += [(f"{name}, 1 % more", share, "property") for name, share in design.property_sensitivities.items()
              if abs(share) > 1e-3]  # fmt: skip
@@ -213,7 +213,7 @@ def plot_prices(design: Design, narrow: bool = False) -> Figure | None:
 
 
 def plot_front(design: Design, narrow: bool = False) -> Figure | None:
-    """The front between two objectives; None where there is but one point."""
+    """Return the front between two objectives, or None if it has a single point."""
     front = design.front
     if front is None or len(front.values) < 2:
         return None
@@ -253,7 +253,7 @@ def _format_percent(values: np.ndarray) -> str:
 
 
 def save_design_figures(design: Design, folder: Path) -> list[Path]:
-    """Draw what the design has an answer for, each as PNG."""
+    """Write the figures of a design as PNG and return their paths."""
     written = [save_png(plot_chart(design), folder / "chart")]
     for name, drawing in (("prices", plot_prices(design)), ("front", plot_front(design))):
         if drawing is not None:

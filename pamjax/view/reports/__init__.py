@@ -1,1 +1,1 @@
-"""Reports: one offline HTML file each."""
+"""Reports: offline HTML files."""

@@ -1,4 +1,4 @@
-"""The report of a diagnosis: one offline HTML file, the answer and its map first, the evidence below."""
+"""Report of a diagnosis: one offline HTML file with the answer and its map first, then the evidence."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def write_diagnosis_report(
     Args:
         diagnosis: the diagnosis.
         path: the HTML file; its folder must exist.
-        command: what repeats it, in a shell; the plain command if left out.
-        comparison: the gain beside a formula and a Gaussian process, where it was asked for.
+        command: shell command that repeats the diagnosis; the plain command if omitted.
+        comparison: held-out scores of an empirical formula and a Gaussian process, if computed.
     """
     document = diagnosis.as_dict()
     return write_page(
@@ -84,7 +84,7 @@ def write_diagnosis_report(
 
 
 def format_headline(diagnosis: Diagnosis) -> str:
-    """The answer in a line."""
+    """Return the finding in one line."""
     if not diagnosis.detected:
         return "Nothing is missing that this recording could show"
     if diagnosis.is_faint:
@@ -97,7 +97,7 @@ def format_headline(diagnosis: Diagnosis) -> str:
 
 
 def format_answer(diagnosis: Diagnosis) -> tuple[str, str]:
-    """The answer in two sentences: what is wrong and where; what is missing and what naming it gains."""
+    """Return the misfit and its place, then the identified mechanisms and their held-out gain."""
     law = diagnosis.problem.law
     if not diagnosis.detected:
         first_sentence = (
@@ -131,7 +131,7 @@ def format_answer(diagnosis: Diagnosis) -> tuple[str, str]:
 
 
 def format_p_value(p: float) -> str:
-    """A p-value in words that no line breaks.
+    """Return a p-value as text with non-breaking spaces.
 
     >>> format_p_value(0.4321).split(), format_p_value(1e-40).split()
     (['p', '=', '0.43'], ['p', '<', '1e-12'])
@@ -144,7 +144,7 @@ def _format_probability(probability: float) -> str:
 
 
 def _format_gain(diagnosis: Diagnosis) -> str:
-    """What naming gains on held-out blocks, on the channels where it gains or loses a tenth."""
+    """Return the held-out error of each channel; with mechanisms, of those that change by 10 % or more."""
     document = diagnosis.as_dict()
     parts = []
     for channel, score in document["improvement"]["held_out"].items():
@@ -178,7 +178,7 @@ def _format_percent(share: float) -> str:
 
 
 def _build_box_row(diagnosis: Diagnosis, number: int, box: dict[str, Any]) -> list[str]:
-    """A row of the table of boxes."""
+    """Return a row of the table of boxes."""
     time_unit = "s" if diagnosis.problem.case.recording.has_time else "(row)"
     limits = [
         f"{low:z.0f} to {high:z.0f} {unit}"
@@ -222,7 +222,7 @@ def _list_scores(document: dict[str, Any]) -> Iterator[list[str]]:
 
 
 def _describe_comparison(comparison: ModelComparison) -> dict[str, Any]:
-    """A row for each split and channel, a column for each model."""
+    """Return a row for each split and channel, with a column for each model."""
     models = list(dict.fromkeys(model for split in comparison.splits for model in split.rmse))
     rows, remarks = [], []
     for split in comparison.splits:
@@ -250,7 +250,7 @@ def _describe_comparison(comparison: ModelComparison) -> dict[str, Any]:
 
 
 def _list_shifts(diagnosis: Diagnosis) -> Iterator[list[str]]:
-    """Each baseline number before and after, those that moved most first."""
+    """Yield each baseline parameter before and after, largest shift first."""
     baseline_before = get_baseline_estimates(diagnosis)
     for name, shift in sorted(diagnosis.parameter_shifts.items(), key=lambda pair: -abs(pair[1].shift)):
         index = diagnosis.problem.index(name)

@@ -1,4 +1,4 @@
-"""The report of a contest: the protocol that tells two mechanisms apart first, then the whole menu."""
+"""Report of a discrimination: the protocol that distinguishes two mechanisms first, then all protocols."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MAX_DRAWN_PROTOCOLS = 8
 
 
 def plot_power(discrimination: Discrimination, narrow: bool = False) -> Figure:
-    """The power of the most powerful protocols, with what is enough."""
+    """Return a bar chart of the most powerful protocols, with the sufficient power."""
     rows = discrimination.ranked_experiments[:MAX_DRAWN_PROTOCOLS]
     labels = [
         "\n".join(textwrap.wrap(_format_protocol(experiment), 26 if narrow else 62)) for experiment in rows
@@ -61,7 +61,7 @@ def plot_power(discrimination: Discrimination, narrow: bool = False) -> Figure:
 
 
 def _format_protocol(experiment: Experiment) -> str:
-    """What is done, without its duration."""
+    """Return the protocol without its duration."""
     return f"{experiment.id}: {experiment.protocol.rpartition(' (')[0]}"
 
 
@@ -74,12 +74,12 @@ def _format_duration(experiment: Experiment) -> str:
 
 
 def write_discrimination_report(discrimination: Discrimination, path: str | Path, command: str = "") -> Path:
-    """Write the report of a contest.
+    """Write the report of a discrimination between two mechanisms.
 
     Args:
-        discrimination: the contest.
+        discrimination: the discrimination.
         path: the HTML file; its folder must exist.
-        command: what repeats it, in a shell.
+        command: shell command that repeats it.
     """
     return write_page(
         path,
@@ -99,7 +99,7 @@ def write_discrimination_report(discrimination: Discrimination, path: str | Path
 
 
 def format_headline(discrimination: Discrimination) -> str:
-    """The answer in a line."""
+    """Return the finding in one line."""
     if discrimination.neither_explains:
         return f"Neither {' nor '.join(discrimination.ids)} explains this recording"
     if discrimination.chosen.power < SUFFICIENT_POWER:
@@ -108,7 +108,7 @@ def format_headline(discrimination: Discrimination) -> str:
 
 
 def format_answer(discrimination: Discrimination) -> tuple[str, str]:
-    """What to do and how sure that is; how it stands now, first where neither explains the recording."""
+    """Return the protocol with its power and the present verdict; a misfit of both comes first."""
     prefix = "" if discrimination.chosen.power >= SUFFICIENT_POWER else " The best there is:"
     protocol = _format_protocol(discrimination.chosen).partition(": ")[2]
     first_sentence = f"{prefix} {protocol} ({_format_duration(discrimination.chosen)})".strip()

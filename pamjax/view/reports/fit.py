@@ -1,4 +1,4 @@
-"""The report of a fit: does the muscle meet its recording, and what are its numbers."""
+"""Report of a fit: how well the model fits the recording, and the fitted parameters."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def write_fit_report(fit: Fit, path: str | Path, command: str = "pamjax fit") ->
     Args:
         fit: the fit.
         path: the HTML file; its folder must exist.
-        command: what repeats it, in a shell.
+        command: shell command that repeats the fit.
     """
     estimates = {name: estimate for name, estimate in fit.estimates.items() if not is_length_error(name)}
     return write_page(
@@ -67,12 +67,12 @@ def write_fit_report(fit: Fit, path: str | Path, command: str = "pamjax fit") ->
 
 
 def format_model(fit: Fit) -> str:
-    """The model in words."""
+    """Return the thread law and the mechanisms as text."""
     return f"{fit.law} threads" + (f" with {join_words(list(fit.mechanisms))}" if fit.mechanisms else "")
 
 
 def join_words(parts: list[str]) -> str:
-    """One, two and three.
+    """Return a list as text, with "and" before the last item.
 
     >>> join_words(["force", "diameter", "time"])
     'force, diameter and time'
@@ -81,18 +81,18 @@ def join_words(parts: list[str]) -> str:
 
 
 def draw_picture(plot: Any, name: str) -> Picture | None:
-    """A figure for a page, wide and narrow."""
+    """Return a figure for a page, wide and narrow."""
     return build_picture(lambda narrow: plot(narrow=narrow), name)
 
 
 def _list_groups(fit: Fit) -> list[str]:
-    """Isobars or lengths that a reader can choose among; none where that would not help."""
+    """Return the isobars or lengths that a reader can show one by one; empty for several cases."""
     names = list(build_layout(fit.cases[0].case).names)
     return names if len(fit.cases) == 1 and 1 < len(names) <= MAX_GROUP_CHOICES else []
 
 
 def _find_worst_channel(fit: Fit) -> tuple[CaseFit, str]:
-    """The channel whose misfit is the largest multiple of its noise."""
+    """Return the case and channel with the largest ratio of misfit to noise."""
     pairs = [(case_fit, channel) for case_fit in fit.cases for channel in case_fit.rmse]
     return max(
         pairs, key=lambda pair: pair[0].noise[pair[1]].excess if pair[0].noise[pair[1]].stated else 0.0
@@ -100,13 +100,13 @@ def _find_worst_channel(fit: Fit) -> tuple[CaseFit, str]:
 
 
 def _has_misfit(fit: Fit) -> bool:
-    """Whether a channel is off by more than its sensor explains."""
+    """Return whether a channel's misfit exceeds its noise."""
     case_fit, channel = _find_worst_channel(fit)
     return case_fit.noise[channel].stated and case_fit.noise[channel].excess > figures.MIN_MISS_RATIO
 
 
 def format_headline(fit: Fit) -> str:
-    """The answer in a line."""
+    """Return the finding in one line."""
     case_fit, channel = _find_worst_channel(fit)
     noise = case_fit.noise[channel]
     if not fit.converged:
@@ -119,7 +119,7 @@ def format_headline(fit: Fit) -> str:
 
 
 def format_agreement(fit: Fit) -> str:
-    """How well every channel is met, where seen and where not, in one sentence."""
+    """Return the misfit of every channel in the fit and in held-out blocks."""
     case_fit, _ = _find_worst_channel(fit)
     first_channel, *other_channels = case_fit.rmse
     parts = [f"{first_channel} is met to {_format_with_noise(case_fit, first_channel)}"]
@@ -140,7 +140,7 @@ def format_agreement(fit: Fit) -> str:
 
 
 def _format_with_noise(case_fit: CaseFit, channel: str) -> str:
-    """A channel's misfit and what its noise is."""
+    """Return a channel's misfit and noise."""
     noise_name = "noise" if case_fit.noise[channel].stated else "the residual's own noise"
     return (
         f"{format_channel_value(case_fit.rmse[channel], channel)} ({noise_name}"
@@ -149,7 +149,7 @@ def _format_with_noise(case_fit: CaseFit, channel: str) -> str:
 
 
 def format_estimates(estimates: dict[str, Estimate]) -> str:
-    """What the recording taught, in one sentence."""
+    """Return which parameters the data determine, in one sentence."""
     names_at_limit = [name for name, estimate in estimates.items() if estimate.at_limit]
     determined = [
         f"{n} {format_estimate(estimate.value, estimate.sd, estimate.meaning.show)}"
@@ -205,7 +205,7 @@ def _describe_case(fit: Fit, case_fit: CaseFit, k: int) -> dict[str, Any]:
 
 
 def _format_prior_caption(fit: Fit, estimates: dict[str, Estimate]) -> str:
-    """What the figure of the priors shows, and of what it shows nothing."""
+    """Return the caption of the figure of the priors."""
     names_without_prior = [name for name in estimates if name not in figures.select_with_prior(fit)]
     text = "Each number on the scale of what was believed before."
     return (
@@ -216,7 +216,7 @@ def _format_prior_caption(fit: Fit, estimates: dict[str, Estimate]) -> str:
 
 
 def _format_sentence(line: str, case_name: str = "") -> str:
-    """A line of the note as a sentence, with the case that it is of."""
+    """Return a line of the terminal report as a sentence, with its case."""
     line = line.strip().rstrip(".")
     return f"{case_name}: {line}." if case_name else f"{capitalise_sentence(line)}."
 
@@ -234,7 +234,7 @@ def _build_score_row(case_fit: CaseFit, channel: str) -> list[str]:
 
 
 def _format_noise_source(case_fit: CaseFit, channel: str) -> str:
-    """Where a channel's noise comes from; what pressure and length add is not in what the lab states."""
+    """Return the source of a channel's noise; the stated value excludes noise of pressure and length."""
     stated = getattr(case_fit.case.entry.sensors, channel)
     if not case_fit.noise[channel].stated or stated is None:
         return "stated" if case_fit.noise[channel].stated else "estimated"

@@ -1,7 +1,7 @@
-"""Pages: one offline HTML file a result, its figures inside it, readable without a script.
+"""Pages of reports: one offline HTML file for each result, with its figures inside, without scripts.
 
-A template stands in `pages/`; each extends `report.html.jinja`, which has the look: light, dark, print and
-phone. A figure is drawn twice, wide and narrow, and the width of the screen chooses.
+Templates are in `pages/`. Each extends `report.html.jinja`, which has the styles for light and dark screens,
+print and phones. A figure is drawn wide and narrow; the page shows the one that fits the screen.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from matplotlib.figure import Figure
 from pamjax.records.files import write_atomically
 from pamjax.view.theme import apply_theme
 
-#: What made a result: told at the end of each page.
+#: Packages whose versions each page lists at its end.
 VERSIONED_PACKAGES = ("pamjax", "jax", "numpy", "scipy")
 
-#: How much larger a figure may be on a screen than on paper.
+#: Largest ratio of a figure's width on a screen to its width on paper.
 SCREEN_SCALE = 1.15
 
 _SVG_SETTINGS: dict[Any, Any] = {
-    # Text stays text: small, searchable, in the reader's own sans-serif.
+    # Text is stored as text: small files, searchable, in the reader's sans-serif font.
     "svg.fonttype": "none",
-    # The same figure gives the same names inside it.
+    # Make the ids inside a figure reproducible.
     "svg.hashsalt": "pamjax",
 }
 
@@ -42,8 +42,8 @@ class Picture:
     """A figure on a page.
 
     Attributes:
-        wide, narrow: SVG for a desk and for a phone.
-        alt: its finding, for who does not see it.
+        wide, narrow: SVG for a wide screen and for a phone.
+        alt: alternative text, which states the finding.
     """
 
     wide: Markup
@@ -52,11 +52,11 @@ class Picture:
 
 
 def build_picture(plot: Callable[[bool], Figure | None], name: str) -> Picture | None:
-    """Draw a figure wide and narrow.
+    """Return a figure drawn wide and narrow, or None if there is nothing to show.
 
     Args:
-        plot: makes it; is told whether it must be narrow. None where there is nothing to show.
-        name: unique on its page.
+        plot: function that draws the figure; its argument is whether the figure is narrow.
+        name: id of the figure, unique on its page.
     """
     wide, narrow = plot(False), plot(True)
     if wide is None or narrow is None:
@@ -66,18 +66,18 @@ def build_picture(plot: Callable[[bool], Figure | None], name: str) -> Picture |
 
 
 def format_figure_titles(figure: Figure) -> str:
-    """All titles of a figure, in one line."""
+    """Return all titles of a figure in one line."""
     titles = [figure.get_suptitle(), *(axes.get_title("left") for axes in figure.axes)]
     return ". ".join(" ".join(title.split()).rstrip(".;") for title in titles if title) + "."
 
 
 def render_svg(figure: Figure, name: str, alt: str) -> Markup:
-    """A figure as an <svg> element that fills the width it is given.
+    """Return a figure as an <svg> element that fills the available width.
 
     Args:
-        figure: what to draw.
-        name: put before the ids inside it: a page has several figures, and an id only once.
-        alt: what it says.
+        figure: the figure.
+        name: prefix of the ids inside it, which must be unique on a page.
+        alt: alternative text.
     """
     text = io.StringIO()
     with apply_theme(), matplotlib.rc_context(_SVG_SETTINGS):
@@ -88,7 +88,7 @@ def render_svg(figure: Figure, name: str, alt: str) -> Markup:
     assert box is not None
     inner = re.sub(r"<metadata>.*?</metadata>|<style type.*?</style>", "", inner, flags=re.DOTALL)
     inner = _make_ids_unique(inner, name)
-    # Type is a little larger than on paper, and no larger where a screen has more room.
+    # Limit the figure's width, so that type is only slightly larger than on paper.
     width = SCREEN_SCALE * 96 * figure.get_figwidth()
     style = f"max-width: {width:.0f}px"
     opening_tag = f'<svg viewBox="{box[1]}" role="img" aria-label="{escape(alt)}" style="{style}">'
@@ -96,7 +96,7 @@ def render_svg(figure: Figure, name: str, alt: str) -> Markup:
 
 
 def _make_ids_unique(inner: str, name: str) -> str:
-    """Ids that are pointed at, made unique on the page; the others, which may repeat, as classes."""
+    """Return the SVG with a prefix on ids that are referenced; other ids become classes."""
     used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', inner))
 
     def rename_id(match: re.Match[str]) -> str:
@@ -107,12 +107,12 @@ def _make_ids_unique(inner: str, name: str) -> str:
 
 
 def collect_versions() -> dict[str, str]:
-    """Of what a page was made with."""
+    """Return the versions of Python and of the packages in `VERSIONED_PACKAGES`."""
     return {name: version(name) for name in VERSIONED_PACKAGES} | {"Python": platform.python_version()}
 
 
 def add_line_breaks(name: str) -> Markup:
-    """A name of a program that may go on in a next line after its dots.
+    """Return a name in which a line may break after each dot.
 
     >>> str(add_line_breaks("muscle.thread_length, 0.5"))
     'muscle.<wbr>thread_length, 0.5'
@@ -121,12 +121,12 @@ def add_line_breaks(name: str) -> Markup:
 
 
 def write_page(path: str | Path, template: str, **context: Any) -> Path:
-    """Fill a template of `pages/` and write it beside, then rename.
+    """Fill a template of `pages/`, write the page atomically and return its path.
 
     Args:
         path: the HTML file.
-        template: as "diagnosis.html.jinja".
-        context: what the template names; a name that it does not get is an error.
+        template: file name, such as "diagnosis.html.jinja".
+        context: values of the template's variables; a missing value raises an error.
     """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("pamjax.view", "pages"),

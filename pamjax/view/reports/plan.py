@@ -1,4 +1,4 @@
-"""The report of a plan: what to do and what it settles first, then every run, then what was assumed."""
+"""Report of a plan: what to do and what it determines first, then every run, then the assumptions."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ def write_plan_report(
 
     Args:
         plan: the plan.
-        course: of its goal, as it is drawn.
+        course: expected standard deviation of the goal after each run.
         path: the HTML file; its folder must exist.
-        command: what repeats it, in a shell.
-        checksum: SHA-256 of what the muscle was read from.
+        command: shell command that repeats the plan.
+        checksum: SHA-256 of the muscle's files.
     """
     return write_page(
         path,
@@ -60,7 +60,7 @@ def write_plan_report(
 
 
 def format_headline(plan: Plan) -> str:
-    """The answer in a line."""
+    """Return the finding in one line."""
     if format_misfit(plan):
         return "Diagnose first: the muscle misses its recording"
     if plan.goal == ALL_NUMBERS:
@@ -73,7 +73,7 @@ def format_headline(plan: Plan) -> str:
 
 
 def format_answer(plan: Plan) -> list[str]:
-    """What to do and what it will settle; what less would do. First, whether a promise is allowed."""
+    """Return the runs and their expected result; with a misfit, the warning first."""
     misfit = format_misfit(plan)
     if not misfit:
         return list(_format_promise(plan))
@@ -87,7 +87,7 @@ def format_answer(plan: Plan) -> list[str]:
 
 
 def _format_runs(plan: Plan) -> str:
-    """How many runs and checks, and what they cost."""
+    """Return the number of runs and checks, with time and rows."""
     run_count = sum(count for count, run in plan.chosen_runs if run.pressure.size)
     check_count = sum(count for count, run in plan.chosen_runs if not run.pressure.size)
     check_text = f" and {_format_count(check_count, 'check')} of the rig" if check_count else ""

@@ -1,4 +1,4 @@
-"""The report of a posterior: how sure the numbers are, and what the recording cannot tell."""
+"""Report of a posterior: parameters with their uncertainty, and which of them the data determine."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def write_posterior_report(post: Posterior, path: str | Path, command: str = "pa
     Args:
         post: the posterior.
         path: the HTML file; its folder must exist.
-        command: what repeats it, in a shell.
+        command: shell command that repeats the sampling.
     """
     names = [name for name in post.names if not is_length_error(name)]
     fit = post.fit
@@ -58,7 +58,7 @@ def write_posterior_report(post: Posterior, path: str | Path, command: str = "pa
 
 
 def format_headline(post: Posterior) -> str:
-    """The answer in a line."""
+    """Return the finding in one line."""
     if not post.converged:
         return "The chains are not good enough yet"
     determined_count = sum(v.kind == "determined" for v in post.verdicts.values())
@@ -68,7 +68,7 @@ def format_headline(post: Posterior) -> str:
 
 
 def format_answer(post: Posterior) -> tuple[str, str]:
-    """What is known and how well; what is not."""
+    """Return the parameters that the data determine, then the others and the convergence."""
     kinds: dict[str, list[str]] = {}
     for name, verdict in post.verdicts.items():
         kinds.setdefault(verdict.kind, []).append(name)

@@ -1,4 +1,4 @@
-"""The report of a sizing: one offline HTML file, the muscle and its chart first, the receipt at the end."""
+"""Report of a sizing: one offline HTML file, the muscle and its chart first, its sources at the end."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def write_design_report(design: Design, path: str | Path, command: str = "") -> 
     Args:
         design: the design.
         path: the HTML file; its folder must exist.
-        command: what repeats it, in a shell.
+        command: shell command that repeats the sizing.
     """
     return write_page(
         path,
@@ -75,7 +75,7 @@ def write_design_report(design: Design, path: str | Path, command: str = "") -> 
 
 
 def format_headline(design: Design) -> str:
-    """The answer in a line."""
+    """Return the finding in one line."""
     if not design.feasible:
         return "No muscle of this catalogue does all of it"
     choice = str(design.choice)
@@ -84,7 +84,7 @@ def format_headline(design: Design) -> str:
 
 
 def format_answer(design: Design) -> list[str]:
-    """The answer in two sentences."""
+    """Return the dimensions of the muscle and the probability that it meets the spec."""
     if not design.feasible:
         sufficient = [
             relaxation.description
@@ -177,7 +177,7 @@ def _build_margin_row(design: Design, requirement) -> list[str]:
 
 
 def _format_margins_caption(design: Design) -> str:
-    """What the table of requirements shows."""
+    """Return the caption of the table of requirements."""
     if not design.requirement_probabilities:
         return "Room that the nearest muscle has to each requirement"
     return "Room to each requirement, and the probability that it holds over what is not known"
@@ -208,7 +208,7 @@ def _build_cost_row(cost, design: Design) -> list[str]:
 
 
 def _format_choices_caption(design: Design) -> str:
-    """What the table of choices shows, and why the chosen one may not have the least of it."""
+    """Return the caption of the table of choices."""
     shown_value = (
         f"the least {design.spec.entries.minimise} of each" if design.feasible else "how far each is short"
     )

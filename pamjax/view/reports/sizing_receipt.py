@@ -1,4 +1,4 @@
-"""What a sizing stands on, for its page: the receipt with its sources by name."""
+"""Assumptions, uncertainties and sources of a sizing, for its report."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ TOLERANCE_UNITS = {"rest_length": "mm", "thread_length": "mm", "turns": "1", "wa
 
 
 def build_page_receipt(design: Design) -> dict[str, list[str]]:
-    """Headings, and a line for each thing that the answer stands on."""
+    """Return the lines of the receipt by heading."""
     choice, sections = design.choice, build_receipt(design)
     kinds = (("threads", choice.thread), ("bladders", choice.bladder))
     for _, kind in kinds:
@@ -41,7 +41,7 @@ def _format_tolerances(design: Design) -> str:
 
 
 def _list_sources(table: str, name: str, keys: str) -> list[str]:
-    """Each source of a material as its table prints it; a material of the spec's own has none."""
+    """Return the sources of a material as printed in its table; a material of the spec has none."""
     if keys == "stated":
         return [f"{name}: as the spec states it"]
     source_texts = read_sidecar(f"materials/{table}")["sources"]
