@@ -64,7 +64,7 @@ def suggest_word(word: str, known: Iterable[str], listing: str = "") -> str:
     >>> suggest_word("trheads", ["threads", "turns"])
     'Did you mean `threads`?'
     >>> suggest_word("xyz", ["threads", "turns"], listing="pamjax explain")
-    'Run `pamjax explain` for the list.'
+    '`pamjax explain` lists what there is.'
     """
     known = list(known)
     close = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
