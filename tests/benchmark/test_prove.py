@@ -148,7 +148,7 @@ def test_the_processes_of_a_killed_proof_end_with_it(tmp_path):
         "from tests.benchmark.trials import endless\n"
         "if __name__ == '__main__':\n"
         f"    file = Path({str(tmp_path)!r}) / 'trials.jsonl'\n"
-        "    prove(tasks_of({'nothing': 4}, [0.0]), file, workers=2, attempt=endless)\n"
+        "    run_proof(build_tasks({'nothing': 4}, [0.0]), file, workers=2, attempt=endless)\n"
     )
     script = tmp_path / "killed.py"
     script.write_text(words)
