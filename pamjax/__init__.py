@@ -1,6 +1,4 @@
-"""Models of pneumatic artificial muscles in JAX: elastic braids, calibrated on recordings with
-uncertainty.
-"""
+"""Models of pneumatic artificial muscles in JAX, calibrated on recordings, with their uncertainty."""
 
 import time
 from importlib import import_module

@@ -1,1 +1,1 @@
-"""Empirical models, for comparison."""
+"""Baselines of common practice to compare a diagnosis with: formulas, a Gaussian process, stepwise BIC."""

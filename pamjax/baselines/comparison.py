@@ -1,13 +1,14 @@
-"""Beside the gain: what a formula and a flexible curve make of the same held-out rows.
+"""Comparison of held-out errors: diagnosed model, Sárosi's formula and a Gaussian process.
 
-| split         | held out                                            | asks                         |
-|---------------|-----------------------------------------------------|------------------------------|
-| held out      | the diagnosis' own blocks, inside the range         | is it good between settings? |
-| extrapolation | the highest pressure, or the most contracted length | is it good beyond them?      |
+| split         | held-out rows                                       | tests         |
+|---------------|-----------------------------------------------------|---------------|
+| held out      | the diagnosis' own blocks, inside the range         | interpolation |
+| extrapolation | the highest pressure, or the most contracted length | extrapolation |
 
-The baseline, the baseline with names, Sárosi's formula (force alone) and the baseline with a Gaussian
-process on its residual are each fitted without the held-out rows. On the first split no choice has seen
-them either; on the second the names are those of the diagnosis, and only their numbers are refitted.
+Four models are fitted without the held-out rows: the baseline, the baseline with the identified mechanisms,
+Sárosi's formula (force only), and the baseline with a Gaussian process on its residual. On the first split
+the mechanisms are selected without these rows too. On the second they are those of the diagnosis, and only
+their parameters are refitted.
 """
 
 from __future__ import annotations
@@ -59,14 +60,14 @@ EXTRAPOLATION_RANGE_SHARE = 0.2
 
 @dataclass(frozen=True, eq=False)
 class ComparisonSplit:
-    """One question, and how each model answers it.
+    """Errors of all models on one set of held-out rows.
 
     Attributes:
         name: "held out" or "extrapolation".
-        rows_description: what was held out, in words.
-        held_out_rows: (n,) which rows.
-        rmse: by model, then channel, SI; a model that cannot be fitted is missing.
-        remarks: by model, what to know of its fit.
+        rows_description: the held-out rows, in words.
+        held_out_rows: (n,) mask of the held-out rows.
+        rmse: root mean square error by model and channel, SI; a model that cannot be fitted is missing.
+        remarks: notes on the fit, by model.
     """
 
     name: str
@@ -78,13 +79,13 @@ class ComparisonSplit:
 
 @dataclass(frozen=True, eq=False)
 class ModelComparison:
-    """The splits of one recording, with the noise that nobody can beat, by channel, SI."""
+    """The splits of one recording, and the noise by channel, SI, as a lower bound of the error."""
 
     splits: tuple[ComparisonSplit, ...]
     noise_sd: dict[str, float]
 
     def as_dict(self) -> dict[str, Any]:
-        """As it stands in gain.json."""
+        """Return the comparison as it is written to gain.json."""
         return {
             "schema": GAIN_SCHEMA,
             "noise": {c: {"sd": to_display(c, v), "unit": DISPLAY_UNIT[c]} for c, v in self.noise_sd.items()},
@@ -105,7 +106,7 @@ class ModelComparison:
         }
 
     def __str__(self) -> str:
-        """Two lines a channel: the rivals on the rows of the diagnosis, and everybody beyond."""
+        """Two lines a channel: other models on held-out rows, then all models in extrapolation."""
         lines = []
         for split in self.splits:
             for channel in (c for c in self.noise_sd if c in split.rmse[BASELINE_MODEL]):
@@ -137,11 +138,11 @@ def _format_rmse(split: ComparisonSplit, model: str, channel: str) -> str:
 
 
 def compare_models(diagnosis: Diagnosis, seed: int = 0) -> ModelComparison:
-    """Hold a diagnosis' model against a formula and a Gaussian process, between settings and beyond them.
+    """Compare a diagnosed model with a formula and a Gaussian process on held-out rows.
 
     Args:
         diagnosis: the diagnosis.
-        seed: of the Gaussian process' search.
+        seed: seed for the fit of the Gaussian process.
     """
     problem, gain = diagnosis.problem, diagnosis.gain
     splits = []
@@ -165,7 +166,7 @@ def compare_models(diagnosis: Diagnosis, seed: int = 0) -> ModelComparison:
 
 
 def find_extrapolation_rows(problem: LibraryProblem) -> tuple[np.ndarray, str]:
-    """(n,) the rows at the end of what was measured, and what they are, in words; none where that is all."""
+    """Return the mask of the rows held out for extrapolation, (n,), and their description."""
     recording = problem.case.recording
     measured_rows = np.isfinite(problem.measured).any(axis=0)
     for channel, what, end in ((recording.pressure, "kPa", max), (recording.length, "mm", min)):
@@ -185,7 +186,7 @@ def find_extrapolation_rows(problem: LibraryProblem) -> tuple[np.ndarray, str]:
 
 
 def _predict_without_rows(diagnosis: Diagnosis, held_out_rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Predictions of the baseline and of the named model, both refitted without some rows."""
+    """Return the predictions of the baseline and of the selected model, refitted without some rows."""
     problem = diagnosis.problem
     before = fit_candidate(problem, ~held_out_rows, (), diagnosis.baseline.estimate.values)
     prediction = problem.predict(before.estimate.values)
@@ -243,7 +244,7 @@ def _predict_sarosi(problem: LibraryProblem, training_rows: np.ndarray) -> tuple
 
 
 def save_comparison(comparison: ModelComparison, folder: Path) -> Path:
-    """Write gain.json, beside and then renamed."""
+    """Write gain.json and return its path."""
     path = folder / "gain.json"
     with write_atomically(path) as beside:
         beside.write_text(

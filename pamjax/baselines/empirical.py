@@ -1,7 +1,7 @@
-"""Rivals: what a user would fit without pamjax, fitted as well as it can be.
+"""Empirical force laws for comparison: Gaylord's cylinder and Sárosi's formula.
 
-A gain is told against these. Both are laws for the force alone, in numpy and scipy, and both are fitted to
-their global least-squares optimum, so that a comparison is not won by a bad start of the other side.
+Both are laws for the force only, with numpy and scipy. Both are fitted to their global least-squares optimum,
+so that a bad starting value does not decide a comparison.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ MIN_EXPONENT_SPAN, MAX_EXPONENT_SPAN = 0.02, 50.0
 
 @dataclass(frozen=True)
 class Gaylord:
-    """A cylinder of inextensible threads, with a pressure that is spent before it pulls.
+    """Gaylord's law: a cylinder of inextensible threads with a threshold pressure.
 
     F = (P − P₀) (3 L² − B²) / (4 π N²)
 
@@ -38,13 +38,13 @@ class Gaylord:
     L         `length`           m     between the fittings
     B         `thread_length`    m     of one thread
     N         `turns`            1     of one thread
-    P₀        `threshold`        Pa    spent on the rubber; 0 in the bare law
+    P₀        `threshold`        Pa    lost in the rubber; 0 in the original law
     ========  =================  ====  ==========================================
 
-    Leaves out everything else: stretching threads, rubber, ends, friction. Nothing keeps it from pushing.
-    A threshold and an error of the gauge's zero are the same here.
+    What it leaves out: thread stretch, rubber elasticity, end effects, friction. The force can be negative. A
+    threshold has the same effect as a zero error of the pressure gauge.
     Source: R. H. Gaylord, U.S. Patent 2,844,126 (1958); Chambers & Wereley, *Actuators* 2022, 11, 219, eq 12;
-    the threshold is the usual addition of users.
+    the threshold is a common addition.
 
     >>> f"{Gaylord(thread_length=0.2512, turns=1.09).force(689e3, 0.2357):.0f} N"
     '4779 N'
@@ -55,7 +55,7 @@ class Gaylord:
     threshold: float = 0.0
 
     def force(self, pressure: ArrayLike, length: ArrayLike) -> Vector:
-        """Tension, N, at gauge pressure, Pa, and length, m."""
+        """Return the tension, N, at gauge pressure, Pa, and length, m."""
         area = (3 * np.square(length) - self.thread_length**2) / (4 * np.pi * self.turns**2)
         return (np.asarray(pressure, float) - self.threshold) * area
 
@@ -68,7 +68,7 @@ class Gaylord:
 
 @dataclass(frozen=True)
 class Sarosi:
-    """The six-parameter formula in use for fluidic muscles.
+    """Sárosi's six-parameter formula for fluidic muscles.
 
     F = (a P + b) exp(c κ) + d κ P + e P + f
 
@@ -84,10 +84,10 @@ class Sarosi:
     d         `d`             N/Pa   fitted
     ========  ==============  =====  ==========================================
 
-    Papers write κ in percent and P in bar or kPa, which only rescales the coefficients. `at_limit` says that
-    c ran to an end of its searched range: the data want a parabola, or a step between two lengths.
+    Papers use κ in percent and P in bar or kPa, which only rescales the coefficients. `at_limit`: c is at a
+    bound of its search range. The data then fit a parabola, or a step between two lengths.
 
-    Leaves out direction, rate and history, and knows no geometry: it holds for the muscle it was fitted to.
+    What it leaves out: direction, rate, history and geometry. It is valid only for the fitted muscle.
     Source: J. Sárosi uses such a formula for Festo muscles in *Tehnički vjesnik* 2015, 22(6), 1489,
     doi 10.17559/TV-20140716143627 (its abstract was checked, the equation was not). It is said to go back
     to a conference paper of 2012; the year is uncertain.
@@ -102,7 +102,7 @@ class Sarosi:
     at_limit: bool = False
 
     def force(self, pressure: ArrayLike, contraction: ArrayLike) -> Vector:
-        """Tension, N, at gauge pressure, Pa, and contraction, a fraction."""
+        """Return the tension, N, at gauge pressure, Pa, and contraction, a fraction."""
         p, k = np.asarray(pressure, float), np.asarray(contraction, float)
         return (self.a * p + self.b) * np.exp(self.c * k) + self.d * k * p + self.e * p + self.f
 
@@ -116,20 +116,20 @@ class Sarosi:
 def fit_gaylord(
     pressure: ArrayLike, length: ArrayLike, force: ArrayLike, *, threshold: bool = False
 ) -> Gaylord:
-    """Thread length, turns and, if asked for, threshold with the least sum of squares in force.
+    """Fit thread length, turns and, optionally, a threshold by least squares in force.
 
-    Given the threshold the law is linear in 1/N² and B²/N²: one bounded linear solve is the global optimum.
-    The bound keeps the thread no shorter than the longest muscle: a shorter one could not be wound around it.
+    For a given threshold the law is linear in 1/N² and B²/N²: one bounded linear solve is the global optimum.
+    The bound keeps the thread at least as long as the longest muscle.
 
     Args:
         pressure: (n,) gauge pressure, Pa.
         length: (n,) distance between the fittings, m.
-        force: (n,) tension, N. Rows with a blank (not a number) are left out.
-        threshold: fit a threshold pressure too.
+        force: (n,) tension, N. Rows with a blank (NaN) are left out.
+        threshold: whether to fit a threshold pressure too.
 
     Raises:
         BadInput: if there are fewer than two lengths (or, with a threshold, pressures), or the force does not
-            grow with pressure.
+            increase with pressure.
     """
     p, l, tension = _drop_blank_rows(pressure=pressure, length=length, force=force)
     _check_settings(l, 2, "length", "m")
@@ -150,15 +150,15 @@ def fit_gaylord(
 
 
 def fit_sarosi(pressure: ArrayLike, contraction: ArrayLike, force: ArrayLike) -> Sarosi:
-    """The six coefficients with the least sum of squares in force.
+    """Fit the six coefficients by least squares in force.
 
-    Given c the formula is linear, so only c is searched: on a grid of both signs over all useful sizes, then
-    by bounded minimisation around each dip of the grid. A start from one guess often ends in the wrong dip.
+    For a given c the formula is linear, so only c is searched: on a grid of both signs, then by bounded
+    minimisation around each local minimum of the grid. A search from one start often ends in a wrong minimum.
 
     Args:
         pressure: (n,) gauge pressure, Pa.
         contraction: (n,) 1 − length / rest length, a fraction.
-        force: (n,) tension, N. Rows with a blank (not a number) are left out.
+        force: (n,) tension, N. Rows with a blank (NaN) are left out.
 
     Raises:
         BadInput: if there are fewer than two pressures, three contractions or six rows.
@@ -174,7 +174,7 @@ def fit_sarosi(pressure: ArrayLike, contraction: ArrayLike, force: ArrayLike) ->
 
 
 def _search_exponent(p: Vector, k: Vector, force: Vector) -> tuple[float, bool]:
-    """The c with the least misfit, and whether it sits at an end of the searched range."""
+    """Return the c with the smallest misfit, and whether it is at a bound of the search range."""
     span = np.ptp(k)
     # Where all contractions lie close together far from zero, exp(c κ) itself must stay a number.
     high = min(MAX_EXPONENT_SPAN, 300 * span / np.abs(k).max())
@@ -192,7 +192,7 @@ def _search_exponent(p: Vector, k: Vector, force: Vector) -> tuple[float, bool]:
 
 
 def _minimise_on_grid(misfit: Callable[[float], float], grid: Vector) -> tuple[float, float, bool]:
-    """The least value over the range of a grid, where, and whether at an end; every dip is refined."""
+    """Return the smallest value over a grid range, its argument, and whether it is at an end."""
     values = np.array([misfit(x) for x in grid])
     best = []
     for i in _find_local_minima(values):
@@ -206,13 +206,13 @@ def _minimise_on_grid(misfit: Callable[[float], float], grid: Vector) -> tuple[f
 
 
 def _find_local_minima(values: Vector) -> NDArray[np.intp]:
-    """Indices of the local minima of a row of values, ends included."""
+    """Return the indices of the local minima of a sequence, ends included."""
     padded = np.concatenate([[np.inf], values, [np.inf]])
     return np.flatnonzero((values <= padded[:-2]) & (values <= padded[2:]))
 
 
 def _fit_gaylord_coefficients(p: Vector, l: Vector, force: Vector) -> tuple[Vector, float]:
-    """The two linear coefficients of the cylinder, none below zero, and the sum of squares."""
+    """Return the two non-negative linear coefficients of the cylinder, and the sum of squares."""
     longest = l.max()
     design = np.column_stack([p * (l**2 - longest**2 / 3), -p])
     scale = np.linalg.norm(design, axis=0)
@@ -223,7 +223,7 @@ def _fit_gaylord_coefficients(p: Vector, l: Vector, force: Vector) -> tuple[Vect
 
 
 def _fit_sarosi_coefficients(rate: float, p: Vector, k: Vector, force: Vector) -> tuple[Vector, float]:
-    """Coefficients a, b, d, e, f for a given c, and the sum of squares."""
+    """Return the coefficients a, b, d, e, f for a given c, and the sum of squares."""
     # Measured from the end where it is largest the exponential cannot overflow; a and b are moved back after.
     end = k.max() if rate > 0 else k.min()
     curve = np.exp(rate * (k - end))
@@ -236,7 +236,7 @@ def _fit_sarosi_coefficients(rate: float, p: Vector, k: Vector, force: Vector) -
 
 
 def _drop_blank_rows(**columns: ArrayLike) -> list[Vector]:
-    """The columns as flat arrays, without the rows in which one of them is blank."""
+    """Return the columns as flat arrays without the rows in which one of them is blank."""
     arrays = {name: np.asarray(column, float).ravel() for name, column in columns.items()}
     sizes = {name: array.size for name, array in arrays.items()}
     if len(set(sizes.values())) > 1:
@@ -249,7 +249,7 @@ def _drop_blank_rows(**columns: ArrayLike) -> list[Vector]:
 
 
 def _check_settings(values: Vector, min_count: int, name: str, unit: str) -> None:
-    """Refuse a column that takes too few values; a thousandth of the largest is one value still."""
+    """Refuse a column with too few different values; values within 0.1 % of the largest count as one."""
     size = np.abs(values).max()
     count = np.unique(np.round(values / size, 3)).size if size > 0 else 1
     if count < min_count:

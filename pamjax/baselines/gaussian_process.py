@@ -1,12 +1,12 @@
-"""A Gaussian process on what the baseline leaves: the flexible curve that naming physics is held against.
+"""Gaussian process on the residual of the baseline: the flexible curve to compare mechanisms with.
 
     measured = baseline(pressure, length) + δ(pressure, contraction, direction, speed) + noise
     δ ~ GP(0, s² exp(−½ Σ (Δx_i / ℓ_i)²))
 
-with s, ℓ and the noise at their greatest marginal likelihood. It learns any smooth misfit where it has
-data and returns to the baseline where it has none. It has no memory: of the past it knows the direction.
+with s, ℓ and the noise level at their largest marginal likelihood. It fits any smooth misfit near its data
+and returns to the baseline far from them. It has no memory; only the direction of motion represents the past.
 Source: M. C. Kennedy, A. O'Hagan, J. R. Statist. Soc. B 63, 425 (2001); the baseline is refitted first, on
-its own, and the two are not inferred together.
+its own, and the two are not estimated jointly.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ import numpy as np
 from pamjax.diagnosis.detect.regions import SHORTENING, build_axes
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 
-#: Most rows it learns from, evenly picked: its cost is their cube.
+#: Largest number of training rows, evenly selected: the cost grows with their cube.
 MAX_TRAINING_ROWS = 300
 
 #: Limits of its length scales, in standard deviations of an input.
 MIN_LENGTH_SCALE, MAX_LENGTH_SCALE = 0.03, 100.0
 
-#: Share of a channel's fastest usual rate above which it moves.
+#: A channel moves if its rate is above this share of the 95 % quantile of rates.
 MIN_RATE_SHARE = 0.05
 
-#: Speeds that differ by less than this factor are one.
+#: Smallest ratio of speeds with which speed is an input.
 MIN_SPEED_RATIO_FOR_INPUT = 1.5
 
 
 def build_inputs(problem: LibraryProblem) -> np.ndarray:
-    """(n, k) standardised: pressure, contraction, direction; speed too where there are several."""
+    """Return standardised inputs, (n, k): pressure, contraction, direction, and speed if it varies."""
     axes = build_axes(problem)
     pressure = np.asarray(problem.dataset.history.rate(problem.dataset.rows.pressure))[: problem.n]
     length = np.asarray(problem.dataset.history.rate(problem.dataset.rows.length))[: problem.n]
-    # Where the length is held, what climbs and falls is the pressure.
+    # At a fixed length, direction and speed are those of the pressure.
     strokes = bool(np.any(axes.direction != 0))
     rate, direction = (
         (length, axes.direction / SHORTENING) if strokes else (pressure, _compute_rate_sign(pressure))
@@ -56,10 +56,9 @@ def _compute_rate_sign(rate: np.ndarray) -> np.ndarray:
 
 
 def find_widest_gap(values: np.ndarray) -> float:
-    """The widest distance between neighbours among some values: the shortest length scale worth asking for.
+    """Return the widest gap between neighbouring values: the smallest useful length scale.
 
-    A shorter one fits each isobar by itself and knows nothing of one between them: no curve that anybody
-    would draw.
+    With a shorter length scale each isobar is fitted separately, and the curve does not interpolate.
 
     >>> find_widest_gap(np.array([0.0, 1.0, 1.01, 3.0]))
     1.99
@@ -74,16 +73,16 @@ def find_widest_gap(values: np.ndarray) -> float:
 def predict_discrepancy(
     x: np.ndarray, residual: np.ndarray, training_rows: np.ndarray, seed: int = 0
 ) -> np.ndarray:
-    """What the baseline leaves, learnt from some rows, at every row.
+    """Fit a Gaussian process to the residual of some rows and return its prediction for all rows.
 
     Args:
-        x: (n, k) inputs, standardised.
+        x: (n, k) standardised inputs.
         residual: (n,) measured minus baseline, any unit.
-        training_rows: (n,) rows it may learn from.
-        seed: of the start of its second search.
+        training_rows: (n,) mask of the training rows.
+        seed: seed of the second start of the search.
 
     Returns:
-        (n,) δ in the unit of `residual`; NaN where an input is not known.
+        (n,) δ in the unit of `residual`; NaN where an input is missing.
     """
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.gaussian_process import GaussianProcessRegressor
@@ -101,9 +100,9 @@ def predict_discrepancy(
     process = GaussianProcessRegressor(
         kernel + WhiteKernel(0.01, (1e-8, 10.0)), n_restarts_optimizer=1, random_state=seed
     )
-    # One thread: for matrices as small as these, several spend their time on waiting for each other.
+    # One thread is faster than several for matrices of this size.
     with warnings.catch_warnings(), threadpool_limits(1, user_api="blas"):
-        # A length scale at its limit says that an input does not matter, or matters from row to row.
+        # A length scale at its limit is a valid result: the input has no effect, or a very local one.
         warnings.simplefilter("ignore", ConvergenceWarning)
         process.fit(x[rows], residual[rows] / residual_rms)
     out[known] = residual_rms * np.asarray(process.predict(x[known]))

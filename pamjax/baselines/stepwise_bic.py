@@ -1,15 +1,15 @@
-"""What common practice selects from the same library on the same recording, to compare with.
+"""Stepwise selection of mechanisms by BIC with independent noise: common practice, for comparison.
 
-Samples count as independent, mechanisms are added one at a time while Schwarz's criterion
+Samples are treated as independent. Mechanisms are added one at a time while Schwarz's criterion
 
     BIC = n ln(χ² / n) + k ln n
 
-falls, with k numbers fitted. The library, its derivatives, priors and limits are pamjax's own: what differs
-is the noise model, that nothing accounts for how many forms were tried, and that nothing is asked of a name
-but that BIC falls.
+decreases, with k fitted parameters. The library, its derivatives, priors and limits are those of a diagnosis.
+The differences are the noise model, no correction for the number of tested candidates, and no other
+criterion than BIC.
 
-It sees the rows that pamjax's own fit sees. The other common practice, a flexible curve on what the baseline
-leaves, is in `gaussian_process.py`.
+The rows are those of the diagnosis' own fit. The other common practice, a flexible curve on the residual of
+the baseline, is in `gaussian_process.py`.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from pamjax.diagnosis.refit.candidate_fit import switch_on_candidate
 from pamjax.diagnosis.refit.least_squares import MapEstimate, fit_parameters
 from pamjax.diagnosis.select.search import shortlist_candidates
 
-#: Most names; how many mechanisms are refitted at each step, and evaluations of such a refit.
+#: Largest number of mechanisms, refits in each step, and evaluations of a refit.
 MAX_STEPWISE_MECHANISMS, TRIALS_PER_STEP, STEPWISE_EVALUATIONS = 6, 2, 15
 
 
 @dataclass(frozen=True, eq=False)
 class StepwiseSelection:
-    """What independent noise and BIC select.
+    """Mechanisms selected by BIC with independent noise.
 
     Attributes:
-        ids: in the order in which they came.
-        force: (n,) what it predicts, N.
+        ids: ids in the order of selection.
+        force: (n,) predicted force, N.
     """
 
     ids: tuple[str, ...]
@@ -45,11 +45,11 @@ class StepwiseSelection:
 
 
 def select_by_bic(problem: LibraryProblem, training_rows: np.ndarray) -> StepwiseSelection:
-    """Forward selection by BIC under independent noise.
+    """Select mechanisms by forward selection with BIC and independent noise.
 
     Args:
-        problem: the recording before the library.
-        training_rows: (n,) the rows that may be looked at.
+        problem: the recording and the library.
+        training_rows: (n,) mask of the rows in use.
     """
     candidates = build_candidates(problem)
     baseline_indices = np.flatnonzero(problem.is_baseline).tolist()
@@ -77,7 +77,7 @@ def select_by_bic(problem: LibraryProblem, training_rows: np.ndarray) -> Stepwis
 
 
 def compute_bic(chi2: float, samples: int, parameters: int) -> float:
-    """Schwarz's criterion with the noise level profiled out."""
+    """Return Schwarz's criterion with the maximum likelihood noise level."""
     return samples * float(np.log(chi2 / samples)) + parameters * float(np.log(samples))
 
 

@@ -1,1 +1,1 @@
-"""The simulation study behind `pamjax prove`."""
+"""Simulation study of `pamjax prove`: known effects in simulated recordings, diagnosed blindly."""

@@ -1,10 +1,9 @@
-"""Recordings of a muscle in which known physics is concealed: the envelope of a proof.
+"""Simulated recordings with known injected effects: the ground truth of the simulation study.
 
-They are made with the same equations as the fit: a proof on them shows that the method can do what it
-says where its equations hold, not that they hold. Shapes of what is concealed (times, distances, shares)
-are drawn off the values from which the catalogue's forms start. With a form error each effect departs from
-its equation as well, by a smooth share that is drawn over pressure and length: physics of the catalogue as
-nature may have it.
+They use the equations of the fit. The study therefore tests the method if its equations are valid, not the
+equations themselves. Shape parameters (times, distances, shares) are drawn around the starting values of the
+candidates. With a form error, each effect also deviates from its equation by a smooth random share over
+pressure and length.
 """
 
 from __future__ import annotations
@@ -30,37 +29,35 @@ from pamjax.records.case import Case
 from pamjax.records.recording import Recording
 from pamjax.records.simulate import draw_ar1_noise
 
-#: What is in no catalogue: an obstacle in the way, a load cell that clips, a ripple on the force.
+#: Effects outside the library: an obstacle, a load cell that clips, a ripple on the force.
 UNMODELLED_EFFECTS = ("obstacle", "clipping", "ripple")
 
-#: Mechanisms that only read wrongly.
+#: Mechanisms of sensors.
 SENSOR_MECHANISMS = {kind.id for kind in MECHANISMS if issubclass(kind, AbstractSensor)}
 
-#: Rounds in which an amplitude is brought to its wanted effect.
+#: Iterations to scale an amplitude to the target size of its effect.
 AMPLITUDE_ROUNDS = 4
 
-#: Sd of ln(shape number) around the value from which a form starts.
+#: Standard deviation of ln(shape parameter) around its starting value.
 LOG_SHAPE_SD = 0.3
 
-#: What falls short of its wanted effect by more than this factor, at the limits of its numbers, is not
-#: concealed: another is drawn.
+#: Smallest effect over its target size, at the limits of its parameters. Below it another mechanism is drawn.
 MIN_EFFECT_SHARE = 0.7
 
 
 @dataclass(frozen=True, eq=False)
 class GroundTruth:
-    """A recording and what is concealed in it.
+    """A simulated recording and its injected effects.
 
     Attributes:
-        case: what the diagnosis sees.
-        effect_ids: ids, or one of `MIN_OUTSIDE_RANGES`.
-        effect_sizes: rms of each in effective noise standard deviations, after the baseline has made up for
-            what
-            it can with all others there; on the channel where it is largest.
-        true_values: the values of every number, SI, by name.
-        candidates: in which each id was concealed; none for what is in no catalogue.
+        case: the recording and stated values, as the diagnosis reads them.
+        effect_ids: ids of the injected mechanisms, or one of `UNMODELLED_EFFECTS`.
+        effect_sizes: rms of each effect after a refit of the baseline, with all other effects present, over
+            effective noise; on the channel with the largest value.
+        true_values: true value of every parameter by name, SI.
+        candidates: candidate of each injected mechanism; empty for an effect outside the library.
         noise_free: (2, n) force (N) and diameter (m) without noise.
-        effects: (k, 2, n) what each does beyond a refitted baseline, SI.
+        effects: (k, 2, n) each effect that a refit of the baseline does not absorb, SI.
     """
 
     case: Case
@@ -77,18 +74,18 @@ def inject_effects(
     unmodelled: bool = False, only: str | None = None, correlation: float = 0.0,
     smallest: float = 3.0, largest: float = 10.0, form_error: float = 0.0, number: int = 0,
 ) -> GroundTruth:  # fmt: skip
-    """Make a recording with physics that its baseline does not have.
+    """Simulate a recording with effects that its baseline does not include.
 
     Args:
-        effect_count: how many mechanisms to conceal.
-        rng: what draws the muscle's numbers, the mechanisms, their sizes and the noise.
-        setup: the muscle and its bench; None takes the one that is always the same.
-        unmodelled: whether to conceal something that is in no catalogue instead.
-        only: id of the one mechanism to choose from; None for all.
-        correlation: of neighbouring samples of force and of diameter.
-        smallest, largest: effect, rms in noise standard deviations.
-        form_error: share, rms, by which each effect of muscle or rig departs from its equation.
-        number: of the recording, for its name.
+        effect_count: number of mechanisms to inject.
+        rng: random generator for parameters, mechanisms, effect sizes and noise.
+        setup: the muscle and its bench; None uses the reference setup.
+        unmodelled: whether to inject an effect outside the library instead.
+        only: id of the only mechanism to inject; None for all.
+        correlation: noise correlation of neighbouring samples of force and of diameter.
+        smallest, largest: range of effect sizes, rms in noise standard deviations.
+        form_error: rms share by which each effect of muscle or rig deviates from its equation.
+        number: number of the recording, for its name.
     """
     setup = setup or build_reference_setup()
     name = f"concealed-{number:04d}"
@@ -121,7 +118,7 @@ def inject_effects(
 
 
 def _allow_slack(problem: LibraryProblem) -> LibraryProblem:
-    """The same bench, on which a muscle never pushes: where the ideal one would, it is slack."""
+    """Return the problem with slack allowed in all rows: the muscle never pushes."""
 
     def set_slack(dataset: Dataset) -> Dataset:
         return eqx.tree_at(lambda m: m.rows.is_slack, dataset, jnp.ones_like(dataset.rows.is_slack))
@@ -132,7 +129,7 @@ def _allow_slack(problem: LibraryProblem) -> LibraryProblem:
 
 
 def _draw_muscle(problem: LibraryProblem, rng: np.random.Generator) -> np.ndarray:
-    """The muscle as it is: its numbers off what the lab believes, within two standard deviations."""
+    """Draw the true parameters of the baseline from their priors, within two standard deviations."""
     values = problem.neutral.copy()
     for k in np.flatnonzero(problem.is_baseline).tolist():
         values[k] = _draw_from_prior(problem, k, rng)
@@ -140,16 +137,16 @@ def _draw_muscle(problem: LibraryProblem, rng: np.random.Generator) -> np.ndarra
 
 
 def _draw_from_prior(problem: LibraryProblem, k: int, rng: np.random.Generator) -> float:
-    """A number off what the lab believes, within two standard deviations."""
+    """Draw a parameter from its prior, within two standard deviations."""
     drawn = problem.start[k] + problem.prior_sd[k] * np.clip(rng.standard_normal(), -2, 2)
     return float(np.clip(drawn, problem.low[k], problem.high[k]))
 
 
 def _draw_candidates(problem: LibraryProblem, rng: np.random.Generator, only: str | None) -> list[Candidate]:
-    """Every mechanism in one of its forms, in an order that is drawn."""
+    """Return one random candidate of every mechanism, in random order."""
     candidates = [candidate for candidate in build_candidates(problem) if only in (None, candidate.id)]
     if problem.law != "inelastic":
-        # The baseline's own threads are no concealed physics here.
+        # An elastic baseline already includes thread stretch.
         candidates = [candidate for candidate in candidates if candidate.id != "braid_elasticity"]
     order = rng.permutation(sorted({candidate.id for candidate in candidates}))
     return [options[rng.integers(len(options))] for id in order if (options := _filter_by_id(candidates, id))]
@@ -166,8 +163,13 @@ def _scale_to_size(
     target_size: float,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Values with a form at the amplitude that has a wanted effect or as much as its limits allow, that
-    effect and the noise it is measured in. What the lab states has no other size than the lab believes."""
+    """Scale a candidate's amplitude to a target effect size, within its limits.
+
+    An amplitude with a stated value is drawn from its prior instead.
+
+    Returns:
+        (p,) parameter values, the effect and the noise of every sample, (2, n) each, SI.
+    """
     indices = [problem.index(name) for name in candidate.amplitudes]
     shaped = _draw_shape(problem, values, candidate, rng)
     sign = np.array(
@@ -195,7 +197,7 @@ def _scale_to_size(
 def _draw_shape(
     problem: LibraryProblem, values: np.ndarray, candidate: Candidate, rng: np.random.Generator
 ) -> np.ndarray:
-    """Values with a form's shape off the one that the catalogue starts from."""
+    """Return values with a candidate's shape parameters drawn around their starting values."""
     out = values.copy()
     for name, value in candidate.shape.items():
         k = problem.index(name)
@@ -217,7 +219,7 @@ def _draw_shape(
 def _compute_effect(
     problem: LibraryProblem, without: np.ndarray, values: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What a change does beyond a refitted baseline, SI, (2, n), and the noise of every sample."""
+    """Return the effect that a baseline refit does not absorb, and the noise sd, (2, n) each, SI."""
     prediction = problem.predict(values)
     as_measured = dataclasses.replace(
         problem, measured=np.where(np.isnan(problem.measured), np.nan, prediction)
@@ -235,9 +237,9 @@ def _compute_effect(
 
 
 def _compute_largest_rms(effect: np.ndarray, noise_sd: np.ndarray) -> float:
-    """The larger of the two channels' rms, in noise standard deviations; NaN is not measured.
+    """Return the larger of the two channels' rms, in noise standard deviations; NaN is ignored.
 
-    The largest hundredth is left out: what two samples beside a slack muscle alone show is no effect.
+    The largest 1 % of the squares is removed, because a few samples next to slack rows are no effect.
     """
     squares = [
         np.sort(channel_effect[np.isfinite(channel_effect)] ** 2) for channel_effect in effect / noise_sd
@@ -249,7 +251,7 @@ def _compute_largest_rms(effect: np.ndarray, noise_sd: np.ndarray) -> float:
 def _compute_separate_effects(
     problem: LibraryProblem, values: np.ndarray, mechanisms: list[Candidate]
 ) -> tuple[np.ndarray, list[float]]:
-    """What each form adds to all others, and its size."""
+    """Return the effect of each candidate with all others present, and its size."""
     effects, sizes = np.zeros((len(mechanisms), 2, problem.n)), []
     for i, candidate in enumerate(mechanisms):
         effects[i], noise_sd = _compute_effect(problem, remove_amplitudes(problem, values, candidate), values)
@@ -264,9 +266,9 @@ def _draw_form_error(
     share: float,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """By how much effects are not what their equations say, SI, (2, n).
+    """Draw the deviation of the effects from their equations, SI, (2, n).
 
-    A sensor's zero is a zero and its gain a gain: those do not depart.
+    Sensor mechanisms have no form error.
     """
     out = np.zeros((2, problem.n))
     for candidate in mechanisms if share else []:
@@ -277,7 +279,7 @@ def _draw_form_error(
 
 
 def _draw_smooth_surface(recording: Recording, rng: np.random.Generator) -> np.ndarray:
-    """A quadratic in pressure and length with coefficients that are drawn, (n,), rms one."""
+    """Draw a quadratic function of pressure and length, (n,), with rms one."""
     p, x = (
         2 * (channel - channel.min()) / max(np.ptp(channel), 1e-12) - 1
         for channel in (recording.pressure, recording.length)
@@ -287,7 +289,7 @@ def _draw_smooth_surface(recording: Recording, rng: np.random.Generator) -> np.n
 
 
 def remove_amplitudes(problem: LibraryProblem, values: np.ndarray, candidate: Candidate) -> np.ndarray:
-    """Values with a form's amplitudes back at neutral."""
+    """Return values with a candidate's amplitudes at their neutral values."""
     out = values.copy()
     for name in candidate.amplitudes:
         out[problem.index(name)] = problem.neutral[problem.index(name)]
@@ -297,7 +299,7 @@ def remove_amplitudes(problem: LibraryProblem, values: np.ndarray, candidate: Ca
 def _add_unmodelled_effect(
     problem: LibraryProblem, values: np.ndarray, kind: str, target_size: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, list[float]]:
-    """A pattern on the force that is no muscle's, as large as wanted after a refit."""
+    """Return an effect outside the library, (1, 2, n), SI, scaled to the target size, and its size."""
     plain = problem.predict(values)
     pattern = np.zeros((2, problem.n))
     pattern[0] = _draw_unmodelled_pattern(kind, problem.case, plain[0], rng)
@@ -323,7 +325,7 @@ def _add_unmodelled_effect(
 def _draw_unmodelled_pattern(
     kind: str, case: Case, force: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """A pattern on the force that is no muscle's, in arbitrary units."""
+    """Draw a force pattern of an effect outside the library, arbitrary units, (n,)."""
     recording, rest_length = case.recording, case.entry.rest_length.value
     contraction = 1 - recording.length / rest_length
     if kind == "obstacle":

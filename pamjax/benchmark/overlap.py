@@ -1,8 +1,8 @@
-"""Overlap: where a concealed effect truly is, and how well a claim about that place matches.
+"""Overlap of reported boxes with the true boxes of injected effects (intersection over union).
 
-A true box holds, on each axis, the middle 90 % of the squared effect in noise standard deviations. Two
-boxes of one channel overlap by the product, over pressure, contraction, time and direction, of the length
-they share over the length they cover together; of different channels not at all.
+On each axis a true box contains the middle 90 % of the squared effect over noise variance. The overlap of
+two boxes of one channel is the product of intersection over union on pressure, contraction, time and
+direction. Boxes of different channels have no overlap.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from pamjax.diagnosis.detect.locate import Box
 from pamjax.diagnosis.detect.regions import LENGTHENING, SHORTENING, RecordingAxes
 from pamjax.infer.problem.dataset import CHANNELS
 
-#: What of a squared effect lies outside a box at each end, and from which share a direction counts.
+#: Share of a squared effect outside a box at each end, and smallest share for a direction of motion.
 TRUE_BOX_TAIL_SHARE, MIN_TRUE_DIRECTION_SHARE = 0.05, 0.15
-#: Rms on a channel, over the largest, from which an effect has a box there.
+#: Smallest rms on a channel over the largest, for a box on that channel.
 MIN_TRUE_BOX_RMS_RATIO = 0.5
-#: Intervals thinner than this share of what was recorded are widened to it: a point can match a point.
+#: Intervals shorter than this share of the recorded range are widened to it, so that points can match.
 MIN_INTERVAL_SHARE = 0.02
 
 DIRECTION_SETS = {"shortening": {SHORTENING}, "lengthening": {LENGTHENING}, "both": {SHORTENING, LENGTHENING}}
@@ -27,11 +27,11 @@ BOX_AXES = ("pressure", "contraction", "time")
 
 
 def compute_true_boxes(axes: RecordingAxes, effects: np.ndarray, noise: np.ndarray) -> list[Box]:
-    """Boxes of effects.
+    """Return the true boxes of effects.
 
     Args:
-        axes: what the recording did, row by row.
-        effects: (k, 2, n) SI, NaN where not measured.
+        axes: pressure, contraction, time and direction of every row.
+        effects: (k, 2, n) effects, SI; NaN where not measured.
         noise: (2, n) standard deviation of a sample, SI.
     """
     boxes = []
@@ -71,13 +71,13 @@ def _compute_middle_range(values: np.ndarray, weights: np.ndarray) -> tuple[floa
 
 
 def compute_overlap(axes: RecordingAxes, claims: Sequence[Box], boxes: Sequence[Box]) -> float:
-    """The best overlap of any claim with any true box."""
+    """Return the largest overlap of any reported box with any true box."""
     domain = _compute_domain(axes)
     return max((_compute_box_overlap(claim, box, domain) for claim in claims for box in boxes), default=0.0)
 
 
 def compute_blind_overlap(axes: RecordingAxes, boxes: Sequence[Box]) -> float:
-    """The overlap that a claim of the whole recording has, for comparison."""
+    """Return the overlap of a box over the whole recording, for comparison."""
     pressure, contraction, time = (span for span in _compute_domain(axes).values())
     whole = [Box(channel, "both", pressure, contraction, time, 1.0, "") for channel in CHANNELS]
     return compute_overlap(axes, whole, boxes)
@@ -105,7 +105,7 @@ def _compute_box_overlap(claim: Box, other: Box, domain: dict[str, tuple[float, 
 def compute_interval_overlap(
     claim: tuple[float, float], other: tuple[float, float], min_length: float
 ) -> float:
-    """Length shared over length covered together, of intervals at least so thick.
+    """Return intersection over union of two intervals, widened to `min_length`.
 
     >>> compute_interval_overlap((0.0, 2.0), (1.0, 3.0), 0.01)
     0.3333333333333333

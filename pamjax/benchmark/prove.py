@@ -1,4 +1,4 @@
-"""Prove: conceal known physics, diagnose, open the envelope. A stopped run goes on where it was."""
+"""Run of the simulation study: inject effects, diagnose, compare. A stopped run continues."""
 
 from __future__ import annotations
 
@@ -33,16 +33,15 @@ def run_proof(
     progress: Progress = ignore_progress,
     attempt: TrialRunner | None = None,
 ) -> list[Trial]:
-    """Diagnose envelopes that are not in the file yet.
+    """Run the tasks whose trials are not in the file yet, and return all trials.
 
     Args:
-        tasks: the envelopes.
-        file: of trials, one line each; every trial is added as soon as it is there.
-        workers: processes.
-        progress: called with what is being done and the share done.
-        attempt: what turns a task into a trial, `trial.run_trial` by itself; importable by name where there
-            are
-            several workers.
+        tasks: the tasks.
+        file: file of trials, one on each line; every trial is appended as soon as it is done.
+        workers: number of processes.
+        progress: called with a description and the completed share.
+        attempt: function from task to trial, by default `trial.run_trial`; with several workers it must be
+            importable by name.
 
     Returns:
         the trials of these tasks, in their order.
@@ -89,7 +88,7 @@ def _initialise_worker() -> None:
 
 
 def _exit_with_parent(parent: BaseProcess | None) -> None:
-    """End with the process that asked, which tells nobody when it is killed: a helper would wait for ever."""
+    """Exit when the parent process ends: a killed parent does not stop its workers."""
     if parent is not None:
         parent.join()
         os._exit(1)
@@ -97,7 +96,7 @@ def _exit_with_parent(parent: BaseProcess | None) -> None:
 
 @contextmanager
 def _set_environment(settings: dict[str, str]) -> Iterator[None]:
-    """Settings for the processes that are started inside the block."""
+    """Set environment variables for the processes that are started inside the block."""
     before = {name: os.environ.get(name) for name in settings}
     os.environ.update(settings)
     try:
@@ -111,7 +110,7 @@ def _set_environment(settings: dict[str, str]) -> Iterator[None]:
 
 
 def _append_trial(file: Path, trial: Trial) -> None:
-    """Append one line in one write; what a power cut leaves of a line is no trial."""
+    """Append a trial as one line in one write; an incomplete line is ignored when read."""
     with file.open("ab") as out:
         if out.tell() and not _ends_with_newline(file):
             out.write(b"\n")
@@ -127,10 +126,10 @@ def _ends_with_newline(file: Path) -> bool:
 
 
 def read_trials(file: Path) -> list[Trial]:
-    """Trials from their file; a line that was cut off is left out.
+    """Read trials from their file; incomplete lines are ignored.
 
     Raises:
-        BadInput: if a whole line is no trial.
+        BadInput: if a complete line is no trial.
     """
     trials = []
     lines = file.read_text(encoding="utf-8").split("\n")
@@ -153,7 +152,7 @@ def build_tasks(
     counts: dict[str, int], correlations: Iterable[float], *, stage: str = "all", seed: int = 0,
     with_baselines: bool = False, form_error: float = 0.0,
 ) -> list[TrialTask]:  # fmt: skip
-    """So many envelopes of each kind at each correlation, kinds and correlations by turns.
+    """Return `counts` tasks of each kind at each correlation, in alternating order.
 
     >>> [(t.kind, t.number) for t in build_tasks({"nothing": 1, "pair": 2}, [0.5])]
     [('nothing', 0), ('pair', 0), ('pair', 1)]

@@ -1,6 +1,6 @@
-"""Rates: so many of so many, each with its exact interval, and lines of a table that hold them.
+"""Rates with exact binomial intervals, and the table lines of the simulation study.
 
-Two-sided intervals are Clopper and Pearson's at 95 %; upper limits of false alarms are one-sided.
+Two-sided intervals are those of Clopper and Pearson at 95 %. Upper limits of false alarms are one-sided.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from scipy.stats import beta
 
 @dataclass(frozen=True)
 class Rate:
-    """So many of so many."""
+    """A number of hits in a total."""
 
     hits: int
     total: int
@@ -31,7 +31,7 @@ class Rate:
         return self.hits / self.total if self.total else float("nan")
 
     def compute_interval(self, level: float = 0.95) -> tuple[float, float]:
-        """Exact two-sided interval."""
+        """Return the exact two-sided interval; (0, 1) without data."""
         tail, hits, of = (1 - level) / 2, self.hits, self.total
         low = float(beta.ppf(tail, hits, of - hits + 1)) if hits else 0.0
         high = float(beta.ppf(1 - tail, hits + 1, of - hits)) if hits < of else 1.0
@@ -56,14 +56,14 @@ class Rate:
 
 @dataclass(frozen=True)
 class TableLine:
-    """One line of a table: what was counted, and a rate or a number with its interval.
+    """One line of a table: a label and a rate with its interval, or another number.
 
     Attributes:
-        label: in words.
-        rate: of pamjax; None where it is no rate.
-        text: what stands in the table.
-        common_practice: the same of common practice, or "".
-        target: what was aimed at, or "".
+        label: what was counted, in words.
+        rate: rate of pamjax; None if the number is no rate.
+        text: result of pamjax, as text.
+        common_practice: result of common practice, or "".
+        target: target value, or "".
     """
 
     label: str
@@ -76,20 +76,20 @@ class TableLine:
 def build_rate_line(
     label: str, hits: Iterable[bool], common_practice: Iterable[bool] | None = None, target: str = ""
 ) -> TableLine:
-    """A line from what was hit."""
+    """Return a table line from hits of pamjax and, optionally, of common practice."""
     rate = Rate.from_outcomes(hits)
     common_practice_text = str(Rate.from_outcomes(common_practice)) if common_practice is not None else ""
     return TableLine(label, rate, str(rate), common_practice_text, target)
 
 
 def format_markdown(lines: Sequence[TableLine]) -> str:
-    """A table for a README."""
+    """Return the table in Markdown."""
     rows = [f"| {x.label} | {x.text} | {x.common_practice} | {x.target} |" for x in lines]
     return "\n".join(["| what | pamjax | common practice | aim |", "|---|---|---|---|", *rows, ""])
 
 
 def build_rows(lines: Sequence[TableLine]) -> list[dict[str, Any]]:
-    """The same for programs."""
+    """Return the table as a list of dictionaries."""
     return [
         {"what": x.label, "pamjax": x.text, "common_practice": x.common_practice, "aim": x.target}
         | (x.rate.as_dict() if x.rate else {})
@@ -98,7 +98,7 @@ def build_rows(lines: Sequence[TableLine]) -> list[dict[str, Any]]:
 
 
 def format_text(lines: Sequence[TableLine]) -> str:
-    """The same for a screen."""
+    """Return the table as text for the terminal."""
     out = []
     for line in lines:
         out.append(f"  {line.label}: {line.text}")
@@ -108,7 +108,7 @@ def format_text(lines: Sequence[TableLine]) -> str:
 
 
 def build_documents(lines: Sequence[TableLine]) -> dict[str, str]:
-    """The table as files, by name."""
+    """Return the contents of the table's files by name."""
     rows = build_rows(lines)
     return {
         "table.md": format_markdown(lines),

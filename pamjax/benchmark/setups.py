@@ -1,4 +1,4 @@
-"""Setups: the muscles, benches and sensors that a proof draws, so that it is not about one muscle.
+"""Random muscles, benches and sensors of the simulation study.
 
 | drawn                        | from                                                                   |
 |------------------------------|------------------------------------------------------------------------|
@@ -7,9 +7,9 @@
 | bench                        | strokes at five pressures, or ramps of pressure at five lengths         |
 | noise of a sample, 1 sd      | force 0.03 to 0.2 % of full scale, diameter 0.1 to 0.4 %,               |
 |                              | pressure 0.03 to 0.15 %, length 0.003 to 0.015 %                        |
-| what the lab believes        | thread length to 0.15 %, turns to 0.4 %, stiffness to 20 %              |
+| sd of stated values          | thread length to 0.15 %, turns to 0.4 %, stiffness to 20 %              |
 
-What it leaves out: rulers read once a setting, static maps, several muscles in one fit.
+What it leaves out: lengths read once for each setting, static tables, several muscles in one fit.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from pamjax.records.reading.muscle_toml import MuscleToml, Sensors
 from pamjax.records.reading.quantity import MeasuredValue
 from pamjax.records.recording import Recording
 
-#: Rows of a drawn recording, about.
+#: Approximate number of rows of a drawn recording.
 DRAWN_RECORDING_ROWS = 850
 
-#: Shares of the benches that sweep pressure, and of the labs that believe in inelastic threads.
+#: Shares of setups with pressure ramps, and of setups with an inelastic baseline.
 RAMP_BENCH_SHARE, INELASTIC_SHARE = 0.2, 0.25
 
-#: What a lab believes of its own numbers: sd of thread length and of stiffness as shares, of turns.
+#: Prior standard deviations: thread length and stiffness as shares of the value, turns absolute.
 THREAD_LENGTH_SD_SHARE, STIFFNESS_SD_SHARE, TURNS_SD = 1.5e-3, 0.2, 4e-3
 
 
@@ -39,8 +39,8 @@ class Setup:
     """A muscle on a bench, before anything is measured.
 
     Attributes:
-        entry: what the lab says of it.
-        plan: pressure and length as they were set; force and diameter stand for "measured here".
+        entry: stated values, as in muscle.toml.
+        plan: set pressure and length; finite force and diameter mark measured samples.
     """
 
     entry: MuscleToml
@@ -48,7 +48,7 @@ class Setup:
 
 
 def build_reference_setup() -> Setup:
-    """One muscle that is always the same: the paper's, with softer threads, at five isobars."""
+    """Return the fixed reference setup: the muscle of the paper with softer threads, at five isobars."""
     entry = MuscleToml(
         name="a known muscle",
         rest_length=MeasuredValue(0.2357),
@@ -73,11 +73,11 @@ def build_reference_setup() -> Setup:
 
 
 def draw_setup(rng: np.random.Generator, rows: int = DRAWN_RECORDING_ROWS, law: str | None = None) -> Setup:
-    """A muscle and a bench nobody chose.
+    """Draw a random muscle and bench.
 
     Args:
-        rng: what draws them.
-        rows: of the recording, about.
+        rng: random generator.
+        rows: approximate number of rows of the recording.
         law: "elastic" or "inelastic"; None draws it.
     """
     angle = math.radians(rng.uniform(62.0, 74.0))
@@ -104,7 +104,7 @@ def draw_setup(rng: np.random.Generator, rows: int = DRAWN_RECORDING_ROWS, law: 
         ),
         baseline=law,
     )
-    # Where inextensible threads of this angle pull no more: 3 L² = B².
+    # Free contraction of inextensible threads of this angle: 3 L² = B².
     free = 1 - 1 / (math.sqrt(3) * math.sin(angle))
     draw_protocol = _draw_ramps if rng.random() < RAMP_BENCH_SHARE else _draw_strokes
     return Setup(entry, _build_plan(draw_protocol(rng, top, free, rest_length, rows), rest_length))
@@ -113,7 +113,7 @@ def draw_setup(rng: np.random.Generator, rows: int = DRAWN_RECORDING_ROWS, law: 
 def _draw_strokes(
     rng: np.random.Generator, top: float, free: float, rest_length: float, rows: int
 ) -> Protocol:
-    """Two strokes at each of five pressures, further at the higher ones."""
+    """Draw two strokes at each of five pressures, longer at higher pressures."""
     shares = np.linspace(0.16, 1.0, 5) * rng.uniform([0.9] * 5, [1.0] * 5)
     reach = free * np.linspace(rng.uniform(0.3, 0.5), rng.uniform(0.65, 0.78), 5)
     speed = _draw_log_uniform(rng, 0.004, 0.012) * rest_length
@@ -130,7 +130,7 @@ def _draw_strokes(
 
 
 def _draw_ramps(rng: np.random.Generator, top: float, free: float, rest_length: float, rows: int) -> Protocol:
-    """Two fillings at each of five lengths."""
+    """Draw two pressure ramps at each of five lengths."""
     duration = rng.uniform(15.0, 60.0)
     reach = free * np.linspace(0.0, rng.uniform(0.6, 0.75), 5)
     return Protocol(
@@ -145,7 +145,7 @@ def _draw_ramps(rng: np.random.Generator, top: float, free: float, rest_length: 
 
 
 def _build_plan(protocol: Protocol, rest_length: float) -> Recording:
-    """The schedule as a recording without noise; force and diameter are filled in later."""
+    """Return the schedule as a recording with placeholder values of force and diameter."""
     plan = protocol.build_schedule(rest_length)
     return Recording.from_arrays(
         time=plan.time, pressure=plan.pressure, length=plan.length, cycle=plan.cycle,

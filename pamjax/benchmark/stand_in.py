@@ -1,14 +1,13 @@
-"""Stand-ins: whether one mechanism could have made what another did, on this recording.
+"""Test whether an injected mechanism is indistinguishable from another one on a recording.
 
-A name that was not concealed is no mistake where the recording cannot tell it from what was. The test is
-made on the recording without noise: the true muscle loses the concealed mechanism, gets the other, and is
-refitted; what is left, in noise standard deviations with the noise's own correlation, is
+An identified mechanism that was not injected is no error if the recording cannot distinguish the two. The
+test uses the recording without noise. The other mechanism replaces the injected one in the true model, and
+the model is refitted. With the whitening filter W of the noise, the remaining misfit is
 
-    χ² = |W (y_true − y_refit)|²,          y_true what the true bench shows of what was set, as recorded,
+    χ² = |W (y_true − y_refit)|²,          y_true the true prediction at the recorded pressure and length,
 
-the largest expected gain of the truth over the stand-in. Below `MIN_SIMILARITY` no test on one recording of
-this
-length decides between them.
+the largest expected χ² in favour of the true mechanism. Below `MAX_INDISTINGUISHABLE_CHI2` no test on one
+recording of this length distinguishes them.
 """
 
 from __future__ import annotations
@@ -24,27 +23,27 @@ from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.estimate import estimate_noise
 from pamjax.diagnosis.refit.least_squares import fit_parameters
 
-#: χ² below which two mechanisms are alike: odds of e⁶ at most, once, when everything else is known.
+#: χ² below which two mechanisms are indistinguishable; it corresponds to odds of e⁶ at most.
 MAX_INDISTINGUISHABLE_CHI2 = 12.0
 
 
 def is_indistinguishable(
     problem: LibraryProblem, ground_truth: GroundTruth, effect_id: str, other_id: str
 ) -> bool:
-    """Whether `select_second_objective` would explain what `effect_id` did, up to noise.
+    """Return whether `other_id` explains the effect of `effect_id` to within noise.
 
     Args:
-        problem: the recording, with noise, before the library.
-        ground_truth: what is concealed in it.
-        effect_id: id of one of the concealed mechanisms.
-        other_id: id of another mechanism, not concealed.
+        problem: the recording with noise, and the library.
+        ground_truth: the injected effects.
+        effect_id: id of an injected mechanism.
+        other_id: id of a mechanism that was not injected.
     """
     if other_id == effect_id:
         return True
-    # The error that noise made of a held length is as good as none.
+    # Length errors of fixed lengths are neglected.
     true_values = np.array([ground_truth.true_values.get(name, 0.0) for name in problem.names])
     noise = estimate_noise(problem, true_values, np.ones(problem.n, dtype=bool))
-    # Of pressure and length as they were recorded: their noise is no difference between the two.
+    # Use the recorded pressure and length: their noise is the same for both models.
     clean_problem = dataclasses.replace(
         problem, measured=np.where(np.isnan(problem.measured), np.nan, problem.predict(true_values))
     )

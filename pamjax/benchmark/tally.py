@@ -1,7 +1,7 @@
-"""Tally: what came out of a proof, line by line, for pamjax and for common practice.
+"""Results of the simulation study as table lines, for pamjax and for common practice.
 
-Effects of one recording are counted as if they were independent, which makes the intervals of recall, of
-precision and of coverage somewhat too narrow.
+Effects of one recording are counted as independent. The intervals of recall, precision and coverage are
+therefore slightly too narrow.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ PROBABILITY_EDGES = (0.5, 0.8, 0.95, 0.995, 1.0)
 
 
 def tabulate_false_alarms(trials: Sequence[Trial]) -> list[TableLine]:
-    """What was said of recordings in which nothing is, for each stage and correlation."""
+    """Return the false-alarm lines for recordings without effects, by stage and correlation."""
     lines = []
     nothing = [t for t in trials if t.kind == "nothing" and not t.error]
     for stage, correlation in dict.fromkeys((t.stage, t.correlation) for t in nothing):
@@ -61,7 +61,7 @@ def tabulate_false_alarms(trials: Sequence[Trial]) -> list[TableLine]:
 
 
 def tabulate_recovery(trials: Sequence[Trial]) -> list[TableLine]:
-    """How much of what was concealed was named, and how much besides."""
+    """Return the lines on identified injected effects and on wrongly identified mechanisms."""
     some = [t for t in trials if t.stage == "all" and not t.error and t.kind in ("single", "pair", "triple")]
     asked = [t for t in some if t.selected is not None]
     single, several = [t for t in some if t.kind == "single"], [t for t in some if t.kind != "single"]
@@ -126,7 +126,7 @@ def _is_first_right(t: Trial) -> bool:
 
 
 def _tabulate_names(word: str, group: Sequence[Trial]) -> list[TableLine]:
-    """Recall, of all effects and of the clear ones, precision and F1."""
+    """Return recall of all effects and of clear ones, precision and F1."""
     asked = [t for t in group if t.selected is not None]
     clear = [(t, i) for t in group for i, size in enumerate(t.sizes) if size >= CLEAR_EFFECT_SD]
     lines = [
@@ -159,7 +159,7 @@ def _tabulate_names(word: str, group: Sequence[Trial]) -> list[TableLine]:
 
 
 def compute_reliability(trials: Sequence[Trial]) -> list[tuple[float, Rate]]:
-    """Mean stated probability, and how often names of about that probability were right."""
+    """Return for each bin the mean reported probability, and the rate of right mechanisms."""
     pairs = [
         (p, hit)
         for t in trials
@@ -176,11 +176,12 @@ def compute_reliability(trials: Sequence[Trial]) -> list[tuple[float, Rate]]:
 
 
 def compute_coverage(trials: Sequence[Trial], own: bool, same: bool = True) -> Rate:
-    """How often 90 % intervals hold the true number.
+    """Return the coverage of 90 % intervals of parameters.
 
     Args:
-        own: of the baseline's numbers, where the names are exactly right; else of the names' numbers.
-        same: only where the named form has the same numbers as the concealed one.
+        trials: the trials.
+        own: whether to count the baseline's parameters instead of the mechanisms'.
+        same: whether to count only models with the same free parameters as the true one.
     """
     numbers = [
         n
@@ -192,7 +193,7 @@ def compute_coverage(trials: Sequence[Trial], own: bool, same: bool = True) -> R
 
 
 def tabulate_quantities(trials: Sequence[Trial]) -> list[TableLine]:
-    """Probabilities, intervals, held-out errors and places."""
+    """Return the lines on probabilities, intervals, held-out errors and located boxes."""
     some = [t for t in trials if t.stage == "all" and not t.error]
     real = [t for t in some if t.kind in ("single", "pair", "triple")]
     lines = []
@@ -242,7 +243,7 @@ def _tabulate_medians(scores: Sequence[Trial]) -> list[TableLine]:
 
 
 def tabulate_trials(trials: Sequence[Trial]) -> list[TableLine]:
-    """Everything that can be told of these trials."""
+    """Return all table lines of the trials."""
     failed = [t for t in trials if t.error]
     lines = [*tabulate_false_alarms(trials), *tabulate_recovery(trials)]
     if any(t.stage == "all" and t.kind != "nothing" for t in trials):

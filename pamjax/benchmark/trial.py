@@ -1,4 +1,4 @@
-"""A trial: one envelope, what was said of it, and how that compares with what was in it."""
+"""A trial: one simulated recording, its diagnosis, and the comparison with the injected effects."""
 
 from __future__ import annotations
 
@@ -29,31 +29,31 @@ from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.records.blocks import find_blocks
 from pamjax.records.case import Case
 
-#: Kinds of envelopes: nothing in it, one effect, two, three, or one that is in no catalogue.
+#: Kinds of recordings with the number of effects; "outside" has one effect outside the library.
 TRIAL_KINDS = {"nothing": 0, "single": 1, "pair": 2, "triple": 3, "outside": 1}
 
-#: How far a diagnosis is taken: to the end, or to the baseline's p-value, before anything is named.
+#: Stages: the whole diagnosis, or only the p-value of the baseline.
 TRIAL_STAGES = ("all", "score")
 
-#: Effects, rms in noise standard deviations: from just detectable over obvious (8) to large.
+#: Range of effects, rms in noise standard deviations: just detectable to large.
 MIN_EFFECT_SD, MAX_EFFECT_SD = 3.0, 25.0
 
-#: What tells trials apart.
+#: Identifies a trial: stage, kind, correlation, number, seed, form error.
 TrialKey = tuple[str, str, float, int, int, float]
 
 
 @dataclass(frozen=True)
 class TrialTask:
-    """Which envelope; the same task is the same recording.
+    """Definition of a trial; the same task gives the same recording.
 
     Attributes:
         stage: one of `TRIAL_STAGES`.
-        kind: a key of `MAX_LENGTH_COLOURS`.
-        correlation: of neighbouring samples of noise.
-        number: of the envelope.
-        seed: of the proof.
-        with_baselines: whether common practice is asked as well.
-        form_error: share by which effects depart from their equations.
+        kind: a key of `TRIAL_KINDS`.
+        correlation: noise correlation of neighbouring samples.
+        number: number of the recording.
+        seed: seed of the study.
+        with_baselines: whether to evaluate common practice too.
+        form_error: rms share by which effects deviate from their equations.
     """
 
     stage: str
@@ -66,7 +66,7 @@ class TrialTask:
 
     @property
     def key(self) -> TrialKey:
-        """What tells it from others."""
+        """Key that identifies the trial."""
         return (
             self.stage, self.kind, round(self.correlation, 6), self.number, self.seed,
             round(self.form_error, 6),
@@ -75,7 +75,7 @@ class TrialTask:
 
 @dataclass(frozen=True)
 class RecoveredParameter:
-    """A number, SI: as it was, as it was found, its sd; whether the concealed form has the same numbers."""
+    """A parameter, SI: true value, estimate, sd; `same`: the true model has the same free parameters."""
 
     name: str
     true: float
@@ -86,25 +86,29 @@ class RecoveredParameter:
 
 @dataclass(frozen=True)
 class Trial:
-    """One envelope and what was said of it.
+    """Result of one simulated recording.
 
     Attributes:
-        stage, kind, correlation, number, seed, form_error: of its task.
-        law: the baseline.
-        blocks: what kind of blocks the recording has.
-        concealed, sizes: what was in it, and its effect in noise standard deviations.
-        p_value: of the mismatch.
-        named: what was named, most probable first; ties: what else each could have been.
-        probabilities: of the names.
-        stand_ins: (concealed, other) pairs among what was said that this recording truly cannot tell apart.
-        unexplained: whether something was said to be left.
-        before, after: held-out rmse over effective noise, by channel.
-        iou, iou_blind: overlap of the located box with a true one, and of the whole recording; None without.
-        numbers: of right names, and of the baseline.
-        selected: what BIC under independent noise selected; None where it was not asked.
-        selected_after, curve_after: held-out rmse of force over noise, of that selection and of a process.
-        seconds: of processor time.
-        error: why there is no verdict, or "".
+        stage, kind, correlation, number, seed, form_error: as in its task.
+        law: thread law of the baseline.
+        blocks: kind of the recording's blocks.
+        concealed: ids of the injected effects.
+        sizes: effect sizes in noise standard deviations.
+        p_value: p-value of the misfit of the baseline.
+        named: ids of the identified mechanisms, most probable first.
+        ties: ids of the indistinguishable alternatives of each.
+        probabilities: probabilities of the identified mechanisms.
+        stand_ins: (injected, reported) pairs of ids that are truly indistinguishable on this recording.
+        unexplained: whether the diagnosis reports an unexplained misfit.
+        before, after: held-out rmse over effective noise by channel, of the baseline and of the final model.
+        iou: overlap of the located box with a true box; None without a true box.
+        iou_blind: overlap of a box over the whole recording.
+        numbers: parameters of right mechanisms and of the baseline.
+        selected: ids selected by BIC with independent noise; None if not evaluated.
+        selected_after, curve_after: held-out rmse of force over noise, of that selection and of a Gaussian
+            process.
+        seconds: processor time, s.
+        error: error message if the diagnosis failed, or "".
     """
 
     stage: str
@@ -136,42 +140,42 @@ class Trial:
 
     @property
     def key(self) -> TrialKey:
-        """That of its task."""
+        """Key of its task."""
         return TrialTask(
             self.stage, self.kind, self.correlation, self.number, self.seed, form_error=self.form_error
         ).key
 
     @property
     def detected(self) -> bool:
-        """Whether the mismatch counts as one."""
+        """Whether the misfit of the baseline is significant."""
         return self.p_value < DETECTION_P_VALUE
 
     @property
     def is_alarm(self) -> bool:
-        """Whether anything was said to be wrong."""
+        """Whether the diagnosis reports any misfit."""
         return self.detected or bool(self.named) or self.unexplained
 
     def matches(self, name: str, concealed: str) -> bool:
-        """Whether a name is what was concealed, or what this recording truly cannot tell from it."""
+        """Return whether a mechanism is the injected one, or indistinguishable from it on this recording."""
         return name == concealed or (concealed, name) in self.stand_ins
 
     @property
     def effects_found(self) -> tuple[bool, ...]:
-        """Which of the concealed effects have a name."""
+        """Whether each injected effect is identified."""
         return tuple(any(self.matches(name, id) for name in self.named) for id in self.concealed)
 
     @property
     def names_right(self) -> tuple[bool, ...]:
-        """Which of the names stand for something that was concealed."""
+        """Whether each identified mechanism is right."""
         return tuple(any(self.matches(name, id) for id in self.concealed) for name in self.named)
 
     @property
     def is_exact(self) -> bool:
-        """Whether everything was named and nothing besides."""
+        """Whether exactly the injected effects are identified."""
         return all(self.effects_found) and all(self.names_right)
 
     def format_line(self) -> str:
-        """One line of a file, without what is as in any trial."""
+        """Return the trial as one JSON line without default values."""
         values = asdict(self)
         return json.dumps(
             {k: v for k, v in values.items() if v != _DEFAULT_VALUES.get(k, ...)}, allow_nan=False
@@ -182,7 +186,7 @@ _DEFAULT_VALUES = asdict(Trial("", "", math.nan, -1, -1, "", ""))
 
 
 def parse_trial(line: str) -> Trial:
-    """A trial from its line."""
+    """Return the trial of a JSON line."""
     document = json.loads(line)
     known = {f.name for f in fields(Trial)}
     values = {k: _convert_to_tuples(v) for k, v in document.items() if k in known and k != "numbers"}
@@ -196,7 +200,7 @@ def _convert_to_tuples(value: Any) -> Any:
 
 
 def run_trial(task: TrialTask) -> Trial:
-    """Draw an envelope, diagnose what the lab would see, open it."""
+    """Simulate the recording of a task, diagnose it, and compare with the injected effects."""
     start_time = time.process_time()
     ground_truth = draw_ground_truth(task)
     values: dict[str, Any] = {
@@ -213,13 +217,13 @@ def run_trial(task: TrialTask) -> Trial:
             values |= _compare_with_truth(
                 ground_truth, diagnose(ground_truth.case, seed=task.number), task.with_baselines
             )
-    except Exception as error:  # one recording that breaks the tool is a result of the proof, not its end
+    except Exception as error:  # a failed diagnosis is a result of the study
         values["error"] = f"{type(error).__name__}: {error}"[:300]
     return Trial(**values, seconds=round(time.process_time() - start_time, 2))
 
 
 def draw_ground_truth(task: TrialTask) -> GroundTruth:
-    """The envelope of a task."""
+    """Simulate the recording of a task with its injected effects."""
     words = [task.seed, list(TRIAL_KINDS).index(task.kind), task.number, round(1e3 * task.correlation)]
     rng = np.random.default_rng(words)
     return inject_effects(
@@ -230,7 +234,7 @@ def draw_ground_truth(task: TrialTask) -> GroundTruth:
 
 
 def score_recording(case: Case, seed: int = 0) -> Significance:
-    """The baseline's own fit and its p-value, before anything is named."""
+    """Return the significance of the baseline's misfit, without a selection of mechanisms."""
     problem = build_library_problem(case)
     training_rows = ~select_held_out_rows(find_blocks(case.recording))
     baseline = fit_candidate(problem, training_rows, (), problem.neutral)
@@ -268,7 +272,7 @@ def _compare_with_truth(
 
 
 def _compute_noise_sd(diagnosis: Diagnosis) -> np.ndarray:
-    """(2, n) effective noise of every sample, SI."""
+    """Return the effective noise of every sample, (2, n), SI."""
     out = np.ones((len(CHANNELS), diagnosis.problem.n))
     for c, channel in enumerate(diagnosis.model.noise.channels):
         if channel is not None:
@@ -286,7 +290,7 @@ def _divide_by_noise(diagnosis: Diagnosis, rmse: dict[str, float], noise: np.nda
 
 
 def _find_indistinguishable(ground_truth: GroundTruth, diagnosis: Diagnosis) -> tuple[tuple[str, str], ...]:
-    """Which of what was said, and was not concealed, this recording cannot tell from what was."""
+    """Return (injected, reported) pairs of ids that are indistinguishable on this recording."""
     effect_ids = [candidate.id for candidate in ground_truth.candidates]
     reported_ids = {
         id for name in diagnosis.named_mechanisms for id in (name.id, *name.indistinguishable)
@@ -300,7 +304,7 @@ def _find_indistinguishable(ground_truth: GroundTruth, diagnosis: Diagnosis) -> 
 
 
 def _compare_parameters(ground_truth: GroundTruth, diagnosis: Diagnosis) -> list[RecoveredParameter]:
-    """The numbers of right names, and of the baseline, beside the true ones."""
+    """Return the parameters of right mechanisms and of the baseline with their true values."""
     problem, out = diagnosis.problem, []
     free_by_effect = {candidate.id: set(candidate.free_parameters) for candidate in ground_truth.candidates}
     free_by_mechanism = {
@@ -312,7 +316,7 @@ def _compare_parameters(ground_truth: GroundTruth, diagnosis: Diagnosis) -> list
             same = free_by_effect[id] == free_by_mechanism[id]
             out.append(_build_recovered(ground_truth, name, number.value, number.sd, same))
     exact = set(free_by_effect) == set(free_by_mechanism)
-    # What noise made of a held length has no true number.
+    # Length errors of fixed lengths have no true value.
     for k in (
         k
         for k in np.flatnonzero(problem.is_baseline).tolist()

@@ -1,4 +1,4 @@
-"""One wish of a controller, answered: what to command, how surely, and how it changes."""
+"""Control command for one wanted force: value, standard deviation and derivatives."""
 
 from __future__ import annotations
 
@@ -23,28 +23,26 @@ ZERO_SHARE, RANGE_TOLERANCE = 1e-9, 1e-3
 
 @dataclass(frozen=True)
 class CommandResult:
-    """What to command, SI.
+    """A control command with its uncertainty, SI.
 
     Attributes:
-        quantity: "pressure" or "length".
-        value: Pa or m; where the wish cannot be met, the nearest there is.
-        sd: of it, from what the calibration does not know; NaN where no covariance is kept.
-        force: wanted, N.
+        quantity: the commanded quantity, "pressure" or "length".
+        value: Pa or m; the nearest possible value if the limit is not OK.
+        sd: standard deviation of the value from the calibration; NaN without a covariance.
+        force: wanted force, N.
         given: the given length, m, or pressure, Pa.
         by_force, by_given: derivatives of the value.
         stiffness: ∂F/∂L, N/m.
         stiffness_by_pressure, stiffness_by_length: derivatives of the stiffness, N/(m Pa) and N/m².
-        limit: what keeps the wish from being met.
-        spread: what posterior draws make of it, where there are any.
-        unexplained_force: force that the muscle misses beyond noise on held-out blocks, N, part of `sd`; 0
-            if unknown.
+        limit: the active limit, or OK.
+        spread: distribution of the command over posterior draws; None without draws.
+        unexplained_force: force error on held-out blocks beyond noise, N, part of `sd`; 0 if unknown.
         reached_force: force at the value, N.
-        friction: half the width of the friction's loop in force, N, there; no part of `sd`; 0 for none.
-        given_range: lowest and highest of the given length, m, or pressure, Pa.
-        extrapolations: what of pressure and length lies beyond where the muscle was calibrated, a sentence
-            each.
-        neglected_history, neglected_rig: ids of mechanisms that take no part: what past and speed leave;
-            sensors and rig.
+        friction: half width of the friction loop at the value, N; not part of `sd`; 0 without friction.
+        given_range: lowest and highest allowed value of the given length, m, or pressure, Pa.
+        extrapolations: a sentence for pressure and for length outside the calibrated range.
+        neglected_history: ids of neglected mechanisms of memory and speed.
+        neglected_rig: ids of neglected mechanisms of sensors and rig.
     """
 
     quantity: str
@@ -69,12 +67,12 @@ class CommandResult:
 
     @property
     def friction_shift(self) -> float:
-        """By how much friction moves the value to either side, Pa or m."""
+        """Return the largest change of the value by friction, Pa or m."""
         return abs(self.by_force) * self.friction
 
     @property
     def reason(self) -> str:
-        """Which limit binds, with the force that there is at it."""
+        """Return the active limit as text, with the force at this limit."""
         ends = {
             CommandLimit.TOO_STRONG: ("more", "highest", "longest"),
             CommandLimit.TOO_WEAK: ("less", "lowest", "shortest"),
@@ -93,7 +91,7 @@ class CommandResult:
         return f"{comparison} force than the {format_quantity(self.reached_force, 'N')} at the {end_text}"
 
     def as_dict(self) -> dict[str, Any]:
-        """As plain numbers, SI; None where there is none."""
+        """Return the command as a JSON document in SI units; a value that is not finite is None."""
         numbers = {
             "value": self.value,
             "sd": self.sd,
@@ -140,7 +138,7 @@ class CommandResult:
 
     @property
     def _units(self) -> tuple[str, str]:
-        """Of the value, and of what is given."""
+        """Display units of the value and of the given quantity."""
         return ("kPa", "mm") if self.quantity == "pressure" else ("mm", "kPa")
 
     def _format_nearest(self) -> list[str]:
@@ -151,7 +149,7 @@ class CommandResult:
         return [f"cannot be met: {self.reason}", nearest]
 
     def _format_value(self) -> list[str]:
-        """The value with all that it may be off by, and how it changes."""
+        """Return lines with the value, its uncertainty and its derivatives."""
         unit, given_unit = self._units
         uncertainty = f" ± {format_quantity(self.sd, unit, 2)}" if math.isfinite(self.sd) else ""
         if self.spread is not None and math.isfinite(self.spread.low):
@@ -182,7 +180,7 @@ class CommandResult:
         return lines
 
     def _format_neglected(self) -> list[str]:
-        """What takes no part, a line each."""
+        """Return a line for each neglected effect and each extrapolation."""
         lines = [*self.extrapolations]
         if self.neglected_history:
             lines.append(f"left out, as for a muscle at rest: {', '.join(self.neglected_history)}")
@@ -200,7 +198,7 @@ class CommandResult:
 def _list_extrapolations(
     calibrated_range: Mapping[str, tuple[float, float]], point: Mapping[str, float]
 ) -> tuple[str, ...]:
-    """What lies beyond where a muscle was calibrated, a sentence each."""
+    """Return a sentence for each quantity outside the calibrated range."""
     sentences = []
     for name, (low, high) in calibrated_range.items():
         unit, value = DISPLAY_UNIT[name], point[name]
@@ -226,17 +224,17 @@ def solve_command(
     file: Path | None = None, case: str | None = None, draws: PosteriorDraws | None = None,
     calibrated_range: Mapping[str, tuple[float, float]] | None = None,
 ) -> CommandResult:  # fmt: skip
-    """Answer one wish.
+    """Return the command for a wanted force at one length or pressure.
 
     Args:
-        inverse: the inverse.
-        force: wanted, N.
-        length: at which the pressure is sought, m; or
-        pressure: at which the length is sought, Pa.
-        file: the fit.json that knows how sure the muscle's numbers are.
-        case: which case of it.
-        draws: what a posterior knows of the muscle, instead of that file.
-        calibrated_range: lowest and highest "pressure" and "length" that the muscle was calibrated on, SI.
+        inverse: the inverse model.
+        force: wanted force, N.
+        length: given length, m, for a commanded pressure; or
+        pressure: given pressure, Pa, for a commanded length.
+        file: the fit.json or model.json with the covariance of the parameters.
+        case: name of its case. Default: the first.
+        draws: posterior draws, used instead of the covariance.
+        calibrated_range: lowest and highest calibrated "pressure" and "length", SI.
     """
     quantity, given = ("pressure", length) if length is not None else ("length", pressure)
     assert given is not None

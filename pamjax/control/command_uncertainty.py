@@ -1,8 +1,8 @@
-"""Doubt: how far the force of a calibrated muscle may be off, from the covariance of its numbers.
+"""Standard deviation of a calibrated muscle's force, from the covariance of its parameters.
 
-sd_F² = gᵀ C g with g = ∂F/∂θ at a pressure and length and C the covariance that the fit found. A pressure
-that is commanded for a force is off by sd_F / F_P, a length by sd_F / F_L. What a diagnosis could not explain
-of the force adds to sd_F.
+sd_F² = gᵀ C g with g = ∂F/∂θ at a pressure and length, and the covariance C of the fit. A commanded pressure
+has the standard deviation sd_F / F_P, a commanded length sd_F / F_L. The force error that a diagnosis does
+not explain is added to sd_F in quadrature.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ ForceUncertainty = Callable[[np.ndarray, np.ndarray], np.ndarray]
 def combine_force_sd(
     file: Path, case: str | None = None, posterior_sd: ForceUncertainty | None = None
 ) -> ForceUncertainty | None:
-    """How surely a muscle's force is known, with what its diagnosis left over; None where it is as stated.
+    """Return the function for the force's sd, with the unexplained force error; None for a stated muscle.
 
     Args:
         file: a fit.json or model.json.
-        case: which case of several.
-        posterior_sd: what a posterior says instead of the file's covariance.
+        case: name of one of several cases. Default: the first.
+        posterior_sd: sd of the force over posterior draws, used instead of the file's covariance.
     """
     if file.suffix != ".json":
         return posterior_sd
@@ -49,12 +49,12 @@ def combine_force_sd(
 def compute_force_sd(
     file: Path, pressure: np.ndarray, length: np.ndarray, case: str | None = None
 ) -> np.ndarray:
-    """Standard deviation of the force at rest, N, (n,); NaN where the file knows no covariance.
+    """Return the standard deviation of the force at rest, N, (n,); NaN if the file has no covariance.
 
     Args:
-        file: a fit.json, or a model.json; that of a muscle that was designed keeps no covariance.
+        file: a fit.json or model.json; the model.json of a sized muscle has no covariance.
         pressure, length: (n,) Pa and m.
-        case: which case of several.
+        case: name of one of several cases. Default: the first.
     """
     document = json.loads(read_bytes(file))
     if "correlation" not in document:
@@ -85,8 +85,10 @@ def compute_force_sd(
 
 
 def read_unexplained_force(file: Path) -> float | None:
-    """Force that a diagnosed muscle misses on held-out blocks beyond noise, N, as the diagnosis.json beside
-    its model.json says; None where there is none."""
+    """Return the force error on held-out blocks beyond noise, N, √(rmse² − sd²).
+
+    The diagnosis.json next to a model.json has the held-out error and the noise; None without this file.
+    """
     diagnosis_file = file.parent / "diagnosis.json"
     if file.name != "model.json" or not diagnosis_file.exists():
         return None

@@ -1,4 +1,4 @@
-"""Export: a muscle's inverse as Chebyshev sums, with the error that was measured, for a robot without JAX."""
+"""Export of a muscle's inverse model as Chebyshev series with measured errors, for a robot without JAX."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ START_PRESSURE_SHARES, MIN_LENGTH_SHARE = (0.05, 0.1, 0.2, 0.3, 0.5), 0.6
 
 @dataclass(frozen=True)
 class ExportedController:
-    """What was written.
+    """The written files, with the table's range and interpolation error.
 
     Attributes:
         files: the table and the module that reads it.
-        pressures, lengths: what the table covers, Pa and m.
-        degree: of the sums.
-        error: stated error by name, SI: twice the largest that was met.
-        largest_share: the largest of them, as a share of its range.
+        pressures, lengths: range of the table, Pa and m.
+        degree: polynomial degree of the series.
+        error: stated error by output, SI: twice the largest measured error.
+        largest_share: the largest stated error as a share of its output's range.
     """
 
     files: tuple[Path, Path]
@@ -71,17 +71,17 @@ class ExportedController:
 def export(
     inverse: Inverse, folder: Path, *, force_sd: ForceUncertainty | None = None, seed: int = 0
 ) -> ExportedController:
-    """Write controller.npz and controller.py.
+    """Write controller.npz and controller.py, and return their range and errors.
 
     Args:
-        inverse: the inverse of a muscle. Its range is narrowed to where every wish between the least and the
-            most force has an answer.
-        folder: where to.
-        force_sd: how surely the force is known; None where that is not.
-        seed: of the random points at which the error is measured.
+        inverse: the inverse model. Its range is reduced to where every force between the lowest and the
+            highest is possible.
+        folder: folder for the files.
+        force_sd: function for the force's standard deviation; None if it is unknown.
+        seed: seed of the random test points.
 
     Raises:
-        BadInput: where there is no such range.
+        BadInput: if no such range exists.
     """
     check_minimum("seed", seed, 0)
     inverse = narrow_range(inverse)
@@ -109,9 +109,13 @@ def export(
 
 
 def narrow_range(inverse: Inverse) -> Inverse:
-    """The part of the range in which every force between the ends' has an answer.
+    """Return the inverse model on the range in which every force between both ends is possible.
 
-    From the lowest pressure that leaves most lengths; where none does, from the one that leaves most.
+    The range starts at the lowest pressure that keeps most lengths, otherwise at the one that keeps the
+    largest share of lengths.
+
+    Raises:
+        BadInput: if less than a tenth of the lengths remains.
     """
     lowest, high = inverse.pressures
     start_pressures = [lowest, *(share * high for share in START_PRESSURE_SHARES if share * high > lowest)]
@@ -134,7 +138,7 @@ def narrow_range(inverse: Inverse) -> Inverse:
 
 
 def _find_first_solvable(inverse: Inverse, lengths: np.ndarray) -> int:
-    """The shortest of rising lengths from which on to the longest all have an answer."""
+    """Return the index of the first increasing length from which all longer ones have a command."""
     solvable = np.ones(lengths.size, dtype=bool)
     low, high = inverse.pressures
     for pressure in np.linspace(low, high, 9):
@@ -148,13 +152,13 @@ def _find_first_solvable(inverse: Inverse, lengths: np.ndarray) -> int:
 
 
 def _restrict_pressures(inverse: Inverse) -> Inverse:
-    """The same from the least pressure at which a length can be commanded."""
+    """Return the inverse model from the lowest pressure at which a length can be commanded."""
     low, high = inverse.pressures
     return Inverse(inverse.muscle, (max(low, MIN_PRESSURE_SHARE * high), high), inverse.lengths)
 
 
 def _compute_nodes(degree: int) -> np.ndarray:
-    """Chebyshev points, ends included."""
+    """Return the Chebyshev points in [-1, 1], with both ends, (degree + 1,)."""
     return -np.cos(np.pi * np.arange(degree + 1) / degree)
 
 
@@ -163,7 +167,7 @@ def _map_to_range(x: np.ndarray, limits: tuple[float, float]) -> np.ndarray:
 
 
 def _fit_chebyshev(values: np.ndarray, degree: int) -> np.ndarray:
-    """(i, j) coefficients of values at Chebyshev points in both directions."""
+    """Return the coefficients (i, j) from values at Chebyshev points in both directions."""
     inverse_vandermonde = np.linalg.inv(chebvander(_compute_nodes(degree), degree))
     return inverse_vandermonde @ values @ inverse_vandermonde.T
 
@@ -208,7 +212,7 @@ def _build_table(inverse: Inverse, degree: int) -> dict[str, np.ndarray]:
 def _measure_errors(
     inverse: Inverse, table, folder: Path, seed: int
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Largest errors at random points, SI and as shares of the range, of the code that is handed over."""
+    """Return the largest errors of the exported code at random points, SI and as shares of the range."""
     _write_table(folder / "controller.npz", table)
     controller = standalone.Controller(folder / "controller.npz")
     rng = np.random.default_rng(seed)
@@ -225,7 +229,7 @@ def _measure_errors(
 
 
 def _compute_forward(inverse: Inverse, pressure: np.ndarray, length: np.ndarray) -> dict[str, np.ndarray]:
-    """Force and its derivatives, each (n,), by the names under which a robot asks for them."""
+    """Return force and its derivatives, each (n,), by the names of the exported functions."""
     force, stiffness = inverse.force(pressure, length)
     by_pressure, by_length = inverse.stiffness_slopes(pressure, length).T
     return {
@@ -235,7 +239,7 @@ def _compute_forward(inverse: Inverse, pressure: np.ndarray, length: np.ndarray)
 
 
 def _fit_rough(inverse: Inverse, function: ForceUncertainty, seed: int) -> tuple[np.ndarray, float]:
-    """A sum of low degree, and its largest error at some random points."""
+    """Return the coefficients of a series of low degree, and its largest error at random points."""
     x = _compute_nodes(ROUGH_DEGREE)
     p, l = (
         g.ravel()

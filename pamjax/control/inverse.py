@@ -1,15 +1,15 @@
-"""What a controller needs: the pressure for a force and a length, the length for a force and a pressure.
+"""Inverse model: the pressure for a force and a length, or the length for a force and a pressure.
 
-The muscle at rest is F(P, L). Its inverses are roots of it, found by Newton's steps inside a bracket, and
-their derivatives follow from the implicit function:
+The force of the muscle at rest is F(P, L). Newton's method inside a bracket computes its inverses. Their
+derivatives follow from the implicit function theorem:
 
     P(F, L):  ∂P/∂F = 1 / F_P,   ∂P/∂L = −F_L / F_P
-    L(F, P):  ∂L/∂F = 1 / F_L,   ∂L/∂P = −F_P / F_L          F_L is the stiffness, F_P the pull of a pascal
+    L(F, P):  ∂L/∂F = 1 / F_L,   ∂L/∂P = −F_P / F_L          F_L = ∂F/∂L is the stiffness, F_P = ∂F/∂P
 
-JAX sees the same derivatives, of any order, in the muscle's own numbers too; the stiffness has its own,
-∂²F/∂P∂L and ∂²F/∂L². What the past leaves (friction, relaxation), the errors of sensors and the give of the
-rig take no part (`neglected.py`): pressure and length are the true ones, the pressure that before the
-bladder's contact, the length the muscle's own.
+JAX computes the same derivatives, also of higher order and with respect to the muscle's parameters. The
+stiffness has the derivatives ∂²F/∂P∂L and ∂²F/∂L². Mechanisms with memory (friction, relaxation), errors of
+sensors and compliance of the rig are left out (`neglected.py`). Pressure and length are true values: the
+pressure before the bladder's contact, the length of the muscle itself.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ MIN_PULL_SHARE = 0.02
 
 
 class CommandLimit(StatusCode):
-    """What keeps a wish from being met: of a table for a robot the same."""
+    """Status of a command; an exported table has the same codes."""
 
     OK = 0, STATUS_TEXTS[0]
     TOO_STRONG = 1, STATUS_TEXTS[1]
@@ -62,13 +62,13 @@ class CommandLimit(StatusCode):
 
 
 class Command(eqx.Module):
-    """What to command, and how it changes; each (n,), SI. Where the status is not OK, the nearest there is.
+    """Commanded values with derivatives; each (n,), SI.
 
     Attributes:
-        value: pressure (Pa) or length (m).
-        by_force: its derivative by force.
-        by_given: its derivative by the given length, or pressure.
-        stiffness: ∂F/∂L there, N/m.
+        value: pressure (Pa) or length (m); the nearest possible one if the status is not OK.
+        by_force: its derivative with respect to force.
+        by_given: its derivative with respect to the given length or pressure.
+        stiffness: ∂F/∂L at the value, N/m.
         status: a `CommandLimit`.
     """
 
@@ -80,7 +80,7 @@ class Command(eqx.Module):
 
 
 def compute_static_force(muscle: Muscle | Bench, pressure: Array, length: Array) -> tuple[Array, Array]:
-    """Force at rest, N, and whether there is a balance, at one true pressure (Pa) and length (m)."""
+    """Return the force at rest, N, and whether an equilibrium exists, at one pressure (Pa) and length (m)."""
     if isinstance(muscle, Muscle):
         reading = muscle(pressure, length)
         return reading.force, reading.status == int(Status.OK)
@@ -89,16 +89,16 @@ def compute_static_force(muscle: Muscle | Bench, pressure: Array, length: Array)
 
 
 def remove_rig(bench: Bench) -> Bench:
-    """The same muscle between rigid ends, prepared: a rig's give belongs to the lab."""
+    """Return the prepared bench without the compliance of its rig."""
     mechanisms = tuple(m for m in bench.mechanisms if not isinstance(m, AbstractRig))
     return Bench(bench.thread_length, bench.turns, mechanisms).prepare()
 
 
 def solve_at_rest(bench: Bench, pressure: Array, length: Array) -> tuple[Past, Array]:
-    """A prepared bench without memory at one true pressure (Pa) and length (m), and its status.
+    """Return the equilibrium of a prepared bench without memory at one pressure (Pa) and length (m).
 
     Returns:
-        where everything is, with the pressure that arrives inside, and a `balance.Status`.
+        the solved state, with the pressure inside the muscle, and a `balance.Status`.
     """
     zero = jnp.zeros_like(pressure)
     past, status = bench.solve_instant(pressure, length, zero, (zero, zero))
@@ -115,7 +115,7 @@ def solve_at_rest(bench: Bench, pressure: Array, length: Array) -> tuple[Past, A
 
 
 def _find_root(function: Callable[[Array], Array], low: Array, high: Array) -> Array:
-    """Root of a rising function between two ends, or the nearer end; its derivative is the implicit one."""
+    """Return the root of an increasing function in a bracket, or the nearer end; derivatives are implicit."""
 
     def slope(f, x):
         return jax.jvp(f, (x,), (jnp.ones_like(x),))
@@ -145,12 +145,12 @@ def _find_root(function: Callable[[Array], Array], low: Array, high: Array) -> A
 
 @dataclass(frozen=True, eq=False)
 class Inverse:
-    """The inverse of a muscle within a range.
+    """Inverse model of a muscle within a range.
 
     Attributes:
-        muscle: the muscle, or a bench whose sensors, rig and memory are left out.
-        pressures: lowest and highest, Pa.
-        lengths: shortest and longest, m.
+        muscle: the muscle, or a bench; sensors, rig and memory of a bench are neglected.
+        pressures: lowest and highest pressure, Pa.
+        lengths: shortest and longest length, m.
     """
 
     muscle: Muscle | Bench
@@ -158,35 +158,35 @@ class Inverse:
     lengths: tuple[float, float]
 
     def force(self, pressure: ArrayLike, length: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Force at rest, N, and stiffness ∂F/∂L, N/m, each (n,)."""
+        """Return the force at rest, N, and the stiffness ∂F/∂L, N/m, each (n,)."""
         value, slopes, _ = _map_in_batches(lambda p, l: _compute_forces(self.muscle, p, l), pressure, length)
         return np.asarray(value), np.asarray(slopes[:, 1])
 
     def pull(self, pressure: ArrayLike, length: ArrayLike) -> np.ndarray:
-        """What a pascal more pulls, ∂F/∂P, N/Pa, (n,)."""
+        """Return ∂F/∂P, N/Pa, (n,)."""
         return np.asarray(
             _map_in_batches(lambda p, l: _compute_forces(self.muscle, p, l), pressure, length)[1][:, 0]
         )
 
     def stiffness_slopes(self, pressure: ArrayLike, length: ArrayLike) -> np.ndarray:
-        """Derivatives of the stiffness by pressure, ∂²F/∂P∂L, N/(m Pa), and length, ∂²F/∂L², N/m²; (n, 2)."""
+        """Return the derivatives of the stiffness: ∂²F/∂P∂L, N/(m Pa), and ∂²F/∂L², N/m²; (n, 2)."""
         return np.asarray(
             _map_in_batches(lambda p, l: _compute_stiffness_slopes(self.muscle, p, l), pressure, length)
         )
 
     def pressure(self, force: ArrayLike, length: ArrayLike) -> Command:
-        """The pressure at which the muscle pulls with a force (n,), N, at a length (n,), m."""
+        """Return the pressures for forces (n,), N, at lengths (n,), m."""
         ends = jnp.array(self.pressures), jnp.array(self.lengths)
         return _map_in_batches(lambda f, l: solve_pressures(self.muscle, *ends, f, l), force, length)
 
     def length(self, force: ArrayLike, pressure: ArrayLike) -> Command:
-        """The length at which the muscle pulls with a force (n,), N, at a pressure (n,), Pa."""
+        """Return the lengths for forces (n,), N, at pressures (n,), Pa."""
         ends = jnp.array(self.pressures), jnp.array(self.lengths)
         return _map_in_batches(lambda f, p: solve_lengths(self.muscle, *ends, f, p), force, pressure)
 
 
 def _map_in_batches(function: Callable, first: ArrayLike, second: ArrayLike):
-    """A function of two rows, in parts of one size: each size would be compiled anew."""
+    """Return a function's values on two rows, in batches of fixed size; each new size needs a compilation."""
     pair = np.broadcast_arrays(*(np.atleast_1d(np.asarray(x, dtype=float)) for x in (first, second)))
     n = pair[0].size
     size = SMALL_BATCH if n <= SMALL_BATCH else LARGE_BATCH
@@ -198,13 +198,13 @@ def _map_in_batches(function: Callable, first: ArrayLike, second: ArrayLike):
 
 @eqx.filter_jit
 def _compute_forces(muscle, pressure, length):
-    """Force, its slopes by pressure and by length, and whether there is a balance; each (n,)."""
+    """Return forces, (n,), derivatives by pressure and length, (n, 2), and existence of equilibria, (n,)."""
     return jax.vmap(lambda p, l: _evaluate_force(muscle, p, l))(pressure, length)
 
 
 @eqx.filter_jit
 def _compute_stiffness_slopes(muscle, pressure, length):
-    """Slopes of the stiffness by pressure and length, (n, 2)."""
+    """Return the derivatives of the stiffness by pressure and length, (n, 2)."""
 
     def stiffness(at):
         return jax.jvp(
@@ -215,7 +215,7 @@ def _compute_stiffness_slopes(muscle, pressure, length):
 
 
 def _evaluate_force(muscle, pressure, length):
-    """Force, its slopes by pressure and length, and whether there is a balance."""
+    """Return force, its derivatives by pressure and length, (2,), and whether an equilibrium exists."""
 
     def force(p, l):
         return compute_static_force(muscle, p, l)
@@ -229,7 +229,7 @@ def _evaluate_force(muscle, pressure, length):
 
 @eqx.filter_jit
 def solve_pressures(muscle, pressures, lengths, force, length) -> Command:
-    """Pressures for forces at lengths, each (n,), within the ends (2,) of a range."""
+    """Return the pressures for forces at lengths, each (n,), within the ends (2,) of a range."""
     (low, high), (short, long) = pressures, lengths
 
     def solve_single(wanted_force, given_length):
@@ -260,7 +260,7 @@ def solve_pressures(muscle, pressures, lengths, force, length) -> Command:
 
 @eqx.filter_jit
 def solve_lengths(muscle, pressures, lengths, force, pressure) -> Command:
-    """Lengths for forces at pressures, each (n,), within the ends (2,) of a range."""
+    """Return the lengths for forces at pressures, each (n,), within the ends (2,) of a range."""
     (low, high), (short, long) = pressures, lengths
 
     def solve_single(wanted_force, given_pressure):
@@ -298,17 +298,17 @@ def inverse(
     pressures: tuple[float, float] | None = None,
     lengths: tuple[float, float] | None = None,
 ) -> Inverse:
-    """The inverse of a muscle.
+    """Return the inverse model of a muscle.
 
     Args:
-        muscle: as built, or as `load_muscle` reads it from a fit.json, a model.json or a case folder.
-        pressures: lowest and highest, Pa; None for those it was calibrated on; where it was not, or at one
-            pressure only, up to 600 kPa.
-        lengths: shortest and longest, m; None for those it was calibrated on; where it was not, or at one
-            length only, to 45 % contraction.
+        muscle: a muscle, or the result of `load_muscle` for a fit.json, a model.json or a case folder.
+        pressures: lowest and highest pressure, Pa. Default: the calibrated range; without one, or with one
+            calibrated pressure, 0 to 600 kPa.
+        lengths: shortest and longest length, m. Default: the calibrated range; without one, or with one
+            calibrated length, 0 to 45 % contraction.
 
     Raises:
-        BadInput: for an empty range, or a muscle without a rest length where no lengths are given.
+        BadInput: for an empty range, or for a bench without `lengths`.
     """
     calibrated_range = muscle.calibrated_range if isinstance(muscle, LoadedMuscle) else {}
     calibrated_range = {

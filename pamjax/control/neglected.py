@@ -1,13 +1,13 @@
-"""What a command leaves out: the muscle's past, its speed, the errors of sensors and the give of a rig.
+"""Effects that a command neglects: memory, speed, errors of sensors and compliance of the rig.
 
-A command is for a muscle at rest between rigid ends, seen through true sensors. Of what that leaves out,
-only friction has a size that no history needs to be known for: dragged all the way, it adds its half loop to
-the force after lengthening and takes as much away after shortening.
+A command assumes a muscle at rest, rigid ends and exact sensors. Only the effect of friction has a bound
+without a known history. Fully developed sliding adds half the loop's width to the force after lengthening,
+and subtracts it after shortening.
 
-    half loop   w = [F(P, L; +s) − F(P, L; −s)] / 2      s the stress of every element at its limit
-    a command   is off by up to w |∂(command)/∂F|        to either side: no standard deviation, but a way
+    half loop          w = [F(P, L; +s) − F(P, L; −s)] / 2      s: stress of every element at its limit
+    error of command   at most w |∂(command)/∂F|                its sign depends on the direction of motion
 
-Source: derived here; the balance and its frozen stresses are those of `model/bench.py`.
+Source: derived here, with the equilibrium and the frozen stresses of `model/bench.py`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ NEGLECTED_HISTORY, NEGLECTED_RIG = (AbstractMemory, AbstractSlip, PressureDrop),
 
 
 def list_neglected(muscle: Muscle | Bench) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Ids of the mechanisms that take no part in a command: of past or speed, and of sensors and rig."""
+    """Return the ids of the neglected mechanisms: those of memory or speed, and those of sensors and rig."""
     if isinstance(muscle, Muscle):
         return (), ()
     past, lab = (
@@ -41,7 +41,7 @@ def list_neglected(muscle: Muscle | Bench) -> tuple[tuple[str, ...], tuple[str, 
 
 
 def compute_friction_half_loop(muscle: Muscle | Bench, pressure: ArrayLike, length: ArrayLike) -> np.ndarray:
-    """Half the width of the friction's loop in force, N, (n,), at true pressures and lengths; or 0."""
+    """Return half the width of the friction loop in force, N, (n,); 0 without friction."""
     p, l = (jnp.atleast_1d(jnp.asarray(x, float)) for x in (pressure, length))
     if isinstance(muscle, Muscle) or not muscle.find_mechanisms(BraidFriction):
         return np.zeros(p.shape)

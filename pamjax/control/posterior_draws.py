@@ -1,7 +1,8 @@
-"""Draws: a muscle as often as its posterior was drawn, commanded all at once.
+"""Uncertainty of a command from posterior draws.
 
-Where doubt is not small the spread of a command is not that of a straight line: each draw is inverted by
-itself, and what is told is the middle 90 % and the standard deviation of those that can meet the wish.
+Linear error propagation fails for a large uncertainty. Therefore each draw of the muscle is inverted
+separately. The result is the central 90 % interval and the standard deviation over the draws that can produce
+the force.
 """
 
 from __future__ import annotations
@@ -31,12 +32,12 @@ INTERVAL_SHARE = 0.9
 
 @dataclass(frozen=True)
 class CommandSpread:
-    """What draws make of a command, SI.
+    """Distribution of a command over posterior draws, SI.
 
     Attributes:
-        sd, low, high: standard deviation and ends of the middle `INTERVAL_SHARE`, of the draws that meet the
-            wish.
-        feasible_share: share of draws that do.
+        sd: standard deviation over the draws that can produce the force.
+        low, high: ends of their central interval with probability `INTERVAL_SHARE`.
+        feasible_share: share of draws that can produce the force.
     """
 
     sd: float
@@ -47,18 +48,18 @@ class CommandSpread:
 
 @dataclass(frozen=True, eq=False)
 class PosteriorDraws:
-    """A muscle as it may be.
+    """Posterior draws of a muscle's parameters.
 
     Attributes:
-        loaded: the muscle at the means of its draws.
-        samples: (`DRAW_COUNT`,) SI, by name of the number.
+        loaded: the muscle at the posterior means.
+        samples: draws (`DRAW_COUNT`,) of each parameter, SI, by its name.
     """
 
     loaded: LoadedMuscle
     samples: Mapping[str, Array]
 
     def compute_force_sd(self, pressure: np.ndarray, length: np.ndarray) -> np.ndarray:
-        """Standard deviation of the force at rest over the draws, N, (n,)."""
+        """Return the standard deviation of the force at rest over the draws, N, (n,)."""
         model_key, numbers = (self.loaded.law, self.loaded.mechanisms), dict(self.loaded.numbers)
         forces = _compute_draw_forces(
             model_key, numbers, dict(self.samples), jnp.asarray(pressure), jnp.asarray(length)
@@ -68,13 +69,13 @@ class PosteriorDraws:
     def compute_spread(
         self, inverse: Inverse, force: float, *, length: float | None = None, pressure: float | None = None
     ) -> CommandSpread:
-        """How far a command may be off.
+        """Return the distribution of a command over the draws.
 
         Args:
-            inverse: the inverse that commands, for its range.
-            force: wanted, N.
-            length: at which the pressure is sought, m; or
-            pressure: at which the length is sought, Pa.
+            inverse: the inverse model; only its range is used.
+            force: wanted force, N.
+            length: given length, m, for a commanded pressure; or
+            pressure: given pressure, Pa, for a commanded length.
         """
         model_key = self.loaded.law, self.loaded.mechanisms, length is not None
         numbers = dict(self.loaded.numbers)
@@ -94,7 +95,7 @@ class PosteriorDraws:
 
 @eqx.filter_jit
 def _compute_draw_forces(model_key, numbers: dict[str, Array], samples: dict[str, Array], pressure, length):
-    """Force at rest of every draw, (k, n)."""
+    """Return the force at rest of every draw, (k, n)."""
     law, ids = model_key
 
     def compute_one_draw(draw):
@@ -108,7 +109,7 @@ def _compute_draw_forces(model_key, numbers: dict[str, Array], samples: dict[str
 def _compute_draw_commands(
     model_key, numbers: dict[str, Array], samples: dict[str, Array], ranges, force, given
 ):
-    """Value and status of one wish for every draw, each (k,)."""
+    """Return value and status of one command for every draw, each (k,)."""
     (law, ids, by_length), (pressures, lengths) = model_key, ranges
     command = solve_pressures if by_length else solve_lengths
     wanted_force, given_value = (jnp.reshape(jnp.asarray(x, float), 1) for x in (force, given))
@@ -122,14 +123,14 @@ def _compute_draw_commands(
 
 
 def load_draws(file: Path, loaded: LoadedMuscle) -> PosteriorDraws:
-    """What a posterior.nc knows of a muscle.
+    """Return the posterior draws of a muscle.
 
     Args:
-        file: as `pamjax sample` writes it.
+        file: a posterior.nc of `pamjax sample`.
         loaded: the muscle, from the same case or from a fit of it.
 
     Raises:
-        BadInput: if the file is none, or belongs to another recording, thread law or set of mechanisms.
+        BadInput: if the file is no posterior, or has another recording, thread law or set of mechanisms.
     """
     all_samples, attributes = _read_posterior(file)
     case = _match_case(attributes, loaded, file)
@@ -148,7 +149,7 @@ def load_draws(file: Path, loaded: LoadedMuscle) -> PosteriorDraws:
 
 
 def _read_posterior(file: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Draws by name, SI, and what the file says it belongs to."""
+    """Return the draws by name, SI, and the file's attributes."""
     import xarray as xr
 
     if not file.exists():
@@ -166,7 +167,7 @@ def _read_posterior(file: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
 
 
 def _match_case(attributes: dict[str, Any], loaded: LoadedMuscle, file: Path) -> str:
-    """Name of the posterior's case that is this muscle's."""
+    """Return the name of the posterior's case for this muscle."""
     law, ids = attributes.get("law"), tuple(json.loads(attributes.get("mechanisms", "[]")))
     if (law, sorted(ids)) != (loaded.law, sorted(loaded.mechanisms)):
         rule = f"a posterior belongs to its own model ({_format_model(loaded.law, loaded.mechanisms)} here)"

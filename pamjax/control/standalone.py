@@ -1,12 +1,17 @@
-"""A muscle's inverse for a robot: this file and its table, and NumPy; nothing else.
+"""Inverse model of one muscle for a robot; needs this file, its table and NumPy.
 
-    from controller import Controller
+    from controller import STATUS_TEXTS, Controller
     muscle = Controller("controller.npz")
-    pressure, status = muscle.pressure(force, length)     # N, m -> Pa
-    off = muscle.sd(pressure, length) / muscle.pull(pressure, length)     # Pa, one standard deviation
+    length = sum(muscle.lengths) / 2                                      # m
+    force = muscle.force(sum(muscle.pressures) / 2, length)               # N
+    pressure, status = muscle.pressure(force, length)                     # Pa, 0 if possible
+    print(pressure, STATUS_TEXTS[int(status)])
+    sd = muscle.sd(pressure, length) / muscle.pull(pressure, length)      # Pa; NaN if the table has no sd
 
-Each function of two variables is a sum of Chebyshev polynomials. `muscle.error` states the largest error that
-was measured against the model on random points, by name, SI; statuses are explained in STATUS_TEXTS.
+All values are scalars or arrays in SI units. Each function of two variables is a Chebyshev series.
+`muscle.error` states each function's interpolation error: twice the largest error at random points.
+Outside `muscle.pressures` and `muscle.lengths`, all functions of pressure and length return NaN.
+The commands `pressure` and `length` return the nearest possible value and a status (`STATUS_TEXTS`).
 """
 
 import numpy as np
@@ -22,25 +27,25 @@ STATUS_TEXTS = {
 
 
 def _scale_to_unit(x, low, high):
-    """From [low, high] to [-1, 1]."""
+    """Return x mapped from [low, high] to [-1, 1]."""
     return (2 * np.asarray(x, dtype=float) - (low + high)) / (high - low)
 
 
 def _sum_chebyshev(table, x, y):
-    """Sum of table[i, j] T_i(x) T_j(y)."""
+    """Return the sum of table[i, j] T_i(x) T_j(y)."""
     x, y = np.broadcast_arrays(x, y)
     rows = chebvander(x.ravel(), table.shape[0] - 1) @ table
     return np.sum(rows * chebvander(y.ravel(), table.shape[1] - 1), axis=-1).reshape(x.shape)
 
 
 class Controller:
-    """Pressure, length, force and stiffness of one muscle at rest, how they change, and how sure force is.
+    """Forward and inverse model of one muscle at rest, with derivatives and the sd of the force.
 
     Attributes:
-        pressures: lowest and highest, Pa.
-        holding: of them, those at which a length can be commanded: without pressure there is no stiffness.
-        lengths: shortest and longest, m. Outside nothing is known: NaN, and a status where there is one.
-        error: largest measured error of what the functions below return, by their names.
+        pressures: lowest and highest pressure, Pa.
+        holding: lowest and highest pressure for `length`, Pa. Near zero pressure the muscle has no stiffness.
+        lengths: shortest and longest length, m.
+        error: twice the largest measured interpolation error, by function name, SI.
     """
 
     def __init__(self, path):
@@ -52,48 +57,48 @@ class Controller:
         self._table = table
 
     def force(self, pressure, length):
-        """Force, N, at a pressure, Pa, and a length, m."""
+        """Return the force, N, at a pressure, Pa, and a length, m."""
         return self._evaluate("force", pressure, length)
 
     def pull(self, pressure, length):
-        """Slope of force in pressure, N/Pa."""
+        """Return the derivative of force with respect to pressure, N/Pa."""
         return self._evaluate("pull", pressure, length)
 
     def stiffness(self, pressure, length):
-        """Slope of force in length, N/m."""
+        """Return the derivative of force with respect to length, N/m."""
         return self._evaluate("stiffness", pressure, length)
 
     def stiffness_by_pressure(self, pressure, length):
-        """Slope of the stiffness in pressure, N/(m Pa)."""
+        """Return the derivative of stiffness with respect to pressure, N/(m Pa)."""
         return self._evaluate("stiffness_by_pressure", pressure, length)
 
     def stiffness_by_length(self, pressure, length):
-        """Slope of the stiffness in length, N/m2."""
+        """Return the derivative of stiffness with respect to length, N/m2."""
         return self._evaluate("stiffness_by_length", pressure, length)
 
     def friction(self, pressure, length):
-        """By how much force is higher after lengthening and lower after shortening, N; 0 without friction."""
+        """Return the friction force, N: added after lengthening, subtracted after shortening."""
         return self._evaluate("friction", pressure, length)
 
     def sd(self, pressure, length):
-        """One standard deviation of the force as it was calibrated, N; NaN where that is not known."""
+        """Return the standard deviation of the calibrated force, N; NaN if the calibration has none."""
         return self._evaluate("sd", pressure, length)
 
     def pressure(self, force, length):
-        """Pressure, Pa, for a force, N, at a length, m; and a status."""
+        """Return the pressure, Pa, for a force, N, at a length, m; and the status."""
         return self._invert("pressure", force, length, self.lengths, self.pressures)
 
     def length(self, force, pressure):
-        """Length, m, for a force, N, at a pressure, Pa; and a status."""
+        """Return the length, m, for a force, N, at a pressure, Pa; and the status."""
         return self._invert("length", force, pressure, self.holding, self.lengths)
 
     def pressure_slopes(self, pressure, length):
-        """How the pressure that was found changes, with force (Pa/N) and with length (Pa/m)."""
+        """Return the derivatives of the commanded pressure: by force, Pa/N, and by length, Pa/m."""
         pull = self.pull(pressure, length)
         return 1 / pull, -self.stiffness(pressure, length) / pull
 
     def length_slopes(self, pressure, length):
-        """How the length that was found changes, with force (m/N) and with pressure (m/Pa)."""
+        """Return the derivatives of the commanded length: by force, m/N, and by pressure, m/Pa."""
         stiffness = self.stiffness(pressure, length)
         return 1 / stiffness, -self.pull(pressure, length) / stiffness
 

@@ -94,8 +94,7 @@ class Bench(eqx.Module):
             pressure: (n,) recorded gauge pressure, Pa.
             length: (n,) recorded length, m.
             history: time and order of the samples.
-            slack: (n,) where the muscle can be slack, so that a negative force becomes zero; None for
-                nowhere.
+            slack: (n,) whether the muscle can be slack; a negative force is then zero. None for never.
         """
         for sensor in self.find_mechanisms(AbstractSensor):
             pressure, length = sensor.undo(pressure, length, history)

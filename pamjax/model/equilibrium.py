@@ -110,9 +110,7 @@ class InstantBalance(eqx.Module):
         return jnp.where(x < 0, jnp.sqrt(length**2 + missing / jnp.sqrt(1 + slack)), taut)
 
     def force_and_pull(self, thread: Scalar, length: Scalar) -> Pair:
-        """Return tension and pull on all threads, N; the pull is negative where the bladder is off the
-        braid.
-        """
+        """Return tension and pull on all threads, N; a negative pull means that the braid is slack."""
         stored, volume = materialize(
             compute_partial_derivatives(self.bench.energy_and_volume, length, thread)
         )
@@ -161,9 +159,7 @@ def inflating_pressure(pressure: Scalar) -> Array:
 
 
 def solve_balance(instant_balance: InstantBalance) -> tuple[InstantBalance, Pair, Array]:
-    """Return the balance expanded around its solution, x (N) with true length (m), and whether it is
-    solved.
-    """
+    """Return the balance expanded at its solution, x (N) and true length (m), and whether it is solved."""
     without_gradients = jax.lax.stop_gradient(
         eqx.tree_at(lambda balance: balance.bench, instant_balance, instant_balance.bench.stop_gradients())
     )

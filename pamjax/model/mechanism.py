@@ -1,21 +1,21 @@
-"""The seams: what a mechanism is, and the few ways in which it may act.
+"""Base classes of the mechanisms: the kinds of effects that a muscle model may include.
 
-A mechanism is physics that a muscle model may leave out. It is one class in one file: its numbers
-with their neutral values as defaults (`Mechanism()` has no effect), what it does, and what it is
-called. It answers one of these questions:
+A mechanism is one class in one file, with its numbers, its equation and its description. The defaults of
+its numbers are neutral: `Mechanism()` has no effect. Each mechanism is of one kind:
 
-    geometry  where is everything?             shape(state) -> state                  wraps
-    term      what does it cost?               energy(state) -> J                     adds
-    yielding  how do threads give way?         strain(load) -> 1                      adds
-    memory    what does the past leave?        a stress on a strain of its own, frozen while
-                                               the balance is solved                  adds
-    slip      how much longer are threads?     extension(history, past) -> 1          adds
-    line      what pressure arrives inside?    pressure(history, past) -> Pa          chains
-    sensor    what did the bench make of it?   undo(...) before, read(...) after      chains
+    class             method                          result                           several of one kind
+    AbstractShape     shape(state)                    state with another geometry      act in turn
+    AbstractStore     energy(state)                   stored energy, J                 add
+    AbstractYielding  strain(load)                    thread strain, 1                 add
+    AbstractMemory    stresses(history, ...)          stresses on its strains          add
+    AbstractSlip      extension(history, past)        permanent thread extension, 1    add
+    AbstractLine      pressure(history, past)         pressure inside, Pa              act in turn
+    AbstractSensor    undo(...), read(...)            true inputs, recorded outputs    act in turn
+    AbstractRig       deflection(force)               deflection of the rig, m         add
 
-A memory needs no force of its own: with generalised strain e(state) and stress s found from the past,
-s · e joins the potential, and differentiation gives its share of the force and of the thread balance.
-Its work over a closed path is ∮ s de, so a stress that dissipates on its strain dissipates altogether.
+A memory has a generalised strain e(state) and a stress s, computed from earlier samples and constant during
+the balance. s · e is added to the potential, whose derivatives are force and thread load. The work over a
+closed path is ∮ s de. A stress that dissipates energy on its strain thus dissipates energy of the muscle.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ Samples = Float[Array, " n"]
 
 @dataclass(frozen=True)
 class Description:
-    """What `pamjax explain` says of a mechanism.
+    """The description of a mechanism that `pamjax explain` prints.
 
     Attributes:
-        title: in words, "friction between braid threads".
-        equation: readable in a terminal.
-        signature: how it shows in force and diameter.
-        leaves_out: what it does not describe.
-        confusable: ids it is mistaken for.
-        experiment: what separates it from them.
-        source: paper and equation, or how it was derived.
+        title: the name in words, "friction between braid threads".
+        equation: plain text for a terminal.
+        signature: its effect on force and diameter.
+        leaves_out: effects that it neglects.
+        confusable: ids of mechanisms with similar effects.
+        experiment: how to distinguish it from them.
+        source: paper and equation, or its derivation.
     """
 
     title: str
@@ -58,13 +58,13 @@ class Description:
 
 
 class Past(eqx.Module):
-    """What the muscle went through without its memory, at every sample: what memories look at.
+    """The states of a muscle at every sample, the input of mechanisms with memory.
 
     Attributes:
-        state: where everything was; fields of shape (n,).
-        pressure: inside the muscle, Pa.
-        load: pull of all threads together, N.
-        force: N.
+        state: geometry; fields of shape (n,).
+        pressure: (n,) pressure inside the muscle, Pa.
+        load: (n,) pull of all threads together, N.
+        force: (n,) tension, N.
     """
 
     state: State
@@ -74,97 +74,97 @@ class Past(eqx.Module):
 
 
 class AbstractMechanism(eqx.Module):
-    """Contract: physics that a model may leave out. Built without arguments it has no effect."""
+    """An effect that a model may include. Built without arguments it has no effect."""
 
     id: eqx.AbstractClassVar[str]
     about: eqx.AbstractClassVar[Description]
 
 
 class AbstractShape(AbstractMechanism):
-    """Contract: a geometry that wraps another."""
+    """A change of the geometry."""
 
     def prepared(self, thread_length: Scalar, turns: Scalar) -> AbstractShape:
-        """The same for one braid, with what all its states share worked out once."""
+        """Return the shape for one braid, with the quantities that all its states share computed."""
         return self
 
     def held(self) -> AbstractShape:
-        """The same, without derivatives by its numbers."""
+        """Return the shape without derivatives by its numbers."""
         return jax.lax.stop_gradient(self)
 
     def near(self, length: Scalar, thread: Scalar) -> AbstractShape:
-        """The shape as it is needed at one length (m) and thread length (m), with its derivatives there."""
+        """Return the shape expanded around one length (m) and thread length (m)."""
         return self
 
     @abc.abstractmethod
     def shape(self, state: State) -> State:
-        """The state with its volume, radius and diameter changed."""
+        """Return the state with another volume, radius and diameter."""
 
 
 class AbstractStore(AbstractMechanism):
-    """Contract: an energy that the muscle stores beside its threads."""
+    """A stored energy other than that of the threads."""
 
     @abc.abstractmethod
     def energy(self, state: State) -> Array:
-        """Stored energy, J."""
+        """Return the stored energy, J."""
 
 
 class AbstractYielding(AbstractMechanism):
-    """Contract: threads that give way under load.
+    """A strain of the threads under load.
 
-    Strain as a function of load, not load of strain: the pull of pressure is known, and at the
-    neutral value the strain is zero instead of a stiffness infinite.
+    The strain is a function of the load, since the pull of pressure is known. At the neutral value the strain
+    is zero; the stiffness would be infinite.
     """
 
     @abc.abstractmethod
     def strain(self, load: Scalar) -> Array:
-        """Strain of the threads at a load (N, all threads together, not negative)."""
+        """Return the strain at a load of all threads together (N, not negative)."""
 
 
 class AbstractMemory(AbstractMechanism):
-    """Contract: a stress that the past leaves on strains of the mechanism's own choice."""
+    """A stress that depends on earlier samples, on strains that the mechanism defines."""
 
     @abc.abstractmethod
     def strains(self, state: State, pressure: Scalar) -> Float[Array, "k ..."]:
-        """The strains at one instant, or at many, in whatever unit makes stress × strain an energy, J."""
+        """Return the k strains at one instant or at many, in units for which stress × strain is in J."""
 
     @abc.abstractmethod
     def stresses(self, history: History, strains: Float[Array, "n k"], past: Past) -> Float[Array, "n k"]:
-        """The stress on each strain at every sample; multiplied with it, J."""
+        """Return the stress on each strain at every sample; stress × strain is in J."""
 
 
 class AbstractSlip(AbstractMechanism):
-    """Contract: threads that were lengthened for good."""
+    """A permanent extension of the threads."""
 
     @abc.abstractmethod
     def extension(self, history: History, past: Past) -> Samples:
-        """Share by which the resting threads are longer at every sample."""
+        """Return the relative extension of the unloaded threads at every sample, (n,)."""
 
 
 class AbstractLine(AbstractMechanism):
-    """Contract: a pressure that is not the same inside the muscle as where it was measured."""
+    """A difference between the measured pressure and that inside the muscle."""
 
     @abc.abstractmethod
     def pressure(self, history: History, past: Past) -> Samples:
-        """Pressure inside, Pa, from the past with the measured one."""
+        """Return the pressure inside, (n,) Pa; `past` has the measured pressure."""
 
 
 class AbstractSensor(AbstractMechanism):
-    """Contract: what a bench makes of the truth. Each method passes on what it does not change."""
+    """An error of a sensor. Each method returns unchanged what the sensor does not affect."""
 
     def undo(self, pressure: Samples, length: Samples, history: History) -> tuple[Samples, Samples]:
-        """True pressure (Pa) and length (m) from the recorded ones."""
+        """Return true pressure (Pa) and length (m) from the recorded ones."""
         return pressure, length
 
     def read(
         self, force: Samples, diameter: Samples, past: Past, history: History
     ) -> tuple[Samples, Samples]:
-        """Recorded force (N) and diameter (m) from the true ones, and what the muscle went through."""
+        """Return recorded force (N) and diameter (m) from the true ones and the states of the muscle."""
         return force, diameter
 
 
 class AbstractRig(AbstractMechanism):
-    """Contract: a bench that gives way, so that the muscle is shorter than recorded."""
+    """A deflection of the rig, so that the muscle is shorter than recorded."""
 
     @abc.abstractmethod
     def deflection(self, force: Scalar) -> Array:
-        """How much shorter, m, at a force (N)."""
+        """Return the deflection, m, at a force (N)."""

@@ -1,10 +1,9 @@
-"""The muscle: pressure and length in, force and diameter out, from one potential.
+"""The muscle: force and diameter from pressure and length, by one potential.
 
     Π(L, B; P) = B0 w(B/B0 − 1) + Σ terms(L, B) − P V(L, B)
 
-∂Π/∂B = 0 is the balance that finds the stretched thread, and F = ∂Π/∂L at that thread is the force
-(envelope theorem). Every stored energy enters in this one place, so that force, stretch and
-diameter belong together by construction.
+The balance ∂Π/∂B = 0 determines the stretched thread length. The force is F = ∂Π/∂L at that length
+(envelope theorem). All stored energies are terms of Π, so that force, strain and diameter are consistent.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ PULL_SCALE_STRAIN = 1e-6
 
 
 class MuscleReading(eqx.Module):
-    """What a muscle shows at one instant (or, from `predict`, at each of many).
+    """Predicted readings of a muscle at one instant, or at many from `predict`.
 
     Attributes:
         force: tension, positive pulls, N.
@@ -38,7 +37,7 @@ class MuscleReading(eqx.Module):
         thread: stretched length of one thread, m.
         strain: of the threads, B/B0 − 1.
         load: pull of all threads together, N.
-        status: a `balance.Status`; where it is not OK the numbers are the nearest that exist.
+        status: a `balance.Status`; if it is not OK, the values are those of the nearest valid state.
     """
 
     force: Float[Array, ...]
@@ -56,11 +55,11 @@ class Muscle(eqx.Module):
         rest_length: length at which contraction is zero, m.
         thread_length: length B0 of one unloaded thread, m.
         turns: turns N of one thread around the muscle.
-        thread: what stretching costs.
-        geometry: where everything is.
-        terms: what else stores energy.
+        thread: law of the threads.
+        geometry: geometry of the braid.
+        terms: other stored energies.
 
-    What it leaves out: everything that remembers (friction, relaxation, slip) and the bench.
+    What it leaves out: memory (friction, relaxation, slip) and the bench.
 
     >>> from pamjax.model.thread import LinearThread
     >>> muscle = Muscle(0.235744, 0.251206, 1.09, LinearThread(144 * 0.0858e-6 * 80e9))
@@ -86,24 +85,24 @@ class Muscle(eqx.Module):
     terms: tuple[AbstractTerm, ...] = ()
 
     def state(self, length: Scalar, strain: Scalar) -> State:
-        """Where everything is at a length (m) and a thread strain."""
+        """Return the state at a length (m) and a thread strain."""
         return self.geometry(length, self.thread_length * (1 + strain), self.turns)
 
     def work(self, length: Scalar, strain: Scalar, pressure: Scalar) -> Array:
-        """The potential without its threads, Σ terms − P V, J."""
+        """Return the potential without its threads, Σ terms − P V, J."""
         state = self.state(length, strain)
         return sum((term.energy(state) for term in self.terms), -pressure * state.volume)
 
     def potential(self, length: Scalar, strain: Scalar, pressure: Scalar) -> Array:
-        """Π, J: what is in balance at rest, and whose slope in length is the force."""
+        """Return the potential Π, J. Its derivative by length is the force."""
         return self.thread_length * self.thread.energy(strain) + self.work(length, strain, pressure)
 
     def pull(self, length: Scalar, strain: Scalar, pressure: Scalar) -> Array:
-        """Pull of everything but the threads on all threads together, −∂work/∂B, N."""
+        """Return the pull of pressure and terms on all threads together, −∂work/∂B, N."""
         return jax.grad(self.work, argnums=1)(length, strain, pressure) * (-1 / self.thread_length)
 
     def strain(self, pressure: Scalar, length: Scalar) -> tuple[Array, Array]:
-        """Thread strain at balance, and its `Status`."""
+        """Return the thread strain at equilibrium, and its `Status`."""
         unstrained_pull = self.pull(length, jnp.zeros_like(length), pressure)
         if isinstance(self.thread, Inextensible):
             return jnp.zeros_like(unstrained_pull), jnp.zeros_like(unstrained_pull, dtype=int)
@@ -134,7 +133,7 @@ class Muscle(eqx.Module):
         return jnp.where(is_pulled, root, 0.0), jnp.where(stable, status, int(Status.UNSTABLE))
 
     def __call__(self, pressure: Scalar, length: Scalar) -> MuscleReading:
-        """What the muscle shows at one gauge pressure (Pa) and length (m)."""
+        """Return the readings at one gauge pressure (Pa) and length (m)."""
         pressure, length = jnp.asarray(pressure, float), jnp.asarray(length, float)
         strain, status = self.strain(pressure, length)
         state = self.state(length, strain)
@@ -151,23 +150,25 @@ class Muscle(eqx.Module):
 
 
 def contraction(muscle: Muscle, length: braid.Real) -> Array:
-    """1 − L / L_rest."""
+    """Return the contraction, 1 − L / L_rest."""
     return 1 - jnp.asarray(length) / muscle.rest_length
 
 
 def predict(muscle: Muscle, pressure: Float[Array, " n"], length: Float[Array, " n"]) -> MuscleReading:
-    """What the muscle shows at each of many instants; an instant without an equilibrium is told in `status`.
+    """Return the readings of a muscle at many instants.
+
+    An instant without an equilibrium has a `status` that is not OK.
 
     Args:
         muscle: as `assemble` or `load_muscle` makes it.
-        pressure: (n,) gauge pressure, Pa; or one for all lengths.
-        length: (n,) length between the fittings, m; or one for all pressures.
+        pressure: (n,) gauge pressure, Pa; or one number for all lengths.
+        length: (n,) length between the fittings, m; or one number for all pressures.
 
     Returns:
         a `MuscleReading` whose fields have shape (n,): force N, diameter m, thread length m, status.
 
     Raises:
-        BadInput: where the two are not as long as each other.
+        BadInput: if the two have different lengths.
     """
     inputs = jnp.atleast_1d(jnp.asarray(pressure, float), jnp.asarray(length, float))
     if len({x.shape for x in inputs if x.shape != (1,)}) > 1 or max(x.ndim for x in inputs) > 1:

@@ -1,4 +1,4 @@
-"""The net: a braid clamped at both ends, bulging as frictionless crossings let it.
+"""The shape of a braid that is clamped at both ends, with frictionless crossings of threads.
 
 In scaled numbers, with ν = 2πN, radii as ρ = ν r / B (the cosine of the local braid angle), lengths in B
 and volumes in B³/(4πN²):
@@ -7,30 +7,31 @@ and volumes in B³/(4πN²):
     ρf   radius of the fittings
     f    force over pressure, in π (B/ν)²
 
-Every crossing keeps the triangle relation, so that a meridian of slope r' = dr/dl along its thread has
-z'² = 1 − ρ² − (ρ'/ν)². The volume ∫ρ² z' dl is the largest there is at this λ. Its first integral, with the
-one radius c that a very long muscle tends to in its middle (m = c², σ² = 1 − m, u = m − ρ²), is
+The triangle relation holds at every crossing, so that a meridian of slope r' = dr/dl along its thread has
+z'² = 1 − ρ² − (ρ'/ν)². The volume ∫ρ² z' dl is the maximum at this λ. c is the radius in the middle of a very
+long muscle, with m = c², σ² = 1 − m, u = m − ρ². The first integral of the maximum is
 
     f = 2 − 3m       z' = σ + u (σ² − u) / 2σ³       ρ' = ν u √g / 2σ³       g = (σ² + u)(3σ² − u)
 
-where u² has come out of a cubic as its double root, so that what the ends take away from a cylinder are
-integrals of regular functions over ρ, by Gauss-Legendre:
+where u² is the double root of a cubic. The differences from a cylinder are thus integrals of regular
+functions over ρ, computed by Gauss-Legendre quadrature:
 
     λ = σ + (2/ν) ∫ (σ² − u)/√g dρ                                            from ρf to c
     V = 2σ³ − f λ − (2/ν) ∫ u √((3σ² − u)/(σ² + u)) dρ + Δ                    −dV/dλ = f
 
-Δ is for a muscle so short that its ends feel each other: u falls as U e^(−kl) from an end, k = √3 ν c/σ,
-and the slope must vanish in the middle, so that u is a hyperbolic cosine there, U / cosh(k/2) at mid-length:
+Δ is the correction for a short muscle, whose ends influence each other. u decreases as U e^(−kl) from an end,
+k = √3 ν c/σ. The slope is zero in the middle, so that u is a hyperbolic cosine, U / cosh(k/2) at mid-length:
 
     Δ = 3U² / (σ k (1 + e^k)),     ln U = ln uf + 2 ∫ (g − m (2σ² − u)) / (√g (√3 cσ² + ρ √g)) dρ
 
-exact for a small bulge at any k, and for any bulge to the order e^(−2k). V is taken where it is stationary in
-σ, so that −dV/dλ = f again, and force and volume belong together. On the paper's muscle, k = 4.4 at rest, the
-force is within 0.05 N of a net of rings. Muscles of k < 3 (length over diameter below tan²θ) are beyond it.
+It is exact for a small bulge at any k, and for any bulge to the order e^(−2k). V is evaluated where it is
+stationary in σ, so that −dV/dλ = f, and force and volume are consistent. On the paper's muscle, k = 4.4 at
+rest, the force differs by less than 0.05 N from a net of rings. It is not valid for k < 3 (length over
+diameter below tan²θ).
 
 What it leaves out: friction of the crossings, and threads clamped at an angle.
-Source: the first integral is that of a hydrostatic pantograph net; the rest derived here, and compared with
-the largest volume of a net of rings.
+Source: the first integral is that of a hydrostatic pantograph net. The rest is derived here, and compared
+with the maximum volume of a net of rings.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ MIN_LENGTH_SLOPE = 0.1
 
 
 class Net(NamedTuple):
-    """A net: volume, mean radius along the axis, and radius in the middle, in m³ and m."""
+    """Volume (m³), mean radius along the axis and radius in the middle (m) of a net."""
 
     volume: Array
     mean_radius: Array
@@ -66,10 +67,10 @@ class Net(NamedTuple):
 
 
 def solve_net(length: Scalar, thread: Scalar, turns: Scalar, fitting: Scalar) -> Net:
-    """The net at a length (m) and a thread length (m), clamped on a radius (m).
+    """Return the net at a length (m) and a thread length (m), clamped on fittings of a radius (m).
 
-    Where there is no such net (fittings wider than the braid, a muscle far beyond its ends) it is
-    continued with the force at the last one.
+    Where no such net exists (fittings wider than the braid, extreme lengths) the net is extrapolated with
+    the force of the last valid one.
     """
     nu = 2 * jnp.pi * turns
     edge = jnp.clip(nu * fitting / thread, MIN_FITTING_RATIO, MAX_FITTING_RATIO)
@@ -86,7 +87,7 @@ def solve_net(length: Scalar, thread: Scalar, turns: Scalar, fitting: Scalar) ->
 
 
 def _solve_middle_sine(length: Scalar, edge: Scalar, nu: Scalar) -> Array:
-    """Sine of the braid angle that the middle tends to."""
+    """Return the sine of the braid angle in the middle of a very long muscle."""
     length, edge, nu = (jnp.asarray(x, float) for x in (length, edge, nu))
     constants = jax.lax.stop_gradient((length, edge, nu))
     low = jnp.sqrt(0.26 * (1 - constants[1] ** 2))
@@ -111,18 +112,18 @@ def _solve_middle_sine(length: Scalar, edge: Scalar, nu: Scalar) -> Array:
 
 
 def _end_volume(sine: Array, edge: Scalar, nu: Scalar) -> Array:
-    """Δ: what the volume gains from a middle that both ends reach."""
+    """Return Δ, the increase of volume because both ends influence the middle."""
     bulge, decay = _Profile(sine, edge, nu).bulge()
     return 3 * bulge**2 / (sine * decay) * jax.nn.sigmoid(-decay)
 
 
 def scaled_length(sine: Array, edge: Scalar, nu: Scalar) -> Array:
-    """λ at a σ: where the potential 2σ³ − f λ − … is stationary."""
+    """Return λ at a σ, where the potential 2σ³ − f λ − … is stationary."""
     return _Profile(sine, edge, nu).length() + jax.grad(_end_volume)(sine, edge, nu) / (6 * sine)
 
 
 class _Profile:
-    """The integrals from the fitting to the middle, at one σ."""
+    """Integrals from the fitting to the middle, at one σ."""
 
     def __init__(self, sine: Array, edge: Scalar, nu: Scalar):
         self.sine, self.nu = sine, nu
@@ -138,21 +139,21 @@ class _Profile:
         return 2 / self.nu * self.half * jnp.sum(GAUSS_WEIGHTS * integrand)
 
     def length(self) -> Array:
-        """λ of a very long muscle."""
+        """Return λ of a very long muscle."""
         return self.sine + self.integrate_both_ends((self.sine**2 - self.below) / self.covariance_root)
 
     def end_loss(self) -> Array:
-        """What the ends take from the potential V + f λ."""
+        """Return the decrease of the potential V + f λ by the ends."""
         return self.integrate_both_ends(self.below * self.covariance_root / (self.sine**2 + self.below))
 
     def mean(self) -> Array:
-        """∫ ρ dz."""
+        """Return ∫ ρ dz."""
         squared = self.sine**2
         slimmer = self.radius * (squared - self.below) - 2 * squared**2 / (self.top + self.radius)
         return self.top * self.sine + self.integrate_both_ends(slimmer / self.covariance_root)
 
     def bulge(self) -> tuple[Array, Array]:
-        """U and k."""
+        """Return U and k."""
         squared = self.sine**2
         regular = self.covariance_root**2 - self.square * (2 * squared - self.below)
         divisor = self.covariance_root * (

@@ -1,15 +1,15 @@
-"""The net of `net.py` as a table for one braid and one radius of its fittings.
+"""A polynomial of the net of `net.py`, for one braid and one radius of its fittings.
 
-A recording asks for thousands of states, and a balance for each some ten times, with derivatives. What the
-net has more than a cylinder is smooth in two numbers, the radius a cylinder would have and the stretch,
+A recording has thousands of states, and a balance evaluates each about ten times, with derivatives. The
+difference between net and cylinder is smooth in two numbers, the scaled radius of a cylinder and the stretch,
 
     x = √(1 − (L/B)²),   y = B0/B,
 
-so that a polynomial stands for it: made once for each set of numbers, and differentiable in all of them.
-Force comes from the slope of the volume's own polynomial, so that both belong together to the last digit.
+so that a polynomial approximates it. It is computed once for each set of numbers, with derivatives by all of
+them. The force is the derivative of the volume's polynomial, so that both are exactly consistent.
 
-What it leaves out: muscles stretched or contracted beyond the polynomial, and threads that are a third longer
-than at rest. There the muscle goes over into a cylinder with a constant piece of volume missing.
+What it leaves out: muscles stretched or contracted beyond the range of the polynomial, and threads that are a
+third longer than at rest. There the muscle becomes a cylinder less a constant volume.
 """
 
 from __future__ import annotations
@@ -26,38 +26,37 @@ from jaxtyping import Array, Float
 from pamjax.model.net import Net, scaled_length, solve_net
 from pamjax.parameter import Scalar
 
-#: Coefficients in x and y: forces of the paper's muscle are then right within 0.1 N at 689 kPa.
+#: Number of coefficients in x and y. The error of the paper's muscle is then below 0.1 N at 689 kPa.
 COEFFICIENT_COUNTS = (20, 5)
 
-#: Widest cylinder, as x: a little beyond free contraction (0.816).
+#: Maximum x, a little beyond free contraction (0.816).
 MAX_WIDTH = 0.86
 
-#: Middle of the longest net, as a share of the fitting's radius. At some 0.6 the expansion of `net.py` ends.
+#: Mid radius of the longest net over the fitting's radius. `net.py` is not valid below about 0.6.
 MIN_MIDDLE_RATIO = 0.72
 
-#: Least and largest y.
+#: Minimum and maximum y.
 MIN_STRETCH_RATIO, MAX_STRETCH_RATIO = 0.75, 1.02
 
-#: Share of the range, at either end, over which the polynomial is left.
+#: Share of the range, at either end, over which x approaches a constant.
 EDGE_MARGIN = 0.04
 
-#: Order of what is looked up: a force, its slopes, and the slopes of these.
+#: Order of the tabulated derivatives: force, its first derivatives, and its second ones.
 DERIVATIVE_ORDER = 3
 
 
 class NetTable(eqx.Module):
-    """What a net has more than a cylinder, in scaled numbers.
+    """Polynomials of the difference between net and cylinder, in scaled numbers.
 
     Attributes:
-        thread: B0, m.
-        turns: N.
-        net_parameters: of what the table is: radius of the fittings in units of B0/ν, and ν.
-        middle, half: of the range of x.
-        coefficients: coefficients of derivatives by x (first index, up to an order) of volume, mean and mid
-            radius
-            (second), by powers of y − 1 (third) and of x, which is −1 to 1 (last).
-        parameter_slopes: derivatives of the terms by what the table is made of; none where nobody will ask
-            for them.
+        thread: unloaded thread length B0, m.
+        turns: turns N of one thread.
+        net_parameters: radius of the fittings in units of B0/ν, and ν.
+        middle: middle of the range of x.
+        half: half of the range of x.
+        coefficients: coefficients of the derivatives by x (first index) of volume, mean radius and mid radius
+            (second), for powers of y − 1 (third) and of x scaled to −1 to 1 (last).
+        parameter_slopes: derivatives of the coefficients by `net_parameters`; None if not needed.
     """
 
     thread: Scalar
@@ -69,7 +68,7 @@ class NetTable(eqx.Module):
     parameter_slopes: Float[Array, "2 p 3 j i"] | None
 
     def stop_gradients(self) -> NetTable:
-        """The same for finding a balance: without derivatives by what it was made of."""
+        """Return the table without derivatives by its parameters, for the solution of a balance."""
         return jax.lax.stop_gradient(
             eqx.tree_at(
                 lambda t: (t.coefficients, t.parameter_slopes),
@@ -79,7 +78,7 @@ class NetTable(eqx.Module):
         )
 
     def expand_at(self, length: Scalar, thread: Scalar) -> NetExpansion:
-        """The table at the state of a length (m) and a thread length (m), with its derivatives there."""
+        """Return the derivatives of the table at a length (m) and a thread length (m)."""
         x, y = jax.lax.stop_gradient((self.scaled_width(length, thread), self.thread / thread - 1))
         parameter_slopes = (
             None
@@ -94,7 +93,7 @@ class NetTable(eqx.Module):
         return NetExpansion(self, _evaluate_derivatives(self.coefficients, x, y), parameter_slopes)
 
     def scaled_width(self, length: Scalar, thread: Scalar) -> Array:
-        """x, −1 to 1: held there by a root that takes over smoothly at either end."""
+        """Return x scaled to −1 to 1, with a smooth limit at either end."""
         x = (_relative_width(length, thread) - self.middle) / self.half
         beyond = jnp.maximum(jnp.abs(x) - (1 - 2 * EDGE_MARGIN), 0.0) / (2 * EDGE_MARGIN)
         excess = beyond - beyond / jnp.sqrt(jnp.sqrt(1 + beyond**4))
@@ -102,12 +101,12 @@ class NetTable(eqx.Module):
 
 
 class NetExpansion(eqx.Module):
-    """What a net has more than a cylinder at one state, and how that changes with it.
+    """The difference between net and cylinder at one state, with its derivatives.
 
     Attributes:
-        table: where it comes from.
+        table: its table.
         derivatives: derivatives by x (first index) and y (second) of volume, mean and mid radius.
-        parameter_slopes: derivatives of these by what the table is made of.
+        parameter_slopes: derivatives of these by `net_parameters`.
     """
 
     table: NetTable
@@ -115,7 +114,7 @@ class NetExpansion(eqx.Module):
     parameter_slopes: Float[Array, "2 p p 3 ..."] | None
 
     def __call__(self, length: Scalar, thread: Scalar) -> Net:
-        """More than a cylinder has, at the state's own length (m) and thread length (m)."""
+        """Return the difference between net and cylinder at the state's length (m) and thread length (m)."""
         x, y = self.table.scaled_width(length, thread), self.table.thread / thread
         volume, mean, mid = _evaluate_expansion(
             (0, 0), x, y, self.table.net_parameters, self.derivatives, self.parameter_slopes
@@ -136,11 +135,10 @@ def _evaluate_expansion(
     derivatives: Array,
     parameter_slopes: Array | None,
 ) -> NetValues:
-    """A tabulated derivative of volume, mean and mid radius, of an order in x and y, whose own derivatives
-    are tabulated too.
+    """Return the tabulated derivative of volume, mean and mid radius, of an order in x and y.
 
-    What is looked up is then never differentiated itself. Beyond the last order there is nothing, and in what
-    the table is made of there is the first alone.
+    Its derivatives are tabulated too, so that the look-up is not differentiated. Derivatives beyond the last
+    order are zero. By `net_parameters` only the first derivative exists.
     """
     return tuple(derivatives[order])
 
@@ -168,10 +166,10 @@ def _evaluate_expansion_jvp(order, primals, tangents):
 
 
 def _evaluate_derivatives(coefficients: Float[Array, "o 3 j i"], x: Scalar, y: Scalar) -> Array:
-    """Derivatives by x and y up to the order of the terms, (o, o, 3, ...)."""
+    """Return the derivatives by x and y up to the tabulated order, (o, o, 3, ...)."""
     in_x = jnp.tensordot(coefficients, _monomials(x, coefficients.shape[-1]), 1)
     power = _monomials(y, COEFFICIENT_COUNTS[1])
-    # Sums are written out: as a reduction over a middle axis they take twice as long.
+    # A reduction over a middle axis would take twice as long as these sums.
     in_y = [
         sum(in_x[:, :, j] * (math.perm(j, k) * power[j - k]) for j in range(k, COEFFICIENT_COUNTS[1]))
         for k in range(len(coefficients))
@@ -180,7 +178,7 @@ def _evaluate_derivatives(coefficients: Float[Array, "o 3 j i"], x: Scalar, y: S
 
 
 def _monomials(x: Scalar, count: int) -> Array:
-    """Powers of x from none on, (count, ...)."""
+    """Return the powers of x from zero on, (count, ...)."""
     powers = [jnp.ones_like(x), x]
     while len(powers) < count:
         powers.append(powers[len(powers) // 2] * powers[(len(powers) + 1) // 2])
@@ -188,14 +186,14 @@ def _monomials(x: Scalar, count: int) -> Array:
 
 
 def _relative_width(length: Scalar, thread: Scalar) -> Array:
-    """√(1 − (L/B)²), zero for a straight muscle."""
+    """Return √(1 − (L/B)²), zero for a straight muscle."""
     squared = (thread - length) * (thread + length) / thread**2
     is_valid = squared > 0
     return jnp.where(is_valid, jnp.sqrt(jnp.where(is_valid, squared, 1.0)), 0.0)
 
 
 def tabulate_net(thread: Scalar, turns: Scalar, fitting: Scalar) -> NetTable:
-    """The table of a braid with threads B0 (m), its turns, and fittings of a radius (m)."""
+    """Return the table of a braid with threads B0 (m), its turns, and fittings of a radius (m)."""
     thread, turns, fitting = (jnp.asarray(x, float) for x in (thread, turns, fitting))
     nu = 2 * jnp.pi * turns
     net_parameters = jnp.stack([jnp.clip(nu * fitting / thread, 0.02, 0.8), nu])
@@ -221,7 +219,7 @@ def tabulate_net(thread: Scalar, turns: Scalar, fitting: Scalar) -> NetTable:
 
 
 def _lowest_width(edge: Array, nu: Array) -> Array:
-    """x of the longest net there is a table for."""
+    """Return x of the longest net in the table."""
     sine = jnp.sqrt(1 - (MIN_MIDDLE_RATIO * edge) ** 2)
     low = jnp.sqrt(jnp.maximum(1 - scaled_length(sine, edge, nu) ** 2, 0.01 * edge**2))
     return jnp.clip(low, 0.5 * edge, edge)
@@ -235,7 +233,7 @@ def _fit_coefficients(net_parameters: Float[Array, " 2"]) -> Float[Array, "3 j i
     y = MIN_STRETCH_RATIO + 0.5 * (MAX_STRETCH_RATIO - MIN_STRETCH_RATIO) * (at_y + 1)
 
     def compute_excess(x, y):
-        """In units in which the thread is ν long, so that radii are ρ."""
+        """Return the difference in units in which the thread length is ν, so that radii are ρ."""
         sine = jnp.sqrt(1 - x**2)
         solved = solve_net(nu * sine, nu, nu / (2 * jnp.pi), edge * y)
         return jnp.stack(
@@ -251,7 +249,7 @@ def _fit_coefficients(net_parameters: Float[Array, " 2"]) -> Float[Array, "3 j i
 
 
 def _stack_derivatives(coefficients: Float[Array, "3 j i"], order: int) -> Float[Array, "o 3 j i"]:
-    """The coefficients with those of the derivatives by x up to an order."""
+    """Return the coefficients and those of the derivatives by x up to an order."""
     stacked = [coefficients]
     for _ in range(order):
         slope = stacked[-1][..., 1:] * np.arange(1, COEFFICIENT_COUNTS[0])
@@ -260,13 +258,13 @@ def _stack_derivatives(coefficients: Float[Array, "3 j i"], order: int) -> Float
 
 
 def _chebyshev_to_powers(size: int, low: float = 0.0, high: float = 2.0) -> np.ndarray:
-    """From Chebyshev coefficients between two ends to those of the powers of the distance from one."""
+    """Return the matrix from Chebyshev coefficients between two ends to those of powers of x − 1."""
     unit = np.polynomial.Polynomial([2 * (1 - low) / (high - low) - 1, 2 / (high - low)])
     columns = [np.polynomial.Chebyshev.basis(k)(unit).coef for k in range(size)]
     return np.stack([np.pad(c, (0, size - c.size)) for c in columns], axis=1)
 
 
 def _chebyshev_nodes(size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Chebyshev's points, and the matrix from values there to coefficients."""
+    """Return the Chebyshev nodes, and the matrix from values at them to coefficients."""
     points = np.cos(np.pi * (np.arange(size) + 0.5) / size)
     return points, np.linalg.inv(np.polynomial.chebyshev.chebvander(points, size - 1))

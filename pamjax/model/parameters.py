@@ -1,8 +1,8 @@
-"""Every number a muscle can have, by the name it has in muscle.toml, in reports and in `pamjax explain`.
+"""All numbers of a muscle, by their names in muscle.toml, in reports and in `pamjax explain`.
 
-A number is declared once: on the class that owns it, or here where a lab states it in another form
-than the model keeps it (a modulus and a thread count instead of their product, an angle and a
-diameter instead of thread length and turns). `assembly.py` turns named numbers into a muscle.
+A number is declared once, on its class. Numbers that a lab states in another form than the model uses are
+declared here: modulus and thread count instead of their product, angle and diameter instead of thread length
+and turns. `assembly.py` builds a muscle from named numbers.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ _STATED_PARAMETERS = {
 
 
 def list_parameters() -> dict[str, Meaning]:
-    """The meaning of every number a muscle can have, by name: unit, limits, source.
+    """Return the meaning of every number of a muscle, by name: unit, limits, source.
 
     >>> modulus = list_parameters()["thread.modulus"]
     >>> modulus.unit, modulus.show, modulus.low
@@ -89,14 +89,14 @@ def list_parameters() -> dict[str, Meaning]:
 
 
 def find_meaning(name: str, where: str = "") -> Meaning:
-    """The meaning of one number.
+    """Return the meaning of one number.
 
     Args:
-        name: as it stands in the catalogue.
-        where: it was named, for what is said of an unknown one.
+        name: a name of `list_parameters`.
+        where: where the name occurred, for the message.
 
     Raises:
-        BadInput: if there is no such number, with the nearest that there is.
+        BadInput: if there is no such number; the message suggests the nearest name.
     """
     if name.startswith(LENGTH_ERROR_PREFIX):
         return _LENGTH_ERROR
@@ -108,7 +108,7 @@ def find_meaning(name: str, where: str = "") -> Meaning:
 
 
 def list_meanings_by_law(name: str) -> dict[str, Meaning]:
-    """What a number of the threads means to each law that has it; empty for any other number.
+    """Return the meaning of a thread number for each law that has it; empty for other numbers.
 
     >>> {law: meaning.about for law, meaning in
     ... list_meanings_by_law("thread.crimp").items()}["recruitment-toe"]
@@ -123,7 +123,7 @@ def list_meanings_by_law(name: str) -> dict[str, Meaning]:
 
 
 def list_law_parameters(law: str) -> tuple[str, ...]:
-    """Names of the numbers that a law has beside its stiffness."""
+    """Return the names of a law's numbers except its stiffness."""
     if law not in THREAD_LAWS:
         raise refuse(f"{law!r} is no thread law", remedy=suggest_word(law, THREAD_LAWS))
     return tuple(f"thread.{name}" for name in list_field_meanings(THREAD_LAWS[law]) if name != "stiffness")

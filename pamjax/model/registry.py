@@ -1,4 +1,4 @@
-"""Every mechanism there is, by id, and which may not act together."""
+"""The library of mechanisms by id, and the pairs that may not act together."""
 
 from __future__ import annotations
 
@@ -76,15 +76,15 @@ EXCLUSIVE_PAIRS: dict[frozenset[str], str] = {
 
 
 def list_mechanisms() -> dict[str, type[AbstractMechanism]]:
-    """The mechanisms and their alternatives by id."""
+    """Return the mechanisms and their alternatives by id."""
     return {kind.id: kind for kind in MECHANISMS + ALTERNATIVES}
 
 
 def find_mechanism(id: str) -> type[AbstractMechanism]:
-    """One mechanism.
+    """Return the mechanism of an id.
 
     Raises:
-        BadInput: if there is none of this id, with the nearest there is.
+        BadInput: if there is no such mechanism; the message suggests the nearest id.
     """
     mechanisms = list_mechanisms()
     if id not in mechanisms:
@@ -93,20 +93,20 @@ def find_mechanism(id: str) -> type[AbstractMechanism]:
 
 
 def order_mechanisms(ids: Iterable[str]) -> tuple[type[AbstractMechanism], ...]:
-    """The named mechanisms in their order of acting.
+    """Return these mechanisms in the order in which they act.
 
     Raises:
-        BadInput: if one is unknown.
+        BadInput: if an id is unknown.
     """
     wanted = {find_mechanism(id) for id in ids}
     return tuple(kind for kind in MECHANISMS + ALTERNATIVES if kind in wanted)
 
 
 def check_exclusive_pairs(ids: Iterable[str]) -> None:
-    """Refuse mechanisms that are the same thing twice.
+    """Refuse pairs of mechanisms with the same effect.
 
     Raises:
-        BadInput: if two of them are.
+        BadInput: if both mechanisms of such a pair are present.
     """
     wanted = set(ids)
     for pair, why in EXCLUSIVE_PAIRS.items():

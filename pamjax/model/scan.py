@@ -1,10 +1,9 @@
-"""Memory in parallel: recurrences that compose, so that a long recording needs no loop over its rows.
+"""Recurrences for mechanisms with memory, computed for a whole recording in 2 √n vectorised steps.
 
-Each recurrence here is a map of the state before to the state after, from a family that is closed
-under composition. So the recording is cut into some √n blocks that are walked side by side, the blocks'
-own maps are then composed one after the other, and both are put together: 2 √n short vectorised steps.
-Why not `lax.associative_scan`? It writes its log n sweeps out one by one, and takes many times as long
-to compile, and to run.
+Each recurrence is a map from the state before to the state after. The maps of one family are closed under
+composition. The recording is divided into about √n blocks, in which the maps are composed in parallel. The
+maps of the blocks are then composed in order, and joined with those inside. `lax.associative_scan` does the
+same, but unrolls its log n sweeps, and takes several times as long to compile and to run.
 """
 
 from __future__ import annotations
@@ -22,10 +21,10 @@ Map = TypeVar("Map")
 
 
 def compose_maps(join: Callable[[Map, Map], Map], maps: Map, size: int = 0) -> Map:
-    """Every map after all the maps before it, along the first axis.
+    """Return the composition of each map with all maps before it, along the first axis.
 
     Args:
-        join: (first, second) → the map that does first, then second; for arrays of any shape.
+        join: (first, second) → their composition, first applied first; for arrays of any shape.
         maps: arrays of shape (n, ...).
         size: rows of a block; about √n if zero.
     """
@@ -56,7 +55,7 @@ def compose_maps(join: Callable[[Map, Map], Map], maps: Map, size: int = 0) -> M
 
 
 def running_max(values: Rows, restart: Bool[Array, " n"]) -> Rows:
-    """Largest value so far, counted anew at every restart."""
+    """Return the largest value so far since the last restart."""
     return _running_max(values, _broadcast_flags(restart, values))
 
 
@@ -76,9 +75,9 @@ def _running_max_jvp(primals, tangents):
 
 
 def relax_states(kicks: Rows, keep: Rows, restart: Bool[Array, " n"]) -> Rows:
-    """State of s ← keep · s + kick, from zero; anew at every restart.
+    """Return the states of s ← keep · s + kick, from zero at the start and at every restart.
 
-    The map s → a s + b composes to another such map.
+    Compositions of maps s → a s + b have the same form.
     """
     keep = jnp.where(_broadcast_flags(restart, keep), 0.0, keep)
     return _relax_states(*jnp.broadcast_arrays(kicks, keep))
@@ -96,7 +95,7 @@ _relax_states = jax.custom_jvp(_compute_relaxed)
 
 @_relax_states.defjvp
 def _relax_states_jvp(primals, tangents):
-    """The tangent of a relaxing state relaxes with the same factors: one such recurrence more, not three."""
+    """Return state and tangent. The tangent follows the same recurrence with the same factors."""
     kicks, keep = primals
     s = _relax_states(kicks, keep)
     before = jnp.concatenate([jnp.zeros_like(s[:1]), s[:-1]])
@@ -110,11 +109,11 @@ def apply_stop_operator(
     restart: Bool[Array, " n"],
     start: Rows | float = 0.0,
 ) -> Rows:
-    """States of s ← clip(s + stiffness · moved, −width, width); `start` at every restart.
+    """Return the states of s ← clip(s + stiffness · moved, −width, width); `start` at every restart.
 
-    This is the stop operator, the element of rate-independent friction: an elastic stretch that slips
-    at its width. The map s → clip(s + a, low, high) composes to another such map: shifting then
-    clipping twice is shifting by the sum and clipping once, at limits that were themselves clipped.
+    This is the stop operator, the element of rate-independent friction: an elastic deflection that slips
+    at its width. Compositions of maps s → clip(s + a, low, high) have the same form: the shifts add, and the
+    limits of the first are shifted and clipped by the second.
     """
     width, start = jnp.broadcast_arrays(width, jnp.asarray(start))
     return _apply_stop_operator(moved, stiffness, width, start, restart)
@@ -136,9 +135,9 @@ def _apply_stop_operator(moved: Array, stiffness: Array, width: Array, start: Ar
 
 @_apply_stop_operator.defjvp
 def _apply_stop_operator_jvp(primals, tangents):
-    """Since its last slip a stop moves with the signal; where it slipped it moves with the width.
+    """Return state and tangent: since its last slip a stop follows the signal, and at the slip the width.
 
-    A sum and a look back: much cheaper, for each of many numbers, than the recurrence itself.
+    This needs a sum and one index per row, which is much faster than the recurrence.
     """
     moved, stiffness, width, _, restart = primals
     moved_dot, stiffness_dot, width_dot, start_dot, _ = tangents
@@ -155,7 +154,7 @@ def _apply_stop_operator_jvp(primals, tangents):
 
 
 def _carry_last(values: Array, is_new: Array) -> Array:
-    """The value at the last row so far that was new; zero before the first."""
+    """Return the value at the latest row that is new; zero before the first."""
     row = jnp.arange(len(values)).reshape(-1, *[1] * (values.ndim - 1))
     last = compose_maps(jnp.maximum, jnp.where(is_new, row, -1))
     carried = jnp.take_along_axis(values, jnp.maximum(last, 0), axis=0)

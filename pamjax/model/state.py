@@ -1,4 +1,4 @@
-"""Where everything is at one instant, and how stored energies and shapes of the ends are added to it."""
+"""The geometric state of a muscle at one instant, and the interfaces of geometries and stored energies."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from pamjax.parameter import Scalar
 
 
 class State(eqx.Module):
-    """Where everything is, at one length and one thread length.
+    """The geometric state at one length and one thread length.
 
     Attributes:
         length: between the fittings, m.
         thread: stretched length of one thread, m.
-        turns: of one thread around the muscle.
-        radius: of the threads at mid-length, m.
+        turns: turns of one thread around the muscle.
+        radius: mid-thread radius at mid-length, m.
         diameter: outer mean diameter, m.
-        volume: inside the braid, m³.
+        volume: volume inside the braid, m³.
     """
 
     length: Scalar
@@ -33,23 +33,23 @@ class State(eqx.Module):
 
 
 class AbstractGeometry(eqx.Module):
-    """Contract: where everything is."""
+    """The geometry of a braid."""
 
     @abc.abstractmethod
     def __call__(self, length: Scalar, thread: Scalar, turns: Scalar) -> State:
-        """The state at a length (m) and a thread length (m)."""
+        """Return the state at a length (m) and a thread length (m)."""
 
 
 class AbstractTerm(eqx.Module):
-    """Contract: an energy that the muscle stores beside its threads."""
+    """A stored energy other than that of the threads."""
 
     @abc.abstractmethod
     def energy(self, state: State) -> Array:
-        """Stored energy, J."""
+        """Return the stored energy, J."""
 
 
 class Cylinder(AbstractGeometry):
-    """A cylinder from fitting to fitting: the triangle relation everywhere.
+    """A cylinder from fitting to fitting.
 
     What it leaves out: the taper of the ends.
     """

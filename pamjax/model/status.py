@@ -1,4 +1,4 @@
-"""Outcomes: what became of a computation, a number in an array whose text is the help."""
+"""Status codes: numbers for arrays, each with a message for reports."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class StatusCode(IntEnum):
-    """A kind of outcome; 0 is success. A member is written `NAME = number, "what it says in a report"`."""
+    """A set of status codes; 0 is success. A member is `NAME = number, "message for reports"`."""
 
     message: str
 

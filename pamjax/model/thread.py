@@ -1,13 +1,12 @@
-"""Thread laws: what stretching a thread costs.
+"""Thread laws: load and stored energy of the threads as functions of strain.
 
-A law is a load-strain curve `load(strain)`, because that is what a tensile test shows, and its
-integral `energy(strain)`. Both are written out: the slope of an energy, taken by machine, would lose
-the digits of a small strain, in every one of a million balances. `load` is the pull of
-*all* threads together, in N, since threads, area and modulus enter a muscle only as their product
-(`stiffness` = n E A).
+A law is a load-strain curve `load(strain)`, as a tensile test measures it, and its integral
+`energy(strain)`. Both are stated: a numerical derivative of the energy would lose digits at small
+strains. `load` is the pull of *all* threads together, in N. Threads, area and modulus affect a muscle only
+by their product (`stiffness` = n E A).
 
-Every law here stiffens (its curve is convex for a positive strain) and ends in a straight line of
-slope `stiffness` that meets zero load at the strain `slack`. `balance.py` rests on both.
+Each curve is convex for a positive strain. It ends in a straight line of slope `stiffness`, which meets zero
+load at the strain `slack`. `balance.py` requires both properties.
 
 Sources: linear, Chambers & Wereley, Actuators 2022, 11, 219, Eqs. 5-7. Toe forms: exponential toe
 and line after Fung, Biomechanics (1993); recruitment of crimped filaments after Kastelic, Palley &
@@ -48,11 +47,12 @@ def _declare_stiffness() -> Scalar:
 
 
 class AbstractThread(eqx.Module):
-    """Contract: the load of all threads together at a strain.
+    """A law of the load of all threads together at a strain.
 
     Attributes:
         stiffness: slope of the curve once the threads are straight, N.
-        newton_steps: Newton steps that lead from `initial_strain` to rounding over all declared parameters.
+        newton_steps: number of Newton steps from `initial_strain` to rounding error, for all permitted
+            parameters.
     """
 
     newton_steps: ClassVar[int] = 8
@@ -60,40 +60,40 @@ class AbstractThread(eqx.Module):
 
     @abc.abstractmethod
     def load(self, strain: Scalar) -> Array:
-        """Pull of all threads together, N, at the strain B/B0 − 1."""
+        """Return the pull of all threads together, N, at the strain B/B0 − 1."""
 
     @property
     @abc.abstractmethod
     def slack(self) -> Array:
-        """Strain at which the straight end of the curve, run backwards, meets zero load."""
+        """Strain at which the straight line at the end of the curve, extrapolated back, has zero load."""
 
     @abc.abstractmethod
     def energy(self, strain: Scalar) -> Array:
-        """Energy stored per metre of resting thread, all threads together, J/m: the area under `load`."""
+        """Return the energy of all threads per metre of unloaded thread, J/m: the area under `load`."""
 
     def initial_strain(self, pull: Scalar) -> Array:
-        """A strain near the one that balances `pull` × (1 + strain), for Newton to go on from.
+        """Return a start value for the strain that balances `pull` × (1 + strain).
 
-        Here the one at which the straight end of the curve does: it lies above, so that Newton
-        descends a convex curve and cannot overshoot.
+        This one is the balance of the straight line at the end of the curve. It is too large, so that
+        Newton's method descends a convex curve without overshoot.
         """
         return (pull + self.stiffness * self.slack) / (self.stiffness - pull)
 
 
 class Inextensible(eqx.Module):
-    """Threads that keep their length: the inelastic braid assumption.
+    """Threads of constant length: the inelastic braid assumption.
 
-    No load curve and so no `AbstractThread`: whatever pulls, the strain is zero. What it leaves
-    out: stretch.
+    The strain is zero at every load. This law has no load curve, and so is no `AbstractThread`. What it
+    leaves out: stretch.
     """
 
     def energy(self, strain: Scalar) -> Array:
-        """Nothing is ever stored, J/m."""
+        """Return zero, J/m."""
         return jnp.zeros_like(strain)
 
 
 class LinearThread(AbstractThread):
-    """Threads that stretch in proportion to load: load = S ε.
+    """Linear threads: load = S ε.
 
     What it leaves out: crimp, slip, creep.
     """
@@ -112,7 +112,7 @@ class LinearThread(AbstractThread):
 
 
 class SmoothToe(AbstractThread):
-    """A kinked line with its corner rounded to a hyperbola; every derivative exists.
+    """Two straight lines joined by a hyperbola; all derivatives exist.
 
     load = S [ r ε + (1 − r) (ε + q(ε) − q(0)) / 2 ],   q(ε) = sqrt((ε − c)² + w²)
 
@@ -121,13 +121,12 @@ class SmoothToe(AbstractThread):
         c  crimp       1   strain at the corner
         w  width       1   strain over which the corner is rounded
 
-    Why no softplus, the usual rounding? With the same gap at the corner its load differs from this one
-    by less than 0.08 w S, and it costs an exponential and a logarithm at every Newton step. A hyperbola
-    costs a root, and meets the pull of pressure, which is a line in ε, where a quadratic is zero:
-    without other terms the balance is a closed form, and Newton only polishes it.
+    A softplus is a common alternative. With the same gap at the corner its load differs by less than
+    0.08 w S, but it needs an exponential and a logarithm in every Newton step. With a hyperbola the balance
+    without other terms is a quadratic equation, and one Newton step is enough.
 
-    What it leaves out: a toe whose own slope changes much (use `RecruitmentToe`). The corner fades
-    with the square of the distance, so that a wide one is felt at zero strain too.
+    What it leaves out: a toe whose own slope changes much (use `RecruitmentToe`). The rounding decreases
+    with the square of the distance from the corner, so that a wide one changes the slope at zero strain too.
     """
 
     newton_steps: ClassVar[int] = 1
@@ -180,7 +179,7 @@ class SmoothToe(AbstractThread):
 
 
 class ExponentialToe(AbstractThread):
-    """An exponential toe that runs into a line with the same slope.
+    """An exponential toe that continues as a line of the same slope.
 
     load = (S/k) ( e^(k (min(ε, c) − c)) − e^(−k c) ) + S max(ε − c, 0)
 
@@ -188,7 +187,7 @@ class ExponentialToe(AbstractThread):
         c  crimp       1   strain at which the toe ends
         k  curvature   1   relative change of slope for a unit strain in the toe
 
-    The slope is continuous, the curvature is not: second derivatives jump at c.
+    What it leaves out: a smooth curvature; the slope is continuous, but the second derivative jumps at c.
     """
 
     newton_steps: ClassVar[int] = 3
@@ -229,7 +228,7 @@ class ExponentialToe(AbstractThread):
 
 
 class RecruitmentToe(AbstractThread):
-    """Filaments of normally spread slack, each of which pulls once it is straight.
+    """Filaments with normally distributed slack, each of which pulls when it is straight.
 
     load = S [ g(ε) − g(0) ],   g(ε) = (ε − μ) Φ(z) + s φ(z),   z = (ε − μ) / s
 
@@ -237,7 +236,7 @@ class RecruitmentToe(AbstractThread):
         μ  crimp       1   mean slack of the filaments
         s  spread      1   standard deviation of their slack
 
-    Every derivative exists. What it leaves out: friction between filaments.
+    All derivatives exist. What it leaves out: friction between filaments.
     """
 
     newton_steps: ClassVar[int] = 5

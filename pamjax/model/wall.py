@@ -1,22 +1,22 @@
-"""The wall of the bladder: an incompressible rubber tube that lies against the braid.
+"""The wall of the bladder: an incompressible rubber tube in contact with the braid.
 
     λz = L / l                      stretch along
     λc = (R + Ri) / (ri + ro)       stretch around, at the middle of the wall
     λr = 1 / (λz λc)                stretch through the wall
     Ri² = R² − (ro² − ri²) / λz     inner radius: the volume of the rubber stays
 
-    L, R    length and outer radius of the tube as it is (R is that of the braid)   m
+    L, R    length and outer radius of the deformed tube (R is that of the braid)   m
     l       length of the unstretched tube                                          m
     ri, ro  its radii, d/2 and d/2 + t                                              m
 
-The middle of the wall stands for all of it: within 0.2 % of the energy of a thick tube for walls up
-to a seventh of the outer radius. The outer radius in place of the middle would be some 10 to 20 % off.
+The strain at the middle of the wall is used for all of it. The energy is within 0.2 % of that of a thick
+tube, for walls up to a seventh of the outer radius. With the outer radius the error would be 10 to 20 %.
 
-Three mechanisms need the size of the wall. Its numbers are declared once, here, and carried by each
-under the same name, so that one bench fills them all from one place.
+Three mechanisms need the dimensions of the wall. They are declared once, here, and have the same names in
+each mechanism.
 
 What it leaves out: the thickness of the threads, folds, slip in the fittings, and the tube's own ends.
-Source: incompressibility; the mid-surface form was compared with a thick tube here.
+Source: incompressibility; the mid-surface form was compared with a thick tube.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ MIN_BORE_SHARE = 0.01
 
 
 class WallSize(Protocol):
-    """Whatever carries the size of a wall, all in m."""
+    """Dimensions of a wall, m."""
 
     inner_diameter: Scalar
     thickness: Scalar
@@ -63,7 +63,7 @@ def declare_length() -> Scalar:
 
 
 class Stretch(NamedTuple):
-    """How far the wall is stretched: along, around, and through (below one)."""
+    """Stretches of the wall along, around, and through (below one)."""
 
     axial: Array
     hoop: Array
@@ -71,15 +71,15 @@ class Stretch(NamedTuple):
 
 
 def rubber_volume(wall: WallSize) -> Array:
-    """Volume of the rubber, m³."""
+    """Return the volume of the rubber, m³."""
     return jnp.pi * wall.thickness * (wall.inner_diameter + wall.thickness) * wall.length
 
 
 def stretch(wall: WallSize, state: State) -> Stretch:
-    """How far the wall is stretched by a state.
+    """Return the stretches of the wall in a state.
 
-    A braid too narrow for the rubber inside it has no bore: there the bore closes softly, so that
-    energy and force stay finite and grow no more than the braid pushes.
+    A braid that is too narrow for the rubber has no bore. There the bore decreases smoothly, so that energy
+    and force are finite.
     """
     width = wall.inner_diameter + wall.thickness
     axial = state.length / wall.length
@@ -92,22 +92,23 @@ def stretch(wall: WallSize, state: State) -> Stretch:
 
 
 def first_invariant(stretch: Stretch) -> Array:
-    """I1 − 3 = λz² + λc² + λr² − 3."""
+    """Return I1 − 3 = λz² + λc² + λr² − 3."""
     axial, hoop, radial = stretch
     # As squares, so that the unstretched wall has no energy to the last digit.
     return (axial - 1) ** 2 + (hoop - 1) ** 2 + (radial - 1) ** 2 + 2 * (axial + hoop + radial - 3)
 
 
 def second_invariant(stretch: Stretch) -> Array:
-    """I2 − 3 = λz⁻² + λc⁻² + λr⁻² − 3."""
+    """Return I2 − 3 = λz⁻² + λc⁻² + λr⁻² − 3."""
     axial, hoop, radial = stretch
     return (hoop * radial) ** 2 + (radial * axial) ** 2 + (axial * hoop) ** 2 - 3
 
 
 def neo_hookean_stresses(stretch: Stretch) -> tuple[Array, Array]:
-    """Slopes of (I1 − 3) / 2 by λz and by λc: the stresses of a neo-Hookean wall, per modulus and rubber.
+    """Return the stresses of a neo-Hookean wall, per modulus and rubber volume.
 
-    The slopes of a convex function (λz² and λc² are convex, and so is λr² = e^(−2 ln λz − 2 ln λc)).
+    They are the derivatives of (I1 − 3) / 2 by λz and λc. This function is convex: λz² and λc² are convex,
+    and so is λr² = e^(−2 ln λz − 2 ln λc).
     """
     axial, hoop, radial = stretch
     return axial - radial**2 / axial, hoop - radial**2 / hoop

@@ -1,4 +1,4 @@
-"""What to do next: the protocol that separates what this recording cannot tell apart, with its power."""
+"""The next experiment: the protocol that distinguishes mechanisms this recording cannot, with its power."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ MAX_RIVALS_PER_MECHANISM, MAX_RIVAL_PAIRS = 2, 4
 
 @dataclass(frozen=True)
 class Experiment:
-    """A protocol that separates names.
+    """A protocol that distinguishes mechanisms.
 
     Attributes:
-        protocol: what to do, one sentence.
-        separates: the ids.
-        power: chance that it settles which, at a false alarm of one in twenty.
-        minutes: what it costs.
-        id: of the protocol in the menu.
-        chi2_limit: χ² by which the second must fit worse than it did before, to be given up.
+        protocol: instruction, one sentence.
+        separates: ids of the mechanisms that it distinguishes.
+        power: probability that it identifies the true one, at a false-alarm rate of 5 %.
+        minutes: duration, min.
+        id: id of the protocol in the menu.
+        chi2_limit: increase of χ² at which the second model is rejected.
     """
 
     protocol: str
@@ -57,22 +57,22 @@ class Experiment:
     chi2_limit: float = math.inf
 
     def as_dict(self) -> dict[str, Any]:
-        """As it stands in diagnosis.json."""
+        """Return the experiment as it is written to diagnosis.json."""
         return {"protocol": self.protocol, "separates": list(self.separates), "power": self.power}
 
 
 def propose_experiments(
     problem: LibraryProblem, fit: CandidateFit, named_mechanisms: Sequence[NamedMechanism]
 ) -> list[Experiment]:
-    """For each name that is tied, the cheapest protocol that separates it from its rivals, or the best.
+    """Choose protocols that distinguish each identified mechanism from its indistinguishable alternatives.
 
     Args:
-        problem: the recording before the library.
-        fit: the named model, refitted.
-        named_mechanisms: what was named, with its ties.
+        problem: the recording and the library.
+        fit: the refitted model with the identified mechanisms.
+        named_mechanisms: the identified mechanisms with their alternatives.
 
     Returns:
-        an experiment for each protocol that is chosen; none where nothing is tied.
+        one experiment for each chosen protocol; empty without alternatives.
     """
     pairs = [
         (name.id, rival)
@@ -94,7 +94,7 @@ def propose_experiments(
 
 
 def _merge_by_protocol(experiments: list[Experiment]) -> list[Experiment]:
-    """One entry for each protocol: what it separates, at the least of the powers."""
+    """Return one experiment for each protocol, with all it distinguishes and the lowest power."""
     out: dict[str, Experiment] = {}
     for experiment in experiments:
         known = out.get(experiment.protocol)
@@ -108,7 +108,7 @@ def _merge_by_protocol(experiments: list[Experiment]) -> list[Experiment]:
 
 
 def choose_experiment(experiments: Sequence[Experiment]) -> Experiment:
-    """The cheapest that is powerful enough, else the most powerful."""
+    """Return the shortest experiment with sufficient power, else the one with the highest power."""
     powerful = [experiment for experiment in experiments if experiment.power >= SUFFICIENT_POWER]
     return min(powerful, key=lambda e: e.minutes) if powerful else max(experiments, key=lambda e: e.power)
 
@@ -116,7 +116,7 @@ def choose_experiment(experiments: Sequence[Experiment]) -> Experiment:
 def evaluate_protocols(
     testbed: SimulatedTestbed, fit: CandidateFit, rival_fit: CandidateFit, ids: tuple[str, str]
 ) -> list[Experiment]:
-    """Every protocol of the menu with its power to separate two models."""
+    """Return every protocol of the menu with its power to distinguish two models."""
     out = []
     for protocol in PROTOCOL_MENU:
         power, chi2_limit = compute_power_and_limit(*compute_contrast(testbed, protocol, fit, rival_fit))
@@ -131,7 +131,7 @@ def _format_duration(minutes: float) -> str:
 
 
 def fit_rival(problem: LibraryProblem, fit: CandidateFit, name: str, rival: str) -> CandidateFit | None:
-    """The model with a rival in the place of a name, refitted; None where no form of it shows."""
+    """Refit the model with a rival instead of a mechanism; None if the rival is not testable."""
     candidate = next((f for f in fit.mechanisms if f.id == name), None)
     candidates = [f for f in build_candidates(problem) if f.id == rival]
     if candidate is None or not candidates:
@@ -149,10 +149,10 @@ def fit_rival(problem: LibraryProblem, fit: CandidateFit, name: str, rival: str)
 def fit_best_candidate(
     problem: LibraryProblem, reduced_fit: CandidateFit, candidates: Sequence[Candidate]
 ) -> CandidateFit:
-    """A model with one more form, the best of some after a refit of each.
+    """Return the best refit of a model with one more candidate.
 
-    The form that is best in the linear limit may be one whose amplitude lies far beyond its limits, where a
-    refit then stays: several are refitted, each from a part of its amplitude as well.
+    The best candidate of the linear approximation can have an amplitude far outside its limits. Therefore
+    several candidates are refitted, each from its linear amplitude and from a share of it.
     """
     scored = sorted(
         compute_score_directions(problem, reduced_fit.noise, reduced_fit.estimate, candidates),

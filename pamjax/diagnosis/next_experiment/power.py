@@ -1,15 +1,15 @@
-"""Power: how likely a protocol settles which of two models is true, both refitted afterwards.
+"""Power: the probability that a protocol identifies which of two models is true, after refits of both.
 
-A and B fit the recording as well as each other. On a new protocol their predictions differ by δ, of which
-a refit to both recordings takes up what the first lets it. With δ and the derivatives J of a model made
-white by the new noise, and H what the recording and the priors know of its numbers, what is left of a
-difference r is
+A and B fit the recording equally well. On a new protocol their predictions differ by δ. A refit to both
+recordings absorbs a part of δ. Let δ and the Jacobian J of a model be whitened by the new noise, and let H be
+the information on its parameters from the recording and the priors. Then the χ² of a difference r after the
+refit is
 
     χ²(r) = rᵀ (I + J H⁻¹ Jᵀ)⁻¹ r = rᵀr − rᵀJ (H + JᵀJ)⁻¹ Jᵀr.
 
-Where A is true, the protocol shows y = δ + J_A a + noise from B's prediction on, with a as uncertain as H_A
-leaves it; and χ²_B(y) − χ²_A(y − δ) is drawn for both truths. B is given up where that difference is larger
-than it is in one of twenty draws with B true; the power is how often that happens where A is.
+If A is true, the measured minus B's prediction is y = δ + J_A a + noise, with a drawn from its distribution
+with information H_A. The difference χ²_B(y) − χ²_A(y − δ) is simulated for either truth. B is rejected if the
+difference is above its 95 % quantile with B true. The power is the share of rejections with A true.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ POWER_DRAWS = 4000
 
 @dataclass(frozen=True, eq=False)
 class LinearisedModel:
-    """One of two models before a protocol.
+    """Linear approximation of a model on a protocol.
 
     Attributes:
-        jacobian: (k, m) white derivatives of what the protocol shows, by the model's numbers.
-        information: (k, k) what recording and priors know of those numbers.
+        jacobian: (k, m) whitened derivatives of the protocol's prediction by the model's parameters.
+        information: (k, k) information on these parameters from the recording and the priors.
     """
 
     jacobian: np.ndarray
     information: np.ndarray
 
     def compute_refit_chi2(self, differences: np.ndarray) -> np.ndarray:
-        """χ² of white differences, (…, m), after a refit."""
+        """Return χ² of whitened differences, (…, m), after a refit."""
         total = self.information + self.jacobian @ self.jacobian.T
         unit = np.sqrt(np.maximum(np.diag(total), 1e-300))
         inverse = np.linalg.pinv(total / np.outer(unit, unit), rcond=1e-12, hermitian=True)
@@ -47,7 +47,7 @@ class LinearisedModel:
         return np.sum(differences**2, axis=-1) - np.sum((pull @ inverse) * pull, axis=-1)
 
     def sample_predictions(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        """What its numbers, drawn as uncertain as they are, change in the protocol, (many, m)."""
+        """Draw parameters from their uncertainty and return the changes of the prediction, (count, m)."""
         unit = np.sqrt(np.maximum(np.diag(self.information), 1e-300))
         weights, axes = np.linalg.eigh(self.information / np.outer(unit, unit))
         draws = rng.standard_normal((count, unit.size)) / np.sqrt(np.maximum(weights, 1e-12))
@@ -57,28 +57,27 @@ class LinearisedModel:
 def compute_power(
     delta: np.ndarray, a: LinearisedModel, b: LinearisedModel, draws: int = POWER_DRAWS, seed: int = 0
 ) -> float:
-    """Chance that A is preferred where it is true; see `compute_power_and_limit`."""
+    """Return the probability that B is rejected if A is true; see `compute_power_and_limit`."""
     return compute_power_and_limit(delta, a, b, draws, seed)[0]
 
 
 def compute_power_and_limit(
     delta: np.ndarray, a: LinearisedModel, b: LinearisedModel, draws: int = POWER_DRAWS, seed: int = 0
 ) -> tuple[float, float]:
-    """Chance that A is preferred where it is true, if B is given up only at a false alarm of
-    `FALSE_ALARM_RATE`.
+    """Return the power of a protocol to identify A against B, and the limit of the test.
 
     Args:
-        delta: (m,) white difference of A's and B's predictions.
-        a, b: the models.
+        delta: (m,) whitened difference of the predictions of A and B.
+        a, b: the linearised models.
         draws: simulated protocols for each truth.
-        seed: of the draws.
+        seed: seed of the draws.
 
     Returns:
-        power, and the χ² by which B must fit worse, beyond what it did before, to be given up.
+        power at a false-alarm rate of `FALSE_ALARM_RATE`, and the increase of χ² at which B is rejected.
     """
     if not delta.size or not np.any(delta):
         return FALSE_ALARM_RATE, math.inf
-    # Noise beyond the span of δ and the derivatives is the same to both models.
+    # Noise outside the span of δ and the Jacobians adds the same χ² to both models.
     basis = np.linalg.qr(np.concatenate([delta[None], a.jacobian, b.jacobian]).T)[0]
     delta, a, b = (
         delta @ basis,

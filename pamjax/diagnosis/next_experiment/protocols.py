@@ -1,8 +1,8 @@
-"""A menu of short real protocols, each simulated for the muscle and the rig at hand.
+"""Menu of short protocols for the next experiment, scaled to the muscle and the rig.
 
-A protocol moves pressure and length along straight lines between a few corners, or reads some number of
-the model directly (a vented gauge, a dead weight, a bar in the grips), or both. Sizes are taken from what
-the rig has shown it can do.
+A protocol moves pressure and length along straight lines between corners, or measures a parameter directly
+(vented gauge, dead weight, steel bar in the grips), or both. Amplitudes and speeds are within the range of
+the recording.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ REFERENCE_SD_SHARE, GAUGE_BLOCK_SD_M = 1e-3, 2e-5
 
 @dataclass(frozen=True)
 class PlannedProtocol:
-    """One entry of the menu.
+    """A protocol of the menu.
 
     Attributes:
-        id: as "X4".
-        describe: what to do, one sentence, for a rig.
-        build_corners: the path; None where the muscle is not moved.
-        get_direct_readings: numbers that are read directly, SI, each with its standard deviation.
-        operator_minutes: minutes of the person, beside the path's own.
-        needs_camera: whether diameters are photographed even where they usually are not.
-        in_library: whether anything pamjax can name shows in it.
+        id: id, for example "X4".
+        describe: function of the rig that returns the instruction, one sentence.
+        build_corners: function of the rig that returns the path; None if the muscle is not moved.
+        get_direct_readings: parameters that are measured directly, by name, with standard deviations, SI.
+        operator_minutes: preparation time in addition to the path, min.
+        needs_camera: whether the diameter is photographed even if the recording has no diameters.
+        in_library: whether a mechanism of the library can change the result.
     """
 
     id: str
@@ -43,12 +43,12 @@ class PlannedProtocol:
     in_library: bool = True
 
     def compute_minutes(self, rig: RigLimits) -> float:
-        """What it costs."""
+        """Return the duration, min."""
         path = self.build_corners(rig) if self.build_corners else []
         return self.operator_minutes + sum(seconds for seconds, *_ in path) / 60
 
     def build_schedule(self, rig: RigLimits, begin: float = 0.0) -> Schedule | None:
-        """The samples, `MAX_PROTOCOL_ROWS` at most, from a time on; None where the muscle is not moved."""
+        """Return at most `MAX_PROTOCOL_ROWS` samples from time `begin` on; None without a path."""
         if self.build_corners is None:
             return None
         return sample_path(self.build_corners(rig), rig.step, self.needs_camera or rig.has_camera, begin)

@@ -1,4 +1,4 @@
-"""A rig: what it can do, and a path through pressure and length as it would be recorded."""
+"""Limits of a rig, and the samples of a path of pressure and length on it."""
 
 from __future__ import annotations
 
@@ -20,20 +20,19 @@ CAMERA_SD_M = 1e-4
 
 @dataclass(frozen=True)
 class RigLimits:
-    """What a rig can do, as far as a protocol must know.
+    """Limits and noise of a rig.
 
     Attributes:
         rest_length: rest length of the muscle, m.
         max_pressure: highest pressure, Pa.
-        max_contraction: largest contraction that was reached.
+        max_contraction: largest contraction of the recording.
         speed: usual speed of a stroke, m/s.
-        step: seconds between samples.
-        force_noise, diameter_noise, pressure_noise, length_noise: noise of one sample of force (N), diameter
-            (m), pressure (Pa) and
-            length (m).
-        max_force: largest force that was met, N.
-        has_camera: whether diameters are recorded as a matter of course.
-        elapsed: seconds that the recording at hand has taken.
+        step: time between samples, s.
+        force_noise, diameter_noise, pressure_noise, length_noise: noise of one sample of force (N),
+            diameter (m), pressure (Pa) and length (m), 1 sd.
+        max_force: largest force of the recording, N.
+        has_camera: whether the recording has diameters.
+        elapsed: time at the end of the recording, s.
     """
 
     rest_length: float
@@ -52,14 +51,14 @@ class RigLimits:
     def build_stroke(
         self, pressure: float, deep: float, speed: float, cycle: int, top: float = 0.0
     ) -> list[Corner]:
-        """Shortening from one contraction to another, and back."""
+        """Return the corners of a stroke from contraction `top` to `deep` and back."""
         seconds = abs(deep - top) * self.rest_length / speed
         there, back = (self.rest_length * (1 - c) for c in (deep, top))
         return [(seconds, pressure, there, cycle), (seconds, pressure, back, cycle)]
 
 
 def sample_path(corners: list[Corner], step: float, optical: bool, begin: float = 0.0) -> Schedule:
-    """Straight lines between corners, sampled evenly, and not more often than the rows allow."""
+    """Sample straight lines between corners evenly, with at most `MAX_PROTOCOL_ROWS` rows."""
     seconds, pressure, length, cycle = (np.array(x, dtype=float) for x in zip(*corners, strict=True))
     arrival_time = np.cumsum(seconds) - seconds[0]
     step = max(step, arrival_time[-1] / (MAX_PROTOCOL_ROWS - 1))

@@ -1,4 +1,4 @@
-"""The stage: a recording's muscle, rig and noise, on which protocols are played before they are made."""
+"""Simulated testbed: muscle, rig and noise of a recording, on which new protocols are simulated."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ PAUSE_BEFORE_PROTOCOL_S = 60.0
 
 @dataclass(frozen=True, eq=False)
 class SimulatedTestbed:
-    """Where protocols are played: a recording's muscle and rig, and its noise.
+    """Muscle, rig and noise of a recording, for the simulation of protocols.
 
     Attributes:
-        problem: the recording before the library.
-        rig: what its bench can do.
-        sensor_sd: noise of one sample of force (N) and of diameter (m) that is the channel's own.
-        sd_inflation: factor on it where the model leaves more than noise.
-        correlations: by channel, correlation of neighbouring samples and the seconds between them.
-        start_time: when a new protocol begins, s.
+        problem: the recording and the library.
+        rig: limits of the rig.
+        sensor_sd: sensor noise of one sample of force (N) and of diameter (m), 1 sd.
+        sd_inflation: factor on the noise for a model with systematic misfit; 1 without.
+        correlations: by channel, correlation of neighbouring samples and the time between them, s.
+        start_time: start of a new protocol, s.
     """
 
     problem: LibraryProblem
@@ -53,7 +53,7 @@ class SimulatedTestbed:
 
     @classmethod
     def from_fit(cls, problem: LibraryProblem, fit: CandidateFit) -> SimulatedTestbed:
-        """The stage that a recording and its model set."""
+        """Build the testbed of a recording and its fitted model."""
         recording, sensors = problem.case.recording, problem.case.entry.sensors
         step, elapsed = _read_clock(recording)
         channels = fit.noise.channels
@@ -76,7 +76,7 @@ class SimulatedTestbed:
         )
 
     def simulate(self, schedule: Schedule) -> LibraryProblem:
-        """The muscle on a schedule, in the same compiled program as the recording unless it is longer."""
+        """Return the problem on a new schedule; it uses the same compiled program unless it is longer."""
         problem, n = self.problem, schedule.time.size
         size = max(problem.dataset.rows.pressure.size, compute_program_rows(n))
         recording = Recording.from_arrays(
@@ -102,7 +102,7 @@ class SimulatedTestbed:
         )
 
     def build_noise(self, problem: LibraryProblem, values: np.ndarray, is_measured: np.ndarray) -> NoiseModel:
-        """The noise that a protocol will have, in the (2, n) samples that will be there."""
+        """Return the noise model of a protocol for the samples in `is_measured`, (2, n)."""
         sd = compute_effective_sd(
             problem.dataset, jnp.asarray(values), problem.case.entry.sensors, self.sensor_sd
         )[:, : problem.n]
@@ -124,7 +124,7 @@ class SimulatedTestbed:
 
 
 def _read_clock(recording: Recording) -> tuple[float, float]:
-    """Seconds between samples, and where the clock stands at the end."""
+    """Return the time between samples and the time of the last sample, s."""
     if recording.time is None or recording.n < 2:
         return 1.0, 0.0
     return max(float(np.median(np.diff(recording.time))), 1e-3), float(recording.time[-1])
@@ -158,7 +158,7 @@ def _estimate_rig_limits(
 def compute_contrast(
     testbed: SimulatedTestbed, protocol: PlannedProtocol, a: CandidateFit, b: CandidateFit
 ) -> tuple[np.ndarray, LinearisedModel, LinearisedModel]:
-    """White difference of two models on a protocol, (m,), and either model before it."""
+    """Return the whitened difference of two models on a protocol, (m,), and both linearised models."""
     problem = testbed.problem
     delta, jacobians = [], [[], []]
     schedule = protocol.build_schedule(testbed.rig, testbed.start_time)
@@ -193,7 +193,7 @@ def compute_contrast(
 def get_direct_readings(
     testbed: SimulatedTestbed, protocol: PlannedProtocol, a: CandidateFit, b: CandidateFit
 ) -> dict[int, float]:
-    """Which numbers a protocol reads directly, by their place, with the standard deviations, SI."""
+    """Return the standard deviations of directly measured parameters by index, SI."""
     problem, out = testbed.problem, {}
     for name, sd in protocol.get_direct_readings(testbed.rig).items():
         if name in problem.names:
@@ -204,7 +204,7 @@ def get_direct_readings(
 
 
 def _compute_information(problem: LibraryProblem, fit: CandidateFit) -> np.ndarray:
-    """What the recording, the priors and the limits know of a model's numbers, in their coordinates."""
+    """Return the information on a model's parameters from recording, priors and limits, in coordinates."""
     jacobian, free = fit.estimate.jacobian, fit.estimate.free
     low, high = (transform_to_coordinates(problem, free, edge) for edge in (problem.low, problem.high))
     # A number anywhere between its limits has a twelfth of their distance squared as variance.

@@ -42,7 +42,7 @@ class CandidateFit:
 
     @property
     def corrected_chi2(self) -> float:
-        """χ² minus the expected χ² due to input noise; the result is not below the expected χ² of noise."""
+        """Cost minus the expected χ² due to input noise; not reduced below the expected χ² of noise."""
         noise_chi2 = self.noise.weight**2 * self.noise.size - len(self.estimate.free)
         return self.estimate.cost - min(self.input_noise_chi2, max(self.estimate.cost - noise_chi2, 0.0))
 

@@ -1,8 +1,8 @@
 """Correction of the errors-in-variables bias: input noise biases parameters of mechanisms with memory.
 
 A fitted lag is biased towards half a sample, where it averages input noise most. The corrected cost is
-C − p, with p the expected χ² due to input noise. Gauss–Newton steps go from the minimum of C to that of C −
-p:
+C − p, with p the expected χ² due to input noise. Gauss–Newton steps lead from the minimum of C to that of
+C − p:
 
     δ = −(JᵀJ + Λ)⁻¹ (½ ∇C − ½ ∇p),
 

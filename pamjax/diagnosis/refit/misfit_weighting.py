@@ -6,10 +6,9 @@ such a model is therefore scaled by a weight
 
     τ = 1 / √(s T),     s = mean r²,     T = 1 + 2 Σ ρ_k,
 
-with T the integrated autocorrelation time of r (Geyer's initial positive sequence), and the model is
-refitted.
-The n samples then count as n / T independent samples with the variance of the misfit. Nothing changes if s is
-near one. What it leaves out: a misfit that differs between parts of a recording.
+with T the integrated autocorrelation time of r (Geyer's initial positive sequence). Then the model is
+refitted, and its n samples count as n / T independent samples with the variance of the misfit. Nothing
+changes if s is near one. What it leaves out: a misfit that differs between parts of a recording.
 Source: least squares with the variance of its residual, and the effective sample size of C. Geyer,
 Statist. Sci. 7, 473 (1992).
 """

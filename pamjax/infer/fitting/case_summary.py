@@ -1,4 +1,4 @@
-"""A recording before it is fitted: rows, ranges, outliers, blocks, and what it could determine."""
+"""Summary of a recording before a fit: rows, ranges, outliers, blocks and identifiability."""
 
 from __future__ import annotations
 
@@ -17,7 +17,13 @@ from pamjax.units import compute_si_factor, format_count, format_quantity
 
 @dataclass(frozen=True)
 class CaseSummary:
-    """What `pamjax check` says; prints as a note."""
+    """Result of `pamjax check`; prints as a report.
+
+    Attributes:
+        case: the recording and its muscle.toml.
+        parameters: identifiability of each parameter.
+        sentences: the same in words.
+    """
 
     case: Case
     parameters: list[ParameterIdentifiability]
@@ -30,7 +36,7 @@ class CaseSummary:
         return "\n".join([*lines, "", *self.sentences, "Fit to be fitted."])
 
     def as_dict(self) -> dict[str, Any]:
-        """For programs; numbers in the units in which a person reads them."""
+        """Return the summary as a JSON document, in display units."""
         recording = self.case.recording
         return {
             "case": self.case.name,

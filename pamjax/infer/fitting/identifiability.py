@@ -1,10 +1,9 @@
-"""Which numbers a recording can determine, and which only together, in words.
+"""Identifiability of parameters before a fit: determined individually, or only in combination.
 
-Around a point the misfit is quadratic: its curvature is what the data know (information) plus what
-was believed (prior). Measured in prior standard deviations, an eigenvector of the information is a
-combination of numbers, and its eigenvalue says how many times better than the prior the recording
-knows it. A combination with a small eigenvalue goes unnoticed; the sentence says how its numbers may
-move together without anyone seeing it.
+Near a point the misfit is quadratic. Its curvature is the Fisher information of the data plus the precision
+of the prior. In units of prior sds, each eigenvector of the information is a combination of parameters. Its
+eigenvalue is the precision from the data relative to the prior. The data do not determine a combination with
+a small eigenvalue; a sentence gives the joint change that is not detectable.
 """
 
 from __future__ import annotations
@@ -35,13 +34,13 @@ MIN_NAMED_COMPONENT = 0.3
 
 @dataclass(frozen=True)
 class ParameterIdentifiability:
-    """What a recording can say of one number before it is fitted.
+    """Expected identifiability of one parameter.
 
     Attributes:
-        name: the number.
-        prior_sd: standard deviation believed, SI; infinite for nothing.
-        expected_sd: standard deviation expected after a fit, SI; NaN if it stays unknown.
-        determined: whether the recording settles it by itself.
+        name: the parameter.
+        prior_sd: sd of its prior, SI; infinite for a uniform prior.
+        expected_sd: expected sd after a fit, SI; NaN if there is none.
+        determined: whether the recording determines it individually.
     """
 
     name: str
@@ -53,20 +52,20 @@ class ParameterIdentifiability:
 def check_identifiability(
     case: Case | str | Path, law: str | None = None
 ) -> tuple[list[ParameterIdentifiability], list[str]]:
-    """What a recording could determine, without fitting it.
+    """Return the expected identifiability of each parameter, without a fit.
 
-    Uses the sensitivities at the stated values and the stated sensor noise; where no sensor is
-    stated, a hundredth of the channel's range. Samples count as independent: this is the best case.
+    Uses the sensitivities at the stated values and the stated noise. Without a stated sensor, the noise
+    is a hundredth of the channel's range. Samples count as independent: this is the best case.
 
     Args:
-        case: the recording and what is believed of its muscle, or their folder.
+        case: the recording and its muscle.toml, or their folder.
         law: thread law; None takes the case's baseline.
 
     Returns:
-        one entry for each number with its standard deviation before and after, SI; and sentences.
+        one entry for each parameter with its sd before and after a fit, SI; and sentences.
 
     Raises:
-        BadInput: for an unknown law, or a number that the law needs and muscle.toml does not have.
+        BadInput: for an unknown law, or a parameter that the law needs and muscle.toml does not have.
     """
     case = load_case(case)
     law = law or case.entry.baseline
@@ -92,7 +91,7 @@ def check_identifiability(
 
 
 def _compute_prior_scale(space: ParameterSpace) -> np.ndarray:
-    """(p,) the step in which each number is measured: its prior's sd, or a share of its size; SI."""
+    """Return the scale of each parameter: its prior sd, or a fraction of its value; (p,), SI."""
     sd, mean = np.asarray(space.sd), np.asarray(space.mean)
     return np.where(np.isfinite(sd), sd, RELATIVE_SD_WITHOUT_PRIOR * np.abs(mean))
 
@@ -100,12 +99,12 @@ def _compute_prior_scale(space: ParameterSpace) -> np.ndarray:
 def find_undetermined_combinations(
     names: Sequence[str], information: np.ndarray, scale: np.ndarray
 ) -> list[dict[str, float]]:
-    """Combinations that a recording does not settle, each as moves of its numbers, SI.
+    """Return combinations that a recording does not determine, each as changes of its parameters, SI.
 
     Args:
-        names: (p,) of the numbers; the ruler's errors among them are given all the freedom of their prior.
-        information: (p, p) what the data alone know of the numbers, 1/SI².
-        scale: (p,) the step in which each number is measured, SI.
+        names: (p,) of the parameters. Length errors among them are marginalised with their prior.
+        information: (p, p) Fisher information of the data alone, 1/SI².
+        scale: (p,) scale of each parameter, SI.
     """
     known = information * np.outer(scale, scale)
     is_own = np.array([not is_length_error(name) for name in names])
@@ -126,7 +125,7 @@ def find_undetermined_combinations(
 
 
 def _marginalise_length_errors(information: np.ndarray, is_own: np.ndarray) -> np.ndarray:
-    """Information on the muscle's numbers when the ruler's errors are as free as their prior lets them."""
+    """Return the information on the muscle's parameters, marginalised over the length errors."""
     ruler = information[np.ix_(~is_own, ~is_own)] + np.eye(int((~is_own).sum()))
     across = information[np.ix_(is_own, ~is_own)]
     return information[np.ix_(is_own, is_own)] - across @ np.linalg.solve(ruler, across.T)
@@ -145,7 +144,11 @@ def _format_sentences(
 
 
 def format_combination(moves: dict[str, float]) -> str:
-    """One combination that goes unnoticed, as a sentence."""
+    """Return a sentence on one combination that the data do not determine.
+
+    Args:
+        moves: change of each parameter, SI.
+    """
     if len(moves) == 1:
         (name,) = moves
         return f"The recording says little about `{name}`: the stated sd will still speak after a fit."
@@ -158,5 +161,5 @@ def _format_move(name: str, change: float) -> str:
 
 
 def format_list(words: Sequence[str]) -> str:
-    """Words as "a, b and c"."""
+    """Return words as "a, b and c"."""
     return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]

@@ -1,4 +1,4 @@
-"""A fit on disk: fit.json for people and programs, fit.nc for every row."""
+"""Files of a fit: fit.json with the parameters, and fit.nc with every row."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FIT_SCHEMA = "pamjax.fit/1"
 
 
 def build_fit_document(fit: Fit) -> dict[str, Any]:
-    """The fit as plain numbers, in the units a person reads; "muscle" and "calibrated" in SI."""
+    """Return the fit as a JSON document, in display units; "muscle" and "calibrated" in SI."""
     return {
         "schema": FIT_SCHEMA,
         "versions": {name: version(name) for name in ("pamjax", "jax", "optimistix", "numpy")},
@@ -92,7 +92,7 @@ def _build_quantity_entry(channel: str, value: float, key: str = "value") -> dic
 
 
 def build_xarray_dataset(case_fit: CaseFit):
-    """Every row of a case: what was measured, predicted, and left over, with units (xarray)."""
+    """Return every row of a case as an xarray Dataset: measurement, prediction and residual, with units."""
     import xarray as xr
 
     recording = case_fit.case.recording
@@ -131,11 +131,13 @@ def build_xarray_dataset(case_fit: CaseFit):
 
 
 def save(fit: Fit, folder: str | Path) -> list[Path]:
-    """Write fit.json, and fit.nc (under the case's name where there are several), each whole or not at all.
+    """Write fit.json and fit.nc atomically, and return their paths.
+
+    With several cases, each has a file with the case's name instead of fit.nc.
 
     Args:
         fit: the fit.
-        folder: where to; made if it is not there.
+        folder: the folder; it is created if necessary.
 
     Returns:
         the files written.

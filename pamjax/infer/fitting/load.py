@@ -1,4 +1,4 @@
-"""A muscle to simulate: a case folder as stated, or a fit.json as calibrated."""
+"""Loader of a muscle: as stated in a case folder, or as calibrated in a fit.json."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ from pamjax.records.reading.muscle_toml import MuscleToml, read_muscle_toml
 
 @dataclass(frozen=True)
 class LoadedMuscle:
-    """A muscle and what is known of it.
+    """A muscle with its source data.
 
     Attributes:
-        muscle: the muscle, on a bench where it has mechanisms.
+        muscle: the muscle; a bench if it has mechanisms.
         entry: its muscle.toml.
         text: the text of its muscle.toml.
         calibrated_range: lowest and highest calibrated "pressure" (Pa) and "length" (m); empty if it was
             not calibrated.
-        law, mechanisms, numbers: from which it is assembled; numbers in SI.
-        checksum: of the recording and muscle.toml that it stands for; "" where there is no recording.
+        law, mechanisms, numbers: thread law, mechanisms and parameters of the muscle; parameters in SI.
+        checksum: checksum of its recording and muscle.toml; "" without a recording.
     """
 
     muscle: Muscle | Bench
@@ -49,7 +49,7 @@ class LoadedMuscle:
 
     @property
     def neglects_rubber(self) -> bool:
-        """Whether muscle.toml states a rubber that the muscle does without."""
+        """Return whether muscle.toml states a rubber modulus that the muscle does not use."""
         bladder = self.entry.bladder
         return (
             bladder is not None
@@ -64,18 +64,13 @@ def load_muscle(
     case: str | None = None,
     settings: Mapping[str, float] | None = None,
 ) -> LoadedMuscle:
-    """Read a muscle from a case folder, a muscle.toml, a fit.json, or a model.json of a diagnosis.
+    """Return a muscle from a case folder, a muscle.toml, a fit.json, or a model.json of a diagnosis.
 
     Args:
         source: the folder or file.
         law: thread law, for a muscle as stated; None takes its baseline.
-        case: which case of a fit.json that holds several.
-        settings: numbers of mechanisms to add or to change, SI, as {"braid_friction.coefficient": 0.2}.
-
-    Returns:
-        a `LoadedMuscle`: its `muscle` (a bench where mechanisms act), and the pressures, Pa, and lengths, m,
-        that
-        it was `calibrated` on.
+        case: name of the case, for a fit.json with several cases.
+        settings: parameters of mechanisms to add or to change, SI, as {"braid_friction.coefficient": 0.2}.
 
     Raises:
         BadInput: if it cannot be read.
@@ -102,12 +97,18 @@ def load_muscle(
 
 
 def build_muscle(law: str, ids: tuple[str, ...], numbers: Mapping[str, Array]) -> Muscle | Bench:
-    """The muscle, or the bench if anything acts beside its threads."""
+    """Return the muscle, or a bench if it has mechanisms.
+
+    Args:
+        law: thread law.
+        ids: mechanisms.
+        numbers: parameters by name, SI.
+    """
     return assemble_bench(law, ids, numbers) if ids else assemble(law, numbers)
 
 
 def _add_mechanisms(law, ids, numbers, known, settings: Mapping[str, float]):
-    """Law, mechanisms and numbers with the settings among them."""
+    """Return law, mechanisms and parameters, including the settings."""
     all_ids = dict.fromkeys((*ids, *(_find_mechanism(name) for name in settings)))
     if not all_ids:
         return law, (), numbers
@@ -121,7 +122,7 @@ def _add_mechanisms(law, ids, numbers, known, settings: Mapping[str, float]):
 
 
 def _find_mechanism(name: str) -> str:
-    """The mechanism that owns a number, by the number's name."""
+    """Return the mechanism of a parameter, by the parameter's name."""
     find_meaning(name)
     owner = name.partition(".")[0]
     if owner in ("muscle", "thread"):

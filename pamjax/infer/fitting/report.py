@@ -1,4 +1,4 @@
-"""The lab note of a fit: what a person copies into a notebook."""
+"""The text report of a fit."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MAX_PRIOR_SHIFT_SD = 3.0
 
 
 def format_fit_note(fit: Fit) -> str:
-    """The whole note, plain text."""
+    """Return the whole report, plain text."""
     lines = [_format_title(fit), "", *_format_estimates(fit), "", *format_correlations(fit)]
     for case_fit in fit.cases:
         lines += ["", *_format_case(case_fit, len(fit.cases) > 1)]
@@ -31,7 +31,7 @@ def format_fit_note(fit: Fit) -> str:
 
 
 def format_estimate(value: float, sd: float | None, unit: str) -> str:
-    """Value ± sd with as many digits as the sd allows.
+    """Return value ± sd with digits according to the sd.
 
     >>> format_estimate(83.512e9, 3.43e9, "GPa")
     '83.5 ± 3.4 GPa'
@@ -46,7 +46,7 @@ def format_estimate(value: float, sd: float | None, unit: str) -> str:
 
 
 def format_channel_value(value: float, channel: str) -> str:
-    """A value of a channel, SI, in the unit in which the channel is reported.
+    """Return a value of a channel, SI, as text in the channel's display unit.
 
     >>> format_channel_value(2.21e-5, "diameter")
     '0.0221 mm'
@@ -76,7 +76,7 @@ def _format_estimates(fit: Fit) -> Iterator[str]:
 
 
 def describe_origin(e: Estimate) -> str:
-    """Where a number comes from: the recording, mostly its prior, or a limit."""
+    """Return how well a parameter is determined, with its prior, in words."""
     if e.at_limit:
         low, high = (x / compute_si_factor(e.meaning.show) for x in (e.meaning.low, e.meaning.high))
         unit = "" if e.meaning.show == "1" else f" {e.meaning.show}"
@@ -95,7 +95,7 @@ def describe_origin(e: Estimate) -> str:
 
 
 def format_correlations(fit: Fit) -> Iterator[str]:
-    """Which numbers move together."""
+    """Return lines with the strongest correlations."""
     names = list(fit.estimates)
     pairs = [
         (abs(fit.correlation[i, j]), names[j], names[i], fit.correlation[i, j])
@@ -139,7 +139,7 @@ def _format_case(case_fit: CaseFit, several: bool) -> Iterator[str]:
 
 
 def format_remarks(case_fit: CaseFit) -> Iterator[str]:
-    """What was held out, what failed, what was set aside, and what the owner should know."""
+    """Return lines on held-out blocks, failed rows, outliers and warnings."""
     yield _format_held_out(case_fit)
     for status, rows in case_fit.failed_rows.items():
         yield f"{len(rows)} rows failed, {status.message} (rows {_format_rows(rows)})"
@@ -167,7 +167,7 @@ def _format_rows(rows: np.ndarray) -> str:
 
 
 def format_minimiser_state(fit: Fit) -> Iterator[str]:
-    """Did the minimiser arrive, and always at the same place?"""
+    """Return lines on convergence, the starts and the loss."""
     state = "converged" if fit.converged else "DID NOT CONVERGE"
     yield f"  {state} in {fit.steps} steps; {fit.agreeing_starts} of {fit.starts} starts agree"
     if fit.loss == "soft":

@@ -1,4 +1,4 @@
-"""What a fit says: numbers with standard deviations, noise, and the score on held-out blocks."""
+"""Result of a fit: estimates with standard deviations, noise, and the error on held-out blocks."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Estimate:
-    """One fitted number.
+    """Estimate of one parameter.
 
     Attributes:
-        value, sd: SI; `sd` is None where the fit could not give one.
-        prior, prior_sd: what was believed before, SI; `prior_sd` infinite for nothing.
-        meaning: its unit, limits and meaning.
-        at_limit: whether it sits at one of its limits.
+        value, sd: SI; `sd` is None if the fit has none.
+        prior, prior_sd: mean and sd of the prior, SI; `prior_sd` is infinite for a uniform prior.
+        meaning: its unit, bounds and meaning.
+        at_limit: whether it is at one of its bounds.
     """
 
     value: float
@@ -41,18 +41,18 @@ class Estimate:
 
     @property
     def shrinkage(self) -> float:
-        """Share of the prior's standard deviation that the recording took away, 0 to 1."""
+        """Return the relative reduction of the prior sd by the recording, 0 to 1."""
         if self.sd is None:
             return 0.0
         return 1 - min(self.sd / self._effective_prior_sd, 1.0)
 
     @property
     def _effective_prior_sd(self) -> float:
-        """The prior's sd, SI; where that is infinite, of a value anywhere between its limits."""
+        """Return the prior's sd, SI; for a uniform prior, that of the range."""
         about = self.meaning
         if math.isfinite(self.prior_sd):
             return self.prior_sd
-        # On a logarithmic scale a step is a share of the value.
+        # A logarithmic scale has relative steps.
         reach = (
             self.value * math.log(about.high / about.low) if about.scale == "log" else about.high - about.low
         )
@@ -61,11 +61,11 @@ class Estimate:
 
 @dataclass(frozen=True)
 class HeldOutScore:
-    """Score on whole blocks that the fit did not see.
+    """Error of predictions of held-out blocks.
 
     Attributes:
-        kind: what a block is, as "isobars".
-        folds: names of the blocks that were held out together, fold by fold.
+        kind: kind of the blocks, such as "isobars".
+        folds: names of the blocks of each fold.
         rmse: SI, by channel, over all held-out rows.
     """
 
@@ -76,21 +76,20 @@ class HeldOutScore:
 
 @dataclass(frozen=True, eq=False)
 class CaseFit:
-    """What a fit says of one case.
+    """Result of a fit for one case.
 
     Attributes:
-        case: the recording and what was known.
-        numbers: the muscle's numbers by name, SI: what `catalogue.assemble` takes.
+        case: the recording and its muscle.toml.
+        numbers: the muscle's parameters by name, SI, as `assemble` needs them.
         muscle: the calibrated muscle, without its mechanisms.
         prediction: (n,) by channel, SI.
-        held_out_prediction: (n,) by channel, SI: each row predicted by a fit that never saw its block; NaN
-            where
-            no block could be held out.
+        held_out_prediction: (n,) by channel, SI: each row predicted by a fit without its block; NaN if no
+            block was held out.
         block: (n,) name of each row's block.
         rmse: SI, by channel.
         noise: by channel.
-        held_out: score on held-out blocks, or None where there are too few.
-        failed_rows: rows of the file where the muscle has no solution, by what failed.
+        held_out: error on held-out blocks; None if there are too few blocks.
+        failed_rows: rows of the file where the muscle has no solution, by status.
     """
 
     case: Case
@@ -106,7 +105,7 @@ class CaseFit:
 
     @property
     def calibrated_range(self) -> dict[str, tuple[float, float]]:
-        """Lowest and highest pressure (Pa) and length (m) of the rows that were used."""
+        """Return lowest and highest pressure (Pa) and length (m) of the fitted rows."""
         usable, recording = self.case.recording.usable, self.case.recording
         return {
             name: (float(values[usable].min()), float(values[usable].max()))
@@ -114,7 +113,7 @@ class CaseFit:
         }
 
     def to_dataset(self) -> xr.Dataset:
-        """Every row: measured, predicted and left over, SI, with units (xarray); what fit.nc holds."""
+        """Return every row as an xarray Dataset: measurement, prediction and residual, SI, as in fit.nc."""
         from pamjax.infer.fitting.io import build_xarray_dataset
 
         return build_xarray_dataset(self)
@@ -122,20 +121,20 @@ class CaseFit:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A muscle, or several, calibrated on recordings; prints as a lab note.
+    """One or several muscles, calibrated on recordings; prints as a report.
 
     Attributes:
-        law: thread law, a key of `catalogue.LAWS`.
-        mechanisms: ids of what acts beside the threads.
-        estimates: by name; names of several cases carry the case's name before a slash.
+        law: thread law, a key of `THREAD_LAWS`.
+        mechanisms: ids of the mechanisms beside the threads.
+        estimates: by name; with several cases, a name has its case and a slash as prefix.
         correlation: (p, p) of the estimates, in their order.
         cases: one entry for each case.
-        converged: whether the minimiser says so.
-        steps: of the minimiser, in the last solve.
-        agreeing_starts, starts: how many of the starts ended at the same place.
+        converged: whether the minimiser converged.
+        steps: steps of the minimiser in the last solve.
+        agreeing_starts, starts: number of starts with the same solution, and of all starts.
         loss: "square" or "soft".
-        seed: of the other starts and of the deal into folds.
-        space, solution, datasets: the problem itself, to sample or to extend.
+        seed: seed of the other starts and of the folds.
+        space, solution, datasets: the least-squares problem and its solution.
     """
 
     law: str
@@ -155,7 +154,7 @@ class Fit:
 
     @property
     def muscle(self) -> Muscle:
-        """The calibrated muscle of a fit of one case, without its mechanisms."""
+        """Return the calibrated muscle of a fit of one case, without its mechanisms."""
         (only,) = self.cases
         return only.muscle
 

@@ -1,7 +1,7 @@
-"""Sensors that stand still while the muscle does not.
+"""Detection of stuck sensors: constant readings while the muscle moves.
 
-A load cell at the end of its range, a cable that came off, or a weight that was written down where a
-measurement belongs: the reading repeats itself to the last digit, and physics would be looked for in it.
+Causes are a load cell at the end of its range, a loose cable, or a dead weight written instead of a
+measurement. The reading is then constant to the last digit.
 """
 
 from __future__ import annotations
@@ -19,12 +19,13 @@ MIN_MOVED_RANGE_SHARE, MIN_MOVED_VALUE_SHARE = 0.2, 0.01
 
 
 def find_stuck_sensors(recording: Recording, file: str) -> list[str]:
-    """One sentence for each of force and diameter that stands still while the muscle does not.
+    """Return one warning for each of force and diameter that is constant while the muscle moves.
 
-    Force answers to pressure and length, diameter to length; what pressure adds may hide in its last digit.
+    Force depends on pressure and length. Diameter depends on length; the effect of pressure may be below its
+    last digit.
 
     Args:
-        recording: what was measured, SI. A force of nothing is that of a slack muscle.
+        recording: the recording, SI. A force of 0 is that of a slack muscle and is not checked.
         file: name of the CSV file.
     """
     sentences = []
@@ -49,7 +50,7 @@ def find_stuck_sensors(recording: Recording, file: str) -> list[str]:
 
 
 def _find_longest_run(recording: Recording, values: np.ndarray) -> tuple[int, int]:
-    """Begin and end of the longest run of one reading, to the last digit, in a continuous part."""
+    """Return first row and end of the longest sequence of equal readings in a continuous part."""
     read = np.isfinite(values) & (values != 0)
     new = np.r_[True, values[1:] != values[:-1]] | ~read | recording.starts
     bounds = np.r_[np.flatnonzero(new), values.size]

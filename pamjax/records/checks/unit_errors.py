@@ -1,10 +1,10 @@
-"""Unit slips: a recording that the ideal braid contradicts by a well-known factor is told so at the door.
+"""Detection of unit errors: comparison of a recording with the ideal braid.
 
 The ideal braid of inextensible threads gives F = P (3 L² - B²) / (4 π N²) and D = sqrt(B² - L²) / (π N). Real
-muscles pull less: rubber, dead pressure and taper take tens of per cent, and a contracted thick hose may
-pull with a sixth, or not at all. So the best rows are asked, near rest length where rubber is not
-stretched yet, and only what no muscle explains is refused. There, seven hose recordings and 42 simulated
-ones reached 0.8 to 1.3 of the ideal force, and the diameter 0.97 to 1.08 of the ideal one.
+muscles pull less: rubber, dead pressure and taper reduce the force by tens of per cent. A contracted thick
+hose may reach a sixth of the ideal force, or none. Hence only rows near the rest length are tested, where the
+rubber is not stretched, and the limits are wide. There, seven hose recordings and 42 simulated ones reached
+0.8 to 1.3 of the ideal force, and 0.97 to 1.08 of the ideal diameter.
 """
 
 from __future__ import annotations
@@ -46,19 +46,19 @@ ATMOSPHERIC_PRESSURE, MAX_VENT_OFFSET, MAX_START_OFFSET = 101.3e3, 4e3, 10e3
 
 
 def check_units(recording: Recording, entry: MuscleToml, units: dict[str, str], file: str) -> list[str]:
-    """Refuse a recording whose units cannot be what its headers say.
+    """Refuse a recording with implausible units, and return warnings about unusual values.
 
     Args:
-        recording: what was measured, SI.
-        entry: what the lab says about the muscle.
+        recording: the recording, SI.
+        entry: contents of muscle.toml.
         units: unit in each column's header.
         file: name of the CSV file.
 
     Returns:
-        what is odd and yet possible, one sentence each.
+        warnings, one sentence each.
 
     Raises:
-        BadInput: with the likely slip named.
+        BadInput: with the probable unit error.
     """
     column_units = {**DISPLAY_UNIT, **units}
     warnings = _check_length(recording, entry, column_units, file)
@@ -139,9 +139,9 @@ def _check_diameter(recording: Recording, entry: MuscleToml, column_units: dict[
 
 
 def _check_gauge(recording: Recording, entry: MuscleToml, file: str) -> list[str]:
-    """Whether pressure counts from vacuum: near rest length the force then starts at one atmosphere.
+    """Return a warning if pressure may be absolute: near rest length, force is then zero at one atmosphere.
 
-    Rubber that is not stretched yet asks for no dead pressure, so rows near rest length tell.
+    Only rows near rest length are used: there the rubber is not stretched and causes no dead pressure.
     """
     area = _compute_force_area(recording.length, entry)
     near = np.isfinite(recording.force * recording.pressure) & (
@@ -169,13 +169,13 @@ def _check_gauge(recording: Recording, entry: MuscleToml, file: str) -> list[str
 
 
 def _compute_force_area(length: np.ndarray, entry: MuscleToml) -> np.ndarray:
-    """(n,) m²: what the pressure of the ideal braid is multiplied by to give its force."""
+    """Return the ratio of force to pressure of the ideal braid, (n,) m²."""
     thread, turns = entry.braid
     return (3.0 * length**2 - thread**2) / (4.0 * math.pi * turns**2)
 
 
 def _list_unit_errors(name: str, header: str) -> list[tuple[float, str]]:
-    """By which factor a column comes out wrong when its numbers are in another unit than its header says."""
+    """Return the factor and description of each possible unit error of a column."""
     true = [
         unit
         for unit in CONFUSED_UNITS[name]
@@ -188,7 +188,7 @@ def _list_unit_errors(name: str, header: str) -> list[tuple[float, str]]:
 
 
 def _suggest_remedy(ratio: float, unit_errors: list[tuple[float, str]]) -> str:
-    """Name the slip whose factor is nearest, and its equals, as far as a weak muscle lets it be told."""
+    """Return a remedy with the most probable unit errors; without them if no factor is near the ratio."""
     check = "the braid's numbers in muscle.toml"
     log_distances = [abs(math.log(ratio / factor)) if ratio > 0 else math.inf for factor, _ in unit_errors]
     if min(log_distances) > MAX_LOG_RATIO_NAMED:

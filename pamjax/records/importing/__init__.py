@@ -1,1 +1,1 @@
-"""Import a rig's raw files."""
+"""Import of a test rig's raw files."""

@@ -1,4 +1,4 @@
-"""What a rig's files look like, as its owner says it in a TOML: columns, tests, zero, thinning."""
+"""Import specification (TOML): format of a rig's files, columns, tests, tare and median filter."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ class _ImportTable(BaseModel):
 
 
 class FilesTable(_ImportTable):
-    """[files]: how one file is written.
+    """[files]: format of the files.
 
     Attributes:
-        separator: what stands between cells.
-        decimal: what stands before the decimals.
-        header: whether a line of names stands above the numbers.
-        skip: lines above that line, or above the first row where there is none.
-        matrix: the variable of a MAT file whose columns are meant, where it is one matrix.
-        rate: samples in a time, as "500 Hz", where no column tells the time.
+        separator: separator of cells.
+        decimal: decimal mark.
+        header: whether there is a header line.
+        skip: number of lines before the header, or before the first row if there is no header.
+        matrix: name of the variable of a MAT file, if the channels are columns of one matrix.
+        rate: sampling rate, as "500 Hz", if there is no time column.
     """
 
     separator: Literal[",", ";", "tab", "space"] = ","
@@ -44,13 +44,13 @@ class FilesTable(_ImportTable):
 
 
 class ChannelEntry(_ImportTable):
-    """One entry of [columns]: where a channel stands, and what one of its units is worth.
+    """One entry of [columns]: column, unit, zero and scale of a channel.
 
     Attributes:
-        column: its header, or its number from 1; of a MAT file a variable, or the number of a column.
-        unit: of the channel; may stand in the header instead, as in "Load [lbf]".
-        zero: the reading at which the channel is zero, in units of the file.
-        scale: units for one unit of the file, as 22.2 where a volt is 22.2 N.
+        column: header, or number from 1; in a MAT file, name of a variable, or number of a matrix column.
+        unit: unit of the channel, if it is not in the header, as in "Load [lbf]".
+        zero: the reading at which the channel is zero, in the file's numbers.
+        scale: channel units per unit of the file, as 22.2 if 1 V is 22.2 N.
     """
 
     column: Annotated[int, Field(ge=1)] | str
@@ -59,7 +59,7 @@ class ChannelEntry(_ImportTable):
     scale: float = 1.0
 
     def to_si(self, name: str, where: str) -> float:
-        """SI units for one unit of the file."""
+        """Return the SI value of one unit of the file."""
         unit = self.unit or (split_title(self.column)[1] if isinstance(self.column, str) else None) or ""
         return self.scale * parse_unit(unit, COLUMN_KINDS[name], where)
 
@@ -69,12 +69,12 @@ def _wrap_column(raw: object) -> object:
 
 
 class TareTable(_ImportTable):
-    """[tare]: the part of each test in which the channels read what they are known to read.
+    """[tare]: the part of each test in which the true values of channels are stated.
 
     Attributes:
-        start, end: from the first sample of the test; both belong to it.
-        cut: whether that part is left out of the recording; nothing is where it ends as it starts.
-        force, pressure, length: the true reading there; a channel that is not named keeps its zero.
+        start, end: times from the first sample of the test, both included.
+        cut: whether this part is removed from the recording; if `start` equals `end`, nothing is removed.
+        force, pressure, length: true value of the channel; other channels are unchanged.
     """
 
     start: str = "0 s"
@@ -85,24 +85,24 @@ class TareTable(_ImportTable):
     length: str = ""
 
     def parse_span(self) -> tuple[float, float]:
-        """Start and end, s."""
+        """Return start and end, s."""
         return parse_quantity(self.start, "time", "[tare] start"), parse_quantity(
             self.end, "time", "[tare] end"
         )
 
     def parse_true_values(self) -> dict[str, float]:
-        """What each named channel truly was, SI."""
+        """Return the true value of each stated channel, SI."""
         texts = {name: getattr(self, name) for name in ("force", "pressure", "length")}
         return {n: parse_quantity(text, COLUMN_KINDS[n], f"[tare] {n}") for n, text in texts.items() if text}
 
 
 class TestTable(_ImportTable):
-    """[[tests]]: one test, or several of one setting.
+    """[[tests]]: one test, or several at one setting.
 
     Attributes:
-        file: a path beside the TOML, or a pattern as "run_*.csv", taken in natural order, or a list of such;
-            or one for each channel where a channel has a file of its own.
-        length, pressure: what was set, where no column tells it.
+        file: a path relative to the TOML, a pattern as "run_*.csv" (natural order), or a list of them; or
+            one of these for each channel, if channels are in separate files.
+        length, pressure: the setting, if there is no such column.
     """
 
     __test__ = False  # no test of ours
@@ -112,12 +112,16 @@ class TestTable(_ImportTable):
 
 
 class ImportSpec(_ImportTable):
-    """The whole TOML.
+    """The whole TOML file.
 
     Attributes:
-        muscle: path of the muscle.toml that goes into the case.
-        gap: time between the last sample of a test and the zero of the next one's clock.
-        median: the recording keeps the median of each block of this time; every sample where left out.
+        muscle: path of the muscle.toml for the case.
+        gap: time between the last sample of a test and the first one of the next.
+        median: duration of the blocks that are replaced by their medians; empty for all samples.
+        files: format of the files.
+        columns: column of each channel.
+        tare: part of each test with stated true values, or None.
+        tests: the tests in order.
     """
 
     muscle: str
@@ -158,10 +162,10 @@ def _check_test(spec: ImportSpec, test: TestTable, k: int) -> None:
 
 
 def read_import_spec(path: str | Path) -> ImportSpec:
-    """Read the TOML that says what a rig's files look like.
+    """Read an import specification.
 
     Raises:
-        BadInput: in one sentence, if it is missing, no TOML, or says what it cannot say.
+        BadInput: if the file is missing or not TOML, or if an entry is unknown or wrong.
     """
     path = Path(path)
     try:
@@ -175,7 +179,7 @@ def read_import_spec(path: str | Path) -> ImportSpec:
 
 
 def _translate_error(error: ValidationError, file: str) -> BadInput:
-    """The first complaint of pydantic in our wording."""
+    """Return the first error of pydantic as a message of this package."""
     first = error.errors()[0]
     own = first.get("ctx", {}).get("error")
     if isinstance(own, BadInput):

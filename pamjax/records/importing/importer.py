@@ -1,4 +1,4 @@
-"""From a rig's files to a case folder: each test read, zeroed and thinned, then glued one after another."""
+"""Import of a rig's files into a case folder: read, tare, filter and join the tests."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ CHANNEL_ORDER = ("force", "pressure", "length", "diameter", "cycle")
 
 @dataclass(frozen=True)
 class ImportResult:
-    """What an import made.
+    """Result of an import.
 
     Attributes:
-        case: the case folder, as it reads.
+        case: the case.
         tests: names of each test's files, in the order of `cycle`.
-        samples: how many there were before thinning.
-        tare: what each channel read where it is known, lowest and highest of all tests, and what it is; SI.
+        samples: number of samples before the median filter.
+        tare: lowest and highest tare reading of all tests, and the true value, for each channel; SI.
     """
 
     case: Case
@@ -59,7 +59,7 @@ class ImportResult:
         return "\n".join(lines)
 
     def as_dict(self) -> dict:
-        """For programs."""
+        """Return the result as a dictionary, for JSON."""
         return {
             "case": str(self.case.folder),
             "rows": self.case.recording.n,
@@ -71,14 +71,14 @@ class ImportResult:
 
 
 def import_case(rig: str | Path, folder: str | Path) -> ImportResult:
-    """Make a case folder from the files of a rig.
+    """Write a case folder from the files of a rig.
 
     Args:
-        rig: TOML that says what the files look like; paths in it start from where it lies.
+        rig: path of the import specification (TOML); its paths are relative to its folder.
         folder: the case folder to write; must not exist, or be empty.
 
     Raises:
-        BadInput: in one sentence with file, row and column. Then nothing is written.
+        BadInput: with file, row and column, if the files cannot be used. Then nothing is written.
     """
     rig, folder = Path(rig), Path(folder)
     spec, base_folder = read_import_spec(rig), rig.absolute().parent
@@ -109,7 +109,7 @@ def import_case(rig: str | Path, folder: str | Path) -> ImportResult:
 def _summarise_tare(
     spec: ImportSpec, tare_readings: Sequence[dict[str, float]]
 ) -> dict[str, tuple[float, float, float]]:
-    """Lowest and highest reading of all tests, and the truth, by channel."""
+    """Return lowest and highest reading of all tests, and the true value, by channel."""
     true = spec.tare.parse_true_values() if spec.tare else {}
     return {
         n: (min(r[n] for r in tare_readings), max(r[n] for r in tare_readings), value)
@@ -118,7 +118,7 @@ def _summarise_tare(
 
 
 def _find_files(test: TestTable, base_folder: Path) -> list[dict[str, Path]]:
-    """The files of a test by channel, one dictionary for each test that its patterns match."""
+    """Return the files by channel of each test that the patterns match."""
     patterns_by_channel = test.file if isinstance(test.file, dict) else {"": test.file}
     matches = {
         channel: _match_patterns(patterns, base_folder) for channel, patterns in patterns_by_channel.items()
@@ -142,14 +142,14 @@ def _match_patterns(patterns: str | list[str], base_folder: Path) -> list[Path]:
 
 
 def _build_sort_key(text: str) -> list:
-    """So that test 10 comes after test 9."""
+    """Return a sort key that puts test 10 after test 9."""
     return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", text)]
 
 
 def _read_test(
     spec: ImportSpec, paths: dict[str, Path], test: TestTable
 ) -> tuple[dict[str, np.ndarray], dict[str, float]]:
-    """One test: its channels in SI on one clock that starts at zero, zeros taken off; and what was taken."""
+    """Return the channels of one test, SI, tared, with time from 0; and the tare readings."""
     opened = {channel: RigFile(path, spec.files) for channel, path in paths.items()}
     columns: dict[str, np.ndarray] = {}
     clock: np.ndarray | None = None
@@ -181,7 +181,7 @@ def _read_channel(spec: ImportSpec, name: str, file: RigFile) -> np.ndarray:
 
 
 def _read_clock(spec: ImportSpec, file: RigFile) -> np.ndarray | None:
-    """(n,) s: the file's own time column, or the rate's; None for a static map."""
+    """Return the time, (n,) s, from the file's column or the sampling rate; None for a static map."""
     if "time" in spec.columns:
         time = _read_channel(spec, "time", file)
         back = np.flatnonzero(~(np.diff(time) >= 0))
@@ -202,7 +202,7 @@ def _read_clock(spec: ImportSpec, file: RigFile) -> np.ndarray | None:
 def _subtract_tare(
     columns: dict[str, np.ndarray], spec: ImportSpec, file: str
 ) -> tuple[dict[str, np.ndarray], dict[str, float]]:
-    """The channels with their zeros taken off, and what each known channel had read."""
+    """Return the tared channels, and the reading of each channel with a stated true value."""
     if spec.tare is None:
         return columns, {}
     if "time" not in columns:
@@ -226,7 +226,7 @@ def _subtract_tare(
 
 
 def _thin_columns(columns: dict[str, np.ndarray], block: float) -> dict[str, np.ndarray]:
-    """Medians over blocks of time; a block without samples leaves no row."""
+    """Return the medians over blocks of time, s; a block without samples gives no row."""
     import pandas as pd
 
     number = np.floor(columns["time"] / block * (1 + 1e-12)).astype(int)
@@ -235,7 +235,7 @@ def _thin_columns(columns: dict[str, np.ndarray], block: float) -> dict[str, np.
 
 
 def _join_tests(pieces: Sequence[dict[str, np.ndarray]], spec: ImportSpec) -> Recording:
-    """All tests, one after another, numbered in `cycle` where no column does."""
+    """Return all tests as one recording, numbered in `cycle` if there is no such column."""
     gap = parse_quantity(spec.gap, "time", "`gap`")
     timed = {"time" in piece for piece in pieces} == {True}
     if spec.median:

@@ -1,4 +1,4 @@
-"""One file as a rig wrote it, CSV or MAT: its columns as numbers, whatever stands around them."""
+"""Reading of a rig's file, CSV or MAT: its columns as numbers."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class RigFile:
     """The columns of one file.
 
     Args:
-        path: a .mat file, or a text file whatever its ending.
-        file_format: how it is written.
+        path: a .mat file, or a text file with any other suffix.
+        file_format: format of the file.
     """
 
     def __init__(self, path: Path, file_format: FilesTable) -> None:
@@ -43,10 +43,10 @@ class RigFile:
             self._columns = _read_csv(decode_text(raw, self.name), file_format, self.name)
 
     def __getitem__(self, column: int | str) -> np.ndarray:
-        """(n,) the numbers of a column, NaN where a cell is blank.
+        """Return the numbers of a column, (n,), NaN where a cell is blank.
 
         Raises:
-            BadInput: if there is no such column, or it is no column of numbers.
+            BadInput: if there is no such column, or if it contains other text.
         """
         if isinstance(column, int):
             names = list(self._columns)
@@ -65,7 +65,7 @@ class RigFile:
         return self._parse_cells(self._columns[header], f"`{column}`")
 
     def locate_row(self, index: int) -> str:
-        """Where a row stands, in words."""
+        """Return the location of a row, for error messages."""
         return f"row {index + self.lines_above + 1} of {self.name}"
 
     def _parse_cells(self, cells: Any, column: str) -> np.ndarray:
@@ -132,7 +132,7 @@ def _guess_separator(text: str, file_format: FilesTable) -> str:
 
 
 def _read_mat(raw: bytes, matrix: str, file: str) -> dict[str, Any]:
-    """The arrays of a MAT file by name, those of a structure as "structure.field"; or a matrix's columns."""
+    """Return the arrays of a MAT file by name ("structure.field"), or the columns of a matrix by number."""
     try:
         arrays = dict(_iterate_arrays(_load_variables(raw)))
     except (ValueError, OSError, TypeError) as error:

@@ -1,4 +1,4 @@
-"""Which column of a CSV file is which, and in what unit."""
+"""Identification of the columns of a CSV file and their units."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _TITLE_PATTERN = re.compile(r"^\s*(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))\s*$")
 
 @dataclass(frozen=True)
 class Column:
-    """One column of the file: where it stands, and what one of its units is in SI."""
+    """One column of a file: its channel, header, index, unit and the unit's SI value."""
 
     name: str
     header: str
@@ -39,7 +39,7 @@ class Column:
 
 
 def split_title(header: str) -> tuple[str, str | None]:
-    """Name and unit of a header cell; the unit is None where none is written.
+    """Return name and unit of a header cell; the unit is None if there is none.
 
     >>> split_title("Load (lbf)")
     ('Load', 'lbf')
@@ -56,16 +56,16 @@ def split_title(header: str) -> tuple[str, str | None]:
 def find_columns(
     header: Sequence[str], mapping: Mapping[str, str], file: str, fixed_length: bool
 ) -> tuple[dict[str, Column], list[str]]:
-    """The known columns of a header by name, and the headers that are none of them.
+    """Return the columns of a header by channel, and the unknown headers.
 
     Args:
         header: the cells of the header line.
-        mapping: header texts of the lab for names of ours, as `[columns]` gives them.
-        file: name of the file, for error texts.
-        fixed_length: the length is known without a column.
+        mapping: header of the file for each channel, as in `[columns]`.
+        file: name of the file, for error messages.
+        fixed_length: whether the length is stated without a column.
 
     Raises:
-        BadInput: if a needed column is missing, stands twice, or has no unit of its kind.
+        BadInput: if a required column is missing, occurs twice, or has a wrong unit.
     """
     titles = [cell.strip() for cell in header]
     names = _match_names(titles, mapping, file)
@@ -86,7 +86,7 @@ def find_columns(
 
 
 def _match_names(titles: Sequence[str], mapping: Mapping[str, str], file: str) -> list[str | None]:
-    """Our name of each header cell, or None; a mapped header takes the place of the usual one."""
+    """Return the channel of each header cell, or None; a mapped header replaces the default one."""
     names: list[str | None] = [None] * len(titles)
     for name, wanted in mapping.items():
         if name not in COLUMN_KINDS:
@@ -152,7 +152,7 @@ def _build_missing_error(name: str, titles: Sequence[str], file: str, more: str 
 
 
 def _guess_header(name: str, titles: Sequence[str]) -> str | None:
-    """The header that is spelled almost so, or else the one whose unit fits."""
+    """Return the header with the most similar name, or else one with a unit of the channel's kind."""
     others = {split_title(title)[0].lower(): title for title in titles}
     others = {plain: title for plain, title in others.items() if plain not in COLUMN_KINDS}
     close = difflib.get_close_matches(name, others, n=1, cutoff=0.6)

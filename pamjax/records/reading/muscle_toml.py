@@ -1,4 +1,4 @@
-"""What the lab says about its muscle: muscle.toml as checked numbers in SI, each with its sd."""
+"""Contents of muscle.toml as checked values in SI, each with its standard deviation (sd)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["Bladder", "MeasuredValue", "MuscleToml", "Sensors", "parse_muscle_to
 
 @dataclass(frozen=True)
 class Bladder:
-    """Size of the rubber tube, m, and its Young's modulus at small strain, Pa; None where not stated."""
+    """Dimensions of the rubber tube, m, and its Young's modulus at small strain, Pa; None if not stated."""
 
     inner_diameter: MeasuredValue | None = None
     thickness: MeasuredValue | None = None
@@ -26,9 +26,9 @@ class Bladder:
 
 @dataclass(frozen=True)
 class Sensors:
-    """Noise of one sample, one standard deviation, SI; None where it is to be estimated.
+    """Sensor noise of one sample, standard deviation, SI; None if it is to be estimated.
 
-    With `length_per_setting` the length's error is one for each length that was set, not one a sample.
+    With `length_per_setting`, all samples of one length setting have the same length error.
     """
 
     force: float | None = None
@@ -40,24 +40,28 @@ class Sensors:
 
 @dataclass(frozen=True)
 class MuscleToml:
-    """What muscle.toml says, SI.
+    """Contents of muscle.toml, SI.
 
-    The braid stands in one of two forms that determine each other: `thread_length` (m) and `turns`, or
-    `braid_angle` (rad, from the circumference) and mid-thread `diameter` (m), both at rest.
+    The braid has one of two equivalent forms: `thread_length` (m) and `turns`, or `braid_angle` (rad, from
+    the circumference) and mid-thread `diameter` (m), both at rest.
 
     Attributes:
-        name: what the lab calls the muscle.
-        rest_length: m, the length from which contraction counts.
-        threads: how many there are, both families together.
+        name: name of the muscle.
+        rest_length: m, the length at zero contraction.
+        thread_length: m, length of one thread from fitting to fitting.
+        turns: number of turns of one thread around the muscle.
+        braid_angle: rad, between thread and circumference, at rest.
+        diameter: m, of the thread layer, at rest.
+        threads: number of threads of both families.
         thread_area: m^2, cross-section of one thread.
-        length: m, the one length of a recording without a length column.
-        fitting_diameter: m, where the braid is clamped.
-        modulus: Pa, of the thread.
+        length: m, the fixed length of a recording without a length column.
+        fitting_diameter: m, outer diameter of the fitting at the clamped braid.
+        modulus: Pa, Young's modulus of the thread.
         stiffness: N, of all threads together, n·E·A.
-        bladder: None where the file has no such table.
+        bladder: None if the file has no such table.
         sensors: noise of one sample.
-        baseline: "inelastic" or "elastic", what the lab believes so far.
-        columns: header texts of recording.csv for our names.
+        baseline: "inelastic" or "elastic", the baseline model.
+        columns: header of recording.csv for each channel.
     """
 
     name: str
@@ -79,9 +83,9 @@ class MuscleToml:
 
     @property
     def braid(self) -> tuple[float, float]:
-        """Thread length (m) and turns as stated, whichever of the two forms they stand in.
+        """Thread length (m) and turns, from either form of the braid.
 
-        From the triangle that one thread makes when unrolled: sin θ = L / B, cos θ = π D N / B.
+        From the triangle of one unrolled thread: sin θ = L / B, cos θ = π D N / B.
         """
         if self.thread_length is not None and self.turns is not None:
             return self.thread_length.value, self.turns.value
@@ -94,19 +98,19 @@ class MuscleToml:
 
 
 def read_muscle_toml(raw: bytes, file: str = "muscle.toml") -> MuscleToml:
-    """The entry in a muscle.toml's bytes.
+    """Return the contents of a muscle.toml from its bytes.
 
     Raises:
-        BadInput: in one sentence with table and key, if it is no TOML or states something impossible.
+        BadInput: with table and key, if it is not TOML or has an impossible value.
     """
     return parse_muscle_toml(read_document(raw, file), file)
 
 
 def parse_muscle_toml(document: MuscleDocument | Mapping[str, Any], file: str = "muscle.toml") -> MuscleToml:
-    """The entry of a document, checked for what no single number shows.
+    """Return the contents of a document, checked for consistency.
 
-    >>> muscle = {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.2}
-    >>> parse_muscle_toml({"muscle": muscle}).baseline
+    >>> braid = {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.2}
+    >>> parse_muscle_toml({"muscle": braid}).baseline
     'inelastic'
     """
     tables = document if isinstance(document, MuscleDocument) else MuscleDocument.from_mapping(document, file)
@@ -151,7 +155,7 @@ def _find_rest_length(muscle: MuscleTable, file: str) -> MeasuredValue:
 
 
 def _check_braid(muscle: MuscleTable, rest_length: MeasuredValue, file: str) -> None:
-    """Exactly one form of the braid, whole and possible."""
+    """Refuse a braid that is incomplete, stated twice, or shorter than the muscle."""
     counted = {"thread_length": muscle.thread_length, "turns": muscle.turns}
     angled = {"braid_angle": muscle.braid_angle, "diameter": muscle.diameter}
     stated_names = [name for name, value in (counted | angled).items() if value is not None]

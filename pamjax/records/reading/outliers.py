@@ -1,18 +1,16 @@
-"""Wildly outlying samples: garbled cells are set aside by name and row, never silently.
+"""Detection of gross outliers, such as corrupted cells; each one is reported with column and row.
 
-A cell is set aside in two cases only:
+A cell is an outlier in two cases only:
 
-* it stands alone: farther beyond both its neighbours in one continuous run than `MIN_SPIKE_RANGE_SHARE` of
-the channel's
-  range and `MAX_ROOT_STEPS` of its larger steps; or
-* it lies far outside: beyond the middle 80 % of the channel by `MIN_OUTSIDE_RANGES` times their range, for
-at most
-  `MAX_OUTLIER_RUN` samples in a row.
+* spike: it differs from both neighbours of one continuous part, in the same direction, by more than
+  `MIN_SPIKE_RANGE_SHARE` of the channel's range and `MIN_SPIKE_STEPS` of its larger steps; or
+* outside: it is beyond the middle 80 % of the channel by more than `MIN_OUTSIDE_RANGES` times their range,
+  for at most `MAX_OUTLIER_RUN` consecutive samples.
 
-Staircases, reversals and jumps between tests move one neighbour only, and drift and noise are small beside
-the range. In seven hose recordings and 42 simulated ones the farthest good sample stood 0.08 of the range
-beyond both its neighbours (the turn of a fast stroke) and 0.5 of the range outside; the limits are three
-and eight times that. What is odd but not wild stays in: noise models can bear it, and it may be physics.
+A staircase, a reversal or a jump between tests differs from one neighbour only. Drift and noise are small
+compared with the range. In seven hose recordings and 42 simulated ones, the most extreme good sample was 0.08
+of the range beyond both its neighbours (reversal of a fast stroke) and 0.5 of the range outside. The limits
+are three and eight times these values. Smaller deviations are kept: they may be noise or physics.
 """
 
 from __future__ import annotations
@@ -40,11 +38,11 @@ MIN_CELLS_FOR_RANGE = 8
 
 
 def remove_outliers(recording: Recording, units: Mapping[str, str] | None = None) -> Recording:
-    """The recording with its wildly outlying cells blanked and listed in `aside`.
+    """Return the recording with outlying cells blanked and listed in `outliers`.
 
     Args:
-        recording: what was measured.
-        units: unit in which each column is shown to a person, where it is not the usual one.
+        recording: the recording.
+        units: unit of each column in messages, if not the display unit.
     """
     column_units = {**DISPLAY_UNIT, **(units or {})}
     run = np.cumsum(recording.starts)
@@ -69,13 +67,13 @@ def remove_outliers(recording: Recording, units: Mapping[str, str] | None = None
 
 
 def find_outliers(channel: np.ndarray, run: np.ndarray, ordered: bool, unit: str) -> dict[int, str]:
-    """Indices of a channel's wildly outlying cells, each with the reason.
+    """Return the indices of a channel's outlying cells, each with its reason.
 
     Args:
         channel: (n,) SI, NaN where not measured.
-        run: (n,) number of the continuous run that each row belongs to.
-        ordered: whether neighbouring rows are neighbours in time.
-        unit: unit for the reasons.
+        run: (n,) number of each row's continuous part.
+        ordered: whether the rows are a time series.
+        unit: unit in the reasons.
     """
     measured = np.flatnonzero(np.isfinite(channel))
     if len(measured) < MIN_CELLS_FOR_RANGE:
@@ -107,7 +105,7 @@ def _find_spikes(x: np.ndarray, run: np.ndarray, span: float) -> np.ndarray:
 
 
 def _keep_brief_runs(flags: np.ndarray, run: np.ndarray) -> np.ndarray:
-    """The flags without stretches longer than `MAX_OUTLIER_RUN` samples."""
+    """Return the flags without sequences longer than `MAX_OUTLIER_RUN` samples."""
     change = np.r_[True, (flags[1:] != flags[:-1]) | (run[1:] != run[:-1])]
     stretch = np.cumsum(change) - 1
     return flags & (np.bincount(stretch)[stretch] <= MAX_OUTLIER_RUN)

@@ -1,4 +1,4 @@
-"""A quantity as a lab writes it: "235 mm", a bare count, or a value with its standard deviation."""
+"""Quantities in TOML files: "235 mm", a number without a unit, or a value with its standard deviation."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pamjax.units import parse_quantity, suggest_units
 
 @dataclass(frozen=True)
 class MeasuredValue:
-    """A number and how well it is known, both SI; `sd` 0 is taken as known.
+    """A value and its standard deviation, both SI; with `sd` 0 the value is exact.
 
     >>> MeasuredValue(0.2512, 0.0008).sd
     0.0008
@@ -33,7 +33,7 @@ class SensorNoise:
 
 @dataclass(frozen=True)
 class EntryLocation:
-    """Where an entry stands: its table and name, and the file."""
+    """Location of an entry: its table and name, and the file."""
 
     name: str
     file: str
@@ -43,10 +43,10 @@ class EntryLocation:
 
 
 def read_quantity(raw: Any, kind: str, location: EntryLocation) -> MeasuredValue:
-    """A positive quantity from a string, a bare number, or a table of `value` and `sd`.
+    """Return a positive quantity from a text, a number, or a table of `value` and `sd`.
 
     Raises:
-        BadInput: naming the place, if it is none.
+        BadInput: with the location, if it is not a positive quantity.
 
     >>> read_quantity({"value": "251.2 mm", "sd": "0.8 mm"}, "length", EntryLocation("x", "y.toml"))
     MeasuredValue(value=0.2512, sd=0.0008)
@@ -77,7 +77,7 @@ def read_quantity(raw: Any, kind: str, location: EntryLocation) -> MeasuredValue
 
 
 def read_sensor_noise(raw: Any, kind: str, location: EntryLocation, allow_per_setting: bool) -> SensorNoise:
-    """A sensor's noise from a string, or from a table of `sd` and, where settings are, `per`."""
+    """Return a sensor's noise from a text, or from a table of `sd` and, if allowed, `per`."""
     per, where = "sample", str(location)
     if isinstance(raw, Mapping):
         check_keys(raw, ("sd", "per") if allow_per_setting else ("sd",), where)
@@ -104,7 +104,7 @@ def read_sensor_noise(raw: Any, kind: str, location: EntryLocation, allow_per_se
 
 
 def read_count(raw: Any, location: EntryLocation) -> int:
-    """A positive whole number."""
+    """Return a positive whole number."""
     if (
         isinstance(raw, bool)
         or not isinstance(raw, (int, float))
@@ -117,7 +117,7 @@ def read_count(raw: Any, location: EntryLocation) -> int:
 
 
 def check_keys(raw: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
-    """Refuse the first key that is none of the known ones, naming the nearest."""
+    """Refuse the first unknown key."""
     for key in raw:
         if key not in known:
             raise refuse(f"`{key}` is no entry here", where=where, remedy=suggest_word(key, known))

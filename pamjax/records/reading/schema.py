@@ -1,4 +1,4 @@
-"""The words muscle.toml may use: its tables and entries, and what a misspelt one is told."""
+"""Schema of muscle.toml: its tables and entries, and the error messages for wrong ones."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _locate_entry(info: ValidationInfo) -> EntryLocation:
 
 
 def _build_validator(read: Callable[[Any, EntryLocation], Any]) -> BeforeValidator:
-    """A reader of ours as a pydantic validator; what it raises keeps its one sentence."""
+    """Return a reader as a pydantic validator; its error messages are kept."""
     return BeforeValidator(lambda raw, info: read(raw, _locate_entry(info)))
 
 
@@ -63,7 +63,7 @@ class _TomlTable(BaseModel):
 
 
 class MuscleTable(_TomlTable):
-    """[muscle]: the muscle at rest, and its braid in one of two forms."""
+    """[muscle]: the muscle at rest, with its braid in one of two forms."""
 
     model_config = ConfigDict(title="muscle")
     name: str = ""
@@ -79,7 +79,7 @@ class MuscleTable(_TomlTable):
 
 
 class ThreadTable(_TomlTable):
-    """[thread]: how stiff it is, each or all together."""
+    """[thread]: modulus of one thread or stiffness of all threads."""
 
     model_config = ConfigDict(title="thread")
     modulus: Pressure | None = None
@@ -106,7 +106,7 @@ class SensorsTable(_TomlTable):
 
 
 class BaselineTable(_TomlTable):
-    """[baseline]: what the lab believes so far."""
+    """[baseline]: the baseline model."""
 
     model_config = ConfigDict(title="baseline")
     model: Literal["inelastic", "elastic"] | None = None
@@ -124,7 +124,11 @@ class MuscleDocument(_TomlTable):
 
     @classmethod
     def from_mapping(cls, raw: Mapping[str, Any], file: str) -> MuscleDocument:
-        """The document in a mapping, or the first thing wrong with it as one sentence."""
+        """Return the document of a mapping.
+
+        Raises:
+            BadInput: for the first wrong entry.
+        """
         try:
             document = cls.model_validate(dict(raw), context={"file": file})
         except ValidationError as error:
@@ -140,10 +144,10 @@ class MuscleDocument(_TomlTable):
 
 
 def read_document(raw: bytes, file: str) -> MuscleDocument:
-    """The document in a file's bytes.
+    """Return the document from a file's bytes.
 
     Raises:
-        BadInput: if it is no TOML, or says what muscle.toml cannot say.
+        BadInput: if it is not TOML, or if an entry is unknown or wrong.
     """
     try:
         tables = tomllib.loads(decode_text(raw, file).replace("\r\n", "\n"))
@@ -156,7 +160,7 @@ def read_document(raw: bytes, file: str) -> MuscleDocument:
 
 
 def _translate_error(error: ValidationError, file: str) -> BadInput:
-    """The first complaint of pydantic in our wording; the reader mends one thing at a time."""
+    """Return the first error of pydantic as a message of this package."""
     first = error.errors()[0]
     own = first.get("ctx", {}).get("error")
     if isinstance(own, BadInput):

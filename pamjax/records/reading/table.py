@@ -1,4 +1,4 @@
-"""recording.csv, read at the door: units converted once, each bad cell told by row and column."""
+"""Reading of recording.csv: conversion to SI, and error messages with row and column."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ def read_table(
 
     Args:
         path: the CSV file; lines that begin with `#` are comments.
-        columns: header texts of the file for our names, as {"force": "Load (lbf)"}.
-        default_length: m, the length of every row where the file has no such column.
+        columns: header of the file for each channel, as {"force": "Load (lbf)"}.
+        default_length: m, the length of every row if the file has no such column.
 
     Raises:
-        BadInput: in one sentence with row and column, if the file cannot be used as it is.
+        BadInput: with row and column, if the file cannot be used.
 
     Warns:
-        InputWarning: for columns that are kept out and for outlying cells that were set aside.
+        InputWarning: for unknown columns and outlying cells, which are ignored.
     """
     path = Path(path)
     recording, notes, _ = parse_table(read_bytes(path), path.name, columns or {}, default_length)
@@ -54,7 +54,7 @@ def read_table(
 def parse_table(
     raw: bytes, file: str, columns: Mapping[str, str], default_length: float | None
 ) -> tuple[Recording, list[str], dict[str, str]]:
-    """The recording in a CSV file's bytes, what its owner should know about it, and each column's unit."""
+    """Return the recording of a CSV file's bytes, the warnings, and the unit of each column."""
     header, lines, cells = _split_cells(decode_text(raw, file), file)
     known_columns, extra = find_columns(header, columns, file, default_length is not None)
     locate = _RowLocator(file, lines)
@@ -80,7 +80,7 @@ def parse_table(
 
 
 class _RowLocator:
-    """Where a row stands, in words."""
+    """Location of a row and a column, for error messages."""
 
     def __init__(self, file: str, lines: list[int]) -> None:
         self.file = file
@@ -92,7 +92,7 @@ class _RowLocator:
 
 
 def _split_cells(text: str, file: str) -> tuple[list[str], list[int], list[list[str]]]:
-    """Header, line number of each row, and each row's cells; comments and blank lines left out."""
+    """Return the header, line number of each row, and each row's cells, without comments and blank lines."""
     # A comment may have any marks in it.
     written = [line if not line.lstrip().startswith("#") else "\n" for line in lines_of(text)]
     titles = next((line for line in written if line.strip(" ,\t\r\n")), "")
@@ -143,7 +143,7 @@ def _check_width(header: list[str], line: int, row: list[str], file: str) -> lis
 
 
 def _parse_column(column: Column, cells: list[list[str]], locate: _RowLocator) -> np.ndarray:
-    """(n,) the column in SI, NaN where its cell is blank."""
+    """Return the column in SI, (n,), NaN where its cell is blank."""
     values = np.empty(len(cells))
     for i, row in enumerate(cells):
         text = row[column.index].strip()

@@ -1,1 +1,1 @@
-"""Write case folders."""
+"""Writing of case folders."""

@@ -1,4 +1,4 @@
-"""Write a case folder: the inverse of reading one."""
+"""Writing of a case folder from a recording and the text of a muscle.toml."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ def write_case(folder: Path, recording: Recording, muscle: str) -> None:
 
     Args:
         folder: must not exist, or be empty.
-        recording: what was measured.
-        muscle: text of the muscle.toml; its mapping of foreign headers is dropped, since the columns
-            are written under their own names.
+        recording: the recording.
+        muscle: text of the muscle.toml; its table [columns] is removed, because the columns are written
+            with their default headers.
 
     Raises:
-        BadInput: if the folder has something in it.
+        BadInput: if the folder is not empty.
     """
     if folder.exists() and any(folder.iterdir()):
         raise refuse("a new case needs an empty folder", f"{folder}, which is not", remedy="Name another.")
@@ -36,7 +36,7 @@ def write_case(folder: Path, recording: Recording, muscle: str) -> None:
 
 
 def build_table(recording: Recording):
-    """The recording under its own headers, rounded to what a sensor could tell (pandas)."""
+    """Return the recording as a pandas table with default headers, rounded to `COLUMN_DECIMALS`."""
     frame = recording.to_frame()
     return frame.round({f"{name} [{unit}]": COLUMN_DECIMALS[name] for name, unit in DISPLAY_UNIT.items()})
 

@@ -1,4 +1,4 @@
-"""An empty case folder to fill in: each entry explained where it stands, with how it is measured."""
+"""Template of a case folder: example values, and comments that explain each entry and its measurement."""
 
 from __future__ import annotations
 
@@ -91,10 +91,10 @@ model = "elastic"
 
 
 def write_template(folder: str | Path) -> tuple[Path, Path]:
-    """Write a case folder to fill in, and return its two files.
+    """Write the template of a case folder, and return the paths of its two files.
 
     Raises:
-        BadInput: if either file is there already.
+        BadInput: if one of the files exists.
     """
     folder = Path(folder)
     files = folder / RECORDING_FILE, folder / MUSCLE_FILE
