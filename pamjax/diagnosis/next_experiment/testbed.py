@@ -87,7 +87,7 @@ class SimulatedTestbed:
             problem.case.name, Path(), problem.case.entry, recording, "", (), "carry", problem.case.before
         )
         rows = build_rows(case, size)
-        rows = dataclasses.replace(rows, setting=jnp.zeros_like(rows.length_setting))
+        rows = dataclasses.replace(rows, length_setting=jnp.zeros_like(rows.length_setting))
         history = build_history(case, size, padding=False)
         dataset, reduced_dataset = (
             dataclasses.replace(m, rows=rows, history=history)
