@@ -57,8 +57,8 @@ class PriorInformation:
         entry: what muscle.toml says.
         capabilities: what the rig can do.
         law: thread law.
-        at: every number that a fit would move, the rig's zeros, gains and set lengths too, with its prior.
-        free: the same numbers as they are declared: the muscle's, zeros and gains, errors of set lengths.
+        space: every parameter that a fit can change, with its prior; zeros, gains and set lengths included.
+        free_parameters: their declarations: the muscle's, zeros and gains, errors of set lengths.
         mean: (p,) where they are believed to be, SI.
         scale: (p,) the step in which each is measured, SI: its prior's sd, or a share of its limits.
         matrix: (p, p) information of priors and of the recording at hand, in those steps.

@@ -28,7 +28,7 @@ class Solution(eqx.Module):
     """Where a minimisation ended.
 
     Attributes:
-        u: (p,) the point; see `space.py`.
+        u: (p,) the point; see `parameter_space.py`.
         cost: half the sum of squared residuals, priors included.
         information: (p, p) JᵀJ of the measurements alone, in u.
         prior_information: (p, p) JᵀJ of the priors, in u.

@@ -9,7 +9,7 @@ along every continuous run of samples: noise with an exponential memory, of whic
 
 What it leaves out: noise with two memories, such as a white sensor on top of a slow misfit. What of that
 is left in the innovations is found by `estimate_innovation_autocorrelation` and widens the posterior (see
-`density.py`).
+`log_density.py`).
 
 Source: autoregression of order one, Box & Jenkins, Time Series Analysis (1970), ch. 3.
 """

@@ -8,7 +8,7 @@
 | only in combination | it would be determined if the other parameters were known                          |
 | not determined      | otherwise                                                                          |
 
-The priors are those of the posterior, including `--priors`. Words for people: `determination.py`.
+The priors are those of the posterior, including `--priors`.
 """
 
 from __future__ import annotations

@@ -4,10 +4,11 @@ All numbers, the muscle's and the noise's, live in one `ParameterSpace`, so that
 real
 line. One point is a pure function; the samplers `vmap` it.
 
-Where the noise has more than one memory the innovations of `streams.py` still repeat each other. If
+Where the noise has more than one memory the innovations of `ar1_likelihood.py` still repeat each other. If
 `estimate_innovation_autocorrelation` > `MAX_WHITE_AUTOCORRELATION_TIME` of them say what one independent one
 would, the log-likelihood of that channel counts
-1/worth: the model that misses something slowly is not to be sure of itself. For noise as in `streams.py`
+1/worth: the model that misses something slowly is not to be sure of itself. For noise as in
+`ar1_likelihood.py`
 nothing is changed.
 """
 

@@ -1,10 +1,11 @@
-"""Leave-one-block-out prediction by Pareto-smoothed importance sampling (PSIS).
+"""Leave-one-out by importance: what a posterior that never saw a block would have said of it.
 
-Draws with weights 1 / (likelihood of a block) follow the posterior without that block. A generalised Pareto
-distribution smooths the largest weights. Its shape k̂ measures the reliability: above 0.7 the block influences
-the posterior too strongly. ArviZ computes weights and shape.
+Draws weighed by one over the block's likelihood are draws of the posterior without it. The largest weights
+are smoothed by a generalised Pareto law; its shape k̂ tells whether that can be trusted (below 0.7) or the
+block had moved the posterior too far.
 
-Source: Vehtari, Simpson, Gelman, Yao & Gabry, J. Mach. Learn. Res. 25 (72), 1 (2024).
+Sources: Vehtari, Simpson, Gelman, Yao & Gabry, J. Mach. Learn. Res. 25 (72), 1 (2024); the fit of the law,
+Zhang & Stephens, Technometrics 51, 316 (2009).
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ MAX_PARETO_K = 0.7
 
 
 def compute_loo_score(log_likelihood: np.ndarray) -> tuple[float, float]:
-    """Return the log predictive density of a block given the other blocks, and the shape k̂.
+    """Log predictive density of a block by draws that did not see it, and the shape k̂.
 
     Args:
-        log_likelihood: (draws,) of the block, at draws of the posterior that includes it.
+        log_likelihood: (draws,) of the block.
     """
     log_weights, shape = smooth_log_weights(-log_likelihood)
     score, whole = (np.asarray(logsumexp(w)) for w in (log_weights + log_likelihood, log_weights))
@@ -30,14 +31,7 @@ def compute_loo_score(log_likelihood: np.ndarray) -> tuple[float, float]:
 
 
 def smooth_log_weights(log_ratios: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return smoothed log weights of 1 / likelihood, with sum of weights one, and the shape k̂.
-
-    Equal likelihoods give equal weights and k̂ = 0. Without a tail to fit, as for few draws, the weights are
-    not smoothed and k̂ is infinite.
-
-    Args:
-        log_likelihood: (draws,) of a block.
-    """
+    """Log-weights with their tail smoothed, and the tail's shape."""
     log_weights = log_ratios - log_ratios.max()
     count = len(log_weights)
     tail = math.ceil(min(0.2 * count, 3 * math.sqrt(count)))

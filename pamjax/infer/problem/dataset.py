@@ -80,7 +80,7 @@ class Dataset(eqx.Module):
         rows: the samples.
         history: their order in time.
         channel_weights: (2,) factor on the misfit of force and of diameter: below one where samples repeat
-            each other (see `noise.py`).
+            each other (see `sensor_noise.py`).
     """
 
     law: str = eqx.field(static=True)
