@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from pamjax.control.inverse import Inverse, inverse
     from pamjax.diagnosis.result import Diagnosis
     from pamjax.diagnosis.run import diagnose
+    from pamjax.diagnosis.settings import DiagnosisSettings
     from pamjax.errors import BadInput, InputWarning
     from pamjax.infer.fitting.fit import fit
     from pamjax.infer.fitting.identifiability import check_identifiability
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from pamjax.sizing.result import Design
     from pamjax.sizing.size import size
 
-#: Time at which this process imported pamjax. Source files that are newer than this do not run.
+#: Time at which this process imported pamjax. This process does not run source files that are newer.
 IMPORT_TIME = time.time()
 
 #: Module of each public name. A module loads at its first use, so that `pamjax --help` does not load JAX.
@@ -61,6 +62,7 @@ _MODULE_OF_NAME = {
     "Design": "pamjax.sizing.result",
     "size": "pamjax.sizing.size",
     "Diagnosis": "pamjax.diagnosis.result",
+    "DiagnosisSettings": "pamjax.diagnosis.settings",
     "Inverse": "pamjax.control.inverse",
     "inverse": "pamjax.control.inverse",
     "export": "pamjax.control.export",
@@ -76,6 +78,7 @@ __all__ = [
     "Case",
     "Design",
     "Diagnosis",
+    "DiagnosisSettings",
     "Discrimination",
     "Fit",
     "InputWarning",

@@ -16,7 +16,7 @@ class Channel:
         kind: kind of quantity, a key of `SI_UNITS`.
         si_unit: unit in arrays.
         display_unit: unit in reports, figures and files.
-        about: what is measured.
+        about: the measured quantity.
     """
 
     name: str

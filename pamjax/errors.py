@@ -7,24 +7,24 @@ from collections.abc import Iterable
 
 
 class BadInput(ValueError):
-    """An input that cannot be used; its text is the message that the user reads.
+    """An invalid input; its text is the message for the user.
 
     The command line prints it to standard error and exits with code 2.
     """
 
 
 class InputWarning(UserWarning):
-    """A warning about an input that is used nevertheless."""
+    """A warning about a doubtful input that is still used."""
 
 
 def compose_message(rule: str, got: str = "", where: str = "", remedy: str = "") -> str:
     """Return a message with rule, value, place and remedy in this order.
 
     Args:
-        rule: what must hold, as "`length` must be shorter than the thread (300 mm)".
+        rule: the condition, as "`length` must be shorter than the thread (300 mm)".
         got: the actual value, with its unit.
         where: file, row and column, as "row 41 of recording.csv".
-        remedy: what the user should do, in the imperative.
+        remedy: instruction to the user, in the imperative.
 
     >>> compose_message("`length` must be positive", "-3 mm", "row 4 of a.csv", "Check its sign.")
     '`length` must be positive; got -3 mm in row 4 of a.csv. Check its sign.'
@@ -43,33 +43,33 @@ def refuse(rule: str, got: str = "", where: str = "", remedy: str = "") -> BadIn
     return BadInput(compose_message(rule, got, where, remedy))
 
 
-def check_minimum(name: str, value: int, least: int) -> None:
+def check_minimum(name: str, value: int, minimum: int) -> None:
     """Refuse a count that is too small.
 
     Raises:
         BadInput: with the name of the count.
     """
-    if value < least:
-        raise refuse(f"`{name}` must be at least {least}", f"{value}")
+    if value < minimum:
+        raise refuse(f"`{name}` must be at least {minimum}", f"{value}")
 
 
-def suggest_word(word: str, known: Iterable[str], listing: str = "") -> str:
+def suggest_word(word: str, valid_names: Iterable[str], listing: str = "") -> str:
     """Return a hint with the most similar valid name, or with all valid names.
 
     Args:
-        word: the name that was written.
-        known: the valid names.
+        word: the invalid name.
+        valid_names: the valid names.
         listing: command that lists the valid names, if they are too many for a message.
 
     >>> suggest_word("trheads", ["threads", "turns"])
     'Did you mean `threads`?'
     >>> suggest_word("xyz", ["threads", "turns"], listing="pamjax explain")
-    '`pamjax explain` lists what there is.'
+    '`pamjax explain` lists all names.'
     """
-    known = list(known)
-    close = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
-    if close:
-        return f"Did you mean `{close[0]}`?"
+    valid_names = list(valid_names)
+    matches = difflib.get_close_matches(word, valid_names, n=1, cutoff=0.6)
+    if matches:
+        return f"Did you mean `{matches[0]}`?"
     if listing:
-        return f"`{listing}` lists what there is."
-    return "Known are " + ", ".join(f"`{k}`" for k in known) + "."
+        return f"`{listing}` lists all names."
+    return "Valid names are " + ", ".join(f"`{name}`" for name in valid_names) + "."

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from pamjax.errors import refuse, suggest_word
 
-# Fits difference forces of some kN to a fraction of a newton: single precision is not enough.
+# Fits subtract forces of some kN with errors below 1 N: single precision is not sufficient.
 jax.config.update("jax_enable_x64", True)
 
 Scalar = Float[Array, ""]
@@ -46,7 +46,7 @@ class Meaning:
 
 
 def convert_scalar(value: Any) -> Array:
-    """Return a number as a 64-bit array; arrays, tracers and other objects are returned unchanged."""
+    """Return a number as a 64-bit array, and any other object (array, tracer) unchanged."""
     return jnp.asarray(value, dtype=float) if isinstance(value, (int, float)) else value
 
 
@@ -108,12 +108,12 @@ def replace_values(model: ModelType, new_values: Mapping[str, Any]) -> ModelType
     Raises:
         BadInput: if the model has no parameter of a name.
     """
-    known = list(list_values(model))
+    parameters = list(list_values(model))
     for name in new_values:
-        if name not in known:
-            raise refuse(f"{name!r} is no number of this model", remedy=suggest_word(name, known))
+        if name not in parameters:
+            raise refuse(f"this model has no parameter {name!r}", remedy=suggest_word(name, parameters))
     names = list(new_values)
-    # Identity finds the leaf: `_iterate_parameters` returns the very objects that `tree_at` marks.
+    # `tree_at` compares leaves by identity. `_iterate_parameters` returns the same objects.
     return eqx.tree_at(
         lambda m: [list_values(m)[n] for n in names], model, [convert_scalar(new_values[n]) for n in names]
     )

@@ -1,4 +1,4 @@
-"""Progress reports of long computations: a callback with the current step and the share done, 0 to 1."""
+"""Progress reports of long computations: a callback with step and completed fraction, 0 to 1."""
 
 from __future__ import annotations
 
@@ -8,4 +8,4 @@ Progress = Callable[[str, float], None]
 
 
 def ignore_progress(step: str, fraction: float) -> None:
-    """Ignore the progress."""
+    """Do nothing; for callers without a progress display."""

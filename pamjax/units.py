@@ -30,11 +30,11 @@ _QUANTITY_PATTERN = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)
 
 @cache
 def load_unit_registry() -> pint.UnitRegistry:
-    """Return the unit registry, built at the first conversion because it takes a third of a second."""
+    """Return the unit registry, built at the first conversion, which takes a third of a second."""
     import pint
 
-    # Not cached on disk: pint's cache keeps paths into the environment that wrote it, and every later
-    # environment of the same user fails once that one is deleted.
+    # Not cached on disk: pint's cache contains paths into the environment that wrote it. Other environments
+    # of the same user fail after that environment is deleted.
     return pint.UnitRegistry()
 
 
@@ -57,9 +57,11 @@ def parse_unit(unit: str, kind: str, where: str = "") -> float:
     if unit in ("", "1"):
         if kind == "count":
             return 1.0
-        raise refuse(f"a {kind} needs a unit", "none", where, f"Write one, such as {suggest_units(kind)}.")
+        raise refuse(
+            f"{_add_article(kind)} needs a unit", "none", where, f"Write one, such as {suggest_units(kind)}."
+        )
     if kind == "count":
-        raise refuse("this number has no unit", f"{unit!r}", where, "Leave the unit out.")
+        raise refuse("a dimensionless value has no unit", f"{unit!r}", where, "Remove the unit.")
     return _convert_unit(unit, si, kind, where)
 
 
@@ -70,22 +72,29 @@ def _convert_unit(unit: str, si: str, kind: str, where: str) -> float:
         quantity = load_unit_registry().Quantity(1.0, unit)
     except (pint.UndefinedUnitError, pint.errors.DefinitionSyntaxError, ValueError, TypeError) as error:
         raise refuse(
-            f"{unit!r} is no unit that pamjax knows",
+            f"unknown unit {unit!r}",
             where=where,
-            remedy=f"A {kind} is written as {suggest_units(kind)}."
+            remedy=f"Write {_add_article(kind)} in {suggest_units(kind)}."
             if kind in SI_UNITS
             else f"Write it in {si}.",
         ) from error
     if not quantity.check(load_unit_registry().Quantity(1.0, si).dimensionality):
-        rule = f"a {kind} must have a unit of {kind}"
+        rule = f"{_add_article(kind)} must have a unit of {kind}"
         if kind not in SI_UNITS:
-            rule = f"this number must be in {si}, or in a unit that converts to it"
+            rule = f"this value must have a unit that converts to {si}"
         raise refuse(rule, f"{unit!r}", where, f"Use one such as {suggest_units(kind)}.")
     if not quantity._is_multiplicative:
         raise refuse(
-            f"the unit of a {kind} must be a multiple of {si}", f"{unit!r}", where, "It has an offset."
+            f"the unit of {_add_article(kind)} must be a multiple of {si}",
+            f"{unit!r}",
+            where,
+            "This unit has an offset.",
         )
     return float(quantity.to(si).magnitude)
+
+
+def _add_article(kind: str) -> str:
+    return f"an {kind}" if kind[0] in "aeiou" else f"a {kind}"
 
 
 def suggest_units(kind: str) -> str:
@@ -100,7 +109,7 @@ def suggest_units(kind: str) -> str:
         "speed": "mm/s",
         "frequency": "Hz or 1/s",
         "angle": "deg or rad",
-        "count": "a bare number",
+        "count": "a number without a unit",
     }.get(kind, kind.removeprefix("number in "))
 
 
@@ -117,9 +126,10 @@ def parse_quantity(text: str | float, kind: str, where: str = "") -> float:
         return float(text) * parse_unit("", kind, where)
     match = _QUANTITY_PATTERN.match(str(text))
     if match is None:
-        raise refuse(
-            "a quantity is a number and a unit", f"{text!r}", where, f"Write {suggest_units(kind)} after it."
-        )
+        rule, remedy = "a quantity is a number and a unit", f"Write {suggest_units(kind)} after it."
+        if kind == "count":
+            rule, remedy = "a dimensionless value is a number without a unit", "Write a number."
+        raise refuse(rule, f"{text!r}", where, remedy)
     return float(match[1]) * parse_unit(match[2], kind, where)
 
 
@@ -139,10 +149,10 @@ def parse_number(text: str, si: str, where: str = "") -> float:
     if unit in ("", "1"):
         if si != "1" and float(match[1]):
             remedy = f"Write one that converts to {si} after it."
-            raise refuse("this number needs a unit", f"{text.strip()!r}", where, remedy)
+            raise refuse("this value needs a unit", f"{text.strip()!r}", where, remedy)
         return float(match[1])
     if si == "1":
-        raise refuse("this number has no unit", f"{unit!r}", where, "Leave the unit out.")
+        raise refuse("a dimensionless value has no unit", f"{unit!r}", where, "Remove the unit.")
     return float(match[1]) * _convert_unit(unit, si, f"number in {si}", where)
 
 

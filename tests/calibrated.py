@@ -1,6 +1,6 @@
-"""Simulation-based calibration: recordings whose numbers come from the prior, read back as posteriors.
+"""Simulation-based calibration: recordings with parameters from the prior, and their posteriors.
 
-If the posterior is right, the rank of the true number among posterior draws is uniform over recordings.
+If the posterior is right, the rank of the true value among posterior draws is uniform over recordings.
 
 Source: Talts, Betancourt, Simpson, Vehtari & Gelman, arXiv:1804.06788.
 """
@@ -20,9 +20,9 @@ from pamjax.infer.posterior.predictive import sample_prior
 from pamjax.records.reading.muscle_toml import Sensors
 from tests.infer.made import made
 
-#: Sensors alone: the noise is exactly the likelihood's.
+#: Sensor noise only: the noise agrees with the likelihood.
 BENCH = Sensors(force=2.0, diameter=0.05e-3)
-#: What the noise and a toe are drawn from; narrow enough that every recording is worth reading.
+#: Priors of the noise and of the toe; narrow, so that every recording is informative.
 NOISE = {
     "noise.force": {"value": 2.0, "sd": 0.4},
     "noise.diameter": {"value": 0.05e-3, "sd": 0.01e-3},
@@ -37,7 +37,7 @@ TOE = {
 
 
 class Bench:
-    """Recordings of one plan whose numbers are drawn from the prior."""
+    """Simulated recordings of one protocol, with parameters from the prior."""
 
     def __init__(self, law: str, count: int, seed: int = 0) -> None:
         case = made(law, bench=BENCH, sensors=BENCH, seed=seed)
@@ -48,7 +48,7 @@ class Bench:
         self.seed = seed
 
     def recording(self, k: int):
-        """The density of recording k (the same rows, other measurements), and where a fit of it ends."""
+        """Return the log-density of recording k (same settings, other measurements), and its optimum."""
         (one,), values = self.density.datasets, self.true[k]
         nothing = eqx.tree_at(
             lambda m: (m.rows.force, m.rows.diameter), one, (jnp.zeros_like(one.rows.force),) * 2
@@ -67,21 +67,21 @@ class Bench:
         return density, at.to_point(start)
 
     def _noise(self, random: np.random.Generator, size: int, memory: float) -> np.ndarray:
-        """Noise of unit sd with a memory that every run begins anew."""
+        """Return AR(1) noise of unit sd that starts anew in each run."""
         new = random.standard_normal(size)
         edges = [*np.flatnonzero(self.starts), size]
         edges[0] = 0
         runs = []
         for first, last in pairwise(edges):
             step = np.sqrt(1 - memory**2) * new[first:last]
-            # The first is a draw of the noise itself, not of what is new in it.
+            # The first sample has the stationary distribution, not that of an increment.
             step[0] = new[first]
             runs.append(lfilter([1.0], [1.0, -memory], step))
         return np.concatenate(runs)
 
 
 def _measured(one, shown):
-    """The member with other measurements."""
+    """Return the dataset with other measurements."""
     return eqx.tree_at(lambda m: (m.rows.force, m.rows.diameter), one, tuple(map(jnp.asarray, shown)))
 
 
@@ -91,6 +91,6 @@ def model(one, values):
 
 
 def believing_white(density):
-    """The planted wrong likelihood: every sample is taken for independent."""
+    """Return a wrong likelihood, which treats all samples as independent."""
     streams = tuple(dataclasses.replace(s, correlation_index=-1) for s in density.likelihoods[0])
     return dataclasses.replace(density, likelihoods=(streams,))

@@ -1,4 +1,4 @@
-"""Every test: the checkout's own `tests`, the same random examples each time, one cache of programs."""
+"""Settings of all tests: import path, fixed random examples, and one cache of compiled programs."""
 
 import os
 import shutil
@@ -25,7 +25,7 @@ settings.load_profile("pamjax")
 
 
 def pytest_configure(config):
-    """All workers, and all that they start, keep what they compile in one folder; never in the user's own."""
+    """Set one cache folder for all workers and their child processes, never that of the user."""
     if "PAMJAX_CACHE_DIR" not in os.environ:
         folder = os.environ["PAMJAX_CACHE_DIR"] = tempfile.mkdtemp(prefix="pamjax-tests-")
         config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
@@ -33,7 +33,7 @@ def pytest_configure(config):
 
 @pytest.fixture(scope="session", autouse=True)
 def kept_programs():
-    """What one test compiled, no other compiles."""
+    """Share compiled programs between tests."""
     from pamjax.compile.jax_cache import keep_compiled
 
     keep_compiled()
@@ -41,7 +41,7 @@ def kept_programs():
 
 @pytest.fixture(autouse=True, scope="module")
 def room_for_programs():
-    """Compiled programs go before there are too many: a process of more than 65,530 mappings dies."""
+    """Clear compiled programs before the process exceeds the limit of 65,530 memory mappings."""
     yield
     mapped = Path("/proc/self/maps")
     if mapped.exists() and len(mapped.read_bytes().splitlines()) > 30_000:
@@ -52,7 +52,7 @@ def room_for_programs():
 
 @pytest.fixture
 def interruptible():
-    """Ctrl-C as in a terminal: what is started in the background has it ignored."""
+    """Let Ctrl-C interrupt as in a terminal; background processes ignore it."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)

@@ -1,4 +1,4 @@
-"""The figures of a benchmark are kept with what they were measured on."""
+"""Benchmarks store their figures with command, machine and versions."""
 
 import json
 
@@ -7,7 +7,7 @@ import pytest
 from tests.benchmarks.keep import arguments, keep
 
 
-def test_a_kept_file_has_figures_command_machine_and_versions(tmp_path):
+def test_stored_file_has_figures_command_machine_and_versions(tmp_path):
     file = tmp_path / "new" / "one.json"
     keep(file, {"prediction [ms]": 23.45678, "ratio": (1.0, 0.91234, 2), "recordings": 3})
     kept = json.loads(file.read_text("utf-8"))
@@ -18,13 +18,13 @@ def test_a_kept_file_has_figures_command_machine_and_versions(tmp_path):
     assert len(kept["date"].split("-")) == 3
 
 
-def test_nothing_is_written_without_a_file(tmp_path, monkeypatch):
+def test_without_a_file_name_nothing_is_written(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     keep(None, {"prediction [ms]": 1.0})
     assert not list(tmp_path.iterdir())
 
 
-def test_the_option_is_taken_out_of_the_words(tmp_path):
+def test_json_option_is_removed_from_the_arguments(tmp_path):
     file = tmp_path / "bench.json"
     assert arguments(["5000", "--json", str(file)]) == (["5000"], file)
     assert arguments(["--json", str(file), "5000"]) == (["5000"], file)

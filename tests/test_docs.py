@@ -1,4 +1,4 @@
-"""What the pages show is what happens, and every page can be read once and understood."""
+"""Pages of the documentation: their code runs, their output is current, and their sentences are short."""
 
 import json
 import re
@@ -30,13 +30,13 @@ def test_code_runs(page, monkeypatch):
 
 
 @pytest.mark.slow
-def test_readme_shows_the_note_that_fit_prints():
+def test_readme_shows_the_output_of_fit():
     (shown,) = (b for b in blocks("README.md", "") if "thread.modulus" in b)
     note = str(pamjax.fit(pamjax.read_case(ROOT / "fits/chambers_wereley_2022")))
     assert _first_numbers(note) == _first_numbers(shown)
 
 
-def test_readme_shows_the_verdict_that_the_tutorial_prints():
+def test_readme_shows_the_diagnosis_of_the_tutorial():
     (shown,) = blocks("README.md", "text")
     assert "braid_friction" in shown
     assert set(shown.splitlines()) <= set("".join(blocks("docs/tutorial.md", "text")).splitlines())
@@ -47,22 +47,22 @@ def section(title):
 
 
 def first_commands():
-    """The commands of the front page for one's own recording, to copy from top to bottom."""
+    """Return the commands of the front page for a first recording."""
     lines = re.findall(r"^    pamjax (.*)", section("Command line"), re.M)
     return [shlex.split(line, comments=True) for line in lines]
 
 
 @pytest.mark.slow
-def test_the_first_commands_of_the_front_page_follow_one_another(tmp_path, monkeypatch, capsys):
+def test_first_commands_of_the_front_page_run(tmp_path, monkeypatch, capsys):
     copied = first_commands()
     assert [word for word, *_ in copied] == ["new", "check", "fit", "diagnose"]
     assert {case for _, case, *_ in copied} == {"mine"}
     monkeypatch.chdir(tmp_path)
-    for words in copied[:3]:  # a diagnosis takes minutes where nothing is compiled
+    for words in copied[:3]:  # without compiled programs a diagnosis takes minutes
         assert main(words) == 0, capsys.readouterr().err
 
 
-def test_the_table_of_commands_has_every_command_and_no_other():
+def test_table_of_commands_is_complete():
     shown = re.findall(r"`pamjax (\S+?)`", section("Commands"))
     assert sorted(shown) == sorted(name for name in app if name[0] != "-")
     assert {word for word, *_ in first_commands()} <= set(shown)
@@ -76,7 +76,7 @@ def test_readme_has_the_test_command_that_ci_runs():
 
 
 def _first_numbers(note):
-    """Names with value and sd; the last digit of an rmse may differ between machines."""
+    """Return names, values and standard deviations; the last digit of an rmse depends on the machine."""
     return re.findall(r"^  (\S+\.\S+)\s+([\d.]+ ± [\d.]+)", note, re.M)
 
 
@@ -84,7 +84,7 @@ def test_contributors_page_is_short():
     assert len((ROOT / "docs/write-a-mechanism.md").read_text(encoding="utf-8").splitlines()) < 60
 
 
-def test_every_word_of_a_file_is_on_its_page():
+def test_every_entry_of_a_file_is_documented():
     from pydantic import BaseModel
 
     from pamjax.planning import bench as means
@@ -103,7 +103,7 @@ def test_every_word_of_a_file_is_on_its_page():
     assert not missing
 
 
-def test_every_word_of_an_import_is_in_its_table_and_no_other():
+def test_table_of_import_entries_is_complete():
     from pamjax.records.importing.import_spec import (
         ChannelEntry,
         FilesTable,
@@ -127,28 +127,28 @@ def test_every_word_of_an_import_is_in_its_table_and_no_other():
 
 FRONT = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"]
 READ = [*FRONT, *sorted(f"docs/{path.name}" for path in ROOT.glob("docs/*.md"))]
-#: Most words of a sentence. The rule is 25; some sentences with a name or a reference need more.
+#: Largest number of words of a sentence. The rule is 25; some sentences with a name or a reference need more.
 WORDS = 30
-#: What is no prose: blocks of code, comments, equations, tables, indented code, quotations and headings.
+#: Text other than prose: blocks of code, comments, equations, tables, indented code, quotations and headings.
 NO_PROSE = re.compile(
     r"```.*?```|<!--.*?-->|\$\$.*?\$\$|\|[^\n]*$|^ {4}[^\n]*$|^>[^\n]*$|^#+ [^\n]*$", re.S | re.M
 )
-#: A sentence ends with its mark, an item of a list or a paragraph.
+#: A sentence ends at its punctuation mark, or with its list item or paragraph.
 END = re.compile(r"(?<=[.!?])[)*_\"]*\s+|\n\s*\n|\n\s*(?=[-*] |\d+\. )|\n(?=: )")
 
 
 def too_long(text):
-    """Return the sentences of a page above `ERROR_ENTRIES` words; code within a line counts as one."""
+    """Return the sentences of a page above `WORDS` words; code within a line counts as one."""
     prose = re.sub(r"`[^`]*`", "x", NO_PROSE.sub("\n\n", text))
     return [sentence for sentence in END.split(prose) if len(sentence.split()) > WORDS]
 
 
 @pytest.mark.parametrize("page", READ)
-def test_no_sentence_of_a_page_is_long(page):
+def test_sentences_of_pages_are_short(page):
     assert not too_long((ROOT / page).read_text(encoding="utf-8"))
 
 
-def test_a_long_sentence_is_detected_and_a_table_is_none():
+def test_long_sentences_are_detected_in_prose_only():
     long = "word " * WORDS + "word."
     assert len(too_long(f"Short. {long} Short.\n\n- {long}\n- short\n\n    {long}\n\n{long}")) == 3
     assert not too_long(f"| {long} |\n\n```\n{long}\n```\n\n    {long}\n\n> {long}\n")
@@ -163,16 +163,16 @@ def test_readme_is_short_and_has_no_history():
 
 
 def hashes(text):
-    """Return what looks like a commit: a hexadecimal number of seven places or more."""
+    """Return the texts that look like a commit hash: hexadecimal numbers of at least seven digits."""
     return re.findall(r"\b(?=\w*\d)(?=\w*[a-f])[0-9a-f]{7,40}\b", text)
 
 
-def test_a_hash_is_detected_and_a_word_or_a_number_is_none():
+def test_commit_hashes_are_detected():
     assert hashes("at `c1ad8a2`, of 20261123 recordings, facade, 1234567") == ["c1ad8a2"]
 
 
 def quoted():
-    """(page, figures of a row as text, kept file) of each row of a table that links to kept figures."""
+    """Yield (page, figures of a row, stored file) of each table row that links to stored figures."""
     for page in sorted(ROOT.glob("docs/*.md")):
         for row in re.findall(r"^\|(.*)\|$", page.read_text("utf-8"), re.M):
             _, *cells = row.split("|")
@@ -181,12 +181,12 @@ def quoted():
 
 
 def is_kept(text, values):
-    """Is a figure one of the kept values, rounded as the page rounds?"""
+    """Return whether a figure is one of the stored values, rounded as on the page."""
     number, half = float(text.replace(",", "")), 0.5 * 10.0 ** -len(text.partition(".")[2])
     return any(abs(value - number) <= half * (1 + 1e-6) for value in values)
 
 
-def test_figures_of_a_page_are_those_of_the_kept_output():
+def test_figures_of_pages_agree_with_the_stored_files():
     rows = list(quoted())
     assert {file for _, _, file in rows} == set(ROOT.glob("docs/benchmarks/*.json"))
     for page, shown, file in rows:
@@ -198,7 +198,7 @@ def test_figures_of_a_page_are_those_of_the_kept_output():
             assert is_kept(number, values), (page, file.name, number)
 
 
-def test_a_figure_that_was_not_kept_is_detected():
+def test_figures_that_are_not_stored_are_detected():
     assert is_kept("43.2", [2.5, 43.21])
     assert is_kept("1,234", [1234.4])
     assert not is_kept("43.3", [2.5, 43.21])

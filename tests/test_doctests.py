@@ -1,4 +1,4 @@
-"""Every example in a docstring runs."""
+"""Every example of a docstring runs."""
 
 import doctest
 import importlib

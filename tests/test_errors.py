@@ -1,4 +1,4 @@
-"""A complaint is one sentence in one order."""
+"""Error messages have one sentence with rule, value, place and remedy."""
 
 import pytest
 
@@ -17,25 +17,24 @@ from pamjax.errors import BadInput, InputWarning, compose_message, refuse, sugge
         (("a rule", "", "", "Do this."), "a rule. Do this."),
     ],
 )
-def test_sentence(parts, text):
+def test_message_has_rule_value_place_and_remedy(parts, text):
     assert compose_message(*parts) == text
     assert str(refuse(*parts)) == text
 
 
-def test_a_complaint_is_a_value_error():
+def test_bad_input_is_a_value_error():
     assert isinstance(refuse("a rule"), BadInput)
     assert issubclass(BadInput, ValueError)
     assert issubclass(InputWarning, UserWarning)
 
 
-def test_nearest_names_one_or_all():
+def test_hint_has_the_nearest_name_or_all_names():
     assert suggest_word("presure", ["length", "pressure"]) == "Did you mean `pressure`?"
-    assert suggest_word("xyz", ["length", "pressure"]) == "Known are `length`, `pressure`."
+    assert suggest_word("xyz", ["length", "pressure"]) == "Valid names are `length`, `pressure`."
 
 
-def test_nearest_names_who_lists_what_is_too_much_for_a_sentence():
+def test_hint_refers_to_a_command_for_long_lists():
     assert suggest_word("presure", ["length", "pressure"], "pamjax explain") == "Did you mean `pressure`?"
     assert (
-        suggest_word("xyz", ["length", "pressure"], "pamjax explain")
-        == "`pamjax explain` lists what there is."
+        suggest_word("xyz", ["length", "pressure"], "pamjax explain") == "`pamjax explain` lists all names."
     )

@@ -1,4 +1,4 @@
-"""Check the names of the package: one meaning each, and no parameter that says nothing."""
+"""Names of the package: each has one meaning, and each parameter names its object."""
 
 import ast
 from collections import defaultdict
@@ -10,14 +10,14 @@ import pamjax
 
 HOME = Path(pamjax.__file__).parent
 TREES = {path: ast.parse(path.read_text("utf-8")) for path in sorted(HOME.rglob("*.py"))}
-#: Parameter names that do not name the thing.
+#: Parameter names without a meaning.
 RIDDLES = {"found", "one", "told", "much"}
-#: Constants that every file format has of its own.
+#: Constants that each file format defines.
 SHARED_CONSTANTS = {"SCHEMA"}
 
 
 def list_parameters(tree):
-    """(function, parameter) of every function, method and lambda."""
+    """Yield (function, parameter) of every function, method and lambda."""
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
             arguments = node.args
@@ -31,7 +31,7 @@ def find_riddles(tree):
 
 
 def find_repeated(names):
-    """Names that stand in more than one place."""
+    """Return the names that occur in several files, with these files."""
     places = defaultdict(list)
     for name, place in names:
         places[name].append(place)
@@ -55,11 +55,11 @@ def list_constants():
 
 
 @pytest.mark.parametrize("path", TREES, ids=lambda p: p.relative_to(HOME).as_posix())
-def test_parameters_name_the_thing(path):
+def test_parameters_have_meaningful_names(path):
     assert find_riddles(TREES[path]) == []
 
 
-def test_a_planted_riddle_is_reported():
+def test_meaningless_parameter_name_is_detected():
     assert find_riddles(ast.parse("def f(case, *, found): ...\ng = lambda one: one")) == [
         "f(found)",
         "lambda(one)",
@@ -74,5 +74,5 @@ def test_no_constant_has_two_meanings():
     assert find_repeated(list_constants()) == {}
 
 
-def test_a_planted_repetition_is_reported():
+def test_repeated_class_name_is_detected():
     assert find_repeated([("A", "x.py"), ("B", "x.py"), ("A", "y.py")]) == {"A": ["x.py", "y.py"]}

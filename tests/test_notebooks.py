@@ -1,4 +1,4 @@
-"""Notebooks: each runs from top to bottom, and is stored with outputs that a diff can show."""
+"""Notebooks run from top to bottom, and are stored with small outputs."""
 
 from pathlib import Path
 
@@ -8,14 +8,14 @@ from nbclient import NotebookClient
 
 ROOT = Path(__file__).resolve().parents[1]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
-#: Figures are stored small: a notebook is read in a diff.
+#: Largest size of a notebook, bytes: small figures keep the changes readable.
 LARGEST = 120_000
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_it_runs(path, tmp_path, monkeypatch):
-    # The kernel is another process: it gets its pamjax from here.
+def test_notebook_runs(path, tmp_path, monkeypatch):
+    # The kernel is another process, which must import this checkout.
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     notebook = nbformat.read(path, as_version=4)
     NotebookClient(
@@ -24,7 +24,7 @@ def test_it_runs(path, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_it_is_stored_with_small_outputs(path):
+def test_stored_outputs_are_small(path):
     assert path.stat().st_size < LARGEST
     notebook = nbformat.read(path, as_version=4)
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]

@@ -1,4 +1,4 @@
-"""What is handed out: a wheel from an sdist does, where there is no checkout, what the checkout does."""
+"""The wheel that is built from the sdist works without a checkout."""
 
 import json
 import os
@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
-    """Built from the sdist, so that the sdist holds all that is needed."""
+    """Return the wheel, built from the sdist."""
     folder = tmp_path_factory.mktemp("dist")
     words = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(folder), str(ROOT)]
     subprocess.run(words, check=True, capture_output=True, timeout=300)
@@ -29,9 +29,9 @@ def wheel(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def installed(wheel, tmp_path_factory):
-    """Run `pamjax` as installed in an environment of its own, from a folder of its own.
+    """Return a function that runs the installed `pamjax` in its own environment and folder.
 
-    The dependencies are those of the environment that runs the tests; pamjax is the wheel's.
+    The dependencies are those of the test environment; pamjax comes from the wheel.
     """
     folder = tmp_path_factory.mktemp("elsewhere")
     venv.create(folder / "env", with_pip=False)
@@ -58,7 +58,7 @@ def installed(wheel, tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_the_wheel_holds_types_data_and_pages(wheel):
+def test_wheel_contains_types_data_and_templates(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     assert {
         "pamjax/py.typed",
@@ -69,7 +69,7 @@ def test_the_wheel_holds_types_data_and_pages(wheel):
 
 
 @pytest.mark.slow
-def test_it_runs_where_there_is_no_checkout(installed):
+def test_installed_package_runs_without_a_checkout(installed):
     where = installed("import pamjax; print(pamjax.__file__)", module=True)
     assert str(installed.folder) in where
     version = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["version"]
@@ -84,7 +84,7 @@ def test_it_runs_where_there_is_no_checkout(installed):
     assert (installed.folder / "out" / "fit.json").exists()
 
 
-def test_the_shell_completes(tmp_path):
+def test_shell_completion_is_installed(tmp_path):
     words = "from pamjax.cli.main import main; main(['--install-completion', '--shell', 'bash'])"
     environment = os.environ | {"HOME": str(tmp_path), "PYTHONPATH": str(ROOT)}
     subprocess.run(

@@ -1,4 +1,4 @@
-"""A number that knows what it is, and a model that can be walked by name."""
+"""Parameters with a meaning, and access to the parameters of a model by name."""
 
 import equinox as eqx
 import jax
@@ -38,7 +38,7 @@ class Strut(eqx.Module):
 STRUT = Strut(0.5, Spring(100), (Damper(2.0),))
 
 
-def test_a_number_is_double_and_knows_its_meaning():
+def test_parameter_is_double_precision_and_has_a_meaning():
     assert STRUT.length.dtype == jnp.float64
     assert STRUT.spring.rate.dtype == jnp.float64  # written as an integer
     assert list_field_meanings(Spring) == {
@@ -48,12 +48,12 @@ def test_a_number_is_double_and_knows_its_meaning():
     assert list_field_meanings(Damper)["loss"].neutral == 0.0
 
 
-def test_walking_names_parts_by_field_and_members_by_id():
+def test_names_use_fields_of_parts_and_ids_of_members():
     assert list(list_meanings(STRUT)) == list(list_values(STRUT)) == ["length", "spring.rate", "damper.loss"]
     assert float(list_values(STRUT)["damper.loss"]) == 2.0
 
 
-def test_replace_changes_the_named_and_nothing_else():
+def test_replace_changes_only_the_named_parameters():
     changed = replace_values(STRUT, {"spring.rate": 7.0, "damper.loss": 1})
     assert {k: float(v) for k, v in list_values(changed).items()} == {
         "length": 0.5,
@@ -69,15 +69,15 @@ def test_replace_is_differentiable():
     assert slope == 6.0
 
 
-def test_two_equal_numbers_stay_two():
-    """A number is found by what it is and not by its value."""
+def test_equal_values_stay_separate_parameters():
+    """Parameters are identified by their path, not by their value."""
     one = jnp.asarray(0.25)
     muscle = Muscle(one, one, 1.0, LinearThread(1e6))
     changed = replace_values(muscle, {"rest_length": 0.2})
     assert (float(changed.rest_length), float(changed.thread_length)) == (0.2, 0.25)
 
 
-def test_an_unknown_number_is_told():
+def test_unknown_parameter_is_refused():
     with pytest.raises(BadInput) as told:
         replace_values(STRUT, {"spring.rat": 1.0})
-    assert str(told.value) == "'spring.rat' is no number of this model. Did you mean `spring.rate`?"
+    assert str(told.value) == "this model has no parameter 'spring.rat'. Did you mean `spring.rate`?"

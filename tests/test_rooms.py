@@ -1,4 +1,4 @@
-"""Check that imports run one way, that folders stay small, and that reading loads nothing heavy."""
+"""Imports have one direction, folders are small, and readers do not load heavy packages."""
 
 import ast
 import subprocess
@@ -32,14 +32,14 @@ ROOMS = [
 ]
 HOME = Path(pamjax.__file__).parent
 FILES = sorted(HOME.rglob("*.py"))
-#: Modules that read recordings and tables: a typo in a header must not wait for JAX to load.
+#: Modules that read recordings and tables; they must report errors before JAX is loaded.
 LIGHT = ("pamjax.errors", "pamjax.units", "pamjax.records.case", "pamjax.records.shipped_tables")
 #: A folder with more modules than this needs sub-folders; `model/mechanisms` has one file for each mechanism.
 MAX_MODULES = 20
 
 
 def list_imports(source, typing=True):
-    """(line, module) of everything that a file imports; `typing` includes TYPE_CHECKING."""
+    """Yield (line, module) of all imports of a file; `typing` includes those under TYPE_CHECKING."""
     tree = ast.parse(source)
     skipped = set() if typing else {id(node) for node in _typing_only(tree)}
     for node in ast.walk(tree):
@@ -67,7 +67,7 @@ def room_of(module):
 
 
 def list_violations(source, here):
-    """What a file in room `here` imports from a room to its right, as (line, module)."""
+    """Yield (line, module) of imports in room `here` from a room to its right."""
     for line, module in list_imports(source):
         there = room_of(module)
         if module.startswith("."):
@@ -81,7 +81,7 @@ def module_name(path):
 
 
 def import_graph():
-    """Edges between modules, imports for type checkers left out."""
+    """Yield the edges between modules, without imports for type checkers."""
     modules = {module_name(path) for path in FILES}
     for path in FILES:
         for _, name in list_imports(path.read_text("utf-8"), typing=False):
@@ -91,7 +91,7 @@ def import_graph():
 
 
 def find_cycle(edges):
-    """Nodes that lie on a cycle or lead from one cycle to another: empty where there is none."""
+    """Return the nodes on a cycle or between cycles; empty if there is none."""
     edges = {(a, b) for a, b in edges if a != b}
     while edges:
         inner = {a for a, _ in edges} & {b for _, b in edges}
@@ -103,13 +103,13 @@ def find_cycle(edges):
 
 
 def folder_of(module):
-    """The sub-package of a module; a module directly in a room stands for itself."""
+    """Return the sub-package of a module, or the module itself directly in a room."""
     parts = module.split(".")
     return ".".join(parts[:3])
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: p.relative_to(HOME).as_posix())
-def test_imports_run_one_way(path):
+def test_imports_have_one_direction(path):
     first = path.relative_to(HOME).with_suffix("").parts[0]
     if first in ROOMS:
         assert list(list_violations(path.read_text("utf-8"), first)) == []
@@ -128,19 +128,19 @@ def test_imports_run_one_way(path):
         ("from pamjax.view import theme", "cli", []),
     ],
 )
-def test_a_planted_violation_is_reported(source, here, violations):
+def test_import_in_the_wrong_direction_is_detected(source, here, violations):
     assert list(list_violations(source, here)) == violations
 
 
-def test_no_module_imports_itself_in_a_circle():
+def test_modules_have_no_import_cycle():
     assert find_cycle(import_graph()) == []
 
 
-def test_no_folder_imports_itself_in_a_circle():
+def test_folders_have_no_import_cycle():
     assert find_cycle((folder_of(a), folder_of(b)) for a, b in import_graph()) == []
 
 
-def test_a_planted_cycle_is_reported():
+def test_import_cycle_is_detected():
     assert find_cycle([("a", "b"), ("b", "c"), ("c", "a"), ("c", "d")]) == ["a", "b", "c"]
 
 
@@ -167,5 +167,5 @@ def test_no_room_but_view_loads_matplotlib():
     assert not loaded_after(f"import {modules}", "matplotlib")
 
 
-def test_loading_can_be_seen():
+def test_loaded_package_is_detected():
     assert loaded_after("import pamjax.parameter", "jax")

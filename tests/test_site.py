@@ -1,4 +1,4 @@
-"""The documentation: it builds without a warning, and what its pages show is what happens."""
+"""The documentation site builds without a warning, and its pages show the real output."""
 
 import re
 import shlex
@@ -17,7 +17,7 @@ CAPTION = re.compile(r":caption: (\S+)")
 
 
 def steps(page):
-    """(kind, text): write a file, run a command, read what it printed, run Python, as a reader would."""
+    """Yield (kind, text) of each step of a page: file to write, command, expected output, or Python code."""
     for _, language, options, body in FENCE.findall((DOCS / page).read_text("utf-8")):
         named = CAPTION.search(options)
         if named:
@@ -34,7 +34,7 @@ RUN = [page for page in PAGES if any(kind in ("$", "python") for kind, _ in step
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", RUN)
-def test_what_a_page_shows_happens(page, tmp_path, monkeypatch, capsys):
+def test_commands_of_a_page_give_the_shown_output(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "fits").symlink_to(ROOT / "fits")
     names, printed = {"__name__": page}, ""
@@ -57,22 +57,22 @@ NUMBER = re.compile(r"(?<![a-z])\d+\.?\d*(?:e[+-]\d+)?")
 
 
 def _alike(line, other, rel=0.05):
-    """The same words, and numbers that differ no more than two machines do."""
+    """Return whether two lines have the same words, and numbers within the tolerance between machines."""
     if NUMBER.sub("#", line).split() != NUMBER.sub("#", other).split():
         return False
     pairs = zip(NUMBER.findall(line), NUMBER.findall(other), strict=True)
     return all(float(a) == pytest.approx(float(b), rel=rel, abs=0.01) for a, b in pairs)
 
 
-def test_two_lines_are_alike_by_words_and_numbers():
+def test_lines_are_compared_by_words_and_numbers():
     line = "  force: rmse 6.78 N, its noise 2.51 N"
     assert _alike(line, "force:   rmse 6.79 N, its noise 2.51 N")
     assert not _alike(line, "  force: rmse 7.78 N, its noise 2.51 N")
     assert not _alike(line, "  diameter: rmse 6.78 N, its noise 2.51 N")
 
 
-def test_the_front_shows_what_other_pages_print():
-    """What stands there without being run is an answer of the tutorial or a recipe, whose commands run."""
+def test_front_page_shows_output_of_other_pages():
+    """Output without a command on the front page is part of the tutorial or a recipe, whose commands run."""
     answers = [body for page in RUN for kind, body in steps(page) if kind == "text"]
     printed = {line for body in answers for line in body.splitlines()}
     shown = re.findall(r"^```none\n(.*?)^```", (DOCS / "index.md").read_text("utf-8"), re.S | re.M)
@@ -81,7 +81,7 @@ def test_the_front_shows_what_other_pages_print():
         assert set(body.splitlines()) <= printed
 
 
-def test_the_pages_are_run():
+def test_pages_with_commands_are_run():
     assert {"tutorial.md", "how-to.md", "index.md", "physics.md"} <= set(RUN)
     assert sum(kind == "$" for page in RUN for kind, _ in steps(page)) >= 15
 
@@ -109,7 +109,7 @@ def test_the_site_builds_without_a_warning(tmp_path):
         assert not re.search(r"/tmp/|/home/|/root/", page.read_text("utf-8")), page.name
 
 
-def test_a_page_that_is_wrong_is_told(tmp_path):
+def test_broken_link_fails_the_build(tmp_path):
     for name in ("conf.py", "errata.md"):
         (tmp_path / name).write_bytes((DOCS / name).read_bytes())
     (tmp_path / "conf.py").write_text('extensions = ["myst_parser"]\n')

@@ -1,4 +1,4 @@
-"""Units: the way to SI, the way back, and what is said about a bad one."""
+"""Units: conversion to and from SI, and messages for invalid units."""
 
 import math
 
@@ -36,18 +36,18 @@ POUND_FORCE = 0.45359237 * 9.80665
         ("", "count", 1.0),
     ],
 )
-def test_factor(unit, kind, si):
+def test_conversion_factor(unit, kind, si):
     agree(parse_unit(unit, kind), si, ROUNDING)
     agree(compute_si_factor(unit), si, ROUNDING)
 
 
 @pytest.mark.parametrize("kind", SI_UNITS)
-def test_each_kind_is_one_in_si(kind):
+def test_si_unit_has_factor_one(kind):
     assert parse_unit(SI_UNITS[kind], kind) == 1.0
     assert suggest_units(kind)
 
 
-def test_parse_and_show():
+def test_quantities_are_parsed_and_formatted():
     agree(parse_quantity("9.89 in", "length"), 9.89 * 0.0254, ROUNDING)
     agree(parse_quantity("-.5e2kPa", "pressure"), -5e4, ROUNDING)
     assert parse_quantity(144, "count") == 144.0
@@ -64,34 +64,36 @@ def test_parse_and_show():
             "Write one, such as mm, cm, m or in."),
         ("9.89 s", "length", "a length must have a unit of length; got 's' in muscle.toml. "
             "Use one such as mm, cm, m or in."),
-        ("9.89 furz", "length", "'furz' is no unit that pamjax knows (muscle.toml). "
-            "A length is written as mm, cm, m or in."),
+        ("9.89 furz", "length", "unknown unit 'furz' (muscle.toml). "
+            "Write a length in mm, cm, m or in."),
         ("long", "length", "a quantity is a number and a unit; got 'long' in muscle.toml. "
             "Write mm, cm, m or in after it."),
-        ("3 mm", "count", "this number has no unit; got 'mm' in muscle.toml. Leave the unit out."),
+        ("many", "count", "a dimensionless value is a number without a unit; got 'many' in muscle.toml. "
+            "Write a number."),
+        ("3 mm", "count", "a dimensionless value has no unit; got 'mm' in muscle.toml. Remove the unit."),
         (9.89, "length", "a length needs a unit; got none in muscle.toml. "
             "Write one, such as mm, cm, m or in."),
     ],
 )  # fmt: skip
-def test_a_bad_unit_is_told(text, kind, complaint):
+def test_invalid_unit_is_refused(text, kind, complaint):
     with pytest.raises(BadInput) as told:
         parse_quantity(text, kind, "muscle.toml")
     assert str(told.value) == complaint
 
 
 @pytest.mark.parametrize("text", ["5", " 5 ", "-5e3", "5 1"])
-def test_a_bare_number_where_a_unit_belongs_is_told(text):
+def test_number_without_its_unit_is_refused(text):
     with pytest.raises(BadInput) as told:
         parse_number(text, "Pa", "--with")
-    rule = "this number needs a unit; got " + repr(text.strip())
+    rule = "this value needs a unit; got " + repr(text.strip())
     assert str(told.value) == f"{rule} in --with. Write one that converts to Pa after it."
 
 
-def test_nothing_and_a_pure_number_need_no_unit():
+def test_zero_and_dimensionless_numbers_need_no_unit():
     assert parse_number("0", "Pa") == parse_number("-0.0", "Pa") == 0.0
     assert parse_number("0.2", "1") == 0.2
 
 
-def test_units_outlive_the_environment_that_read_them_first():
-    # A cache on disk is shared by all environments, and keeps paths into the first.
+def test_unit_registry_has_no_cache_on_disk():
+    # All environments would share a cache on disk, which stores paths of the first one.
     assert load_unit_registry()._diskcache is None

@@ -44,17 +44,17 @@ BASELINE_MODEL, SELECTED_MODEL, SAROSI_MODEL, GAUSSIAN_PROCESS_MODEL = (
     "gaussian_process",
 )
 
-#: How a model is called before people.
+#: Display titles of the models.
 MODEL_TITLES = {
     BASELINE_MODEL: "baseline",
-    SELECTED_MODEL: "with names",
+    SELECTED_MODEL: "with mechanisms",
     SAROSI_MODEL: "Sárosi's formula",
-    GAUSSIAN_PROCESS_MODEL: "a Gaussian process",
+    GAUSSIAN_PROCESS_MODEL: "Gaussian process",
 }
 
-#: Fewer settings than this leave none to go beyond.
+#: Smallest number of settings for a test of extrapolation.
 MIN_SETTINGS_FOR_EXTRAPOLATION = 3
-#: Share of the range of contraction that is held out where nothing settles.
+#: Share of the range of lengths that is held out if the recording has no separate settings.
 EXTRAPOLATION_RANGE_SHARE = 0.2
 
 
@@ -106,7 +106,7 @@ class ModelComparison:
         }
 
     def __str__(self) -> str:
-        """Two lines a channel: other models on held-out rows, then all models in extrapolation."""
+        """Return two lines for each channel: held-out blocks, then extrapolation."""
         lines = []
         for split in self.splits:
             for channel in (c for c in self.noise_sd if c in split.rmse[BASELINE_MODEL]):
@@ -118,13 +118,15 @@ class ModelComparison:
                 scores = [_format_rmse(split, m, channel) for m in models if channel in split.rmse[m]]
                 if scores:
                     lines.append(
-                        f"  {_format_split(split)}: {channel} by {', '.join(scores)} {DISPLAY_UNIT[channel]}"
+                        f"  {_format_split(split)}, {channel}: {', '.join(scores)} {DISPLAY_UNIT[channel]}"
                     )
         return "\n".join(lines)
 
 
 def _format_split(split: ComparisonSplit) -> str:
-    return "the same rows" if split.name == HELD_OUT_SPLIT else f"{split.rows_description}, held out"
+    if split.name == HELD_OUT_SPLIT:
+        return "same held-out rows"
+    return f"extrapolation to {split.rows_description}"
 
 
 def _format_rmse(split: ComparisonSplit, model: str, channel: str) -> str:
@@ -239,15 +241,15 @@ def _predict_sarosi(problem: LibraryProblem, training_rows: np.ndarray) -> tuple
     force = np.where(training_rows, problem.measured[0], np.nan)
     law = fit_sarosi(recording.pressure, contraction, force)
     return law.force(recording.pressure, contraction), (
-        "its exponent ran to an end of its range" if law.at_limit else ""
+        "the exponent is at a limit of its range" if law.at_limit else ""
     )
 
 
 def save_comparison(comparison: ModelComparison, folder: Path) -> Path:
     """Write gain.json and return its path."""
     path = folder / "gain.json"
-    with write_atomically(path) as beside:
-        beside.write_text(
+    with write_atomically(path) as temporary:
+        temporary.write_text(
             json.dumps(comparison.as_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8"
         )
     return path

@@ -20,7 +20,7 @@ from pamjax.units import format_quantity
 Vector = NDArray[np.float64]
 
 #: Range of |c| × (span of contraction) that is searched. Below it the exponential is a parabola to 1 %,
-#: above it a step that only the last length feels.
+#: above it a step that affects only the last length.
 MIN_EXPONENT_SPAN, MAX_EXPONENT_SPAN = 0.02, 50.0
 
 
@@ -89,8 +89,8 @@ class Sarosi:
 
     What it leaves out: direction, rate, history and geometry. It is valid only for the fitted muscle.
     Source: J. Sárosi uses such a formula for Festo muscles in *Tehnički vjesnik* 2015, 22(6), 1489,
-    doi 10.17559/TV-20140716143627 (its abstract was checked, the equation was not). It is said to go back
-    to a conference paper of 2012; the year is uncertain.
+    doi 10.17559/TV-20140716143627 (its abstract was checked, the equation was not). The formula probably
+    comes from a conference paper of about 2012.
     """
 
     a: float
@@ -165,7 +165,7 @@ def fit_sarosi(pressure: ArrayLike, contraction: ArrayLike, force: ArrayLike) ->
     """
     p, k, tension = _drop_blank_rows(pressure=pressure, contraction=contraction, force=force)
     if p.size < 6:
-        raise refuse("six coefficients need six rows or more", f"{p.size}", remedy="Measure more settings.")
+        raise refuse("six coefficients need at least six rows", f"{p.size}", remedy="Measure more settings.")
     _check_settings(p, 2, "pressure", "Pa")
     _check_settings(k, 3, "contraction", "")
     rate, at_limit = _search_exponent(p, k, tension)
@@ -176,7 +176,7 @@ def fit_sarosi(pressure: ArrayLike, contraction: ArrayLike, force: ArrayLike) ->
 def _search_exponent(p: Vector, k: Vector, force: Vector) -> tuple[float, bool]:
     """Return the c with the smallest misfit, and whether it is at a bound of the search range."""
     span = np.ptp(k)
-    # Where all contractions lie close together far from zero, exp(c κ) itself must stay a number.
+    # If all contractions are close together and far from zero, exp(c κ) must not overflow.
     high = min(MAX_EXPONENT_SPAN, 300 * span / np.abs(k).max())
     sizes = np.linspace(np.log(MIN_EXPONENT_SPAN), np.log(high), 60)
     sides = []
@@ -217,14 +217,15 @@ def _fit_gaylord_coefficients(p: Vector, l: Vector, force: Vector) -> tuple[Vect
     design = np.column_stack([p * (l**2 - longest**2 / 3), -p])
     scale = np.linalg.norm(design, axis=0)
     if not scale.all():
-        raise refuse("some `pressure` must differ from zero", "0 Pa in every row", remedy="Check its column.")
+        rule = "`pressure` must differ from zero in some row"
+        raise refuse(rule, "0 Pa in every row", remedy="Check its column.")
     scaled, norm = nnls(design / scale, force)
     return scaled / scale, float(norm**2)
 
 
 def _fit_sarosi_coefficients(rate: float, p: Vector, k: Vector, force: Vector) -> tuple[Vector, float]:
     """Return the coefficients a, b, d, e, f for a given c, and the sum of squares."""
-    # Measured from the end where it is largest the exponential cannot overflow; a and b are moved back after.
+    # The exponential is scaled by its largest value to avoid overflow; a and b are scaled back afterwards.
     end = k.max() if rate > 0 else k.min()
     curve = np.exp(rate * (k - end))
     design = np.column_stack([p * curve, curve, k * p, p, np.ones_like(p)])
@@ -241,11 +242,11 @@ def _drop_blank_rows(**columns: ArrayLike) -> list[Vector]:
     sizes = {name: array.size for name, array in arrays.items()}
     if len(set(sizes.values())) > 1:
         got = ", ".join(f"{size} of `{name}`" for name, size in sizes.items())
-        raise refuse("columns must have as many rows as each other", got, remedy="Pass one row a sample.")
-    whole = np.all(np.isfinite(list(arrays.values())), axis=0)
-    if not whole.any():
-        raise refuse("a fit needs rows in which nothing is blank", "none", remedy="Check the columns.")
-    return [array[whole] for array in arrays.values()]
+        raise refuse("columns must have the same number of rows", got, remedy="Pass one row for each sample.")
+    complete_rows = np.all(np.isfinite(list(arrays.values())), axis=0)
+    if not complete_rows.any():
+        raise refuse("a fit needs rows without blank values", "none", remedy="Check the columns.")
+    return [array[complete_rows] for array in arrays.values()]
 
 
 def _check_settings(values: Vector, min_count: int, name: str, unit: str) -> None:

@@ -51,8 +51,8 @@ def build_inputs(problem: LibraryProblem) -> np.ndarray:
 
 
 def _compute_rate_sign(rate: np.ndarray) -> np.ndarray:
-    fast = float(np.nanquantile(np.abs(rate), 0.95)) if rate.size else 0.0
-    return np.where(np.abs(rate) > MIN_RATE_SHARE * fast, np.sign(rate), 0.0)
+    high_rate = float(np.nanquantile(np.abs(rate), 0.95)) if rate.size else 0.0
+    return np.where(np.abs(rate) > MIN_RATE_SHARE * high_rate, np.sign(rate), 0.0)
 
 
 def find_widest_gap(values: np.ndarray) -> float:
@@ -89,14 +89,14 @@ def predict_discrepancy(
     from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
     from threadpoolctl import threadpool_limits
 
-    known = np.all(np.isfinite(x), axis=1)
-    rows = np.flatnonzero(training_rows & known & np.isfinite(residual))
+    complete_rows = np.all(np.isfinite(x), axis=1)
+    rows = np.flatnonzero(training_rows & complete_rows & np.isfinite(residual))
     rows = rows[np.unique(np.linspace(0, rows.size - 1, min(MAX_TRAINING_ROWS, rows.size)).astype(int))]
     out = np.full(residual.size, np.nan)
     residual_rms = float(np.sqrt(np.mean(residual[rows] ** 2))) or 1.0
-    nearest = [(find_widest_gap(x[rows, k]), MAX_LENGTH_SCALE) for k in range(x.shape[1])]
-    start = np.clip(1.0, *np.array(nearest).T)
-    kernel = ConstantKernel(1.0, (1e-4, 1e4)) * RBF(cast(Any, start), cast(Any, nearest))
+    length_scale_bounds = [(find_widest_gap(x[rows, k]), MAX_LENGTH_SCALE) for k in range(x.shape[1])]
+    start = np.clip(1.0, *np.array(length_scale_bounds).T)
+    kernel = ConstantKernel(1.0, (1e-4, 1e4)) * RBF(cast(Any, start), cast(Any, length_scale_bounds))
     process = GaussianProcessRegressor(
         kernel + WhiteKernel(0.01, (1e-8, 10.0)), n_restarts_optimizer=1, random_state=seed
     )
@@ -105,5 +105,5 @@ def predict_discrepancy(
         # A length scale at its limit is a valid result: the input has no effect, or a very local one.
         warnings.simplefilter("ignore", ConvergenceWarning)
         process.fit(x[rows], residual[rows] / residual_rms)
-    out[known] = residual_rms * np.asarray(process.predict(x[known]))
+    out[complete_rows] = residual_rms * np.asarray(process.predict(x[complete_rows]))
     return out

@@ -207,12 +207,12 @@ def _draw_shape(
             low, high = problem.case.recording.time[[0, -1]]
         edge = 0.02 * (high - low) if problem.meanings[k].scale != "log" else 0.0
         drawn = np.clip(rng.standard_normal(), -2, 2)
-        near = (
+        value_drawn = (
             value + problem.prior_sd[k] * drawn
             if math.isfinite(problem.prior_sd[k])
             else value * math.exp(LOG_SHAPE_SD * drawn)
         )
-        out[k] = np.clip(near, low + edge, high - edge)
+        out[k] = np.clip(value_drawn, low + edge, high - edge)
     return out
 
 

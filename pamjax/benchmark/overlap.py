@@ -79,8 +79,8 @@ def compute_overlap(axes: RecordingAxes, claims: Sequence[Box], boxes: Sequence[
 def compute_blind_overlap(axes: RecordingAxes, boxes: Sequence[Box]) -> float:
     """Return the overlap of a box over the whole recording, for comparison."""
     pressure, contraction, time = (span for span in _compute_domain(axes).values())
-    whole = [Box(channel, "both", pressure, contraction, time, 1.0, "") for channel in CHANNELS]
-    return compute_overlap(axes, whole, boxes)
+    whole_recording = [Box(channel, "both", pressure, contraction, time, 1.0, "") for channel in CHANNELS]
+    return compute_overlap(axes, whole_recording, boxes)
 
 
 def _compute_domain(axes: RecordingAxes) -> dict[str, tuple[float, float]]:

@@ -18,8 +18,8 @@ from pamjax.benchmark.trial import Trial, TrialTask, parse_trial
 from pamjax.errors import refuse
 from pamjax.progress import Progress, ignore_progress
 
-#: One thread a process: two processes with two threads each are slower than with one. (Not the compiler's
-#: flags: programs compiled under other flags would not be found in the cache.)
+#: One thread for each process: two processes with two threads each are slower than with one. The compiler's
+#: flags remain unchanged, because cached programs are only valid for the same flags.
 SINGLE_THREAD_ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 TrialRunner = Callable[[TrialTask], Trial]
@@ -46,15 +46,15 @@ def run_proof(
     Returns:
         the trials of these tasks, in their order.
     """
-    have = {trial.key: trial for trial in read_trials(file)} if file.exists() else {}
-    wanted = [task for task in tasks if task.key not in have]
+    trials_by_key = {trial.key: trial for trial in read_trials(file)} if file.exists() else {}
+    missing_tasks = [task for task in tasks if task.key not in trials_by_key]
     for done, trial in enumerate(
-        _run_trials(wanted, workers, attempt or pamjax.benchmark.trial.run_trial), start=1
+        _run_trials(missing_tasks, workers, attempt or pamjax.benchmark.trial.run_trial), start=1
     ):
         _append_trial(file, trial)
-        have[trial.key] = trial
-        progress(f"{done} of {len(wanted)}", done / len(wanted))
-    return [have[task.key] for task in tasks]
+        trials_by_key[trial.key] = trial
+        progress(f"{done} of {len(missing_tasks)}", done / len(missing_tasks))
+    return [trials_by_key[task.key] for task in tasks]
 
 
 def _run_trials(tasks: Sequence[TrialTask], workers: int, attempt: TrialRunner) -> Iterator[Trial]:
@@ -68,13 +68,15 @@ def _run_trials(tasks: Sequence[TrialTask], workers: int, attempt: TrialRunner) 
             min(workers, len(tasks)), mp_context=spawn, initializer=_initialise_worker
         ) as pool,
     ):
-        left = iter(tasks)
-        running = {pool.submit(attempt, task) for task in islice(left, 2 * workers)}
+        remaining_tasks = iter(tasks)
+        running = {pool.submit(attempt, task) for task in islice(remaining_tasks, 2 * workers)}
         try:
             while running:
-                over, running = wait(running, return_when=FIRST_COMPLETED)
-                running |= {pool.submit(attempt, task) for task in islice(left, len(over))}
-                yield from (finished.result() for finished in over)
+                finished_runs, running = wait(running, return_when=FIRST_COMPLETED)
+                running |= {
+                    pool.submit(attempt, task) for task in islice(remaining_tasks, len(finished_runs))
+                }
+                yield from (finished.result() for finished in finished_runs)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
@@ -142,7 +144,7 @@ def read_trials(file: Path) -> list[Trial]:
             continue
         except (ValueError, TypeError, KeyError, AttributeError) as error:
             raise refuse(
-                "trials stand one a line, as `pamjax prove` writes them", "something else",
+                "each line must be one trial that `pamjax prove` wrote", "something else",
                 f"line {number} of {file.name}", "Name another folder with --out.",
             ) from error  # fmt: skip
     return trials
@@ -161,6 +163,6 @@ def build_tasks(
         TrialTask(stage, kind, correlation, number, seed, with_baselines, form_error)
         for number in range(max(counts.values(), default=0))
         for correlation in correlations
-        for kind, many in counts.items()
-        if number < many
+        for kind, count in counts.items()
+        if number < count
     ]

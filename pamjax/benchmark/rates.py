@@ -11,31 +11,34 @@ from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
-from scipy.stats import beta
 
 
 @dataclass(frozen=True)
 class Rate:
-    """A number of hits in a total."""
+    """A number of hits in a total number of outcomes."""
 
     hits: int
     total: int
 
     @classmethod
     def from_outcomes(cls, outcomes: Iterable[bool]) -> Rate:
-        hits = [bool(b) for b in outcomes]
+        """Return the rate of true outcomes."""
+        hits = [bool(outcome) for outcome in outcomes]
         return cls(sum(hits), len(hits))
 
     @property
     def share(self) -> float:
+        """Return hits over total; NaN without data."""
         return self.hits / self.total if self.total else float("nan")
 
     def compute_interval(self, level: float = 0.95) -> tuple[float, float]:
         """Return the exact two-sided interval; (0, 1) without data."""
-        tail, hits, of = (1 - level) / 2, self.hits, self.total
-        low = float(beta.ppf(tail, hits, of - hits + 1)) if hits else 0.0
-        high = float(beta.ppf(1 - tail, hits + 1, of - hits)) if hits < of else 1.0
-        return low, high
+        from scipy.stats import binomtest
+
+        if not self.total:
+            return 0.0, 1.0
+        interval = binomtest(self.hits, self.total).proportion_ci(level, method="exact")
+        return float(interval.low), float(interval.high)
 
     @property
     def upper_limit(self) -> float:
@@ -43,13 +46,14 @@ class Rate:
         return self.compute_interval(0.90)[1]
 
     def as_dict(self) -> dict[str, Any]:
+        """Return hits, total, share and 95 % interval."""
         low, high = self.compute_interval()
         share = self.share if self.total else None
         return {"hits": self.hits, "of": self.total, "share": share, "low": low, "high": high}
 
     def __str__(self) -> str:
         if not self.total:
-            return "none to count"
+            return "no data"
         low, high = self.compute_interval()
         return f"{self.hits} of {self.total}: {self.share:.1%} ({low:.1%} to {high:.1%})"
 
@@ -59,7 +63,7 @@ class TableLine:
     """One line of a table: a label and a rate with its interval, or another number.
 
     Attributes:
-        label: what was counted, in words.
+        label: description of the result.
         rate: rate of pamjax; None if the number is no rate.
         text: result of pamjax, as text.
         common_practice: result of common practice, or "".
@@ -85,7 +89,7 @@ def build_rate_line(
 def format_markdown(lines: Sequence[TableLine]) -> str:
     """Return the table in Markdown."""
     rows = [f"| {x.label} | {x.text} | {x.common_practice} | {x.target} |" for x in lines]
-    return "\n".join(["| what | pamjax | common practice | aim |", "|---|---|---|---|", *rows, ""])
+    return "\n".join(["| result | pamjax | common practice | target |", "|---|---|---|---|", *rows, ""])
 
 
 def build_rows(lines: Sequence[TableLine]) -> list[dict[str, Any]]:

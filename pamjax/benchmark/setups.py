@@ -50,7 +50,7 @@ class Setup:
 def build_reference_setup() -> Setup:
     """Return the fixed reference setup: the muscle of the paper with softer threads, at five isobars."""
     entry = MuscleToml(
-        name="a known muscle",
+        name="reference muscle",
         rest_length=MeasuredValue(0.2357),
         thread_length=MeasuredValue(0.2512, 0.4e-3),
         turns=MeasuredValue(1.09, 0.004),
@@ -85,42 +85,45 @@ def draw_setup(rng: np.random.Generator, rows: int = DRAWN_RECORDING_ROWS, law: 
     rest_length = diameter * rng.uniform(8.0, 16.0)
     thread = rest_length / math.sin(angle)
     turns = thread * math.cos(angle) / (math.pi * diameter)
-    top = rng.uniform(300e3, 700e3)
-    load = top * rest_length * thread / (2 * math.pi * turns**2)
-    stiffness = float(np.clip(load / _draw_log_uniform(rng, 0.003, 0.03), 2e3, 5e6))
-    full = top * (3 * rest_length**2 - thread**2) / (4 * math.pi * turns**2)
+    highest_pressure = rng.uniform(300e3, 700e3)
+    thread_load = highest_pressure * rest_length * thread / (2 * math.pi * turns**2)
+    stiffness = float(np.clip(thread_load / _draw_log_uniform(rng, 0.003, 0.03), 2e3, 5e6))
+    full_scale_force = highest_pressure * (3 * rest_length**2 - thread**2) / (4 * math.pi * turns**2)
     law = law or ("inelastic" if rng.random() < INELASTIC_SHARE else "elastic")
     entry = MuscleToml(
-        name="a drawn muscle",
+        name="random muscle",
         rest_length=MeasuredValue(rest_length),
         thread_length=MeasuredValue(thread, THREAD_LENGTH_SD_SHARE * thread),
         turns=MeasuredValue(turns, TURNS_SD),
         stiffness=MeasuredValue(stiffness, STIFFNESS_SD_SHARE * stiffness),
         sensors=Sensors(
-            force=full * _draw_log_uniform(rng, 3e-4, 2e-3),
+            force=full_scale_force * _draw_log_uniform(rng, 3e-4, 2e-3),
             diameter=diameter * _draw_log_uniform(rng, 1e-3, 4e-3),
-            pressure=top * _draw_log_uniform(rng, 3e-4, 1.5e-3),
+            pressure=highest_pressure * _draw_log_uniform(rng, 3e-4, 1.5e-3),
             length=rest_length * _draw_log_uniform(rng, 3e-5, 1.5e-4),
         ),
         baseline=law,
     )
     # Free contraction of inextensible threads of this angle: 3 L² = B².
-    free = 1 - 1 / (math.sqrt(3) * math.sin(angle))
+    free_contraction = 1 - 1 / (math.sqrt(3) * math.sin(angle))
     draw_protocol = _draw_ramps if rng.random() < RAMP_BENCH_SHARE else _draw_strokes
-    return Setup(entry, _build_plan(draw_protocol(rng, top, free, rest_length, rows), rest_length))
+    return Setup(
+        entry,
+        _build_plan(draw_protocol(rng, highest_pressure, free_contraction, rest_length, rows), rest_length),
+    )
 
 
 def _draw_strokes(
-    rng: np.random.Generator, top: float, free: float, rest_length: float, rows: int
+    rng: np.random.Generator, highest_pressure: float, free_contraction: float, rest_length: float, rows: int
 ) -> Protocol:
     """Draw two strokes at each of five pressures, longer at higher pressures."""
     shares = np.linspace(0.16, 1.0, 5) * rng.uniform([0.9] * 5, [1.0] * 5)
-    reach = free * np.linspace(rng.uniform(0.3, 0.5), rng.uniform(0.65, 0.78), 5)
+    reach = free_contraction * np.linspace(rng.uniform(0.3, 0.5), rng.uniform(0.65, 0.78), 5)
     speed = _draw_log_uniform(rng, 0.004, 0.012) * rest_length
     seconds = 4 * float(reach.sum()) * rest_length / speed
     return Protocol(
         kind="strokes",
-        pressures=[f"{share * top:.0f} Pa" for share in shares],
+        pressures=[f"{share * highest_pressure:.0f} Pa" for share in shares],
         contractions=[float(k) for k in reach.round(3)],
         cycles=2,
         speed=f"{speed * 1e3:.6f} mm/s",
@@ -129,13 +132,15 @@ def _draw_strokes(
     )
 
 
-def _draw_ramps(rng: np.random.Generator, top: float, free: float, rest_length: float, rows: int) -> Protocol:
+def _draw_ramps(
+    rng: np.random.Generator, highest_pressure: float, free_contraction: float, rest_length: float, rows: int
+) -> Protocol:
     """Draw two pressure ramps at each of five lengths."""
     duration = rng.uniform(15.0, 60.0)
-    reach = free * np.linspace(0.0, rng.uniform(0.6, 0.75), 5)
+    reach = free_contraction * np.linspace(0.0, rng.uniform(0.6, 0.75), 5)
     return Protocol(
         kind="ramps",
-        pressures=[f"{top:.0f} Pa"],
+        pressures=[f"{highest_pressure:.0f} Pa"],
         contractions=[float(k) for k in reach.round(3)],
         cycles=2,
         duration=f"{duration:.3f} s",

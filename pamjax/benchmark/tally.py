@@ -15,13 +15,15 @@ from scipy.stats import kstest
 from pamjax.benchmark.rates import Rate, TableLine, build_rate_line
 from pamjax.benchmark.trial import Trial
 
-#: Effect, in noise standard deviations, from which it is obvious, and from which pairs and triples count.
+#: Titles of the stages of a trial.
+STAGE_TITLES = {"all": "whole diagnosis", "score": "test of the baseline only"}
+#: Effect sizes, in noise standard deviations, that are large for one effect and clear in pairs and triples.
 OBVIOUS_EFFECT_SD, CLEAR_EFFECT_SD = 8.0, 5.0
-#: 90 % intervals reach so many standard deviations.
+#: Half-width of a 90 % interval, in standard deviations.
 NORMAL_QUANTILE_95 = 1.6449
-#: Held-out error over noise that counts as down to the noise.
+#: Held-out error over noise up to which the model predicts to within noise.
 MAX_ERROR_NOISE_RATIO = 1.15
-#: Edges of the stated probabilities that are held against how often they were right.
+#: Edges of the bins of reported probabilities, for comparison with the share of right names.
 PROBABILITY_EDGES = (0.5, 0.8, 0.95, 0.995, 1.0)
 
 
@@ -31,49 +33,62 @@ def tabulate_false_alarms(trials: Sequence[Trial]) -> list[TableLine]:
     nothing = [t for t in trials if t.kind == "nothing" and not t.error]
     for stage, correlation in dict.fromkeys((t.stage, t.correlation) for t in nothing):
         group = [t for t in nothing if (t.stage, t.correlation) == (stage, correlation)]
-        p = [t.p_value for t in group]
-        hits_by_word = {"detected (p < 0.01)": [t.detected for t in group]}
+        p_values = [t.p_value for t in group]
+        hits_by_label = {"detected (p < 0.01)": [t.detected for t in group]}
         if stage == "all":
-            hits_by_word |= {
-                "named": [bool(t.named) for t in group],
-                "unexplained": [t.unexplained for t in group],
-                "an alarm of any kind": [t.is_alarm for t in group],
+            hits_by_label |= {
+                "a mechanism named": [bool(t.named) for t in group],
+                "an unexplained misfit reported": [t.unexplained for t in group],
+                "any alarm": [t.is_alarm for t in group],
             }
-        where = f"noise {correlation:g}, {'scoring stage' if stage == 'score' else 'whole pipeline'}"
-        for word, hits in hits_by_word.items():
+        where = f"noise correlation {correlation:g}, {STAGE_TITLES[stage]}"
+        for label, hits in hits_by_label.items():
             rate = Rate.from_outcomes(hits)
-            usual = ""
-            if word == "named":
-                asked = [t for t in group if t.selected is not None]
-                usual = str(Rate.from_outcomes(bool(t.selected) for t in asked)) if asked else ""
+            common_practice = ""
+            if label == "a mechanism named":
+                with_baselines = [t for t in group if t.selected is not None]
+                common_practice = (
+                    str(Rate.from_outcomes(bool(t.selected) for t in with_baselines))
+                    if with_baselines
+                    else ""
+                )
             lines.append(
                 TableLine(
-                    f"{where}: {word}", rate, f"{rate}; at most {rate.upper_limit:.1%}", usual, "at most 2 %"
+                    f"{where}: {label}",
+                    rate,
+                    f"{rate}; at most {rate.upper_limit:.1%}",
+                    common_practice,
+                    "at most 2 %",
                 )
             )
-        test = kstest(p, "uniform")
-        below = ", ".join(f"{np.mean(np.array(p) < edge):.3f} below {edge:g}" for edge in (0.05, 0.1, 0.5))
-        text = f"p = {test.pvalue:.2g} (distance {test.statistic:.3f}); {below}"
-        lines.append(
-            TableLine(f"{where}: are p-values uniform (Kolmogorov-Smirnov)", None, text, "", "uniform")
+        test = kstest(p_values, "uniform")
+        below = ", ".join(
+            f"{np.mean(np.array(p_values) < edge):.3f} below {edge:g}" for edge in (0.05, 0.1, 0.5)
         )
+        text = f"p = {test.pvalue:.2g} (distance {test.statistic:.3f}); {below}"
+        lines.append(TableLine(f"{where}: uniform p-values (Kolmogorov-Smirnov)", None, text, "", "uniform"))
     return lines
 
 
 def tabulate_recovery(trials: Sequence[Trial]) -> list[TableLine]:
     """Return the lines on identified injected effects and on wrongly identified mechanisms."""
-    some = [t for t in trials if t.stage == "all" and not t.error and t.kind in ("single", "pair", "triple")]
-    asked = [t for t in some if t.selected is not None]
-    single, several = [t for t in some if t.kind == "single"], [t for t in some if t.kind != "single"]
+    effect_trials = [
+        t for t in trials if t.stage == "all" and not t.error and t.kind in ("single", "pair", "triple")
+    ]
+    with_selection = [t for t in effect_trials if t.selected is not None]
+    single, several = (
+        [t for t in effect_trials if t.kind == "single"],
+        [t for t in effect_trials if t.kind != "single"],
+    )
     lines = []
     for word, low, high, target in (
-        ("just detectable (3 to 8 sd)", 0.0, OBVIOUS_EFFECT_SD, ">= 80 %"),
-        ("obvious (8 sd and more)", OBVIOUS_EFFECT_SD, np.inf, ">= 95 %"),
+        ("of 3 to 8 sd", 0.0, OBVIOUS_EFFECT_SD, ">= 80 %"),
+        ("of 8 sd or more", OBVIOUS_EFFECT_SD, np.inf, ">= 95 %"),
     ):
         sized = [t for t in single if low <= t.sizes[0] < high]
         lines.append(
             build_rate_line(
-                f"single, {word}: first name right",
+                f"one effect {word}: first name right",
                 [bool(t.names_right) and t.names_right[0] for t in sized],
                 [_is_first_right(t) for t in sized if t.selected is not None],
                 target,
@@ -81,44 +96,54 @@ def tabulate_recovery(trials: Sequence[Trial]) -> list[TableLine]:
         )
         lines.append(
             build_rate_line(
-                f"single, {word}: exactly that and nothing besides",
+                f"one effect {word}: only this effect named",
                 [t.is_exact for t in sized],
                 [set(t.selected or ()) == set(t.concealed) for t in sized if t.selected is not None],
             )
         )
-    for word, group in (("single", single), ("pairs and triples", several)):
+    for word, group in (
+        ("recordings with one effect", single),
+        ("recordings with two or three effects", several),
+    ):
         lines += _tabulate_names(word, group)
     lines.append(
         build_rate_line(
-            "pairs and triples: exactly the set",
+            "two or three effects: exactly these effects named",
             [t.is_exact for t in several],
             [set(t.selected or ()) == set(t.concealed) for t in several if t.selected is not None],
         )
     )
     outside = [t for t in trials if t.kind == "outside" and t.stage == "all" and not t.error]
-    with_baselines = [t for t in outside if t.selected is not None]
+    outside_with_selection = [t for t in outside if t.selected is not None]
     lines.append(
         build_rate_line(
-            "outside the catalogue: unexplained", [t.unexplained for t in outside], None, ">= 90 %"
+            "effect outside the library: an unexplained misfit reported",
+            [t.unexplained for t in outside],
+            None,
+            ">= 90 %",
         )
     )
     lines.append(
         build_rate_line(
-            "outside the catalogue: given a name",
+            "effect outside the library: a mechanism named",
             [bool(t.named) for t in outside],
-            [bool(t.selected) for t in with_baselines],
+            [bool(t.selected) for t in outside_with_selection],
             "<= 10 %",
         )
     )
     lines.append(
         build_rate_line(
-            "one to three effects: something said to be unexplained", [t.unexplained for t in some]
+            "one to three effects: an unexplained misfit reported", [t.unexplained for t in effect_trials]
         )
     )
-    offered = [(t, tie) for t in some for ties in t.ties for tie in ties]
-    real = [any((id, tie) in t.stand_ins for id in t.concealed) for t, tie in offered]
-    lines.append(build_rate_line("ids offered as ties that truly are", real))
-    return [line for line in lines if line.rate and line.rate.total] if asked or some or outside else []
+    reported_ties = [(t, tie) for t in effect_trials for ties in t.ties for tie in ties]
+    are_indistinguishable = [any((id, tie) in t.stand_ins for id in t.concealed) for t, tie in reported_ties]
+    lines.append(build_rate_line("reported ties that are indistinguishable", are_indistinguishable))
+    return (
+        [line for line in lines if line.rate and line.rate.total]
+        if with_selection or effect_trials or outside
+        else []
+    )
 
 
 def _is_first_right(t: Trial) -> bool:
@@ -127,23 +152,23 @@ def _is_first_right(t: Trial) -> bool:
 
 def _tabulate_names(word: str, group: Sequence[Trial]) -> list[TableLine]:
     """Return recall of all effects and of clear ones, precision and F1."""
-    asked = [t for t in group if t.selected is not None]
+    with_selection = [t for t in group if t.selected is not None]
     clear = [(t, i) for t in group for i, size in enumerate(t.sizes) if size >= CLEAR_EFFECT_SD]
     lines = [
         build_rate_line(
             f"{word}: effects named",
             [hit for t in group for hit in t.effects_found],
-            [id in (t.selected or ()) for t in asked for id in t.concealed],
+            [id in (t.selected or ()) for t in with_selection for id in t.concealed],
         ),
         build_rate_line(
-            f"{word}: effects of {CLEAR_EFFECT_SD:g} sd and more named",
+            f"{word}: effects of {CLEAR_EFFECT_SD:g} sd or more named",
             [t.effects_found[i] for t, i in clear],
             [t.concealed[i] in (t.selected or ()) for t, i in clear if t.selected is not None],
         ),
         build_rate_line(
-            f"{word}: names that are right",
+            f"{word}: right names",
             [hit for t in group for hit in t.names_right],
-            [id in t.concealed for t in asked for id in t.selected or ()],
+            [id in t.concealed for t in with_selection for id in t.selected or ()],
             ">= 90 %",
         ),
     ]
@@ -152,7 +177,7 @@ def _tabulate_names(word: str, group: Sequence[Trial]) -> list[TableLine]:
         f1 = 2 * recall.share * precision.share / (recall.share + precision.share)
         lines.append(
             TableLine(
-                f"{word}: F1 (effects of {CLEAR_EFFECT_SD:g} sd and more)", recall, f"{f1:.2f}", "", ">= 0.85"
+                f"{word}: F1 (effects of {CLEAR_EFFECT_SD:g} sd or more)", recall, f"{f1:.2f}", "", ">= 0.85"
             )
         )
     return lines
@@ -169,9 +194,9 @@ def compute_reliability(trials: Sequence[Trial]) -> list[tuple[float, Rate]]:
     out = []
     for low, high in pairwise(PROBABILITY_EDGES):
         last = high == PROBABILITY_EDGES[-1]
-        some = [(p, hit) for p, hit in pairs if low <= p and (p < high or last)]
-        if some:
-            out.append((float(np.mean([p for p, _ in some])), Rate.from_outcomes(hit for _, hit in some)))
+        binned = [(p, hit) for p, hit in pairs if low <= p and (p < high or last)]
+        if binned:
+            out.append((float(np.mean([p for p, _ in binned])), Rate.from_outcomes(hit for _, hit in binned)))
     return out
 
 
@@ -193,53 +218,67 @@ def compute_coverage(trials: Sequence[Trial], own: bool, same: bool = True) -> R
 
 
 def tabulate_quantities(trials: Sequence[Trial]) -> list[TableLine]:
-    """Return the lines on probabilities, intervals, held-out errors and located boxes."""
-    some = [t for t in trials if t.stage == "all" and not t.error]
-    real = [t for t in some if t.kind in ("single", "pair", "triple")]
+    """Return the lines on probabilities, intervals, held-out errors and located regions."""
+    full_trials = [t for t in trials if t.stage == "all" and not t.error]
+    effect_trials = [t for t in full_trials if t.kind in ("single", "pair", "triple")]
     lines = []
-    for mean, rate in compute_reliability(some):
-        lines.append(TableLine(f"names given with probability {mean:.3f} on average: right", rate, str(rate)))
-    for word, own in (("numbers of right names", False), ("baseline's numbers, names exactly right", True)):
-        rate = compute_coverage(real, own)
+    for mean, rate in compute_reliability(full_trials):
+        lines.append(TableLine(f"names with a mean probability of {mean:.3f}: right", rate, str(rate)))
+    for word, own in (
+        ("parameters of right names", False),
+        ("parameters of the baseline, if all names are right", True),
+    ):
+        rate = compute_coverage(effect_trials, own)
         lines.append(
-            TableLine(f"90 % intervals that hold the truth: {word}", rate, str(rate), "", "85 to 95 %")
+            TableLine(
+                f"90 % intervals that contain the true value: {word}", rate, str(rate), "", "85 to 95 %"
+            )
         )
-    stiff = [n for t in real for n in t.numbers if n.name.startswith("thread.") and n.same and n.sd > 0]
-    rate = Rate.from_outcomes(abs(n.value - n.true) <= NORMAL_QUANTILE_95 * n.sd for n in stiff)
+    stiffness_estimates = [
+        n for t in effect_trials for n in t.numbers if n.name.startswith("thread.") and n.same and n.sd > 0
+    ]
+    rate = Rate.from_outcomes(abs(n.value - n.true) <= NORMAL_QUANTILE_95 * n.sd for n in stiffness_estimates)
     lines.append(
-        TableLine("90 % intervals that hold the truth: threads' stiffness", rate, str(rate), "", "85 to 95 %")
+        TableLine(
+            "90 % intervals that contain the true value: thread stiffness", rate, str(rate), "", "85 to 95 %"
+        )
     )
-    scores = [t for t in real if "force" in t.after]
+    scored_trials = [t for t in effect_trials if "force" in t.after]
     lines.append(
         build_rate_line(
-            f"held-out force down to {MAX_ERROR_NOISE_RATIO:g} of its noise",
-            [t.after["force"] <= MAX_ERROR_NOISE_RATIO for t in scores],
-            [t.selected_after <= MAX_ERROR_NOISE_RATIO for t in scores if t.selected_after is not None],
+            f"held-out force error at most {MAX_ERROR_NOISE_RATIO:g} times the noise",
+            [t.after["force"] <= MAX_ERROR_NOISE_RATIO for t in scored_trials],
+            [
+                t.selected_after <= MAX_ERROR_NOISE_RATIO
+                for t in scored_trials
+                if t.selected_after is not None
+            ],
             "all",
         )
     )
-    lines += _tabulate_medians(scores)
-    boxes = [t for t in real if t.iou is not None]
+    lines += _tabulate_medians(scored_trials)
+    boxes = [t for t in effect_trials if t.iou is not None]
     if boxes:
         blind, mean_overlap = (np.mean([getattr(t, word) for t in boxes]) for word in ("iou_blind", "iou"))
         error = np.std([t.iou for t in boxes if t.iou is not None]) / np.sqrt(len(boxes))
-        text = f"{mean_overlap:.2f} ± {error:.2f}; all of the recording {blind:.2f}"
-        lines.append(TableLine("located box: mean overlap with a true one", None, text, "", ">= 0.75"))
+        text = f"{mean_overlap:.2f} ± {error:.2f}; whole recording {blind:.2f}"
+        lines.append(TableLine("located region: mean overlap with a true region", None, text, "", ">= 0.75"))
     return [line for line in lines if line.rate is None or line.rate.total]
 
 
 def _tabulate_medians(scores: Sequence[Trial]) -> list[TableLine]:
     columns = {
         "baseline": [t.before["force"] for t in scores],
-        "named": [t.after["force"] for t in scores],
+        "with mechanisms": [t.after["force"] for t in scores],
         "selected by BIC": [t.selected_after for t in scores if t.selected_after is not None],
         "Gaussian process": [t.curve_after for t in scores if t.curve_after is not None],
     }
     text = {word: f"{np.median(v):.2f} ({np.quantile(v, 0.9):.2f})" for word, v in columns.items() if len(v)}
-    mine = ", ".join(f"{word} {text[word]}" for word in ("baseline", "named") if word in text)
-    usual = ", ".join(f"{word} {v}" for word, v in text.items() if word not in ("baseline", "named"))
-    what = "held-out force error over its noise: median (nine in ten below)"
-    return [TableLine(what, None, mine, usual)] if text else []
+    own_models = ("baseline", "with mechanisms")
+    pamjax_text = ", ".join(f"{word} {text[word]}" for word in own_models if word in text)
+    common_practice_text = ", ".join(f"{word} {v}" for word, v in text.items() if word not in own_models)
+    label = "held-out force error over noise: median (90 % quantile)"
+    return [TableLine(label, None, pamjax_text, common_practice_text)] if text else []
 
 
 def tabulate_trials(trials: Sequence[Trial]) -> list[TableLine]:
@@ -250,5 +289,5 @@ def tabulate_trials(trials: Sequence[Trial]) -> list[TableLine]:
         lines += tabulate_quantities(trials)
     if failed:
         rate = Rate(len(failed), len(trials))
-        lines.append(TableLine(f"recordings without a verdict ({failed[0].error})", rate, str(rate)))
+        lines.append(TableLine(f"recordings without a diagnosis ({failed[0].error})", rate, str(rate)))
     return lines

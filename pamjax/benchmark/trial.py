@@ -19,12 +19,13 @@ from pamjax.benchmark.stand_in import is_indistinguishable
 from pamjax.diagnosis.crossval.gain import select_held_out_rows
 from pamjax.diagnosis.detect.regions import build_axes
 from pamjax.diagnosis.detect.score_test import compute_score_directions
-from pamjax.diagnosis.detect.significance import DETECTION_P_VALUE, Significance, compute_significance
+from pamjax.diagnosis.detect.significance import Significance, compute_significance
 from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import build_library_problem
 from pamjax.diagnosis.refit.candidate_fit import fit_candidate
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.run import diagnose
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.records.blocks import find_blocks
 from pamjax.records.case import Case
@@ -148,7 +149,7 @@ class Trial:
     @property
     def detected(self) -> bool:
         """Whether the misfit of the baseline is significant."""
-        return self.p_value < DETECTION_P_VALUE
+        return self.p_value < DEFAULT_SETTINGS.detection_p_value
 
     @property
     def is_alarm(self) -> bool:
@@ -247,7 +248,7 @@ def score_recording(case: Case, seed: int = 0) -> Significance:
 def _compare_with_truth(
     ground_truth: GroundTruth, diagnosis: Diagnosis, with_baselines: bool
 ) -> dict[str, Any]:
-    names = diagnosis.selection.established
+    names = diagnosis.established_mechanisms
     noise = _compute_noise_sd(diagnosis)
     values: dict[str, Any] = {
         "p_value": diagnosis.mismatch.p_value,

@@ -1,4 +1,4 @@
-"""The words: what a person types. Nothing here loads JAX before it is needed."""
+"""Command line of pamjax. JAX is loaded only when a command needs it."""
 
 from pamjax.cli.main import main, run
 

@@ -1,4 +1,4 @@
-"""Help pages: the lines of a docstring's paragraph are joined, so that they fill the screen's width."""
+"""Format help pages: join the lines of a docstring paragraph to fill the width of the screen."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 
 class ParagraphFormatter:
-    """The usual formatter of help pages, whose rows would break where the docstring's lines do."""
+    """Default formatter of help pages without the line breaks of the docstrings."""
 
     def __call__(self, console: Any, options: Any, panel: Any) -> None:
         from cyclopts.help import DefaultFormatter

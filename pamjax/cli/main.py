@@ -1,4 +1,4 @@
-"""The command `pamjax`: its subcommands, and how a bad input leaves it."""
+"""The command `pamjax`: its subcommands, error messages and exit codes."""
 
 from __future__ import annotations
 
@@ -15,41 +15,42 @@ from pamjax.cli.help import ParagraphFormatter
 from pamjax.cli.misused import format_usage_error
 from pamjax.errors import BadInput
 
-#: Exit codes: an answer, a bad input, an interruption.
+#: Exit codes: success, bad input, interruption.
 EXIT_OK, EXIT_REFUSED, EXIT_INTERRUPTED = 0, 2, 130
 
-#: Errors of a disk that the user can mend: full, over quota, read-only, closed, too long a name.
+#: File errors that the user can correct: disk full, over quota, read-only, no permission, name too long.
 DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENAMETOOLONG)
 
 app = App(
     name="pamjax",
-    help="Pneumatic artificial muscles: calibrated on recordings, with honest uncertainty.",
+    help="Calibrate models of pneumatic artificial muscles, quantify their uncertainty, and find missing"
+    " physics.",
     version=lambda: version("pamjax"),
     help_format="plaintext",
     help_formatter=ParagraphFormatter(),
-    suppress_keyboard_interrupt=False,  # it is told below
+    suppress_keyboard_interrupt=False,  # `main` handles it
 )
 for command_name, summary in {
-    "new": "Write a commented case folder to fill in.",
-    "import": "Make a case folder from a rig's files, CSV or MAT, one a test or a channel.",
-    "check": "Say whether a case is fit to be fitted, without fitting it.",
-    "fit": "Calibrate a muscle on its recording, or several muscles together.",
-    "sample": "Draw from the posterior of a muscle's numbers: how sure they are.",
-    "compare": "Compare posteriors by how they predict blocks they did not see.",
-    "diagnose": "Name the physics that a recording's model leaves out, and show the gain.",
-    "validate": "Hold a model against a recording that it never saw.",
-    "prove": "Conceal known physics in simulated recordings, diagnose them, and score.",
-    "size": "Choose a muscle that does what a spec wants, at the least diameter, mass, air or cost.",
-    "inverse": "Say which pressure or length gives a wanted force; export that for a robot.",
-    "plan": "Choose the next runs: for a number, or to tell two mechanisms apart.",
-    "simulate": "Make the case folder that a bench would have written.",
-    "explain": "Say what a number or a mechanism means; without a name, list them all.",
+    "new": "Write a commented case folder as a template.",
+    "import": "Make a case folder from the CSV or MAT files of a test rig.",
+    "check": "Check the data of a case, and which parameters it determines.",
+    "fit": "Calibrate a muscle model on its recording, or several muscles together.",
+    "sample": "Estimate the posterior uncertainty of the parameters of a muscle.",
+    "compare": "Compare posteriors of one recording by their predictions of held-out blocks.",
+    "diagnose": "Test the model of a recording and identify missing mechanisms.",
+    "validate": "Test a model on recordings that its fit did not use.",
+    "prove": "Test `pamjax diagnose` on simulated recordings with concealed effects.",
+    "size": "Design a muscle with the smallest diameter, mass, air or cost for a specification.",
+    "inverse": "Compute the pressure or length for a wanted force, or export a table of it.",
+    "plan": "Choose the next runs: to determine a parameter, or to distinguish two mechanisms.",
+    "simulate": "Simulate a recording of a muscle and write it as a case folder.",
+    "explain": "Describe a parameter or a mechanism; without a name, list all of them.",
 }.items():
-    # Named by path: a subcommand's module, and what it imports, is loaded when it is run.
+    # The command is registered by its path, so that its module is imported only when it runs.
     module_name = f"{command_name}_" if iskeyword(command_name) else command_name
     app.command(f"pamjax.cli.commands.{module_name}:{module_name}", name=command_name, help=summary)
 app.register_install_completion_command(
-    help="Let the shell (bash, zsh or fish) complete the commands of pamjax; writes to its start file."
+    help="Install command completion for bash, zsh or fish; this changes the start file of the shell."
 )
 
 
@@ -57,14 +58,14 @@ def main(arguments: list[str] | None = None) -> int:
     """Run a command line.
 
     Args:
-        arguments: the words after `pamjax`; None takes the process's own.
+        arguments: arguments after `pamjax`; None uses those of the process.
 
     Returns:
-        the exit code: 0 for an answer, 2 for a bad input, 130 if interrupted.
+        the exit code: 0 for success, 2 for bad input, 130 for an interruption.
     """
     from pamjax.cli.screen import defer_interrupts, raise_interrupt, remember_command
 
-    # A busy machine draws a compilation out, and XLA shouts about it; what fails raises all the same.
+    # Suppress XLA's warnings about slow compilation. Errors still raise exceptions.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     remember_command(sys.argv[1:] if arguments is None else arguments)
     try:
@@ -79,27 +80,27 @@ def main(arguments: list[str] | None = None) -> int:
         )
         return EXIT_REFUSED
     except BrokenPipeError:
-        # The reader had enough, as `head` has; nor is there anything left to flush at exit.
+        # The reader, for example `head`, closed the pipe. Redirect the output to avoid an error at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
         if error.errno not in DISK_ERRORS:
             raise
         place = f" ({error.filename})" if error.filename else ""
-        message = f"the disk says: {error.strerror}{place}"
-        print(f"pamjax: {message}. Read or write somewhere else.", file=sys.stderr)
+        message = f"cannot read or write a file: {error.strerror}{place}"
+        print(f"pamjax: {message}. Use another path.", file=sys.stderr)
         return EXIT_REFUSED
     except KeyboardInterrupt:
-        print("pamjax: interrupted; nothing was written half", file=sys.stderr)
+        print("pamjax: interrupted; no incomplete file was written", file=sys.stderr)
         return EXIT_INTERRUPTED
     return EXIT_OK
 
 
 def run() -> NoReturn:
-    """The process `pamjax`: `main` on its own words, and its exit code."""
+    """Run `main` on the arguments of the process, and exit with its code."""
     code = main()
     if code == EXIT_INTERRUPTED:
-        # A compilation that was broken off leaves JAX's runtime in a state in which Python's own clearing up
-        # now and then ends in a segmentation fault. Everything is written or thrown away by now.
+        # After an interrupted compilation, the clean-up of the JAX runtime at exit sometimes causes a
+        # segmentation fault. All files are complete here, so skip the clean-up.
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)

@@ -1,4 +1,4 @@
-"""What a misspelt command or option is told."""
+"""Messages for unknown commands and options."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from cyclopts import CycloptsError, UnknownCommandError, UnknownOptionError, Unu
 
 from pamjax.errors import compose_message, suggest_word
 
-#: How alike two options must be for one to be what was meant: those below share little but a few letters.
+#: Smallest similarity of an option to be suggested, as `difflib` measures it.
 MIN_SIMILARITY = 0.7
 
 
 def format_usage_error(error: CycloptsError) -> str:
-    """What is wrong with a command line, in one sentence."""
+    """Return the message for a wrong command line."""
     program = " ".join(["pamjax", *(error.command_chain or ())])
     if isinstance(error, UnknownCommandError):
         return _format_unknown_command((error.unused_tokens or [""])[0], error)
@@ -21,15 +21,16 @@ def format_usage_error(error: CycloptsError) -> str:
         return _format_unknown_option(error, program)
     if isinstance(error, UnusedCliTokensError):
         tokens = " ".join(error.unused_tokens or ())
-        return compose_message(f"`{program}` has no place for {tokens!r}", remedy=f"See `{program} --help`.")
+        rule = f"unexpected argument {tokens!r} of `{program}`"
+        return compose_message(rule, remedy=f"See `{program} --help`.")
     return str(error)
 
 
 def _format_unknown_command(token: str, error: CycloptsError) -> str:
     if token.startswith("-"):
-        return compose_message(f"`{token}` is no option of `pamjax`", remedy="See `pamjax --help`.")
+        return compose_message(f"unknown option `{token}` of `pamjax`", remedy="See `pamjax --help`.")
     known = [name for name in error.app or () if not name.startswith("-")]
-    return compose_message(f"`{token}` is no command of `pamjax`", remedy=suggest_word(token, known))
+    return compose_message(f"unknown command `{token}` of `pamjax`", remedy=suggest_word(token, known))
 
 
 def _format_unknown_option(error: UnknownOptionError, program: str) -> str:
@@ -39,4 +40,4 @@ def _format_unknown_option(error: UnknownOptionError, program: str) -> str:
     ]
     close = difflib.get_close_matches(token.partition("=")[0], known, n=1, cutoff=MIN_SIMILARITY)
     remedy = f"Did you mean `{close[0]}`?" if close else f"See `{program} --help`."
-    return compose_message(f"`{token}` is no option of `{program}`", remedy=remedy)
+    return compose_message(f"unknown option `{token}` of `{program}`", remedy=remedy)

@@ -1,4 +1,4 @@
-"""What a command shows while it works and when it is done."""
+"""Output of a command: progress bar, text, JSON and list of written files; handling of interruptions."""
 
 from __future__ import annotations
 
@@ -17,39 +17,39 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from pamjax.errors import refuse
 
-#: The page that most commands write, unless told not to.
+#: Name of the report that most commands write.
 REPORT_FILE = "report.html"
-#: The words of the command that runs, for reports that say how to repeat them.
+#: Arguments of the running command, printed in reports to repeat it.
 _command_words: list[str] = []
-#: Interruptions that were asked for.
+#: Received interruptions.
 _interrupts: list[int] = []
 
 
 def remember_command(words: Sequence[str]) -> None:
-    """Remember the words of a command."""
+    """Store the arguments of a command."""
     _command_words[:] = words
 
 
 def format_command() -> str:
-    """What repeats the command that runs, in a shell."""
+    """Return the running command as text for a shell."""
     return shlex.join(["pamjax", *_command_words])
 
 
 @contextmanager
 def show_progress(quiet: bool = False) -> Iterator[Callable[[str, float], None]]:
-    """A progress bar with an estimate, on standard error; yields what a verb's `progress` takes."""
+    """Show a progress bar on standard error; yield the callback for the argument `progress`."""
     console = Console(stderr=True)
     columns = TextColumn("{task.description:<20}"), BarColumn(), TimeRemainingColumn()
-    # Where nobody watches, a bar would leave blank lines in the log.
+    # Outside a terminal, a bar would print blank lines into the log.
     progress_bar = Progress(
         *columns, console=console, transient=True, disable=quiet or not console.is_terminal
     )
     with progress_bar as bar:
         task = bar.add_task("starting", total=1.0)
 
-        def report_progress(doing: str, share: float) -> None:
+        def report_progress(step: str, fraction: float) -> None:
             raise_interrupt()
-            bar.update(task, description=doing, completed=share)
+            bar.update(task, description=step, completed=fraction)
 
         yield report_progress
         raise_interrupt()
@@ -57,14 +57,14 @@ def show_progress(quiet: bool = False) -> Iterator[Callable[[str, float], None]]
 
 @contextmanager
 def defer_interrupts() -> Iterator[None]:
-    """Remember an interruption: what is raised inside a callback, as of an import, is swallowed there."""
+    """Record interruptions: an exception raised inside a callback, for example of an import, gets lost."""
 
     def remember(number: int, _: object) -> NoReturn:
         _interrupts.append(number)
         raise KeyboardInterrupt
 
     def ignore_interrupt(swallowed: sys.UnraisableHookArgs) -> None:
-        # It is told when it is heeded; here it would be a traceback.
+        # `raise_interrupt` raises it later; the default hook would print a traceback here.
         if not isinstance(swallowed.exc_value, KeyboardInterrupt):
             hook(swallowed)
 
@@ -86,42 +86,44 @@ def defer_interrupts() -> Iterator[None]:
 
 
 def raise_interrupt() -> None:
-    """Be interrupted, if that was asked for and swallowed."""
+    """Raise an interruption that was recorded but got lost."""
     if _interrupts:
         raise KeyboardInterrupt
 
 
 def check_writable(folder: Path, what: str = "`--out`") -> None:
-    """Refuse a folder that cannot be written to, or made.
+    """Check that a folder can be created or written to.
 
     Raises:
-        BadInput: naming what stands in the way.
+        BadInput: with the path that prevents it.
     """
     from pamjax.records.files import is_writable
 
-    nearest = folder.absolute()
-    while not nearest.exists():
-        nearest = nearest.parent
-    if not nearest.is_dir() or not is_writable(nearest):
+    existing_parent = folder.absolute()
+    while not existing_parent.exists():
+        existing_parent = existing_parent.parent
+    if not existing_parent.is_dir() or not is_writable(existing_parent):
         raise refuse(
-            f"{what} must be a folder to write to", f"{nearest}, which is none", remedy="Name another."
+            f"{what} must be a writable folder",
+            f"{existing_parent}, which is not",
+            remedy="Name another folder.",
         )
 
 
 def print_text(text: str) -> None:
-    """Print for people."""
+    """Print text for the user."""
     print(text)
 
 
 def print_json(document: Any) -> None:
-    """Print for programs."""
+    """Print one JSON document for other programs."""
     print(json.dumps(document, indent=2, allow_nan=False))
 
 
 def print_written_files(files: list[Path]) -> None:
-    """Tell what was written, folder by folder, and what lies beside it from an earlier run."""
+    """Print the written files of each folder, and a note about a report of an earlier run."""
     for folder in dict.fromkeys(file.parent for file in files):
         names = [file.name for file in files if file.parent == folder]
         print(f"wrote {folder}/: {', '.join(names)}", file=sys.stderr)
         if REPORT_FILE not in names and (folder / REPORT_FILE).exists():
-            print(f"{folder / REPORT_FILE} is of an earlier run", file=sys.stderr)
+            print(f"{folder / REPORT_FILE} is from an earlier run", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""What a person types as name=value: numbers of mechanisms, and words that hold for one of several cases."""
+"""Options of the form name=value: parameters of mechanisms, and settings of single cases."""
 
 from __future__ import annotations
 
@@ -13,17 +13,16 @@ if TYPE_CHECKING:
     from pamjax.records.case import Case
 
 
-def parse_settings(written: Iterable[str]) -> dict[str, float]:
-    """Values by name, SI.
+def parse_settings(texts: Iterable[str]) -> dict[str, float]:
+    """Return values by parameter name, SI.
 
     Args:
-        written: each "id.number=value unit"; a bare value where the number has no unit.
+        texts: each "mechanism.parameter=value unit", or without unit if the parameter has none.
 
     Raises:
-        BadInput: for an unknown number, a unit that is missing or of another dimension, or a value outside
-            the limits.
+        BadInput: for an unknown parameter, a missing or wrong unit, or a value outside the limits.
     """
-    return dict(_parse_setting(text) for text in written)
+    return dict(_parse_setting(text) for text in texts)
 
 
 def _parse_setting(text: str) -> tuple[str, float]:
@@ -31,50 +30,50 @@ def _parse_setting(text: str) -> tuple[str, float]:
 
     name, equals, quantity = text.partition("=")
     if not equals:
-        raise refuse("a number of a mechanism is written id.number=value", f"{text!r}", "--with")
-    number_meaning = find_meaning(name.strip(), "--with")
-    value = parse_number(quantity, number_meaning.unit, f"--with {name}")
-    if not number_meaning.low <= value <= number_meaning.high:
+        raise refuse("a setting must have the form mechanism.parameter=value", f"{text!r}", "--with")
+    meaning = find_meaning(name.strip(), "--with")
+    value = parse_number(quantity, meaning.unit, f"--with {name}")
+    if not meaning.low <= value <= meaning.high:
         rule = (
-            f"`{name}` lies between {format_quantity(number_meaning.low, number_meaning.show)} and"
-            f" {format_quantity(number_meaning.high, number_meaning.show)}"
+            f"`{name}` must be between {format_quantity(meaning.low, meaning.show)} and"
+            f" {format_quantity(meaning.high, meaning.show)}"
         )
-        raise refuse(rule, format_quantity(value, number_meaning.show), "--with")
+        raise refuse(rule, format_quantity(value, meaning.show), "--with")
     return name.strip(), value
 
 
 def read_cases(cases: Sequence[Path], gaps: Sequence[str] | None, before: Sequence[str] | None) -> list[Case]:
-    """Read case folders, with what `--gaps` and `--before` say of each.
+    """Read case folders with their settings of `--gaps` and `--before`.
 
     Raises:
         BadInput: as `read_case` and `assign_to_cases`.
     """
     from pamjax.records.case import read_case
 
-    jumps = assign_to_cases(cases, gaps, "carry", "--gaps")
-    begins = assign_to_cases(cases, before, "relaxed", "--before")
+    case_gaps = assign_to_cases(cases, gaps, "carry", "--gaps")
+    case_states = assign_to_cases(cases, before, "relaxed", "--before")
     return [
-        read_case(folder, gaps=case_gaps, before=case_before)
-        for folder, case_gaps, case_before in zip(cases, jumps, begins, strict=True)
+        read_case(folder, gaps=gap, before=state)
+        for folder, gap, state in zip(cases, case_gaps, case_states, strict=True)
     ]
 
 
 def assign_to_cases(
     cases: Sequence[Path], option_words: Sequence[str] | None, default: str, option: str
 ) -> list[str]:
-    """The word that holds for each case: "word" for all, or "name=word" for one.
+    """Return the setting of each case: "word" is for all cases, "name=word" for one.
 
     Raises:
-        BadInput: for the name of no case.
+        BadInput: for an unknown case.
     """
     words = dict.fromkeys((folder.resolve().name for folder in cases), default)
-    # What is said of one case is heard after what is said of all, wherever it stands.
+    # A setting of one case overrides a setting of all cases, in any order.
     for text in sorted(option_words or (), key=lambda text: "=" in text):
         name, equals, word = text.partition("=")
         if not equals:
             words = dict.fromkeys(words, text)
         elif name not in words:
-            raise refuse(f"{name!r} is no case of this fit", where=option, remedy=suggest_word(name, words))
+            raise refuse(f"unknown case {name!r}", where=option, remedy=suggest_word(name, words))
         else:
             words[name] = word
     return [words[folder.resolve().name] for folder in cases]

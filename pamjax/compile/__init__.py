@@ -1,1 +1,1 @@
-"""Compiled programs: their caches on disk, and threads that run them."""
+"""Compiled programs: caches on disk, and threads that compile or run them."""

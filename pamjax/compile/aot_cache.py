@@ -1,10 +1,10 @@
 """Cache of traced programs (StableHLO) on disk.
 
-JAX looks up a compiled program by its trace, so every process traces anew, which takes about twenty seconds.
-This cache stores the trace. Its file name is a hash of the function, the shapes and types of its arguments,
-the sources of pamjax, and the versions of JAX and Equinox. The file is written after the program is compiled.
-Other processes that need the same program wait for it. If the folder cannot be used, a process compiles
-without the cache.
+JAX finds a compiled program by its trace. Every process therefore traces again, which takes about twenty
+seconds. This cache stores the trace. Its file name is a hash of the function, the shapes and types of its
+arguments, the sources of pamjax, and the versions of JAX and Equinox. The file is written after the program
+is compiled. Other processes that need the same program wait for it. If the folder cannot be used, a process
+compiles without the cache.
 
 The cache is not used if the sources changed after the import, if the library has a mechanism from outside
 pamjax, or for devices other than the CPU. It does not detect code that is patched at run time.
@@ -40,7 +40,7 @@ LOCK_TIMEOUT = 240.0
 #: Length of the checksum at the start of a file, bytes.
 CHECKSUM_BYTES = 32
 
-#: Tracing needs Python's global lock, compilation does not: threads trace one after the other.
+#: Lock for tracing: tracing needs Python's global lock, compilation does not. Threads trace one by one.
 _tracing_lock = threading.Lock()
 
 
@@ -60,7 +60,7 @@ def load_or_compile(function: Any, *arguments: Any) -> Compiled:
         return program.compile()
     if not file.is_file():
         with _lock_program(file):
-            # Another process may have written the file before this one had the lock.
+            # Another process may have written the file while this process waited for the lock.
             if not file.is_file():
                 return _compile_and_store(flat, leaves, file)
     return _load_program(file, leaves) or _compile_and_store(flat, leaves, file)
@@ -70,7 +70,7 @@ def _compile_and_store(function: Wrapped, leaves: list, file: Path) -> Compiled:
     with _tracing_lock:
         exported = jax.export.export(function, platforms=["cpu"])(*leaves)
     program = _compile_exported(exported.call, leaves)
-    # A full, deleted or protected folder is no error: the next process compiles again.
+    # Ignore a full, deleted or protected folder: the next process compiles again.
     with suppress(OSError, BadInput), write_atomically(file) as temporary:
         body = bytes(exported.serialize())
         temporary.write_bytes(hashlib.sha256(body).digest() + body)
@@ -94,7 +94,7 @@ def _compile_exported(function: Callable, leaves: list) -> Compiled:
 
 @contextmanager
 def _lock_program(file: Path) -> Iterator[None]:
-    """Let one process in at a time; without a lock if the folder supports none."""
+    """Lock a program against other processes; without a lock if the folder does not support locks."""
     lock = FileLock(file.with_suffix(".lock"), timeout=LOCK_TIMEOUT)
     with suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)

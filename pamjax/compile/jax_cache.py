@@ -29,22 +29,22 @@ def keep_compiled(folder: str | Path | None = None) -> Path | None:
     configured = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
     if configured:
         return Path(configured)
-    named, place = folder, ""
+    given, place = folder, ""
     if folder is None:
-        named, place = os.environ.get("PAMJAX_CACHE_DIR"), "PAMJAX_CACHE_DIR"
-        folder = Path(named or _find_user_folder()) / "compiled"
+        given, place = os.environ.get("PAMJAX_CACHE_DIR"), "PAMJAX_CACHE_DIR"
+        folder = Path(given or _find_user_folder()) / "compiled"
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if not os.access(folder, os.W_OK):
             raise PermissionError(folder)
     except OSError as error:
-        if not named:
+        if not given:
             return None
-        rule = "compiled programs need a folder to write to"
-        raise refuse(rule, f"{named}", place, "Name another.") from error
+        rule = "the folder for compiled programs must be writable"
+        raise refuse(rule, f"{given}", place, "Choose another folder.") from error
     jax.config.update("jax_compilation_cache_dir", str(folder))
-    # The many small programs of a fit take longer together than the one large one.
+    # Also cache small programs: all small programs of a fit together compile longer than its largest one.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
     return folder

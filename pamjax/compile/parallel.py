@@ -28,5 +28,5 @@ def parallel_map(function: Callable[[A], B], items: Iterable[A]) -> list[B]:
         with threadpool_limits(1, user_api="blas"):
             return list(pool.map(function, items))
     finally:
-        # After an interruption only the running items are completed.
+        # After an interruption, only the items that already run are completed.
         pool.shutdown(cancel_futures=True)

@@ -1,7 +1,7 @@
 """Compilation of programs in the background, once for all threads.
 
-JAX compiles a function again in every thread that calls it before its first compilation ends. Programs of
-earlier processes are read from the cache (`aot_cache.py`).
+JAX compiles a function again in every thread that calls it before its first compilation ends. This module
+prevents that. Programs of earlier processes are read from the cache (`aot_cache.py`).
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from pamjax.control.neglected import compute_friction_half_loop, list_neglected
 from pamjax.control.posterior_draws import INTERVAL_SHARE, CommandSpread, PosteriorDraws
 from pamjax.units import format_quantity
 
-#: Share of the largest below which a number is the rounding of nothing, and by which an end may be passed.
+#: Share of the largest value below which a number is a rounding error, and tolerance of the calibrated range.
 ZERO_SHARE, RANGE_TOLERANCE = 1e-9, 1e-3
 
 
@@ -74,21 +74,22 @@ class CommandResult:
     def reason(self) -> str:
         """Return the active limit as text, with the force at this limit."""
         ends = {
-            CommandLimit.TOO_STRONG: ("more", "highest", "longest"),
-            CommandLimit.TOO_WEAK: ("less", "lowest", "shortest"),
+            CommandLimit.TOO_STRONG: ("above the maximum", "highest", "longest"),
+            CommandLimit.TOO_WEAK: ("below the minimum", "lowest", "shortest"),
         }
         if self.limit == CommandLimit.OUTSIDE:
             given_name = "length" if self.quantity == "pressure" else "pressure"
             low, high = (format_quantity(end, self._units[1]) for end in self.given_range)
             return (
-                f"a {given_name} of {format_quantity(self.given, self._units[1])} is outside {low} to {high}"
+                f"the {given_name} {format_quantity(self.given, self._units[1])} is outside {low} to {high}"
             )
         if self.limit not in ends:
             return self.limit.message
         comparison, pressure, length = ends[self.limit]
         end_text = f"{pressure} pressure, " if self.quantity == "pressure" else f"{length} length, "
         end_text += format_quantity(self.value, "kPa" if self.quantity == "pressure" else "mm")
-        return f"{comparison} force than the {format_quantity(self.reached_force, 'N')} at the {end_text}"
+        reached_force = format_quantity(self.reached_force, "N")
+        return f"the force is {comparison} of {reached_force}, at the {end_text}"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the command as a JSON document in SI units; a value that is not finite is None."""
@@ -126,47 +127,46 @@ class CommandResult:
     def __str__(self) -> str:
         lines = self._format_value() if self.limit == CommandLimit.OK else self._format_nearest()
         if self.spread is not None and self.spread.feasible_share < 1:
-            lines.append(f"{self.spread.feasible_share:.0%} of the draws can meet it")
-        lines.append(f"stiffness there {self.stiffness / 1e3:.4g} N/mm")
+            lines.append(f"possible for {self.spread.feasible_share:.0%} of the posterior draws")
+        lines.append(f"stiffness {self.stiffness / 1e3:.4g} N/mm")
         if math.isfinite(self.stiffness_by_pressure) and math.isfinite(self.stiffness_by_length):
             slopes = (
-                f"{self.stiffness_by_pressure:+.4g} N/mm for a kPa more,"
-                f" {1e-6 * self.stiffness_by_length:+.4g} N/mm for a mm"
+                f"{self.stiffness_by_pressure:+.4g} N/mm per kPa,"
+                f" {1e-6 * self.stiffness_by_length:+.4g} N/mm per mm"
             )
-            lines[-1] += f": {slopes} more"
+            lines[-1] += f", with derivatives {slopes}"
         return "\n  ".join(lines + self._format_neglected())
 
     @property
     def _units(self) -> tuple[str, str]:
-        """Display units of the value and of the given quantity."""
+        """Return the display units of the value and of the given quantity."""
         return ("kPa", "mm") if self.quantity == "pressure" else ("mm", "kPa")
 
     def _format_nearest(self) -> list[str]:
-        nearest = f"nearest {self.quantity} {format_quantity(self.value, self._units[0])}"
+        nearest = f"nearest possible {self.quantity} {format_quantity(self.value, self._units[0])}"
         if self.limit == CommandLimit.OUTSIDE:
             low, high = self.given_range
             nearest += f", at {format_quantity(min(max(self.given, low), high), self._units[1])}"
-        return [f"cannot be met: {self.reason}", nearest]
+        return [f"not possible: {self.reason}", nearest]
 
     def _format_value(self) -> list[str]:
         """Return lines with the value, its uncertainty and its derivatives."""
         unit, given_unit = self._units
+        given_name = "length" if self.quantity == "pressure" else "pressure"
         uncertainty = f" ± {format_quantity(self.sd, unit, 2)}" if math.isfinite(self.sd) else ""
         if self.spread is not None and math.isfinite(self.spread.low):
             low, high = (
                 format_quantity(self.spread.low, unit).partition(" ")[0],
                 format_quantity(self.spread.high, unit),
             )
-            uncertainty += f" ({INTERVAL_SHARE:.0%} of draws: {low} to {high})"
+            uncertainty += f" ({INTERVAL_SHARE:.0%} of the posterior draws: {low} to {high})"
         if self.friction:
-            uncertainty += (
-                f", and up to {format_quantity(self.friction_shift, unit, 2)} to either side by friction"
-            )
+            uncertainty += f", and up to ± {format_quantity(self.friction_shift, unit, 2)} by friction"
         force_scale, given_scale = (1e-3, 1e3) if self.quantity == "pressure" else (1e3, 1e-3)
         lines = [
             f"{self.quantity} {format_quantity(self.value, unit)}{uncertainty}",
-            f"{force_scale * self.by_force:+.4g} {unit} for a newton more",
-            f"{self.by_given * force_scale / given_scale:+.4g} {unit} for a {given_unit} more",
+            f"{force_scale * self.by_force:+.4g} {unit} per N of force",
+            f"{self.by_given * force_scale / given_scale:+.4g} {unit} per {given_unit} of {given_name}",
         ]
         if self.unexplained_force:
             command_error, unexplained = (
@@ -174,8 +174,8 @@ class CommandResult:
                 format_quantity(self.unexplained_force, "N", 2),
             )
             lines.append(
-                f"{command_error} of the ± since the muscle misses {unexplained} of held-out blocks"
-                f" beyond noise"
+                f"the ± includes {command_error} for a force error of {unexplained} beyond noise"
+                " on held-out blocks"
             )
         return lines
 
@@ -183,15 +183,19 @@ class CommandResult:
         """Return a line for each neglected effect and each extrapolation."""
         lines = [*self.extrapolations]
         if self.neglected_history:
-            lines.append(f"left out, as for a muscle at rest: {', '.join(self.neglected_history)}")
-        if self.friction:
-            directions = "more after lengthening and as much less after shortening"
             lines.append(
-                f"braid_friction makes force up to {format_quantity(self.friction, 'N', 2)} {directions};"
-                f" no ± counts it"
+                f"neglected, because the muscle is assumed at rest: {', '.join(self.neglected_history)}"
+            )
+        if self.friction:
+            lines.append(
+                f"braid_friction adds up to {format_quantity(self.friction, 'N', 2)} to the force after"
+                " lengthening, and subtracts the same after shortening; the ± excludes it"
             )
         if self.neglected_rig:
-            lines.append(f"left out, as for true sensors and a rigid rig: {', '.join(self.neglected_rig)}")
+            lines.append(
+                f"neglected, because sensors are assumed exact and the rig rigid:"
+                f" {', '.join(self.neglected_rig)}"
+            )
         return lines
 
 
@@ -209,8 +213,8 @@ def _list_extrapolations(
                 else f"{format_quantity(low, unit)} to {format_quantity(high, unit)}"
             )
             sentences.append(
-                f"extrapolated: {name} {format_quantity(value, unit)}, calibrated at {range_text}; no ±"
-                f" counts it"
+                f"extrapolation: {name} {format_quantity(value, unit)}, calibrated at {range_text};"
+                " the ± excludes the error of extrapolation"
             )
     return tuple(sentences)
 
@@ -246,7 +250,7 @@ def solve_command(
     given_range, value_range = (
         (inverse.lengths, inverse.pressures) if length is not None else (inverse.pressures, inverse.lengths)
     )
-    # What a root leaves of nothing is nothing.
+    # A value that is only the rounding error of the root is zero.
     value = value if abs(value) > ZERO_SHARE * value_range[1] else 0.0
     p, l = (value, given) if length is not None else (given, value)
     spread = draws.compute_spread(inverse, force, length=length, pressure=pressure) if draws else None

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array
 
 from pamjax.control.inverse import compute_static_force
-from pamjax.errors import refuse
+from pamjax.errors import refuse, suggest_word
 from pamjax.model.assembly import assemble, assemble_bench
 from pamjax.records.files import read_bytes
 from pamjax.units import compute_si_factor
@@ -61,7 +61,7 @@ def compute_force_sd(
         return np.full(np.shape(pressure), np.nan)
     name = case or next(iter(document["cases"]))
     if name not in document["cases"]:
-        raise refuse(f"{name!r} is no case of {file.name}")
+        raise refuse(f"unknown case {name!r} in {file.name}", remedy=suggest_word(name, document["cases"]))
     muscle = document["cases"][name]["muscle"]
     own_names = {n: n.removeprefix(f"{name}/") for n in document["correlation"]["names"]}
     free_names = {n: short for n, short in own_names.items() if short in muscle["numbers"]}

@@ -18,23 +18,23 @@ from pamjax.errors import check_minimum, refuse
 from pamjax.records.files import write_atomically
 from pamjax.units import format_quantity
 
-#: Degrees that are tried, in turn, until the error is small enough.
+#: Degrees of the series, tried in this order until the error is small enough.
 CHEBYSHEV_DEGREES = (8, 12, 16, 24, 32, 48)
 
-#: Error that is small enough, as a share of the range, and whose.
+#: Permitted interpolation error as a share of the output's range, and the outputs that must satisfy it.
 TARGET_ERROR, JUDGED_OUTPUTS = 1e-5, ("force", "stiffness", "pressure", "length")
 
-#: Random points at which the error is measured, and the factor between the largest found and the stated one.
+#: Number of random points at which the error is measured, and the ratio of stated to largest measured error.
 TEST_POINTS, ERROR_MARGIN = 20_000, 2.0
 
-#: The same for what is itself no better known than to a few hundredths, and the degree of its sum.
+#: Number of points and degree for outputs that are themselves uncertain by a few per cent: friction and sd.
 ROUGH_TEST_POINTS, ROUGH_DEGREE = 500, 12
 
-#: The least share of the highest pressure at which a length can be commanded: without pressure, no stiffness.
+#: Minimum pressure for a commanded length, as a share of the highest one: without pressure, no stiffness.
 MIN_PRESSURE_SHARE = 0.05
 
-#: Shares of the highest pressure at which a table may begin where it cannot begin at the lowest, and the
-#: share of the lengths that it must then keep: below, rubber may hold the muscle open by itself.
+#: Lower pressure limits of a table, as shares of the highest pressure, tried if the lowest pressure is not
+#: possible: at low pressure, rubber may keep the muscle open. A limit must leave this share of the lengths.
 START_PRESSURE_SHARES, MIN_LENGTH_SHARE = (0.05, 0.1, 0.2, 0.3, 0.5), 0.6
 
 
@@ -65,7 +65,7 @@ class ExportedController:
             f"{format_quantity(low, 'kPa')} to {format_quantity(high, 'kPa')},"
             f" {format_quantity(short, 'mm')} to {format_quantity(long, 'mm')}"
         )
-        return f"for {covered_range}; sums of degree {self.degree}; off by less than {errors}"
+        return f"range {covered_range}; Chebyshev series of degree {self.degree}; error below {errors}"
 
 
 def export(
@@ -103,8 +103,8 @@ def export(
     stated = {name: ERROR_MARGIN * value for name, value in error.items()}
     files = folder / "controller.npz", folder / "controller.py"
     _write_table(files[0], table | {f"error_{name}": np.array(value) for name, value in stated.items()})
-    with write_atomically(files[1]) as beside:
-        shutil.copyfile(standalone.__file__, beside)
+    with write_atomically(files[1]) as temporary:
+        shutil.copyfile(standalone.__file__, temporary)
     return ExportedController(files, inverse.pressures, inverse.lengths, degree, stated, ERROR_MARGIN * share)
 
 
@@ -132,8 +132,8 @@ def narrow_range(inverse: Inverse) -> Inverse:
         if length_share >= MIN_LENGTH_SHARE:
             break
     if best_share < 0.1:
-        rule = "a controller needs a range of pressure and length in which pressure pulls"
-        raise refuse(rule, "hardly any length", remedy="Give a longer one, or a higher pressure.")
+        rule = "a controller needs a range of pressure and length in which pressure increases the force"
+        raise refuse(rule, "hardly any length", remedy="State a longer length, or a higher pressure.")
     return best
 
 
@@ -262,5 +262,5 @@ def _return_unknown(pressure: np.ndarray, length: np.ndarray) -> np.ndarray:
 
 
 def _write_table(path: Path, table: dict[str, np.ndarray]) -> None:
-    with write_atomically(path) as beside, beside.open("wb") as file:
+    with write_atomically(path) as temporary, temporary.open("wb") as file:
         np.savez(file, **table)  # pyright: ignore[reportArgumentType]

@@ -9,7 +9,7 @@ derivatives follow from the implicit function theorem:
 JAX computes the same derivatives, also of higher order and with respect to the muscle's parameters. The
 stiffness has the derivatives ∂²F/∂P∂L and ∂²F/∂L². Mechanisms with memory (friction, relaxation), errors of
 sensors and compliance of the rig are left out (`neglected.py`). Pressure and length are true values: the
-pressure before the bladder's contact, the length of the muscle itself.
+pressure at the inlet, before the loss by contact of the bladder; the length of the muscle without its rig.
 """
 
 from __future__ import annotations
@@ -30,24 +30,24 @@ from pamjax.infer.fitting.load import LoadedMuscle
 from pamjax.model.balance import Status
 from pamjax.model.bench import Bench
 from pamjax.model.history import build_time_history
-from pamjax.model.mechanism import AbstractLine, AbstractRig, Past
+from pamjax.model.mechanism import AbstractPressureLoss, AbstractRigCompliance, Past
 from pamjax.model.muscle import Muscle
 from pamjax.model.status import StatusCode
 
-#: Most Newton steps, or halvings of the bracket where a step would leave it; and the share of the range
-#: below which a step is the last.
+#: Maximum number of steps of the root search (Newton, or bisection if Newton leaves the bracket), and the
+#: step size at which it stops, as a share of the range.
 MAX_ROOT_STEPS, ROOT_TOLERANCE = 60, 1e-13
 
-#: Wishes that are answered at once: few, or many. All others are cut and padded to these.
+#: Sizes of a batch of commands; other numbers of commands are divided and padded to one of them.
 SMALL_BATCH, LARGE_BATCH = 16, 4096
 
-#: Where nothing was calibrated: pressures, Pa, and contractions.
+#: Ranges of pressure, Pa, and contraction for a muscle without calibrated range.
 DEFAULT_PRESSURES, DEFAULT_CONTRACTIONS = (0.0, 600e3), (0.0, 0.45)
 
-#: A range narrower than this share of itself is one point, held as well as it was.
+#: Minimum relative width of a calibrated range; a narrower one is a single setting.
 MIN_RANGE_WIDTH = 0.01
 
-#: Share of the pull of a pascal at the longest length below which pressure commands nothing.
+#: Minimum of ∂F/∂P for a command, as a share of its value at the longest length.
 MIN_PULL_SHARE = 0.02
 
 
@@ -58,7 +58,10 @@ class CommandLimit(StatusCode):
     TOO_STRONG = 1, STATUS_TEXTS[1]
     TOO_WEAK = 2, STATUS_TEXTS[2]
     OUTSIDE = 3, STATUS_TEXTS[3]
-    NO_ANSWER = 4, "no balance there: threads too soft or straight, or pressure does not pull"
+    NO_ANSWER = (
+        4,
+        "no equilibrium: the threads are too soft or straight, or pressure does not increase the force",
+    )
 
 
 class Command(eqx.Module):
@@ -90,7 +93,7 @@ def compute_static_force(muscle: Muscle | Bench, pressure: Array, length: Array)
 
 def remove_rig(bench: Bench) -> Bench:
     """Return the prepared bench without the compliance of its rig."""
-    mechanisms = tuple(m for m in bench.mechanisms if not isinstance(m, AbstractRig))
+    mechanisms = tuple(m for m in bench.mechanisms if not isinstance(m, AbstractRigCompliance))
     return Bench(bench.thread_length, bench.turns, mechanisms).prepare()
 
 
@@ -102,14 +105,14 @@ def solve_at_rest(bench: Bench, pressure: Array, length: Array) -> tuple[Past, A
     """
     zero = jnp.zeros_like(pressure)
     past, status = bench.solve_instant(pressure, length, zero, (zero, zero))
-    if not bench.find_mechanisms(AbstractLine):
+    if not bench.find_mechanisms(AbstractPressureLoss):
         return past, status
-    # What arrives depends on the state without the line, as in `Bench.compute_past`.
+    # The pressure inside depends on the state without the line's pressure drop, as in `Bench.compute_past`.
     static_history, one_sample = (
         build_time_history(None, np.ones(1, dtype=bool)),
         jax.tree.map(lambda x: x[None], past),
     )
-    for line in bench.find_mechanisms(AbstractLine):
+    for line in bench.find_mechanisms(AbstractPressureLoss):
         one_sample = eqx.tree_at(lambda p: p.pressure, one_sample, line.pressure(static_history, one_sample))
     return bench.solve_instant(one_sample.pressure[0], length, zero, (zero, zero))
 
@@ -121,9 +124,9 @@ def _find_root(function: Callable[[Array], Array], low: Array, high: Array) -> A
         return jax.jvp(f, (x,), (jnp.ones_like(x),))
 
     def solve(f, start):
-        def on(carry):
-            _, below, above, moved, count = carry
-            return (moved > ROOT_TOLERANCE * (high - low)) & (above > below) & (count < MAX_ROOT_STEPS)
+        def is_unfinished(carry):
+            _, below, above, step_size, count = carry
+            return (step_size > ROOT_TOLERANCE * (high - low)) & (above > below) & (count < MAX_ROOT_STEPS)
 
         def step(carry):
             x, below, above, _, count = carry
@@ -134,7 +137,7 @@ def _find_root(function: Callable[[Array], Array], low: Array, high: Array) -> A
             next_x = jnp.where(inside, newton, (below + above) / 2)
             return next_x, below, above, jnp.abs(next_x - x), count + 1
 
-        return jax.lax.while_loop(on, step, (start, low, high, high - low, 0))[0]
+        return jax.lax.while_loop(is_unfinished, step, (start, low, high, high - low, 0))[0]
 
     def tangent_solve(linear, y):
         rise = linear(jnp.ones_like(y))
@@ -206,9 +209,9 @@ def _compute_forces(muscle, pressure, length):
 def _compute_stiffness_slopes(muscle, pressure, length):
     """Return the derivatives of the stiffness by pressure and length, (n, 2)."""
 
-    def stiffness(at):
+    def stiffness(point):
         return jax.jvp(
-            lambda l: compute_static_force(muscle, at[0], l)[0], (at[1],), (jnp.ones_like(at[1]),)
+            lambda l: compute_static_force(muscle, point[0], l)[0], (point[1],), (jnp.ones_like(point[1]),)
         )[1]
 
     return jax.vmap(jax.jacfwd(stiffness))(jnp.stack([pressure, length], axis=1))
@@ -220,10 +223,10 @@ def _evaluate_force(muscle, pressure, length):
     def force(p, l):
         return compute_static_force(muscle, p, l)
 
-    def along(by_pressure, by_length):
+    def differentiate(by_pressure, by_length):
         return jax.jvp(force, (pressure, length), (by_pressure, by_length), has_aux=True)
 
-    value, slopes, balanced = jax.vmap(along, out_axes=(None, 0, None))(jnp.eye(2)[0], jnp.eye(2)[1])
+    value, slopes, balanced = jax.vmap(differentiate, out_axes=(None, 0, None))(jnp.eye(2)[0], jnp.eye(2)[1])
     return value, slopes, balanced
 
 
@@ -239,7 +242,7 @@ def solve_pressures(muscle, pressures, lengths, force, length) -> Command:
             lambda p: compute_static_force(muscle, p, clipped_length)[0] - wanted_force, low, high
         )
         value = jnp.clip(value, low, high)
-        # Together, so that the balance is compiled once: the answer, both ends, and the longest length.
+        # The value, both ends and the longest length in one call, so that the equilibrium is compiled once.
         points = (
             jnp.stack([value, low, high, value]),
             jnp.stack([clipped_length, clipped_length, clipped_length, long]),
@@ -319,7 +322,9 @@ def inverse(
     bare_muscle = muscle.muscle if isinstance(muscle, LoadedMuscle) else muscle
     if lengths is None and "length" not in calibrated_range:
         if isinstance(muscle, Bench):
-            raise refuse("a bench needs `lengths`", "none", remedy="Give the shortest and the longest.")
+            raise refuse(
+                "a bench needs `lengths`", "none", remedy="State the shortest and the longest length."
+            )
         rest_length = (
             muscle.entry.rest_length.value if isinstance(muscle, LoadedMuscle) else float(muscle.rest_length)
         )
@@ -328,9 +333,9 @@ def inverse(
         pressures or calibrated_range.get("pressure", DEFAULT_PRESSURES),
         lengths or calibrated_range["length"],
     )
-    # Arrays, so that another range is no other program.
+    # Compiled functions receive the range as arrays, so that another range needs no compilation.
     result = Inverse(bare_muscle, *((float(low), float(high)) for low, high in ranges))
     for name, (low, high) in (("pressures", result.pressures), ("lengths", result.lengths)):
         if not low < high:
-            raise refuse(f"`{name}` go from low to high", f"{low:g} to {high:g}")
+            raise refuse(f"`{name}` must be a lower and a higher limit", f"{low:g} to {high:g}")
     return result

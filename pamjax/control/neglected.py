@@ -21,23 +21,26 @@ from numpy.typing import ArrayLike
 
 from pamjax.control.inverse import remove_rig, solve_at_rest
 from pamjax.model.bench import Bench
-from pamjax.model.mechanism import AbstractMemory, AbstractRig, AbstractSensor, AbstractSlip
+from pamjax.model.mechanism import AbstractMemory, AbstractRigCompliance, AbstractSensor, AbstractSlip
 from pamjax.model.mechanisms.braid_friction import BraidFriction
 from pamjax.model.mechanisms.pressure_drop import PressureDrop
 from pamjax.model.muscle import Muscle
 
-#: Kinds that rest leaves out; and those of the lab.
-NEGLECTED_HISTORY, NEGLECTED_RIG = (AbstractMemory, AbstractSlip, PressureDrop), (AbstractSensor, AbstractRig)
+#: Classes of mechanisms that a muscle at rest neglects, and those of sensors and rig.
+NEGLECTED_HISTORY, NEGLECTED_RIG = (
+    (AbstractMemory, AbstractSlip, PressureDrop),
+    (AbstractSensor, AbstractRigCompliance),
+)
 
 
 def list_neglected(muscle: Muscle | Bench) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the ids of the neglected mechanisms: those of memory or speed, and those of sensors and rig."""
     if isinstance(muscle, Muscle):
         return (), ()
-    past, lab = (
+    history, rig = (
         [m.id for m in muscle.mechanisms if isinstance(m, k)] for k in (NEGLECTED_HISTORY, NEGLECTED_RIG)
     )
-    return tuple(past), tuple(lab)
+    return tuple(history), tuple(rig)
 
 
 def compute_friction_half_loop(muscle: Muscle | Bench, pressure: ArrayLike, length: ArrayLike) -> np.ndarray:
@@ -69,6 +72,6 @@ def _compute_half_loop(muscle: Bench, pressure: Array, length: Array) -> Array:
         signed_loads = memory_loads[0] * direction, memory_loads[1] * direction
         return bench.solve_instant(past.pressure, length, jnp.zeros_like(length), signed_loads)[0].force
 
-    # Both ways side by side, so that the balance is compiled once.
+    # Both directions in one call, so that the equilibrium is compiled once.
     after_lengthening, after_shortening = jax.vmap(force)(jnp.array([1.0, -1.0]))
     return (after_lengthening - after_shortening) / 2

@@ -23,10 +23,10 @@ from pamjax.control.inverse import CommandLimit, Inverse, compute_static_force, 
 from pamjax.errors import refuse
 from pamjax.infer.fitting.load import LoadedMuscle, build_muscle
 
-#: Draws that are inverted: a standard deviation is known from them to 3.5 %.
+#: Number of inverted draws; the relative error of a standard deviation from them is 3.5 %.
 DRAW_COUNT = 400
 
-#: The middle share that is told.
+#: Probability of the reported central interval.
 INTERVAL_SHARE = 0.9
 
 
@@ -51,16 +51,19 @@ class PosteriorDraws:
     """Posterior draws of a muscle's parameters.
 
     Attributes:
-        loaded: the muscle at the posterior means.
+        mean_muscle: the muscle at the posterior means.
         samples: draws (`DRAW_COUNT`,) of each parameter, SI, by its name.
     """
 
-    loaded: LoadedMuscle
+    mean_muscle: LoadedMuscle
     samples: Mapping[str, Array]
 
     def compute_force_sd(self, pressure: np.ndarray, length: np.ndarray) -> np.ndarray:
         """Return the standard deviation of the force at rest over the draws, N, (n,)."""
-        model_key, numbers = (self.loaded.law, self.loaded.mechanisms), dict(self.loaded.numbers)
+        model_key, numbers = (
+            (self.mean_muscle.law, self.mean_muscle.mechanisms),
+            dict(self.mean_muscle.numbers),
+        )
         forces = _compute_draw_forces(
             model_key, numbers, dict(self.samples), jnp.asarray(pressure), jnp.asarray(length)
         )
@@ -77,8 +80,8 @@ class PosteriorDraws:
             length: given length, m, for a commanded pressure; or
             pressure: given pressure, Pa, for a commanded length.
         """
-        model_key = self.loaded.law, self.loaded.mechanisms, length is not None
-        numbers = dict(self.loaded.numbers)
+        model_key = self.mean_muscle.law, self.mean_muscle.mechanisms, length is not None
+        numbers = dict(self.mean_muscle.numbers)
         given = length if length is not None else pressure
         ranges = jnp.array(inverse.pressures), jnp.array(inverse.lengths)
         value, status = (
@@ -137,7 +140,7 @@ def load_draws(file: Path, loaded: LoadedMuscle) -> PosteriorDraws:
     case_samples = {name.removeprefix(f"{case}."): values for name, values in all_samples.items()}
     samples = {name: values for name, values in case_samples.items() if name in loaded.numbers}
     if not samples:
-        raise refuse("a posterior must hold a number of this muscle", ", ".join(all_samples), file.name)
+        raise refuse("a posterior must have a parameter of this muscle", ", ".join(all_samples), file.name)
     size = next(iter(samples.values())).size
     rows = np.linspace(0, size - 1, DRAW_COUNT).round().astype(int)
     means = {name: jnp.asarray(values.mean()) for name, values in samples.items()}
@@ -153,7 +156,7 @@ def _read_posterior(file: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     import xarray as xr
 
     if not file.exists():
-        raise refuse(f"there is no file {file}", remedy="`pamjax sample` writes posterior.nc.")
+        raise refuse(f"the file {file} does not exist", remedy="`pamjax sample` writes posterior.nc.")
     try:
         with xr.open_dataset(file, engine="h5netcdf") as dataset:
             attributes = dict(dataset.attrs)
@@ -162,22 +165,28 @@ def _read_posterior(file: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
                 str(name): np.asarray(posterior[name]).ravel() for name in posterior.data_vars
             }, attributes
     except (OSError, ValueError, KeyError) as error:
-        rule, remedy = "a posterior is a posterior.nc", "`pamjax sample` writes one."
-        raise refuse(rule, f"{file.name}, which is none", remedy=remedy) from error
+        rule, remedy = "a posterior must be a readable posterior.nc", "`pamjax sample` writes it."
+        raise refuse(rule, f"{file.name}", remedy=remedy) from error
 
 
 def _match_case(attributes: dict[str, Any], loaded: LoadedMuscle, file: Path) -> str:
     """Return the name of the posterior's case for this muscle."""
     law, ids = attributes.get("law"), tuple(json.loads(attributes.get("mechanisms", "[]")))
     if (law, sorted(ids)) != (loaded.law, sorted(loaded.mechanisms)):
-        rule = f"a posterior belongs to its own model ({_format_model(loaded.law, loaded.mechanisms)} here)"
-        raise refuse(rule, _format_model(str(law), ids), file.name, "Name the fit.json of the same model.")
+        own_model = _format_model(loaded.law, loaded.mechanisms)
+        rule = f"the posterior must have the model of the muscle ({own_model})"
+        raise refuse(rule, _format_model(str(law), ids), file.name, "Give the fit.json of the same model.")
     checksums = json.loads(attributes.get("checksum", "{}"))
     for name, checksum in checksums.items():
         if checksum == loaded.checksum:
             return name
-    rule = "a posterior belongs to the recording that it was drawn for"
-    raise refuse(rule, ", ".join(checksums) or "none", file.name, "Name its case folder, or a fit of it.")
+    rule = "the posterior must come from the recording of the muscle"
+    raise refuse(
+        rule,
+        ", ".join(checksums) or "none",
+        file.name,
+        "Give the case folder of the posterior, or a fit of it.",
+    )
 
 
 def _format_model(law: str, ids: tuple[str, ...]) -> str:

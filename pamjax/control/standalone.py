@@ -17,12 +17,12 @@ The commands `pressure` and `length` return the nearest possible value and a sta
 import numpy as np
 from numpy.polynomial.chebyshev import chebval, chebvander
 
-#: What a status means.
+#: Meaning of each status.
 STATUS_TEXTS = {
-    0: "met",
-    1: "more force than there is at the highest pressure, or at the longest length",
-    2: "less force than there is at the lowest pressure, or at the shortest length",
-    3: "a pressure or length outside the range",
+    0: "the command is possible",
+    1: "the force is above the maximum, which is at the highest pressure or the longest length",
+    2: "the force is below the minimum, which is at the lowest pressure or the shortest length",
+    3: "the pressure or length is outside the range",
 }
 
 
@@ -43,7 +43,8 @@ class Controller:
 
     Attributes:
         pressures: lowest and highest pressure, Pa.
-        holding: lowest and highest pressure for `length`, Pa. Near zero pressure the muscle has no stiffness.
+        holding: lowest and highest pressure, Pa, for which `length` has a result. Near zero
+            pressure the muscle has no stiffness.
         lengths: shortest and longest length, m.
         error: twice the largest measured interpolation error, by function name, SI.
     """
@@ -104,14 +105,14 @@ class Controller:
 
     def _evaluate(self, name, pressure, length):
         x, y = _scale_to_unit(pressure, *self.pressures), _scale_to_unit(length, *self.lengths)
-        # A rounding beyond an end is that end.
+        # The tolerance includes ends with a rounding error.
         inside = (np.abs(x) <= 1 + 1e-9) & (np.abs(y) <= 1 + 1e-9)
         return np.where(inside, _sum_chebyshev(self._table[name], x, y), np.nan)
 
     def _invert(self, name, force, given, given_range, value_range):
         y = _scale_to_unit(np.clip(given, *given_range), *given_range)
         min_force, max_force = (chebval(y, self._table[f"{name}_{end}"]) for end in ("least", "most"))
-        # Where between the least and the most force, from -1 to 1.
+        # Position of the force between its minimum (-1) and its maximum (1).
         x = _scale_to_unit(force, min_force, max_force)
         value = np.clip(_sum_chebyshev(self._table[name], np.clip(x, -1, 1), y), *value_range)
         tolerance = 1e-6

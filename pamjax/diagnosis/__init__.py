@@ -1,1 +1,1 @@
-"""Locate and name the physics that a model leaves out, and test the names on held-out blocks."""
+"""Detect and locate misfit, select the mechanisms that explain it, and test them on held-out blocks."""

@@ -1,4 +1,4 @@
-"""Several recordings in one call: both cores."""
+"""Diagnosis of several recordings in parallel."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.run import diagnose
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
 from pamjax.errors import BadInput
 from pamjax.progress import Progress, ignore_progress
 from pamjax.records.case import Case
@@ -17,34 +18,37 @@ def diagnose_all(
     cases: Sequence[Case],
     *,
     seed: int = 0,
+    settings: DiagnosisSettings = DEFAULT_SETTINGS,
     progress: Progress = ignore_progress,
     workers: int | None = None,
 ) -> Iterator[tuple[Case, Diagnosis | BadInput]]:
-    """Diagnose each recording, and hand out each verdict as soon as it is there.
+    """Diagnose each recording and yield each result as soon as it is complete.
 
     Args:
-        cases: the recordings, named differently.
-        seed: of the draws behind the p-values.
-        progress: called with what is being done and the share done.
-        workers: threads; the compiled programs run side by side in them. None takes the machine's cores,
-            four at most.
+        cases: the recordings, with different names.
+        seed: seed of the random draws for the p-values.
+        settings: thresholds of the diagnosis.
+        progress: called with the name of the step and the share done.
+        workers: number of threads; if omitted, the number of cores, at most four.
 
     Yields:
-        each case with its diagnosis, or with why it cannot be diagnosed.
+        each case with its diagnosis, or with the error of a bad input.
     """
     done = 0
 
     def diagnose_case(case: Case, report_progress: Progress) -> Diagnosis | BadInput:
         try:
-            return diagnose(case, seed=seed, progress=report_progress)
+            return diagnose(case, seed=seed, settings=settings, progress=report_progress)
         except BadInput as error:
             return error
 
     workers = min(workers or os.cpu_count() or 1, 4, len(cases))
     if workers == 1:
         for case in cases:
-            whole = done
-            yield case, diagnose_case(case, lambda doing, s, w=whole: progress(doing, (w + s) / len(cases)))
+            yield (
+                case,
+                diagnose_case(case, lambda step, share, n=done: progress(step, (n + share) / len(cases))),
+            )
             done += 1
         return
     pool = ThreadPoolExecutor(workers)
@@ -58,5 +62,5 @@ def diagnose_all(
             progress(f"{done} of {len(cases)}", done / len(cases))
             yield cases_by_future[future], future.result()
     finally:
-        # Who is interrupted waits for no other recording.
+        # After an interruption do not wait for the other recordings.
         pool.shutdown(wait=False, cancel_futures=True)

@@ -1,4 +1,4 @@
-"""Notes of a diagnosis: parameters at their bound, mechanisms not tested, parameters not determined.
+"""Notes of a diagnosis: parameters at their limits, mechanisms not tested, parameters not determined.
 
 The refit of the baseline has the Jacobian J of the whitened samples and the priors. A combination of
 parameters is not determined by the data if JᵀJ has less information on it than the prior. A change of such a
@@ -21,7 +21,7 @@ from pamjax.infer.fitting.identifiability import (
 
 
 def format_notes(problem: LibraryProblem, baseline: CandidateFit, fit: CandidateFit) -> list[str]:
-    """Return all notes: parameters at their bound first.
+    """Return all notes: parameters at their limits first.
 
     Args:
         problem: the recording and the library.
@@ -36,7 +36,7 @@ def format_notes(problem: LibraryProblem, baseline: CandidateFit, fit: Candidate
 
 
 def format_strained_parameters(problem: LibraryProblem, fit: CandidateFit) -> list[str]:
-    """Return a note on the baseline's parameters that are at their bound, if there are any.
+    """Return a note on the baseline's parameters that are at their limits, if there are any.
 
     Args:
         problem: the recording and the library.
@@ -50,11 +50,13 @@ def format_strained_parameters(problem: LibraryProblem, fit: CandidateFit) -> li
     ]
     if not names:
         return []
-    it, its = ("it", "its") if len(names) == 1 else ("them", "their")
+    sd_text = "its stated sd is" if len(names) == 1 else "their stated sd are"
+    limit = f"{problem.settings.max_prior_deviation_sd:g} sd from the stated value"
+    if any(name.startswith("`thread.") for name in names):
+        limit += f", or a factor of {problem.settings.max_stiffness_factor:g} for the thread stiffness"
     return [
-        f"{format_list(names)} ended as far from what is stated as is believed possible: something that"
-        f" is missing"
-        f" pulls at {it}, or {its} sd is too small."
+        f"{format_list(names)} reached {'its limit' if len(names) == 1 else 'their limits'} ({limit}): the"
+        f" model may lack a mechanism, or {sd_text} too small."
     ]
 
 
@@ -63,8 +65,8 @@ def format_untestable_mechanisms(problem: LibraryProblem) -> list[str]:
     if problem.case.recording.has_time:
         return []
     return [
-        "Without a column `time` rows count as equilibria: friction, damping, relaxation, lag and drift were"
-        " not asked for. If the rows were taken one after another, give the time."
+        "Without a column `time` each row counts as an equilibrium: friction, damping, relaxation, lag and"
+        " drift were not tested. If the rows were recorded in sequence, add the column `time`."
     ]
 
 
@@ -84,10 +86,12 @@ def format_unidentified_combinations(problem: LibraryProblem, baseline: Candidat
         problem.prior_sd[free],
         RELATIVE_SD_WITHOUT_PRIOR * np.abs(problem.start[free]),
     )
-    # From the refit's coordinates (a logarithm for some) to SI.
+    # From the coordinates of the refit (logarithms for some parameters) to SI.
     by_value = estimate.jacobian / np.where(estimate.scale != 0, estimate.scale, 1.0)
     information = by_value.T @ by_value
     return [
-        format_combination(moves)
-        for moves in find_undetermined_combinations([problem.names[k] for k in free], information, scale)
+        format_combination(combination)
+        for combination in find_undetermined_combinations(
+            [problem.names[k] for k in free], information, scale
+        )
     ]

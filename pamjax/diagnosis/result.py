@@ -1,4 +1,4 @@
-"""A diagnosis: what it holds, how it prints, and how it stands in diagnosis.json and prediction.csv."""
+"""Result of a diagnosis, its verdict on the screen, and its files diagnosis.json and prediction.csv."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ import pandas as pd
 from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.crossval.gain import Gain
 from pamjax.diagnosis.detect.locate import Box
-from pamjax.diagnosis.detect.significance import DETECTION_P_VALUE, Significance
+from pamjax.diagnosis.detect.significance import Significance
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.next_experiment.experiment import Experiment
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
-from pamjax.diagnosis.refit.least_squares import AT_LIMIT_RANGE_SHARE, find_parameters_at_limit
+from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit
 from pamjax.diagnosis.saved_model import build_model_document
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
+from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.model.registry import find_mechanism
@@ -33,16 +34,16 @@ from pamjax.units import compute_si_factor
 DIAGNOSIS_SCHEMA = "pamjax.diagnosis/1"
 
 
-#: Most lines of the verdict on a screen.
+#: Largest number of lines of the verdict on the screen.
 MAX_VERDICT_LINES = 25
 
-#: Most notes below it.
+#: Largest number of notes in the verdict.
 MAX_VERDICT_NOTES = 3
 
 
 @dataclass(frozen=True)
 class ParameterEstimate:
-    """A number with its standard deviation, SI; NaN where that is not defined."""
+    """Estimate of a parameter with its standard deviation, SI; NaN if that is not defined."""
 
     value: float
     sd: float
@@ -52,7 +53,7 @@ class ParameterEstimate:
 
 @dataclass(frozen=True)
 class ParameterShift:
-    """A baseline parameter before and after naming, SI, and the shift in standard deviations of before."""
+    """Baseline parameter without and with the mechanisms, SI, and its shift in sd of the estimate without."""
 
     before: float
     after: float
@@ -62,25 +63,25 @@ class ParameterShift:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What a recording says of its model.
+    """Result of a diagnosis.
 
     Attributes:
-        problem: the recording before the library.
-        selection: what was named, from the rows that were not held out.
-        model: the named model, refitted to every row.
-        baseline: the baseline, refitted to every row.
-        mismatch: the baseline's residual, judged.
-        mismatch_boxes: boxes of the mismatch.
-        residual_test: the named model's residual, judged.
-        unexplained: whether something is left that no name explains.
-        residual_boxes: boxes of that.
-        residual_share: share of the excess misfit that is left.
+        problem: the recording and the library.
+        selection: the identified mechanisms, from the rows that are not held out.
+        model: the model with the identified mechanisms, refitted to all rows.
+        baseline: the baseline, refitted to all rows.
+        mismatch: test of the baseline's residual.
+        mismatch_boxes: location of the mismatch.
+        residual_test: test of the residual of `model`.
+        unexplained: whether a part of the misfit is explained by no mechanism of the library.
+        residual_boxes: location of the unexplained part.
+        residual_share: unexplained share of the excess misfit.
         blocks: the blocks of the recording.
-        gain: before and after on held-out blocks.
-        parameters: of each name, by id, the amplitude first.
-        parameter_shifts: the baseline's parameters before and after.
-        notes: what the reader of the case noticed, what the recording cannot tell, what it drives too far.
-        experiments: what to do next.
+        gain: errors on held-out blocks, without and with the mechanisms.
+        parameters: estimates by mechanism id and parameter name, amplitude first.
+        parameter_shifts: baseline parameters without and with the mechanisms.
+        notes: warnings of the case, parameters that are not determined, and parameters at their limits.
+        experiments: proposed next experiments.
     """
 
     problem: LibraryProblem
@@ -101,22 +102,36 @@ class Diagnosis:
     experiments: list[Experiment]
 
     @property
+    def settings(self) -> DiagnosisSettings:
+        """Thresholds of the diagnosis."""
+        return self.problem.settings
+
+    @property
     def named_mechanisms(self) -> tuple[NamedMechanism, ...]:
-        """What the model holds, most probable first."""
+        """Identified mechanisms, most probable first."""
         return self.selection.named_mechanisms
 
     @property
+    def established_mechanisms(self) -> tuple[NamedMechanism, ...]:
+        """Identified mechanisms with at least the probability of the setting `established_probability`."""
+        return tuple(
+            mechanism
+            for mechanism in self.named_mechanisms
+            if mechanism.probability >= self.settings.established_probability
+        )
+
+    @property
     def detected(self) -> bool:
-        """Whether there is a mismatch beyond noise."""
-        return bool(self.mismatch.p_value < DETECTION_P_VALUE)
+        """Whether the misfit of the baseline is significant."""
+        return bool(self.mismatch.p_value < self.settings.detection_p_value)
 
     @property
     def is_faint(self) -> bool:
-        """Whether the mismatch is beyond noise, and yet too small to be named or called unexplained."""
+        """Whether the misfit is significant, but too small to identify a mechanism or to be unexplained."""
         return self.detected and not self.named_mechanisms and not self.unexplained
 
     def as_dict(self) -> dict[str, Any]:
-        """The verdict as `pamjax.diagnosis/1`."""
+        """Return the result as `pamjax.diagnosis/1`, the content of diagnosis.json."""
         return {
             "schema": DIAGNOSIS_SCHEMA,
             "case": self.problem.case.name,
@@ -135,7 +150,7 @@ class Diagnosis:
                 "where": [_serialise_box(b) for b in self.mismatch_boxes] if self.detected else [],
             },
             "missing_physics": [
-                _serialise_mechanism(self, mechanism) for mechanism in self.selection.established
+                _serialise_mechanism(self, mechanism) for mechanism in self.established_mechanisms
             ],
             "unexplained": {
                 "detected": self.unexplained,
@@ -149,7 +164,10 @@ class Diagnosis:
         }
 
     def predictions(self) -> pd.DataFrame:
-        """One line a row: what was predicted before and after, held-out rows by fits that never saw them."""
+        """Return the predictions of each row without and with the mechanisms, as in prediction.csv.
+
+        Predictions of held-out rows come from fits without these rows.
+        """
         recording, gain = self.problem.case.recording, self.gain
         columns: dict[str, Any] = {
             "row": recording.row,
@@ -166,7 +184,7 @@ class Diagnosis:
 
 
 def save_diagnosis(diagnosis: Diagnosis, folder: Path) -> list[Path]:
-    """Write diagnosis.json, prediction.csv and the improved model, each beside and then renamed."""
+    """Write diagnosis.json, prediction.csv and model.json, each atomically, and return their paths."""
     folder.mkdir(parents=True, exist_ok=True)
     document = json.dumps(diagnosis.as_dict(), indent=1, allow_nan=False) + "\n"
     table = io.StringIO()
@@ -176,13 +194,13 @@ def save_diagnosis(diagnosis: Diagnosis, folder: Path) -> list[Path]:
     )
     files = {"diagnosis.json": document, "prediction.csv": table.getvalue(), "model.json": model}
     for name, text in files.items():
-        with write_atomically(folder / name) as beside:
-            beside.write_text(text)
+        with write_atomically(folder / name) as temporary:
+            temporary.write_text(text)
     return [folder / name for name in files]
 
 
 def get_baseline_estimates(diagnosis: Diagnosis) -> dict[str, ParameterEstimate]:
-    """The baseline's own parameters."""
+    """Return the estimates of the baseline's parameters by name."""
     return {
         diagnosis.problem.names[k]: build_parameter_estimate(diagnosis.problem, diagnosis.baseline, k)
         for k in diagnosis.baseline.estimate.free
@@ -190,16 +208,16 @@ def get_baseline_estimates(diagnosis: Diagnosis) -> dict[str, ParameterEstimate]
 
 
 def build_parameter_estimate(problem: LibraryProblem, fit: CandidateFit, index: int) -> ParameterEstimate:
-    """A number of a model, and whether it was driven to an end of its range that switches nothing off."""
+    """Return the estimate of a parameter, and whether it is at a limit that is not its neutral value."""
     value, meaning = float(fit.estimate.values[index]), problem.meanings[index]
     at_limit = {fit.estimate.free[j] for j in find_parameters_at_limit(problem, fit.estimate)}
-    limit_tolerance = AT_LIMIT_RANGE_SHARE * (problem.high[index] - problem.low[index])
+    limit_tolerance = problem.settings.at_limit_range_share * (problem.high[index] - problem.low[index])
     is_neutral = meaning.neutral is not None and abs(value - meaning.neutral) < limit_tolerance
     return ParameterEstimate(value, fit.sd(index), meaning, index in at_limit and not is_neutral)
 
 
 def _get_display_unit(meaning: Meaning) -> tuple[float, str]:
-    """How many SI units the shown unit is, and its name; a pure number stays one."""
+    """Return the display unit in SI and its name; "1" for a pure number."""
     unit = "1" if meaning.unit == "1" else meaning.show
     return compute_si_factor(unit), unit
 
@@ -300,51 +318,54 @@ def _format_lines(diagnosis: Diagnosis) -> list[str]:
     lines = [f"{case.name}: {case.entry.name}, {diagnosis.problem.law} baseline"]
     p = diagnosis.mismatch.p_value
     if not diagnosis.detected:
-        lines.append(f"  nothing is missing that this recording could show (p = {p:.2g})")
+        lines.append(f"  no systematic misfit detected (p = {p:.2g})")
     else:
-        lines.append(f"  the baseline misses something (p {'< 1e-12' if p < 1e-12 else f'= {p:.1g}'})")
+        lines.append(f"  systematic misfit of the baseline (p {'< 1e-12' if p < 1e-12 else f'= {p:.1g}'})")
         lines += [
             f"    {box.description} ({box.share:.0%} of the misfit)" for box in diagnosis.mismatch_boxes[:3]
         ]
-    for name in diagnosis.named_mechanisms:
-        lines.append(
-            f"  {name.id}: {find_mechanism(name.id).about.title}, probability {name.probability:.2f}"
-        )
-        lines.append(
-            "    "
-            + ", ".join(
-                format_named_estimate(n, v) for n, v in list(diagnosis.parameters[name.id].items())[:3]
-            )
-        )
-        if name.indistinguishable:
-            lines.append(
-                f"    it or {' or '.join(name.indistinguishable)}: this recording cannot tell them apart"
-            )
+    for mechanism in diagnosis.named_mechanisms:
+        title = find_mechanism(mechanism.id).about.title
+        estimates = list(diagnosis.parameters[mechanism.id].items())[:3]
+        lines.append(f"  {mechanism.id}: {title}, probability {mechanism.probability:.2f}")
+        lines.append("    " + ", ".join(format_named_estimate(n, v) for n, v in estimates))
+        if mechanism.indistinguishable:
+            alternatives = " and ".join(mechanism.indistinguishable)
+            lines.append(f"    this recording does not distinguish it from {alternatives}")
     if diagnosis.is_faint:
-        share = math.sqrt(max(diagnosis.mismatch.mean_square - 1, 0.0))
-        lines.append(f"  too faint to be named: {share:.2f} of the noise in rms, seen only over many samples")
+        rms = math.sqrt(max(diagnosis.mismatch.mean_square - 1, 0.0))
+        lines.append(f"  too small to identify a mechanism: the rms is {rms:.2f} of the noise")
     if diagnosis.unexplained:
         lines.append(
-            f"  unexplained: {diagnosis.residual_share:.0%} of the misfit is none of what pamjax knows"
+            f"  unexplained: {diagnosis.residual_share:.0%} of the misfit; no mechanism of the library"
+            " explains it"
         )
         lines += [f"    {box.description}" for box in diagnosis.residual_boxes[:2]]
-    for channel, before in gain.rmse_before.items():
-        before, after = (to_display(channel, rmse) for rmse in (before, gain.rmse_after[channel]))
+    for channel, rmse_before in gain.rmse_before.items():
+        before, after = (to_display(channel, rmse) for rmse in (rmse_before, gain.rmse_after[channel]))
         lines.append(
-            f"  held out ({gain.blocks.split(':')[0]}): {channel} {before:.3g} -> {after:.3g}"
+            f"  held-out rmse ({gain.blocks.split(':')[0]}): {channel} {before:.3g} -> {after:.3g}"
             f" {DISPLAY_UNIT[channel]}, noise {_serialise_noise(diagnosis)[channel]['sd']:.3g}"
+        )
+    if diagnosis.named_mechanisms and not gain.rmse_before:
+        lines.append(
+            "  no block was held out (too few blocks): no independent rows confirm these mechanisms."
+            " Record at least three pressures."
         )
     for n, m in sorted(diagnosis.parameter_shifts.items(), key=lambda pair: -abs(pair[1].shift))[:2]:
         scale, unit = _get_display_unit(m.meaning)
         if diagnosis.named_mechanisms and abs(m.shift) > 1:
             unit = "" if unit == "1" else f" {unit}"
-            lines.append(f"  {n} moved from {m.before / scale:.4g} to {m.after / scale:.4g}{unit}")
-    lines += [f"  next: {e.protocol} (power {e.power:.2f})" for e in diagnosis.experiments[:2]]
-    return lines + [f"  note: {words}" for words in diagnosis.notes[:MAX_VERDICT_NOTES]]
+            lines.append(f"  {n} changes from {m.before / scale:.4g} to {m.after / scale:.4g}{unit}")
+    lines += [
+        f"  next experiment: {experiment.protocol} (power {experiment.power:.2f})"
+        for experiment in diagnosis.experiments[:2]
+    ]
+    return lines + [f"  note: {note}" for note in diagnosis.notes[:MAX_VERDICT_NOTES]]
 
 
 def format_named_estimate(name: str, estimate: ParameterEstimate) -> str:
-    """A number for people, as "coefficient 0.210 ± 0.012"."""
-    limit = ", at an end of its range" if estimate.at_limit else ""
+    """Return an estimate as text, as "coefficient 0.210 ± 0.012"."""
+    limit = ", at its limit" if estimate.at_limit else ""
     unit = _get_display_unit(estimate.meaning)[1]
     return f"{name} {format_estimate(estimate.value, estimate.sd, unit)}{limit}"

@@ -1,17 +1,18 @@
-"""Diagnose: locate the mismatch, name the missing physics, model it, show the gain. The verb of the study."""
+"""Diagnosis of a recording: detect and locate misfit, select mechanisms, validate and report them."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from pamjax.diagnosis.crossval.cross_validated import (
     cross_validate_selection,
     format_dropped_mechanisms,
-    halve_certainty,
+    reduce_certainty,
 )
 from pamjax.diagnosis.crossval.gain import compute_gain, select_held_out_rows
 from pamjax.diagnosis.detect.locate import locate_effects, locate_residual
@@ -21,7 +22,8 @@ from pamjax.diagnosis.detect.residual_test import (
     run_residual_test,
 )
 from pamjax.diagnosis.detect.score_test import compute_score_directions
-from pamjax.diagnosis.detect.significance import DETECTION_P_VALUE, Significance, compute_significance
+from pamjax.diagnosis.detect.significance import Significance, compute_significance
+from pamjax.diagnosis.evidence.selection import fit_baseline, fit_with_form_errors, select_by_evidence
 from pamjax.diagnosis.identifiability import format_notes
 from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem
@@ -32,37 +34,104 @@ from pamjax.diagnosis.refit.noise_correlation import fit_noise_correlation
 from pamjax.diagnosis.result import Diagnosis, ParameterEstimate, ParameterShift, build_parameter_estimate
 from pamjax.diagnosis.select.model_averaging import average_models
 from pamjax.diagnosis.select.selection import Selection, drop_small_effects, select_mechanisms
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
+from pamjax.errors import refuse, suggest_word
 from pamjax.progress import Progress, ignore_progress
-from pamjax.records.blocks import find_blocks
-from pamjax.records.case import Case, load_case
+from pamjax.records.blocks import Blocks, find_blocks
+from pamjax.records.case import Case, ensure_case
+
+#: How mechanisms are chosen. "evidence" is experimental: form errors are part of the model.
+Method = Literal["stepwise", "evidence"]
+
+
+@dataclass(frozen=True, eq=False)
+class _Choice:
+    """The mechanisms of a recording, tested, and the fits with them.
+
+    Attributes:
+        selection: the mechanisms, chosen on the training rows.
+        mismatch: test of the baseline's residual.
+        residual_test: test of the residual with the mechanisms.
+        unexplained: whether physics is left that no mechanism explains.
+        training_fit: the fit with the mechanisms to the training rows.
+        baseline: the baseline, fitted to all rows.
+        model: the fit with the mechanisms to all rows.
+        notes: mechanisms that were dropped.
+    """
+
+    selection: Selection
+    mismatch: Significance
+    residual_test: Significance
+    unexplained: bool
+    training_fit: CandidateFit
+    baseline: CandidateFit
+    model: CandidateFit
+    notes: list[str]
 
 
 def diagnose(
     case: Case | str | Path,
     *,
     seed: int = 0,
+    settings: DiagnosisSettings = DEFAULT_SETTINGS,
+    method: Method = "stepwise",
     progress: Progress = ignore_progress,
 ) -> Diagnosis:
-    """Say what a recording's baseline leaves out.
+    """Return the mechanisms that the baseline of a recording omits.
 
     Args:
-        case: the recording and what the lab believes of its muscle, or their folder.
-        seed: of the draws behind the p-values.
-        progress: called with what is being done and the share done.
+        case: the recording and the stated values of its muscle, or their folder.
+        seed: seed of the random draws for the p-values.
+        settings: thresholds of the diagnosis.
+        method: choice of mechanisms: "stepwise", or "evidence" (experimental; see docs/statistics.md).
+        progress: called with the name of the step and the share done.
 
     Raises:
-        BadInput: for a baseline that no bench has, or a recording without force and diameter.
+        BadInput: for an unknown baseline or method, or a recording without force and diameter.
     """
-    case = load_case(case)
+    if method not in _METHODS:
+        raise refuse(f"unknown method {method!r}", remedy=suggest_word(method, _METHODS))
+    case = ensure_case(case)
     progress("compiling", 0.0)
-    problem = build_library_problem(case)
+    problem = build_library_problem(case, settings)
     problem.compile()
     blocks_of_case = find_blocks(case.recording)
-    held_out_rows = select_held_out_rows(blocks_of_case)
+    held_out_rows = select_held_out_rows(blocks_of_case, problem.settings)
+    choice = _METHODS[method](problem, blocks_of_case, held_out_rows, seed, progress)
+    selection, baseline, model = choice.selection, choice.baseline, choice.model
+    progress("done", 1.0)
+    return Diagnosis(
+        problem=problem,
+        selection=selection,
+        model=model,
+        baseline=baseline,
+        mismatch=choice.mismatch,
+        mismatch_boxes=(
+            locate_effects(problem, baseline, model)
+            if selection.named_mechanisms
+            else locate_residual(problem, baseline)
+        ),
+        residual_test=choice.residual_test,
+        unexplained=choice.unexplained,
+        residual_boxes=locate_residual(problem, model) if choice.unexplained else [],
+        residual_share=_compute_residual_share(choice.mismatch, choice.residual_test),
+        blocks=blocks_of_case,
+        gain=compute_gain(problem, blocks_of_case, held_out_rows, selection.baseline, choice.training_fit),
+        parameters=_collect_estimates(problem, model),
+        parameter_shifts=_compute_shifts(problem, baseline, model) if selection.named_mechanisms else {},
+        notes=[*choice.notes, *problem.case.warnings, *format_notes(problem, baseline, model)],
+        experiments=propose_experiments(problem, model, selection.named_mechanisms),
+    )
+
+
+def _choose_stepwise(
+    problem: LibraryProblem, blocks_of_case: Blocks, held_out_rows: np.ndarray, seed: int, progress: Progress
+) -> _Choice:
+    """Choose mechanisms one after the other, and test them on held-out blocks."""
     selection = select_mechanisms(problem, ~held_out_rows, progress)
-    progress("judging", 0.85)
+    progress("testing", 0.85)
     mismatch = _test_baseline(problem, selection, seed)
-    detected = mismatch.p_value < DETECTION_P_VALUE
+    detected = mismatch.p_value < problem.settings.detection_p_value
     if not detected:
         selection = replace(
             selection,
@@ -72,74 +141,80 @@ def diagnose(
             fit_before_small_effects=None,
         )
     residual_test = _test_residual(problem, selection, mismatch, seed)
-    unexplained = detected and is_residual_significant(mismatch, residual_test)
+    unexplained = detected and is_residual_significant(mismatch, residual_test, problem.settings)
     if unexplained and selection.fit_before_small_effects is not None:
-        # What is small beside a name is told only where nothing else is: it bends to that.
+        # Small effects are reported only if nothing is unexplained: otherwise they can absorb that part.
         selection = drop_small_effects(problem, selection)
         residual_test = _test_residual(problem, selection, mismatch, seed)
-        unexplained = is_residual_significant(mismatch, residual_test)
+        unexplained = is_residual_significant(mismatch, residual_test, problem.settings)
     selection_before = selection
     if selection.named_mechanisms:
-        # Names that bend to what is in no catalogue may leave too little to be told from noise.
+        # Mechanisms can absorb physics outside the library, so that the residual is no longer significant.
         validated = cross_validate_selection(
             problem,
             blocks_of_case,
             ~held_out_rows,
             selection,
-            judge_each=is_residual_large(mismatch, residual_test),
+            judge_each=is_residual_large(mismatch, residual_test, problem.settings),
         )
         residual_test = (
             residual_test
             if validated.model is selection.model
             else _test_residual(problem, validated, mismatch, seed)
         )
-        selection, unexplained = validated, is_residual_significant(mismatch, residual_test)
+        selection, unexplained = validated, is_residual_significant(mismatch, residual_test, problem.settings)
     if selection.named_mechanisms and unexplained:
-        selection = halve_certainty(selection)
-    held_out_gain = compute_gain(
-        problem,
-        blocks_of_case,
-        held_out_rows,
-        selection.baseline,
-        _fit_selection(problem, selection, ~held_out_rows),
-    )
+        selection = reduce_certainty(selection, problem.settings)
     all_rows = np.ones(problem.n, dtype=bool)
     baseline = fit_candidate(problem, all_rows, (), selection.baseline.estimate.values)
     model = baseline
     if selection.named_mechanisms:
         model = fit_noise_correlation(problem, _fit_selection(problem, selection, all_rows))
         model = average_models(problem, model, selection.named_mechanisms)
-    progress("done", 1.0)
-    return Diagnosis(
-        problem=problem,
+    return _Choice(
         selection=selection,
-        model=model,
-        baseline=baseline,
         mismatch=mismatch,
-        mismatch_boxes=(
-            locate_effects(problem, baseline, model)
-            if selection.named_mechanisms
-            else locate_residual(problem, baseline)
-        ),
         residual_test=residual_test,
         unexplained=unexplained,
-        residual_boxes=locate_residual(problem, model) if unexplained else [],
-        residual_share=_compute_residual_share(mismatch, residual_test),
-        blocks=blocks_of_case,
-        gain=held_out_gain,
-        parameters=_collect_estimates(problem, model),
-        parameter_shifts=_compute_shifts(problem, baseline, model) if selection.named_mechanisms else {},
-        notes=[
-            *(format_dropped_mechanisms(selection_before, selection) if unexplained else []),
-            *problem.case.warnings,
-            *format_notes(problem, baseline, model),
-        ],
-        experiments=propose_experiments(problem, model, selection.named_mechanisms),
-    )  # fmt: skip
+        training_fit=_fit_selection(problem, selection, ~held_out_rows),
+        baseline=baseline,
+        model=model,
+        notes=format_dropped_mechanisms(selection_before, selection) if unexplained else [],
+    )
+
+
+def _choose_by_evidence(
+    problem: LibraryProblem, blocks_of_case: Blocks, held_out_rows: np.ndarray, seed: int, progress: Progress
+) -> _Choice:
+    """Choose the set of mechanisms with the largest evidence; form errors are part of each model."""
+    selection, unexplained_probability = select_by_evidence(problem, ~held_out_rows, progress)
+    progress("testing", 0.85)
+    mismatch = _test_baseline(problem, selection, seed)
+    detected = mismatch.p_value < problem.settings.detection_p_value
+    if not detected:
+        selection = replace(selection, model=selection.baseline, named_mechanisms=())
+    all_rows = np.ones(problem.n, dtype=bool)
+    baseline = fit_baseline(problem, all_rows, selection.baseline.estimate.values)
+    training_fit = selection.model
+    return _Choice(
+        selection=selection,
+        mismatch=mismatch,
+        residual_test=_test_residual(problem, selection, mismatch, seed),
+        unexplained=detected and unexplained_probability >= problem.settings.established_probability,
+        training_fit=training_fit,
+        baseline=baseline,
+        model=fit_with_form_errors(problem, all_rows, training_fit.mechanisms, training_fit.estimate.values)
+        if selection.named_mechanisms
+        else baseline,
+        notes=[],
+    )
+
+
+_METHODS = {"stepwise": _choose_stepwise, "evidence": _choose_by_evidence}
 
 
 def _test_baseline(problem: LibraryProblem, selection: Selection, seed: int) -> Significance:
-    """The baseline's residual, judged; of a table of unknown noise every row, since each tells the noise."""
+    """Test the baseline's residual; in a table without stated noise on all rows, which estimate the noise."""
     baseline, score_directions = selection.baseline, list(selection.baseline_directions)
     if any(channel and math.isfinite(channel.degrees_of_freedom) for channel in baseline.noise.channels):
         baseline = fit_candidate(problem, np.ones(problem.n, dtype=bool), (), baseline.estimate.values)
@@ -150,7 +225,7 @@ def _test_baseline(problem: LibraryProblem, selection: Selection, seed: int) -> 
 
 
 def _fit_selection(problem: LibraryProblem, selection: Selection, rows: np.ndarray) -> CandidateFit:
-    """The named model as some rows tell it; a baseline without names stays as it was judged."""
+    """Refit the selected model to some rows; a baseline without mechanisms is returned unchanged."""
     fit = selection.model
     return (
         fit_with_misfit_weight(problem, rows, fit.mechanisms, selection.start_values)
@@ -162,7 +237,7 @@ def _fit_selection(problem: LibraryProblem, selection: Selection, rows: np.ndarr
 def _test_residual(
     problem: LibraryProblem, selection: Selection, mismatch: Significance, seed: int
 ) -> Significance:
-    """What the names leave, judged; the mismatch itself where there are none."""
+    """Test the residual of the selected model; without mechanisms, return the test of the baseline."""
     return run_residual_test(problem, selection.model, seed) if selection.model.mechanisms else mismatch
 
 

@@ -46,7 +46,7 @@ class BlockValidation:
     def worst_misfit(self) -> str:
         """The channel with the largest rmse over noise, in words."""
         worst = max(self.rmse, key=lambda channel: self.rmse[channel] / self.noise[channel])
-        return f"{worst} by {self.rmse[worst] / self.noise[worst]:.3g} of noise"
+        return f"{worst} {self.rmse[worst] / self.noise[worst]:.3g} times the noise"
 
 
 @dataclass(frozen=True)
@@ -80,24 +80,25 @@ class Validation:
 
     def __str__(self) -> str:
         description = (
-            "fitted to this very recording, which is no test of it"
+            "the model was fitted to this recording, so this is no validation"
             if self.is_training_recording
-            else "that never saw it"
+            else "the model was not fitted to this recording"
         )
-        lines = [f"{self.case}: a model {description}"]
+        lines = [f"{self.case}: {description}"]
         for channel, rmse in self.rmse.items():
             unit, noise = DISPLAY_UNIT[channel], to_display(channel, self.noise[channel])
             rmse = to_display(channel, rmse)
             lines.append(f"  {channel}: rmse {rmse:.3g} {unit}, noise {noise:.3g} {unit}")
         good = [block.name for block in self.blocks if self.fits_block(block)]
-        head = f"  fits {len(good)} of {len(self.blocks)} blocks, to {MAX_RMSE_NOISE_RATIO} of noise"
+        count = f"{len(good)} of {len(self.blocks)} blocks"
+        head = f"  {count} are predicted to {MAX_RMSE_NOISE_RATIO} times the noise"
         lines.append(head + (f": {', '.join(good)}" if good else ""))
         missed = [
             f"{block.name} ({block.worst_misfit})" for block in self.blocks if not self.fits_block(block)
         ]
-        lines += [f"  misses {', '.join(missed)}"] if missed else []
+        lines += [f"  larger errors: {', '.join(missed)}"] if missed else []
         if self.failed_rows:
-            lines.append(f"  no answer in {format_count(self.failed_rows, 'row')}")
+            lines.append(f"  no solution in {format_count(self.failed_rows, 'row')}")
         return "\n".join(lines + [f"  {sentence}" for sentence in self.extrapolations])
 
     def as_dict(self) -> dict[str, Any]:
@@ -142,7 +143,7 @@ def validate_model(model: LoadedMuscle, case: Case, training_checksums: Collecti
     length = np.where(good, recording.length, rest_length)
     reading = _predict_reading(model, case, pressure, length)
     sensors = case.entry.sensors
-    # A reading at another pressure or length by one sd: what that channel's noise does to it.
+    # Readings with pressure or length changed by one sd give the effect of their noise.
     perturbed_readings = [
         _predict_reading(model, case, pressure + by_pressure, length + by_length)
         for by_pressure, by_length in ((sensors.pressure or 0.0, 0.0), (0.0, sensors.length or 0.0))
@@ -202,7 +203,7 @@ def _describe_extrapolation(calibrated: dict[str, tuple[float, float]], pressure
         if name not in calibrated or not values.size:
             continue
         low, high = calibrated[name]
-        far = max(low - values.min(), values.max() - high)
-        if far > 0.01 * max(high - low, 1e-12):
-            sentences.append(f"{name} goes {far * per:.3g} {unit} beyond what the model was calibrated on")
+        distance = max(low - values.min(), values.max() - high)
+        if distance > 0.01 * max(high - low, 1e-12):
+            sentences.append(f"{name} is up to {distance * per:.3g} {unit} outside the calibrated range")
     return sentences

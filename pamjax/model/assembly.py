@@ -1,4 +1,4 @@
-"""Build a muscle or a bench from the named numbers of muscle.toml and fit.json."""
+"""Build a muscle or a bench from the named parameters of muscle.toml and fit.json."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from pamjax.model.registry import order_mechanisms
 from pamjax.model.thread import AbstractThread, Inextensible
 from pamjax.parameter import list_field_meanings
 
-#: The thread laws a bench can have. A toe is a mechanism there: `thread_crimp`.
+#: Thread laws of a bench. It has no toe law, but the mechanism `thread_crimp`.
 BENCH_LAWS = ("inelastic", "elastic")
 
 
 def assemble(law: str, numbers: Mapping[str, Array]) -> Muscle:
-    """Return the muscle that named numbers describe.
+    """Return the muscle with the given parameters.
 
     Args:
         law: a key of `parameters.THREAD_LAWS`.
         numbers: values in SI units by name. Required: "muscle.rest_length"; "muscle.thread_length" and
             "muscle.turns", or "muscle.braid_angle" and "muscle.diameter". A law that stretches also
             needs "thread.stiffness", or "thread.modulus" with "muscle.threads" and
-            "muscle.thread_area", and the numbers of the law itself.
+            "muscle.thread_area", and the parameters of the law itself.
 
     Raises:
-        BadInput: if the law is unknown, or a number is missing.
+        BadInput: if the law is unknown, or a parameter is missing.
 
     >>> numbers = {"muscle.rest_length": 0.2, "muscle.thread_length": 0.214, "muscle.turns": 1.2}
     >>> muscle = assemble("elastic", numbers | {"thread.stiffness": 0.59e6})
@@ -47,11 +47,11 @@ def assemble(law: str, numbers: Mapping[str, Array]) -> Muscle:
             numbers["muscle.rest_length"], length, turns, _build_thread(law, law_parameters, numbers)
         )
     except KeyError as error:
-        raise refuse(f"a muscle needs the number `{error.args[0]}`", ", ".join(numbers)) from error
+        raise refuse(f"a muscle needs the parameter `{error.args[0]}`", ", ".join(numbers)) from error
 
 
 def _read_braid(numbers: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Return thread length (m) and turns, from either way to state a braid."""
+    """Return thread length (m) and turns, from either description of the braid."""
     if "muscle.braid_angle" in numbers:
         rest_length = numbers["muscle.rest_length"]
         return braid.from_angle(rest_length, numbers["muscle.diameter"], numbers["muscle.braid_angle"])
@@ -76,17 +76,17 @@ def resolve_bench_law(law: str, ids: Iterable[str]) -> str:
     """
     if law not in BENCH_LAWS:
         raise refuse(
-            "with mechanisms the thread law is inelastic or elastic",
+            "a model with mechanisms must have the thread law `inelastic` or `elastic`",
             f"{law!r}",
-            remedy="Add the mechanism `thread_crimp` for a toe.",
+            remedy="For a toe, add the mechanism `thread_crimp`.",
         )
     return "elastic" if BraidElasticity.id in ids else law
 
 
 def list_mechanism_parameters(ids: Iterable[str]) -> dict[str, tuple[type[AbstractMechanism], str]]:
-    """Return class and field of every number of these mechanisms, by its name "id.field".
+    """Return class and field of every parameter of these mechanisms, by its name "id.field".
 
-    The stiffness of the threads is not among them: it is a number of the muscle, `thread.modulus` or
+    The stiffness of the threads is not included: it is a parameter of the muscle, `thread.modulus` or
     `thread.stiffness`.
     """
     kinds = (kind for kind in order_mechanisms(ids) if kind is not BraidElasticity)
@@ -94,19 +94,19 @@ def list_mechanism_parameters(ids: Iterable[str]) -> dict[str, tuple[type[Abstra
 
 
 def assemble_bench(law: str, ids: tuple[str, ...], numbers: Mapping[str, Array]) -> Bench:
-    """Return the bench that named numbers describe.
+    """Return the bench with the given parameters.
 
     Args:
         law: "inelastic" or "elastic".
         ids: ids of the mechanisms.
-        numbers: SI, as for `assemble`, and those of the mechanisms as "id.field". Missing numbers of
-            mechanisms keep their defaults.
+        numbers: SI, as for `assemble`, and those of the mechanisms as "id.field". Missing parameters
+            of mechanisms keep their defaults.
     """
     length, turns = _read_braid(numbers)
     if law == "elastic":
         threads = (BraidElasticity(1 / compute_thread_stiffness(numbers)),)
     else:
-        # Before the whole library, an inelastic braid is an elastic one whose compliance is zero.
+        # In the bench with all mechanisms, an inelastic braid is an elastic braid with zero compliance.
         threads = tuple(BraidElasticity(numbers[n]) for n in ("braid_elasticity.compliance",) if n in numbers)
     own_parameters = list_mechanism_parameters(ids)
     kinds: tuple[Any, ...] = order_mechanisms(ids)
@@ -119,7 +119,7 @@ def assemble_bench(law: str, ids: tuple[str, ...], numbers: Mapping[str, Array])
 
 
 def compute_thread_stiffness(numbers: Mapping[str, Array]) -> Array:
-    """Return the pull of all threads at unit strain, n E A, in N, from either way to state it."""
+    """Return the pull of all threads at unit strain, n E A, in N, from either set of parameters."""
     if "thread.stiffness" in numbers:
         return numbers["thread.stiffness"]
     return numbers["thread.modulus"] * numbers["muscle.threads"] * numbers["muscle.thread_area"]

@@ -19,10 +19,11 @@ with a *minus* in the denominator: a pull lengthens the thread. With R² = (B² 
 
     0 = B³ K P/(4πN²) + B [ K (F − L² P/(4πN²)) − 1 ] + B0,   K = B0 / (L S)     (Eq. 11)
 
-where the −1 is *outside* the bracket that K multiplies. Inside, a force and a pure number would be
-added. Both equations differ from the printed ones. The errata page has the derivation.
+where the −1 is *outside* the bracket that K multiplies. Inside the bracket, a pure
+number would be added to a force. Both equations differ from the printed ones. The errata page has the
+derivation.
 
-At x → 1 the pull of pressure grows as fast with thread length as the load of the thread, and the
+At x → 1 the pull of pressure increases with thread length as fast as the load of the thread, so that the
 threads stretch without limit. Such states have no equilibrium: their `Status` is UNSTABLE, and their
 strain is that at `BURST_LOAD_SHARE`, never NaN.
 """
@@ -38,7 +39,8 @@ from jaxtyping import Array
 from pamjax.model.braid import Real
 from pamjax.model.status import StatusCode
 
-#: Share of the bursting load up to which a stretch is returned. At 0.98 threads are 50 times as long.
+#: Share of the bursting load up to which a stretch is returned. At 0.98 the
+#: threads stretch to 50 times their length.
 BURST_LOAD_SHARE = 0.98
 
 
@@ -46,9 +48,9 @@ class Status(StatusCode):
     """Status of the solution of one state."""
 
     OK = 0, "solved"
-    UNSTABLE = 1, "no equilibrium: threads too soft for this pressure stretch without end"
+    UNSTABLE = 1, "no equilibrium: the threads stretch without limit at this pressure"
     STRAIGHT = 2, "no radius: the muscle is longer than its threads"
-    NOT_CONVERGED = 3, "the thread balance was not solved to its tolerance"
+    NOT_CONVERGED = 3, "not converged: the error of the thread balance exceeds its tolerance"
 
 
 def stretch_linear(pull: Real, stiffness: Real) -> tuple[Array, Array]:
@@ -62,7 +64,7 @@ def stretch_linear(pull: Real, stiffness: Real) -> tuple[Array, Array]:
         strain and `Status`. Threads do not push: at a negative pull the strain is zero.
     """
     x = jnp.asarray(pull / stiffness)
-    # Not `maximum`, which halves the derivative at no pressure, where many recordings begin.
+    # Not `maximum`, which halves the derivative at zero pressure, where many recordings begin.
     stable_ratio = jnp.minimum(jnp.where(x >= 0, x, 0.0), BURST_LOAD_SHARE)
     return stable_ratio / (1 - stable_ratio), jnp.where(
         x > BURST_LOAD_SHARE, int(Status.UNSTABLE), int(Status.OK)
@@ -105,7 +107,8 @@ def stretch_measured(
 @jax.custom_jvp
 def _cubic_root(v: Array) -> Array:
     """Return the smallest positive root of v c³ − c + 1 = 0, for −1 < v ≤ 4/27: at most 3/2."""
-    # The square root has the fold of the true curve at v = 4/27, where plain Newton would crawl.
+    # The starting value has the square-root singularity of the exact root at v = 4/27. From another start,
+    # Newton's method converges slowly there.
     root = 3.0 / (2.0 + jnp.sqrt(jnp.maximum(1.0 - 6.75 * v, 0.0)))
     for _ in range(4):
         slope = jnp.minimum(3 * v * root**2 - 1, -1e-8)
@@ -123,18 +126,18 @@ def _cubic_root_jvp(primals, tangents):
 def solve_strain(residual: Callable[[Array], Array], start: Array, steps: int = 8) -> Array:
     """Return the root of a rising, convex scalar function after a fixed number of Newton steps.
 
-    A fixed number of steps needs no branch, so that a million states run as one loop. The derivative is
+    A fixed number of steps needs no branch, so that many states run as one loop. The derivative is
     that of the implicit function, in forward and reverse mode and of any order. The steps themselves are
     not differentiated.
 
     Args:
-        residual: pull of the threads minus pull of everything else, N, at a strain.
+        residual: load of the threads minus all other pulls on them, N, at a strain.
         start: a strain near the root, or anywhere above it (`AbstractThread.initial_strain`).
         steps: Newton steps.
     """
 
     def divide(value, slope):
-        # Where the function does not rise there is no step to take, and no derivative.
+        # Where the function does not rise, step and derivative are zero.
         return value / jnp.where(slope > 0, slope, jnp.inf)
 
     def solve(function, x):

@@ -1,8 +1,8 @@
 """A barrier that makes XLA compute an intermediate result once.
 
-XLA's compiler for CPUs fuses an expression into everything that uses it, and computes it again in each place.
-A solution with ten users is then solved ten times, with its derivatives, and compiled as often. XLA never
-fuses across a loop. `materialize` is the identity, written as a loop that XLA cannot remove.
+XLA's compiler for CPUs fuses an expression into each expression that uses it, and computes it again there.
+A solution with ten uses is then solved ten times, with its derivatives, and compiled as often. XLA does not
+fuse across a loop. `materialize` is the identity, written as a loop that XLA cannot remove.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ def _lower_as_loop(value: Array) -> Array:
         return value
 
     def write(carry):
-        last, _ = carry
-        return value, last.ravel()[0] != 0
+        previous, _ = carry
+        return value, previous.ravel()[0] != 0
 
     return jax.lax.while_loop(lambda carry: carry[1], write, (jnp.zeros_like(value), True))[0]
 
@@ -39,7 +39,7 @@ def _apply_batched(arguments: Any, axes: Any) -> tuple[Array, int]:
     return _materialize.bind(*arguments), *axes
 
 
-_materialize = Primitive("written")
+_materialize = Primitive("materialize")
 _materialize.def_impl(lambda value: value)
 _materialize.def_abstract_eval(lambda value: value)
 ad.deflinear2(_materialize, lambda cotangent, _: (_materialize.bind(cotangent),))

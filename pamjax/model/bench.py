@@ -4,11 +4,11 @@ As for the muscle without mechanisms (`muscle.py`) there is one potential:
 
     W(L, B) = Σ stored energies + Σ memory stress · strain − P V
 
-The state is that of a cylinder, changed by mechanisms of shape. `equilibrium.py` solves one instant.
+The geometry is a cylinder, which shape mechanisms modify. `equilibrium.py` solves one instant.
 
 A recording with memory is predicted in two passes. The first pass has no memory. Its result is the input of
 the memories, whose stresses are then computed for all rows at once (`scan.py`). The second pass adds their
-constant loads on length and thread. The error of this is some thousandths of the memory's own effect.
+constant loads on length and thread. The error is some thousandths of the effect of the memory.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from pamjax.model.barrier import materialize
 from pamjax.model.equilibrium import Pair, build_instant_balance, compute_partial_derivatives, solve_balance
 from pamjax.model.history import History
 from pamjax.model.mechanism import (
-    AbstractLine,
     AbstractMechanism,
     AbstractMemory,
-    AbstractRig,
+    AbstractPressureLoss,
+    AbstractRigCompliance,
     AbstractSensor,
     AbstractShape,
     AbstractSlip,
-    AbstractStore,
-    AbstractYielding,
+    AbstractStoredEnergy,
+    AbstractThreadCompliance,
     Past,
     Samples,
 )
@@ -39,7 +39,7 @@ from pamjax.model.state import Cylinder, State
 from pamjax.parameter import Scalar, parameter
 
 #: Mechanisms whose effect depends on earlier samples. With one of them a recording needs two passes.
-HISTORY_DEPENDENT = (AbstractMemory, AbstractSlip, AbstractLine)
+HISTORY_DEPENDENT = (AbstractMemory, AbstractSlip, AbstractPressureLoss)
 
 #: Rows whose balance is solved together.
 BLOCK_ROWS = 256
@@ -51,20 +51,20 @@ class BenchReading(eqx.Module):
     Attributes:
         force: (n,) recorded tension, N.
         diameter: (n,) recorded outer diameter, m.
-        past: true states of the muscle, memory included.
+        states: true states of the muscle, memory included.
         status: (n,) a `balance.Status`.
     """
 
     force: Samples
     diameter: Samples
-    past: Past
+    states: Past
     status: Int[Array, " n"]
 
 
 class Bench(eqx.Module):
     """A muscle with mechanisms on a test bench.
 
-    Without mechanisms it is the ideal inelastic cylinder. Mechanisms of one kind act in their order.
+    Without mechanisms it is the ideal inelastic cylinder. Mechanisms of one kind are applied in order.
     """
 
     thread_length: Scalar = parameter(
@@ -97,18 +97,18 @@ class Bench(eqx.Module):
             slack: (n,) whether the muscle can be slack; a negative force is then zero. None for never.
         """
         for sensor in self.find_mechanisms(AbstractSensor):
-            pressure, length = sensor.undo(pressure, length, history)
+            pressure, length = sensor.to_true_inputs(pressure, length, history)
         past, status = self.prepare().compute_past(pressure, length, history)
         force, diameter = past.force, past.state.diameter
         force = force if slack is None else clip_slack_force(force, slack)
         for sensor in self.find_mechanisms(AbstractSensor):
-            force, diameter = sensor.read(force, diameter, past, history)
+            force, diameter = sensor.to_recorded_outputs(force, diameter, past, history)
         return BenchReading(force, diameter, past, status)
 
     def prepare(self) -> Bench:
         """Return the same bench with the quantities that all states share computed."""
         mechanisms = (
-            m.prepared(self.thread_length, self.turns) if isinstance(m, AbstractShape) else m
+            m.prepare(self.thread_length, self.turns) if isinstance(m, AbstractShape) else m
             for m in self.mechanisms
         )
         return Bench(self.thread_length, self.turns, tuple(mechanisms))
@@ -143,20 +143,20 @@ class Bench(eqx.Module):
 
     def _compute_memory(self, first_pass: Past, history: History) -> tuple[Samples, Samples, Pair]:
         """Return inner pressure (Pa), thread extension and memory loads (N), from the pass without memory."""
-        for line in self.find_mechanisms(AbstractLine):
+        for line in self.find_mechanisms(AbstractPressureLoss):
             first_pass = eqx.tree_at(lambda p: p.pressure, first_pass, line.pressure(history, first_pass))
         zeros, memories = jnp.zeros_like(first_pass.pressure), self.find_mechanisms(AbstractMemory)
-        whole_past, begin, row_count = first_pass, 0, history.row_count
+        repeated_past, begin, row_count = first_pass, 0, history.row_count
         if history.settled:
-            whole_past = jax.tree.map(lambda x: jnp.concatenate([x, x]), first_pass)
+            repeated_past = jax.tree.map(lambda x: jnp.concatenate([x, x]), first_pass)
             history, begin = history.repeat(), zeros.size
         extension = sum(
-            (slip.extension(history, whole_past)[begin:] for slip in self.find_mechanisms(AbstractSlip)),
+            (slip.extension(history, repeated_past)[begin:] for slip in self.find_mechanisms(AbstractSlip)),
             zeros,
         )
-        strains = [memory.strains(whole_past.state, whole_past.pressure).T for memory in memories]
+        strains = [memory.strains(repeated_past.state, repeated_past.pressure).T for memory in memories]
         stresses = [
-            m.stresses(history, strain, whole_past)[begin:]
+            m.stresses(history, strain, repeated_past)[begin:]
             for m, strain in zip(memories, strains, strict=True)
         ]
         memory_loads = (
@@ -190,13 +190,16 @@ class Bench(eqx.Module):
 
     def expand_at(self, length: Scalar, thread: Scalar) -> Bench:
         """Return the same bench with its shapes expanded around one length (m) and thread length (m)."""
-        mechanisms = (m.near(length, thread) if isinstance(m, AbstractShape) else m for m in self.mechanisms)
+        mechanisms = (
+            m.expand_at(length, thread) if isinstance(m, AbstractShape) else m for m in self.mechanisms
+        )
         return Bench(self.thread_length, self.turns, tuple(mechanisms))
 
     def stop_gradients(self) -> Bench:
-        """Return the same bench without derivatives by its numbers."""
+        """Return the same bench without derivatives with respect to its parameters."""
         mechanisms = (
-            m.held() if isinstance(m, AbstractShape) else jax.lax.stop_gradient(m) for m in self.mechanisms
+            m.stop_gradients() if isinstance(m, AbstractShape) else jax.lax.stop_gradient(m)
+            for m in self.mechanisms
         )
         return Bench(*jax.lax.stop_gradient((self.thread_length, self.turns)), tuple(mechanisms))
 
@@ -211,7 +214,7 @@ class Bench(eqx.Module):
         """Return stored energy without that of the threads (J), and volume (m³)."""
         state = self.state(length, thread)
         return sum(
-            (store.energy(state) for store in self.find_mechanisms(AbstractStore)), jnp.zeros(())
+            (store.energy(state) for store in self.find_mechanisms(AbstractStoredEnergy)), jnp.zeros(())
         ), state.volume
 
     def compute_memory_loads(self, past: Past, stresses: list[Float[Array, "... k"]]) -> Pair:
@@ -232,11 +235,13 @@ class Bench(eqx.Module):
 
     def strain(self, load: Scalar) -> Array:
         """Return the strain of the threads at a load, N, that is not negative."""
-        return sum((y.strain(load) for y in self.find_mechanisms(AbstractYielding)), jnp.zeros(()))
+        return sum((y.strain(load) for y in self.find_mechanisms(AbstractThreadCompliance)), jnp.zeros(()))
 
     def deflection(self, force: Scalar) -> Array:
         """Return the deflection of the rig, m, at a force, N."""
-        return sum((rig.deflection(force) for rig in self.find_mechanisms(AbstractRig)), jnp.zeros(()))
+        return sum(
+            (rig.deflection(force) for rig in self.find_mechanisms(AbstractRigCompliance)), jnp.zeros(())
+        )
 
 
 def _map_blocks(function, row_count: Array | None, *rows):
@@ -255,37 +260,39 @@ def _map_blocks(function, row_count: Array | None, *rows):
     if blocks < 2:
         return function(*rows)
 
-    def cut(x):
+    def split(x):
         filled = jnp.concatenate([x, jnp.broadcast_to(x[-1:], (blocks * BLOCK_ROWS - n, *x.shape[1:]))])
         return filled.reshape(blocks, BLOCK_ROWS, *x.shape[1:])
 
-    cuts = jax.tree.map(cut, rows)
+    split_rows = jax.tree.map(split, rows)
     if row_count is None:
-        results = jax.lax.map(jax.checkpoint(lambda block: function(*block)), cuts)
+        results = jax.lax.map(jax.checkpoint(lambda block: function(*block)), split_rows)
     else:
-        results = _map_first_blocks(function, -(-row_count // BLOCK_ROWS), cuts)
-    whole = jax.tree.map(lambda x: x.reshape(blocks * BLOCK_ROWS, *x.shape[2:])[:n], results)
-    return whole if row_count is None else jax.tree.map(lambda x: _repeat_last(x, row_count), whole)
+        results = _map_first_blocks(function, -(-row_count // BLOCK_ROWS), split_rows)
+    joined = jax.tree.map(lambda x: x.reshape(blocks * BLOCK_ROWS, *x.shape[2:])[:n], results)
+    return joined if row_count is None else jax.tree.map(lambda x: _repeat_last(x, row_count), joined)
 
 
-def _map_first_blocks(function, count: Array, cuts):
+def _map_first_blocks(function, count: Array, split_rows):
     """Return the function at the first blocks, zero at the others; the count may be traced."""
 
     def block(k):
-        return function(*jax.tree.map(lambda x: jax.lax.dynamic_index_in_dim(x, k, keepdims=False), cuts))
+        return function(
+            *jax.tree.map(lambda x: jax.lax.dynamic_index_in_dim(x, k, keepdims=False), split_rows)
+        )
 
     def fill(k, results):
         return jax.tree.map(lambda x, y: jax.lax.dynamic_update_index_in_dim(x, y, k, 0), results, block(k))
 
-    blocks = len(jax.tree.leaves(cuts)[0])
+    blocks = len(jax.tree.leaves(split_rows)[0])
     shape = jax.eval_shape(block, 0)
     zeros = jax.tree.map(lambda x: jnp.zeros((blocks, *x.shape), x.dtype), shape)
     return jax.lax.fori_loop(0, count, fill, zeros)
 
 
 def _repeat_last(values: Array, row_count: Array) -> Array:
-    later = jnp.arange(len(values)).reshape(-1, *[1] * (values.ndim - 1)) >= row_count
-    return jnp.where(later, values[row_count - 1], values)
+    is_repeated = jnp.arange(len(values)).reshape(-1, *[1] * (values.ndim - 1)) >= row_count
+    return jnp.where(is_repeated, values[row_count - 1], values)
 
 
 def clip_slack_force(force: Samples, slack: Bool[Array, " n"]) -> Samples:

@@ -14,8 +14,9 @@ which its rubber balances the pressure. One unknown x describes both branches: x
     R² = R0² / √(1 + s),   B² = L² + (2πN R)²        R0 that of the threads without load
 
 The fourth power is used because the hoop pull of a neo-Hookean tube is linear in R⁻⁴. Newton's method
-then needs one or two steps from any start, and no slack makes the muscle straight. Loads of memories are
-constant during the balance. They cannot pull the bladder off the braid further than the rubber does.
+then needs one or two steps from any start. The muscle is not straight at any slack. Loads of memories are
+constant during the balance. On a slack muscle they do not reduce the pull on the threads below a lower limit
+(`force_and_pull`).
 """
 
 from __future__ import annotations
@@ -35,15 +36,15 @@ from pamjax.parameter import Scalar
 #: Maximum number of Newton steps. The first guess of the load is good: two or three steps are usual.
 MAX_NEWTON_STEPS = 8
 
-#: Relative Newton step below which only one more is done, which has the derivatives. The remaining error is
-#: of the order of the square of this step, and of its fourth power after the last one.
+#: Relative Newton step at which the iteration ends. One differentiable step follows. The error before
+#: it is of the order of the square of the last step, and after it of the fourth power.
 NEWTON_TOLERANCE = 3e-4
 
-#: Pressure, Pa, that scales the unknown of a slack muscle. A bladder resists with about this pressure.
+#: Pressure, Pa, that scales the unknown of a slack muscle. A bladder resists with 10 to 100 kPa.
 SLACK_PRESSURE_SCALE = 1e5
 
-#: Pressure, Pa, that resists each unit of slack. It is small (a latex tube has tens of kPa), and makes the
-#: balance solvable for a muscle without a bladder.
+#: Pressure, Pa, that resists each unit of slack. It is small compared with that of a bladder, and makes
+#: the balance solvable for a muscle without a bladder.
 SLACK_HOLD_PRESSURE = 1.0
 
 #: Residual relative to load and length above which a state is not solved.
@@ -62,7 +63,7 @@ class BalanceModel(Protocol):
         ...
 
     def stop_gradients(self) -> BalanceModel:
-        """Return the same bench without derivatives by its numbers."""
+        """Return the same bench without derivatives with respect to its parameters."""
         ...
 
     def state(self, length: Scalar, thread: Scalar) -> State:
@@ -106,8 +107,8 @@ class InstantBalance(eqx.Module):
         hoop = braid.hoop_pull(1.0, self.length, self.unloaded_thread, self.bench.turns)
         slack = jnp.where(x < 0, -x, 0.0) / (SLACK_PRESSURE_SCALE * hoop)
         taut = self.unloaded_thread * (1 + self.bench.strain(jnp.where(x < 0, 0.0, x)))
-        missing = (self.unloaded_thread - length) * (self.unloaded_thread + length)
-        return jnp.where(x < 0, jnp.sqrt(length**2 + missing / jnp.sqrt(1 + slack)), taut)
+        squared_difference = (self.unloaded_thread - length) * (self.unloaded_thread + length)
+        return jnp.where(x < 0, jnp.sqrt(length**2 + squared_difference / jnp.sqrt(1 + slack)), taut)
 
     def force_and_pull(self, thread: Scalar, length: Scalar) -> Pair:
         """Return tension and pull on all threads, N; a negative pull means that the braid is slack."""
@@ -116,8 +117,8 @@ class InstantBalance(eqx.Module):
         )
         force = stored[0] - self.pressure * volume[0] + self.memory_loads[0]
         outward_pull = inflating_pressure(self.pressure) * volume[1] - stored[1]
-        least = jnp.minimum(self.contact_pull, 0.0) - jnp.maximum(outward_pull, 0.0)
-        return force, outward_pull + jnp.maximum(self.memory_loads[1], least)
+        lower_limit = jnp.minimum(self.contact_pull, 0.0) - jnp.maximum(outward_pull, 0.0)
+        return force, outward_pull + jnp.maximum(self.memory_loads[1], lower_limit)
 
     def residual(self, unknown: Pair) -> Pair:
         """Return the residuals of both balances, N and m, at x (N) and a true length (m)."""
@@ -153,7 +154,7 @@ def build_instant_balance(
 def inflating_pressure(pressure: Scalar) -> Array:
     """Return the pressure that pushes the threads outwards, Pa.
 
-    A negative pressure pushes nothing: the gauge has an offset, or the tube has collapsed.
+    A negative pressure does not push: it is an offset of the gauge, or the tube has collapsed.
     """
     return jnp.where(pressure > 0, pressure, 0.0)
 
@@ -171,22 +172,22 @@ def solve_balance(instant_balance: InstantBalance) -> tuple[InstantBalance, Pair
     solution = materialize(
         jax.lax.custom_root(lambda x: expanded.residual(x), guess, _newton_step, _solve_linear_pair)
     )
-    off_load, off_length = expanded.residual(solution)
-    solved = jnp.abs(off_load) < BALANCE_TOLERANCE * jnp.maximum(jnp.abs(solution[0]), 1.0)
-    return expanded, solution, solved & (jnp.abs(off_length) < BALANCE_TOLERANCE * instant_balance.length)
+    load_error, length_error = expanded.residual(solution)
+    solved = jnp.abs(load_error) < BALANCE_TOLERANCE * jnp.maximum(jnp.abs(solution[0]), 1.0)
+    return expanded, solution, solved & (jnp.abs(length_error) < BALANCE_TOLERANCE * instant_balance.length)
 
 
 def compute_partial_derivatives(function, a: Scalar, b: Scalar):
-    """Return the derivatives of each result by two numbers, (2, ...). One compiled program has both."""
+    """Return the derivatives of each result by two variables, (2, ...), as one compiled program."""
     unit, zero = jnp.ones_like(a), jnp.zeros_like(a)
-    along = jnp.stack([unit, zero]), jnp.stack([zero, unit])
-    return jax.vmap(lambda *t: jax.jvp(function, (a, b), t)[1])(*along)
+    directions = jnp.stack([unit, zero]), jnp.stack([zero, unit])
+    return jax.vmap(lambda *t: jax.jvp(function, (a, b), t)[1])(*directions)
 
 
 def _iterate_newton(balance_at, x: Pair) -> Pair:
     """Return x (N) and true length (m) by Newton's method from the balance expanded at each step."""
 
-    def on(carry):
+    def is_running(carry):
         _, size, count = carry
         return (jnp.max(size) > NEWTON_TOLERANCE) & (count < MAX_NEWTON_STEPS)
 
@@ -200,7 +201,7 @@ def _iterate_newton(balance_at, x: Pair) -> Pair:
         return updated, jnp.maximum(*size), count + 1
 
     # Unrolled steps would compile for a minute.
-    return jax.lax.while_loop(on, step, (x, jnp.ones_like(x[0]), 0))[0]
+    return jax.lax.while_loop(is_running, step, (x, jnp.ones_like(x[0]), 0))[0]
 
 
 def _newton_step(residual, x: Pair) -> Pair:

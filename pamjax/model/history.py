@@ -1,9 +1,10 @@
 """Time and order of the samples, for mechanisms with memory.
 
 A recording is a sequence of samples with gaps where the rig was moved. Memory continues across a gap, unless
-a restart is stated. A rate is never computed across a gap. Before the first sample the muscle rested in that
-state, or, if stated, had been through the same recording once. What it leaves out: corners of strokes with
-five samples or fewer, where the rate is computed across the corner.
+a restart is stated. A rate is never computed across a gap. Before the first sample the muscle is assumed to
+rest in the state of that sample or, if stated, to have performed the same recording once.
+
+What it leaves out: corners of strokes with five samples or fewer, across which the rate is computed.
 """
 
 from __future__ import annotations
@@ -16,13 +17,13 @@ from jaxtyping import Array, Bool, Float, Int
 
 from pamjax.parameter import Scalar
 
-#: A signal has a corner where a straight line leaves this many times the usual residual.
+#: Residual of a straight line, over its median, above which a signal has a corner.
 CORNER_RATIO = 6.0
 #: Share of a channel's range below which differences are rounding, not noise.
 ROUNDING_SHARE = 1e-6
 #: Share of a channel's range below which an isolated step is the resolution of the channel.
 RESOLUTION_SHARE = 0.02
-#: One side of a sample is bent where a straight line leaves this many times the usual residual.
+#: Residual of a straight line, over its median, above which one side of a sample is curved.
 BEND_RATIO = 3.0
 
 #: A rate is the slope of a straight line through a sample and this many neighbours on each side.
@@ -40,7 +41,7 @@ class History(eqx.Module):
             zero for neighbours in another run.
         first: (n,) first sample of each sample's run; the sample itself in a static map.
         last: (n,) last sample of each sample's run; the sample itself in a static map.
-        settled: whether the muscle had been through the recording once before.
+        settled: whether the muscle performed the same recording once before.
         row_count: number of samples to compute; later ones repeat the last. None for all; only None has
             derivatives in reverse mode.
         has_memory: whether a mechanism with memory acts; without one, one pass is enough. None for yes;
@@ -59,9 +60,9 @@ class History(eqx.Module):
 
     def rate(self, values: Float[Array, " n"]) -> Float[Array, " n"]:
         """Return the rate of change of a quantity, 1/s; zero in a static map."""
-        n, around = values.shape[0], _compute_once(jnp.pad(values, RATE_HALF_WIDTH))
+        n, padded = values.shape[0], _compute_once(jnp.pad(values, RATE_HALF_WIDTH))
         return sum(
-            (self.rate_weights[:, k] * around[k : k + n] for k in range(2 * RATE_HALF_WIDTH + 1)),
+            (self.rate_weights[:, k] * padded[k : k + n] for k in range(2 * RATE_HALF_WIDTH + 1)),
             jnp.zeros(n),
         )
 
@@ -79,9 +80,10 @@ class History(eqx.Module):
         share = jnp.where(span > 0, (delayed_time - self.time[before]) / jnp.where(span > 0, span, 1.0), 0.0)
         x = jnp.clip(share, 0.0, 1.0)
         y, rate = _compute_once(values), _compute_once(self.rate(values))
-        bend = x * (1 - x) * span * ((1 - x) * rate[before] - x * rate[after])
-        ease = x * x * (3 - 2 * x)
-        return (1 - ease) * y[before] + ease * y[after] + bend
+        # Cubic Hermite interpolation.
+        weight = x * x * (3 - 2 * x)
+        slope_term = x * (1 - x) * span * ((1 - x) * rate[before] - x * rate[after])
+        return (1 - weight) * y[before] + weight * y[after] + slope_term
 
     def increments(self, values: Float[Array, " n"]) -> Float[Array, " n"]:
         """Return the change of a quantity since the previous sample; zero where memory restarts."""
@@ -96,17 +98,17 @@ class History(eqx.Module):
         """
         n = self.time.shape[0]
 
-        def again(early, late):
+        def join(early, late):
             return jnp.concatenate([early, late])
 
         is_static = jnp.all(self.restart)
         return History(
-            time=again(self.time - (self.time[-1] - self.time[0]), self.time),
-            step=again(self.step, self.step),
-            restart=again(self.restart, self.restart.at[0].set(is_static)),
-            rate_weights=again(self.rate_weights, self.rate_weights),
-            first=again(self.first, self.first + n),
-            last=again(self.last, self.last + n),
+            time=join(self.time - (self.time[-1] - self.time[0]), self.time),
+            step=join(self.step, self.step),
+            restart=join(self.restart, self.restart.at[0].set(is_static)),
+            rate_weights=join(self.rate_weights, self.rate_weights),
+            first=join(self.first, self.first + n),
+            last=join(self.last, self.last + n),
         )
 
 
@@ -118,7 +120,7 @@ def build_time_history(
     settled: bool = False,
     stroke_channels: np.ndarray | None = None,
     size: int | None = None,
-    padding: bool = True,
+    compute_padding: bool = True,
 ) -> History:
     """Return the history of a recording.
 
@@ -126,11 +128,11 @@ def build_time_history(
         time: (n,) s, increasing; None for a static map, which has no memory.
         starts: (n,) whether a continuous run begins at this sample.
         restart: whether memory restarts at every run, rather than only at the first sample.
-        settled: whether the muscle had been through the recording once before.
+        settled: whether the muscle performed the same recording once before.
         stroke_channels: (k, n) channels that may have strokes, in any unit. No rate is computed across
             their corners.
         size: length to pad to; padded samples repeat the last one.
-        padding: whether padded samples are computed as well, rather than repeated.
+        compute_padding: whether padded samples are computed; otherwise they repeat the last result.
     """
     n = starts.size
     size = size or n
@@ -149,7 +151,7 @@ def build_time_history(
         first=jnp.asarray(_pad_rows(row if time is None else begin, size, max(n - 1, 0))),
         last=jnp.asarray(_pad_rows(row if time is None else end - 1, size, max(n - 1, 0))),
         settled=settled,
-        row_count=None if padding else jnp.asarray(n),
+        row_count=None if compute_padding else jnp.asarray(n),
     )
 
 
@@ -172,9 +174,9 @@ def _compute_rate_weights(
     same_run = (run[neighbours] == run[:, None]) & (
         neighbours == np.arange(n)[:, None] + np.arange(-RATE_HALF_WIDTH, RATE_HALF_WIDTH + 1)
     )
-    both = _slope_weights(clock, neighbours, same_run)
+    two_sided = _slope_weights(clock, neighbours, same_run)
     if stroke_channels is None or n <= 2 * RATE_HALF_WIDTH:
-        return both
+        return two_sided
     sides = [
         same_run & reach
         for reach in (
@@ -182,20 +184,20 @@ def _compute_rate_weights(
             np.arange(-RATE_HALF_WIDTH, RATE_HALF_WIDTH + 1) >= 0,
         )
     ]
-    lines = [both, *(_slope_weights(clock, neighbours, side) for side in sides)]
+    lines = [two_sided, *(_slope_weights(clock, neighbours, side) for side in sides)]
     misfit = _compute_line_misfit(
         clock, stroke_channels, neighbours, list(zip(lines, (same_run, *sides), strict=True))
     )
     # At a corner the residual of a line exceeds the noise. The sample belongs to its straight side, and the
-    # other side is bent. A sample at the corner itself belongs to neither side: there the motion stops.
+    # other side is curved. A sample at the corner itself belongs to neither side, because the motion stops.
     side = 1 + np.argmin(misfit[1:], axis=0)
-    straight, bent = misfit[1:].min(axis=0), misfit[1:].max(axis=0)
+    straight, curved = misfit[1:].min(axis=0), misfit[1:].max(axis=0)
     corner = (
         (misfit[0] > CORNER_RATIO)
         & (straight < misfit[0] / 2)
-        & (bent > np.maximum(BEND_RATIO, 2 * straight))
+        & (curved > np.maximum(BEND_RATIO, 2 * straight))
     )
-    return np.where(corner[:, None], np.where((side == 1)[:, None], lines[1], lines[2]), both)
+    return np.where(corner[:, None], np.where((side == 1)[:, None], lines[1], lines[2]), two_sided)
 
 
 def _compute_line_misfit(clock, stroke_channels, neighbours, lines) -> np.ndarray:
@@ -207,11 +209,11 @@ def _compute_line_misfit(clock, stroke_channels, neighbours, lines) -> np.ndarra
     for channel in stroke_channels:
         span = float(np.ptp(channel))
         if span > 0:
-            around = [np.where(in_line, channel[neighbours], 0.0) for _, in_line in lines]
+            neighbour_values = [np.where(in_line, channel[neighbours], 0.0) for _, in_line in lines]
             misfit = np.stack(
                 [
                     _line_residual_rms(clock, a, neighbours, *line)
-                    for a, line in zip(around, lines, strict=True)
+                    for a, line in zip(neighbour_values, lines, strict=True)
                 ]
             )
             total += (
@@ -238,14 +240,20 @@ def _finite_median(misfit: np.ndarray) -> float:
     return float(np.median(finite)) if finite.size else 0.0
 
 
-def _line_residual_rms(clock, around, neighbours, weights, in_line) -> np.ndarray:
+def _line_residual_rms(clock, neighbour_values, neighbours, weights, in_line) -> np.ndarray:
     """Return the rms residual of a straight line, (n,); infinite where the line has two points only."""
     count = in_line.sum(axis=1)
-    safe = np.maximum(count, 1)[:, None]
-    moment = np.where(in_line, clock[neighbours], 0.0)
-    values = np.where(in_line, around - around.sum(axis=1, keepdims=True, where=in_line) / safe, 0.0)
-    rate = (weights * around).sum(axis=1, keepdims=True)
-    residual = values - rate * np.where(in_line, moment - moment.sum(axis=1, keepdims=True) / safe, 0.0)
+    safe_count = np.maximum(count, 1)[:, None]
+    neighbour_times = np.where(in_line, clock[neighbours], 0.0)
+    values = np.where(
+        in_line,
+        neighbour_values - neighbour_values.sum(axis=1, keepdims=True, where=in_line) / safe_count,
+        0.0,
+    )
+    rate = (weights * neighbour_values).sum(axis=1, keepdims=True)
+    residual = values - rate * np.where(
+        in_line, neighbour_times - neighbour_times.sum(axis=1, keepdims=True) / safe_count, 0.0
+    )
     rms = np.sqrt((residual**2).sum(axis=1) / np.maximum(count - 2, 1))
     return np.where(count > 2, rms, np.inf)
 

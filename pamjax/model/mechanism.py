@@ -1,17 +1,18 @@
 """Base classes of the mechanisms: the kinds of effects that a muscle model may include.
 
-A mechanism is one class in one file, with its numbers, its equation and its description. The defaults of
-its numbers are neutral: `Mechanism()` has no effect. Each mechanism is of one kind:
+A mechanism is one class in one file, with its parameters, its equation and its description. The defaults of
+its parameters are neutral: `Mechanism()` has no effect. Each mechanism is of one kind:
 
-    class             method                          result                           several of one kind
-    AbstractShape     shape(state)                    state with another geometry      act in turn
-    AbstractStore     energy(state)                   stored energy, J                 add
-    AbstractYielding  strain(load)                    thread strain, 1                 add
-    AbstractMemory    stresses(history, ...)          stresses on its strains          add
-    AbstractSlip      extension(history, past)        permanent thread extension, 1    add
-    AbstractLine      pressure(history, past)         pressure inside, Pa              act in turn
-    AbstractSensor    undo(...), read(...)            true inputs, recorded outputs    act in turn
-    AbstractRig       deflection(force)               deflection of the rig, m         add
+    class                     method                    result                         several of one kind
+    AbstractShape             shape(state)              state with another geometry    applied in order
+    AbstractStoredEnergy      energy(state)             stored energy, J               summed
+    AbstractThreadCompliance  strain(load)              thread strain, 1               summed
+    AbstractMemory            stresses(history, ...)    stresses on its strains        summed
+    AbstractSlip              extension(history, past)  permanent thread extension, 1  summed
+    AbstractPressureLoss      pressure(history, past)   pressure inside, Pa            applied in order
+    AbstractSensor            to_true_inputs(...)       true inputs                    applied in order
+                              to_recorded_outputs(...)  recorded outputs               applied in order
+    AbstractRigCompliance     deflection(force)         deflection of the rig, m       summed
 
 A memory has a generalised strain e(state) and a stress s, computed from earlier samples and constant during
 the balance. s · e is added to the potential, whose derivatives are force and thread load. The work over a
@@ -22,11 +23,13 @@ from __future__ import annotations
 
 import abc
 from dataclasses import dataclass
+from typing import ClassVar
 
 import equinox as eqx
 import jax
 from jaxtyping import Array, Float
 
+from pamjax.model.form_error import FormError
 from pamjax.model.history import History
 from pamjax.model.state import State
 from pamjax.parameter import Scalar
@@ -39,7 +42,7 @@ class Description:
     """The description of a mechanism that `pamjax explain` prints.
 
     Attributes:
-        title: the name in words, "friction between braid threads".
+        title: name, as "friction between braid threads".
         equation: plain text for a terminal.
         signature: its effect on force and diameter.
         leaves_out: effects that it neglects.
@@ -78,20 +81,22 @@ class AbstractMechanism(eqx.Module):
 
     id: eqx.AbstractClassVar[str]
     about: eqx.AbstractClassVar[Description]
+    #: Where the equation may be inexact; exact without.
+    form_error: ClassVar[FormError] = FormError()
 
 
 class AbstractShape(AbstractMechanism):
     """A change of the geometry."""
 
-    def prepared(self, thread_length: Scalar, turns: Scalar) -> AbstractShape:
+    def prepare(self, thread_length: Scalar, turns: Scalar) -> AbstractShape:
         """Return the shape for one braid, with the quantities that all its states share computed."""
         return self
 
-    def held(self) -> AbstractShape:
-        """Return the shape without derivatives by its numbers."""
+    def stop_gradients(self) -> AbstractShape:
+        """Return the shape without derivatives with respect to its parameters."""
         return jax.lax.stop_gradient(self)
 
-    def near(self, length: Scalar, thread: Scalar) -> AbstractShape:
+    def expand_at(self, length: Scalar, thread: Scalar) -> AbstractShape:
         """Return the shape expanded around one length (m) and thread length (m)."""
         return self
 
@@ -100,7 +105,7 @@ class AbstractShape(AbstractMechanism):
         """Return the state with another volume, radius and diameter."""
 
 
-class AbstractStore(AbstractMechanism):
+class AbstractStoredEnergy(AbstractMechanism):
     """A stored energy other than that of the threads."""
 
     @abc.abstractmethod
@@ -108,11 +113,11 @@ class AbstractStore(AbstractMechanism):
         """Return the stored energy, J."""
 
 
-class AbstractYielding(AbstractMechanism):
+class AbstractThreadCompliance(AbstractMechanism):
     """A strain of the threads under load.
 
-    The strain is a function of the load, since the pull of pressure is known. At the neutral value the strain
-    is zero; the stiffness would be infinite.
+    The law gives strain from load, not load from strain: at the neutral value the strain is zero, and the
+    stiffness would be infinite.
     """
 
     @abc.abstractmethod
@@ -140,7 +145,7 @@ class AbstractSlip(AbstractMechanism):
         """Return the relative extension of the unloaded threads at every sample, (n,)."""
 
 
-class AbstractLine(AbstractMechanism):
+class AbstractPressureLoss(AbstractMechanism):
     """A difference between the measured pressure and that inside the muscle."""
 
     @abc.abstractmethod
@@ -149,20 +154,20 @@ class AbstractLine(AbstractMechanism):
 
 
 class AbstractSensor(AbstractMechanism):
-    """An error of a sensor. Each method returns unchanged what the sensor does not affect."""
+    """An error of a sensor. Each method returns the other channels unchanged."""
 
-    def undo(self, pressure: Samples, length: Samples, history: History) -> tuple[Samples, Samples]:
+    def to_true_inputs(self, pressure: Samples, length: Samples, history: History) -> tuple[Samples, Samples]:
         """Return true pressure (Pa) and length (m) from the recorded ones."""
         return pressure, length
 
-    def read(
+    def to_recorded_outputs(
         self, force: Samples, diameter: Samples, past: Past, history: History
     ) -> tuple[Samples, Samples]:
         """Return recorded force (N) and diameter (m) from the true ones and the states of the muscle."""
         return force, diameter
 
 
-class AbstractRig(AbstractMechanism):
+class AbstractRigCompliance(AbstractMechanism):
     """A deflection of the rig, so that the muscle is shorter than recorded."""
 
     @abc.abstractmethod

@@ -8,6 +8,8 @@ The balance ∂Π/∂B = 0 determines the stretched thread length. The force is 
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -16,15 +18,16 @@ from jaxtyping import Array, Float, Int
 from pamjax.errors import refuse
 from pamjax.model import braid
 from pamjax.model.balance import BURST_LOAD_SHARE, Status, solve_strain, stretch_linear
+from pamjax.model.bench import Bench
 from pamjax.model.state import AbstractGeometry, AbstractTerm, Cylinder, State
 from pamjax.model.thread import AbstractThread, Inextensible, LinearThread
 from pamjax.parameter import Scalar, parameter
 
 #: Balance residual, relative to the pull, above which a state counts as not solved.
 PULL_TOLERANCE = 1e-9
-#: States that a processor's cache holds with all that their derivatives need.
+#: Number of states that fit into a processor's cache with the intermediate results of their derivatives.
 CACHE_BLOCK_STATES = 8192
-#: Thread strain below which that residual is relative to the pull at this strain.
+#: Minimum thread strain whose load scales the balance residual.
 PULL_SCALE_STRAIN = 1e-6
 
 
@@ -115,8 +118,8 @@ class Muscle(eqx.Module):
     ) -> tuple[Array, Array]:
         burst_pull = BURST_LOAD_SHARE * thread.stiffness
         stable, is_pulled = unstrained_pull <= burst_pull, unstrained_pull >= 0
-        # Threads do not push, and beyond the burst there is nothing to find: solve a harmless
-        # problem there, so that neither the number nor its derivative is ever undefined.
+        # Threads do not push, and beyond the burst load no equilibrium exists. A solvable problem replaces
+        # both cases, so that values and derivatives are defined.
         share = jnp.where(stable, 1.0, burst_pull / jnp.where(stable, 1.0, unstrained_pull))
         pressure = jnp.where(is_pulled, share * pressure, 0.0)
         start = jnp.where(
@@ -154,13 +157,24 @@ def contraction(muscle: Muscle, length: braid.Real) -> Array:
     return 1 - jnp.asarray(length) / muscle.rest_length
 
 
-def predict(muscle: Muscle, pressure: Float[Array, " n"], length: Float[Array, " n"]) -> MuscleReading:
+class MuscleHolder(Protocol):
+    """An object with a muscle, such as the result of `load_muscle`."""
+
+    @property
+    def muscle(self) -> Muscle | Bench:
+        """The muscle; a bench if it has mechanisms."""
+        ...
+
+
+def predict(
+    muscle: Muscle | Bench | MuscleHolder, pressure: Float[Array, " n"], length: Float[Array, " n"]
+) -> MuscleReading:
     """Return the readings of a muscle at many instants.
 
     An instant without an equilibrium has a `status` that is not OK.
 
     Args:
-        muscle: as `assemble` or `load_muscle` makes it.
+        muscle: the result of `assemble`, or of `load_muscle` without mechanisms.
         pressure: (n,) gauge pressure, Pa; or one number for all lengths.
         length: (n,) length between the fittings, m; or one number for all pressures.
 
@@ -168,19 +182,28 @@ def predict(muscle: Muscle, pressure: Float[Array, " n"], length: Float[Array, "
         a `MuscleReading` whose fields have shape (n,): force N, diameter m, thread length m, status.
 
     Raises:
-        BadInput: if the two have different lengths.
+        BadInput: if `pressure` and `length` have different lengths, or if the muscle has mechanisms.
     """
+    bare_muscle = muscle if isinstance(muscle, Muscle | Bench) else muscle.muscle
+    if isinstance(bare_muscle, Bench):
+        raise refuse(
+            "`predict` needs a muscle without mechanisms",
+            ", ".join(mechanism.id for mechanism in bare_muscle.mechanisms),
+            remedy="Call `pamjax.simulate` for a muscle with mechanisms.",
+        )
     inputs = jnp.atleast_1d(jnp.asarray(pressure, float), jnp.asarray(length, float))
     if len({x.shape for x in inputs if x.shape != (1,)}) > 1 or max(x.ndim for x in inputs) > 1:
         shapes = " and ".join(str(x.shape) for x in inputs)
-        raise refuse("`pressure` and `length` must be as long as each other, or one a number", shapes)
-    return _predict_batch(muscle, *jnp.broadcast_arrays(*inputs))
+        raise refuse(
+            "`pressure` and `length` must have equal lengths, or one must be a single number", shapes
+        )
+    return _predict_batch(bare_muscle, *jnp.broadcast_arrays(*inputs))
 
 
 @eqx.filter_jit
 def _predict_batch(muscle: Muscle, *inputs: Float[Array, " n"]) -> MuscleReading:
     if len(inputs[0]) < 4 * CACHE_BLOCK_STATES or jax.default_backend() != "cpu":
         return jax.vmap(muscle)(*inputs)
-    # XLA writes what two results share to memory. Block by block that stays in the cache, and is
-    # computed again rather than kept when derivatives come back: a gradient costs three times less.
+    # XLA writes intermediate results that two outputs share to memory. Those of one block stay in the cache.
+    # `checkpoint` computes them again for derivatives: a gradient takes a third of the time.
     return jax.lax.map(jax.checkpoint(lambda state: muscle(*state)), inputs, batch_size=CACHE_BLOCK_STATES)

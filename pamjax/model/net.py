@@ -13,7 +13,7 @@ long muscle, with m = c², σ² = 1 − m, u = m − ρ². The first integral of
 
     f = 2 − 3m       z' = σ + u (σ² − u) / 2σ³       ρ' = ν u √g / 2σ³       g = (σ² + u)(3σ² − u)
 
-where u² is the double root of a cubic. The differences from a cylinder are thus integrals of regular
+where u² is the double root of a cubic. The differences from a cylinder are therefore integrals of regular
 functions over ρ, computed by Gauss-Legendre quadrature:
 
     λ = σ + (2/ν) ∫ (σ² − u)/√g dρ                                            from ρf to c
@@ -48,13 +48,13 @@ from pamjax.parameter import Scalar
 #: Nodes of the integrals.
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(10)
 
-#: Newton steps to the middle, and the step in σ that tells their slope.
+#: Number of Newton steps for the middle, and the step in σ of their numerical slope.
 MIDDLE_NEWTON_STEPS, SINE_STEP = 6, 1e-5
 
-#: Thinnest and widest fitting there is an answer for, as shares of the widest braid.
+#: Minimum and maximum radius of the fittings over the largest radius of the braid.
 MIN_FITTING_RATIO, MAX_FITTING_RATIO = 0.02, 0.95
 
-#: Least slope of λ in σ. The net of a stubby muscle may fold.
+#: Minimum slope of λ in σ. The net of a very short muscle may fold.
 MIN_LENGTH_SLOPE = 0.1
 
 
@@ -105,8 +105,8 @@ def _solve_middle_sine(length: Scalar, edge: Scalar, nu: Scalar) -> Array:
 
     sine = jax.lax.fori_loop(0, MIDDLE_NEWTON_STEPS, step, jnp.clip(constants[0], low, high))
     sine = jax.lax.stop_gradient(sine)
-    # Nothing is left to improve but derivatives: a step with the known slope makes the first one right, and
-    # with it, since V is stationary in σ, the first three of V.
+    # The value has converged. One more step with the known slope gives σ its first derivative. V is
+    # stationary in σ, so that its first three derivatives are then correct.
     final_slope = jax.lax.stop_gradient(compute_error_and_slope(sine)[1])
     return jnp.clip(sine - (scaled_length(sine, edge, nu) - length) / final_slope, low, high)
 
@@ -149,8 +149,8 @@ class _Profile:
     def mean(self) -> Array:
         """Return ∫ ρ dz."""
         squared = self.sine**2
-        slimmer = self.radius * (squared - self.below) - 2 * squared**2 / (self.top + self.radius)
-        return self.top * self.sine + self.integrate_both_ends(slimmer / self.covariance_root)
+        difference = self.radius * (squared - self.below) - 2 * squared**2 / (self.top + self.radius)
+        return self.top * self.sine + self.integrate_both_ends(difference / self.covariance_root)
 
     def bulge(self) -> tuple[Array, Array]:
         """Return U and k."""

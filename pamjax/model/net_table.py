@@ -5,11 +5,12 @@ difference between net and cylinder is smooth in two numbers, the scaled radius 
 
     x = √(1 − (L/B)²),   y = B0/B,
 
-so that a polynomial approximates it. It is computed once for each set of numbers, with derivatives by all of
-them. The force is the derivative of the volume's polynomial, so that both are exactly consistent.
+so that a polynomial approximates it. It is computed once for each set of parameters, with derivatives with
+respect to all of them. The force is the derivative of the volume's polynomial, so that both are exactly
+consistent.
 
 What it leaves out: muscles stretched or contracted beyond the range of the polynomial, and threads that are a
-third longer than at rest. There the muscle becomes a cylinder less a constant volume.
+third longer than at rest. There the muscle becomes a cylinder minus a constant volume.
 """
 
 from __future__ import annotations
@@ -137,8 +138,8 @@ def _evaluate_expansion(
 ) -> NetValues:
     """Return the tabulated derivative of volume, mean and mid radius, of an order in x and y.
 
-    Its derivatives are tabulated too, so that the look-up is not differentiated. Derivatives beyond the last
-    order are zero. By `net_parameters` only the first derivative exists.
+    Its derivatives are also tabulated, so that the evaluation is not differentiated. Derivatives beyond the
+    last order are zero. By `net_parameters` only the first derivative exists.
     """
     return tuple(derivatives[order])
 
@@ -232,7 +233,7 @@ def _fit_coefficients(net_parameters: Float[Array, " 2"]) -> Float[Array, "3 j i
     x = low + 0.5 * (MAX_WIDTH - low) * (at_x + 1)
     y = MIN_STRETCH_RATIO + 0.5 * (MAX_STRETCH_RATIO - MIN_STRETCH_RATIO) * (at_y + 1)
 
-    def compute_excess(x, y):
+    def compute_difference(x, y):
         """Return the difference in units in which the thread length is ν, so that radii are ρ."""
         sine = jnp.sqrt(1 - x**2)
         solved = solve_net(nu * sine, nu, nu / (2 * jnp.pi), edge * y)
@@ -240,7 +241,7 @@ def _fit_coefficients(net_parameters: Float[Array, " 2"]) -> Float[Array, "3 j i
             [solved.volume / (jnp.pi * nu) - x**2 * sine, solved.mean_radius - x, solved.mid_radius - x]
         )
 
-    values = jax.vmap(lambda x: jax.vmap(lambda y: compute_excess(x, y))(y))(x)
+    values = jax.vmap(lambda x: jax.vmap(lambda y: compute_difference(x, y))(y))(x)
     in_x, in_y = (
         _chebyshev_to_powers(COEFFICIENT_COUNTS[0]) @ to_x,
         _chebyshev_to_powers(COEFFICIENT_COUNTS[1], MIN_STRETCH_RATIO, MAX_STRETCH_RATIO) @ to_y,

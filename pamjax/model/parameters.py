@@ -1,8 +1,8 @@
-"""All numbers of a muscle, by their names in muscle.toml, in reports and in `pamjax explain`.
+"""All parameters of a muscle, by their names in muscle.toml, in reports and in `pamjax explain`.
 
-A number is declared once, on its class. Numbers that a lab states in another form than the model uses are
-declared here: modulus and thread count instead of their product, angle and diameter instead of thread length
-and turns. `assembly.py` builds a muscle from named numbers.
+A parameter is declared once, on its class. Parameters that a laboratory states in another form than the
+model are declared here: modulus and thread count instead of their product, angle and diameter instead of
+thread length and turns. `assembly.py` builds a muscle from named parameters.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pamjax.model.thread import (
 )
 from pamjax.parameter import Meaning, list_field_meanings
 
-#: Thread laws by the name a user gives them.
+#: Thread laws by their names on the command line.
 THREAD_LAWS: dict[str, type[AbstractThread] | type[Inextensible]] = {
     "inelastic": Inextensible,
     "elastic": LinearThread,
@@ -29,7 +29,7 @@ THREAD_LAWS: dict[str, type[AbstractThread] | type[Inextensible]] = {
     "recruitment-toe": RecruitmentToe,
 }
 
-#: Begins the name of what the ruler is off by at one length setting; the setting's number follows.
+#: Prefix of the parameter name of a length error; the number of the length setting follows.
 LENGTH_ERROR_PREFIX = "length_error."
 
 _LENGTH_ERROR = Meaning(
@@ -38,8 +38,8 @@ _LENGTH_ERROR = Meaning(
     -1.0,
     1.0,
     "linear",
-    "true minus written length of one setting",
-    "as lengths; the ruler's own sd",
+    "true minus recorded length of one length setting",
+    "as for lengths; the standard deviation of the ruler",
 )
 
 _STATED_PARAMETERS = {
@@ -50,16 +50,20 @@ _STATED_PARAMETERS = {
         1.55,
         "linear",
         "braid angle from the circumference, at rest",
-        "0 and 90 deg are no net",
+        "0 and 90 deg are not a braid",
     ),
-    "muscle.diameter": Meaning(
-        "m", "mm", 1e-4, 5.0, "log", "diameter of the threads' surface, at rest", "as lengths"
-    ),
+    "muscle.diameter": Meaning("m", "mm", 1e-4, 5.0, "log", "mid-thread diameter at rest", "as for lengths"),
     "muscle.threads": Meaning(
-        "1", "1", 2, 1e5, "log", "threads of both families together", "counted on the sleeve"
+        "1", "1", 2, 1e5, "log", "threads of both families together", "count on the sleeve"
     ),
     "muscle.thread_area": Meaning(
-        "m^2", "mm^2", 1e-12, 1e-3, "log", "cross-section of one thread", "linear density over bulk density"
+        "m^2",
+        "mm^2",
+        1e-12,
+        1e-3,
+        "log",
+        "cross-section of one thread",
+        "linear density divided by bulk density",
     ),
     "thread.modulus": Meaning(
         "Pa",
@@ -67,14 +71,14 @@ _STATED_PARAMETERS = {
         0.3e9,
         300e9,
         "log",
-        "Young's modulus of the thread; only threads × area × modulus acts",
+        "Young's modulus of the thread; only threads × area × modulus is identifiable",
         "rubbery nylon to ultra-high-modulus polyethylene; drawn yarns 3 to 150 GPa",
     ),
 }
 
 
 def list_parameters() -> dict[str, Meaning]:
-    """Return the meaning of every number of a muscle, by name: unit, limits, source.
+    """Return the meaning of every parameter of a muscle, by name: unit, limits, source.
 
     >>> modulus = list_parameters()["thread.modulus"]
     >>> modulus.unit, modulus.show, modulus.low
@@ -89,26 +93,26 @@ def list_parameters() -> dict[str, Meaning]:
 
 
 def find_meaning(name: str, where: str = "") -> Meaning:
-    """Return the meaning of one number.
+    """Return the meaning of one parameter.
 
     Args:
         name: a name of `list_parameters`.
-        where: where the name occurred, for the message.
+        where: place of the name, for the message.
 
     Raises:
-        BadInput: if there is no such number; the message suggests the nearest name.
+        BadInput: if the name is unknown; the message suggests the most similar name.
     """
     if name.startswith(LENGTH_ERROR_PREFIX):
         return _LENGTH_ERROR
     parameters = list_parameters()
     if name not in parameters:
         hint = suggest_word(name, parameters, listing="pamjax explain")
-        raise refuse(f"{name!r} is no number pamjax knows", where=where, remedy=hint)
+        raise refuse(f"unknown parameter {name!r}", where=where, remedy=hint)
     return parameters[name]
 
 
 def list_meanings_by_law(name: str) -> dict[str, Meaning]:
-    """Return the meaning of a thread number for each law that has it; empty for other numbers.
+    """Return the meaning of a thread parameter for each law that has it; empty for other parameters.
 
     >>> {law: meaning.about for law, meaning in
     ... list_meanings_by_law("thread.crimp").items()}["recruitment-toe"]
@@ -123,7 +127,7 @@ def list_meanings_by_law(name: str) -> dict[str, Meaning]:
 
 
 def list_law_parameters(law: str) -> tuple[str, ...]:
-    """Return the names of a law's numbers except its stiffness."""
+    """Return the names of a law's parameters except its stiffness."""
     if law not in THREAD_LAWS:
-        raise refuse(f"{law!r} is no thread law", remedy=suggest_word(law, THREAD_LAWS))
+        raise refuse(f"unknown thread law {law!r}", remedy=suggest_word(law, THREAD_LAWS))
     return tuple(f"thread.{name}" for name in list_field_meanings(THREAD_LAWS[law]) if name != "stiffness")

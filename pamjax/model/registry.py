@@ -1,4 +1,4 @@
-"""The library of mechanisms by id, and the pairs that may not act together."""
+"""The library of mechanisms by id, and the pairs that exclude each other."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from pamjax.model.mechanisms.thread_slip import ThreadSlip
 from pamjax.model.mechanisms.viscoelastic_creep import ViscoelasticCreep
 from pamjax.model.mechanisms.viscous_damping import ViscousDamping
 
-#: The mechanisms, in the order in which those of one kind act. A gauge multiplies before it adds, so that
-#: an offset is undone before a gain, and read after it.
+#: The mechanisms, in the order in which those of one kind act. A sensor applies its gain before its offset:
+#: the true value is computed with the offset first, the recorded value with the gain first.
 MECHANISMS: tuple[type[AbstractMechanism], ...] = (
     BraidElasticity,
     ThreadCrimp,
@@ -56,19 +56,19 @@ MECHANISMS: tuple[type[AbstractMechanism], ...] = (
     ChannelLag,
 )
 
-#: Textbook forms that stand in for one of the mechanisms: to fit and to compare, never beside it. A
-#: diagnosis does not give their names, and the bench that holds everything is without them.
+#: Alternatives to one of the mechanisms, for fits and comparisons. They are not combined with it. A diagnosis
+#: does not select them, and the bench with all mechanisms does not contain them.
 ALTERNATIVES: tuple[type[AbstractMechanism], ...] = (EndCones, ContractionFactor)
 
-_SAME_END_EFFECT = "both stand for the same loss of force at the ends"
+_SAME_END_EFFECT = "both describe the same force loss at the ends"
 
-#: Pairs that are the same thing twice, and why.
+#: Pairs of mechanisms with the same effect, and the reason.
 EXCLUSIVE_PAIRS: dict[frozenset[str], str] = {
-    frozenset({"force_gain", "pressure_gain"}): "force is in proportion to pressure, and to its own gain, so"
-    " that only a weight on the load cell or a second gauge can tell them apart",
-    frozenset({"pressure_offset", "contact_pressure"}): "above the threshold both take away one pressure",
-    frozenset({"bladder_elasticity", "contact_pressure"}): "a constant dead band is the hoop half of the"
-    " bladder's own threshold",
+    frozenset({"force_gain", "pressure_gain"}): "force is proportional to both gains, so that only a weight"
+    " on the load cell or a second gauge distinguishes them",
+    frozenset({"pressure_offset", "contact_pressure"}): "above the threshold both subtract one pressure",
+    frozenset({"bladder_elasticity", "contact_pressure"}): "a constant dead band is the hoop part of the"
+    " bladder's elasticity",
     frozenset({"end_taper", "end_cones"}): _SAME_END_EFFECT,
     frozenset({"end_taper", "contraction_factor"}): _SAME_END_EFFECT,
     frozenset({"end_cones", "contraction_factor"}): _SAME_END_EFFECT,
@@ -84,11 +84,11 @@ def find_mechanism(id: str) -> type[AbstractMechanism]:
     """Return the mechanism of an id.
 
     Raises:
-        BadInput: if there is no such mechanism; the message suggests the nearest id.
+        BadInput: if the id is unknown; the message suggests the most similar id.
     """
     mechanisms = list_mechanisms()
     if id not in mechanisms:
-        raise refuse(f"{id!r} is no mechanism pamjax knows", remedy=suggest_word(id, mechanisms))
+        raise refuse(f"unknown mechanism `{id}`", remedy=suggest_word(id, mechanisms))
     return mechanisms[id]
 
 
@@ -109,8 +109,8 @@ def check_exclusive_pairs(ids: Iterable[str]) -> None:
         BadInput: if both mechanisms of such a pair are present.
     """
     wanted = set(ids)
-    for pair, why in EXCLUSIVE_PAIRS.items():
+    for pair, reason in EXCLUSIVE_PAIRS.items():
         if pair <= wanted:
             first, second = sorted(pair)
-            rule = f"`{first}` and `{second}` are not switched on together: {why}"
-            raise refuse(rule, remedy="Name one of them.")
+            rule = f"`{first}` and `{second}` exclude each other: {reason}"
+            raise refuse(rule, remedy="Use only one of them.")

@@ -32,26 +32,28 @@ def compose_maps(join: Callable[[Map, Map], Map], maps: Map, size: int = 0) -> M
     size = size or max(1, math.isqrt(n))
     blocks = -(-n // size)
 
-    def cut(x):
-        # Repeated last rows fill the last block, and are dropped again.
+    def split(x):
+        # Copies of the last row fill the last block. They are removed at the end.
         filled = jnp.concatenate([x, jnp.broadcast_to(x[-1:], (blocks * size - n, *x.shape[1:]))])
         return jnp.swapaxes(filled.reshape(blocks, size, *x.shape[1:]), 0, 1)
 
-    def walk(maps):
-        first, rest = jax.tree.map(lambda x: x[0], maps), jax.tree.map(lambda x: x[1:], maps)
+    def compose_in_order(maps):
+        first, others = jax.tree.map(lambda x: x[0], maps), jax.tree.map(lambda x: x[1:], maps)
 
-        def step(before, here):
-            after = join(before, here)
+        def step(before, current):
+            after = join(before, current)
             return after, after
 
-        later = jax.lax.scan(step, first, rest)[1]
+        later = jax.lax.scan(step, first, others)[1]
         return jax.tree.map(lambda x, y: jnp.concatenate([x[None], y]), first, later)
 
-    inside = walk(jax.tree.map(cut, maps))
-    until = walk(jax.tree.map(lambda x: x[-1], inside))
-    later = join(jax.tree.map(lambda x: x[None, :-1], until), jax.tree.map(lambda x: x[:, 1:], inside))
-    whole = jax.tree.map(lambda x, y: jnp.concatenate([x[:, :1], y], axis=1), inside, later)
-    return jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1).reshape(-1, *x.shape[2:])[:n], whole)
+    within_blocks = compose_in_order(jax.tree.map(split, maps))
+    block_ends = compose_in_order(jax.tree.map(lambda x: x[-1], within_blocks))
+    later = join(
+        jax.tree.map(lambda x: x[None, :-1], block_ends), jax.tree.map(lambda x: x[:, 1:], within_blocks)
+    )
+    joined = jax.tree.map(lambda x, y: jnp.concatenate([x[:, :1], y], axis=1), within_blocks, later)
+    return jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1).reshape(-1, *x.shape[2:])[:n], joined)
 
 
 def running_max(values: Rows, restart: Bool[Array, " n"]) -> Rows:
@@ -60,12 +62,12 @@ def running_max(values: Rows, restart: Bool[Array, " n"]) -> Rows:
 
 
 @jax.custom_jvp
-def _running_max(values: Array, anew: Array) -> Array:
+def _running_max(values: Array, restarts: Array) -> Array:
     def join(a, b):
-        (first, before), (second, anew) = a, b
-        return jnp.where(anew, second, jnp.maximum(first, second)), before | anew
+        (first, before), (second, restarts) = a, b
+        return jnp.where(restarts, second, jnp.maximum(first, second)), before | restarts
 
-    return compose_maps(join, (values, anew))[0]
+    return compose_maps(join, (values, restarts))[0]
 
 
 @_running_max.defjvp
@@ -74,20 +76,25 @@ def _running_max_jvp(primals, tangents):
     return largest, _carry_last(tangents[0], primals[0] >= largest)
 
 
-def relax_states(kicks: Rows, keep: Rows, restart: Bool[Array, " n"]) -> Rows:
-    """Return the states of s ← keep · s + kick, from zero at the start and at every restart.
+def relax_states(increments: Rows, decay: Rows, restart: Bool[Array, " n"]) -> Rows:
+    """Return the states of s ← decay · s + increment, from zero at the start and at every restart.
+
+    Args:
+        increments: input of each step.
+        decay: factor of each step.
+        restart: (n,) whether the state restarts at zero.
 
     Compositions of maps s → a s + b have the same form.
     """
-    keep = jnp.where(_broadcast_flags(restart, keep), 0.0, keep)
-    return _relax_states(*jnp.broadcast_arrays(kicks, keep))
+    decay = jnp.where(_broadcast_flags(restart, decay), 0.0, decay)
+    return _relax_states(*jnp.broadcast_arrays(increments, decay))
 
 
-def _compute_relaxed(kicks: Array, keep: Array) -> Array:
+def _compute_relaxed(increments: Array, decay: Array) -> Array:
     def join(first, second):
         return second[0] * first[0], second[0] * first[1] + second[1]
 
-    return compose_maps(join, (keep, kicks))[1]
+    return compose_maps(join, (decay, increments))[1]
 
 
 _relax_states = jax.custom_jvp(_compute_relaxed)
@@ -96,34 +103,36 @@ _relax_states = jax.custom_jvp(_compute_relaxed)
 @_relax_states.defjvp
 def _relax_states_jvp(primals, tangents):
     """Return state and tangent. The tangent follows the same recurrence with the same factors."""
-    kicks, keep = primals
-    s = _relax_states(kicks, keep)
+    increments, decay = primals
+    s = _relax_states(increments, decay)
     before = jnp.concatenate([jnp.zeros_like(s[:1]), s[:-1]])
-    return s, _compute_relaxed(tangents[0] + tangents[1] * before, keep)
+    return s, _compute_relaxed(tangents[0] + tangents[1] * before, decay)
 
 
 def apply_stop_operator(
-    moved: Float[Array, " n"],
+    displacements: Float[Array, " n"],
     stiffness: Float[Array, "*k"],
     width: Rows,
     restart: Bool[Array, " n"],
     start: Rows | float = 0.0,
 ) -> Rows:
-    """Return the states of s ← clip(s + stiffness · moved, −width, width); `start` at every restart.
+    """Return the states of s ← clip(s + stiffness · displacement, −width, width); `start` at every restart.
 
     This is the stop operator, the element of rate-independent friction: an elastic deflection that slips
     at its width. Compositions of maps s → clip(s + a, low, high) have the same form: the shifts add, and the
     limits of the first are shifted and clipped by the second.
     """
     width, start = jnp.broadcast_arrays(width, jnp.asarray(start))
-    return _apply_stop_operator(moved, stiffness, width, start, restart)
+    return _apply_stop_operator(displacements, stiffness, width, start, restart)
 
 
 @jax.custom_jvp
-def _apply_stop_operator(moved: Array, stiffness: Array, width: Array, start: Array, restart: Array) -> Array:
-    anew = _broadcast_flags(restart, width)
-    shift = jnp.where(anew, start, stiffness * _broadcast_flags(moved, width))
-    low, high = jnp.where(anew, start, -width), jnp.where(anew, start, width)
+def _apply_stop_operator(
+    displacements: Array, stiffness: Array, width: Array, start: Array, restart: Array
+) -> Array:
+    restarts = _broadcast_flags(restart, width)
+    shift = jnp.where(restarts, start, stiffness * _broadcast_flags(displacements, width))
+    low, high = jnp.where(restarts, start, -width), jnp.where(restarts, start, width)
 
     def join(first, second):
         (a1, l1, h1), (a2, l2, h2) = first, second
@@ -137,20 +146,20 @@ def _apply_stop_operator(moved: Array, stiffness: Array, width: Array, start: Ar
 def _apply_stop_operator_jvp(primals, tangents):
     """Return state and tangent: since its last slip a stop follows the signal, and at the slip the width.
 
-    This needs a sum and one index per row, which is much faster than the recurrence.
+    It is computed by a sum and one index per row, which is much faster than the recurrence.
     """
-    moved, stiffness, width, _, restart = primals
-    moved_dot, stiffness_dot, width_dot, start_dot, _ = tangents
-    s, anew = _apply_stop_operator(*primals), _broadcast_flags(restart, width)
+    displacements, stiffness, width, _, restart = primals
+    displacements_dot, stiffness_dot, width_dot, start_dot, _ = tangents
+    s, restarts = _apply_stop_operator(*primals), _broadcast_flags(restart, width)
     slips = jnp.abs(s) >= width
 
-    def path(moved):
-        return _broadcast_flags(compose_maps(jnp.add, moved), width)
+    def path(displacements):
+        return _broadcast_flags(compose_maps(jnp.add, displacements), width)
 
-    total = stiffness * path(moved_dot) + stiffness_dot * path(moved)
-    # A stop that has not slipped yet hangs on its start: without a restart on zero, before the first row.
-    offset = jnp.where(anew, start_dot, jnp.where(slips, jnp.sign(s) * width_dot, 0.0)) - total
-    return s, total + _carry_last(offset, anew | slips)
+    total = stiffness * path(displacements_dot) + stiffness_dot * path(displacements)
+    # A stop that has not slipped yet depends on its start; without a restart it starts at zero.
+    offset = jnp.where(restarts, start_dot, jnp.where(slips, jnp.sign(s) * width_dot, 0.0)) - total
+    return s, total + _carry_last(offset, restarts | slips)
 
 
 def _carry_last(values: Array, is_new: Array) -> Array:

@@ -55,9 +55,9 @@ class Cylinder(AbstractGeometry):
     """
 
     def __call__(self, length: Scalar, thread: Scalar, turns: Scalar) -> State:
-        # A straight or overstretched braid has no radius; its derivative must stay finite all the
-        # same, because `where` differentiates both of its branches.
+        # A straight or overstretched braid has no radius. Its derivative must still be finite, because
+        # `where` differentiates both branches.
         squared = braid.radius_squared(length, thread, turns)
-        there = squared > 0
-        radius = jnp.where(there, jnp.sqrt(jnp.where(there, squared, 1.0)), 0.0)
+        is_valid = squared > 0
+        radius = jnp.where(is_valid, jnp.sqrt(jnp.where(is_valid, squared, 1.0)), 0.0)
         return State(length, thread, turns, radius, 2 * radius, braid.volume(length, thread, turns))

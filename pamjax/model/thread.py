@@ -28,7 +28,7 @@ from pamjax.parameter import Scalar, parameter
 
 _ROOT_TAU = math.sqrt(2 * math.pi)
 
-STIFFNESS_SOURCE = "range guard for aramid to nylon yarns, 1 to 150 GPa, and braids of 20 to 500 threads"
+STIFFNESS_SOURCE = "wide range: aramid to nylon yarns, 1 to 150 GPa, and braids of 20 to 500 threads"
 CRIMP_SOURCE = (
     "crimp of Kevlar-49 fabric ends at 0.25 to 0.65 % strain (Zhu et al., Compos. Sci. Technol. 74, 2013)"
 )
@@ -126,7 +126,7 @@ class SmoothToe(AbstractThread):
     without other terms is a quadratic equation, and one Newton step is enough.
 
     What it leaves out: a toe whose own slope changes much (use `RecruitmentToe`). The rounding decreases
-    with the square of the distance from the corner, so that a wide one changes the slope at zero strain too.
+    with the square of the distance from the corner, so that a large width changes the slope at zero strain.
     """
 
     newton_steps: ClassVar[int] = 1
@@ -134,7 +134,7 @@ class SmoothToe(AbstractThread):
     stiffness: Scalar = _declare_stiffness()
     toe_ratio: Scalar = parameter(
         "1", low=0.02, high=1.0, neutral=1.0, about="slope of the toe over the slope of the straight thread",
-        source="open range; 1 is a linear thread",
+        source="full range; 1 is a linear thread",
     )  # fmt: skip
     crimp: Scalar = parameter(
         "1",
@@ -169,7 +169,7 @@ class SmoothToe(AbstractThread):
         return self.stiffness * (0.5 * self.toe_ratio * strain**2 + (1 - self.toe_ratio) * toe)
 
     def initial_strain(self, pull: Scalar) -> Array:
-        # S q(ε) in load(ε) = pull (1 + ε), squared: a ε² − 2 h ε − g = 0, whose positive root is wanted.
+        # S q(ε) in load(ε) = pull (1 + ε), squared: a ε² − 2 h ε − g = 0. Its positive root is the solution.
         p, k, q = pull / self.stiffness, 0.5 * (1 - self.toe_ratio), jnp.hypot(self.crimp, self.width)
         a = (1 - p) * (p - self.toe_ratio)
         g = p * (p + 2 * k * q)
@@ -219,8 +219,8 @@ class ExponentialToe(AbstractThread):
         return self.stiffness * ((toe - end * below) / self.curvature + toe * beyond + 0.5 * beyond**2)
 
     def initial_strain(self, pull: Scalar) -> Array:
-        # Newton walks down an exponential in steps of 1/k; the inverse of the curve at a load that
-        # is a little too large lands beside the root at once.
+        # Newton's method descends an exponential in steps of 1/k. The inverse of the curve at a load that is
+        # slightly too large is already close to the root.
         above = super().initial_strain(pull)
         load = self.curvature * pull * (1 + above) / self.stiffness
         toe = jnp.log1p(load * jnp.exp(self.curvature * self.crimp)) / self.curvature
@@ -252,7 +252,7 @@ class RecruitmentToe(AbstractThread):
 
     def _standard_normal(self, strain: Scalar) -> tuple[Array, Array, Array]:
         z = (strain - self.crimp) / self.spread
-        # erfc, because the library's normal distribution takes seven times as long.
+        # erfc, because JAX's normal distribution takes seven times as long.
         return z, 0.5 * jax.lax.erfc(-z / math.sqrt(2)), jnp.exp(-0.5 * z**2) / _ROOT_TAU
 
     def _recruited_strain(self, strain: Scalar) -> Array:
@@ -277,13 +277,18 @@ class RecruitmentToe(AbstractThread):
         )
 
     def initial_strain(self, pull: Scalar) -> Array:
-        # The inverse of g at a load that is a little too large. Below z = 0, where Newton would walk
-        # down the normal tail, −2 ln(g/g(0)) is nearly a quadratic in z; above, g nearly a hyperbola.
+        # The inverse of g at a load that is slightly too large. With y = √(2π) g/s and t = −2 ln y, the
+        # normal tail (z < 0) has z² = t − 2 ln(z² + …). The rational function of t in the second logarithm
+        # is a fit for all t of double precision. Its z is too large, by at most 0.022/|z|. From a start below
+        # the root Newton's method jumps far above it, and then descends the tail in steps of only 1/|z|.
+        # Above z = 0, g is nearly a hyperbola. There z is too small by at most 0.08.
         load = pull * (1 + super().initial_strain(pull)) / self.stiffness + self._recruited_strain(
             jnp.asarray(0.0)
         )
-        y = jnp.maximum(_ROOT_TAU * load / self.spread, 1e-300)
+        y = _ROOT_TAU * load / self.spread
+        y = jnp.maximum(y, jnp.finfo(y.dtype).tiny)
         t = -2 * jnp.log(jnp.minimum(y, 1.0))
-        below = (1.2533 - jnp.sqrt(1.2533**2 + 0.785 * t)) / 0.785
-        z = jnp.where(y < 1, below, (y - 1 / y) / _ROOT_TAU)
-        return self.crimp + self.spread * z
+        square = t - 2 * jnp.log((1 + t * (0.589 + 0.084 * t)) / (1 + 0.084 * t))
+        z = jnp.where(y < 1, -jnp.sqrt(jnp.maximum(square, 0.0)), (y - 1 / y) / _ROOT_TAU)
+        # Without pull the root is exactly zero, also where g(0) is smaller than the least number.
+        return jnp.where(pull > 0, self.crimp + self.spread * z, 0.0)

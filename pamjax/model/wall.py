@@ -3,7 +3,7 @@
     λz = L / l                      stretch along
     λc = (R + Ri) / (ri + ro)       stretch around, at the middle of the wall
     λr = 1 / (λz λc)                stretch through the wall
-    Ri² = R² − (ro² − ri²) / λz     inner radius: the volume of the rubber stays
+    Ri² = R² − (ro² − ri²) / λz     inner radius: the volume of the rubber is constant
 
     L, R    length and outer radius of the deformed tube (R is that of the braid)   m
     l       length of the unstretched tube                                          m
@@ -29,7 +29,7 @@ from jaxtyping import Array
 from pamjax.model.state import State
 from pamjax.parameter import Scalar, parameter
 
-#: Share of the unstretched bore, as an area, below which the bore closes softly instead of vanishing.
+#: Share of the unstretched bore, as an area, below which the bore decreases smoothly instead of vanishing.
 MIN_BORE_SHARE = 0.01
 
 
@@ -50,7 +50,7 @@ def declare_inner_diameter() -> Scalar:
 
 def declare_thickness() -> Scalar:
     return parameter(
-        "m", show="mm", low=1e-5, high=0.1, scale="log", about="wall of the unstretched bladder",
+        "m", show="mm", low=1e-5, high=0.1, scale="log", about="wall thickness of the unstretched bladder",
         source="commonly 0.5 to 2.5 mm", default=1.6e-3,
     )  # fmt: skip
 
@@ -58,7 +58,7 @@ def declare_thickness() -> Scalar:
 def declare_length() -> Scalar:
     return parameter(
         "m", show="mm", low=1e-3, high=20.0, scale="log", about="length of the unstretched bladder",
-        source="the muscle at rest; less where the bladder was fitted stretched", default=0.2,
+        source="that of the muscle at rest; less if the bladder is stretched at assembly", default=0.2,
     )  # fmt: skip
 
 
@@ -84,9 +84,9 @@ def stretch(wall: WallSize, state: State) -> Stretch:
     width = wall.inner_diameter + wall.thickness
     axial = state.length / wall.length
     bore = state.radius**2 - wall.thickness * width / axial
-    least = MIN_BORE_SHARE / 4 * wall.inner_diameter**2
-    closing = least**2 / (2 * least - jnp.minimum(bore, least))
-    inner = jnp.sqrt(jnp.where(bore > least, bore, closing))
+    floor = MIN_BORE_SHARE / 4 * wall.inner_diameter**2
+    closing = floor**2 / (2 * floor - jnp.minimum(bore, floor))
+    inner = jnp.sqrt(jnp.where(bore > floor, bore, closing))
     hoop = (state.radius + inner) / width
     return Stretch(axial, hoop, 1 / (axial * hoop))
 
@@ -94,7 +94,7 @@ def stretch(wall: WallSize, state: State) -> Stretch:
 def first_invariant(stretch: Stretch) -> Array:
     """Return I1 − 3 = λz² + λc² + λr² − 3."""
     axial, hoop, radial = stretch
-    # As squares, so that the unstretched wall has no energy to the last digit.
+    # As squares, so that the energy of the unstretched wall is exactly zero.
     return (axial - 1) ** 2 + (hoop - 1) ** 2 + (radial - 1) ** 2 + 2 * (axial + hoop + radial - 3)
 
 

@@ -1,4 +1,4 @@
-"""Means: what a rig can do, how well it measures, and for how long it is there."""
+"""Capabilities of a test rig: limits, speed, sensor noise, errors of zeros and gains, available time."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from pamjax.records.files import decode_text, read_bytes
 from pamjax.records.reading.muscle_toml import MuscleToml
 from pamjax.units import parse_number, parse_quantity
 
-#: What a zero or a gain may be off by, and how much the rig may give, where it does not say: a bench of
-#: 20 kN/mm that was calibrated some time ago. Numbers of the plan like any other, and priors of a fit.
+#: Default standard deviations of sensor zeros, sensor gains and rig compliance, SI: a bench of 20 kN/mm that
+#: was not calibrated recently. They are unknown parameters of the plan, and priors of a fit.
 DEFAULT_ERROR_SDS = {
     "force_offset.offset": 5.0,
     "force_gain.gain": 0.01,
@@ -25,7 +25,7 @@ DEFAULT_ERROR_SDS = {
     "rig_compliance.compliance": 5e-8,
 }
 
-#: Their names in a rig's file, with their units.
+#: Names of these parameters in a rig file, with their units.
 ERROR_ENTRIES = {
     "force_zero": ("force_offset.offset", "N"),
     "force_gain": ("force_gain.gain", "1"),
@@ -36,7 +36,7 @@ ERROR_ENTRIES = {
     "give": ("rig_compliance.compliance", "m/N"),
 }
 
-#: Its other entries, with their kinds.
+#: Other entries of a rig file, with their kinds of quantity.
 ENTRY_KINDS = {
     "pressure": "pressure", "speed": "speed", "rate": "frequency", "minutes": "count", "setup": "time",
     "correlation_time": "time", "contraction": "count", "force": "force", "diameter": "length",
@@ -44,26 +44,26 @@ ENTRY_KINDS = {
 }  # fmt: skip
 
 
-#: No muscle contracts so far.
+#: Upper limit of contraction: no muscle contracts this far.
 MAX_RIG_CONTRACTION = 0.9
 
 
 @dataclass(frozen=True)
 class RigCapabilities:
-    """What a rig can do.
+    """Capabilities of a test rig.
 
     Attributes:
-        pressure: highest, Pa.
-        contraction: largest.
-        speed: of a stroke, m/s.
-        rate: samples a second.
-        minutes: that it is there for.
-        setup: between two runs, s.
-        correlation_time: of the noise, s.
-        force, diameter: noise of one sample, N and m; None where the channel is not there.
+        pressure: highest pressure, Pa.
+        contraction: largest contraction, a fraction.
+        speed: speed of a stroke, m/s.
+        rate: sampling rate, Hz.
+        minutes: available time, min.
+        setup: time between two runs, s.
+        correlation_time: correlation time of the noise, s.
+        force, diameter: noise of one sample, N and m; None without this channel.
         gauge, ruler: noise of one sample of pressure and length, Pa and m.
-        setting: error of each length that is set, one for all samples there, m; 0 where there is none.
-        error_sds: standard deviation of zeros, gains and give, SI, by name of the number.
+        setting: error of each set length, common to all samples at this length, m; 0 for none.
+        error_sds: standard deviation of zeros, gains and compliance, SI, by parameter name.
     """
 
     pressure: float = 600e3
@@ -82,25 +82,25 @@ class RigCapabilities:
 
     @property
     def assumed(self) -> dict[str, float]:
-        """Standard deviations of the rig's own numbers, SI; the error of each set length among them."""
+        """Return the standard deviations of the rig's parameters, SI, with that of a set length."""
         return self.error_sds | ({f"{LENGTH_ERROR_PREFIX}each": self.setting} if self.setting else {})
 
     @property
     def independent_share(self) -> float:
-        """How many independent samples one is worth: (1 − ρ) / (1 + ρ) for what changes slowly."""
+        """Return the number of independent samples per sample, (1 − ρ) / (1 + ρ) for AR(1) noise."""
         from math import exp
 
         rho = exp(-1 / (self.rate * self.correlation_time)) if self.correlation_time > 0 else 0.0
         return (1 - rho) / (1 + rho)
 
     def keep_channel(self, channel: str) -> RigCapabilities:
-        """The same rig with one channel only, "force" or "diameter"."""
+        """Return the rig with one channel only, "force" or "diameter"."""
         other = {"force": "diameter", "diameter": "force"}[channel]
         return replace(self, **{other: None})
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """What is measured beside pressure and length."""
+        """Return the measured channels besides pressure and length."""
         return tuple(c for c in ("force", "diameter") if getattr(self, c) is not None)
 
 
@@ -111,22 +111,21 @@ def read_capabilities(
     highest: float | None = None,
     **overrides: Any,
 ) -> RigCapabilities:
-    """What a rig can do, from its file, else from the sensors of muscle.toml, else as usual.
+    """Return the capabilities of a rig: from its file, else from the sensors of muscle.toml, else defaults.
 
-    Lengths with one error per setting in muscle.toml have it on this rig too, and no noise of a sample. A
-    `ruler` in the rig's file is the noise of a sample, and takes its place.
+    If muscle.toml states one length error for each setting, it is also valid for this rig, and length has no
+    noise of a sample. A `ruler` in the rig file is the noise of a sample and replaces that error.
 
     Args:
-        entry: what muscle.toml says.
-        rig: a TOML file with a table [rig], as `pressure = "690 kPa"`, `force = "2 N"` (noise of a sample),
-            `diameter = "none"`, `force_zero = "5 N"`, `minutes = 60`.
-        recorded: channels of what this rig has recorded so far: it has no other, unless one is stated.
-        highest: pressure of what it has recorded so far, Pa: the muscle is not asked for more, unless
-            that is stated.
-        overrides: entries that override the file's.
+        entry: content of muscle.toml.
+        rig: TOML file with a table [rig], such as `pressure = "690 kPa"`, `force = "2 N"` (noise of a
+            sample), `diameter = "none"`, `force_zero = "5 N"`, `minutes = 60`.
+        recorded: channels of the existing recording; the rig has only these, unless others are stated.
+        highest: highest pressure of the existing recording, Pa; upper limit, unless another one is stated.
+        overrides: entries that replace those of the file.
 
     Raises:
-        BadInput: for an unknown entry, a wrong unit, or a rig that measures nothing.
+        BadInput: for an unknown entry, a wrong unit, or a rig without force and diameter.
     """
     sensors = entry.sensors
     stated = {
@@ -146,13 +145,13 @@ def read_capabilities(
         if name in ERROR_ENTRIES:
             number, unit = ERROR_ENTRIES[name]
             if unit != "1" and not isinstance(value, str):
-                raise refuse(f"`{name}` of a rig needs a unit", str(value), file, f'Write "{value} {unit}".')
+                raise refuse(f"rig entry `{name}` needs a unit", str(value), file, f'Write "{value} {unit}".')
             error_sds[number] = parse_number(str(value), unit, f"{name} of {file}")
         elif name in ENTRY_KINDS:
             plain_entries[name] = _parse_entry(name, value, file)
         else:
             raise refuse(
-                f"a rig has no entry {name!r}",
+                f"unknown rig entry {name!r}",
                 where=file,
                 remedy=suggest_word(name, [*ERROR_ENTRIES, *ENTRY_KINDS]),
             )
@@ -160,7 +159,7 @@ def read_capabilities(
         capabilities, error_sds={name: sd for name, sd in error_sds.items() if sd > 0}, **plain_entries
     )
     if not capabilities.channels:
-        raise refuse("a rig measures force or diameter", "neither", file, "Name the noise of one.")
+        raise refuse("a rig must measure force or diameter", "neither", file, "State the noise of one.")
     return capabilities
 
 
@@ -175,9 +174,11 @@ def _parse_entry(name: str, value: Any, file: str) -> float | None:
         value = parse_quantity(value, "time", f"{name} of {file}") / 60
     number = parse_quantity(value, ENTRY_KINDS[name], f"{name} of {file}")
     if name == "contraction" and number >= MAX_RIG_CONTRACTION:
-        raise refuse(f"`contraction` of a rig is a share below {MAX_RIG_CONTRACTION:g}", f"{value}", file)
+        raise refuse(
+            f"rig entry `contraction` must be a fraction below {MAX_RIG_CONTRACTION:g}", f"{value}", file
+        )
     if number < 0 or (number == 0 and name not in ("setup", "correlation_time")):
-        raise refuse(f"`{name}` of a rig must be positive", f"{value}", file)
+        raise refuse(f"rig entry `{name}` must be positive", f"{value}", file)
     return number
 
 
@@ -185,7 +186,7 @@ def _read_rig_file(path: Path) -> dict[str, Any]:
     try:
         document = tomllib.loads(decode_text(read_bytes(path), path.name))
     except tomllib.TOMLDecodeError as error:
-        raise refuse("a rig is a TOML file", str(error), path.name) from error
+        raise refuse("a rig file must be valid TOML", str(error), path.name) from error
     if set(document) != {"rig"} or not isinstance(document["rig"], dict):
-        raise refuse("a rig has one table, [rig]", ", ".join(document) or "none", path.name)
+        raise refuse("a rig file must have one table, [rig]", ", ".join(document) or "none", path.name)
     return document["rig"]

@@ -1,7 +1,8 @@
-"""Tell apart: the power of every protocol of the menu to settle which of two mechanisms a recording shows.
+"""Discrimination between two mechanisms: the power of each protocol to identify the true one.
 
-A power is that of a choice between two. Where neither explains the recording there is no such choice yet, and
-that is said first: what each leaves is judged as a diagnosis judges it.
+The power is the probability that a test between the two mechanisms identifies the true one. It is valid only
+if one of the two explains the recording. The residual test of a diagnosis checks this first, and the report
+states it if neither mechanism explains the recording.
 """
 
 from __future__ import annotations
@@ -19,7 +20,6 @@ from pamjax.diagnosis.detect.significance import Significance
 from pamjax.diagnosis.library.candidates import MECHANISMS_NEEDING_TIME, build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem
 from pamjax.diagnosis.next_experiment.experiment import (
-    SUFFICIENT_POWER,
     Experiment,
     choose_experiment,
     evaluate_protocols,
@@ -28,29 +28,30 @@ from pamjax.diagnosis.next_experiment.experiment import (
 )
 from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.errors import BadInput, refuse
 from pamjax.model.registry import find_mechanism
 from pamjax.progress import Progress, ignore_progress
-from pamjax.records.case import Case, load_case
+from pamjax.records.case import Case, ensure_case
 from pamjax.records.files import write_atomically
 
-#: Protocols in a note.
+#: Largest number of protocols in a summary.
 MAX_LISTED_PROTOCOLS = 6
 
 
 @dataclass(frozen=True, eq=False)
 class Discrimination:
-    """Two mechanisms before a recording, and what would tell them apart.
+    """Two mechanisms, their fits to a recording, and the protocols that distinguish them.
 
     Attributes:
         case: the recording.
-        ids: the two.
-        chi2_difference: χ² by which the second fits the recording worse than the first.
-        testbed: the rig and the noise that the recording shows, on which protocols are played.
+        ids: ids of the two mechanisms.
+        chi2_difference: χ² of the second minus χ² of the first on the recording.
+        testbed: rig and noise estimated from the recording, for the simulation of protocols.
         experiments: every protocol with its power.
-        chosen: the cheapest that is powerful enough, else the most powerful.
-        residual_tests: what the first and what the second alone leave of the recording, judged.
-        neither_explains: whether both leave more than noise and the rough edges of textbook forms.
+        chosen: the shortest protocol with sufficient power, else the most powerful one.
+        residual_tests: residual test of the fit with the first and with the second mechanism.
+        neither_explains: whether the residuals of both are larger than noise and typical form errors.
     """
 
     case: Case
@@ -64,13 +65,13 @@ class Discrimination:
 
     @property
     def ranked_experiments(self) -> list[Experiment]:
-        """The menu, what is most powerful first and of that the shortest."""
+        """Return the protocols by decreasing power; of equal power the shortest first."""
         return sorted(
             self.experiments, key=lambda experiment: (-round(experiment.power, 2), experiment.minutes)
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """As plain numbers."""
+        """Return the discrimination as it is written to contest.json."""
         return {
             "schema": "pamjax.contest/1",
             "case": self.case.name,
@@ -89,12 +90,13 @@ class Discrimination:
         }
 
     def __str__(self) -> str:
-        condition = "if one of them is true all the same" if self.neither_explains else "next"
+        wanted, alarm = DEFAULT_SETTINGS.sufficient_power, DEFAULT_SETTINGS.false_alarm_rate
+        condition = "if one of them is present nevertheless" if self.neither_explains else "next experiment"
         lines = [
             f"{self.case.name}: {self.verdict}",
             f"  {condition}: {self.chosen.protocol}",
-            f"  power {self.chosen.power:.2f} at a false alarm of one in twenty"
-            + ("" if self.chosen.power >= SUFFICIENT_POWER else ", which may not be enough"),
+            f"  power {self.chosen.power:.2f} at a false-alarm rate of {alarm:.0%}"
+            + ("" if self.chosen.power >= wanted else f", below the wanted {wanted:g}"),
             "",
         ]
         return "\n".join(
@@ -107,21 +109,21 @@ class Discrimination:
 
     @property
     def verdict(self) -> str:
-        """Which fits the recording better, and by how much; or that neither does."""
+        """Return which mechanism fits the recording better; or that neither explains it."""
         first, second = self.ids
-        better_id = first if self.chi2_difference > 0 else second
+        better, worse = (first, second) if self.chi2_difference > 0 else (second, first)
         if self.neither_explains:
             return f"neither {first} nor {second} explains this recording: {self.residual_summary}"
-        return f"{first} or {second}; here {better_id} fits better by a χ² of {abs(self.chi2_difference):.3g}"
+        return f"{better} fits this recording better than {worse}, by {abs(self.chi2_difference):.3g} in χ²"
 
     @property
     def residual_summary(self) -> str:
-        """What the two leave, and what to do about it."""
+        """Return the residuals of both mechanisms over the noise, and the next step."""
         pairs = zip(self.ids, self.residual_tests, strict=True)
         residuals = ", ".join(
-            f"{id} alone leaves {math.sqrt(residual_test.mean_square):.2g}" for id, residual_test in pairs
+            f"{math.sqrt(residual_test.mean_square):.2g} with {id}" for id, residual_test in pairs
         )
-        return f"{residuals} times the noise (rms); `pamjax diagnose` first"
+        return f"the rms residual over noise is {residuals}; run `pamjax diagnose` first"
 
 
 def _describe_experiment(experiment: Experiment) -> dict[str, Any]:
@@ -135,38 +137,38 @@ def discriminate(
     second: str,
     progress: Progress = ignore_progress,
 ) -> Discrimination:
-    """Which protocol of the menu settles which of two mechanisms a recording shows.
+    """Return the protocol that best distinguishes two mechanisms on the rig of a recording.
 
     Args:
         case: the recording, or its folder.
         first, second: ids of the mechanisms.
-        progress: called with what is being done and the share done.
+        progress: called with the current step and the completed share.
 
     Raises:
-        BadInput: for an unknown id, or one that this recording cannot show at all.
+        BadInput: for an unknown id, or a mechanism without effect on this recording.
     """
-    case = load_case(case)
+    case = ensure_case(case)
     for id in (first, second):
         find_mechanism(id)
     if first == second:
-        raise refuse("two mechanisms are told apart", f"{first!r} twice")
+        raise refuse("a discrimination needs two different mechanisms", f"{first!r} twice")
     library_problem = build_library_problem(case)
-    visible_ids = {candidate.id for candidate in build_candidates(library_problem)}
+    available_ids = {candidate.id for candidate in build_candidates(library_problem)}
     for id in (first, second):
-        if id not in visible_ids:
-            raise _build_invisible_error(id, case)
-    progress("fitting both", 0.1)
+        if id not in available_ids:
+            raise _build_unavailable_error(id, case)
+    progress("fitting mechanisms", 0.1)
     baseline = fit_baseline(library_problem)
     first_fit = fit_mechanism(library_problem, baseline, first)
     second_fit = fit_rival(library_problem, first_fit, first, second)
     assert second_fit is not None
-    progress("judging both", 0.3)
+    progress("testing residuals", 0.3)
     residual_tests = (
         run_residual_test(library_problem, first_fit),
         run_residual_test(library_problem, second_fit),
     )
     baseline_test = run_residual_test(library_problem, baseline)
-    progress("playing protocols", 0.5)
+    progress("simulating protocols", 0.5)
     testbed = SimulatedTestbed.from_fit(library_problem, first_fit)
     experiments = evaluate_protocols(testbed, first_fit, second_fit, (first, second))
     return Discrimination(
@@ -175,19 +177,22 @@ def discriminate(
         second_fit.corrected_chi2 - first_fit.corrected_chi2,
         testbed,
         tuple(experiments),
-        choose_experiment(experiments),
+        choose_experiment(experiments, library_problem.settings),
         residual_tests,
-        all(is_residual_significant(baseline_test, residual_test) for residual_test in residual_tests),
+        all(
+            is_residual_significant(baseline_test, residual_test, library_problem.settings)
+            for residual_test in residual_tests
+        ),
     )
 
 
 def fit_baseline(library_problem: LibraryProblem) -> CandidateFit:
-    """The baseline by itself, refitted under the noise that it leaves."""
+    """Return the fit of the baseline model alone."""
     return fit_candidate(library_problem, np.ones(library_problem.n, dtype=bool), (), library_problem.neutral)
 
 
 def fit_mechanism(library_problem: LibraryProblem, baseline: CandidateFit, id: str) -> CandidateFit:
-    """The baseline with one mechanism in its best form, refitted under the noise that this leaves."""
+    """Return the fit of the baseline model with one mechanism in its best form."""
     start_fit = fit_best_candidate(
         library_problem,
         baseline,
@@ -201,17 +206,17 @@ def fit_mechanism(library_problem: LibraryProblem, baseline: CandidateFit, id: s
     )
 
 
-def _build_invisible_error(id: str, case: Case) -> BadInput:
+def _build_unavailable_error(id: str, case: Case) -> BadInput:
     if id in MECHANISMS_NEEDING_TIME and not case.recording.has_time:
-        rule = f"two mechanisms are told apart after a recording that could show them, and {id!r} needs time"
-        remedy = "Record strokes first: `pamjax plan` without `--tell` chooses some."
+        rule = f"mechanism {id!r} needs time"
+        remedy = "Record strokes first: `pamjax plan` without `--tell` proposes runs."
         return refuse(rule, "a table without time", case.name, remedy)
-    rule = "two mechanisms are told apart that a recording could show beside its baseline"
-    return refuse(rule, f"{id!r}, which this one cannot", case.name)
+    rule = "both mechanisms must have an effect on the recording that its baseline does not include"
+    return refuse(rule, f"{id!r} without such an effect", case.name)
 
 
 def save_discrimination(discrimination: Discrimination, folder: Path) -> list[Path]:
-    """Write contest.json, beside and then renamed."""
+    """Write contest.json atomically and return its path."""
     folder.mkdir(parents=True, exist_ok=True)
     with write_atomically(folder / "contest.json") as temporary:
         temporary.write_text(json.dumps(discrimination.as_dict(), indent=1, allow_nan=False) + "\n")

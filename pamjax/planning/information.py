@@ -1,15 +1,21 @@
-"""Knowledge: what a muscle's numbers are believed to be, and what runs would add to it.
+"""Fisher information of the parameters of a muscle: from priors and a recording, and from planned runs.
 
-The information of a run is Σ Jᵀ J over its samples, J the exact derivatives of force and diameter by every
-number, over the noise of a sample (that of pressure and length carried through the model). Zeros and
-gains of the channels, and what the rig gives, count as numbers beside the muscle's. It is taken at several
-truths drawn from what is believed, because a stiff thread is told less well than a soft one.
-Samples are equilibria of the bare muscle: rubber, ends and whatever remembers take no part.
+The information of a run is
 
-Where muscle.toml states one error for each length that is set, each length of the runs has an error of its
-own, one number for all runs at that length; all strokes share one more, as in a fit. The errors of a
-recording at hand are other numbers, which its information is freed of. What it leaves out: a length that
-is set again in the same place is not known any better from the recording.
+    I = Σ Jᵀ J
+
+over its samples, with the exact derivatives J of force and diameter with respect to every parameter, divided
+by the effective noise of a sample. The effective noise includes the noise of pressure and length, propagated
+through the model. Sensor zeros, sensor gains and the rig compliance are parameters too. The information is
+evaluated at several parameter vectors drawn from the prior, because it depends on the parameters: a stiff
+thread stretches less, so its stiffness is harder to measure.
+
+Samples are equilibria of the muscle without rubber, tapered ends and mechanisms with memory.
+
+If muscle.toml states one error for each set length, each length of the runs has one error parameter, common
+to all runs at this length. All strokes share another one, as in a fit. The length errors of an existing
+recording are separate parameters, and they are marginalised. What it leaves out: a length that is set again
+at the same place does not profit from the recording.
 """
 
 from __future__ import annotations
@@ -39,30 +45,30 @@ from pamjax.records.case import Case
 from pamjax.records.reading.muscle_toml import MuscleToml
 from pamjax.records.recording import Recording
 
-#: Truths at which information is taken.
-TRUTH_COUNT = 9
+#: Number of parameter vectors at which information is evaluated.
+PRIOR_DRAW_COUNT = 9
 
-#: Samples of a run at which its information is taken; more of them tell so much more, in proportion.
+#: Largest number of samples for the information of a run; the result is scaled to all samples.
 MAX_RUN_SAMPLES = 200
 
-#: No truth is drawn beyond this many standard deviations: there the fit itself would ask questions.
-MAX_TRUTH_SD = 2.0
+#: Limit of the drawn parameter vectors, in standard deviations from the mean.
+MAX_DRAW_SD = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class PriorInformation:
-    """What is believed before the next run.
+    """Information about the parameters before the next run.
 
     Attributes:
-        entry: what muscle.toml says.
-        capabilities: what the rig can do.
+        entry: content of muscle.toml.
+        capabilities: capabilities of the rig.
         law: thread law.
-        space: every parameter that a fit can change, with its prior; zeros, gains and set lengths included.
-        free_parameters: their declarations: the muscle's, zeros and gains, errors of set lengths.
-        mean: (p,) where they are believed to be, SI.
-        scale: (p,) the step in which each is measured, SI: its prior's sd, or a share of its limits.
-        matrix: (p, p) information of priors and of the recording at hand, in those steps.
-        misfit_ratios: by channel of that recording, how many times its noise the muscle misses it by, in rms.
+        space: free parameters with priors: muscle, sensor zeros and gains, rig, errors of set lengths.
+        free_parameters: declarations of these parameters, in this order.
+        mean: (p,) present estimates, SI.
+        scale: (p,) unit of each parameter, SI: the sd of its prior, or a share of its range.
+        matrix: (p, p) information of the priors and of the existing recording, in these units.
+        misfit_ratios: for each channel of that recording, the rms residual over the noise.
     """
 
     entry: MuscleToml
@@ -76,24 +82,24 @@ class PriorInformation:
     misfit_ratios: Mapping[str, float] = field(default_factory=dict)
 
     def find_index(self, name: str) -> int:
-        """Index of a number."""
+        """Return the index of a parameter."""
         return self.space.names.index(name)
 
     @property
     def muscle_indices(self) -> list[int]:
-        """Indices of the muscle's numbers, without the rig's."""
+        """Return the indices of the parameters of the muscle, without those of the rig."""
         return [
             k
             for k, n in enumerate(self.space.names)
             if n not in self.capabilities.error_sds and not is_length_error(n)
         ]
 
-    def draw_truths(self, count: int = TRUTH_COUNT, seed: int = 0) -> np.ndarray:
-        """Values that the numbers may truly have, (many, p), SI; the first are the believed ones."""
-        # A number that nothing is known of is drawn within its step, and not over all its limits.
+    def draw_parameters(self, count: int = PRIOR_DRAW_COUNT, seed: int = 0) -> np.ndarray:
+        """Return parameter vectors drawn from the information, (count, p), SI; the first is the mean."""
+        # A parameter without prior is drawn within its unit, not over its whole range.
         inverse = np.linalg.inv(self.matrix + np.diag(1.0 * ~np.isfinite(np.asarray(self.space.sd))))
         draws = np.random.default_rng(seed).standard_normal((count, self.mean.size))
-        draws = np.clip(_stratify_draws(draws), -MAX_TRUTH_SD, MAX_TRUTH_SD)
+        draws = np.clip(_stratify_draws(draws), -MAX_DRAW_SD, MAX_DRAW_SD)
         draws[0] = 0.0
         values = self.mean + draws @ np.linalg.cholesky(inverse).T * self.scale
         low, high = np.asarray(self.space.low), np.asarray(self.space.high)
@@ -112,27 +118,29 @@ class PriorInformation:
 
         Args:
             case: the samples.
-            label: (n,) which sum each belongs to.
-            count: how many sums.
-            values: (p,) of the numbers, SI.
-            setting: (n,) which set length each sample has; None where set lengths have no errors.
+            label: (n,) index of the sum of each sample.
+            count: number of sums.
+            values: (p,) parameter values, SI.
+            setting: (n,) index of the set length of each sample; None if set lengths have no errors.
         """
-        n, many = label.size, len(self.muscle_indices)
-        dataset = build_dataset(without_rulers(case), self.law, build_space(self.free_parameters[:many]), {})
-        muscle_values, rows = jnp.asarray(values[:many]), dataset.rows
+        n, muscle_count = label.size, len(self.muscle_indices)
+        muscle_space = build_space(self.free_parameters[:muscle_count])
+        dataset = build_dataset(_remove_length_errors(case), self.law, muscle_space, {})
+        muscle_values, rows = jnp.asarray(values[:muscle_count]), dataset.rows
         slopes, readings, input_slopes = (
             np.asarray(x)[..., :n] for x in _compute_slopes(dataset, muscle_values)
         )
-        off = self._compute_error_slopes(input_slopes, readings, np.asarray(rows.pressure)[:n])
-        slopes = np.concatenate([slopes, off, self._rulers(input_slopes[1], setting)])
+        error_slopes = self._compute_error_slopes(input_slopes, readings, np.asarray(rows.pressure)[:n])
+        length_slopes = self._compute_length_error_slopes(input_slopes[1], setting)
+        slopes = np.concatenate([slopes, error_slopes, length_slopes])
         noise = [x**2 if x else math.inf for x in (self.capabilities.force, self.capabilities.diameter)]
         input_variance = (self.capabilities.gauge * input_slopes[0]) ** 2 + (
             self.capabilities.ruler * input_slopes[1]
         ) ** 2
         variance = np.array(noise)[:, None] + input_variance
-        # A slack muscle tells nothing, and one without an answer less.
+        # Samples of a slack muscle or without equilibrium have no information.
         informative = np.isfinite(variance) & np.isfinite(slopes).all(axis=0) & (readings[0] > 0)
-        # What the muscle missed so far it will miss again.
+        # The misfit of the existing recording is expected in the next runs too.
         misfit_variance = np.array(
             [max(self.misfit_ratios.get(c, 1.0), 1.0) ** 2 for c in ("force", "diameter")]
         )
@@ -152,7 +160,7 @@ class PriorInformation:
     def _compute_error_slopes(
         self, input_slopes: np.ndarray, readings: np.ndarray, pressure: np.ndarray
     ) -> np.ndarray:
-        """Derivatives of force and diameter by what the rig may be off by, (q, 2, n); near zero of each."""
+        """Return the derivatives of force and diameter by zeros, gains and compliance, (q, 2, n), at 0."""
         (by_pressure, by_length), unit = input_slopes, np.ones_like(pressure)
         columns = {
             "force_offset.offset": np.stack([unit, 0 * unit]),
@@ -167,27 +175,27 @@ class PriorInformation:
             -1, 2, unit.size
         )
 
-    def _rulers(self, by_length: np.ndarray, setting: np.ndarray | None) -> np.ndarray:
+    def _compute_length_error_slopes(self, by_length: np.ndarray, setting: np.ndarray | None) -> np.ndarray:
         """Return the derivatives of force and diameter by the errors of set lengths, (q, 2, n)."""
-        many = sum(map(is_length_error, self.space.names))
+        error_count = sum(map(is_length_error, self.space.names))
         if setting is None:
-            return np.zeros((many, *by_length.shape))
-        return by_length * (setting == np.arange(many)[:, None])[:, None]
+            return np.zeros((error_count, *by_length.shape))
+        return by_length * (setting == np.arange(error_count)[:, None])[:, None]
 
-    def settings(self, offered: Sequence[PlannedRun]) -> np.ndarray:
-        """Return the index of each run's length among those that are set; strokes come after all of them."""
+    def find_settings(self, runs: Sequence[PlannedRun]) -> np.ndarray:
+        """Return the index of each run's set length; strokes have the index after the last length."""
         lengths = set_lengths(self.capabilities, self.entry.rest_length.value)
         return np.array(
-            [int(np.argmin(abs(lengths - r.length[0]))) if r.still else lengths.size for r in offered]
+            [int(np.argmin(abs(lengths - r.length[0]))) if r.still else lengths.size for r in runs]
         )
 
     def compute_run_information(self, runs: Sequence[PlannedRun], values: np.ndarray) -> np.ndarray:
-        """What each run tells at some values, (r, p, p)."""
+        """Return the information of each run at given parameter values, (r, p, p)."""
         thinned_runs = [run.thin(MAX_RUN_SAMPLES) for run in runs]
         label = np.concatenate([np.full(run.pressure.size, k) for k, run in enumerate(thinned_runs)])
         information = np.zeros((len(runs), *self.matrix.shape))
         if label.size:
-            setting = self.settings(runs)[label]
+            setting = self.find_settings(runs)[label]
             information = self.compute_information(
                 self.build_case(thinned_runs), label, len(runs), values, setting
             )
@@ -200,26 +208,28 @@ class PriorInformation:
         return information
 
     def build_case(self, runs: Sequence[PlannedRun]) -> Case:
-        """Runs as a recording, with nothing measured in it yet."""
+        """Return runs as a recording without measured values."""
         pressure = np.concatenate([run.pressure for run in runs])
         length = np.concatenate([run.length for run in runs])
         return build_map_case(self.entry, pressure, length)
 
 
-def without_rulers(case: Case) -> Case:
-    """Return the case with exact set lengths: whoever asks for their errors has numbers of its own."""
+def _remove_length_errors(case: Case) -> Case:
+    """Return the case without length errors of its own; the caller adds its own error parameters."""
     sensors = replace(case.entry.sensors, length_per_setting=False)
     return replace(case, entry=replace(case.entry, sensors=sensors))
 
 
-def rulers(sd: float, many: int) -> list[FreeParameter]:
-    """Return the errors of so many set lengths as numbers with this sd, m; none where it is 0."""
-    about = replace(find_meaning(LENGTH_ERROR_PREFIX), low=-8 * sd, high=8 * sd)
-    return [FreeParameter(f"{LENGTH_ERROR_PREFIX}{k + 1}", about, 0.0, sd) for k in range(many if sd else 0)]
+def _build_length_errors(sd: float, count: int) -> list[FreeParameter]:
+    """Return the error parameters of `count` set lengths with this sd, m; none for an sd of 0."""
+    meaning = replace(find_meaning(LENGTH_ERROR_PREFIX), low=-8 * sd, high=8 * sd)
+    return [
+        FreeParameter(f"{LENGTH_ERROR_PREFIX}{k + 1}", meaning, 0.0, sd) for k in range(count if sd else 0)
+    ]
 
 
 def build_map_case(entry: MuscleToml, pressure: np.ndarray, length: np.ndarray) -> Case:
-    """A static map as a case, with nothing of it known but that the muscle pulls."""
+    """Return pressures and lengths as a case, with a placeholder value of force."""
     force = np.full(pressure.size, 1e3)
     recording = Recording.from_arrays(pressure=pressure, length=length, force=force)
     return Case("plan", Path(), entry, recording, "")
@@ -227,22 +237,24 @@ def build_map_case(entry: MuscleToml, pressure: np.ndarray, length: np.ndarray) 
 
 @eqx.filter_jit
 def _compute_slopes(dataset: Dataset, values: Array) -> tuple[Array, Array, Array]:
-    """Derivatives of force and diameter by every number, (p, 2, n); what is shown, (2, n); and its
-    derivatives by pressure and by length, (2, 2, n)."""
+    """Return the derivatives of force and diameter by parameters, pressure and length, and their values.
 
-    def instant(x, pressure, length):
+    Shapes: by every parameter, (p, 2, n); the values, (2, n); by pressure and by length, (2, 2, n).
+    """
+
+    def predict_sample(x, pressure, length):
         reading = dataset.build_muscle(x)(pressure, length)
         return jnp.stack([reading.force, reading.diameter])
 
-    def everything(pressure, length):
-        slopes = jax.jacfwd(instant, argnums=(0, 1, 2))(values, pressure, length)
-        return slopes[0].T, instant(values, pressure, length), jnp.stack(slopes[1:])
+    def differentiate_sample(pressure, length):
+        slopes = jax.jacfwd(predict_sample, argnums=(0, 1, 2))(values, pressure, length)
+        return slopes[0].T, predict_sample(values, pressure, length), jnp.stack(slopes[1:])
 
-    return jax.vmap(everything, out_axes=-1)(dataset.rows.pressure, dataset.rows.length)
+    return jax.vmap(differentiate_sample, out_axes=-1)(dataset.rows.pressure, dataset.rows.length)
 
 
 def _stratify_draws(draws: np.ndarray) -> np.ndarray:
-    """Draws with their ranks put at even shares of a normal: few of them then stand for many."""
+    """Return draws at the quantiles of their ranks, so that few draws represent a normal distribution."""
     from scipy.stats import norm
 
     count = draws.shape[0] - 1
@@ -253,22 +265,22 @@ def _stratify_draws(draws: np.ndarray) -> np.ndarray:
 def build_prior_information(
     entry: MuscleToml, capabilities: RigCapabilities, law: str | None = None, case: Case | None = None
 ) -> PriorInformation:
-    """What is believed of a muscle, by muscle.toml and, where there is one, by its recording.
+    """Return the information about a muscle from muscle.toml and from an existing recording.
 
     Args:
-        entry: what muscle.toml says.
-        capabilities: what the rig can do.
-        law: thread law; None takes the baseline's.
-        case: a recording made already.
+        entry: content of muscle.toml.
+        capabilities: capabilities of the rig.
+        law: thread law; None uses that of the baseline model.
+        case: existing recording, or None.
 
     Raises:
-        BadInput: where nothing may move.
+        BadInput: if the model has no free parameter.
     """
     law = law or entry.baseline
     bare_case = case or build_map_case(entry, np.array([0.0, 1e5]), np.full(2, entry.rest_length.value))
     build_joint_space([bare_case], law, ())
     free_parameters = [n for n in list_free_parameters(bare_case, law) if not is_length_error(n.name)]
-    # What was recorded was read by channels, and with their zeros, that the rig may no longer have.
+    # The existing recording may have channels, with their zeros and gains, that the rig no longer has.
     channels = {*capabilities.channels, *(case.recording.channels if case else ())}
     capabilities = replace(
         capabilities,
@@ -278,77 +290,80 @@ def build_prior_information(
         FreeParameter(n, find_meaning(n), max(0.0, sd * (find_meaning(n).low >= 0)), sd)
         for n, sd in capabilities.error_sds.items()
     ]
-    # One for each length that is set, and one for the strokes.
-    lengths = rulers(capabilities.setting, set_lengths(capabilities, entry.rest_length.value).size + 1)
-    prior_information = _before(entry, capabilities, law, [*free_parameters, *lengths])
+    # One error for each set length, and one for all strokes.
+    setting_count = set_lengths(capabilities, entry.rest_length.value).size + 1
+    length_errors = _build_length_errors(capabilities.setting, setting_count)
+    prior_information = _build_from_priors(entry, capabilities, law, [*free_parameters, *length_errors])
     return prior_information if case is None else _update_with_recording(prior_information, case)
 
 
-def _before(
-    entry: MuscleToml, means: RigCapabilities, law: str, free: Sequence[FreeParameter]
+def _build_from_priors(
+    entry: MuscleToml, capabilities: RigCapabilities, law: str, free_parameters: Sequence[FreeParameter]
 ) -> PriorInformation:
-    """Return what the priors of some numbers say of them."""
-    at = build_space(free)
-    mean, sd = np.asarray(at.mean), np.asarray(at.sd)
-    reach = np.where(
-        at.log_scale, 0.5 * np.abs(mean), (np.asarray(at.high) - np.asarray(at.low)) / math.sqrt(12)
+    """Return the information of the priors alone."""
+    space = build_space(free_parameters)
+    mean, sd = np.asarray(space.mean), np.asarray(space.sd)
+    default_scale = np.where(
+        space.log_scale, 0.5 * np.abs(mean), (np.asarray(space.high) - np.asarray(space.low)) / math.sqrt(12)
     )
-    scale = np.where(np.isfinite(sd), sd, reach)
-    prior = np.diag(np.where(np.isfinite(sd), 1.0, 1e-6))
-    return PriorInformation(entry, means, law, at, tuple(free), mean, scale, prior)
+    scale = np.where(np.isfinite(sd), sd, default_scale)
+    matrix = np.diag(np.where(np.isfinite(sd), 1.0, 1e-6))
+    return PriorInformation(entry, capabilities, law, space, tuple(free_parameters), mean, scale, matrix)
 
 
 def _has_channel(name: str, channels: set[str]) -> bool:
-    """Whether a zero or gain belongs to a channel that there is."""
+    """Return whether a zero or gain belongs to an existing channel."""
     return name.partition("_")[0] in {"pressure", "length", "rig", *channels}
 
 
 def _update_with_recording(prior_information: PriorInformation, case: Case) -> PriorInformation:
-    """Knowledge after a recording: where a fit of it ends, and what it tells there.
+    """Return the information after a recording, at the estimate of a fit to it.
 
-    What the muscle misses counts as noise, and samples that know each other as fewer, as in a fit.
+    As in a fit, a misfit increases the noise, and autocorrelation reduces the number of samples.
     """
-    many = len(prior_information.muscle_indices)
+    muscle_count = len(prior_information.muscle_indices)
     shared = [n for n in prior_information.free_parameters if not is_length_error(n.name)]
     sd = case.entry.sensors.length if case.entry.sensors.length_per_setting else None
     setting = find_length_settings(case.recording) if sd else None
-    errors = rulers(sd, int(setting.max()) + 1) if sd and setting is not None else []
-    fitted = build_space([*prior_information.free_parameters[:many], *errors])
+    errors = _build_length_errors(sd, int(setting.max()) + 1) if sd and setting is not None else []
+    fitted = build_space([*prior_information.free_parameters[:muscle_count], *errors])
     dataset = build_dataset(case, prior_information.law, fitted, {})
     solution = solve_least_squares((dataset,), fitted, jnp.zeros(fitted.size))
     reweighted, _ = reweight_dataset(case, dataset, fitted, solution)
-    solution = solve_least_squares((reweighted,), fitted, fitted.move_inside_limits(solution.u))
+    solution = solve_least_squares((reweighted,), fitted, fitted.move_inside_bounds(solution.u))
     _, noise = reweight_dataset(case, reweighted, fitted, solution)
-    values = np.concatenate([np.asarray(fitted.to_values(solution.u))[:many], prior_information.mean[many:]])
-    # The recording's set lengths take the place of those to come.
-    here = _before(
+    fitted_values = np.asarray(fitted.to_values(solution.u))
+    values = np.concatenate([fitted_values[:muscle_count], prior_information.mean[muscle_count:]])
+    # Use the length errors of the recording instead of those of the planned runs.
+    recorded = _build_from_priors(
         prior_information.entry, prior_information.capabilities, prior_information.law, [*shared, *errors]
     )
-    label, matrix = np.zeros(case.recording.n, dtype=int), here.matrix
+    label, matrix = np.zeros(case.recording.n, dtype=int), recorded.matrix
     for channel, channel_noise in noise.items():
-        # A channel whose noise nobody stated is as noisy as its residual, and not better than usual.
+        # Without a stated noise, use the larger of the residual and the default.
         default_sd = getattr(prior_information.capabilities, channel) or getattr(RigCapabilities, channel)
-        own_space = getattr(case.entry.sensors, channel) or max(default_sd, channel_noise.sd)
-        channel_rig = replace(prior_information.capabilities, **{channel: own_space}).keep_channel(channel)
+        sensor_sd = getattr(case.entry.sensors, channel) or max(default_sd, channel_noise.sd)
+        channel_rig = replace(prior_information.capabilities, **{channel: sensor_sd}).keep_channel(channel)
         channel_rig = replace(channel_rig, ruler=0.0) if sd else channel_rig
-        samples_per_independent = max(channel_noise.excess, 1.0) ** 2 * channel_noise.inflation
+        samples_per_independent = max(channel_noise.excess, 1.0) ** 2 * channel_noise.autocorrelation_time
+        channel_information = replace(recorded, capabilities=channel_rig)
         matrix = (
             matrix
-            + replace(here, capabilities=channel_rig).compute_information(case, label, 1, values, setting)[0]
+            + channel_information.compute_information(case, label, 1, values, setting)[0]
             / samples_per_independent
         )
-    before = prior_information.matrix.copy()
-    before[: len(shared), : len(shared)] = _freed(matrix, len(shared))
+    updated_matrix = prior_information.matrix.copy()
+    updated_matrix[: len(shared), : len(shared)] = _marginalise(matrix, len(shared))
     return replace(
         prior_information,
         mean=values,
-        matrix=before,
+        matrix=updated_matrix,
         misfit_ratios={c: channel_noise.excess for c, channel_noise in noise.items()},
     )
 
 
-def _freed(information: np.ndarray, many: int) -> np.ndarray:
-    """Return the information about the first numbers with the others unknown, (many, many)."""
-    others = information[many:, many:]
-    across = information[:many, many:]
-    return information[:many, :many] - across @ np.linalg.solve(others, across.T)
+def _marginalise(information: np.ndarray, count: int) -> np.ndarray:
+    """Return the information about the first parameters with the others unknown, (count, count)."""
+    others = information[count:, count:]
+    cross = information[:count, count:]
+    return information[:count, :count] - cross @ np.linalg.solve(others, cross.T)

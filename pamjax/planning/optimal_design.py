@@ -1,10 +1,16 @@
-"""Choose runs: exact optimal design over a menu, in the linear limit.
+"""Optimal experimental design: choose runs from a menu, with a linearised model.
 
-What is known of p numbers is a matrix; runs add to it. With M = M₀ + Σ nᵣ Mᵣ the variance of a number is
-(M⁻¹)ₖₖ, and the volume of all of them is det M^(−1/2). The runs are chosen one at a time, each time the one
-that gains most for its minutes; then runs are exchanged, one for another, as long as that helps. Where the
-truth is not known, M is taken at several truths and the criterion is their mean.
+The information about p parameters is a (p, p) matrix, and the information of independent runs adds up:
 
+    M = M₀ + Σ nᵣ Mᵣ
+
+with the information before the runs M₀, the number nᵣ and the information Mᵣ of each run. The variance of
+parameter k is (M⁻¹)ₖₖ (c-optimality). The volume of the confidence ellipsoid is proportional to det M^(−1/2)
+(D-optimality). Runs are added one at a time, each time the run with the largest gain per minute. Then one or
+two runs are exchanged for others while this improves the criterion. M is evaluated at several parameter
+vectors drawn from the prior, because the true one is unknown; the criterion is the mean over them.
+
+Limits: the search is local, so the result can be slightly worse than the optimum.
 Source: V. V. Fedorov, *Theory of Optimal Experiments* (1972), for exchange.
 """
 
@@ -16,23 +22,23 @@ from itertools import chain, combinations, combinations_with_replacement
 
 import numpy as np
 
-#: Exchanges after which it ends, and of how many sets of checks the search is made.
+#: Largest number of exchanges, and number of starting designs that are improved by exchanges.
 MAX_EXCHANGES, SEARCHED_STARTS = 20, 2
 
-#: Smallest relative gain that counts.
+#: Smallest relative gain of an accepted exchange.
 MIN_GAIN = 1e-4
 
-#: From (…, t, p, p) information at t truths to what is to be made small, (…).
+#: Function from (…, t, p, p) information at t parameter vectors to the value to minimise, (…).
 Criterion = Callable[[np.ndarray], np.ndarray]
 
 
 def build_variance_criterion(index: int) -> Criterion:
-    """Mean over the truths of a number's variance: c-optimality."""
+    """Return the mean variance of a parameter over the drawn parameter vectors (c-optimality)."""
     return lambda information: np.linalg.inv(information)[..., index, index].mean(axis=-1)
 
 
 def build_volume_criterion(indices: list[int]) -> Criterion:
-    """Mean over the truths of the volume of some numbers' ellipsoid, per number and squared: D-optimality."""
+    """Return the mean squared volume of the ellipsoid of some parameters, per parameter (D-optimality)."""
 
     def criterion(information: np.ndarray) -> np.ndarray:
         covariance = np.linalg.inv(information)[..., indices, :][..., indices]
@@ -43,16 +49,16 @@ def build_volume_criterion(indices: list[int]) -> Criterion:
 
 @dataclass(frozen=True, eq=False)
 class RunMenu:
-    """What there is to choose from.
+    """Runs to choose from, with their information and duration.
 
     Attributes:
-        prior_matrix: (t, p, p) what is known already, at each of t truths.
-        run_matrices: (r, t, p, p) what each run adds.
-        minutes: (r,) what each costs.
-        once_only: (r,) whether it tells nothing more when done again.
-        criterion: to be made small.
-        budget: minutes.
-        goal: value of the criterion that is enough.
+        prior_matrix: (t, p, p) information before the runs, at each of t parameter vectors.
+        run_matrices: (r, t, p, p) information of each run.
+        minutes: (r,) duration of each run, min.
+        once_only: (r,) whether a repetition adds no information.
+        criterion: function to minimise.
+        budget: available time, min.
+        goal: sufficient value of the criterion.
     """
 
     prior_matrix: np.ndarray
@@ -64,54 +70,54 @@ class RunMenu:
     goal: float = 0.0
 
     def compute_information(self, counts: np.ndarray) -> np.ndarray:
-        """(t, p, p) information after so many of each run."""
+        """Return the (t, p, p) information after `counts` of each run."""
         return self.prior_matrix + np.tensordot(counts.astype(float), self.run_matrices, axes=1)
 
     def compute_criterion(self, counts: np.ndarray) -> float:
-        """The criterion after so many of each run."""
+        """Return the criterion after `counts` of each run."""
         return float(self.criterion(self.compute_information(counts)))
 
     def choose_runs(self) -> np.ndarray:
-        """(r,) how often to do each run: the fewest minutes found that reach the goal, or the best of all."""
+        """Return the (r,) counts of the shortest design found that reaches the goal, else of the best one."""
         checks = np.flatnonzero(self.once_only)
         subsets = chain.from_iterable(combinations(checks, k) for k in range(len(checks) + 1))
-        # A check costs much at once and pays late: a search by small steps would never take it.
+        # A check is long and useful only with later runs, so the greedy search would never choose it.
         starts = [np.bincount(s, minlength=len(self.run_matrices)) for s in map(list, subsets)]
         ends = [self._fill_greedily(counts) for counts in starts if counts @ self.minutes <= self.budget]
-        # The search is for the few that promise most.
+        # Improve only the best starting designs.
         ends = [
             self._exchange_runs(counts) for counts in sorted(ends, key=self._rank_counts)[:SEARCHED_STARTS]
         ]
         return min(map(self._drop_unneeded, ends), key=self._rank_counts)
 
     def _rank_counts(self, counts: np.ndarray) -> tuple[float, float]:
-        """What is better comes first: of those that reach the goal the shortest, then the smallest value."""
+        """Return the sort key: designs that reach the goal by time, then the others by criterion."""
         value = self.compute_criterion(counts)
         return (0.0, float(counts @ self.minutes)) if value <= self.goal else (1.0, value)
 
     def _fill_greedily(self, counts: np.ndarray, max_minutes: float | None = None) -> np.ndarray:
-        """Add runs one at a time, by the rate of their gain; within a given room by the gain itself."""
+        """Add runs one at a time, by gain per minute; with `max_minutes` by gain."""
         value, minutes_limit = (
             self.compute_criterion(counts),
             self.budget if max_minutes is None else max_minutes,
         )
         while value > self.goal:
-            fits = np.flatnonzero(
+            affordable = np.flatnonzero(
                 ~self.once_only & (self.minutes <= minutes_limit - counts @ self.minutes + 1e-9)
             )
-            if not fits.size:
+            if not affordable.size:
                 break
-            trials = self.criterion(self.compute_information(counts) + self.run_matrices[fits])
-            gains = np.log(value / trials) / (self.minutes[fits] if max_minutes is None else 1.0)
+            trials = self.criterion(self.compute_information(counts) + self.run_matrices[affordable])
+            gains = np.log(value / trials) / (self.minutes[affordable] if max_minutes is None else 1.0)
             best = int(np.argmax(gains))
-            counts = counts + (np.arange(counts.size) == fits[best])
+            counts = counts + (np.arange(counts.size) == affordable[best])
             value = float(trials[best])
         return counts
 
     def _exchange_runs(self, counts: np.ndarray) -> np.ndarray:
-        """Take one or two runs out and fill up again, for as long as that helps."""
+        """Remove one or two runs and refill the design, while this improves it."""
         for _ in range(MAX_EXCHANGES):
-            # On the way to a goal an exchange may not cost minutes: there may be no need of them.
+            # Once the goal is reached, an exchange must not need more time.
             max_minutes = (
                 float(counts @ self.minutes) if self.compute_criterion(counts) <= self.goal else self.budget
             )
@@ -123,7 +129,7 @@ class RunMenu:
         return counts
 
     def _remove_runs(self, counts: np.ndarray) -> Iterator[np.ndarray]:
-        """The design without one or two of its runs."""
+        """Yield the design without one or two of its runs."""
         used = np.flatnonzero(counts * ~self.once_only)
         for removed in chain(combinations(used, 1), combinations_with_replacement(used, 2)):
             reduced = counts - np.bincount(removed, minlength=counts.size)
@@ -131,7 +137,7 @@ class RunMenu:
                 yield reduced
 
     def _drop_unneeded(self, counts: np.ndarray) -> np.ndarray:
-        """Leave out what is not needed for the goal, longest first."""
+        """Remove runs that the goal does not need, longest first."""
         if self.compute_criterion(counts) > self.goal:
             return counts
         for k in np.argsort(-self.minutes):

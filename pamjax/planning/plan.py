@@ -1,4 +1,4 @@
-"""Plan: which runs to make next, what they cost, and what they will settle. A verb of design."""
+"""Plan of the next runs: which runs to make, their duration, and the expected precision."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from pamjax.planning.bench import RigCapabilities, read_capabilities
 from pamjax.planning.information import PriorInformation, build_prior_information
 from pamjax.planning.optimal_design import RunMenu, build_variance_criterion, build_volume_criterion
 from pamjax.planning.runs import ISOBAR_CYCLES, PlannedRun, list_isobars, list_runs
-from pamjax.records.case import Case, load_case_or_toml
+from pamjax.records.case import Case, ensure_case_or_toml
 from pamjax.records.files import write_atomically
 from pamjax.records.reading.muscle_toml import MuscleToml
 from pamjax.units import compute_si_factor, format_quantity, parse_number
 
-#: What is wanted where nothing is said: the stiffness of the threads, to so much of itself.
+#: Default goals, the stiffness of the threads, and the default relative precision.
 DEFAULT_GOALS, DEFAULT_PRECISION = ("thread.modulus", "thread.stiffness"), 0.05
 
-#: Goal that means the muscle's numbers all together.
+#: Goal that means all parameters of the muscle together.
 ALL_NUMBERS = "all"
 
 
 @dataclass(frozen=True)
 class ExpectedSd:
-    """What is known of a number, SI: its expected standard deviation before and after."""
+    """Present value of a parameter, SI, and its standard deviation before and after the plan."""
 
     value: float
     sd_before: float
@@ -40,20 +40,19 @@ class ExpectedSd:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Which runs to make, and what they will settle.
+    """Runs to make, and the precision that they are expected to reach.
 
     Attributes:
-        prior: what is believed before.
-        goal: the number that is wanted, or "all".
-        target_sd: standard deviation that is enough, SI; 0 for as small as possible.
-        chosen_runs: how often each run is made, in the order to make them in.
-        minutes: what they cost.
-        expected_sds: the muscle's numbers before and after.
-        reaches_goal: whether the goal is expected to be reached.
-        single_channel: by channel that there is besides others, the goal's standard deviation (SI) and the
-            minutes
-            of the best plan with that channel only.
-        isobars_sd: the goal's standard deviation after ten isobars in the same minutes, SI.
+        prior: information before the plan.
+        goal: parameter to determine, or "all".
+        target_sd: wanted standard deviation, SI; 0 for the smallest possible.
+        chosen_runs: count of each run, and the run, in the order to make them.
+        minutes: total duration, min.
+        expected_sds: parameters of the muscle, with standard deviations before and after the plan.
+        reaches_goal: whether the plan is expected to reach the goal.
+        single_channel: for each of several channels, the standard deviation of the goal (SI) and the duration
+            (min) of the best plan with this channel only.
+        isobars_sd: standard deviation of the goal after ten isobars in the same time, SI.
     """
 
     prior: PriorInformation
@@ -68,36 +67,36 @@ class Plan:
 
     @property
     def rows(self) -> int:
-        """Samples that will be recorded."""
+        """Return the number of samples to record."""
         return sum(count * run.pressure.size for count, run in self.chosen_runs)
 
     @property
     def sd(self) -> float:
-        """Expected standard deviation of what is wanted, SI; of "all", of the first number."""
+        """Return the expected standard deviation of the goal, SI; for "all", of the first parameter."""
         return self.expected_sds[
             next(iter(self.expected_sds)) if self.goal == ALL_NUMBERS else self.goal
         ].sd_after
 
     def schedule(self) -> pd.DataFrame:
-        """What to command, sample by sample, with the run each sample belongs to."""
-        parts = [run for count, run in self.chosen_runs for _ in range(count) if run.pressure.size]
-        step, clock, tables = 1 / self.prior.capabilities.rate, 0.0, []
-        for k, run in enumerate(parts, 1):
+        """Return the table of pressure and length to command, with the run of each sample."""
+        recorded_runs = [run for count, run in self.chosen_runs for _ in range(count) if run.pressure.size]
+        step, start_time, tables = 1 / self.prior.capabilities.rate, 0.0, []
+        for k, run in enumerate(recorded_runs, 1):
             tables.append(
                 pd.DataFrame(
                     {
-                        "time [s]": clock + step * np.arange(run.pressure.size),
+                        "time [s]": start_time + step * np.arange(run.pressure.size),
                         "pressure [kPa]": run.pressure / 1e3,
                         "length [mm]": run.length * 1e3,
                         "cycle": k,
                     }
                 )
             )
-            clock += 60 * run.minutes
+            start_time += 60 * run.minutes
         return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
 
     def as_dict(self) -> dict[str, Any]:
-        """The plan as plain numbers, in the units a person reads."""
+        """Return the plan as it is written to plan.json, in display units."""
 
         def describe(name: str, expected: ExpectedSd) -> dict[str, Any]:
             number_meaning = find_meaning(name)
@@ -149,21 +148,22 @@ def plan(
     """Choose the next runs of a muscle on a rig.
 
     Args:
-        muscle: what muscle.toml says, or a case with what was recorded already; or where either lies.
-        rig: a TOML file with a table [rig], or the means themselves; None takes the
-            sensors of muscle.toml, and the channels of the case.
-        goal: the number to be known, as "thread.modulus", or "all"; None takes the threads' stiffness.
-        to: its wanted standard deviation, "5 %" or "4 GPa" (a bare number: SI); None for 5 %, and as small
-            as possible for "all".
-        minutes: that there are; None takes the rig's.
-        law: thread law; None takes the baseline's.
-        seed: of the truths over which a promise is averaged.
+        muscle: content of muscle.toml, or a case with its recording, or the path of either.
+        rig: TOML file with a table [rig], or the capabilities; None uses the sensors of muscle.toml and the
+            channels of the case.
+        goal: parameter to determine, such as "thread.modulus", or "all"; None is the stiffness of the
+            threads.
+        to: wanted standard deviation of the goal, "5 %" or "4 GPa" (a number: SI); None is 5 %, and the
+            smallest possible value for "all".
+        minutes: available time, min; None uses that of the rig.
+        law: thread law; None uses that of the baseline model.
+        seed: random seed for the parameter values over which the expected precision is averaged.
 
     Raises:
-        BadInput: for an unknown goal, or one that no fit would move.
+        BadInput: for an unknown goal, or one that is no free parameter of a fit.
     """
     check_minimum("seed", seed, 0)
-    source = load_case_or_toml(muscle)
+    source = ensure_case_or_toml(muscle)
     case, entry = (source, source.entry) if isinstance(source, Case) else (None, source)
     recorded = {"recorded": case.recording.channels, "highest": _find_highest_pressure(case)} if case else {}
     capabilities = (
@@ -214,7 +214,7 @@ def plan(
 
 
 def _find_highest_pressure(case: Case) -> float:
-    """Highest pressure that was recorded, Pa."""
+    """Return the highest recorded pressure, Pa."""
     return float(np.max(case.recording.pressure[case.recording.usable]))
 
 
@@ -225,14 +225,13 @@ def _build_menu(
     shortest = min(run.minutes for run in offered_runs if run.pressure.size)
     if prior.capabilities.minutes < shortest:
         rule = f"the shortest run of this rig takes {shortest:.2g} min"
-        raise refuse(rule, f"{prior.capabilities.minutes:g} min for all", remedy="Give it more minutes.")
-    truths = prior.draw_truths(seed=seed)
-    run_matrices = np.stack(
-        [prior.compute_run_information(offered_runs, values) for values in truths], axis=1
-    )
+        got = f"{prior.capabilities.minutes:g} min for all runs"
+        raise refuse(rule, got, remedy="Increase `minutes`.")
+    draws = prior.draw_parameters(seed=seed)
+    run_matrices = np.stack([prior.compute_run_information(offered_runs, values) for values in draws], axis=1)
     k = 0 if goal == ALL_NUMBERS else prior.find_index(goal)
     return RunMenu(
-        prior_matrix=np.broadcast_to(prior.matrix, (len(truths), *prior.matrix.shape)),
+        prior_matrix=np.broadcast_to(prior.matrix, (len(draws), *prior.matrix.shape)),
         run_matrices=run_matrices,
         minutes=np.array([run.minutes for run in offered_runs]),
         once_only=np.array([not run.is_repeatable for run in offered_runs]),
@@ -245,17 +244,20 @@ def _build_menu(
 
 
 def _compute_sds(prior: PriorInformation, information: np.ndarray) -> np.ndarray:
-    """(p,) expected standard deviations, SI: the root of the mean variance over the truths."""
+    """Return (p,) expected standard deviations, SI: roots of the mean variances over the draws."""
     variance = np.diagonal(np.linalg.inv(information), axis1=-2, axis2=-1).mean(axis=0)
     return np.sqrt(variance) * prior.scale
 
 
 def _compute_isobar_sds(prior: PriorInformation, run_menu: RunMenu, minutes: float) -> np.ndarray:
-    """(p,) standard deviations after ten isobars, slower or faster so that they take as long, SI."""
+    """Return (p,) standard deviations after ten isobars, scaled to the same total time, SI."""
     isobar_runs = list_isobars(prior.capabilities, prior.entry.rest_length.value)
     distinct_runs = isobar_runs[::ISOBAR_CYCLES]
     run_matrices = ISOBAR_CYCLES * np.stack(
-        [prior.compute_run_information(distinct_runs, values).sum(axis=0) for values in prior.draw_truths()]
+        [
+            prior.compute_run_information(distinct_runs, values).sum(axis=0)
+            for values in prior.draw_parameters()
+        ]
     )
     share = minutes / sum(run.minutes for run in isobar_runs)
     return _compute_sds(prior, run_menu.prior_matrix + share * run_matrices)
@@ -266,7 +268,7 @@ def _resolve_goal(prior: PriorInformation, goal: str | None) -> str:
     if goal is None:
         goal = next((name for name in DEFAULT_GOALS if name in own_names), ALL_NUMBERS)
     if goal != ALL_NUMBERS and goal not in own_names:
-        rule = f"{goal!r} is no number that a fit of this muscle moves"
+        rule = f"{goal!r} is no free parameter of this muscle"
         raise refuse(rule, remedy=suggest_word(goal, [*own_names, ALL_NUMBERS]))
     return goal
 
@@ -274,7 +276,7 @@ def _resolve_goal(prior: PriorInformation, goal: str | None) -> str:
 def _resolve_target_sd(prior: PriorInformation, goal: str, to: str | float | None) -> float:
     if goal == ALL_NUMBERS:
         if to is not None:
-            raise refuse("all numbers together have no wanted standard deviation", f"{to} in --to")
+            raise refuse("the goal `all` has no wanted standard deviation", f"{to} in --to")
         return 0.0
     value = abs(float(prior.mean[prior.find_index(goal)]))
     if to is None:
@@ -285,7 +287,7 @@ def _resolve_target_sd(prior: PriorInformation, goal: str, to: str | float | Non
         target_sd = parse_number(str(to), find_meaning(goal).unit, "--to")
     if not 0 < target_sd < math.inf:
         raise refuse(
-            "a wanted standard deviation is positive",
+            "a wanted standard deviation must be positive",
             format_quantity(target_sd, find_meaning(goal).show),
             "--to",
         )
@@ -293,7 +295,7 @@ def _resolve_target_sd(prior: PriorInformation, goal: str, to: str | float | Non
 
 
 def save_plan(plan: Plan, folder: Path) -> list[Path]:
-    """Write plan.json and schedule.csv, each beside and then renamed."""
+    """Write plan.json and schedule.csv atomically and return their paths."""
     folder.mkdir(parents=True, exist_ok=True)
     texts = {
         "plan.json": json.dumps(plan.as_dict(), indent=1, allow_nan=False) + "\n",
@@ -306,13 +308,13 @@ def save_plan(plan: Plan, folder: Path) -> list[Path]:
 
 
 def compute_sd_course(plan: Plan, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Minutes spent and a number's expected standard deviation (SI) before and after each run of a plan."""
+    """Return the elapsed minutes, and a parameter's expected sd (SI), before and after each run of a plan."""
     prior, k = plan.prior, plan.prior.find_index(name)
     done_runs = [run for count, run in plan.chosen_runs for _ in range(count)]
     if not done_runs:
         return np.zeros(1), _compute_sds(prior, prior.matrix[None])[k : k + 1]
     run_matrices = np.stack(
-        [prior.compute_run_information(done_runs, values) for values in prior.draw_truths()], axis=1
+        [prior.compute_run_information(done_runs, values) for values in prior.draw_parameters()], axis=1
     )
     matrices = prior.matrix + np.concatenate(
         [np.zeros_like(run_matrices[:1]), np.cumsum(run_matrices, axis=0)]

@@ -1,4 +1,4 @@
-"""Runs: what a rig can do in a few minutes, from which a plan is put together."""
+"""Runs of a few minutes on a test rig, the elements of a plan."""
 
 from __future__ import annotations
 
@@ -9,32 +9,32 @@ import numpy as np
 from pamjax.planning.bench import RigCapabilities
 from pamjax.units import format_quantity
 
-#: Levels of pressure and of contraction that are tried.
+#: Numbers of levels of pressure and of contraction.
 PRESSURE_LEVELS, CONTRACTION_LEVELS = 5, 4
 
-#: Seconds of a ramp up or down, and of a hold.
+#: Duration of a ramp up or down, and of a hold, s.
 RAMP_SECONDS, HOLD_SECONDS = 60.0, 60.0
 
-#: Independent readings that a check is worth, and what a reference is: share of a reading, and m.
+#: Independent readings of a check; sd of reference instruments: a fraction of the reading, and m.
 CHECK_READINGS, REFERENCE_SHARE, GAUGE_BLOCK_SD = 10, 1e-3, 2e-5
 
-#: Strokes at each pressure of the paper's protocol.
+#: Strokes at each pressure in the protocol of Chambers & Wereley (2022).
 ISOBAR_CYCLES = 3
 
-#: Force with which a steel bar is pulled, N.
+#: Tension of a steel bar in a check, N.
 CHECK_FORCE = 1000.0
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedRun:
-    """One thing to do.
+    """One run or check of a plan.
 
     Attributes:
-        description: what, in a few words.
-        pressure, length: (n,) Pa and m, sample by sample; empty for a check.
-        minutes: what it costs, its set-up included.
-        direct_sds: numbers that are read directly, with the standard deviation of the reading, SI.
-        is_repeatable: whether doing it twice tells more than once.
+        description: short description.
+        pressure, length: (n,) commands, Pa and m; empty for a check.
+        minutes: duration with set-up, min.
+        direct_sds: parameters that are measured directly, with the standard deviation of the reading, SI.
+        is_repeatable: whether a repetition adds information.
     """
 
     description: str
@@ -46,11 +46,11 @@ class PlannedRun:
 
     @property
     def still(self) -> bool:
-        """Whether the length stays where it is set."""
+        """Return whether the length is constant."""
         return self.length.size > 0 and float(np.ptp(self.length)) == 0.0
 
     def thin(self, max_samples: int) -> PlannedRun:
-        """The same path in so many samples at most, evenly."""
+        """Return the run with at most `max_samples` samples, evenly selected."""
         n = self.pressure.size
         if n <= max_samples:
             return self
@@ -59,7 +59,7 @@ class PlannedRun:
 
 
 def list_runs(capabilities: RigCapabilities, rest_length: float) -> list[PlannedRun]:
-    """Everything a rig can do with a muscle of this rest length, m."""
+    """Return all runs and checks of a rig with a muscle of this rest length, m."""
     pressures = capabilities.pressure * np.arange(1, PRESSURE_LEVELS + 1) / PRESSURE_LEVELS
     contractions = _contractions(capabilities)
     all_runs = [_build_stroke(capabilities, rest_length, p) for p in pressures]
@@ -70,19 +70,19 @@ def list_runs(capabilities: RigCapabilities, rest_length: float) -> list[Planned
     return all_runs + _list_checks(capabilities)
 
 
-def set_lengths(means: RigCapabilities, rest: float) -> np.ndarray:
-    """Return the lengths at which a rig's runs hold the muscle still, m."""
-    return rest * (1 - _contractions(means))
+def set_lengths(capabilities: RigCapabilities, rest_length: float) -> np.ndarray:
+    """Return the fixed lengths of a rig's runs, m."""
+    return rest_length * (1 - _contractions(capabilities))
 
 
-def _contractions(means: RigCapabilities) -> np.ndarray:
-    return means.contraction * np.arange(CONTRACTION_LEVELS) / CONTRACTION_LEVELS
+def _contractions(capabilities: RigCapabilities) -> np.ndarray:
+    return capabilities.contraction * np.arange(CONTRACTION_LEVELS) / CONTRACTION_LEVELS
 
 
 def _build_run(
     capabilities: RigCapabilities, description: str, seconds: float, corners: list[tuple[float, float, float]]
 ) -> PlannedRun:
-    """Straight lines between corners (share of the time, pressure, length)."""
+    """Return a run with straight lines between corners (share of the time, pressure, length)."""
     n = max(int(seconds * capabilities.rate), 1)
     corner_times, pressure, length = (np.array(x) for x in zip(*corners, strict=True))
     share = (np.arange(n) + 0.5) / n
@@ -132,10 +132,10 @@ def _build_hold(
 
 
 def _list_checks(capabilities: RigCapabilities) -> list[PlannedRun]:
-    """What tells a rig's zeros and gains without the muscle."""
+    """Return the checks that measure zeros and gains of the rig without the muscle."""
     averaging, no_samples = CHECK_READINGS**0.5, np.zeros(0)
     force, diameter = capabilities.force or 0.0, capabilities.diameter or 0.0
-    # A bar is one length: all its readings have the same error of setting.
+    # All readings of one bar have the same length error.
     ruler = max(capabilities.ruler / averaging, capabilities.setting)
     checks = {
         "reading of all channels, vented and unclamped": (
@@ -167,7 +167,7 @@ def _list_checks(capabilities: RigCapabilities) -> list[PlannedRun]:
 
 
 def list_isobars(capabilities: RigCapabilities, rest_length: float, count: int = 10) -> list[PlannedRun]:
-    """The protocol of the paper on this rig: three strokes at each of ten pressures."""
+    """Return the protocol of Chambers & Wereley (2022): three strokes at each of ten pressures."""
     return [
         _build_stroke(capabilities, rest_length, capabilities.pressure * k / count)
         for k in range(1, count + 1)

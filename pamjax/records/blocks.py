@@ -22,16 +22,16 @@ from pamjax.records.levels import assign_levels, find_levels, find_nearest_level
 from pamjax.records.recording import Recording
 from pamjax.units import format_quantity
 
-#: With fewer isobars or lengths than this, holding one out leaves no line to test it by.
+#: Minimum number of isobars or lengths: with one held out, the other two still determine a line.
 MIN_BLOCK_COUNT = 3
-#: Two settings are crossed if this share of all pairs was met: the sweep of one may stop short at an end.
+#: Minimum share of measured pairs for crossed settings; below 1, because a sweep may end early.
 MIN_CROSSED_SHARE = 0.75
-#: Samples: a shorter stretch is a passage, no hold.
+#: Minimum number of samples of a hold; a shorter sequence is a transition.
 MIN_HOLD_SAMPLES = 5
-#: A table of at most this many rows is a table of single readings.
+#: Maximum number of rows of a table of single readings.
 MAX_SINGLE_READINGS = 40
-#: Into how many stretches a recording without structure is cut.
-STRETCH_COUNT = 10
+#: Number of equal parts of a recording without settings or cycles.
+PART_COUNT = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,12 +81,14 @@ def split_folds(blocks: Blocks, k: int = 5, seed: int = 0) -> list[np.ndarray]:
     block_count = len(blocks)
     if block_count < 2:
         raise refuse(
-            "holding out needs two blocks", f"{block_count}", remedy="Record another pressure or length."
+            "cross-validation needs at least two blocks",
+            f"{block_count}",
+            remedy="Record at another pressure or length.",
         )
     k = max(2, min(k, block_count))
     random = np.random.default_rng(seed)
     fold_of = np.concatenate([random.permutation(k) for _ in range(0, block_count, k)])[:block_count]
-    # A last group shorter than k must not leave a fold without a block: the first group fills all k.
+    # The last group may have fewer than k blocks. No fold is empty: the first group has a block for each.
     return [np.isin(blocks.label, np.flatnonzero(fold_of == fold)) for fold in range(k)]
 
 
@@ -109,13 +111,17 @@ def _find_settings(recording: Recording) -> Blocks | None:
     isobars = Blocks(
         assign_levels(recording.pressure, pressures), _name_levels("isobar", pressures, "kPa"), "isobars"
     )
-    settings = Blocks(
+    length_blocks = Blocks(
         assign_levels(recording.length, lengths), _name_levels("length", lengths, "mm"), "lengths"
     )
-    if recording.has_time and min(len(isobars), len(settings)) > 1 and not _are_crossed(isobars, settings):
-        return _find_holds(isobars.label, settings.label)
-    # What changes less often is what was set first, and the other was swept at it.
-    first, second = sorted((isobars, settings), key=lambda candidate: _count_changes(candidate.label))
+    if (
+        recording.has_time
+        and min(len(isobars), len(length_blocks)) > 1
+        and not _are_crossed(isobars, length_blocks)
+    ):
+        return _find_holds(isobars.label, length_blocks.label)
+    # The channel that changes less often is the setting; the other channel was swept.
+    first, second = sorted((isobars, length_blocks), key=lambda candidate: _count_changes(candidate.label))
     return next((candidate for candidate in (first, second) if len(candidate) >= MIN_BLOCK_COUNT), None)
 
 
@@ -128,16 +134,18 @@ def _name_levels(kind: str, levels: np.ndarray, unit: str) -> tuple[str, ...]:
     return names
 
 
-def _are_crossed(isobars: Blocks, settings: Blocks) -> bool:
+def _are_crossed(isobars: Blocks, length_blocks: Blocks) -> bool:
     """Return whether nearly every pair of pressure and length was measured."""
-    both = (isobars.label >= 0) & (settings.label >= 0)
-    met = set(zip(isobars.label[both].tolist(), settings.label[both].tolist(), strict=True))
-    return len(met) >= MIN_CROSSED_SHARE * len(isobars) * len(settings)
+    at_both = (isobars.label >= 0) & (length_blocks.label >= 0)
+    measured_pairs = set(
+        zip(isobars.label[at_both].tolist(), length_blocks.label[at_both].tolist(), strict=True)
+    )
+    return len(measured_pairs) >= MIN_CROSSED_SHARE * len(isobars) * len(length_blocks)
 
 
 def _count_changes(label: np.ndarray) -> int:
-    on = label[label >= 0]
-    return int(np.count_nonzero(np.diff(on)))
+    at_level = label[label >= 0]
+    return int(np.count_nonzero(np.diff(at_level)))
 
 
 def _find_holds(at_pressure: np.ndarray, at_length: np.ndarray) -> Blocks | None:
@@ -146,7 +154,7 @@ def _find_holds(at_pressure: np.ndarray, at_length: np.ndarray) -> Blocks | None
     pair = np.where(settled, at_pressure * (at_length.max() + 1) + at_length, -1)
     label = np.empty(len(pair), dtype=int)
     count, first_row, previous_pair = -1, 0, None
-    for first, last in _find_stretches(pair):
+    for first, last in _find_constant_runs(pair):
         if pair[first] < 0 or last - first < MIN_HOLD_SAMPLES:
             continue
         if pair[first] != previous_pair:
@@ -166,7 +174,7 @@ def _find_cycles(recording: Recording) -> Blocks | None:
     run = np.cumsum(recording.starts)
     label, names = np.full(recording.n, -1), []
     numbers: list[int] = []
-    for first, last in _find_stretches(run * (recording.cycle.max() + 1) + recording.cycle):
+    for first, last in _find_constant_runs(run * (recording.cycle.max() + 1) + recording.cycle):
         if recording.cycle[first] > 0:
             label[first:last] = len(names)
             numbers.append(int(recording.cycle[first]))
@@ -183,21 +191,21 @@ def _split_rows(recording: Recording) -> Blocks:
     n = recording.n
     if n <= MAX_SINGLE_READINGS:
         return Blocks(np.arange(n), tuple(f"row {row}" for row in recording.row), "rows")
-    label = np.arange(n) * STRETCH_COUNT // n
-    ends = [recording.row[label == i][[0, -1]] for i in range(STRETCH_COUNT)]
+    label = np.arange(n) * PART_COUNT // n
+    ends = [recording.row[label == i][[0, -1]] for i in range(PART_COUNT)]
     return Blocks(label, tuple(f"rows {first} to {last}" for first, last in ends), "rows")
 
 
 def _drop_unusable_rows(blocks: Blocks, usable: np.ndarray) -> Blocks:
     """Return the blocks without unusable rows and without empty blocks."""
     label = np.where(usable, blocks.label, -1)
-    kept = np.unique(label[label >= 0])
-    number = np.full(len(blocks) + 1, -1)
-    number[kept] = np.arange(len(kept))
-    return Blocks(number[label], tuple(blocks.names[i] for i in kept), blocks.kind)
+    nonempty = np.unique(label[label >= 0])
+    new_index = np.full(len(blocks) + 1, -1)
+    new_index[nonempty] = np.arange(len(nonempty))
+    return Blocks(new_index[label], tuple(blocks.names[i] for i in nonempty), blocks.kind)
 
 
-def _find_stretches(values: np.ndarray) -> list[tuple[int, int]]:
+def _find_constant_runs(values: np.ndarray) -> list[tuple[int, int]]:
     """Return the first row, and the row after the last, of each sequence of equal values."""
     edges = np.flatnonzero(np.diff(values)) + 1
     return list(zip([0, *edges.tolist()], [*edges.tolist(), len(values)], strict=True))

@@ -21,9 +21,10 @@ from pamjax.units import format_count, format_quantity
 RECORDING_FILE = "recording.csv"
 MUSCLE_FILE = "muscle.toml"
 
-#: At a jump of the recording memory goes on, time and all, or begins anew (a new specimen, a long rest).
+#: At a jump of the recording, the memory of mechanisms continues (with the time that passed) or restarts, as
+#: after a change of the specimen or a long rest.
 GAP_CHOICES = ("carry", "anew")
-#: The muscle was at rest in its first state, or had been through the whole recording once.
+#: Before the first sample, the muscle was at rest, or it had run through the whole recording once.
 BEFORE_CHOICES = ("relaxed", "settled")
 
 
@@ -56,11 +57,14 @@ class Case:
     def __str__(self) -> str:
         recording = self.recording
         measured = recording.usable
-        rest, rows = format_quantity(self.entry.rest_length.value, "mm"), format_count(recording.n, "row")
+        rest_length, rows = (
+            format_quantity(self.entry.rest_length.value, "mm"),
+            format_count(recording.n, "row"),
+        )
         lines = [
             f"{self.name}: {self.entry.name}, {rows} of {' and '.join(recording.channels)}",
             f"  pressure {_format_range(recording.pressure[measured], 'kPa')}",
-            f"  length {_format_range(recording.length[measured], 'mm')}, rest {rest}",
+            f"  length {_format_range(recording.length[measured], 'mm')}, rest {rest_length}",
         ]
         return "\n".join(lines + [f"  note: {warning}" for warning in self.warnings])
 
@@ -80,17 +84,17 @@ def read_case(folder: str | Path, *, gaps: str = "carry", before: str = "relaxed
     """
     folder = Path(folder)
     if not folder.is_dir():
-        remedy = "`pamjax new` makes one to fill in."
+        remedy = "Check the path, or create a case with `pamjax new`."
         raise refuse(
-            f"a case is a folder with {RECORDING_FILE} and {MUSCLE_FILE}",
-            f"{folder}, which is none",
+            f"a case must be a folder with {RECORDING_FILE} and {MUSCLE_FILE}",
+            f"{folder}, which is not a folder",
             remedy=remedy,
         )
     toml_bytes, csv_bytes = read_bytes(folder / MUSCLE_FILE), read_bytes(folder / RECORDING_FILE)
     return build_case(toml_bytes, csv_bytes, folder, gaps, before)
 
 
-def load_case(source: Case | str | Path) -> Case:
+def ensure_case(source: Case | str | Path) -> Case:
     """Return the case itself, or read it from its folder.
 
     Raises:
@@ -99,11 +103,11 @@ def load_case(source: Case | str | Path) -> Case:
     if isinstance(source, Case):
         return source
     if not isinstance(source, str | Path):
-        raise refuse("a case is what `read_case` or `case_from` makes, or its folder", repr(source)[:60])
+        raise refuse("a case must be a folder, or a result of `read_case` or `case_from`", repr(source)[:60])
     return read_case(source)
 
 
-def load_case_or_toml(source: MuscleToml | Case | str | Path) -> MuscleToml | Case:
+def ensure_case_or_toml(source: MuscleToml | Case | str | Path) -> MuscleToml | Case:
     """Return the case of a folder with a recording, else the contents of muscle.toml.
 
     Args:
@@ -116,7 +120,8 @@ def load_case_or_toml(source: MuscleToml | Case | str | Path) -> MuscleToml | Ca
         return source
     if not isinstance(source, str | Path):
         raise refuse(
-            "a muscle is a case, what `read_muscle_toml` reads, or its file or folder", repr(source)[:60]
+            "a muscle must be a case, a folder, a muscle.toml, or a result of `read_muscle_toml`",
+            repr(source)[:60],
         )
     path = Path(source)
     if (path / RECORDING_FILE).exists():
@@ -156,19 +161,20 @@ def build_case(
     )
 
 
-def _check_choice(name: str, got: str, known: tuple[str, ...]) -> None:
-    if got not in known:
-        raise refuse(f"`{name}` is {' or '.join(known)}", f"{got!r}", remedy=suggest_word(got, known))
+def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
+    if value not in choices:
+        rule = f"`{name}` must be {' or '.join(choices)}"
+        raise refuse(rule, f"{value!r}", remedy=suggest_word(value, choices))
 
 
 def _check_length_below_thread(recording: Recording, entry: MuscleToml, unit: str, file: str) -> None:
     """Refuse a length above the thread's, with tolerance for stretch and for the thread length's sd."""
     thread = _compute_thread_length(entry)
-    beyond = recording.length > thread.value + max(4.0 * thread.sd, 0.02 * thread.value)
-    if beyond.any():
-        i = int(np.argmax(beyond))
+    too_long = recording.length > thread.value + max(4.0 * thread.sd, 0.02 * thread.value)
+    if too_long.any():
+        i = int(np.argmax(too_long))
         rule = f"`length` must be shorter than the thread ({format_quantity(thread.value, unit)})"
-        remedy = "Check the unit in its header and `thread_length`."
+        remedy = "Check the unit in the header of `length`, and `thread_length` in muscle.toml."
         raise refuse(
             rule, format_quantity(recording.length[i], unit), f"row {recording.row[i]} of {file}", remedy
         )
@@ -178,10 +184,10 @@ def _compute_thread_length(entry: MuscleToml) -> MeasuredValue:
     if entry.thread_length is not None:
         return entry.thread_length
     assert entry.braid_angle is not None
-    length, rest, angle = entry.braid[0], entry.rest_length, entry.braid_angle
+    length, rest_length, angle = entry.braid[0], entry.rest_length, entry.braid_angle
     # B = L / sin θ, so dB / B = dL / L - dθ / tan θ.
     return MeasuredValue(
-        length, length * float(np.hypot(rest.sd / rest.value, angle.sd / np.tan(angle.value)))
+        length, length * float(np.hypot(rest_length.sd / rest_length.value, angle.sd / np.tan(angle.value)))
     )
 
 

@@ -24,9 +24,11 @@ def read_bytes(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except FileNotFoundError as error:
-        raise refuse(f"there is no file {path}", remedy="Check its path.") from error
+        raise refuse(f"the file {path} does not exist", remedy="Check the path.") from error
     except OSError as error:
-        raise refuse(f"{path} cannot be read", error.strerror or "an error") from error
+        raise refuse(
+            f"{path} cannot be read", error.strerror or "an error", remedy="Check that it is a readable file."
+        ) from error
 
 
 def decode_text(raw: bytes, file: str) -> str:
@@ -97,10 +99,10 @@ def _choose_temporary_path(path: Path) -> Path:
     """Return a hidden path in the same folder, so that a rename on one disk replaces the target."""
     folder = path.absolute().parent
     if not folder.is_dir():
-        raise refuse(f"the folder of {path} must exist", remedy="Make it first, or check its name.")
+        raise refuse(f"the folder of {path} must exist", remedy="Create it, or check the path.")
     if not is_writable(folder):
-        raise refuse(f"the folder of {path} must be writable", remedy="Write somewhere else.")
-    # The ending stays: some writers take the format from it.
+        raise refuse(f"the folder of {path} must be writable", remedy="Choose another folder.")
+    # The suffix is unchanged, because some writers derive the format from it.
     return folder / f".{path.stem}-{secrets.token_hex(4)}{path.suffix}"
 
 
@@ -109,11 +111,11 @@ def _move_files(source: Path, target: Path) -> None:
         os.replace(source, target)
         return
     for path in sorted(source.rglob("*")):
-        place = target / path.relative_to(source)
+        target_path = target / path.relative_to(source)
         if path.is_dir():
-            place.mkdir(exist_ok=True)
+            target_path.mkdir(exist_ok=True)
         else:
-            os.replace(path, place)
+            os.replace(path, target_path)
 
 
 @contextmanager
@@ -123,10 +125,10 @@ def _delay_interrupt() -> Iterator[None]:
         yield
         return
     interrupts: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, frame: interrupts.append(number))
+    previous_handler = signal.signal(signal.SIGINT, lambda number, frame: interrupts.append(number))
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, previous_handler)
         if interrupts:
             signal.raise_signal(signal.SIGINT)

@@ -10,8 +10,8 @@ mean. The noise d is the standard deviation from the median difference of neighb
 
 The error of a mean is the same at all its samples. The length error is then one number for each setting.
 
-Left out: autocorrelated noise of the length sensor, which looks like motion; pressure, which a regulator does
-move; recordings with too few lengths to form blocks.
+Left out: autocorrelated noise of the length sensor, which looks like motion; averaging of the pressure, whose
+variation is real; recordings with too few lengths to form blocks.
 Source: derived here.
 """
 
@@ -26,7 +26,7 @@ from pamjax.records.blocks import find_blocks
 from pamjax.records.case import Case
 
 #: Minimum samples at one setting; maximum number of its parts; minimum samples of a part.
-MIN_VISIT_SAMPLES, MAX_VISIT_STRETCHES, MIN_STRETCH_SAMPLES = 16, 8, 5
+MIN_VISIT_SAMPLES, MAX_VISIT_PARTS, MIN_PART_SAMPLES = 16, 8, 5
 #: Maximum deviation of a near sample in units of the noise d, and minimum share of near samples.
 MAX_VISIT_DEVIATION_SD, MIN_SHARE_AT_REST = 4.0, 0.8
 #: Share by which the scatter at one setting may exceed the noise d, in addition to chance.
@@ -56,17 +56,17 @@ def average_fixed_lengths(case: Case) -> Case:
         return case
     length, is_fixed, sizes = recording.length.copy(), np.zeros(recording.n, dtype=bool), []
     for rows in _find_visits(case_blocks.label, recording.starts):
-        rest = rows[find_rest_samples(recording.length[rows])]
-        if rest.size:
-            length[rest] = recording.length[rest].mean()
-            is_fixed[rest] = True
-            sizes.append(rest.size)
+        rest_rows = rows[find_rest_samples(recording.length[rows])]
+        if rest_rows.size:
+            length[rest_rows] = recording.length[rest_rows].mean()
+            is_fixed[rest_rows] = True
+            sizes.append(rest_rows.size)
     if not sizes:
         return case
     entry = case.entry
     if sensors.length is not None and is_fixed.mean() >= MIN_FIXED_ROW_SHARE:
-        of_mean = sensors.length / float(np.sqrt(np.median(sizes)))
-        entry = replace(entry, sensors=replace(sensors, length=of_mean, length_per_setting=True))
+        sd_of_mean = sensors.length / float(np.sqrt(np.median(sizes)))
+        entry = replace(entry, sensors=replace(sensors, length=sd_of_mean, length_per_setting=True))
     return replace(case, recording=replace(recording, length=length), entry=entry)
 
 
@@ -82,19 +82,19 @@ def find_rest_samples(length: np.ndarray) -> np.ndarray:
     Args:
         length: (n,) m, the samples at one setting.
     """
-    none = np.zeros(length.size, dtype=bool)
+    no_samples = np.zeros(length.size, dtype=bool)
     if length.size < MIN_VISIT_SAMPLES:
-        return none
+        return no_samples
     noise = float(np.median(np.abs(np.diff(length)))) / NORMAL_DIFFERENCE_MEDIAN
-    near = np.abs(length - np.median(length)) < MAX_VISIT_DEVIATION_SD * noise
-    if near.mean() < MIN_SHARE_AT_REST:
-        return none
-    steady = np.std(length[near]) < (1 + MAX_EXCESS_SCATTER + 3 / np.sqrt(length.size)) * noise
-    return near if steady and not _has_drift(length[near], noise) else none
+    is_near = np.abs(length - np.median(length)) < MAX_VISIT_DEVIATION_SD * noise
+    if is_near.mean() < MIN_SHARE_AT_REST:
+        return no_samples
+    is_steady = np.std(length[is_near]) < (1 + MAX_EXCESS_SCATTER + 3 / np.sqrt(length.size)) * noise
+    return is_near if is_steady and not _has_drift(length[is_near], noise) else no_samples
 
 
 def _has_drift(length: np.ndarray, noise: float) -> bool:
     """Return whether the means of the parts differ by more than noise."""
-    parts = np.array_split(length, min(MAX_VISIT_STRETCHES, length.size // MIN_STRETCH_SAMPLES))
-    apart = sum(part.size * (part.mean() - length.mean()) ** 2 for part in parts) / noise**2
-    return bool(chi2.sf(apart, len(parts) - 1) < DRIFT_SIGNIFICANCE)
+    parts = np.array_split(length, min(MAX_VISIT_PARTS, length.size // MIN_PART_SAMPLES))
+    chi_squared = sum(part.size * (part.mean() - length.mean()) ** 2 for part in parts) / noise**2
+    return bool(chi2.sf(chi_squared, len(parts) - 1) < DRIFT_SIGNIFICANCE)

@@ -21,7 +21,7 @@ MAX_WIDTH_TO_SPACING = 0.25
 #: Minimum share of the samples at a level. The mean count per level is at least three.
 MIN_LEVEL_SHARE = 0.01
 #: Minimum share of samples of a time series whose previous sample is at the same level. A stroke that is
-#: sampled at the same lengths each time has few values too, but it remains at none.
+#: sampled at the same lengths each time also has few values, but does not remain at any of them.
 MIN_STAY_SHARE = 0.5
 
 
@@ -37,8 +37,8 @@ def find_levels(channel: np.ndarray, ordered: bool = False) -> np.ndarray:
     >>> find_levels(np.linspace(0.0, 1.0, 200))
     array([], dtype=float64)
     """
-    history = channel[np.isfinite(channel)]
-    x = np.sort(history)
+    measured_values = channel[np.isfinite(channel)]
+    x = np.sort(measured_values)
     if not len(x):
         return np.empty(0)
     if x[-1] - x[0] <= MAX_CONSTANT_RANGE * np.max(np.abs(x)):
@@ -51,8 +51,10 @@ def find_levels(channel: np.ndarray, ordered: bool = False) -> np.ndarray:
     centres = np.array([np.median(group) for group in groups])
     # Only the middle 90 %: single samples of a transition must not widen a level.
     widths = [float(np.ptp(np.quantile(group, [0.05, 0.95]))) for group in groups]
-    apart = min(MAX_WIDTH_TO_SPACING * np.diff(centres).min(initial=np.inf), MAX_LEVEL_WIDTH * (x[-1] - x[0]))
-    if max(widths) > apart or (ordered and not _stays_on_levels(history, centres)):
+    max_width = min(
+        MAX_WIDTH_TO_SPACING * np.diff(centres).min(initial=np.inf), MAX_LEVEL_WIDTH * (x[-1] - x[0])
+    )
+    if max(widths) > max_width or (ordered and not _stays_on_levels(measured_values, centres)):
         return np.empty(0)
     return centres
 
@@ -62,8 +64,8 @@ def assign_levels(channel: np.ndarray, levels: np.ndarray) -> np.ndarray:
     nearest = find_nearest_level(channel, levels)
     if len(levels) < 2:
         return nearest
-    far = np.abs(channel - levels[nearest]) > MAX_WIDTH_TO_SPACING * np.diff(levels).min()
-    return np.where(far, -1, nearest)
+    is_transition = np.abs(channel - levels[nearest]) > MAX_WIDTH_TO_SPACING * np.diff(levels).min()
+    return np.where(is_transition, -1, nearest)
 
 
 def find_nearest_level(channel: np.ndarray, levels: np.ndarray) -> np.ndarray:
@@ -75,8 +77,8 @@ def find_nearest_level(channel: np.ndarray, levels: np.ndarray) -> np.ndarray:
     return np.where(measured, np.abs(x[:, None] - levels).argmin(axis=1), -1)
 
 
-def _stays_on_levels(history: np.ndarray, levels: np.ndarray) -> bool:
-    label = assign_levels(history, levels)
+def _stays_on_levels(measured_values: np.ndarray, levels: np.ndarray) -> bool:
+    label = assign_levels(measured_values, levels)
     return float(np.mean((label[1:] >= 0) & (label[1:] == label[:-1]))) >= MIN_STAY_SHARE
 
 

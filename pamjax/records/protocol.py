@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pamjax.errors import refuse, suggest_word
-from pamjax.records.reading import toml_errors as wrong
+from pamjax.records.reading import toml_errors
 from pamjax.units import parse_quantity
 
 
@@ -35,7 +35,7 @@ class Schedule:
     diameter_measured: np.ndarray
 
 
-#: What an entry that was not understood may be.
+#: Remedy for a wrong entry.
 KEY_HINTS = {
     "kind": 'Write "strokes", "ramps" or "holds".',
     "pressures": 'Write a list, as ["100 kPa", "3 bar"].',
@@ -88,7 +88,7 @@ class Protocol(BaseModel):
         step = 1 / _check_positive("rate", parse_quantity(self.rate, "frequency", where))
         for p in pressures:
             if p < 0:
-                raise refuse("`pressures` are gauge pressures and not negative", f"{p / 1e3:g} kPa", where)
+                raise refuse("`pressures` must be gauge pressures of at least 0", f"{p / 1e3:g} kPa", where)
         pieces = {"strokes": self._build_strokes, "ramps": self._build_ramps, "holds": self._build_holds}[
             self.kind
         ](
@@ -101,14 +101,14 @@ class Protocol(BaseModel):
         return _join_pieces(pieces, step, self.diameter_every)
 
     def _build_strokes(self, pressures, rest, speed, duration, step):
-        deepest = self.contractions * (len(pressures) if len(self.contractions) == 1 else 1)
-        if len(deepest) != len(pressures):
+        max_contractions = self.contractions * (len(pressures) if len(self.contractions) == 1 else 1)
+        if len(max_contractions) != len(pressures):
             raise refuse(
-                "`contractions` of strokes is one number, or one for each pressure",
-                f"{len(deepest)} for {len(pressures)} pressures",
+                "`contractions` of strokes must have one number, or one for each pressure",
+                f"{len(max_contractions)} for {len(pressures)} pressures",
                 "[protocol]",
             )
-        for pressure, contraction in zip(pressures, deepest, strict=True):
+        for pressure, contraction in zip(pressures, max_contractions, strict=True):
             cycle_contraction = contraction * _build_ramp_cycle(rest * abs(contraction) / speed, step)
             for cycle in range(self.cycles):
                 yield np.full(cycle_contraction.size, pressure), rest * (1 - cycle_contraction), cycle + 1
@@ -143,24 +143,27 @@ def _join_pieces(pieces, step: float, every: int) -> Schedule:
     pressure = np.concatenate([p for p, _, _ in pieces])
     cycle = np.concatenate([np.full(p.size, c) for p, _, c in pieces])
     n = pressure.size
-    optical = np.arange(n) % every == 0 if every else np.zeros(n, dtype=bool)
-    return Schedule(step * np.arange(n), pressure, np.concatenate([x for _, x, _ in pieces]), cycle, optical)
+    diameter_measured = np.arange(n) % every == 0 if every else np.zeros(n, dtype=bool)
+    length = np.concatenate([x for _, x, _ in pieces])
+    return Schedule(step * np.arange(n), pressure, length, cycle, diameter_measured)
 
 
 def read_protocol(path: Path) -> Protocol:
     """Read a protocol from a TOML file.
 
     Raises:
-        BadInput: if the file is missing or not TOML, or if an entry is wrong.
+        BadInput: if the file is missing or not TOML, or if an entry is invalid.
     """
     try:
         document: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise refuse("a protocol is a TOML file", f"no file {path.name}", remedy="Check its path.") from error
+        raise refuse(
+            "a protocol must be a TOML file", f"no file {path.name}", remedy="Check the path."
+        ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise refuse("a protocol is a TOML file", str(error), path.name) from error
+        raise refuse("a protocol must be a TOML file", str(error), path.name) from error
     if set(document) != {"protocol"}:
-        raise refuse("a protocol has one table, [protocol]", ", ".join(document) or "none", path.name)
+        raise refuse("a protocol must have one table, [protocol]", ", ".join(document) or "none", path.name)
     try:
         return Protocol.model_validate(document["protocol"])
     except ValidationError as error:
@@ -168,13 +171,15 @@ def read_protocol(path: Path) -> Protocol:
         key = str(first["loc"][0])
         if first["type"] == "extra_forbidden":
             hint = suggest_word(key, Protocol.model_fields)
-            raise refuse(f"`{key}` is no entry of a protocol", where=path.name, remedy=hint) from error
+            raise refuse(f"unknown entry `{key}` in [protocol]", where=path.name, remedy=hint) from error
         hint = "" if first["type"] == "literal_error" else KEY_HINTS.get(key, "")
-        raise refuse(wrong.format_rule(first, key), wrong.format_input(first), path.name, hint) from error
+        raise refuse(
+            toml_errors.format_rule(first, key), toml_errors.format_input(first), path.name, hint
+        ) from error
 
 
-#: The protocol of the paper: ten isobars, three strokes each at 1 mm/s, one photograph a second.
-#: The strokes end where the paper's own muscle pulls no more (rounded down to a hundredth).
+#: The protocol of the paper: ten isobars, three strokes each at 1 mm/s, one photograph per second.
+#: The strokes end at the free contraction of the paper's muscle, rounded down to a hundredth.
 PAPER_PROTOCOL = Protocol(
     kind="strokes",
     pressures=[f"{10 * k} psi" for k in range(1, 11)],

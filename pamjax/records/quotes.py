@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 from pamjax.errors import refuse
 
-#: Characters of a wrong cell that an error shows.
-SHOWN = 30
+#: Maximum number of characters of a cell in an error message.
+MAX_CELL_CHARACTERS = 30
 
 
 def lines_of(text: str) -> list[str]:
@@ -23,7 +23,7 @@ def check_quotes(
     """Refuse the first line in which a quoted cell does not end.
 
     A quotation mark opens a quoted cell only at the beginning of the cell. A quoted cell may contain
-    separators, and two quotation marks for one. It must not contain a line break.
+    separators, and two quotation marks in place of each one. It must not contain a line break.
 
     Args:
         lines: lines of the whole file; the row number in the message is the index in this list plus 1.
@@ -36,30 +36,30 @@ def check_quotes(
         BadInput: with column and row.
     """
     for row, line in enumerate(lines, 1):
-        opened = _open_cell(line.rstrip("\r\n"), separator, skip_spaces) if '"' in line else None
+        opened = _find_open_cell(line.rstrip("\r\n"), separator, skip_spaces) if '"' in line else None
         if opened is None:
             continue
         index, cell = opened
-        titles = _cells([header], separator, skip_spaces)[0] if row > 1 and header.strip() else []
+        titles = _split_cells([header], separator, skip_spaces)[0] if row > 1 and header.strip() else []
         title = titles[index].strip() if index < len(titles) else ""
         column = f"column `{title}`" if title else f"column {index + 1}"
-        shown = cell if len(cell) <= SHOWN else f"{cell[:SHOWN]}…"
+        shown = cell if len(cell) <= MAX_CELL_CHARACTERS else f"{cell[:MAX_CELL_CHARACTERS]}…"
         raise refuse(
-            "a quoted cell must end with a quotation mark in its own row",
+            "a quoted cell must end with a quotation mark in the same row",
             f"'\"{shown}'",
             f"{column}, row {row} of {file}",
-            "Close the quotation mark or take it out; inside a quoted cell write two for one.",
+            "Close or remove the quotation mark; inside a quoted cell, double it.",
         )
 
 
-def _open_cell(line: str, separator: str, skip_spaces: bool) -> tuple[int, str] | None:
+def _find_open_cell(line: str, separator: str, skip_spaces: bool) -> tuple[int, str] | None:
     """Return the index and the text of the line's unclosed cell; None if all cells are closed."""
-    # An open cell takes the next line with it.
-    rows = _cells([line, "next"], separator, skip_spaces)
+    # An unclosed cell includes the next line.
+    rows = _split_cells([line, "next"], separator, skip_spaces)
     if len(rows) > 1:
         return None
     return len(rows[0]) - 1, rows[0][-1].removesuffix("next")
 
 
-def _cells(lines: list[str], separator: str, skip_spaces: bool) -> list[list[str]]:
+def _split_cells(lines: list[str], separator: str, skip_spaces: bool) -> list[list[str]]:
     return list(csv.reader(lines, delimiter=separator, skipinitialspace=skip_spaces))

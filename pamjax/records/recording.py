@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-#: A time step this many times the usual one, and the one before it, is a pause in which the rig was moved.
+#: Minimum duration of a pause for moving the rig, in multiples of the median and of the previous time step.
 MIN_PAUSE_STEPS = 4.0
 
-#: A step at a cycle's first row is a jump if it is this share of the channel's range ...
+#: Minimum jump at the first row of a cycle, as a share of the channel's range ...
 MIN_JUMP_SHARE = 0.02
-#: ... and this many times both steps beside it: a ramp moves by as much before or after, a jump does not.
+#: ... and as a multiple of both neighbouring steps: the steps of a ramp are similar, those at a jump are not.
 MIN_JUMP_TO_NEIGHBOUR = 5.0
 
 
@@ -45,8 +45,8 @@ class Outlier:
 
     def __str__(self) -> str:
         return (
-            f"{self.column} {format_quantity(self.value, self.unit, 6)} in row {self.row} was set"
-            f" aside: {self.reason}"
+            f"outlier {self.column} {format_quantity(self.value, self.unit, 6)} in row {self.row}:"
+            f" ignored, because {self.reason}"
         )
 
 
@@ -87,10 +87,10 @@ class Recording:
         row: Sequence[int] | np.ndarray | None = None,
         outliers: tuple[Outlier, ...] = (),
     ) -> Recording:
-        """Build a recording from SI arrays; one number as `length` holds for every row.
+        """Return a recording from SI arrays; a single `length` applies to every row.
 
         Raises:
-            BadInput: if the columns are not equally long.
+            BadInput: if the columns differ in length.
 
         >>> Recording.from_arrays(pressure=[1e5, 2e5], length=0.2, force=[310.0, 640.0]).channels
         ('force',)
@@ -108,8 +108,8 @@ class Recording:
             columns["time"] = time
         for name, values in columns.items():
             if np.shape(values) != (n,):
-                got = f"{np.shape(values)} beside ({n},)"
-                raise refuse(f"`{name}` must be as long as `pressure`", got)
+                got = f"shapes {np.shape(values)} and ({n},)"
+                raise refuse(f"`{name}` must have as many rows as `pressure`", got)
         arrays = {name: np.asarray(values, dtype=float) for name, values in columns.items()}
         return cls(
             time=arrays.get("time"),
@@ -127,38 +127,38 @@ class Recording:
 
     @property
     def n(self) -> int:
-        """Number of rows."""
+        """Return the number of rows."""
         return len(self)
 
     @property
     def has_time(self) -> bool:
-        """Whether the rows are a time series."""
+        """Return whether the rows are a time series."""
         return self.time is not None
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Those of force and diameter that were measured in at least one row."""
+        """Return those of force and diameter that were measured in at least one row."""
         return tuple(name for name in ("force", "diameter") if np.isfinite(getattr(self, name)).any())
 
     @property
     def usable(self) -> np.ndarray:
-        """(n,) bool: rows with measured pressure and length, which a model needs."""
+        """Return the mask, (n,) bool, of rows with measured pressure and length, which a model needs."""
         return np.isfinite(self.pressure) & np.isfinite(self.length)
 
     @property
     def starts(self) -> np.ndarray:
-        """(n,) bool: first rows of continuous parts; every row of a static map."""
+        """Return the mask, (n,) bool, of first rows of continuous parts; every row of a static map."""
         if self.time is None:
             return np.ones(self.n, dtype=bool)
         new_cycle = np.r_[False, np.diff(self.cycle) != 0]
-        moved = _find_jumps(self.pressure) | _find_jumps(self.length)
-        begins = _find_pauses(self.time) | (new_cycle & moved)
-        begins[:1] = True
-        return begins
+        jumps = _find_jumps(self.pressure) | _find_jumps(self.length)
+        starts = _find_pauses(self.time) | (new_cycle & jumps)
+        starts[:1] = True
+        return starts
 
     @property
     def length_and_pressure(self) -> np.ndarray:
-        """(2, n) length, m, and pressure, Pa, which reverse at the ends of strokes; 0 where not measured."""
+        """Return length, m, and pressure, Pa, (2, n), which reverse at stroke ends; 0 where not measured."""
         return np.nan_to_num(np.stack([self.length, self.pressure]))
 
     def select(self, mask: np.ndarray) -> Recording:
@@ -167,8 +167,8 @@ class Recording:
             name: getattr(self, name)[mask] for name in (*DISPLAY_UNIT, "cycle", "row") if name != "time"
         }
         time = None if self.time is None else self.time[mask]
-        kept = set(columns["row"].tolist())
-        return Recording(time=time, **columns, outliers=tuple(a for a in self.outliers if a.row in kept))
+        kept_rows = set(columns["row"].tolist())
+        return Recording(time=time, **columns, outliers=tuple(o for o in self.outliers if o.row in kept_rows))
 
     def blank_cells(self, cells: dict[str, np.ndarray], outliers: tuple[Outlier, ...]) -> Recording:
         """Return a copy in which the masked cells of each named column are not measured."""
@@ -192,10 +192,10 @@ def _find_pauses(time: np.ndarray) -> np.ndarray:
     step = np.diff(time)
     if not len(step):
         return np.zeros(len(time), dtype=bool)
-    usual = np.median(step[step > 0]) if (step > 0).any() else np.inf
-    before = np.r_[usual, step[:-1]]
-    # Some logs space their samples out over a hold: only a step unlike the one before it is a pause.
-    return np.r_[False, (step <= 0) | (step > MIN_PAUSE_STEPS * np.maximum(usual, before))]
+    median_step = np.median(step[step > 0]) if (step > 0).any() else np.inf
+    previous_step = np.r_[median_step, step[:-1]]
+    # Some logs increase the time step during a hold. A pause is much longer than the previous step, too.
+    return np.r_[False, (step <= 0) | (step > MIN_PAUSE_STEPS * np.maximum(median_step, previous_step))]
 
 
 def _find_jumps(channel: np.ndarray) -> np.ndarray:
@@ -205,7 +205,7 @@ def _find_jumps(channel: np.ndarray) -> np.ndarray:
     if len(measured) < 2:
         return jumps
     step = np.abs(np.diff(channel[measured]))
-    beside = np.maximum(np.r_[0.0, step[:-1]], np.r_[step[1:], 0.0])
-    far = step > MIN_JUMP_SHARE * np.ptp(channel[measured])
-    jumps[measured[1:]] = far & (step > MIN_JUMP_TO_NEIGHBOUR * beside)
+    neighbour_step = np.maximum(np.r_[0.0, step[:-1]], np.r_[step[1:], 0.0])
+    is_large = step > MIN_JUMP_SHARE * np.ptp(channel[measured])
+    jumps[measured[1:]] = is_large & (step > MIN_JUMP_TO_NEIGHBOUR * neighbour_step)
     return jumps

@@ -24,11 +24,12 @@ _HEADER_PATTERN = re.compile(r"^(?P<name>.*?)\s*\[(?P<unit>[^\]]*)\]$")
 def find_data_folder() -> Path:
     """Return the folder of the shipped tables: inside an installed package, or next to it in a checkout."""
     package = Path(__file__).resolve().parents[1]
-    # The package's own folder comes first: beside an installed one, `data` could be anybody's.
+    # The package's own folder comes first: next to an installed package, `data` may belong to another one.
     for folder in (package / "data", package.parent / "data"):
         if folder.is_dir():
             return folder
-    raise refuse("pamjax ships its tables in a folder `data`", "none", str(package), "Install pamjax again.")
+    rule = "pamjax needs the folder `data` with its shipped tables"
+    raise refuse(rule, "none", str(package), "Reinstall pamjax.")
 
 
 def list_shipped() -> list[str]:
@@ -62,10 +63,10 @@ def read_shipped(name: str) -> pd.DataFrame:
     content = path.read_bytes()
     if hashlib.sha256(content).hexdigest() != read_sidecar(name)["sha256"]:
         raise refuse(
-            "a shipped table must be the file its sidecar describes",
+            "a shipped table must have the sha256 that its sidecar states",
             "another sha256",
             str(path),
-            "Restore the file, or write its new sha256 into the sidecar if the change is meant.",
+            "Restore the file. If the change is intended, write the new sha256 into the sidecar.",
         )
     return pd.read_csv(BytesIO(content))
 
@@ -85,7 +86,9 @@ def convert_to_si(table: pd.DataFrame) -> pd.DataFrame:
         name = match["name"] if match else header
         if name in columns:
             raise refuse(
-                "a column can be converted once", f"`{name}` twice", remedy="Pick the columns first."
+                "column names without units must be unique",
+                f"`{name}` twice",
+                remedy="Select one of the columns.",
             )
         columns[name] = table[header] * compute_si_factor(match["unit"]) if match else table[header]
     return pd.DataFrame(columns)
@@ -100,7 +103,7 @@ def read_quantities(name: str) -> dict[str, float]:
     table = read_shipped(name)
     if not {"quantity", "value", "unit"} <= set(table.columns):
         raise refuse(
-            "a table of quantities has the columns `quantity`, `value` and `unit`",
+            "a table of quantities must have the columns `quantity`, `value` and `unit`",
             where=name,
             remedy="Use `convert_to_si`.",
         )
@@ -113,7 +116,5 @@ def read_quantities(name: str) -> dict[str, float]:
 def _find_file(name: str, suffix: str) -> Path:
     path = find_data_folder() / f"{name}{suffix}"
     if name not in list_shipped() or not path.is_file():
-        raise refuse(
-            "a shipped table is read by its name", f"`{name}`", remedy=suggest_word(name, list_shipped())
-        )
+        raise refuse(f"unknown shipped table `{name}`", remedy=suggest_word(name, list_shipped()))
     return path

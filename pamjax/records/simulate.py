@@ -27,7 +27,8 @@ def simulate(
 ) -> Recording:
     """Return a simulated recording of a schedule.
 
-    Force is not measured where the muscle has no equilibrium or would push, diameter where it has none.
+    Force is NaN where the muscle has no equilibrium or would push. Diameter is NaN where the muscle has no
+    equilibrium.
 
     Args:
         muscle: the true muscle, or a bench with the muscle.
@@ -43,11 +44,11 @@ def simulate(
     rng = np.random.default_rng(seed)
     n = schedule.time.size
     reading = _predict_readings(muscle, schedule, settled)
-    solved = np.asarray(reading.status) == Status.OK
+    has_equilibrium = np.asarray(reading.status) == Status.OK
     step = float(schedule.time[1] - schedule.time[0]) if n > 1 else 1.0
     correlation = float(np.exp(-step / correlation_time)) if correlation_time > 0 else 0.0
-    force = np.where(solved, np.asarray(reading.force), np.nan)
-    diameter = np.where(solved & schedule.diameter_measured, np.asarray(reading.diameter), np.nan)
+    force = np.where(has_equilibrium, np.asarray(reading.force), np.nan)
+    diameter = np.where(has_equilibrium & schedule.diameter_measured, np.asarray(reading.diameter), np.nan)
     return Recording.from_arrays(
         time=schedule.time,
         pressure=schedule.pressure + (sensors.pressure or 0.0) * rng.standard_normal(n),
@@ -63,7 +64,7 @@ def _predict_readings(muscle: Muscle | Bench, schedule: Schedule, settled: bool)
     pressure, length = jnp.asarray(schedule.pressure), jnp.asarray(schedule.length)
     if isinstance(muscle, Muscle):
         return predict(muscle, pressure, length)
-    # Runs as whoever reads the recording finds them: nothing is late across a step of pressure between two.
+    # The continuous parts are those of the written recording. No delay acts across the step between two.
     exact_recording = Recording.from_arrays(
         time=schedule.time, pressure=schedule.pressure, length=schedule.length, cycle=schedule.cycle
     )
@@ -80,7 +81,7 @@ def _draw_length_error(schedule: Schedule, sensors: Sensors, rng: np.random.Gene
     n = schedule.length.size
     if not sensors.length_per_setting:
         return (sensors.length or 0.0) * rng.standard_normal(n)
-    # The ruler is read once for each length that is set: the true length differs from the one written.
+    # The ruler is read once per length setting: all samples of a setting have the same error.
     _, setting = np.unique(schedule.length.round(6), return_inverse=True)
     return (sensors.length or 0.0) * rng.standard_normal(setting.max() + 1)[setting]
 
@@ -97,14 +98,14 @@ def draw_ar1_noise(rng: np.random.Generator, n: int, correlation: float) -> np.n
 
 
 def describe_extrapolation(calibrated_range: dict[str, tuple[float, float]], schedule: Schedule) -> list[str]:
-    """Return where a schedule leaves the pressures (Pa) and lengths (m) of the calibration.
+    """Return sentences about pressures (Pa) and lengths (m) of a schedule outside the calibrated range.
 
     Args:
         calibrated_range: lowest and highest calibrated value of "pressure", "length" or both, SI.
         schedule: pressure and length at every sample.
 
     Returns:
-        one sentence for each limit that is exceeded; empty if the schedule is inside the range.
+        one sentence for each exceeded limit; empty if the schedule is inside the range.
     """
     sentences = []
     for name, unit, scale in (("pressure", "kPa", 1e3), ("length", "mm", 1e-3)):
@@ -112,12 +113,14 @@ def describe_extrapolation(calibrated_range: dict[str, tuple[float, float]], sch
             continue
         low, high = calibrated_range[name]
         values = getattr(schedule, name)
-        for excess, end, word in ((low - values.min(), low, "below"), (values.max() - high, high, "above")):
+        for excess, limit, is_outside, side in (
+            (low - values.min(), low, values < low, "below the calibrated minimum"),
+            (values.max() - high, high, values > high, "above the calibrated maximum"),
+        ):
             if excess > 1e-3 * max(high - low, 1e-12) and excess > 1e-9:
-                count = int(((values < low) if word == "below" else (values > high)).sum())
                 sentences.append(
-                    f"{name} goes {excess / scale:.3g} {unit} {word} the calibrated {end / scale:.4g} {unit} "
-                    f"({count} of {values.size} samples)"
+                    f"{name} is up to {excess / scale:.3g} {unit} {side} of {limit / scale:.4g} {unit} "
+                    f"({int(is_outside.sum())} of {values.size} samples)"
                 )
     return sentences
 

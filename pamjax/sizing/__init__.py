@@ -1,1 +1,1 @@
-"""Size a muscle by gradient."""
+"""Design a muscle for a spec by gradient-based optimisation."""

@@ -1,7 +1,8 @@
-"""What a measured muscle hands on to one that is yet to be built: its materials, its friction, its doubt.
+"""Transfer of a calibrated muscle to a design: its material properties, friction and uncertainty.
 
-Lengths and turns belong to the specimen and stay with it; so do the bench's sensors. A modulus, the rubber,
-friction, the crimp of the threads and the share of the net at the ends go on, in numbers that have no size.
+Not transferred: lengths and turns, which belong to the specimen, and sensor errors, which belong to the rig.
+Transferred: thread modulus, rubber, friction, crimp of the threads and taper of the ends, all as parameters
+that do not depend on the size of the muscle.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from pamjax.control.command_uncertainty import read_unexplained_force
-from pamjax.errors import refuse
+from pamjax.errors import refuse, suggest_word
 from pamjax.infer.fitting.load import LoadedMuscle, load_muscle
 from pamjax.model.bench import Bench
 from pamjax.model.mechanism import AbstractMechanism
@@ -25,7 +26,7 @@ from pamjax.model.thread import LinearThread
 from pamjax.sizing.materials import BladderKind, ThreadKind, list_bladders, list_threads
 from pamjax.sizing.schema import Calibration
 
-#: Mechanisms that go on to another muscle beside threads and rubber, and their numbers that do.
+#: Transferred mechanisms besides threads and rubber, with the transferred parameters of each.
 TRANSFERABLE_NUMBERS = {
     "thread_crimp": ("crimp", "load"),
     "braid_locking": ("stiffness",),
@@ -38,17 +39,17 @@ TRANSFERABLE_NUMBERS = {
 
 @dataclass(frozen=True)
 class CalibrationTransfer:
-    """What a calibration hands on, SI.
+    """The transferred properties of a calibration, SI.
 
     Attributes:
-        ids: mechanisms beside threads and rubber.
-        numbers: theirs, as `candidate.build_bench` takes them.
-        thread, bladder: names of the materials it speaks for; "" for none.
-        thread_modulus: Pa, None where it was not calibrated.
-        shear, mooney: of the rubber, None where it was not calibrated.
-        draws: posterior draws by name: "thread" and "shear" as ratios to their means, numbers as they are.
-        discrepancy: what is left of the force, as a share of the blocked force.
-        sources: what came from where, a sentence each.
+        ids: transferred mechanisms besides threads and rubber.
+        numbers: parameters of these mechanisms, as `candidate.build_bench` accepts them.
+        thread, bladder: names of the materials that the calibration represents; "" for none.
+        thread_modulus: Pa, None if it was not calibrated.
+        shear, mooney: of the rubber, None if it was not calibrated.
+        draws: posterior draws by name: "thread" and "shear" relative to their means, parameters as they are.
+        discrepancy: sd of the model error of the force, as a fraction of the blocked force.
+        sources: source of each transferred property, as text.
     """
 
     ids: tuple[str, ...] = ()
@@ -63,13 +64,13 @@ class CalibrationTransfer:
     sources: tuple[str, ...] = ()
 
     def get_thread_modulus(self, thread: ThreadKind) -> float:
-        """Of a kind of thread, Pa: the calibrated one where it speaks for it, else the typical one."""
+        """Return the modulus of a thread, Pa: calibrated if the calibration represents it, else typical."""
         if self.thread_modulus is not None and thread.name == self.thread:
             return self.thread_modulus
         return thread.modulus.value
 
     def get_rubber_moduli(self, bladder: BladderKind) -> tuple[float, float]:
-        """Shear modulus, Pa, and Mooney share of a kind of rubber."""
+        """Return the shear modulus, Pa, and the Mooney fraction of a kind of rubber."""
         if self.shear is not None and bladder.name == self.bladder:
             return self.shear, self.mooney or 0.0
         return bladder.modulus.value, bladder.mooney
@@ -78,16 +79,16 @@ class CalibrationTransfer:
 def transfer_calibration(
     calibration: Calibration | None, folder: Path, spec_file: str, thread_kinds, bladder_kinds
 ) -> CalibrationTransfer:
-    """What the calibration that a spec names hands on.
+    """Return the transferred properties of the calibration in a spec.
 
     Args:
         calibration: [calibration] of the spec, or None.
-        folder: where its paths start.
-        spec_file: for error texts.
+        folder: folder of relative paths.
+        spec_file: name of the spec, for error messages.
         thread_kinds, bladder_kinds: the catalogue.
 
     Raises:
-        BadInput: if a file cannot be read, or it is not clear which material it speaks for.
+        BadInput: if a file cannot be read, or if it is ambiguous which material the calibration represents.
     """
     if calibration is None:
         return CalibrationTransfer()
@@ -95,7 +96,7 @@ def transfer_calibration(
     if calibration.muscle is None and calibration.posterior is None and calibration.discrepancy is None:
         remedy = 'Write muscle = "result/case/model.json".'
         raise refuse(
-            "a calibration names a `muscle`, a `posterior` or a `discrepancy`", "none", where, remedy
+            "a calibration needs a `muscle`, a `posterior` or a `discrepancy`", "none", where, remedy
         )
     thread = _find_calibrated_material(
         calibration.thread, [k.name for k in thread_kinds], list_threads(), "thread", where
@@ -112,15 +113,16 @@ def transfer_calibration(
         if misfit_share is not None:
             properties["discrepancy"] = misfit_share
             sources.append(
-                f"force missed on held-out blocks beyond noise: {100 * misfit_share:.1f} % of the"
-                f" blocked force"
+                f"model error of the force: {100 * misfit_share:.1f} % of the blocked force, from the misfit"
+                f" beyond noise on held-out blocks"
             )
     if calibration.posterior is not None:
         properties |= _transfer_posterior(folder / calibration.posterior, properties, where, sources)
     if calibration.discrepancy is not None:
         properties["discrepancy"] = calibration.discrepancy
         sources.append(
-            f"force misses {100 * calibration.discrepancy:g} % of the blocked force, as the spec says"
+            f"model error of the force: {100 * calibration.discrepancy:g} % of the blocked force,"
+            f" from the spec"
         )
     return CalibrationTransfer(**properties, sources=tuple(sources))
 
@@ -131,17 +133,17 @@ def _find_calibrated_material(
     if stated_name is not None:
         if stated_name not in spec_names and stated_name not in shipped_kinds:
             raise refuse(
-                f"`{material}` names the calibrated {material}",
+                f"`{material}` must name a {material} of the catalogue",
                 f"{stated_name!r}",
                 where,
-                "Name one of the catalogue.",
+                suggest_word(stated_name, dict.fromkeys([*spec_names, *shipped_kinds])),
             )
         return stated_name
     if len(spec_names) == 1:
         return spec_names[0]
     remedy = f'Write {material} = "{spec_names[0]}".'
     raise refuse(
-        f"a calibration must say which {material} of the catalogue it speaks for", "none", where, remedy
+        f"a calibration must state which {material} of the catalogue it represents", "none", where, remedy
     )
 
 
@@ -152,7 +154,7 @@ def _transfer_muscle(loaded: LoadedMuscle, file: str, where: str, sources: list[
     stiffness = _compute_thread_stiffness(muscle)
     if stiffness is not None and math.isfinite(stiffness):
         if not area:
-            remedy = "Add them to the muscle.toml that was fitted."
+            remedy = "Add them to the muscle.toml of the calibrated muscle."
             raise refuse("a calibrated thread needs `threads` and `thread_area`", "neither", where, remedy)
         properties["thread_modulus"] = stiffness / area
         sources.append(f"thread modulus {stiffness / area / 1e9:.3g} GPa from {file}")
@@ -195,19 +197,19 @@ def _transfer_mechanisms(muscle: Bench, area: float, file: str, sources: list[st
         rest_radius = _estimate_rest_radius(muscle)
         numbers["end_taper.radius"] /= rest_radius
     if untransferred:
-        sources.append(f"left behind, as it belongs to the bench or the specimen: {', '.join(untransferred)}")
+        sources.append(f"not transferred, specific to the rig or the specimen: {', '.join(untransferred)}")
     return properties | {"ids": tuple(ids), "numbers": numbers}
 
 
 def _estimate_rest_radius(muscle: Bench) -> float:
-    """Radius at which the calibrated bladder lies unstretched, or that of a braid at 68 degrees, m."""
+    """Return the outer radius of the unstretched calibrated bladder, or of a braid at 68 degrees, m."""
     for bladder in muscle.find_mechanisms(BladderElasticity):
         return float(bladder.inner_diameter) / 2 + float(bladder.thickness)
     return float(muscle.thread_length) * math.cos(math.radians(68.0)) / (2 * math.pi * float(muscle.turns))
 
 
 def _compute_misfit_share(path: Path) -> float | None:
-    """Force that the improved model misses beyond noise, as a share of the specimen's blocked force."""
+    """Return the force misfit of the improved model beyond noise, as a fraction of the blocked force."""
     misfit = read_unexplained_force(path)
     if misfit is None:
         return None
@@ -224,13 +226,15 @@ def _transfer_posterior(
     import xarray as xr
 
     if not path.exists():
-        raise refuse(f"there is no file {path}", where=where, remedy="`pamjax sample` writes posterior.nc.")
+        raise refuse(
+            f"file {path} does not exist", where=where, remedy="`pamjax sample` writes posterior.nc."
+        )
     try:
         with xr.open_dataset(path, group="posterior", engine="h5netcdf") as posterior:
             samples = {str(name): np.asarray(posterior[name]).ravel() for name in posterior.data_vars}
     except (OSError, ValueError, KeyError) as error:
-        remedy = "`pamjax sample` writes one."
-        raise refuse("a posterior is a posterior.nc", f"{path.name}, which is none", where, remedy) from error
+        remedy = "`pamjax sample` writes this file."
+        raise refuse("`posterior` must be a valid posterior.nc", path.name, where, remedy) from error
     draws: dict[str, np.ndarray] = {}
     updates: dict[str, Any] = {}
     for name, values in samples.items():
@@ -251,7 +255,7 @@ def _transfer_posterior(
         ):
             draws[f"{owner}.{parameter}"] = values
     if not draws:
-        rule = "a posterior must hold a number that goes on to another muscle"
-        raise refuse(rule, ", ".join(samples), where, "thread.modulus is one.")
+        rule = "a posterior must contain a parameter that can be transferred to another muscle"
+        raise refuse(rule, ", ".join(samples), where, "An example is thread.modulus.")
     sources.append(f"{len(next(iter(draws.values())))} draws of {', '.join(sorted(draws))} from {path.name}")
     return updates | {"draws": draws}

@@ -1,24 +1,25 @@
-"""A candidate muscle: what it would show at the places that a spec asks about, and its exact slopes.
+"""A candidate muscle: its outputs at the operating points of a spec, and their exact derivatives.
 
     coordinates  c = (ln L0, θ0, ln D0, ln t, ln p)      of one muscle
 
     L0  rest length          m        B0 = L0 / sin θ0            thread length
     θ0  braid angle at rest  rad      N = B0 cos θ0 / (π D0)      turns
-    D0  diameter at rest     m        of the threads' surface, and of the bladder's outside
-    t   wall of the bladder  m
+    D0  diameter at rest     m        of the braid, and outer diameter of the bladder
+    t   bladder wall         m
     p   working pressure     Pa
 
-The muscle is a `Bench` of the model room: elastic threads, the rubber of the bladder, and whatever a
-calibration names. A muscle that remembers (friction) is asked at the end of a pull from its rest length,
-as it is when it lifts. Derived here beside the model:
+The muscle is a `Bench` of the package `model`: elastic threads, the rubber of the bladder, and the
+mechanisms that a calibration transfers. With friction, the force at a point is that after a contraction from
+the rest length, as when the muscle lifts a load. Additional equations:
 
-    spacing   s = 4π L R / (n B)           of threads side by side; they fit where s is at least their width
-    mesh      P (s − w) / (3.5 μ t λr)     how near the bladder is to bulging through: a half sphere of
-              rubber over an opening a is stretched by √2 both ways, σ = 1.75 μ, its wall halved:
-              P = 2 σ (t/2) / (a/2) = 3.5 μ t / a. Crude, and the safety factor on it is there for that
+    spacing   s = 4π L R / (n B)           of neighbouring threads; they fit if s is at least their width w
+    mesh      P (s − w) / (3.5 μ t λr)     pressure / pressure at which the bladder bulges through the mesh.
+              The rubber over an opening a becomes a half sphere, stretched by √2 in both directions, with
+              stress σ = 1.75 μ and half the wall: P = 2 σ (t/2) / (a/2) = 3.5 μ t / a. This estimate is
+              rough; a safety factor allows for that
     air       [(p + pa) V1 − pa V0] / pa   at ambient pressure and temperature, V without the rubber
 
-What it leaves out: fittings (mass, price), the tube's own ends, fatigue, creep, temperature, speed.
+Not included: fittings (mass, price), the ends of the bladder, fatigue, creep, temperature, speed.
 """
 
 from __future__ import annotations
@@ -36,22 +37,22 @@ from pamjax.model import braid, wall
 from pamjax.model.balance import Status
 from pamjax.model.bench import Bench
 from pamjax.model.history import build_time_history
-from pamjax.model.mechanism import AbstractLine, AbstractMemory, AbstractSlip, Past
+from pamjax.model.mechanism import AbstractMemory, AbstractPressureLoss, AbstractSlip, Past
 from pamjax.model.mechanisms.bladder_elasticity import BladderElasticity
 from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
 from pamjax.model.registry import order_mechanisms
 
-#: Places that one candidate is asked about; a spec with fewer repeats its first.
+#: Number of operating points of a candidate; a spec with fewer points repeats its first required one.
 POINT_COUNT = 16
 #: Ambient pressure, Pa.
 AMBIENT_PRESSURE = 101325.0
-#: Pressure at which a bladder bulges through, over shear modulus, wall and the inverse of the opening.
+#: Bulging pressure × opening / (shear modulus × wall thickness).
 BULGE_FACTOR = 3.5
 
-#: Candidates that are asked together.
+#: Number of candidates in one compiled batch.
 BATCH_SIZE = 64
 
-#: What is told of each place, and of the muscle as a whole.
+#: Names of the outputs at each operating point, and of the muscle as a whole.
 POINT_OUTPUTS = ("force", "diameter", "tension", "used", "fit", "mesh", "strain", "burst")
 MUSCLE_OUTPUTS = (
     "length", "angle", "rest_diameter", "wall", "pressure", "thread_length", "turns", "bore", "slenderness",
@@ -62,16 +63,16 @@ COORDINATES = ("rest_length", "braid_angle", "diameter", "wall", "pressure")
 
 
 class MuscleBuild(NamedTuple):
-    """What a candidate is made of, and how it is built. SI; every field a number.
+    """Material properties, counts and manufacturing errors of a candidate, SI.
 
     Attributes:
-        threads: of both families together.
-        thread_diameter: m; thread_area: m², solid; modulus, strength: Pa; density: kg/m³; price: of a kg.
-        elastic: 1, or 0 for threads that do not stretch.
-        shear, mooney, elongation: of the rubber, Pa, 1 and 1; rubber_density, rubber_price alike.
-        parallel: muscles side by side; packing: of the circle around them, over the diameter of one.
-        length_error, thread_error, turns_error, wall_error: how far it is built from its drawing, m, m, 1, m.
-        force_error: what the model misses of the force, as a share of the blocked force at that pressure.
+        threads: number of threads, both families together.
+        thread_diameter: m; thread_area: m², solid; modulus, strength: Pa; density: kg/m³; price: per kg.
+        elastic: 1, or 0 for inelastic threads.
+        shear, mooney, elongation: of the rubber, Pa, 1 and 1; rubber_density: kg/m³; rubber_price: per kg.
+        parallel: number of muscles; packing: diameter of the circle around them / diameter of one.
+        length_error, thread_error, turns_error, wall_error: manufacturing errors, m, m, 1, m.
+        force_error: model error of the force, as a fraction of the blocked force at the same pressure.
     """
 
     threads: Any = 0.0
@@ -97,9 +98,10 @@ class MuscleBuild(NamedTuple):
 
 
 class OperatingPoints(NamedTuple):
-    """Where a candidate is asked: (k,) each.
+    """Operating points of a candidate, (k,) each.
 
-    The length is L0 (1 − contraction) − shortening; the pressure is share × p + pressure.
+    The length is L0 (1 − contraction) − shortening. The pressure is supply_share × p + pressure, with the
+    working pressure p.
     """
 
     contraction: Float[Array, " k"] | np.ndarray
@@ -108,19 +110,19 @@ class OperatingPoints(NamedTuple):
     pressure: Float[Array, " k"] | np.ndarray
 
 
-#: Numbers of mechanisms by "id.field"; in a batch each an array.
+#: Parameters of mechanisms by "id.field"; in a batch each is an array.
 Numbers = Mapping[str, Any]
 
 
 def build_bench(c: Array | np.ndarray, build: MuscleBuild, ids: tuple[str, ...], numbers: Numbers) -> Bench:
-    """The candidate as a bench without sensors.
+    """Return the candidate as a bench without sensors.
 
     Args:
         c: coordinates.
-        build: what of.
-        ids: mechanisms beside stretching threads and rubber that a calibration hands on.
-        numbers: theirs, "id.field"; "end_taper.radius" as a share of the radius at rest, "thread_crimp.load"
-            as a share of n A in Pa.
+        build: material properties, counts and manufacturing errors.
+        ids: transferred mechanisms besides elastic threads and rubber.
+        numbers: parameters of these mechanisms by "id.field". "end_taper.radius" is relative to the radius at
+            rest; "thread_crimp.load" is divided by the area n A of all threads, Pa.
     """
     rest_length, angle, outer_diameter, t = (
         jnp.exp(c[0]),
@@ -130,22 +132,22 @@ def build_bench(c: Array | np.ndarray, build: MuscleBuild, ids: tuple[str, ...],
     )
     thread, turns = braid.from_angle(rest_length, outer_diameter, angle)
     area = build.threads * build.thread_area
-    size = {
+    dimensions = {
         "inner_diameter": outer_diameter - 2 * t,
         "thickness": t,
         "length": rest_length + build.length_error,
     }
     mechanisms_by_id = {
         "braid_elasticity": BraidElasticity(build.elastic / (area * build.modulus)),
-        "bladder_elasticity": BladderElasticity(build.shear, build.mooney, **size),
+        "bladder_elasticity": BladderElasticity(build.shear, build.mooney, **dimensions),
     }
-    scaled = {
+    scales = {
         "end_taper.radius": outer_diameter / 2,
         "thread_crimp.load": area,
         "braid_locking.width": build.threads * build.thread_diameter,
     }
     for kind in order_mechanisms(ids):
-        fields = {n.partition(".")[2]: v * scaled.get(n, 1.0) for n, v in numbers.items()
+        fields = {n.partition(".")[2]: v * scales.get(n, 1.0) for n, v in numbers.items()
                   if n.partition(".")[0] == kind.id}  # fmt: skip
         mechanisms_by_id[kind.id] = kind(**fields)
     mechanisms = tuple(mechanisms_by_id[kind.id] for kind in order_mechanisms(mechanisms_by_id))
@@ -153,16 +155,16 @@ def build_bench(c: Array | np.ndarray, build: MuscleBuild, ids: tuple[str, ...],
 
 
 def _solve_points(bench: Bench, pressure: Array, length: Array, rest_length: Array) -> tuple[Past, Array]:
-    """The balance at each place; of a muscle that remembers, after a pull from its rest length."""
-    if not any(bench.find_mechanisms(kind) for kind in (AbstractMemory, AbstractSlip, AbstractLine)):
+    """Return the equilibrium at each point; with memory, after a contraction from the rest length."""
+    if not any(bench.find_mechanisms(kind) for kind in (AbstractMemory, AbstractSlip, AbstractPressureLoss)):
         zero = jnp.zeros(())
         return jax.vmap(lambda p, true_length: bench.solve_instant(p, true_length, zero, (zero, zero)))(
             pressure, length
         )
     k = pressure.shape[0]
-    pull_history = build_time_history(np.arange(2.0 * k), np.arange(2 * k) % 2 == 0, restart=True)
+    path_history = build_time_history(np.arange(2.0 * k), np.arange(2 * k) % 2 == 0, restart=True)
     lengths = jnp.stack([jnp.full(k, rest_length), length], axis=1).ravel()
-    past, status = bench.compute_past(jnp.repeat(pressure, 2), lengths, pull_history)
+    past, status = bench.compute_past(jnp.repeat(pressure, 2), lengths, path_history)
     return jax.tree.map(lambda x: x[1::2], past), status[1::2]
 
 
@@ -173,11 +175,11 @@ def compute_outputs(
     points: OperatingPoints,
     ids: tuple[str, ...] = (),
 ) -> Float[Array, " m"]:
-    """Everything that a requirement can be about, in the order of `names`.
+    """Return all outputs of a candidate, (m,), in the order of `locate_output`.
 
-    force (N, all muscles), diameter (outside, m), tension (one thread, N) and its share of the strength,
-    fit (spacing over width), mesh (pressure over that of bulging), strain (of the rubber around, over its
-    elongation at break), burst (pull over stiffness) at each place; then what `MUSCLE_OUTPUTS` names, SI.
+    At each point: force (all muscles, N), diameter (outer, m), tension (one thread, N), used (tension /
+    strength), fit (spacing / thread width), mesh (pressure / bulging pressure), strain (hoop strain of the
+    rubber / elongation at break), burst (hoop pull / thread stiffness). Then `MUSCLE_OUTPUTS`, SI.
     """
     rest_length, t, working_pressure = jnp.exp(c[0]), jnp.exp(c[3]), jnp.exp(c[4])
     bench = build_bench(c, build, ids, numbers).prepare()
@@ -210,7 +212,7 @@ def compute_outputs(
     rubber_volume = wall.rubber_volume(rubber)
     rest_volume = braid.volume(rest_length, bench.thread_length, bench.turns) - rubber_volume
     filled_volume = (pressure + AMBIENT_PRESSURE) * (state.volume - rubber_volume)
-    # The proof at rest (place 0) is no stroke.
+    # Point 0 (rest length at supply pressure) is not part of the stroke.
     air = build.parallel * (jnp.max(filled_volume[1:]) - AMBIENT_PRESSURE * rest_volume) / AMBIENT_PRESSURE
     yarn = n * bench.thread_length * build.thread_area * build.density
     mass = build.parallel * (yarn + rubber_volume * build.rubber_density)
@@ -238,7 +240,7 @@ def compute_outputs(
 
 
 def locate_output(name: str, point: int | None = None) -> int:
-    """Where an output stands."""
+    """Return the index of an output."""
     if point is None:
         return len(POINT_OUTPUTS) * POINT_COUNT + MUSCLE_OUTPUTS.index(name)
     return POINT_OUTPUTS.index(name) * POINT_COUNT + point
@@ -271,14 +273,14 @@ def _compute_batch(c, build: MuscleBuild, numbers: Numbers, points: OperatingPoi
 
 
 def _convert_to_arrays(tree: Any) -> Any:
-    """Every number as an array of one kind: a float here and an integer there would compile twice."""
+    """Return the tree with float arrays: mixed floats and integers would compile twice."""
     return jax.tree.map(lambda x: np.asarray(x, float), tree)
 
 
 def evaluate_candidate(
     c, build: MuscleBuild, numbers: Numbers, points: OperatingPoints, ids: tuple[str, ...]
 ):
-    """The outputs of one candidate and their Jacobian in its coordinates, (m,) and (m, 5)."""
+    """Return the outputs of one candidate and their Jacobian in the coordinates, (m,) and (m, 5)."""
     y, jacobian = _evaluate_candidate(*_convert_to_arrays((c, build, dict(numbers), points)), ids=ids)
     return np.asarray(y), np.asarray(jacobian)
 
@@ -286,7 +288,7 @@ def evaluate_candidate(
 def compute_hessian(
     c, weights, build: MuscleBuild, numbers: Numbers, points: OperatingPoints, ids: tuple[str, ...]
 ) -> np.ndarray:
-    """Hessian of a weighted sum of outputs in the coordinates, (5, 5), exact: forward over forward."""
+    """Return the exact Hessian of a weighted sum of outputs, (5, 5), by forward differentiation."""
     return np.asarray(
         _compute_hessian(*_convert_to_arrays((c, weights, build, dict(numbers), points)), ids=ids)
     )
@@ -295,25 +297,25 @@ def compute_hessian(
 def evaluate_many(
     c: np.ndarray, build: MuscleBuild, numbers: Numbers, points: OperatingPoints, ids: tuple[str, ...]
 ) -> np.ndarray:
-    """The outputs of many candidates, (k, m), in batches of one size: one program for any number.
+    """Return the outputs of many candidates, (k, m), in batches of fixed size, so that it compiles once.
 
     Args:
         c: (k, 5) coordinates.
-        build, numbers: each field a number, or (k,).
+        build, numbers: each field is a scalar or has shape (k,).
     """
     k = len(c)
     rows = -(-k // BATCH_SIZE) * BATCH_SIZE
 
-    def cut(x):
+    def pad(x):
         x = np.asarray(x, float)
         x = np.broadcast_to(x, (k, *x.shape[1:]))
         return np.concatenate([x, np.broadcast_to(x[-1:], (rows - k, *x.shape[1:]))])
 
-    filled, points = jax.tree.map(cut, (c, build, dict(numbers))), _convert_to_arrays(points)
-    parts = [
+    padded, points = jax.tree.map(pad, (c, build, dict(numbers))), _convert_to_arrays(points)
+    batches = [
         _compute_batch(
-            *jax.tree.map(lambda x, start=start: x[start : start + BATCH_SIZE], filled), points, ids=ids
+            *jax.tree.map(lambda x, start=start: x[start : start + BATCH_SIZE], padded), points, ids=ids
         )
         for start in range(0, rows, BATCH_SIZE)
     ]
-    return np.concatenate([np.asarray(part) for part in parts])[:k]
+    return np.concatenate([np.asarray(batch) for batch in batches])[:k]

@@ -1,12 +1,12 @@
-"""Requirements that hold with a stated probability: draws of what is not known, and the margin they take.
+"""Chance constraints: a design whose requirements all hold with a required probability.
 
-What is drawn: posterior draws of a calibration (its materials and friction), else the range that the table's
-sources span, evenly; how exactly it is built, if the spec says so; what the model misses of the force.
+Drawn: materials and friction from the posterior of a calibration, else uniformly over the range of the
+table's sources; manufacturing errors, if the spec states tolerances; and the model error of the force.
 
-Every requirement j keeps back a margin b_j, the part of its draws below the candidate's own value that is cut
-off at one level for all; the level is the loosest at which all of them together hold with the probability
-wanted. The candidate is searched again with b, drawn again, until both agree. What is left of the draws'
-dependence on the candidate shows in the probability that is told, which is found from draws of another seed.
+Each requirement j has a back-off b_j: its margin without errors must be at least b_j. b_j is a quantile of
+the margin's decrease over the draws. The quantile's level is the same for all requirements: the largest at
+which all hold together with the required probability. The candidate is optimised with b, and b is computed
+again, until the probability is reached. The reported probability is estimated from independent draws.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from pamjax.sizing.optimise import MARGIN_TOLERANCE, SearchResult, minimise_viol
 from pamjax.sizing.problem import SizingProblem
 from pamjax.sizing.schema import Tolerance
 
-#: Draws while searching, and for the probability that is told. A margin found on few draws fits their gaps:
-#: of three sets of 256 that held with 0.9, others held with 0.88, 0.89, 0.91; of 1,024 with 0.91 to 0.92.
+#: Numbers of draws for the search and for the reported probability. Few draws overfit: designs for 0.9 on
+#: three sets of 256 draws reached 0.88, 0.89 and 0.91 on independent draws, and 0.91 to 0.92 with 1,024.
 SEARCH_DRAWS, REPORT_DRAWS = 1024, 4096
-#: Times that margins are found again, at most.
+#: Largest number of updates of the back-off.
 MAX_ROUNDS = 12
-#: Rounds after which the draws follow the candidate no more.
+#: Number of rounds after which the target of the search is raised if the probability is not reached.
 TRACKING_ROUNDS = 3
 
 
 @dataclass(frozen=True, eq=False)
 class BuildDraws:
-    """Draws of what is not known of one choice: `made` and `numbers` with (k,) in place of a number."""
+    """Draws of the uncertain quantities of one choice: `build` and `numbers` with arrays (k,) for scalars."""
 
     build: MuscleBuild
     numbers: dict[str, np.ndarray]
@@ -43,11 +43,11 @@ class BuildDraws:
 def draw_builds(
     problem: SizingProblem, transfer: CalibrationTransfer, tolerance: Tolerance, count: int, seed: int
 ) -> BuildDraws:
-    """Draws for a choice."""
+    """Return random draws of the uncertain quantities of one choice."""
     random = np.random.default_rng([seed, 21])
     choice, build = problem.choice, problem.build
     size = len(next(iter(transfer.draws.values()))) if transfer.draws else 1
-    # One set of rows for all numbers: they know each other.
+    # The same posterior draws for all parameters, to keep their correlation.
     rows = random.integers(size, size=count)
 
     def draw_property(known_range) -> np.ndarray:
@@ -85,7 +85,7 @@ def _draw_ratio(transfer: CalibrationTransfer, name: str, rows: np.ndarray) -> n
 
 
 def compute_margins(problem: SizingProblem, z: np.ndarray, draws: BuildDraws) -> np.ndarray:
-    """(draws, requirements) smallest room of each requirement at each draw, nothing kept back."""
+    """Return the smallest margin of each requirement in each draw, (draws, requirements), no back-off."""
     c = np.tile(problem.to_coordinates(z), (draws.count, 1))
     y = evaluate_many(c, draws.build, draws.numbers, problem.task.points, problem.ids)
     y = np.where(np.isfinite(y), y, 1e9)
@@ -95,12 +95,12 @@ def compute_margins(problem: SizingProblem, z: np.ndarray, draws: BuildDraws) ->
 
 
 def estimate_probability(problem: SizingProblem, z: np.ndarray, draws: BuildDraws) -> float:
-    """That every requirement holds."""
+    """Return the probability that all requirements hold together."""
     return float(np.mean(np.all(compute_margins(problem, z, draws) >= -MARGIN_TOLERANCE, axis=1)))
 
 
 def estimate_probabilities(problem: SizingProblem, z: np.ndarray, draws: BuildDraws) -> dict[str, float]:
-    """That each requirement holds, by key."""
+    """Return the probability of each requirement, by key."""
     shares = np.mean(compute_margins(problem, z, draws) >= -MARGIN_TOLERANCE, axis=0)
     return {
         requirement.key: float(p) for requirement, p in zip(problem.task.requirements, shares, strict=True)
@@ -108,10 +108,10 @@ def estimate_probabilities(problem: SizingProblem, z: np.ndarray, draws: BuildDr
 
 
 def meet_probability(result: ChoiceResult, draws: BuildDraws, target: float) -> ChoiceResult | None:
-    """The best candidate of a choice whose requirements hold together with a probability.
+    """Return the best candidate of a choice whose requirements hold together with a target probability.
 
     Returns:
-        None where none was found.
+        the result, or None if no such candidate was found.
     """
     problem, optimum = result.problem, result.optimum
     if optimum is None or result.optimum is None:
@@ -125,7 +125,7 @@ def meet_probability(result: ChoiceResult, draws: BuildDraws, target: float) -> 
             if joint_probability >= target:
                 break
             if round_number >= TRACKING_ROUNDS:
-                # What the shift of the draws with the candidate takes for good, by a draw's worth.
+                # The decrease of margins depends on the candidate: raise the target by one draw.
                 search_target = min(search_target + 1 / draws.count, 1 - 1 / draws.count)
         y = problem.compute_outputs(z)
         own_margins = np.array(
@@ -143,17 +143,17 @@ def meet_probability(result: ChoiceResult, draws: BuildDraws, target: float) -> 
 
 
 def _search_feasible(problem: SizingProblem, starts: tuple[np.ndarray, ...]) -> SearchResult | None:
-    """The first search that keeps everything."""
+    """Return the first feasible optimum over several starts, or None."""
     for start in starts:
-        for begin in (start, minimise_violation(problem, start)[0]):
-            optimum = search_optimum(problem, begin)
+        for initial in (start, minimise_violation(problem, start)[0]):
+            optimum = search_optimum(problem, initial)
             if optimum.is_feasible:
                 return optimum
     return None
 
 
 def _compute_back_off(shifts: np.ndarray, own_margins: np.ndarray, target: float) -> np.ndarray:
-    """(requirements,) margin to keep back, at the loosest common level that holds them together."""
+    """Return the back-off, (requirements,), at the largest common level that reaches the target."""
     low, high = 0.0, 1 - target
     for _ in range(30):
         level = 0.5 * (low + high)

@@ -1,4 +1,4 @@
-"""Every choice of the catalogue: all looked at in one batched program, the promising ones searched."""
+"""Search over all choices of the catalogue: screening in one batched program, then local optimisation."""
 
 from __future__ import annotations
 
@@ -14,32 +14,32 @@ from pamjax.sizing.candidate import evaluate_many, locate_output
 from pamjax.sizing.optimise import SearchResult, minimise_violation, search_optimum
 from pamjax.sizing.problem import OBJECTIVE_OUTPUTS, SizingProblem
 
-#: Candidates by which each choice is looked at first; a power of two.
+#: Number of candidates that screen each choice; a power of two.
 SCREENING_POINTS = 128
-#: Starts of a choice, of which the first that keeps everything ends its search.
+#: Largest number of first starts of a choice; the first feasible optimum ends them.
 FIRST_STARTS = 3
-#: Largest broken margin from which a search for the best is worth its while.
+#: Largest violation from which an optimisation of the objective is started.
 MAX_NEAR_VIOLATION = 1e-3
-#: Choices that are searched, the most promising first; what is left out is said.
+#: Largest number of optimised choices, by rank of the screening; the design reports the number of others.
 MAX_SEARCHED_CHOICES = 300
-#: Choices that are searched from many starts.
+#: Number of best choices that are optimised from many starts.
 FINAL_CHOICES = 3
-#: Where nothing fits: choices, the nearest first, that are searched again, and starts of each.
+#: If no choice is feasible: number of nearest choices that are searched again, and starts of each.
 INFEASIBLE_CHOICES, INFEASIBLE_STARTS = 8, 16
-#: How much a broken margin weighs against the objective when choices are ranked.
+#: Weight of the violation relative to ln(objective) in the ranking of choices.
 VIOLATION_WEIGHT = 10.0
 
 
 @dataclass(frozen=True, eq=False)
 class ChoiceResult:
-    """A choice, and the best that was found of it.
+    """The result of the search of one choice.
 
     Attributes:
-        problem: of the choice.
-        optimum: the best that keeps every requirement; None where none was found.
-        start: (free,) scaled, the most promising candidate of the first look.
-        violation: least largest broken margin that was seen.
-        agreeing_count, start_count: how many searches ended at the best, and how many there were.
+        problem: optimisation problem of the choice.
+        optimum: best feasible optimum; None if none was found.
+        start: (free,) scaled coordinates of the best candidate: the optimum, or the smallest violation.
+        violation: smallest largest violation over the searches.
+        agreeing_count, start_count: number of searches that ended at the optimum, and number of starts.
     """
 
     problem: SizingProblem
@@ -51,9 +51,7 @@ class ChoiceResult:
 
 
 def screen_choices(problems: Sequence[SizingProblem], seed: int) -> list[np.ndarray]:
-    """The most promising starts of each choice, (SCREENING_POINTS, free) best first, by one batched
-    program.
-    """
+    """Return the starts of each choice, (SCREENING_POINTS, free), the best first; one batched evaluation."""
     points = qmc.Sobol(5, rng=np.random.default_rng(seed)).random(SCREENING_POINTS)
     c = np.concatenate([p.low + points * (p.start_high - p.low) for p in problems])
     build = jax.tree.map(
@@ -85,16 +83,17 @@ def search_choices(
     method: str = "slsqp",
     progress: Progress = ignore_progress,
 ) -> tuple[list[ChoiceResult], int]:
-    """Search the choices.
+    """Return the optimised choices, and the number of choices that were only screened.
 
     Args:
         problems: one for each choice.
-        starts: of each of the best few choices.
-        seed: of the first look.
-        method: one of `optimise.METHODS`, for the last searches.
+        starts: number of starts of each of the best choices.
+        seed: seed of the screening.
+        method: one of `optimise.METHODS`, for the final searches.
+        progress: receives the current step and the completed fraction.
 
     Returns:
-        what was tried, the best first, and how many choices were looked at but not searched.
+        the results, the best first, and the number of choices that were screened but not optimised.
     """
     starts_by_choice = screen_choices(problems, seed)
     order = sorted(
@@ -112,7 +111,7 @@ def search_choices(
         id(problem): choice_starts for problem, choice_starts in zip(problems, starts_by_choice, strict=True)
     }
     if results[0].optimum is None:
-        # The way to what nearly fits is long, and most searches get stuck on it.
+        # Most searches for the smallest violation end at a local minimum: more starts are needed.
         nearest = results[:INFEASIBLE_CHOICES]
         results[:INFEASIBLE_CHOICES] = [
             _search_choice(
@@ -144,17 +143,17 @@ def _rank_result(result: ChoiceResult) -> tuple[int, float]:
 def _search_choice(
     problem: SizingProblem, starts: np.ndarray, method: str = "slsqp", stop_after: int = 1000
 ) -> ChoiceResult:
-    """The best of several searches of one choice; where none keeps everything, what is least broken.
+    """Return the best of several searches of one choice; without a feasible one, the smallest violation.
 
     Args:
-        stop_after: answers after which no further start is tried.
+        stop_after: number of feasible optima after which the search ends.
     """
     best: SearchResult | None = None
     objectives: list[float] = []
     least_violation, best_start = np.inf, starts[0]
     for start in starts:
         if float(np.min(problem.evaluate(start)[2])) < 0:
-            # From where something is broken a search for the best runs off to the smallest muscle there is.
+            # From an infeasible start, minimising the objective would run off to the smallest muscle.
             start, violation, _ = minimise_violation(problem, start)
             if violation < least_violation:
                 least_violation, best_start = violation, start

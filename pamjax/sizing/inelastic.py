@@ -1,7 +1,7 @@
-"""What the inelastic assumption would have cost: size with threads that do not stretch, build with real ones.
+"""Errors of the inelastic assumption: a muscle sized with inelastic threads, evaluated with elastic ones.
 
-The same spec, the same search, the same thread: once with a compliance of zero. What that muscle then lacks,
-with threads that stretch, is force (it is missing where it is wanted) and room (it grows wider than drawn).
+Spec, search and thread are the same; the sizing sets the compliance of the threads to zero. With elastic
+threads, this muscle has less force than required and a larger diameter than computed.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from pamjax.sizing.problem import OBJECTIVE_OUTPUTS, Choice, build_problem
 from pamjax.sizing.requirements import SizingTask
 from pamjax.sizing.spec import Spec
 
-#: The threads that are always shown.
+#: Threads for which the errors are reported.
 COMPARED_THREADS = ("aramid", "pet", "nylon")
 
 
 @dataclass(frozen=True)
 class InelasticCost:
-    """What the inelastic assumption costs with one kind of thread.
+    """Errors of the inelastic assumption with one kind of thread.
 
     Attributes:
-        thread: its name.
-        choice: what was chosen with inelastic threads, None where the spec cannot be met with it.
-        shortfall: force that is missing, N, where the most of what is wanted is missing; share alike.
-        place: where that is.
-        overrun: by how much it is wider than drawn, m; share alike.
-        strain: largest of the threads.
-        inelastic, elastic: the objective as sized with inelastic and with elastic threads, SI; elastic is
-            None where the spec cannot be met with threads that stretch.
+        thread: name of the thread.
+        choice: choice with inelastic threads, None if the spec is infeasible.
+        shortfall: largest missing force, N; share: the same relative to the required force.
+        place: operating point of the largest missing force, as text.
+        overrun: excess of the diameter, m; wider: the same relative to the computed diameter.
+        strain: largest strain of the threads.
+        inelastic, elastic: objective with inelastic and with elastic threads, SI; elastic is None if the spec
+            is infeasible with elastic threads.
     """
 
     thread: str
@@ -52,7 +52,7 @@ class InelasticCost:
 def compute_inelastic_costs(
     spec: Spec, task: SizingTask, transfer: CalibrationTransfer, choice: Choice, seed: int
 ) -> list[InelasticCost]:
-    """The cost for aramid, polyester and nylon, on the bladder and the number of muscles that were chosen."""
+    """Return the errors for aramid, polyester and nylon, with the chosen bladder and number of muscles."""
     return [_compute_cost(spec, task, transfer, choice, name, seed) for name in COMPARED_THREADS]
 
 
@@ -76,17 +76,19 @@ def _compute_cost(
     if best is None or best.optimum is None:
         return InelasticCost(name, None)
     elastic_best = _find_best(elastic_problems, seed)
-    z, drawn_outputs = best.optimum.z, best.problem.compute_outputs(best.optimum.z)
-    built_outputs = best.problem.copy_with(build=best.problem.build._replace(elastic=1.0)).compute_outputs(z)
+    z, inelastic_outputs = best.optimum.z, best.problem.compute_outputs(best.optimum.z)
+    elastic_outputs = best.problem.copy_with(build=best.problem.build._replace(elastic=1.0)).compute_outputs(
+        z
+    )
     objective_index = locate_output(OBJECTIVE_OUTPUTS[spec.entries.minimise])
     shortfalls = np.array(
-        [task.loads[k] - built_outputs[locate_output("force", k)] for k in range(task.point_count)]
+        [task.loads[k] - elastic_outputs[locate_output("force", k)] for k in range(task.point_count)]
     )
     force_scale = np.where(task.loads > 0, task.loads, np.nanmax(np.abs(task.loads)) or 1.0)
     worst = int(np.nanargmax(shortfalls / force_scale)) if np.isfinite(shortfalls).any() else 0
     widest = locate_output("widest")
     build = best.problem.build
-    strains = built_outputs[[locate_output("tension", k) for k in range(task.point_count)]] / (
+    strains = elastic_outputs[[locate_output("tension", k) for k in range(task.point_count)]] / (
         build.thread_area * build.modulus
     )
     return InelasticCost(
@@ -95,10 +97,10 @@ def _compute_cost(
         shortfall=max(0.0, float(shortfalls[worst])),
         share=max(0.0, float(shortfalls[worst] / force_scale[worst])),
         place=task.labels[worst],
-        overrun=float(built_outputs[widest] - drawn_outputs[widest]),
-        wider=float(built_outputs[widest] / drawn_outputs[widest] - 1),
+        overrun=float(elastic_outputs[widest] - inelastic_outputs[widest]),
+        wider=float(elastic_outputs[widest] / inelastic_outputs[widest] - 1),
         strain=float(np.max(strains)),
-        inelastic=float(drawn_outputs[objective_index]),
+        inelastic=float(inelastic_outputs[objective_index]),
         elastic=float(np.exp(elastic_best.optimum.log_objective))
         if elastic_best is not None and elastic_best.optimum is not None
         else None,

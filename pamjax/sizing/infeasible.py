@@ -1,8 +1,9 @@
-"""A spec that no muscle meets: what binds, and by how much each requirement alone would have to give.
+"""Analysis of an infeasible spec: the conflicting requirements, and the necessary relaxation of each.
 
-What binds: the requirements whose multipliers are not zero where the largest broken margin is least. How
-much: for each of them the least by which it alone must be relaxed, all others kept, over the choices that
-come nearest; where one alone is not enough, how far the nearest muscle is from it.
+The nearest muscle has the smallest largest violation. The requirements with a multiplier above zero at this
+muscle are in conflict. For each of them, the smallest sufficient relaxation is computed over the nearest
+choices; all other requirements are kept. If no relaxation of one requirement is sufficient, the shortfall
+of the nearest muscle is reported.
 """
 
 from __future__ import annotations
@@ -20,24 +21,24 @@ from pamjax.sizing.problem import SizingProblem
 from pamjax.sizing.requirements import Requirement
 from pamjax.units import compute_si_factor
 
-#: Choices, the nearest first, over which the least is sought.
+#: Number of nearest choices over which the smallest relaxation is computed.
 NEAREST_CHOICES = 8
-#: Margin by which others may be broken while one is relaxed.
+#: Permitted violation of the other requirements while one is relaxed.
 MAX_OTHER_VIOLATION = 1e-4
-#: Share of the conflict below which a requirement is no part of it.
+#: Share of the conflict below which a requirement is not reported.
 MIN_CONFLICT_SHARE = 1e-3
 
 
 @dataclass(frozen=True)
 class Relaxation:
-    """What one requirement would have to give.
+    """The relaxation of one requirement that makes the spec feasible.
 
     Attributes:
-        requirement: which.
-        conflict_share: its share of the conflict.
-        relaxed_bound: what would be met instead of its bound, SI; None where it alone does not do.
-        contraction: alike as a contraction, for a free contraction.
-        shortfall: what the nearest muscle has of it, and by how much that is off; "" where it alone does.
+        requirement: the requirement.
+        conflict_share: its share of the conflict, from the multipliers; all shares sum to 1.
+        relaxed_bound: the feasible bound, SI; None if relaxing this requirement alone is not sufficient.
+        contraction: the feasible contraction, for a free contraction.
+        shortfall: value of the nearest muscle, and its difference from the bound; "" with a relaxed bound.
     """
 
     requirement: Requirement
@@ -48,37 +49,38 @@ class Relaxation:
 
     @property
     def description(self) -> str:
-        """In words."""
+        """Return the requirement and its relaxation as text."""
         requirement = self.requirement
         if self.relaxed_bound is None:
             return f"{requirement.description}: the nearest muscle has {self.shortfall}"
         if self.contraction is not None:
-            return f"{requirement.description}: about {100 * self.contraction:.3g} % would do"
+            return f"{requirement.description}: relax to about {100 * self.contraction:.3g} %"
         if requirement.is_safety_factor:
-            return f"{requirement.description}: {1 / self.relaxed_bound:.3g} times would do"
+            return f"{requirement.description}: relax to a factor of {1 / self.relaxed_bound:.3g}"
         if len(requirement.bounds) > 1 and requirement.key == "stroke":
             return (
-                f"{requirement.description}: {100 * self.relaxed_bound / requirement.bounds[-1]:.3g} %"
-                f" of the load would do"
+                f"{requirement.description}: relax to"
+                f" {100 * self.relaxed_bound / requirement.bounds[-1]:.3g} % of the load"
             )
-        return f"{requirement.description}: {format_amount(self.relaxed_bound, requirement.unit)} would do"
+        return f"{requirement.description}: relax to {format_amount(self.relaxed_bound, requirement.unit)}"
 
 
 def format_shortfall(requirement: Requirement, y: np.ndarray) -> str:
-    """What a muscle with these outputs has of a requirement that it misses, and by how much, with units."""
+    """Return the value of a violated requirement and its difference from the bound, with units."""
     worst = int(np.argmin(requirement.compute_margins(y)))
     reached, bound = float(y[requirement.rows[worst]]), requirement.bounds[worst]
     if requirement.is_safety_factor:
-        return f"{format_amount(1 / reached, '1')} times, {format_amount(1 / bound - 1 / reached, '1')} short"
+        difference = f"{format_amount(1 / bound - 1 / reached, '1')} too low"
+        return f"a factor of {format_amount(1 / reached, '1')}, {difference}"
     difference = (
         f"{format_amount(abs(reached - bound), requirement.unit)}"
-        f" {'short' if requirement.sense > 0 else 'too much'}"
+        f" {'too low' if requirement.sense > 0 else 'too high'}"
     )
     return f"{format_amount(reached + requirement.fitting_length, requirement.unit)}, {difference}"
 
 
 def format_amount(amount: float, unit: str) -> str:
-    """An SI amount to three digits, without a power of ten.
+    """Return an SI amount with its unit to three digits, without a power of ten.
 
     >>> format_amount(1897.3, "N")
     '1900 N'
@@ -88,15 +90,17 @@ def format_amount(amount: float, unit: str) -> str:
 
 
 def find_conflict(results: Sequence[ChoiceResult]) -> tuple[ChoiceResult, list[Relaxation]]:
-    """The choice that comes nearest, and what would have to give.
+    """Return the nearest choice, and the relaxation of each conflicting requirement.
 
     Args:
-        results: choices of which none keeps everything.
+        results: choices, none of which is feasible.
     """
-    nearest_results = sorted(results, key=lambda requirement: requirement.violation)[:NEAREST_CHOICES]
+    nearest_results = sorted(results, key=lambda result: result.violation)[:NEAREST_CHOICES]
     problem = nearest_results[0].problem
-    z, _, sizes = minimise_violation(problem, nearest_results[0].start)
-    conflict_shares = [float(sizes[problem.owner == k].sum()) for k in range(len(problem.task.requirements))]
+    z, _, multipliers = minimise_violation(problem, nearest_results[0].start)
+    conflict_shares = [
+        float(multipliers[problem.owner == k].sum()) for k in range(len(problem.task.requirements))
+    ]
     relaxations = []
     for k, requirement in enumerate(problem.task.requirements):
         if conflict_shares[k] < MIN_CONFLICT_SHARE:
@@ -107,14 +111,15 @@ def find_conflict(results: Sequence[ChoiceResult]) -> tuple[ChoiceResult, list[R
         relaxations.append(_build_relaxation(problem, z, requirement, conflict_shares[k], least_relaxation))
     nearest = ChoiceResult(problem, None, z, nearest_results[0].violation)
     return nearest, sorted(
-        relaxations, key=lambda requirement: (requirement.relaxed_bound is None, -requirement.conflict_share)
+        relaxations, key=lambda relaxation: (relaxation.relaxed_bound is None, -relaxation.conflict_share)
     )
 
 
 def _relax_alone(problem: SizingProblem, start: np.ndarray, k: int) -> float:
-    """The least relaxation of requirement k that keeps all others; infinite where it does not do.
+    """Return the smallest sufficient relaxation of requirement k; infinite if none is sufficient.
 
-    The search is local: from what nearly fits, and, where that fails, from what is usual.
+    All other requirements are kept. The search is local. It starts from the nearest candidate and, if that
+    fails, from typical dimensions.
     """
     weights = (problem.owner == k).astype(float)
     for trial_start in (start, problem.to_scaled(problem.start_high), np.full(start.size, 0.5)):
@@ -138,7 +143,7 @@ def _build_relaxation(
     bound = requirement.bounds[-1]
     if bound > 0:
         share = math.exp(-requirement.sense * violation)
-        # Below a tenth the logarithm goes on as its tangent.
+        # Below a tenth of the bound the margin is linear, see `requirements.compute_margin`.
         share = (
             0.1 * (1 - (violation - math.log(10)))
             if requirement.sense > 0 and violation > math.log(10)
@@ -154,7 +159,7 @@ def _build_relaxation(
 def _estimate_contraction(
     problem: SizingProblem, z: np.ndarray, requirement: Requirement, shortfall: float
 ) -> float:
-    """The free contraction at which the force would not lack, by the slope of force in contraction."""
+    """Return the contraction at which the force suffices, by linear extrapolation of the force."""
     point = requirement.rows[0] - POINT_OUTPUTS.index("force") * POINT_COUNT
     points = problem.task.points
     lowered = np.array(points.contraction, float)

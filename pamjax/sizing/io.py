@@ -1,4 +1,4 @@
-"""A design on disk: design.json for programs, and the chosen muscle as `pamjax simulate` takes it."""
+"""Files of a design: design.json for programs, and the chosen muscle as input of `pamjax simulate`."""
 
 from __future__ import annotations
 
@@ -21,10 +21,12 @@ from pamjax.sizing.result import Design
 from pamjax.units import compute_si_factor
 
 DESIGN_SCHEMA = "pamjax.design/1"
+#: Start of the text on manufacturing tolerances in a receipt.
+TOLERANCE_LABEL = "manufacturing tolerances: "
 
 
 def build_design_document(design: Design) -> dict[str, Any]:
-    """The design as plain numbers, SI unless a unit stands beside them."""
+    """Return the design as a JSON document, SI unless a unit is given."""
     entries, choice = design.spec.entries, design.choice
     unit = OBJECTIVE_UNITS[entries.minimise]
     return {
@@ -142,19 +144,19 @@ def _describe_front(design: Design) -> dict[str, Any] | None:
 
 
 def build_receipt(design: Design) -> dict[str, list[str]]:
-    """What the decision stands on: assumed, calibrated, not known, sensitive to."""
+    """Return the basis of the design as texts: assumptions, calibration, uncertainties and sensitivities."""
     choice, entries = design.choice, design.spec.entries
     assumed = [requirement.description for requirement in design.task.requirements if not requirement.stated]
     assumed += [
         f"{choice.thread.name}: {choice.thread.about}, sources {choice.thread.source}",
         f"{choice.bladder.name}: {choice.bladder.about}, sources {choice.bladder.source}",
-        "the bladder lies on the braid at rest and is as long as the muscle",
-        "outside diameter: that of the threads' middle and two thread diameters more",
-        "fittings weigh and cost nothing; air is that of one stroke, isothermal",
-        "no creep, no fatigue, no temperature; everything at rest or lifting slowly",
+        "the bladder touches the braid at rest length and has the length of the muscle",
+        "outer diameter: diameter of the braid plus two thread diameters",
+        "fittings have no mass and no price; air is for one isothermal stroke",
+        "no creep, fatigue or temperature effects; the muscle is at rest or contracts slowly",
     ]
     calibrated = list(design.transfer.sources) or [
-        "nothing: every property is a typical value with its range"
+        "nothing: all properties are typical values with their ranges"
     ]
     uncertain = [f"thread strength {_format_range(choice.thread.strength, 'GPa')}"]
     if design.transfer.thread_modulus is None or design.transfer.thread != choice.thread.name:
@@ -164,34 +166,36 @@ def build_receipt(design: Design) -> dict[str, list[str]]:
     tolerances = [
         name for name in ("rest_length", "thread_length", "turns", "wall") if getattr(entries.tolerance, name)
     ]
-    uncertain.append("how exactly it is built: " + (", ".join(tolerances) or "taken as exact"))
+    uncertain.append(TOLERANCE_LABEL + (", ".join(tolerances) or "none stated, assumed exact"))
     sensitive = [
-        f"{price.requirement.description}: {price.percent_saved:.3g} % of {entries.minimise} for 1 %"
+        f"{price.requirement.description}: 1 % relaxation reduces {entries.minimise}"
+        f" by {price.percent_saved:.3g} %"
         for price in design.prices
     ]
     sensitive += [
-        f"{name}: {share:+.3g} % for 1 % more"
+        f"{name}: 1 % increase changes {entries.minimise} by {share:+.3g} %"
         for name, share in design.property_sensitivities.items()
         if abs(share) > 1e-3
     ]
     sensitive += list(design.active_limits)
-    searched = [f"{len(design.results)} choices searched, {design.unsearched_count} more only looked at"]
-    searched.append("a local search from many starts proves no global optimum")
+    searched = [f"{len(design.results)} choices optimised, {design.unsearched_count} more only screened"]
+    searched.append("local searches from several starts do not prove a global optimum")
     return {"assumed": assumed, "calibrated": calibrated, "not known": uncertain, "sensitive to": sensitive,
             "searched": searched}  # fmt: skip
 
 
 def _format_range(known_range, unit: str) -> str:
     low, high = known_range.low / compute_si_factor(unit), known_range.high / compute_si_factor(unit)
-    return f"{low:.3g} to {high:.3g} {unit}" if high > low else f"{low:.3g} {unit}, taken as known"
+    return f"{low:.3g} to {high:.3g} {unit}" if high > low else f"{low:.3g} {unit}, assumed exact"
 
 
 def format_muscle_toml(design: Design) -> str:
-    """The chosen muscle, one of those in parallel, as a muscle.toml."""
+    """Return the muscle.toml of the chosen muscle (one of those in parallel)."""
     n, build = design.numbers, design.problem.build
     return f"""\
-# Designed, not measured: chosen by pamjax {version("pamjax")} for "{design.spec.name}".
-# One of {design.choice.parallel} in parallel. Rubber acts only through model.json beside this folder.
+# Designed by pamjax {version("pamjax")} for "{design.spec.name}", not measured.
+# Number of these muscles in parallel: {design.choice.parallel}.
+# The rubber is included only in model.json in the parent folder.
 
 [muscle]
 name = {json.dumps(design.spec.name)}
@@ -215,7 +219,7 @@ model = "elastic"
 
 
 def build_model_document(design: Design) -> dict[str, Any]:
-    """The chosen muscle with its rubber and all that was handed on, in the schema of fit.json."""
+    """Return the chosen muscle with rubber and transferred mechanisms, in the schema of fit.json."""
     bench = design.bench
     ids = [
         mechanism.id
@@ -241,7 +245,7 @@ def build_model_document(design: Design) -> dict[str, Any]:
         "cases": {
             "designed": {
                 "checksum": "designed, not measured",
-                # For no more than the supply is it sized.
+                # The design is valid up to the supply pressure.
                 "calibrated": {"pressure": {"low": 0.0, "high": design.spec.supply}},
                 "muscle": {"law": "elastic", "mechanisms": ids, "numbers": numbers},
                 "muscle_toml": format_muscle_toml(design),
@@ -251,19 +255,19 @@ def build_model_document(design: Design) -> dict[str, Any]:
 
 
 def save_design(design: Design, folder: Path) -> list[Path]:
-    """Write design.json, model.json and muscle/muscle.toml, all or none; the last two only of an answer.
+    """Write design.json and, if the spec is feasible, model.json and muscle/muscle.toml, all or none.
 
     Returns:
-        the files written.
+        the written files.
     """
     folder.mkdir(parents=True, exist_ok=True)
     names = ["design.json"]
-    with write_folder_atomically(folder) as beside:
-        _write_json(beside / "design.json", build_design_document(design))
+    with write_folder_atomically(folder) as new_folder:
+        _write_json(new_folder / "design.json", build_design_document(design))
         if design.feasible:
-            _write_json(beside / "model.json", build_model_document(design))
-            (beside / "muscle").mkdir()
-            (beside / "muscle" / MUSCLE_FILE).write_text(format_muscle_toml(design), encoding="utf-8")
+            _write_json(new_folder / "model.json", build_model_document(design))
+            (new_folder / "muscle").mkdir()
+            (new_folder / "muscle" / MUSCLE_FILE).write_text(format_muscle_toml(design), encoding="utf-8")
             names += ["model.json", f"muscle/{MUSCLE_FILE}"]
     return [folder / name for name in names]
 

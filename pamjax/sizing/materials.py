@@ -1,4 +1,4 @@
-"""What a muscle can be made of: threads and bladders, shipped with their ranges or stated in a spec."""
+"""Materials of a muscle: threads and bladders, from the supplied tables with their ranges, or from a spec."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import Any
 from pamjax.errors import refuse, suggest_word
 from pamjax.records.shipped_tables import convert_to_si, read_shipped
 
-#: Cross-sections in which threads are taken to be sold, m, within a material's own range: a judgement.
+#: Assumed diameters of commercial threads, m; each material uses those within its own range.
 STOCK_DIAMETERS = (0.05e-3, 0.1e-3, 0.15e-3, 0.2e-3, 0.3e-3, 0.4e-3, 0.5e-3, 0.7e-3, 1.0e-3)
 
 
 @dataclass(frozen=True)
 class PropertyRange:
-    """A property: what is typical, and the range that its sources span, SI."""
+    """A property, SI: its typical value, and the lowest and highest value of its sources."""
 
     value: float
     low: float
@@ -28,13 +28,13 @@ class ThreadKind:
     """A kind of thread, SI.
 
     Attributes:
-        name, about: how it is called, and what it is.
-        modulus, strength: Pa, on the solid cross-section.
+        name, about: name and description.
+        modulus, strength: Pa, of the solid cross-section.
         density: kg/m³.
-        fill: solid share of the round cross-section.
-        diameters: m, in which it is to be had.
-        price: of a kilogram, in any currency; None where unknown.
-        source: keys of the table's sources, or "stated".
+        fill: solid fraction of the round cross-section.
+        diameters: available diameters, m.
+        price: per kilogram, in any currency; None if unknown.
+        source: keys of the sources in the table, or "stated" for a value of the spec.
     """
 
     name: str
@@ -48,7 +48,7 @@ class ThreadKind:
     source: str = "stated"
 
     def area(self, diameter: float) -> float:
-        """Solid cross-section of one thread, m²."""
+        """Return the solid cross-section of one thread, m²."""
         return self.fill * math.pi * diameter**2 / 4
 
 
@@ -57,14 +57,14 @@ class BladderKind:
     """A kind of rubber, SI.
 
     Attributes:
-        name, about: how it is called, and what it is.
+        name, about: name and description.
         modulus: shear modulus at small strain, Pa.
-        mooney: share of the second invariant.
+        mooney: fraction of the second invariant in the Mooney-Rivlin energy.
         density: kg/m³.
-        elongation: at break, 1.
-        walls: thinnest and thickest wall to be had, m.
-        price: of a kilogram, in any currency; None where unknown.
-        source: keys of the table's sources, or "stated".
+        elongation: elongation at break, 1.
+        walls: thinnest and thickest available wall, m.
+        price: per kilogram, in any currency; None if unknown.
+        source: keys of the sources in the table, or "stated" for a value of the spec.
     """
 
     name: str
@@ -80,7 +80,7 @@ class BladderKind:
 
 @cache
 def list_threads() -> dict[str, ThreadKind]:
-    """The shipped kinds of thread, by name.
+    """Return the supplied kinds of thread by name.
 
     >>> print(f"{list_threads()['nylon'].modulus.value / 1e9:.1f} GPa")
     4.6 GPa
@@ -90,18 +90,18 @@ def list_threads() -> dict[str, ThreadKind]:
 
 @cache
 def list_bladders() -> dict[str, BladderKind]:
-    """The shipped kinds of rubber, by name."""
+    """Return the supplied kinds of rubber by name."""
     return {row["name"]: _read_bladder(row) for row in _read_rows("materials/bladders")}
 
 
 def find_material(name: str, kinds: dict[str, Any], noun: str, where: str) -> Any:
-    """The kind of a name, from a spec's own and the shipped ones.
+    """Return the material with a name, from those of the spec and the supplied ones.
 
     Raises:
-        BadInput: if there is none.
+        BadInput: if the name is unknown.
     """
     if name not in kinds:
-        raise refuse(f"{name!r} is no {noun} pamjax knows", where=where, remedy=suggest_word(name, kinds))
+        raise refuse(f"unknown {noun} {name!r}", where=where, remedy=suggest_word(name, kinds))
     return kinds[name]
 
 

@@ -1,11 +1,11 @@
-"""The constrained search: SciPy's SLSQP or trust-constr on exact slopes, and what its multipliers mean.
+"""Constrained optimisation by SciPy's SLSQP or trust-constr with exact derivatives, and its multipliers.
 
     minimise f(z) subject to m_j(z) >= 0, 0 <= z <= 1          f = ln(objective), m the scaled margins
-    ∇f = Σ λ_j ∇m_j + limits,   λ_j >= 0                       where it is stationary
+    ∇f = Σ λ_j ∇m_j + bounds,   λ_j >= 0                       at a stationary point
 
-λ is found again from the slopes at the answer, by non-negative least squares on what binds: whatever the
-solver did on its way, the residual of this equation says whether the answer is one. Where a spec cannot be
-met, the largest broken margin is made small instead (elastic mode).
+λ is computed from the slopes at the result by non-negative least squares over the active constraints. The
+residual of this equation tests the optimality of the result, independently of the solver. For an infeasible
+spec, the largest violation is minimised instead (elastic mode).
 
 Source: Nocedal & Wright, Numerical Optimization, 2006, chs. 12, 18 and 19; SLSQP after Kraft, DFVLR-FB 88-28.
 """
@@ -20,26 +20,26 @@ from scipy.optimize import Bounds, NonlinearConstraint, minimize, nnls
 
 from pamjax.sizing.problem import SizingProblem
 
-#: Margin below zero that still counts as kept: a millionth of what is required.
+#: Permitted violation of a requirement: a millionth of its bound.
 MARGIN_TOLERANCE = 1e-6
-#: Margin below which a requirement binds.
+#: Margin below which a requirement is active.
 BINDING_MARGIN = 1e-5
-#: Steps of a search.
+#: Largest number of steps of a search.
 MAX_SEARCH_STEPS = 200
 METHODS = ("slsqp", "trust-constr")
 
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """Where a search ended.
+    """The result of a search.
 
     Attributes:
         z: (free,) scaled coordinates.
         log_objective: ln of the objective.
-        margins: (rows,) what is left.
-        multipliers: (rows,) λ, zero where nothing binds.
-        stationarity: largest residual of ∇f = Σ λ ∇m, over the size of ∇f.
-        step_count: of the solver.
+        margins: (rows,) margins of the requirements.
+        multipliers: (rows,) λ, zero for inactive requirements.
+        stationarity: norm of the residual of ∇f = Σ λ ∇m / norm of ∇f.
+        step_count: number of steps of the solver.
     """
 
     z: np.ndarray
@@ -51,12 +51,12 @@ class SearchResult:
 
     @property
     def is_feasible(self) -> bool:
-        """Whether every requirement is."""
+        """Return whether all requirements are met."""
         return bool(np.min(self.margins) >= -MARGIN_TOLERANCE)
 
 
 def search_optimum(problem: SizingProblem, start: np.ndarray, method: str = "slsqp") -> SearchResult:
-    """The best candidate that a search finds from a start, (free,) scaled."""
+    """Return the local optimum that a search reaches from a start, (free,) scaled."""
     if method == "trust-constr":
         z, steps = _run_trust_constr(problem, start)
     else:
@@ -73,7 +73,7 @@ def _run_slsqp(problem: SizingProblem, start: np.ndarray) -> tuple[np.ndarray, i
         "jac": lambda z: problem.evaluate(z)[3].copy(),
     }
     with warnings.catch_warnings(), np.errstate(all="ignore"):
-        # A line search that leaves the box is clipped by SciPy, with a warning.
+        # SciPy clips a line search that leaves the bounds, and warns.
         warnings.simplefilter("ignore")
         result = minimize(
             lambda z: problem.evaluate(z)[0],
@@ -93,7 +93,7 @@ def _run_trust_constr(problem: SizingProblem, start: np.ndarray) -> tuple[np.nda
         lambda z: problem.evaluate(z)[2].copy(),
         0.0,
         np.inf,
-        # SciPy's types know only its names for finite differences.
+        # The types of SciPy permit only the names of finite-difference methods.
         jac=lambda z: problem.evaluate(z)[3].copy(),  # pyright: ignore[reportArgumentType]
         hess=lambda z, weights: problem.compute_hessian(z, np.asarray(weights)),
     )
@@ -119,7 +119,7 @@ def estimate_multipliers(
     slopes: np.ndarray,
     binding_margin: float = BINDING_MARGIN,
 ) -> tuple[np.ndarray, float]:
-    """The multipliers of what binds, (rows,), and how far from stationary the rest is."""
+    """Return the multipliers, (rows,), and the relative norm of the residual of stationarity."""
     active = np.flatnonzero(margins < binding_margin)
     at_low, at_high = np.flatnonzero(z < 1e-9), np.flatnonzero(z > 1 - 1e-9)
     sides = np.eye(z.size)
@@ -135,13 +135,14 @@ def estimate_multipliers(
 def minimise_violation(
     problem: SizingProblem, start: np.ndarray, weights: np.ndarray | None = None
 ) -> tuple[np.ndarray, float, np.ndarray]:
-    """Make the largest broken margin small: minimise s subject to m_j + w_j s >= 0, s >= 0.
+    """Minimise the largest violation: minimise s subject to m_j + w_j s >= 0, s >= 0.
 
     Args:
-        weights: (rows,) w, one if left out; zero for a requirement that may not give.
+        weights: (rows,) w, by default one; zero for a requirement that must be met.
 
     Returns:
-        z (free,), s, and the multipliers (rows,), which say what binds; they sum to one where w is one.
+        z (free,), s, and the multipliers (rows,), positive for active requirements. They sum to one if all w
+        are one.
     """
     w = np.ones(problem.rows.size) if weights is None else weights
     z0 = np.clip(start, 0.0, 1.0)
@@ -171,7 +172,7 @@ def minimise_violation(
     z, violation = (z0, start_violation) if problem.is_unsolved(z) else (z, float(result.x[n]))
     margins_at_z = problem.evaluate(z)[2]
     if np.any(w > 0):
-        # What the answer itself needs, whatever the solver says of it.
+        # The violation at the result, instead of the value that the solver returns.
         violation = max(0.0, float(np.max(-margins_at_z[w > 0] / w[w > 0])))
     multipliers, _ = estimate_multipliers(
         np.append(z, 0.5),

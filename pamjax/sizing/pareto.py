@@ -1,4 +1,4 @@
-"""The front between two objectives: the best of one for each cap on the other, over the best choices."""
+"""Pareto front of two objectives by the ε-constraint method: one is minimised under a cap on the other."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from pamjax.sizing.enumerate import ChoiceResult
 from pamjax.sizing.optimise import search_optimum
 from pamjax.sizing.problem import OBJECTIVE_OUTPUTS, Choice, SizingProblem
 
-#: Points of a front, and choices that it is sought over.
+#: Number of points of a front, and number of choices in its search.
 FRONT_POINTS, FRONT_CHOICES = 9, 6
 
 
 @dataclass(frozen=True, eq=False)
 class ParetoFront:
-    """Points none of which is worse than another in both.
+    """Non-dominated points: no other point is better in both objectives.
 
     Attributes:
         first, second: names of the objectives.
-        values: (n, 2), SI, the first rising.
-        choices: of each point.
+        values: (n, 2), SI, sorted by the first objective.
+        choices: choice of each point.
     """
 
     first: str
@@ -33,17 +33,18 @@ class ParetoFront:
 
 
 def select_second_objective(objective: str, stated: str | None) -> str:
-    """The second objective: what the spec says, or mass, or diameter."""
+    """Return the second objective: that of the spec, else mass, else diameter."""
     if stated is not None and stated != objective:
         return stated
     return "mass" if objective != "mass" else "diameter"
 
 
 def compute_front(results: Sequence[ChoiceResult], second: str) -> ParetoFront:
-    """The front of the best choices.
+    """Return the Pareto front of the best choices.
 
     Args:
-        results: the best first; only those with an answer count.
+        results: the best first; infeasible choices are ignored.
+        second: name of the second objective.
     """
     first = results[0].problem.objective
     ends = [_find_ends(result, second) for result in results if result.optimum is not None]
@@ -60,20 +61,20 @@ def compute_front(results: Sequence[ChoiceResult], second: str) -> ParetoFront:
     start, stop = min(points, key=lambda p: p[0]), min(points, key=lambda p: p[1])
     points_on_front = [start, stop]
     if start[1] > stop[1] * (1 + 1e-6) and stop[1] > 0:
-        # The same caps for all choices: points of different caps would hide each other by chance.
+        # All choices have the same caps: with different ones, points would dominate each other by chance.
         for cap in np.geomspace(start[1], stop[1], FRONT_POINTS)[1:-1]:
             capped_points = [
-                build_point(*found_end)
+                build_point(*capped_optimum)
                 for choice_ends in ends
-                if (found_end := _search_under_cap(choice_ends, second, float(cap)))
+                if (capped_optimum := _search_under_cap(choice_ends, second, float(cap)))
             ]
             points_on_front += [min(capped_points, key=lambda p: p[0])] if capped_points else []
     return _select_nondominated(first, second, points_on_front)
 
 
 def _find_ends(result: ChoiceResult, second: str) -> list[tuple[SizingProblem, np.ndarray]]:
-    """A choice's least of the first objective, and of the second."""
-    # Not the answer of the search: what uncertainty takes may have been added since.
+    """Return the optima of one choice for the first and for the second objective."""
+    # Optimise again: the optimum of the result may include a back-off for uncertainty.
     optimum = search_optimum(result.problem, result.start)
     if not optimum.is_feasible:
         return []
@@ -86,14 +87,14 @@ def _find_ends(result: ChoiceResult, second: str) -> list[tuple[SizingProblem, n
 def _search_under_cap(
     ends: list[tuple[SizingProblem, np.ndarray]], second: str, cap: float
 ) -> tuple[SizingProblem, np.ndarray] | None:
-    """A choice's least of the first objective under a cap on the second; None where it is not found."""
+    """Return the optimum of the first objective with an upper bound on the second, or None if infeasible."""
     optima = [search_optimum(problem.copy_with(caps={second: cap}), z) for problem, z in ends]
     feasible = [optimum for optimum in optima if optimum.is_feasible]
     return (ends[0][0], min(feasible, key=lambda optimum: optimum.log_objective).z) if feasible else None
 
 
 def _select_nondominated(first: str, second: str, points: list[tuple[float, float, Choice]]) -> ParetoFront:
-    """Those that no other beats in both."""
+    """Return the points that no other point dominates."""
     nondominated: list[tuple[float, float, Choice]] = []
     for point in sorted(points, key=lambda p: (p[0], p[1])):
         if not nondominated or point[1] < nondominated[-1][1] * (1 - 1e-6):

@@ -1,4 +1,4 @@
-"""One choice of thread, count, bladder and parallel muscles, as a smooth problem in five numbers."""
+"""The smooth optimisation problem of one choice of materials and counts, in five coordinates."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ from pamjax.sizing.requirements import MIN_LOG_RATIO, SizingTask, compute_margin
 from pamjax.sizing.spec import PACKING_RATIOS, Spec
 from pamjax.units import format_quantity
 
-#: Most discrete choices that are enumerated.
+#: Largest number of discrete choices.
 MAX_CHOICES = 5000
-#: Braid angles at rest, rad, that are looked at unless the spec says otherwise: 50 to 84 degrees.
+#: Default range of the braid angle at rest, rad: 50 to 84 degrees.
 ANGLE_RANGE = (math.radians(50.0), math.radians(84.0))
-#: Largest share of its length by which a muscle could contract.
+#: Upper limit of the contraction of any muscle.
 MAX_SIZING_CONTRACTION = 0.5
-#: How far beyond a stated bound a search may go, so that an infeasible spec can be told by how much.
+#: Factor by which a search may exceed a stated bound, so that the violation of an infeasible spec is known.
 BOUND_EXTENSION = 4.0
-#: Margin to everything that is required of a candidate without a balance: as far off as can be.
+#: Margin of every requirement for a candidate without equilibrium.
 UNSOLVED_MARGIN = -1e3
-#: Smallest and largest muscles, m: length, diameter.
+#: Smallest and largest length and diameter of a muscle, m.
 LENGTH_RANGE, DIAMETER_RANGE = (5e-3, 5.0), (0.5e-3, 0.3)
 
-#: Unit in which a person reads an objective.
+#: Unit of each objective in reports.
 OBJECTIVE_UNITS = {"diameter": "mm", "mass": "g", "air": "L", "pressure": "kPa", "cost": "1", "length": "mm"}
 
-#: The output that each objective is; the diameter is that of all muscles together.
+#: Output of each objective; the diameter is that of all muscles together.
 OBJECTIVE_OUTPUTS = {"diameter": "bundle"} | {
     name: name for name in ("mass", "air", "pressure", "cost", "length")
 }
@@ -47,14 +47,14 @@ OBJECTIVE_OUTPUTS = {"diameter": "bundle"} | {
 
 @dataclass(frozen=True)
 class Choice:
-    """What is counted or picked, not varied smoothly.
+    """The discrete variables of a muscle.
 
     Attributes:
-        thread, bladder: of what.
-        threads: how many, both families together.
-        diameter: of one thread, m.
-        parallel: muscles side by side.
-        outer_diameter: standard diameter of the bladder, m; None where it is free.
+        thread, bladder: materials.
+        threads: number of threads, both families together.
+        diameter: diameter of one thread, m.
+        parallel: number of muscles in parallel.
+        outer_diameter: standard outer diameter of the bladder, m; None if it is a free coordinate.
     """
 
     thread: ThreadKind
@@ -65,7 +65,7 @@ class Choice:
     outer_diameter: float | None = None
 
     def make_build(self, transfer: CalibrationTransfer | None = None) -> MuscleBuild:
-        """What a candidate is made of, at the typical or the calibrated values."""
+        """Return the build of a candidate with typical or calibrated material properties."""
         modulus, shear, mooney = self.thread.modulus.value, self.bladder.modulus.value, self.bladder.mooney
         if transfer is not None:
             modulus = transfer.get_thread_modulus(self.thread)
@@ -88,16 +88,16 @@ class Choice:
         )
 
     def __str__(self) -> str:
-        thread = f"{self.threads} threads of {self.thread.name}, {format_quantity(self.diameter, 'mm')}"
-        muscle = f"{thread}, on {self.bladder.name}"
-        return muscle if self.parallel == 1 else f"{self.parallel} muscles of {muscle}"
+        thread = f"{self.threads} {self.thread.name} threads of {format_quantity(self.diameter, 'mm')}"
+        muscle = f"{thread}, {self.bladder.name} bladder"
+        return muscle if self.parallel == 1 else f"{self.parallel} muscles in parallel, each with {muscle}"
 
 
 def list_choices(spec: Spec) -> list[Choice]:
-    """Every choice that the catalogue allows.
+    """Return all choices of the catalogue.
 
     Raises:
-        BadInput: if there are too many to enumerate.
+        BadInput: if there are more than `MAX_CHOICES`.
     """
     outer_diameters = spec.entries.bladders.diameters or (None,)
     all_choices = [
@@ -109,13 +109,13 @@ def list_choices(spec: Spec) -> list[Choice]:
         )
     ]
     if len(all_choices) > MAX_CHOICES:
-        rule = f"a catalogue has at most {MAX_CHOICES} combinations"
-        raise refuse(rule, f"{len(all_choices)}", spec.file, "Name fewer kinds, counts or diameters.")
+        rule = f"a catalogue must have at most {MAX_CHOICES} combinations"
+        raise refuse(rule, f"{len(all_choices)}", spec.file, "List fewer kinds, counts or diameters.")
     return all_choices
 
 
 def compute_bounds(spec: Spec, task: SizingTask, choice: Choice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Lowest and highest coordinates of a search, and the highest of its starts, (5,) each."""
+    """Return the lowest and highest coordinates of a search, and the highest of its starts, (5,) each."""
     limits, envelope = spec.entries.limits, spec.entries.envelope
     max_shortening = float(np.max(task.points.shortening))
     shortest = max(LENGTH_RANGE[0], max_shortening / MAX_SIZING_CONTRACTION)
@@ -138,16 +138,16 @@ def compute_bounds(spec: Spec, task: SizingTask, choice: Choice) -> tuple[np.nda
 
 @dataclass(eq=False)
 class SizingProblem:
-    """Minimise ln(objective) under margins that must not be negative, in coordinates scaled to 0..1.
+    """Minimisation of ln(objective) with margins that must not be negative, in coordinates scaled to 0..1.
 
     Attributes:
-        task: places and requirements.
-        choice: the discrete part.
-        build, numbers, ids: what the candidates are made of.
-        low, high, start_high: (5,) coordinates.
+        task: operating points and requirements.
+        choice: the discrete variables.
+        build, numbers, ids: material properties, and the transferred mechanisms with their parameters.
+        low, high, start_high: (5,) bounds of the coordinates and of the starts.
         objective: key of `OBJECTIVE_OUTPUTS`.
-        back_off: margin that each requirement must keep, by key: what uncertainty takes.
-        caps: further outputs with an upper bound, by name.
+        back_off: smallest permitted margin of each requirement, by key, as an allowance for uncertainty.
+        caps: upper bounds of further objectives, by name.
     """
 
     task: SizingTask
@@ -187,22 +187,22 @@ class SizingProblem:
         self._cached: tuple[bytes, tuple] = (b"", ())
 
     def compute_margins(self, y: np.ndarray) -> np.ndarray:
-        """(..., rows) of outputs (..., m), less what is kept back."""
+        """Return the margins, (..., rows), of outputs (..., m), less the back-off."""
         return compute_margin(y[..., self.rows], self.bounds, self.sense, self.scale) - self.row_back_off
 
     def to_coordinates(self, z: np.ndarray) -> np.ndarray:
-        """(5,) from the (free,) scaled ones."""
+        """Return the coordinates, (5,), from the scaled free coordinates, (free,)."""
         c = self.low.copy()
         c[self.free_indices] += z * (self.high - self.low)[self.free_indices]
         return c
 
     def to_scaled(self, c: np.ndarray) -> np.ndarray:
-        """(free,) scaled, clipped to the box."""
+        """Return the scaled free coordinates, (free,), clipped to 0..1."""
         span = (self.high - self.low)[self.free_indices]
         return np.clip((c - self.low)[self.free_indices] / span, 0.0, 1.0)
 
     def evaluate(self, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-        """Objective and margins with their slopes: f, (free,), (rows,), (rows, free)."""
+        """Return f, its slope (free,), the margins (rows,) and their slopes (rows, free)."""
         key = z.tobytes()
         if key != self._cached[0]:
             y, slope = evaluate_candidate(
@@ -213,7 +213,7 @@ class SizingProblem:
                 np.all(np.isfinite(y)) and np.all(np.isfinite(slope))
             )
             if unsolved:
-                # What has no balance shows nothing: as far from every requirement as can be, and flat.
+                # A candidate without equilibrium violates every requirement, and has zero slopes.
                 y, slope = np.where(np.isfinite(y), y, 1e9), np.zeros_like(slope)
             objective_index = locate_output(OBJECTIVE_OUTPUTS[self.objective])
             objective = max(float(y[objective_index]), 1e-12)
@@ -225,36 +225,40 @@ class SizingProblem:
         return self._cached[1][:4]
 
     def is_unsolved(self, z: np.ndarray) -> bool:
-        """Whether the candidate has no balance somewhere."""
+        """Return whether the candidate lacks an equilibrium at some operating point."""
         return bool(np.min(self.evaluate(z)[2]) <= UNSOLVED_MARGIN)
 
     def compute_outputs(self, z: np.ndarray) -> np.ndarray:
-        """(m,) everything the candidate shows."""
+        """Return the outputs of the candidate, (m,), in the order of `candidate.compute_outputs`."""
         self.evaluate(z)
         return self._cached[1][4]
 
     def compute_hessian(self, z: np.ndarray, weights: np.ndarray, objective: float = 0.0) -> np.ndarray:
-        """Hessian of objective × f + weights · margins, (free, free), exact."""
+        """Return the exact Hessian of objective × f + weights · margins, (free, free)."""
         c, y = self.to_coordinates(z), self.compute_outputs(z)
         objective_index = locate_output(OBJECTIVE_OUTPUTS[self.objective])
-        by_row = np.zeros(y.size)
-        slant = self.sense * compute_margin_slope(y[self.rows], self.bounds, self.scale)
-        np.add.at(by_row, self.rows, weights * slant)
-        by_row[objective_index] += objective / y[objective_index]
-        whole = compute_hessian(c, by_row, self.build, self.numbers, self.task.points, self.ids)
+        output_weights = np.zeros(y.size)
+        margin_slope = self.sense * compute_margin_slope(y[self.rows], self.bounds, self.scale)
+        np.add.at(output_weights, self.rows, weights * margin_slope)
+        output_weights[objective_index] += objective / y[objective_index]
+        full_hessian = compute_hessian(
+            c, output_weights, self.build, self.numbers, self.task.points, self.ids
+        )
         span = (self.high - self.low)[self.free_indices]
-        hessian = whole[np.ix_(self.free_indices, self.free_indices)] * np.outer(span, span)
-        # ln y has −y'y'ᵀ/y² beside y''/y, in the objective and in every room that is a ratio.
+        hessian = full_hessian[np.ix_(self.free_indices, self.free_indices)] * np.outer(span, span)
+        # (ln y)'' = y''/y − y'y'ᵀ/y²: the second term, in the objective and in every logarithmic margin.
         _, slope, _, slopes = self.evaluate(z)
-        by_ratio = weights * self.sense * ((self.bounds > 0) & (y[self.rows] > MIN_LOG_RATIO * self.bounds))
-        return hessian - objective * np.outer(slope, slope) - (slopes.T * by_ratio) @ slopes
+        log_weights = (
+            weights * self.sense * ((self.bounds > 0) & (y[self.rows] > MIN_LOG_RATIO * self.bounds))
+        )
+        return hessian - objective * np.outer(slope, slope) - (slopes.T * log_weights) @ slopes
 
     def copy_with(self, **changes) -> SizingProblem:
-        """A copy with some attributes changed."""
+        """Return a copy with some attributes changed."""
         return replace(self, **changes)
 
     def name_coordinates(self, z: np.ndarray) -> dict[str, float]:
-        """The coordinates by name, SI."""
+        """Return the coordinates by name, SI."""
         c = self.to_coordinates(z)
         values = [c[1] if name == "braid_angle" else math.exp(c[k]) for k, name in enumerate(COORDINATES)]
         return dict(zip(COORDINATES, values, strict=True))
@@ -263,7 +267,7 @@ class SizingProblem:
 def build_problem(
     spec: Spec, task: SizingTask, choice: Choice, transfer: CalibrationTransfer
 ) -> SizingProblem:
-    """The problem of one choice."""
+    """Return the optimisation problem of one choice."""
     low, high, start_high = compute_bounds(spec, task, choice)
     build = choice.make_build(transfer)
     return SizingProblem(

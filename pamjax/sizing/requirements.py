@@ -1,4 +1,4 @@
-"""Requirements as rows: each an output of the candidate, a bound, and which side of it is right."""
+"""Requirements of a spec: outputs of a candidate with their bounds, each at least or at most."""
 
 from __future__ import annotations
 
@@ -11,20 +11,21 @@ from pamjax.sizing.candidate import POINT_COUNT, OperatingPoints, locate_output
 from pamjax.sizing.spec import STROKE_SHARES, Spec, format_force_place
 from pamjax.units import format_quantity
 
-#: Pull of pressure over the stiffness of the threads, at most: at 1 they stretch without end.
+#: Upper limit of hoop pull of pressure / stiffness of the threads. At 1 the threads stretch without limit.
 MAX_BURST_RATIO = 0.5
-#: Bore of the bladder over its outside, at least.
+#: Lower limit of the inner / outer diameter of the bladder.
 MIN_BORE_RATIO = 0.3
 
 
-#: Share of its bound below which the room to it is no longer a logarithm: a force may be negative.
+#: Output / bound below which the margin is linear instead of logarithmic: a force may be negative.
 MIN_LOG_RATIO = 0.1
 
 
 def compute_margin(y, bounds, sense, scale):
-    """Room between outputs and bounds: ±ln(y / bound), nearly linear in logarithmic coordinates.
+    """Return the margins of outputs to bounds: ±ln(y / bound), nearly linear in logarithmic coordinates.
 
-    Below a tenth of the bound the logarithm goes on as its tangent; for a bound of zero it is ±y / scale.
+    Below a tenth of the bound the logarithm is continued by its tangent. For a bound of zero the margin is
+    ±y / scale.
     """
     share = y / np.where(bounds > 0, bounds, 1.0)
     logarithm = np.log(np.maximum(share, MIN_LOG_RATIO)) + np.minimum(share / MIN_LOG_RATIO - 1, 0.0)
@@ -32,7 +33,7 @@ def compute_margin(y, bounds, sense, scale):
 
 
 def compute_margin_slope(y, bounds, scale):
-    """Slope of the room in the output, but for its sense."""
+    """Return the derivative of the margin with respect to the output, without the factor `sense`."""
     return np.where(
         bounds > 0, 1 / np.maximum(y, MIN_LOG_RATIO * np.where(bounds > 0, bounds, 1.0)), 1 / scale
     )
@@ -40,19 +41,19 @@ def compute_margin_slope(y, bounds, scale):
 
 @dataclass(frozen=True)
 class Requirement:
-    """What must hold, at one place or at several.
+    """A requirement at one operating point or at several.
 
     Attributes:
-        key: short, unique in a spec, as "force 1".
-        description: in words, as "pull 300 N at 10 %".
-        rows: outputs that it is about.
-        bounds: of each, SI.
-        sense: +1 where the output must be at least its bound, −1 where at most.
-        scale: SI; where the bound is zero a margin of one is this much room.
-        unit: in which a person reads it.
-        stated: whether the spec says so, or pamjax assumes it.
-        is_safety_factor: whether it is a safety factor: 1 / bound is what the spec states.
-        fitting_length: what the spec's bound holds besides the output, SI: the fittings.
+        key: short name, unique in a spec, as "force 1".
+        description: text, as "force at least 300 N at 10 % contraction".
+        rows: indices of the outputs.
+        bounds: bound of each output, SI.
+        sense: +1 if the output must be at least its bound, −1 if at most.
+        scale: SI; a distance of this size from a bound of zero is a margin of one.
+        unit: unit of reports.
+        stated: True if the spec states it, False if pamjax assumes it.
+        is_safety_factor: whether it is a safety factor; the spec then states 1 / bound.
+        fitting_length: length of both fittings, SI; the spec's bound includes it, the output does not.
     """
 
     key: str
@@ -67,24 +68,24 @@ class Requirement:
     fitting_length: float = 0.0
 
     def compute_margins(self, y: np.ndarray) -> np.ndarray:
-        """(rows,) or (k, rows): room to each bound, see `compute_margin`; negative where it is broken."""
+        """Return the margins, (rows,) or (k, rows); negative if violated, see `compute_margin`."""
         return compute_margin(y[..., list(self.rows)], np.array(self.bounds), self.sense, self.scale)
 
     def format_amount(self, amount: float) -> str:
-        """An amount of it, as a person reads it."""
+        """Return an amount in the unit of reports."""
         return format_quantity(amount, self.unit, 3)
 
 
 @dataclass(frozen=True)
 class SizingTask:
-    """Where a candidate is asked, and what is required of the answers.
+    """The operating points at which a candidate is evaluated, and the requirements on its outputs.
 
     Attributes:
-        points: of the outputs.
-        point_count: how many of them differ.
-        labels: of the used places.
-        loads: (used,) force wanted there, N; NaN where none is.
-        requirements: of all.
+        points: operating points, padded to `candidate.POINT_COUNT`.
+        point_count: number of operating points without padding.
+        labels: (point_count,) texts.
+        loads: (point_count,) required force, N; NaN if none is required.
+        requirements: all requirements.
     """
 
     points: OperatingPoints
@@ -94,7 +95,7 @@ class SizingTask:
     requirements: tuple[Requirement, ...]
 
     def find_requirement(self, key: str) -> Requirement | None:
-        """The requirement of a key, or None where the spec has no such."""
+        """Return the requirement with a key, or None if the spec has no such requirement."""
         return next((requirement for requirement in self.requirements if requirement.key == key), None)
 
 
@@ -108,29 +109,31 @@ class _Point:
 
 
 def build_task(spec: Spec) -> SizingTask:
-    """The places and the requirements of a spec."""
+    """Return the operating points and the requirements of a spec."""
     entries = spec.entries
-    points = [_Point("proof at rest", pressure=spec.supply)]
-    for pull in entries.force:
+    points = [_Point("at rest length and supply pressure", pressure=spec.supply)]
+    for demand in entries.force:
         point = _Point(
-            format_force_place(pull),
-            pull.contraction or 0.0,
-            pull.shortening or 0.0,
-            pull.pressure,
-            pull.at_least,
+            format_force_place(demand),
+            demand.contraction or 0.0,
+            demand.shortening or 0.0,
+            demand.pressure,
+            demand.at_least,
         )
         points.append(point)
     if entries.stroke:
         stroke, k = entries.stroke, entries.stroke.stiffness or 0.0
         for share in STROKE_SHARES:
             x = share * stroke.length
-            wanted_force = (stroke.load or 0.0) + k * x
+            required_force = (stroke.load or 0.0) + k * x
             points.append(
-                _Point(f"after {format_quantity(x, 'mm')} of the stroke", shortening=x, load=wanted_force)
+                _Point(f"after {format_quantity(x, 'mm')} of the stroke", shortening=x, load=required_force)
             )
     if entries.free_contraction is not None:
         free_contraction = entries.free_contraction
-        points.append(_Point(f"free at {100 * free_contraction:g} %", free_contraction, load=0.0))
+        points.append(
+            _Point(f"at {100 * free_contraction:g} % contraction without load", free_contraction, load=0.0)
+        )
     point_count = len(points)
     requirements = (
         *_require_forces(spec, points),
@@ -155,27 +158,27 @@ def build_task(spec: Spec) -> SizingTask:
 def _require_forces(spec: Spec, points: list[_Point]) -> list[Requirement]:
     entries = spec.entries
     positive_forces = [p.load for p in points if p.load > 0]
-    # A force of nothing needs a scale of its own: a thousandth of a square decimetre under full pressure.
+    # A required force of zero needs a scale: the supply pressure on an area of 1e-5 m².
     force_scale = max(positive_forces) if positive_forces else 1e-5 * spec.supply
     requirements = []
-    for k, pull in enumerate(entries.force, 1):
-        description = f"pull {format_quantity(pull.at_least, 'N')} {format_force_place(pull)}"
+    for k, demand in enumerate(entries.force, 1):
+        description = f"force at least {format_quantity(demand.at_least, 'N')} {format_force_place(demand)}"
         row = (locate_output("force", k),)
         requirements.append(
-            Requirement(f"force {k}", description, row, (pull.at_least,), 1, pull.at_least, "N")
+            Requirement(f"force {k}", description, row, (demand.at_least,), 1, demand.at_least, "N")
         )
     next_point = 1 + len(entries.force)
     if entries.stroke:
         rows = range(next_point, next_point + len(STROKE_SHARES))
         loads = tuple(points[k].load for k in rows)
-        description = f"move {_format_load(spec)} by {format_quantity(entries.stroke.length, 'mm')}"
+        description = f"stroke {format_quantity(entries.stroke.length, 'mm')} {_format_load(spec)}"
         all_rows = tuple(locate_output("force", k) for k in rows)
         requirements.append(
             Requirement("stroke", description, all_rows, loads, 1, max(*loads, 0.1 * force_scale), "N")
         )
         next_point += len(STROKE_SHARES)
     if entries.free_contraction is not None:
-        description = f"contract by {100 * entries.free_contraction:g} % without load"
+        description = f"free contraction at least {100 * entries.free_contraction:g} %"
         row = (locate_output("force", next_point),)
         requirements.append(Requirement("free contraction", description, row, (0.0,), 1, force_scale, "N"))
     return requirements
@@ -184,9 +187,9 @@ def _require_forces(spec: Spec, points: list[_Point]) -> list[Requirement]:
 def _format_load(spec: Spec) -> str:
     stroke = spec.entries.stroke
     assert stroke is not None
-    parts = [format_quantity(stroke.load, "N")] if stroke.load else []
-    parts += [f"a spring of {format_quantity(stroke.stiffness, 'N/mm')}"] if stroke.stiffness else []
-    return " and ".join(parts) or "nothing"
+    parts = [f"load {format_quantity(stroke.load, 'N')}"] if stroke.load else []
+    parts += [f"spring {format_quantity(stroke.stiffness, 'N/mm')}"] if stroke.stiffness else []
+    return f"with {' and '.join(parts)}" if parts else "without load"
 
 
 def _require_at_most(key: str, description: str, name: str, bound: float, unit: str, **more) -> Requirement:
@@ -194,16 +197,20 @@ def _require_at_most(key: str, description: str, name: str, bound: float, unit: 
 
 
 def _list_stated_requirements(spec: Spec, point_count: int) -> list[Requirement]:
-    """Upper bounds that the spec states, and the supply."""
+    """Return the limits that the spec states, and that of the supply pressure."""
     entries, envelope = spec.entries, spec.entries.envelope
     requirements = [
         _require_at_most(
-            "supply", f"work at {format_quantity(spec.supply, 'kPa')} at most", "pressure", spec.supply, "kPa"
+            "supply",
+            f"working pressure at most {format_quantity(spec.supply, 'kPa')}",
+            "pressure",
+            spec.supply,
+            "kPa",
         )
     ]
     if envelope.length is not None:
         fitting_lengths = 2 * (envelope.fittings or 0.0)
-        description = f"be {format_quantity(envelope.length, 'mm')} long at most"
+        description = f"length at most {format_quantity(envelope.length, 'mm')}"
         requirements.append(
             _require_at_most(
                 "length",
@@ -216,15 +223,15 @@ def _list_stated_requirements(spec: Spec, point_count: int) -> list[Requirement]
         )
     if envelope.diameter is not None:
         rows = tuple(locate_output("diameter", k) for k in range(point_count))
-        suffix = ", each" if max(entries.parallel) > 1 else ""
-        description = f"be {format_quantity(envelope.diameter, 'mm')} wide at most{suffix}, under pressure"
+        suffix = " for each muscle" if max(entries.parallel) > 1 else ""
+        description = f"diameter under pressure at most {format_quantity(envelope.diameter, 'mm')}{suffix}"
         bounds = (envelope.diameter,) * point_count
         requirements.append(Requirement("diameter", description, rows, bounds, -1, envelope.diameter, "mm"))
     if envelope.bundle is not None:
         requirements.append(
             _require_at_most(
                 "bundle",
-                f"fit into {format_quantity(envelope.bundle, 'mm')} together",
+                f"diameter of the bundle at most {format_quantity(envelope.bundle, 'mm')}",
                 "bundle",
                 envelope.bundle,
                 "mm",
@@ -234,7 +241,7 @@ def _list_stated_requirements(spec: Spec, point_count: int) -> list[Requirement]
         requirements.append(
             _require_at_most(
                 "air",
-                f"take {format_quantity(entries.air, 'L')} of air a stroke at most",
+                f"air per stroke at most {format_quantity(entries.air, 'L')}",
                 "air",
                 entries.air,
                 "L",
@@ -246,38 +253,34 @@ def _list_stated_requirements(spec: Spec, point_count: int) -> list[Requirement]
         if limits is not None:
             low, high = limits
             word = name.replace("_", " ")
-            description = f"have a {word} of {{}} at {{}}"
-            least, most = (
-                description.format(format_quantity(low, unit), "least"),
-                description.format(format_quantity(high, unit), "most"),
-            )
-            requirements.append(_require_at_least(f"least {word}", least, name, low, unit, True))
-            requirements.append(_require_at_most(f"most {word}", most, name, high, unit))
+            lower_text = f"{word} at least {format_quantity(low, unit)}"
+            upper_text = f"{word} at most {format_quantity(high, unit)}"
+            requirements.append(_require_at_least(f"least {word}", lower_text, name, low, unit, True))
+            requirements.append(_require_at_most(f"most {word}", upper_text, name, high, unit))
     return requirements
 
 
 def _list_assumed_requirements(spec: Spec, point_count: int) -> list[Requirement]:
-    """What holds for every muscle: safety factors, and where the model itself holds."""
+    """Return the requirements of every muscle: safety factors, and the limits of the model."""
     safety, limits = spec.entries.safety, spec.entries.limits
 
     def require_safety(key: str, description: str, name: str) -> Requirement:
-        times, stated = getattr(safety, key), key in safety.model_fields_set
-        return _require_everywhere(
-            key, description.format(f"{times:g}"), name, point_count, 1 / times, -1, stated, True
-        )
+        factor, stated = getattr(safety, key), key in safety.model_fields_set
+        text = f"safety factor at least {factor:g} {description}"
+        return _require_everywhere(key, text, name, point_count, 1 / factor, -1, stated, True)
 
     slenderness = limits.slenderness
     return [
-        require_safety("thread", "threads {} times as strong as their load", "used"),
-        require_safety("mesh", "bladder {} times from bulging through", "mesh"),
-        require_safety("rubber", "rubber stretched to 1/{} of its break", "strain"),
+        require_safety("thread", "for thread strength", "used"),
+        require_safety("mesh", "against bladder bulging", "mesh"),
+        require_safety("rubber", "for rubber elongation", "strain"),
         _require_everywhere("fit", "threads fit side by side", "fit", point_count, 1.0, 1),
-        _require_everywhere("burst", "threads far from stretching"
-                                     " without end", "burst", point_count, MAX_BURST_RATIO, -1),
+        _require_everywhere("burst", f"hoop pull at most {MAX_BURST_RATIO:g}"
+                                     f" of thread stiffness", "burst", point_count, MAX_BURST_RATIO, -1),
         _require_at_least("bore", f"bore at least {MIN_BORE_RATIO:g} of the bladder's"
-                                  f" outside", "bore", MIN_BORE_RATIO),
-        _require_at_least("slenderness", f"at least {slenderness:g} times as long"
-                                         f" as wide", "slenderness", slenderness,
+                                  f" outer diameter", "bore", MIN_BORE_RATIO),
+        _require_at_least("slenderness", f"length at least {slenderness:g} times"
+                                         f" the diameter", "slenderness", slenderness,
                stated="slenderness" in limits.model_fields_set),
     ]  # fmt: skip
 
@@ -285,7 +288,7 @@ def _list_assumed_requirements(spec: Spec, point_count: int) -> list[Requirement
 def _require_everywhere(
     key, description, name, point_count, bound, sense, stated=False, is_safety_factor=False
 ) -> Requirement:
-    """The same bound at every place."""
+    """Return a requirement with the same bound at every operating point."""
     rows = tuple(locate_output(name, k) for k in range(point_count))
     return Requirement(
         key, description, rows, (bound,) * point_count, sense, bound, "1", stated, is_safety_factor

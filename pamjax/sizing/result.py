@@ -1,4 +1,4 @@
-"""A sized muscle: what was chosen, what it will do, what it costs, and what would have to give."""
+"""The result of a sizing: the chosen muscle, its outputs, sensitivities, and relaxations if infeasible."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ from pamjax.sizing.spec import Spec
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """The answer to a spec; prints as a lab note.
+    """The design for a spec; its text is a report.
 
     Attributes:
-        spec, task, transfer: what was wanted, and what a calibration handed on.
-        results: every choice that was searched, the best first.
-        chosen: the answer; where the spec cannot be met, the candidate that comes nearest.
-        probability: that everything holds, over the draws; NaN where the spec cannot be met.
-        requirement_probabilities: the same of each requirement, by key.
-        prices: requirements that cost something, the dearest first.
-        property_sensitivities: per cent of the objective for a per cent of a property, by its words.
-        active_limits: coordinates at an end of their range.
-        relaxations: what would have to give; empty where the spec is met.
-        inelastic_costs: of the inelastic assumption.
-        front: between two objectives, None where the spec cannot be met.
-        unsearched_count: choices that were looked at but not searched.
+        spec, task, transfer: spec, its requirements, and the transferred properties of a calibration.
+        results: all optimised choices, the best first.
+        chosen: the best choice; for an infeasible spec, the nearest candidate.
+        probability: probability that all requirements hold; NaN if infeasible.
+        requirement_probabilities: probability of each requirement, by key.
+        prices: sensitivity to each active requirement, the largest first.
+        property_sensitivities: change of the objective, %, for a 1 % increase of a property, by label.
+        active_limits: coordinates at a bound, as text.
+        relaxations: relaxations of the conflicting requirements; empty if feasible.
+        inelastic_costs: errors of the inelastic assumption.
+        front: Pareto front of two objectives, None if infeasible.
+        unsearched_count: number of choices that were screened but not optimised.
         seed, method: of the search.
-        misses_probability: whether a probability was wanted that no choice holds.
+        misses_probability: whether no choice reaches the required probability.
     """
 
     spec: Spec
@@ -62,7 +62,7 @@ class Design:
 
     @property
     def feasible(self) -> bool:
-        """Whether the spec can be met."""
+        """Return whether a muscle that meets the spec was found."""
         return self.chosen.optimum is not None
 
     @property
@@ -71,67 +71,72 @@ class Design:
 
     @property
     def choice(self) -> Choice:
-        """Thread, count, bladder and number of muscles."""
+        """Return the chosen thread, count, bladder and number of muscles."""
         return self.chosen.problem.choice
 
     @cached_property
     def z(self) -> np.ndarray:
-        """(free,) scaled coordinates of the chosen muscle."""
+        """Return the scaled coordinates of the chosen muscle, (free,)."""
         return self.chosen.optimum.z if self.chosen.optimum is not None else self.chosen.start
 
     @cached_property
     def outputs(self) -> np.ndarray:
-        """Everything that the chosen muscle shows, in the order of `candidate.compute_outputs`."""
+        """Return the outputs of the chosen muscle, in the order of `candidate.compute_outputs`."""
         return self.problem.compute_outputs(self.z)
 
     def output(self, name: str, point: int | None = None) -> float:
-        """One of them, SI."""
+        """Return one output, SI."""
         return float(self.outputs[locate_output(name, point)])
 
     @cached_property
     def numbers(self) -> dict[str, float]:
-        """The chosen muscle's own numbers, SI."""
+        """Return the dimensions of the chosen muscle, SI."""
         choice = self.choice
-        named = self.problem.name_coordinates(self.z)
-        return named | {
+        coordinates = self.problem.name_coordinates(self.z)
+        return coordinates | {
             "thread_length": self.output("thread_length"),
             "turns": self.output("turns"),
             "threads": float(choice.threads),
             "thread_diameter": choice.diameter,
             "thread_area": choice.thread.area(choice.diameter),
-            "bore": named["diameter"] - 2 * named["wall"],
+            "bore": coordinates["diameter"] - 2 * coordinates["wall"],
         }
 
     @property
     def objective(self) -> float:
-        """What was minimised, SI."""
+        """Return the value of the minimised objective, SI."""
         return self.output(OBJECTIVE_OUTPUTS[self.spec.entries.minimise])
 
     @cached_property
     def bench(self) -> Bench:
-        """The chosen muscle, one of those in parallel, as a bench without sensors."""
+        """Return the chosen muscle (one of those in parallel) as a bench without sensors."""
         p = self.problem
         return build_bench(p.to_coordinates(self.z), p.build, p.ids, p.numbers)
 
     def force(self, pressure: np.ndarray, contraction: np.ndarray) -> np.ndarray:
-        """Force of all muscles, N, as they lift: (n,) for pressures (n,), Pa, and contractions (n,).
+        """Return the force of all muscles during contraction, N, (n,).
 
-        Not a number where the muscle has no equilibrium.
+        Args:
+            pressure: (n,), Pa.
+            contraction: (n,).
+
+        The force is NaN at points without equilibrium.
         """
         return self._evaluate_output("force", pressure, contraction)
 
     def outer_diameter(self, pressure: np.ndarray, contraction: np.ndarray) -> np.ndarray:
-        """Outer diameter of one muscle, m, alike."""
+        """Return the outer diameter of one muscle, m, for the same arguments as `force`."""
         return self._evaluate_output("diameter", pressure, contraction)
 
     def _evaluate_output(self, name: str, pressure, contraction) -> np.ndarray:
-        size = self.task.points.contraction.size
+        batch_size = self.task.points.contraction.size
         pressure, contraction = np.broadcast_arrays(np.atleast_1d(pressure), np.atleast_1d(contraction))
         values = []
-        for start in range(0, pressure.size, size):
-            p, c = pressure[start : start + size], contraction[start : start + size]
-            padded = [np.concatenate([x, np.full(size - x.size, x[-1])]) for x in (c, p)]
-            points = OperatingPoints(padded[0], np.zeros(size), np.zeros(size), padded[1])
+        for start in range(0, pressure.size, batch_size):
+            stop = start + batch_size
+            p, c = pressure[start:stop], contraction[start:stop]
+            padded = [np.concatenate([x, np.full(batch_size - x.size, x[-1])]) for x in (c, p)]
+            points = OperatingPoints(padded[0], np.zeros(batch_size), np.zeros(batch_size), padded[1])
             problem = self.problem
             y = evaluate_many(
                 problem.to_coordinates(self.z)[None], problem.build, problem.numbers, points, problem.ids

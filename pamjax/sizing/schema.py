@@ -1,4 +1,4 @@
-"""The words a sizing spec may use: its tables and entries, with any unit, and what a misspelt one is told."""
+"""Schema of a sizing spec: its tables and entries, their units, and the error messages of invalid ones."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pamjax.units import parse_number
 Objective = Literal["diameter", "mass", "air", "pressure", "cost", "length"]
 OBJECTIVES: tuple[str, ...] = get_args(Objective)
 
-#: Title of what stands in no table.
+#: Title of the entries outside all tables.
 SPEC_TITLE = "the spec"
 
 
@@ -34,11 +34,13 @@ def _validate_quantity(kind: str) -> BeforeValidator:
 
 
 def _validate_unit(unit: str) -> BeforeValidator:
-    """A positive number in a unit that is none of the lab's usual kinds; a bare one is in SI."""
+    """Return a validator of a positive quantity in a unit; a number without unit is in SI."""
 
     def read(raw: Any, spot: EntryLocation) -> float:
         if isinstance(raw, bool) or not isinstance(raw, (int, float, str)):
-            raise refuse("a quantity is a number and a unit", f"{raw!r}", str(spot), f"Its unit is {unit}.")
+            raise refuse(
+                "a quantity must be a number with a unit", f"{raw!r}", str(spot), f"Use the unit {unit}."
+            )
         value = parse_number(raw, unit, str(spot)) if isinstance(raw, str) else float(raw)
         if not value > 0:
             raise refuse(f"`{spot.name}` must be positive", f"{raw}", spot.file, "Check its sign.")
@@ -48,37 +50,43 @@ def _validate_unit(unit: str) -> BeforeValidator:
 
 
 def _read_share(raw: Any, spot: EntryLocation) -> float:
-    """A share, as 0.25 or "25 %"."""
+    """Return a fraction that is written as 0.25 or "25 %"."""
     text = str(raw).strip()
     try:
         value = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
     except ValueError as error:
-        raise refuse("a share is a number", f"{raw!r}", str(spot), "Write 0.25 or '25 %'.") from error
+        raise refuse("a fraction must be a number", f"{raw!r}", str(spot), "Write 0.25 or '25 %'.") from error
     if isinstance(raw, bool) or not 0 <= value < 1:
-        raise refuse(f"`{spot.name}` must lie between 0 and 1", f"{raw}", spot.file, "Write 0.25 or '25 %'.")
+        raise refuse(
+            f"`{spot.name}` must be at least 0 and below 1", f"{raw}", spot.file, "Write 0.25 or '25 %'."
+        )
     return value
 
 
 def _read_factor(raw: Any, spot: EntryLocation) -> float:
-    """A safety factor."""
+    """Return a safety factor."""
     value = read_quantity(raw, "count", spot).value
     if value < 1:
-        rule = f"`{spot.name}` is how many times stronger than its load, at least 1"
-        raise refuse(rule, f"{raw}", spot.file, "Write 1 for no safety.")
+        rule = f"the safety factor `{spot.name}` must be at least 1"
+        raise refuse(rule, f"{raw}", spot.file, "Write 1 for no safety margin.")
     return value
 
 
 def _validate_range(kind: str) -> BeforeValidator:
-    """Lowest and highest; one quantity fixes both."""
+    """Return a validator of a lowest and a highest value; a single quantity fixes both."""
 
     def read(raw: Any, spot: EntryLocation) -> tuple[float, float]:
         ends = raw if isinstance(raw, list) else [raw, raw]
         if len(ends) != 2:
             remedy = "Write one quantity, or [lowest, highest]."
-            raise refuse(f"`{spot.name}` is a quantity or a pair of them", f"{raw}", spot.file, remedy)
+            raise refuse(
+                f"`{spot.name}` must be a quantity or a pair of quantities", f"{raw}", spot.file, remedy
+            )
         low, high = (read_quantity(end, kind, spot).value for end in ends)
         if low > high:
-            raise refuse(f"`{spot.name}` has its lowest value first", f"{raw}", spot.file, "Turn them over.")
+            raise refuse(
+                f"`{spot.name}` must have its lowest value first", f"{raw}", spot.file, "Swap the values."
+            )
         return low, high
 
     return _build_validator(read)
@@ -89,7 +97,7 @@ def _validate_list(read: Callable[[Any, EntryLocation], Any]) -> BeforeValidator
         items = raw if isinstance(raw, list) else [raw]
         if not items:
             raise refuse(
-                f"`{spot.name}` needs at least one entry", "none", spot.file, "Leave it out for all."
+                f"`{spot.name}` must have at least one entry", "none", spot.file, "Remove it to permit all."
             )
         return tuple(read(item, spot) for item in items)
 
@@ -107,9 +115,9 @@ Density = Annotated[float, _validate_unit("kg/m^3")]
 Share = Annotated[float, _build_validator(_read_share)]
 Counts = Annotated[tuple[int, ...], _validate_list(read_count)]
 Lengths = Annotated[
-    tuple[float, ...], _validate_list(lambda said, spot: read_quantity(said, "length", spot).value)
+    tuple[float, ...], _validate_list(lambda raw, spot: read_quantity(raw, "length", spot).value)
 ]
-Names = Annotated[tuple[str, ...], _validate_list(lambda said, spot: str(said))]
+Names = Annotated[tuple[str, ...], _validate_list(lambda raw, spot: str(raw))]
 
 
 class _SpecTable(BaseModel):
@@ -117,7 +125,7 @@ class _SpecTable(BaseModel):
 
 
 class ForceDemand(_SpecTable):
-    """[[force]]: what all muscles together must pull at one place of the stroke."""
+    """[[force]]: required force of all muscles together at one operating point."""
 
     model_config = ConfigDict(title="force")
     at_least: Force
@@ -127,7 +135,7 @@ class ForceDemand(_SpecTable):
 
 
 class Stroke(_SpecTable):
-    """[stroke]: how far a load must be moved from rest, and how the load grows on the way."""
+    """[stroke]: displacement of a load from the rest length, and its increase with displacement."""
 
     model_config = ConfigDict(title="stroke")
     length: Length
@@ -136,14 +144,14 @@ class Stroke(_SpecTable):
 
 
 class Supply(_SpecTable):
-    """[supply]: the highest pressure there is."""
+    """[supply]: the highest available pressure."""
 
     model_config = ConfigDict(title="supply")
     pressure: Pressure
 
 
 class SizeLimits(_SpecTable):
-    """[envelope]: the room there is."""
+    """[envelope]: the available space."""
 
     model_config = ConfigDict(title="envelope")
     length: Length | None = None
@@ -153,7 +161,7 @@ class SizeLimits(_SpecTable):
 
 
 class Safety(_SpecTable):
-    """[safety]: how many times stronger than its load."""
+    """[safety]: safety factors of threads, bladder and rubber."""
 
     model_config = ConfigDict(title="safety")
     thread: Factor = 3.0
@@ -162,7 +170,7 @@ class Safety(_SpecTable):
 
 
 class Threads(_SpecTable):
-    """[threads]: the catalogue of threads."""
+    """[threads]: the permitted threads."""
 
     model_config = ConfigDict(title="threads")
     kinds: Names | None = None
@@ -171,7 +179,7 @@ class Threads(_SpecTable):
 
 
 class Bladders(_SpecTable):
-    """[bladders]: the catalogue of bladders."""
+    """[bladders]: the permitted bladders."""
 
     model_config = ConfigDict(title="bladders")
     kinds: Names | None = None
@@ -179,7 +187,7 @@ class Bladders(_SpecTable):
 
 
 class OwnThread(_SpecTable):
-    """[[thread]]: a kind of thread that is not shipped, or a price for one that is."""
+    """[[thread]]: a kind of thread of the user, or a price for a supplied one."""
 
     model_config = ConfigDict(title="thread")
     name: str
@@ -192,7 +200,7 @@ class OwnThread(_SpecTable):
 
 
 class OwnBladder(_SpecTable):
-    """[[bladder]]: a rubber that is not shipped, or a price for one that is."""
+    """[[bladder]]: a rubber of the user, or a price for a supplied one."""
 
     model_config = ConfigDict(title="bladder")
     name: str
@@ -203,7 +211,7 @@ class OwnBladder(_SpecTable):
 
 
 class CoordinateLimits(_SpecTable):
-    """[limits]: what the muscle itself may be."""
+    """[limits]: ranges of the dimensions of the muscle."""
 
     model_config = ConfigDict(title="limits")
     rest_length: Annotated[tuple[float, float], _validate_range("length")] | None = None
@@ -216,7 +224,7 @@ class CoordinateLimits(_SpecTable):
 
 
 class Tolerance(_SpecTable):
-    """[tolerance]: how exactly it is built, one standard deviation."""
+    """[tolerance]: manufacturing tolerances, one standard deviation each."""
 
     model_config = ConfigDict(title="tolerance")
     rest_length: Length | None = None
@@ -226,7 +234,7 @@ class Tolerance(_SpecTable):
 
 
 class Calibration(_SpecTable):
-    """[calibration]: a muscle that was measured, and what of this one it speaks for."""
+    """[calibration]: a measured muscle, and the materials of the catalogue that it represents."""
 
     model_config = ConfigDict(title="calibration")
     muscle: str | None = None
@@ -237,7 +245,7 @@ class Calibration(_SpecTable):
 
 
 class SpecEntries(_SpecTable):
-    """The whole file."""
+    """All entries of a spec."""
 
     model_config = ConfigDict(title=SPEC_TITLE)
     name: str = ""
@@ -262,18 +270,18 @@ class SpecEntries(_SpecTable):
 
 
 def read_entries(raw: Mapping[str, Any] | bytes, file: str) -> SpecEntries:
-    """The words of a spec, or the first thing wrong with it as one sentence.
+    """Return the validated entries of a spec.
 
     Raises:
-        BadInput: if it is no TOML, or says what a spec cannot say.
+        BadInput: if it is no valid TOML, or an entry is invalid; the message reports the first error.
     """
     if isinstance(raw, bytes):
         try:
             raw = tomllib.loads(decode_text(raw, file).replace("\r\n", "\n"))
         except tomllib.TOMLDecodeError as error:
             got = str(error)[:1].lower() + str(error)[1:].rstrip(".")
-            remedy = "A text stands in double quotes, a table in [brackets]."
-            raise refuse(f"{file} must be TOML", got, remedy=remedy) from error
+            remedy = "Write texts in double quotes, and names of tables in [brackets]."
+            raise refuse(f"{file} must be valid TOML", got, remedy=remedy) from error
     try:
         return SpecEntries.model_validate(dict(raw), context={"file": file})
     except ValidationError as error:
@@ -281,8 +289,8 @@ def read_entries(raw: Mapping[str, Any] | bytes, file: str) -> SpecEntries:
 
 
 def _translate_error(error: ValidationError, file: str) -> BadInput:
-    """The first complaint of pydantic in our wording."""
-    # A misspelt entry also shows as one that is missing: the misspelling is what to mend.
+    """Return the first error of pydantic as an error of pamjax."""
+    # A misspelt entry is also reported as missing; the misspelling comes first.
     first = sorted(error.errors(), key=lambda detail: detail["type"] != "extra_forbidden")[0]
     own_error = first.get("ctx", {}).get("error")
     if isinstance(own_error, BadInput):
@@ -291,7 +299,7 @@ def _translate_error(error: ValidationError, file: str) -> BadInput:
     where = f"[{path[0]}] of {file}" if len(path) > 1 else file
     if first["type"] == "extra_forbidden":
         known_fields = _find_table(path[0]).model_fields if len(path) > 1 else SpecEntries.model_fields
-        return refuse(f"`{path[-1]}` is no entry", where=where, remedy=suggest_word(path[-1], known_fields))
+        return refuse(f"unknown entry `{path[-1]}`", where=where, remedy=suggest_word(path[-1], known_fields))
     if first["type"] == "missing":
         missing = f"`{path[-1]}`" if len(path) > 1 else f"a table [{path[0]}]"
         return refuse(
@@ -299,16 +307,16 @@ def _translate_error(error: ValidationError, file: str) -> BadInput:
         )
     if first["type"] == "literal_error":
         return refuse(
-            f"`{path[-1]}` is one of {', '.join(OBJECTIVES)}",
+            f"`{path[-1]}` must be one of {', '.join(OBJECTIVES)}",
             f"{first['input']!r}",
             where,
             suggest_word(str(first["input"]), OBJECTIVES),
         )
     if first["type"] == "tuple_type" and path[-1] in ("force", "thread", "bladder"):
-        rule = f"each `{path[-1]}` is a table of its own"
+        rule = f"each `{path[-1]}` must be a table of its own"
         return refuse(rule, f"[{path[-1]}]", file, f"Write [[{path[-1]}]].")
     remedy = first["msg"].replace("Input should be", "It should be") + "."
-    return refuse(f"`{path[-1]}` is of another kind", f"{first['input']!r}", where, remedy)
+    return refuse(f"`{path[-1]}` has the wrong type", f"{first['input']!r}", where, remedy)
 
 
 _EXAMPLE_ENTRIES = {

@@ -1,10 +1,11 @@
-"""What the answer is sensitive to: multipliers as prices of the requirements, and of what was assumed.
+"""Sensitivity of the optimum to the requirements (shadow prices) and to material properties.
 
     d ln(objective) / d ln(bound_j) = ± λ_j                  a requirement, exact
     d ln(objective) / d ln θ = ∂f/∂θ θ − Σ λ_j ∂m_j/∂θ θ     a property, by the envelope theorem
 
-The property's slopes at fixed geometry are central differences of the outputs; the multipliers are those of
-the exact slopes. Both speak of small changes, of this choice of threads: a larger one may change what binds.
+The derivatives with respect to θ at fixed geometry are central differences; the multipliers λ come from exact
+derivatives. Both are valid for small changes and a fixed choice of threads: a large change may activate other
+requirements.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ from pamjax.sizing.requirements import Requirement
 
 #: Relative step of a property for its central difference.
 RELATIVE_STEP = 1e-4
-#: Multiplier below which nothing is said.
+#: Multiplier below which a requirement is not reported.
 MIN_MULTIPLIER = 1e-4
 
-#: Properties that are asked about, by field of `MuscleBuild`.
+#: Labels of the examined properties, by field of `MuscleBuild`.
 PROPERTY_LABELS = {
     "modulus": "thread modulus",
     "strength": "thread strength",
@@ -35,12 +36,12 @@ PROPERTY_LABELS = {
 
 @dataclass(frozen=True)
 class ShadowPrice:
-    """What a requirement costs.
+    """Sensitivity of the objective to one requirement.
 
     Attributes:
-        requirement: which.
-        percent_saved: by how many per cent the objective falls where it gives one per cent.
-        slope: change of the objective for a unit of the bound (of the safety factor), SI.
+        requirement: the requirement.
+        percent_saved: reduction of the objective, %, if the requirement is relaxed by 1 %.
+        slope: derivative of the objective with respect to the bound (or to the safety factor), SI.
     """
 
     requirement: Requirement
@@ -49,21 +50,20 @@ class ShadowPrice:
 
 
 def compute_prices(problem: SizingProblem, optimum: SearchResult) -> list[ShadowPrice]:
-    """The requirements that cost something, the dearest first."""
+    """Return the shadow prices of the active requirements, the largest first."""
     shadow_prices = []
     value = float(np.exp(optimum.log_objective))
     for k, requirement in enumerate(problem.task.requirements):
-        is_own = problem.owner == k
-        weights = optimum.multipliers[is_own]
+        weights = optimum.multipliers[problem.owner == k]
         if weights.sum() < MIN_MULTIPLIER:
             continue
         bounds = np.array(requirement.bounds)
         safe_bounds = np.where(bounds > 0, bounds, requirement.scale)
         slope = float(value * np.sum(weights * requirement.sense / safe_bounds))
         if requirement.is_safety_factor:
-            # The spec states 1 / bound.
+            # A safety factor is 1 / bound.
             slope = float(-value * np.sum(weights * requirement.sense * bounds))
-        # One per cent of what the spec states is more than one of what the fittings leave.
+        # 1 % of the stated length is more than 1 % of the length without fittings.
         stated_ratio = (
             1 + requirement.fitting_length / requirement.bounds[0] if requirement.fitting_length else 1.0
         )
@@ -72,7 +72,7 @@ def compute_prices(problem: SizingProblem, optimum: SearchResult) -> list[Shadow
 
 
 def compute_property_sensitivities(problem: SizingProblem, optimum: SearchResult) -> dict[str, float]:
-    """Per cent by which the objective changes where a property grows by one per cent, by its words."""
+    """Return the change of the objective, %, for a 1 % increase of each property, by label."""
 
     def lagrangian(field: str, factor: float) -> float:
         changed = {field: getattr(problem.build, field) * factor}
@@ -90,10 +90,10 @@ def compute_property_sensitivities(problem: SizingProblem, optimum: SearchResult
 
 
 def list_active_limits(problem: SizingProblem, optimum: SearchResult) -> list[str]:
-    """Coordinates that stand at an end of their range, in words."""
+    """Return the coordinates at a bound of their range, as text."""
     descriptions = []
     for k, scaled in zip(problem.free_indices, optimum.z, strict=True):
         if scaled < 1e-6 or scaled > 1 - 1e-6:
-            end = "smallest" if scaled < 0.5 else "largest"
-            descriptions.append(f"{COORDINATES[k].replace('_', ' ')} at its {end}")
+            bound = "lower" if scaled < 0.5 else "upper"
+            descriptions.append(f"{COORDINATES[k].replace('_', ' ')} at its {bound} limit")
     return descriptions

@@ -1,4 +1,4 @@
-"""The verb: from what a muscle must do to the muscle that does it."""
+"""Function `size`: design of a muscle from a spec."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from pamjax.sizing.requirements import SizingTask, build_task
 from pamjax.sizing.result import Design
 from pamjax.sizing.spec import Spec, read_spec
 
-#: Choices, the best first, that are made to hold with a probability.
+#: Largest number of best choices that are optimised for a required probability.
 MAX_ASSURED_CHOICES = 6
 
 
@@ -36,18 +36,21 @@ def size(
     margins: bool = True,
     progress: Progress = ignore_progress,
 ) -> Design:
-    """Find the geometry and the material of a muscle that does what a spec wants.
+    """Return the geometry and material of a muscle that meets the requirements of a spec.
 
     Args:
-        spec: a TOML file, or its words as a mapping.
-        starts: searches of each of the best choices.
-        method: "slsqp", or "trust-constr", which also takes exact curvature.
-        seed: of the first look, and of the draws.
-        margins: whether to find the cost of the inelastic assumption, and the front of two objectives.
-        progress: told what is being done, and the share of it that is.
+        spec: a TOML file, or a mapping with the same entries.
+        starts: number of searches of each of the best choices.
+        method: "slsqp", or "trust-constr", which also uses exact second derivatives.
+        seed: seed of the screening and of the random draws.
+        margins: whether to compute the errors of the inelastic assumption, and the front of two objectives.
+        progress: receives the current step and the completed fraction.
+
+    Returns:
+        the design; if no muscle meets the spec, the nearest one with the necessary relaxations.
 
     Raises:
-        BadInput: in one sentence, if the spec cannot be read. A spec that cannot be met is an answer.
+        BadInput: if the spec is invalid.
 
     >>> design = size(
     ...     {
@@ -64,7 +67,7 @@ def size(
     """
     if method not in METHODS:
         raise refuse(
-            f"a search is {' or '.join(METHODS)}", f"{method!r}", remedy=suggest_word(method, METHODS)
+            f"`method` must be {' or '.join(METHODS)}", f"{method!r}", remedy=suggest_word(method, METHODS)
         )
     check_minimum("starts", starts, 1)
     check_minimum("seed", seed, 0)
@@ -148,7 +151,7 @@ def _build_feasible_design(
 def _assure_probability(
     best: Sequence[ChoiceResult], transfer: CalibrationTransfer, spec: Spec, seed: int
 ) -> list[ChoiceResult]:
-    """Those that can be made to hold with the probability that is wanted, the best first."""
+    """Return the choices that reach the required probability, the best first."""
     target = spec.entries.probability
     assert target is not None
     assured_results = []

@@ -1,4 +1,4 @@
-"""What a muscle must do and may be made of: a spec in SI, checked for what no single entry shows."""
+"""Spec of a sizing: requirements and catalogue in SI, with checks that involve several entries."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from pamjax.sizing.materials import BladderKind, PropertyRange, ThreadKind
 from pamjax.sizing.schema import OBJECTIVES, ForceDemand, OwnBladder, OwnThread, SpecEntries, read_entries
 from pamjax.units import format_quantity
 
-#: Threads of both families that braiding machines are built for.
+#: Usual numbers of threads of braiding machines, both families together.
 THREAD_COUNTS = (16, 24, 32, 48, 64, 96, 144)
 
-#: Shares of a stroke at which its load is checked.
+#: Fractions of a stroke at which its load is checked.
 STROKE_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 
-#: Most [[force]] entries: a candidate is asked at sixteen places, one of which is the proof at rest.
+#: Largest number of [[force]] entries: a candidate has sixteen operating points, see `candidate.POINT_COUNT`.
 MAX_FORCES = 9
 
-#: Circle around equal circles, over the diameter of one: the known optimum for 1 to 12 of them.
+#: Smallest circle around 1 to 12 equal circles, in diameters of one circle.
 PACKING_RATIOS = (1, 2, 2.1547, 2.4142, 2.7013, 3, 3, 3.3048, 3.6131, 3.8130, 3.9238, 4.0296)
 
 
 @dataclass(frozen=True)
 class Spec:
-    """A spec as read.
+    """A spec with its catalogue.
 
     Attributes:
-        entries: every entry, SI.
-        file: its name; folder: where paths in it start from.
+        entries: all entries, SI.
+        file: name of the file; folder: folder of the relative paths in it.
         threads, bladders: the catalogue.
-        text: the file as it was, "" for one from Python.
+        text: content of the file, "" for a spec from Python.
     """
 
     entries: SpecEntries
@@ -51,20 +51,20 @@ class Spec:
 
     @property
     def supply(self) -> float:
-        """Highest pressure, Pa."""
+        """Return the highest pressure, Pa."""
         return self.entries.supply.pressure
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Numbers of threads to choose from."""
+        """Return the permitted numbers of threads."""
         return self.entries.threads.counts or THREAD_COUNTS
 
 
 def read_spec(source: str | Path | Mapping[str, Any]) -> Spec:
-    """Read a spec from a TOML file, or from the same words as a mapping.
+    """Return the spec of a TOML file, or of a mapping with the same entries.
 
     Raises:
-        BadInput: in one sentence, if it cannot be used.
+        BadInput: if the spec is invalid.
     """
     if isinstance(source, Mapping):
         file, folder, text = "the spec", Path(), ""
@@ -85,7 +85,12 @@ def read_spec(source: str | Path | Mapping[str, Any]) -> Spec:
             if kind.price is None:
                 table = "thread" if isinstance(kind, ThreadKind) else "bladder"
                 remedy = f'Write [[{table}]] name = "{kind.name}", price = 50.0.'
-                raise refuse("cost needs a price a kilogram of each material", kind.name, file, remedy)
+                raise refuse(
+                    "cost needs a price per kilogram of each material",
+                    f"no price of {kind.name}",
+                    file,
+                    remedy,
+                )
     return Spec(entries, file, folder, threads, bladders, text)
 
 
@@ -94,16 +99,18 @@ def _check_demands(entries: SpecEntries, file: str) -> None:
         remedy = 'Add [[force]] at_least = "500 N", contraction = 0.1.'
         raise refuse("a spec must state [[force]], [stroke] or `free_contraction`", "none", file, remedy)
     if len(entries.force) > MAX_FORCES:
-        got, remedy = f"{len(entries.force)}", "Keep those that ask for most."
+        got, remedy = f"{len(entries.force)}", "Keep the most demanding ones."
         raise refuse(f"a spec has at most {MAX_FORCES} [[force]] entries", got, file, remedy)
-    for k, pull in enumerate(entries.force, 1):
-        if pull.contraction is not None and pull.shortening is not None:
-            rule = "a [[force]] is at a `contraction` or at a `shortening`"
-            raise refuse(rule, "both", f"[[force]] {k} of {file}", "Keep one.")
-    absolute = entries.stroke or entries.limits.rest_length or entries.envelope.length
-    if not absolute and all(pull.shortening is None for pull in entries.force):
+    for k, demand in enumerate(entries.force, 1):
+        if demand.contraction is not None and demand.shortening is not None:
+            rule = "a [[force]] table has either `contraction` or `shortening`"
+            raise refuse(rule, "both", f"[[force]] {k} of {file}", "Remove one of them.")
+    has_length = entries.stroke or entries.limits.rest_length or entries.envelope.length
+    if not has_length and all(demand.shortening is None for demand in entries.force):
         remedy = 'Add [envelope] length, [stroke] length or [limits] rest_length = ["100 mm", "300 mm"].'
-        raise refuse("a spec must say how long the muscle is, or how far it moves", "neither", file, remedy)
+        raise refuse(
+            "a spec must state a length of the muscle, a stroke or a shortening", "none", file, remedy
+        )
     envelope_length, fittings = entries.envelope.length, entries.envelope.fittings
     if envelope_length and fittings and 2 * fittings >= envelope_length:
         rule = f"two fittings must be shorter than the envelope ({format_quantity(envelope_length, 'mm')})"
@@ -111,17 +118,19 @@ def _check_demands(entries: SpecEntries, file: str) -> None:
             rule,
             format_quantity(2 * fittings, "mm"),
             f"[envelope] of {file}",
-            "`fittings` is that of one end.",
+            "`fittings` is the length of one fitting.",
         )
 
 
 def _check_pressures(entries: SpecEntries, file: str) -> None:
     supply = entries.supply.pressure
-    for k, pull in enumerate(entries.force, 1):
-        if pull.pressure is not None and pull.pressure > supply * (1 + 1e-9):
-            rule = f"a force is wanted at no more than the supply ({format_quantity(supply, 'kPa')})"
+    for k, demand in enumerate(entries.force, 1):
+        if demand.pressure is not None and demand.pressure > supply * (1 + 1e-9):
+            rule = (
+                f"the pressure of a [[force]] must not exceed the supply ({format_quantity(supply, 'kPa')})"
+            )
             raise refuse(
-                rule, format_quantity(pull.pressure, "kPa"), f"[[force]] {k} of {file}", "Check its unit."
+                rule, format_quantity(demand.pressure, "kPa"), f"[[force]] {k} of {file}", "Check its unit."
             )
 
 
@@ -129,15 +138,15 @@ def _check_parallel(entries: SpecEntries, file: str) -> None:
     muscle_count = max(entries.parallel)
     needs_bundle = entries.envelope.bundle is not None or "diameter" in (entries.minimise, entries.against)
     if needs_bundle and muscle_count > len(PACKING_RATIOS):
-        rule = f"the diameter of a bundle is known for up to {len(PACKING_RATIOS)} muscles"
-        remedy = "Leave out [envelope] bundle, and minimise another."
+        rule = f"the diameter of a bundle can be computed for at most {len(PACKING_RATIOS)} muscles"
+        remedy = "Remove [envelope] bundle, and choose another objective than diameter."
         raise refuse(rule, str(muscle_count), f"`parallel` of {file}", remedy)
 
 
 def _check_objectives(entries: SpecEntries, file: str) -> None:
     if entries.against == entries.minimise:
         others = ", ".join(objective for objective in OBJECTIVES if objective != entries.minimise)
-        rule = "`against` is another objective than `minimise`"
+        rule = "`against` must differ from `minimise`"
         raise refuse(rule, entries.minimise, file, f"Write one of {others}.")
 
 
@@ -165,9 +174,7 @@ def _build_own_thread(own_thread: OwnThread, shipped_thread: ThreadKind | None, 
     if shipped_thread is None:
         missing = [key for key, value in stated.items() if value is None]
         if missing:
-            rule = (
-                f"a thread of your own ({own_thread.name!r}) states modulus, strength, density and diameters"
-            )
+            rule = f"your own thread ({own_thread.name!r}) needs modulus, strength, density and diameters"
             raise refuse(rule, f"no `{missing[0]}`", f"[[thread]] of {file}", "Add it.")
         shipped_thread = ThreadKind(
             own_thread.name,
@@ -209,7 +216,7 @@ def _build_own_bladder(
 ) -> BladderKind:
     if shipped_bladder is None:
         if own_bladder.modulus is None or own_bladder.density is None:
-            rule = f"a rubber of your own ({own_bladder.name!r}) states modulus (Young's) and density"
+            rule = f"your own rubber ({own_bladder.name!r}) needs modulus (Young's) and density"
             missing = "modulus" if own_bladder.modulus is None else "density"
             raise refuse(rule, f"no `{missing}`", f"[[bladder]] of {file}", "Add it.")
         shipped_bladder = BladderKind(
@@ -226,11 +233,11 @@ def _build_own_bladder(
     return replace(shipped_bladder, **changed)
 
 
-def format_force_place(pull: ForceDemand) -> str:
-    """Where a force is wanted, in words."""
-    where = "at rest"
-    if pull.contraction:
-        where = f"at {100 * pull.contraction:g} %"
-    elif pull.shortening:
-        where = f"{format_quantity(pull.shortening, 'mm')} shorter"
-    return where + (f" and {format_quantity(pull.pressure, 'kPa')}" if pull.pressure is not None else "")
+def format_force_place(demand: ForceDemand) -> str:
+    """Return the operating point of a required force as text."""
+    place = "at rest length"
+    if demand.contraction:
+        place = f"at {100 * demand.contraction:g} % contraction"
+    elif demand.shortening:
+        place = f"at {format_quantity(demand.shortening, 'mm')} shortening"
+    return place + (f" and {format_quantity(demand.pressure, 'kPa')}" if demand.pressure is not None else "")

@@ -1,10 +1,10 @@
-"""Style of every figure: sizes, type, colours, and the writing of files.
+"""Style of every figure: sizes, fonts, colours, and the writing of files.
 
 Every figure is a separate `matplotlib.figure.Figure`, without pyplot. Settings apply inside a `with` block
-only, so that a user's own plots keep their style.
+only, so they do not change a user's own plots.
 
 Colours: Okabe & Ito's eight for categories (Color Universal Design, 2008). Pressure has the green-to-blue
-part of viridis, dark for high, without the light end, which has little contrast on paper.
+part of viridis, dark for high pressure. The light end has too little contrast on paper.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colorbar import Colorbar
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from pamjax.records.files import write_atomically
 
@@ -40,7 +41,7 @@ OKABE_ITO = {
     "purple": "#CC79A7",
 }
 
-#: Colour of references, limits and alternatives: visible, but less prominent than data and model.
+#: Colour of references, limits and alternatives, less prominent than data and model.
 REFERENCE_COLOUR = "#6E6E6E"
 
 _SETTINGS: dict[Any, Any] = {
@@ -95,6 +96,13 @@ def apply_theme() -> Iterator[None]:
 def create_figure(width: float = SINGLE_COLUMN, height: float = 2.6) -> Figure:
     """Return an empty figure of a size in inches with constrained layout."""
     return Figure(figsize=(width, height), layout="constrained")
+
+
+def separate_panels(figure: Figure) -> None:
+    """Widen the space between panels, so that the labels at the ends of their axes do not overlap."""
+    engine = figure.get_layout_engine()
+    assert isinstance(engine, ConstrainedLayoutEngine)
+    engine.set(wspace=0.08)
 
 
 def build_shades(count: int) -> np.ndarray:

@@ -1,16 +1,16 @@
-"""Text that several pages share: signs, capital letters, the source of a noise level."""
+"""Text that several pages share: signs, capital letters, lists, sources of a noise level."""
 
 from __future__ import annotations
 
 from pamjax.infer.fitting.report import format_channel_value
 from pamjax.records.case import Case
 
-#: A noise within this of what the lab states is what the lab states.
+#: Relative difference up to which a noise level counts as the one stated in muscle.toml.
 NOISE_TOLERANCE = 0.01
 
 
 def format_signed(value: float, digits: int = 1) -> str:
-    """Return a number with its sign; zero has none.
+    """Return a value with its sign; zero has no sign.
 
     >>> format_signed(-1.26), format_signed(0.34), format_signed(-0.04)
     ('−1.3', '+0.3', '0.0')
@@ -20,7 +20,7 @@ def format_signed(value: float, digits: int = 1) -> str:
 
 
 def capitalise_sentence(line: str) -> str:
-    """Return a line with a capital first letter; a parameter's name, such as muscle.turns, is kept.
+    """Return a line with a capital first letter; a parameter name such as muscle.turns is not changed.
 
     >>> capitalise_sentence("no two are alike"), capitalise_sentence("muscle.turns moves")
     ('No two are alike', 'muscle.turns moves')
@@ -29,24 +29,40 @@ def capitalise_sentence(line: str) -> str:
     return line if "_" in first_word or "." in first_word[:-1] else f"{line[:1].upper()}{line[1:]}"
 
 
+def join_words(parts: list[str]) -> str:
+    """Return a list as text, with "and" before the last item.
+
+    >>> join_words(["force", "diameter", "time"])
+    'force, diameter and time'
+    """
+    return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1] if parts else ""
+
+
+def format_history(case: Case) -> str:
+    """Return the assumed history of the muscle, and what happens to its memory at gaps."""
+    history = "at rest" if case.before == "relaxed" else "preconditioned by one pass of the same recording"
+    memory = "continues across" if case.gaps == "carry" else "restarts at"
+    return f"Before its first row the muscle is {history}; its memory {memory} gaps of the recording"
+
+
 def is_stated_noise(sd: float, stated: float) -> bool:
-    """Return whether the noise of a sample equals the stated noise within `NOISE_TOLERANCE`."""
+    """Return whether the noise of a row equals the stated noise within `NOISE_TOLERANCE`."""
     return abs(sd / stated - 1) < NOISE_TOLERANCE
 
 
 def format_noise(case: Case, channel: str, sd: float) -> str:
-    """Return the noise of a channel with a stated sensor: the stated part and the propagated part.
+    """Return the noise of a channel with a stated sensor noise: the stated part and the propagated part.
 
     Args:
         case: the case.
         channel: "force" or "diameter".
-        sd: noise of a sample, SI, with the noise of pressure and length propagated through the model.
+        sd: noise of one row, SI, with the noise of pressure and length propagated through the model.
     """
     stated = getattr(case.entry.sensors, channel)
-    head = f"Noise of {channel} is {format_channel_value(sd, channel)} a sample"
+    head = f"Noise of {channel} is {format_channel_value(sd, channel)} per row"
     if stated is None or is_stated_noise(sd, stated):
-        return f"{head}, as the lab states it"
+        return f"{head}, as stated in muscle.toml"
     return (
-        f"{head}: {format_channel_value(stated, channel)} as the lab states it, the rest added by that"
-        f" of pressure and length"
+        f"{head}. Stated in muscle.toml: {format_channel_value(stated, channel)};"
+        f" the noise of pressure and length adds the difference"
     )

@@ -1,4 +1,4 @@
-"""What is concealed is in the recording, in the form that was asked for."""
+"""Concealed effects of simulated recordings have the requested form and size."""
 
 from dataclasses import replace
 
@@ -11,31 +11,33 @@ from pamjax.diagnosis.library.library_problem import build_library_problem
 
 
 def departure(only: str, share: float) -> float:
-    """By how much of its effect a concealed mechanism departs from its equation, rms."""
+    """Return the rms difference between a concealed effect and its equation, relative to the effect."""
     made = [
         inject_effects(1, np.random.default_rng(5), only=only, smallest=8.0, largest=8.0, form_error=one)
         for one in (0.0, share)
     ]
-    found = build_library_problem(made[0].case)
-    values = np.array([made[0].true_values[name] for name in found.names])
-    effect = found.predict(values) - found.predict(remove_amplitudes(found, values, made[0].candidates[0]))
+    problem = build_library_problem(made[0].case)
+    values = np.array([made[0].true_values[name] for name in problem.names])
+    effect = problem.predict(values) - problem.predict(
+        remove_amplitudes(problem, values, made[0].candidates[0])
+    )
     off = made[1].noise_free - made[0].noise_free
     return float(np.sqrt(np.nanmean(off[0] ** 2) / np.nanmean(effect[0] ** 2)))
 
 
 @pytest.mark.slow
-def test_an_effect_departs_from_its_equation_by_the_share_that_was_asked_for():
+def test_form_error_has_the_requested_size():
     assert 0.15 < departure("bladder_elasticity", 0.3) < 0.6
 
 
 @pytest.mark.slow
-def test_a_wrong_zero_stays_a_zero():
+def test_offset_has_no_form_error():
     assert departure("force_offset", 0.3) == 0.0
 
 
 @pytest.mark.slow
-def test_no_muscle_pushes():
-    """Rubber in the wall wins over little pressure: what is concealed is then a slack muscle."""
+def test_simulated_force_is_never_negative():
+    """At low pressure the rubber exceeds the pull of pressure; the muscle is then slack."""
     setup = build_reference_setup()
     soft = replace(setup, plan=replace(setup.plan, pressure=0.3 * setup.plan.pressure))
     rng = np.random.default_rng(2)
@@ -47,8 +49,8 @@ def test_no_muscle_pushes():
 
 
 @pytest.mark.slow
-def test_what_the_lab_states_is_concealed_as_the_lab_states_it():
-    """The threads' stretch is stated: it is as large as that, or not concealed at all."""
+def test_concealed_thread_stretch_agrees_with_muscle_toml():
+    """The stretch of the threads is stated: the concealed one has this size, or it is absent."""
     setup = build_reference_setup()
     rigid = replace(setup, entry=replace(setup.entry, baseline="inelastic"))
 
@@ -57,8 +59,8 @@ def test_what_the_lab_states_is_concealed_as_the_lab_states_it():
         return inject_effects(1, rng, setup=rigid, only="braid_elasticity", smallest=wanted, largest=wanted)
 
     small, too_large = made(3.0), made(25.0)
-    found = build_library_problem(small.case)
-    k = found.index("braid_elasticity.compliance")
+    problem = build_library_problem(small.case)
+    k = problem.index("braid_elasticity.compliance")
     assert small.effect_ids == ("braid_elasticity",)
-    assert abs(small.true_values["braid_elasticity.compliance"] - found.start[k]) <= 2 * found.prior_sd[k]
+    assert abs(small.true_values["braid_elasticity.compliance"] - problem.start[k]) <= 2 * problem.prior_sd[k]
     assert too_large.effect_ids == ()

@@ -1,4 +1,4 @@
-"""True boxes hold the middle of an effect, and two boxes overlap by what they share."""
+"""True regions contain the middle of an effect; the overlap of two regions is their shared part."""
 
 from dataclasses import replace
 
@@ -27,28 +27,28 @@ def boxes(weight):
     return compute_true_boxes(AT, effect(weight), np.ones((2, AT.pressure.size)))
 
 
-def test_a_box_is_where_the_effect_is():
+def test_true_region_contains_the_effect():
     (box,) = boxes((AT.pressure > 5e4) & (AT.contraction < 0.1) & (AT.direction == 1))
     assert (box.channel, box.direction) == ("force", "lengthening")
     assert box.pressure == pytest.approx((5.25e4, 9.75e4), abs=1.5e3)
     assert box.contraction == pytest.approx((0.005, 0.095), abs=0.006)
 
 
-def test_a_box_is_of_the_squared_effect():
+def test_true_region_is_weighted_by_the_squared_effect():
     (box,) = boxes(AT.pressure)
-    # ∫ p² dp: a share s lies below s^(1/3) of the range.
+    # ∫ p² dp: a fraction s is below s^(1/3) of the range.
     assert box.pressure == pytest.approx((1e5 * 0.05 ** (1 / 3), 1e5 * 0.95 ** (1 / 3)), abs=1.5e3)
     assert box.direction == "both"
 
 
-def test_a_claim_of_the_box_itself_is_perfect_and_of_another_channel_worth_nothing():
+def test_overlap_is_one_for_the_same_region_and_zero_for_another_channel():
     (box,) = boxes(AT.pressure > 5e4)
     assert compute_overlap(AT, [box], [box]) == pytest.approx(1.0)
     assert compute_overlap(AT, [replace(box, channel="diameter")], [box]) == 0.0
     assert compute_overlap(AT, [], [box]) == 0.0
 
 
-def test_overlap_is_a_product_over_axes():
+def test_overlap_is_the_product_over_the_axes():
     quarter = replace(WHOLE, pressure=(0, 5e4), contraction=(0, 0.15))
     assert compute_overlap(AT, [quarter], [WHOLE]) == pytest.approx(0.25)
     assert compute_overlap(AT, [replace(quarter, direction="shortening")], [WHOLE]) == pytest.approx(0.125)

@@ -1,4 +1,4 @@
-"""A proof counts what it should, with its interval, and goes on where it was stopped."""
+"""The simulation study: counts, confidence intervals, and continuation after an interruption."""
 
 import math
 import os
@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from pamjax.benchmark import trial as trial_module
 from pamjax.benchmark.prove import build_tasks, read_trials, run_proof
 from pamjax.benchmark.rates import Rate, build_documents, format_markdown
 from pamjax.benchmark.tally import (
@@ -22,19 +23,21 @@ from pamjax.benchmark.tally import (
 )
 from pamjax.benchmark.trial import RecoveredParameter, Trial, TrialTask, parse_trial
 from pamjax.errors import BadInput
+from tests.agreement import RECOVERED
 from tests.benchmark.trials import made_up, uniform
+from tests.diagnosis.bank import build_setup
 
 COUNTS = {"nothing": 4, "single": 6, "pair": 3, "triple": 2, "outside": 2}
 
 
 def trial(kind="pair", concealed=("end_taper", "force_offset"), named=("end_taper", "force_gain"), **more):
-    told = {"sizes": (4.0, 9.0)[: len(concealed)], "p_value": 1e-9, "ties": ((),) * len(named)}
-    told |= {"probabilities": (0.9,) * len(named)} | more
-    return Trial("all", kind, 0.5, 0, 0, "elastic", "isobars", concealed, named=named, **told)
+    result = {"sizes": (4.0, 9.0)[: len(concealed)], "p_value": 1e-9, "ties": ((),) * len(named)}
+    result |= {"probabilities": (0.9,) * len(named)} | more
+    return Trial("all", kind, 0.5, 0, 0, "elastic", "isobars", concealed, named=named, **result)
 
 
 @pytest.mark.parametrize(("hits", "of"), [(0, 100), (3, 40), (40, 40), (1000, 2000)])
-def test_the_limits_of_a_rate_are_where_binomial_tails_are_what_they_should(hits, of):
+def test_limits_of_a_rate_agree_with_binomial_tails(hits, of):
     low, high = Rate(hits, of).compute_interval()
     if hits:
         assert binom.sf(hits - 1, of, low) == pytest.approx(0.025, rel=1e-6)
@@ -43,24 +46,37 @@ def test_the_limits_of_a_rate_are_where_binomial_tails_are_what_they_should(hits
         assert binom.cdf(hits, of, Rate(hits, of).upper_limit) == pytest.approx(0.05, rel=1e-6)
 
 
-def test_no_alarm_in_two_hundred_leaves_one_and_a_half_percent():
+@pytest.mark.parametrize(
+    ("hits", "of", "low", "high"),
+    [(81, 263, 0.2527, 0.3676), (15, 148, 0.0578, 0.1617), (0, 20, 0.0, 0.1684), (1, 29, 0.0009, 0.1776)],
+)
+def test_an_interval_is_the_printed_clopper_pearson_interval(hits, of, low, high):
+    """The values are those of R. G. Newcombe, Statistics in Medicine 17, 857 (1998), table I."""
+    assert Rate(hits, of).compute_interval() == pytest.approx((low, high), abs=5e-5)
+
+
+def test_a_rate_without_data_has_the_widest_interval():
+    assert Rate(0, 0).compute_interval() == (0.0, 1.0)
+
+
+def test_upper_limit_of_zero_in_two_hundred_is_one_and_a_half_percent():
     assert Rate(0, 200).upper_limit == pytest.approx(1 - 0.05 ** (1 / 200))
 
 
-def test_a_right_name_is_right_and_another_wrong():
+def test_correct_and_wrong_names_are_counted():
     one = trial()
     assert (one.effects_found, one.names_right, one.is_exact) == ((True, False), (True, False), False)
 
 
-def test_a_stand_in_is_right_only_where_it_was_shown_to_be_one():
-    said = trial(stand_ins=(("force_offset", "force_gain"),))
-    assert said.effects_found == said.names_right == (True, True)
-    assert said.is_exact
-    # A tie that the tool offers counts for nothing by itself.
+def test_substitute_counts_as_correct_only_if_it_is_indistinguishable():
+    result = trial(stand_ins=(("force_offset", "force_gain"),))
+    assert result.effects_found == result.names_right == (True, True)
+    assert result.is_exact
+    # A tie that the tool reports is not sufficient evidence.
     assert not trial(ties=((), ("force_offset",))).is_exact
 
 
-def test_nothing_is_alarmed_by_each_of_three():
+def test_false_alarms_are_counted_for_all_three_criteria():
     quiet = trial("nothing", (), (), p_value=0.5)
     assert not quiet.is_alarm
     assert trial("nothing", (), (), p_value=0.009).is_alarm
@@ -68,7 +84,7 @@ def test_nothing_is_alarmed_by_each_of_three():
     assert trial("nothing", (), ("force_gain",), p_value=0.5).is_alarm
 
 
-def test_uniform_p_values_pass_and_others_do_not():
+def test_only_uniform_p_values_pass():
     p = (np.arange(500) + 0.5) / 500
     fair, squared = (
         [Trial("score", "nothing", 0.0, k, 0, "elastic", "isobars", p_value=v) for k, v in enumerate(values)]
@@ -79,7 +95,7 @@ def test_uniform_p_values_pass_and_others_do_not():
     assert chance[0] > 0.05 > 1e-3 > chance[1]
 
 
-def test_intervals_count_as_covering_when_they_do():
+def test_coverage_of_intervals_is_counted():
     def numbers(z):
         return tuple(RecoveredParameter("force_gain.gain", 0.0, value, 1.0, True) for value in z)
 
@@ -92,37 +108,37 @@ def test_intervals_count_as_covering_when_they_do():
     assert compute_coverage([trial(numbers=numbers(normal))], own=True).total == 0
 
 
-def test_probabilities_are_held_against_how_often_they_were_right():
-    told = compute_reliability([trial(probabilities=(0.99, 0.6)), trial(probabilities=(0.98, 0.7))])
-    assert [(round(p, 3), rate.hits, rate.total) for p, rate in told] == [(0.65, 0, 2), (0.985, 2, 2)]
+def test_probabilities_are_compared_with_the_fraction_of_correct_names():
+    result = compute_reliability([trial(probabilities=(0.99, 0.6)), trial(probabilities=(0.98, 0.7))])
+    assert [(round(p, 3), rate.hits, rate.total) for p, rate in result] == [(0.65, 0, 2), (0.985, 2, 2)]
 
 
-def test_obvious_effects_are_counted_apart():
+def test_large_effects_are_counted_separately():
     some = [trial("single", ("end_taper",), ("end_taper",), sizes=(9.0,)),
             trial("single", ("end_taper",), ("force_gain",), sizes=(4.0,))]  # fmt: skip
-    told = {line.label: line.rate for line in tabulate_recovery(some)}
-    assert told["single, obvious (8 sd and more): first name right"] == Rate(1, 1)
-    assert told["single, just detectable (3 to 8 sd): first name right"] == Rate(0, 1)
+    result = {line.label: line.rate for line in tabulate_recovery(some)}
+    assert result["one effect of 8 sd or more: first name right"] == Rate(1, 1)
+    assert result["one effect of 3 to 8 sd: first name right"] == Rate(0, 1)
 
 
-def test_a_trial_is_read_as_it_was_written():
+def test_trial_is_unchanged_after_writing_and_reading():
     one = made_up(TrialTask("all", "triple", 0.9, 3))
     assert parse_trial(one.format_line()) == one
 
 
-def test_a_stopped_run_goes_on_where_it_was(tmp_path):
-    file, tasks, asked = tmp_path / "trials.jsonl", build_tasks(COUNTS, (0.0, 0.9)), []
+def test_interrupted_run_is_continued(tmp_path):
+    file, tasks, run_tasks = tmp_path / "trials.jsonl", build_tasks(COUNTS, (0.0, 0.9)), []
 
     def stopping(task):
-        if len(asked) == 5:
+        if len(run_tasks) == 5:
             raise KeyboardInterrupt
-        asked.append(task)
+        run_tasks.append(task)
         return made_up(task)
 
     with pytest.raises(KeyboardInterrupt):
         run_proof(tasks, file, attempt=stopping)
     assert len(read_trials(file)) == 5
-    # A power cut: the last line is half there.
+    # After a power failure the last line may be incomplete.
     whole = file.read_text()
     file.write_text(whole[: -len(whole.splitlines()[-1]) // 2])
     assert len(read_trials(file)) == 4
@@ -134,14 +150,34 @@ def test_a_stopped_run_goes_on_where_it_was(tmp_path):
 
 
 @pytest.mark.slow
-def test_two_processes_give_the_same_trials(tmp_path):
+def test_trials_of_small_recordings_agree_with_what_was_injected(tmp_path, monkeypatch):
+    """One muscle and bench for all trials: its recordings share the compiled program of the bank."""
+    monkeypatch.setattr(trial_module, "draw_setup", lambda rng: build_setup())
+    file = tmp_path / "trials.jsonl"
+    tasks = build_tasks({"nothing": 1, "single": 1}, (0.5,), seed=3, with_baselines=True)
+    nothing, single = trials = run_proof(tasks, file)
+    assert [trial.error for trial in trials] == ["", ""]
+    assert read_trials(file) == trials
+    assert not nothing.is_alarm
+    assert single.is_exact
+    assert single.after["force"] < min(1.3, single.before["force"])
+    assert single.selected
+    assert single.iou is not None
+    assert all(abs(n.value - n.true) < RECOVERED * n.sd for n in single.numbers if n.same)
+    # The stage without a selection of mechanisms has the same recordings and p-values.
+    (score,) = run_proof(build_tasks({"nothing": 1}, (0.5,), stage="score", seed=3), file)
+    assert score.p_value == pytest.approx(nothing.p_value)
+
+
+@pytest.mark.slow
+def test_number_of_processes_does_not_change_the_trials(tmp_path):
     tasks = build_tasks({"nothing": 6}, (0.5,), stage="score")
     alone = run_proof(tasks, tmp_path / "one.jsonl", attempt=uniform)
     assert run_proof(tasks, tmp_path / "two.jsonl", workers=2, attempt=uniform) == alone
 
 
 @pytest.mark.slow
-def test_the_processes_of_a_killed_proof_end_with_it(tmp_path):
+def test_child_processes_end_with_a_killed_run(tmp_path):
     words = (
         "from pathlib import Path\n"
         "from pamjax.benchmark.prove import run_proof, build_tasks\n"
@@ -180,24 +216,24 @@ def _runs(process):
     return not (status.exists() and status.read_text().rpartition(")")[2].split()[0] == "Z")
 
 
-def test_another_seed_is_another_proof(tmp_path):
+def test_trials_of_another_seed_are_not_reused(tmp_path):
     file = tmp_path / "trials.jsonl"
     run_proof(build_tasks({"nothing": 2}, (0.0,)), file, attempt=made_up)
     run_proof(build_tasks({"nothing": 2}, (0.0,), seed=1), file, attempt=made_up)
     assert len(read_trials(file)) == 4
 
 
-def test_a_file_of_something_else_is_refused(tmp_path):
+def test_file_of_another_kind_is_refused(tmp_path):
     file = tmp_path / "trials.jsonl"
     file.write_text('{"kind": "single"}\n')
     with pytest.raises(BadInput, match=r"line 1 of trials\.jsonl"):
         read_trials(file)
 
 
-def test_the_table_says_the_same_in_three_forms():
+def test_three_forms_of_the_table_agree():
     lines = tabulate_trials([made_up(task) for task in build_tasks(COUNTS, (0.0, 0.9))])
-    told = build_documents(lines)
-    assert set(told) == {"table.md", "table.csv", "table.json"}
-    assert told["table.md"] == format_markdown(lines)
-    assert all(line.label in told["table.csv"] and line.label in told["table.md"] for line in lines)
+    result = build_documents(lines)
+    assert set(result) == {"table.md", "table.csv", "table.json"}
+    assert result["table.md"] == format_markdown(lines)
+    assert all(line.label in result["table.csv"] and line.label in result["table.md"] for line in lines)
     assert not any(math.isnan(line.rate.share) for line in lines if line.rate and line.rate.total)

@@ -1,4 +1,4 @@
-"""Trials that were never run, for tests of counting, drawing and resuming."""
+"""Artificial trials for tests of counts, figures and continuation."""
 
 import os
 import time
@@ -12,14 +12,14 @@ IDS = ("braid_friction", "force_offset", "thread_crimp", "end_taper", "channel_l
 
 
 def uniform(task: TrialTask) -> Trial:
-    """A scoring stage whose p-value is uniform."""
+    """Return a scoring result with a uniform p-value."""
     rng = np.random.default_rng([task.number, round(1e3 * task.correlation)])
     return Trial(task.stage, task.kind, task.correlation, task.number, task.seed, "elastic", "isobars",
                  p_value=float(rng.random()))  # fmt: skip
 
 
 def endless(task: TrialTask) -> Trial:
-    """Nothing, for a minute; its process is told beside the trials."""
+    """Wait for a minute; the process id is written to the folder of the trials."""
     folder = Path(os.environ["PAMJAX_TEST_FOLDER"])
     (folder / f"{os.getpid()}.pid").touch()
     time.sleep(60)
@@ -27,7 +27,7 @@ def endless(task: TrialTask) -> Trial:
 
 
 def made_up(task: TrialTask, detecting: float = 2.0) -> Trial:
-    """What a tool would say that names effects above some size, invents one in ten and knows its sd."""
+    """Return an artificial diagnosis that names large effects and has one false name in ten."""
     rng = np.random.default_rng(
         [list(TRIAL_KINDS).index(task.kind), task.number, round(1e3 * task.correlation)]
     )

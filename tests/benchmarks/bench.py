@@ -1,12 +1,12 @@
-"""How long a whole bench takes: every mechanism switched on, a recording of 5,000 rows.
+"""Time of a complete bench: every mechanism active, a recording of 5,000 rows.
 
     taskset -c 0 python -m tests.benchmarks.bench [rows] [--json FILE]
 
-Reported, never asserted. Prediction and Jacobian in every number, warm, against the same physics in plain
-NumPy with finite differences (`by_hand.py`; that both predict the same is checked and printed); and how
-long a new process compiles for, with an empty cache and with the one that the first left behind. Times on
-the clock and of the processor are both told: on a shared machine the clock tells of the others as well.
-Without `taskset` JAX takes all cores.
+The times are reported, and no test depends on them. Warm prediction and Jacobian of all parameters are
+compared with the same physics in NumPy with finite differences (`by_hand.py`); the script checks that both
+predictions agree. It also reports the compilation time of a new process with an empty cache, and with the
+cache of an earlier process. Wall-clock and processor times are both reported, because other processes of
+a shared machine affect the former. Without `taskset` JAX uses all cores.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from tests.benchmarks.by_hand import ByHand
 from tests.benchmarks.keep import arguments, keep
 from tests.model.mechanisms.typical import LENGTH, full
 
-#: Numbers of the usual size for the paper's muscle, by path; the rest at their defaults, and mechanisms
-#: that are not among them compiled in at their neutral values.
+#: Typical parameters of the paper's muscle, by path; all others have their defaults, and mechanisms
+#: that are not listed are compiled with their neutral values.
 TYPICAL = {
     "braid_elasticity.compliance": 1 / (144 * 0.0858e-6 * 80e9),
     "thread_crimp.crimp": 5e-4,
@@ -73,7 +73,7 @@ class Task:
         cycle = row / rows * 30
         level = np.minimum(cycle // 3, 9).astype(int)
         pressure = 69e3 * (1 + level) * (1 + 2e-3 * np.sin(0.7 * row))
-        # Low pressures shorten less, as in the paper: further the bladder would stand off the braid.
+        # Low pressures have shorter strokes, as in the paper: otherwise the bladder would lose contact.
         top = np.array([0.02, 0.08, 0.12, *[0.15] * 7])[level]
         length = LENGTH * (1 - top * (1 - np.abs(2 * (cycle % 1) - 1)))
         starts = np.diff(level, prepend=-1) > 0
@@ -95,14 +95,14 @@ class Task:
 
     @cached_property
     def slopes(self) -> Callable:
-        """Jacobian and prediction, as a step of least squares asks for them: one program."""
+        """Return Jacobian and prediction of a least-squares step, in one program."""
         return jax.jit(jax.jacfwd(lambda x, at: 2 * (self.plain(x, at),), has_aux=True))
 
     def by_hand(self, x) -> np.ndarray:
         return self.hand(dict(zip(self.numbers, x, strict=True)))
 
     def differences(self) -> np.ndarray:
-        """The Jacobian by forward differences, as SciPy takes them: one prediction more than numbers."""
+        """Return the Jacobian by forward differences, as in SciPy: one prediction more than parameters."""
         begin, columns = self.by_hand(self.x), []
         for k, value in enumerate(self.x):
             step = 1.5e-8 * max(abs(value), 1e-3)
@@ -111,7 +111,7 @@ class Task:
 
 
 def milliseconds(call: Callable[[], object], repeats: int) -> tuple[float, float]:
-    """Medians by the clock and of the processor."""
+    """Return the median wall-clock and processor times, ms."""
     jax.block_until_ready(call())
     times = []
     for _ in range(repeats):
@@ -155,7 +155,7 @@ def warm(console: Console, rows: int, repeats: int = 15) -> dict[str, float]:
 
 
 def compiling(rows: int) -> None:
-    """What a new process does: print as JSON the seconds until each program stands."""
+    """Print the compilation time of each program in a new process as JSON, s."""
     keep_compiled()
     task, taken = Task(rows), {}
     for name in ("slopes", "predict"):

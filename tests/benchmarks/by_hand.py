@@ -1,8 +1,8 @@
-"""The bench by hand: the same physics in plain NumPy, as one would write it without JAX.
+"""The complete bench in plain NumPy: the same physics without JAX.
 
-One instant is the balance of load and length, solved by Newton for all rows at once with slopes from
-complex steps; memories are loops over the rows. It knows the taut muscle only (the benchmark's recording
-has no other), and eighteen mechanisms; those the library has besides must stand at their neutral values.
+Newton's method solves the equilibrium of load and length for all rows at once, with derivatives by complex
+steps. Memories are loops over the rows. Limits: taut muscles only, and eighteen mechanisms; all others must
+have their neutral values.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from pamjax.model.mechanisms.braid_friction import (
 from pamjax.model.mechanisms.contact_pressure import MIN_CONTACT_PRESSURE
 from pamjax.model.mechanisms.mullins_softening import MIN_WALL_ENERGY
 
-#: Step of a derivative through the complex plane: no difference is taken, so it can be as small as this.
+#: Step of a complex-step derivative, which has no cancellation, so it can be this small.
 STEP = 1e-30
 
-#: Newton steps: each row of the benchmark's recording is solved to rounding after four.
+#: Newton steps: four solve each row of the benchmark's recording to rounding.
 STEPS = 4
 
 WALLED = ("bladder_elasticity", "viscoelastic_creep", "mullins_softening")
 
 
 class ByHand:
-    """Force and diameter of a recording, from numbers by path as in `pamjax.parameter.list_values`."""
+    """Force and diameter of a recording, from parameters by path as in `pamjax.parameter.list_values`."""
 
     def __init__(self, pressure, length, time, starts) -> None:
         self.pressure, self.length, self.time = (np.asarray(a, float) for a in (pressure, length, time))
@@ -41,7 +41,7 @@ class ByHand:
         self.weights = self._weights()
 
     def __call__(self, numbers: Mapping[str, float]) -> np.ndarray:
-        """(2, n) recorded force, N, and diameter, m."""
+        """Return the recorded force, N, and diameter, m, (2, n)."""
         self.of = numbers
         pressure = (self.pressure - numbers["pressure_offset.offset"]) / (1 + numbers["pressure_gain.gain"])
         length = self.length - numbers["length_offset.offset"]
@@ -55,7 +55,7 @@ class ByHand:
         at, thread, _, force = self._balance(inside, length, extension, by_length, -by_thread)
         return np.stack([self._read(force), 2 * self._radius(at, thread)])
 
-    # One instant.
+    # One row.
 
     def _radius(self, length, thread):
         return np.sqrt(thread**2 - length**2) / (2 * np.pi * self.of["turns"])
@@ -87,7 +87,7 @@ class ByHand:
         return self.of["braid_elasticity.compliance"] * load - crimp
 
     def _balance(self, pressure, length, extension, by_length, by_thread):
-        """Length, thread, load and force of every row; `by_length` and `by_thread` from the memories."""
+        """Return length, thread length, load and force of every row, with the memory terms as inputs."""
         rest = self.of["thread_length"] * (1 + extension)
         load, at = np.zeros_like(length), length
 
@@ -101,7 +101,7 @@ class ByHand:
 
         for _ in range(STEPS):
             x, y = off(load, at)
-            # Differences here: the slopes inside have the complex plane to themselves.
+            # Finite differences, because the inner derivatives use complex steps.
             h, k = 1e-4 * np.maximum(np.abs(load), 1.0), 1e-7 * at
             xa, ya = ((new - old) / h for new, old in zip(off(load + h, at), (x, y), strict=True))
             xb, yb = ((new - old) / k for new, old in zip(off(load, at + k), (x, y), strict=True))
@@ -110,10 +110,10 @@ class ByHand:
         thread = rest * (1 + self._strain(load))
         return at, thread, load, pulls(at, thread)[1]
 
-    # The past.
+    # The memories.
 
     def _weights(self):
-        """Weights of the least-squares slope through a row and its neighbours of the same run, 1/s."""
+        """Return the weights of the least-squares slope over a row and its neighbours in a run, 1/s."""
         n = self.time.size
         weights = np.zeros((n, 2 * RATE_HALF_WIDTH + 1))
         for i in range(n):
@@ -144,7 +144,7 @@ class ByHand:
         return bedded + self.of["thread_slip.step"] * 0.5 * (1 + np.tanh(0.5 * late))
 
     def _strains(self, pressure, length, thread):
-        """What memories look at: (λz, λc) that relaxes, energy that softens, angle, length."""
+        """Return the inputs of the memories: (λz, λc) of relaxation, energy of softening, angle, length."""
         axial, hoop, _ = self._stretch("viscoelastic_creep", length, thread)
         first, _, rubber = self._invariants("mullins_softening", length, thread)
         rubs = (length - self.of["braid_friction.give"] * pressure) / thread
@@ -213,7 +213,7 @@ class ByHand:
         return late
 
     def _late(self, rows, force, rate):
-        """A cubic with the rates of its ends; before a run begins the force was what it is then."""
+        """Return the delayed force by cubic interpolation; it is constant before a run."""
         time, at = self.time[rows], self.time[rows] - self.of["channel_lag.lag"]
         before = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(rows) - 2)
         a, b = rows[before], rows[before + 1]

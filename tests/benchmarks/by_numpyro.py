@@ -1,7 +1,7 @@
-"""The posterior of the speed benchmark as one would write it in numpyro, without pamjax.
+"""The posterior of the speed benchmark in numpyro, without pamjax.
 
-Plain numbers with their priors, the balance of toe threads by Newton's steps, noise with a memory; NUTS
-finds its own step and its own diagonal of masses. numpyro is no dependency: `pip install numpyro`.
+The model has parameters with priors, toe threads with Newton's method, and AR(1) noise. NUTS adapts its step
+size and its diagonal mass matrix. numpyro is not a dependency: `pip install numpyro`.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from numpyro.infer.util import log_density
 from pamjax.infer.posterior.log_density import PosteriorDensity
 from tests.infer.made import TRUE
 
-#: Newton steps of the toe; as in the twin in NumPy.
+#: Newton steps of the toe law, as in the NumPy version.
 STEPS = 12
 
 
 class ByNumpyro:
-    """The model of one recording with toe threads, and its walk.
+    """The model of one recording with toe threads, and its sampler.
 
     Args:
-        density: whose data and priors it takes; none of its code.
+        density: source of data and priors; its code is not used.
     """
 
     def __init__(self, density: PosteriorDensity) -> None:
@@ -46,13 +46,13 @@ class ByNumpyro:
         }
 
     def priors(self) -> dict[str, Any]:
-        """A distribution for every number, SI."""
+        """Return a distribution for every parameter, SI."""
         at = self.at
         columns = (np.asarray(a).tolist() for a in (at.low, at.high, at.mean, at.sd, at.log_scale))
         return {name: _prior(*numbers) for name, *numbers in zip(at.names, *columns, strict=True)}
 
     def shown(self, now: Mapping[str, Any]) -> dict[str, jax.Array]:
-        """Force, N, and diameter, m, at every row."""
+        """Return force, N, and diameter, m, of every row."""
         stiffness = now["thread.modulus"] * now["muscle.threads"] * now["muscle.thread_area"]
         rest, turns = now["muscle.thread_length"], now["muscle.turns"]
         ratio, crimp, width = now["thread.toe_ratio"], now["thread.crimp"], now["thread.width"]
@@ -77,7 +77,7 @@ class ByNumpyro:
             numpyro.sample(channel, noise.mask(self.there[channel]), obs=measured)
 
     def off(self, density: PosteriorDensity, u: np.ndarray) -> float:
-        """Largest difference to pamjax's log-density along points u, (n, p), but for a constant."""
+        """Return the largest difference from pamjax's log-density at points u, (n, p), up to a constant."""
         gaps = []
         for point in map(jnp.asarray, u):
             slope = jax.jvp(self.at.to_values, (point,), (jnp.ones_like(point),))[1]
@@ -86,7 +86,7 @@ class ByNumpyro:
         return float(np.ptp(gaps))
 
     def walk(self, start: np.ndarray, warmup: int, draws: int, seed: int = 1) -> Callable[[], np.ndarray]:
-        """A call for (draws, 1, p) numbers, SI, after a warm-up; compiled once."""
+        """Return a compiled sampler for (draws, 1, p) parameter values, SI, after warm-up."""
         kernel = NUTS(self, init_strategy=init_to_value(values=self.at.to_named_values(jnp.asarray(start))))
         walk = MCMC(kernel, num_warmup=warmup, num_samples=draws, progress_bar=False)
 

@@ -1,12 +1,12 @@
-"""Are the posteriors' intervals true? Simulation-based calibration over 300 recordings, elastic and toe.
+"""Simulation-based calibration of the posteriors over 300 recordings, with elastic and toe threads.
 
     python -m tests.benchmarks.calibration [count] [elastic|toe|white ...] [--json FILE]
 
-"white" is the elastic bench read with a likelihood that takes correlated samples for independent: it must
-be caught. Ranks of the truth among `DRAWS` draws fall into `BINS` bins; a number passes if the χ² of their
-counts has p > `CAUGHT` over the number of numbers tested (Bonferroni).
+"white" uses a wrong likelihood, which treats correlated samples as independent; the test must detect it.
+Ranks of the true values among `DRAWS` draws are counted in `BINS` bins. A parameter passes if the χ² of its
+counts has p > `CAUGHT` / number of tested parameters (Bonferroni).
 
-A recording that is done is a line of out/calibration/WORD.jsonl, with which the next run goes on.
+Each completed recording is a line of out/calibration/WORD.jsonl; the next run continues from there.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ from tests.calibrated import Bench, believing_white
 
 DRAWS, BINS, CAUGHT = 99, 20, 0.01
 LEVELS = (0.5, 0.8, 0.9, 0.95)
-#: What each chain has to reach: 99 draws of it are then nearly independent.
+#: Required effective sample size of each chain: 99 draws of it are then nearly independent.
 ESS, RHAT, LONGEST = 400.0, 1.05, 10_000
-#: Recordings at once, and what one asks at once: half of the ensemble's 32 walkers.
+#: Number of parallel recordings, and points of one request: half of the ensemble's 32 walkers.
 SEATS, POINTS = 16, 16
 
 
 def draws_of(bench: Bench, k: int, white: bool, desk: Desk, place: int) -> tuple[np.ndarray, float, float]:
-    """(DRAWS, p) posterior draws of recording k, and its chain's least ESS and largest split-R̂."""
+    """Return posterior draws of recording k, (DRAWS, p), and least ESS and largest split-R̂."""
     density, start = bench.recording(k)
     density = believing_white(density) if white else density
     ball = fit_laplace(density, start)
@@ -60,14 +60,14 @@ def draws_of(bench: Bench, k: int, white: bool, desk: Desk, place: int) -> tuple
 
 
 class Ledger:
-    """One line a recording: its number, the ranks, and how good its chain was."""
+    """A file with one line per recording: its number, ranks and chain diagnostics."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.lock = path, threading.Lock()
         path.parent.mkdir(parents=True, exist_ok=True)
         self.lines: dict[int, dict] = {}
         for text in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
-            # A run that was killed may have left half a line.
+            # A killed run may have left an incomplete line.
             if text.endswith("}"):
                 line = json.loads(text)
                 self.lines[line["recording"]] = line
@@ -81,7 +81,7 @@ class Ledger:
 
 
 def read_all(word: str, count: int, console: Console) -> tuple[tuple[str, ...], list[dict]]:
-    """Names of the numbers, and the lines of all recordings: those on disk, and the rest worked out."""
+    """Return the parameter names and the lines of all recordings; missing recordings are computed."""
     white = word == "white"
     ledger = Ledger(Path("out/calibration") / f"{word}.jsonl")
     bench = Bench("elastic" if white else word, count)
@@ -117,14 +117,14 @@ def read_all(word: str, count: int, console: Console) -> tuple[tuple[str, ...], 
 
 
 def p_value(rank: np.ndarray) -> float:
-    """Of the χ² of the ranks' counts in equal bins."""
+    """Return the p-value of the χ² of rank counts in equal bins."""
     counts = np.histogram(rank, BINS, (0, DRAWS + 1))[0]
     wanted = rank.size / BINS
     return float(chi2.sf(((counts - wanted) ** 2 / wanted).sum(), BINS - 1))
 
 
 def covered(rank: np.ndarray, level: float) -> float:
-    """Share of recordings whose truth lies within the central interval of a level."""
+    """Return the fraction of recordings whose true value is within the central interval of a level."""
     tail = (1 - level) / 2 * (DRAWS + 1)
     return float(np.mean((rank + 0.5 > tail) & (rank + 0.5 < DRAWS + 1 - tail)))
 

@@ -1,9 +1,9 @@
-"""How long a user waits for a command: the first time, which compiles, and again.
+"""Time of a command: the first run, which compiles, and a second run.
 
     python -m tests.benchmarks.command diagnose CASE --no-report [--json FILE]
 
-Each run is a process of its own; the first has an empty cache of compiled programs. What the command writes
-goes to a scratch folder, where it takes `--out`. Reported, never asserted.
+Each run is a new process; the first starts with an empty cache of compiled programs. A command with `--out`
+writes to a temporary folder. The times are reported, and no test depends on them.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ WITHOUT_OUT = ("check", "explain", "validate", "compare", "inverse")
 
 
 def measure(words: list[str]) -> dict[str, tuple[float, float]]:
-    """Return seconds of the clock and of the processor, by run."""
+    """Return wall-clock and processor times of each run, s."""
     code = "import sys; from pamjax.cli.main import main; sys.exit(main(sys.argv[1:]))"
     times = {}
     with tempfile.TemporaryDirectory() as scratch:

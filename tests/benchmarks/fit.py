@@ -1,11 +1,11 @@
-"""How long a fit takes, against what one would write by hand with SciPy or lmfit.
+"""Time of a fit, compared with SciPy and lmfit on the same problem in NumPy.
 
     python -m tests.benchmarks.fit [--json FILE]
 
-Reported, never asserted: medians of several repeats on one machine, of which only the ratios mean
-something elsewhere. The same residual of the paper's protocol, force and diameter, from the same start;
-the others get it in NumPy, and their derivatives by finite differences. That they end at the same place
-is checked. What a user waits for is in `command.py`.
+The reported times are medians of several repeats on one machine; only their ratios are valid for other
+machines. All fits have the same residuals (protocol of the paper, force and diameter) and the same start.
+The others use NumPy and finite differences. The script checks that all results agree. `command.py` measures
+the time of a complete command.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ from pamjax.records.protocol import PAPER_PROTOCOL
 from tests.benchmarks.keep import arguments, keep
 from tests.infer.made import TRUE, made
 
-#: Newton steps of the twin's toe; its start is the linear thread's.
+#: Newton steps of the NumPy toe law, from the solution of linear threads.
 STEPS = 12
 
-#: Standard deviations within which two ends are the same place.
+#: Difference in standard deviations below which two results agree.
 SAME = 0.01
 
 
 class Twin:
-    """The residual of a member in NumPy, as one would write it without JAX."""
+    """The residuals of a dataset in NumPy, without JAX."""
 
     def __init__(self, law: str, one: Dataset, at: ParameterSpace) -> None:
         self.law, self.names = law, at.names
@@ -105,7 +105,7 @@ class Twin:
 
 
 def problem(law: str) -> tuple[tuple[Dataset, ...], ParameterSpace]:
-    """The paper's protocol, weighed once at the first solution."""
+    """Return the fit problem of the paper's protocol, with weights from the first solution."""
     case = made(law, plan=PAPER_PROTOCOL, seed=1)
     at, (rename,) = build_joint_space([case], law, ())
     members = (build_dataset(case, law, at, rename),)
@@ -130,7 +130,7 @@ def by_scipy(twin: Twin, size: int, method: Literal["lm", "trf"]) -> np.ndarray:
 
 
 def milliseconds(call: Callable[[], object], repeats: int) -> float:
-    """Median processor time: on a shared machine the clock on the wall tells of the others."""
+    """Return the median processor time, ms; other processes affect the wall-clock time."""
     jax.block_until_ready(call())
     times = []
     for _ in range(repeats):
@@ -141,7 +141,7 @@ def milliseconds(call: Callable[[], object], repeats: int) -> float:
 
 
 def warm(console: Console, repeats: int = 9) -> dict[str, float]:
-    """Processor time of a solve with its curvature, and of the others' solves."""
+    """Return the processor time of a solve with its curvature, and of the solves of the other libraries."""
     table = Table("thread law", "rows", "pamjax", "SciPy lm", "SciPy trf", "lmfit", "SciPy's best / pamjax")
     figures = {}
     for law in ("elastic", "toe"):

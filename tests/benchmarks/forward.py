@@ -1,9 +1,9 @@
-"""How long a million states take, against a memory copy and against what one would write by hand.
+"""Time of a million states, compared with a memory copy and with other implementations.
 
     python -m tests.benchmarks.forward [states] [--json FILE]
 
-Reported, never asserted. Every line is the median of several repeats in one run on one machine; only
-the ratios mean something elsewhere. What loops in Python is timed on fewer states and scaled.
+The reported times are medians of several repeats in one run; only their ratios are valid for other machines.
+Python loops are measured with fewer states, and the time is scaled.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def gradient_in_inputs(muscle, pressure, length):
 
 @eqx.filter_jit
 def slopes_in_numbers(muscle, pressure, length):
-    """One column of the Jacobian for each number, by forward mode: what a least-squares fit asks for."""
+    """Return the Jacobian in the parameters by forward mode, as a least-squares fit needs it."""
     numbers, rest = eqx.partition(muscle, eqx.is_array)
     leaves, tree = jax.tree.flatten(numbers)
 
@@ -80,7 +80,7 @@ def gradient_of_sum(muscle, pressure, length):
     return eqx.filter_grad(lambda m: jnp.sum(force(m, pressure, length)))(muscle)
 
 
-#: In both inputs, as an observer asks; column by column, as least squares; of a sum, as a sampler.
+#: Derivatives in both inputs (observer), column by column (least squares), and of a sum (sampler).
 GRADIENTS = {
     "gradient in both inputs": gradient_in_inputs,
     "slopes in all numbers": slopes_in_numbers,
@@ -99,7 +99,7 @@ def toe_residual(strain, pull):
 
 @jax.jit
 def by_optimistix(pressure, length):
-    """A generic root finder under `vmap`, from the line a law starts at by default."""
+    """Return the roots by a generic root finder under `vmap`, from the default start of a law."""
 
     def one(p, l):
         pull = braid.hoop_pull(p, l, B0, N)
@@ -131,7 +131,7 @@ def by_roots(measured, pressure, length):
 
 
 def measure(states: int) -> list[tuple[str, float, str]]:
-    """(what, milliseconds for all states, against which line)."""
+    """Return (label, milliseconds for all states, label of the reference)."""
     random = np.random.default_rng(1)
     host = [random.uniform(*ends, states) for ends in ((1e4, 7e5), (0.16, REST), (0.0, 4700.0))]
     pressure, length, measured = map(jnp.asarray, host)

@@ -1,9 +1,9 @@
-"""Keep a benchmark's figures in a small JSON file, which the pages quote.
+"""Store the figures of a benchmark in a small JSON file, which the documentation quotes.
 
     python -m tests.benchmarks.bench --json docs/benchmarks/bench.json
 
-Each benchmark takes `--json FILE`. The file has the command, the date, the machine, the versions and the
-figures. Without the option nothing is written.
+Each benchmark accepts `--json FILE`. The file contains the command, date, machine, versions and figures.
+Without the option nothing is written.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from typing import Any
 OPTION = "--json"
 PACKAGES = ("jax", "numpy", "pamjax")
 
-#: Significant digits of a kept figure.
+#: Significant digits of a stored figure.
 DIGITS = 4
 
-#: Load of the machine before the benchmark began; None where the system does not report it.
+#: Load of the machine before the benchmark; None if the system does not report it.
 LOAD = round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None
 
 
 def arguments(words: Sequence[str] | None = None) -> tuple[list[str], Path | None]:
-    """Return the words of the command line without `--json FILE`, and FILE (None if it is not there)."""
+    """Return the command-line arguments without `--json FILE`, and FILE (None if absent)."""
     left = list(sys.argv[1:] if words is None else words)
     if OPTION not in left:
         return left, None
@@ -40,11 +40,11 @@ def arguments(words: Sequence[str] | None = None) -> tuple[list[str], Path | Non
 
 
 def keep(file: Path | None, figures: Mapping[str, Any]) -> None:
-    """Write the figures of a benchmark to a file, with what they were measured on.
+    """Write the figures of a benchmark to a file, with command, date, machine and versions.
 
     Args:
-        file: to be written; nothing is written if None.
-        figures: numbers, or (value, low, high), by what they are, with the unit in brackets.
+        file: file to write; nothing is written if None.
+        figures: values, or (value, low, high), by label with the unit in brackets.
     """
     if file is None:
         return
@@ -61,25 +61,25 @@ def keep(file: Path | None, figures: Mapping[str, Any]) -> None:
 
 
 def command() -> str:
-    """Return the command that runs this process, without the option that keeps its figures."""
+    """Return the command of this process, without the option `--json`."""
     spec = getattr(sys.modules["__main__"], "__spec__", None)
     program = f"-m {spec.name}" if spec else Path(sys.argv[0]).name
     return " ".join(["python", program, *arguments()[0]])
 
 
 def machine() -> dict[str, Any]:
-    """Return the processor, the cores this process may use, those there are, and the load before."""
+    """Return the processor, the usable and all cores, and the load before the run."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return {"processor": _processor(), "cores used": cores, "cores": os.cpu_count(), "load before": LOAD}
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of Python and of the packages that a figure depends on."""
+    """Return the versions of Python and of the packages that affect a figure."""
     return {"python": platform.python_version()} | {p: importlib.metadata.version(p) for p in PACKAGES}
 
 
 def _processor() -> str:
-    """Return the processor's name; Linux has it in a file."""
+    """Return the name of the processor."""
     file = Path("/proc/cpuinfo")
     lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
     names = (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))

@@ -1,16 +1,16 @@
-"""Does a plan keep its promise: simulated muscles are measured as planned, fitted, held against the truth.
+"""Test of planned uncertainties: simulated muscles are measured as planned and fitted.
 
     python -m tests.benchmarks.plan [muscles] [minutes] [--json FILE]
     python -m tests.benchmarks.plan muscles minutes alike [--json FILE]
 
-Each muscle is another: length, slenderness, angle, threads, how well it is known, and how good the rig is.
-Its truth, zeros, gains and give of the rig included, is drawn from what is believed. The planned runs, and
-ten isobars in the same time, are simulated with noise and fitted by least squares with the same priors and
-without the approximations of the plan (another program than the one that planned). Reported:
+Length, slenderness, angle, threads, priors and rig differ between muscles. The true parameters, including
+offsets, gains and compliance of the rig, are drawn from the priors. The planned runs, and ten isobars of the
+same duration, are simulated with noise. A least-squares fit with the same priors, without the approximations
+of the plan, estimates the parameters. Reported:
 
-promised    mean of (fitted sd / promised sd)², and rms of (estimate − truth) / promised sd: both 1 if true
-alike       no plan: every muscle makes the same three runs, so that the fit's own sd is tested alone
-isobars     rms error after ten isobars over rms error after the plan, both relative to the promise
+promised    mean of (fitted sd / planned sd)², and rms of (estimate − truth) / planned sd: both 1 if correct
+alike       without a plan: every muscle makes the same three runs, which tests the sd of the fit alone
+isobars     rms error after ten isobars / rms error after the plan, both relative to the planned sd
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ GOAL = "thread.modulus"
 
 
 def a_muscle(rng: np.random.Generator, minutes: float) -> tuple[MuscleToml, RigCapabilities]:
-    """A muscle as a lab states it, and a rig."""
+    """Return a muscle with stated uncertainties, and a rig."""
     rest, angle = math.exp(rng.uniform(math.log(0.1), math.log(0.4))), math.radians(rng.uniform(62, 72))
     thread = rest / math.sin(angle)
     width = rest * rng.uniform(0.07, 0.14)
@@ -73,23 +73,23 @@ def a_muscle(rng: np.random.Generator, minutes: float) -> tuple[MuscleToml, RigC
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one number: its estimate, the fit's sd and the truth, SI."""
+    """The result for one parameter: estimate, sd of the fit and true value, SI."""
 
     value: float
     sd: float
     true: float
 
 
-#: Rounds in which the length of a muscle on a rig that gives is found; each leaves some thousandths.
+#: Iterations for the length of a muscle on a compliant rig; each reduces the error to some thousandths.
 ROUNDS = 6
 
-#: Rows that every recording is padded to: one compiled program.
+#: Number of rows of all padded recordings, for one compiled program.
 ROWS = 4096
 
 
 @partial(jax.jit, static_argnames=("law", "names"))
 def shown(law: str, names: tuple[str, ...], fixed, values, pressure, length):
-    """Force and diameter that a rig shows, (2, n): zeros, gains and give of the rig without approximation."""
+    """Return force and diameter on a rig, (2, n), with its exact offsets, gains and compliance."""
     number = dict(zip(names, values, strict=True)) | fixed
     muscle = assemble(law, number)
     off = {name: number.get(name, 0.0) for name in DEFAULT_ERROR_SDS}
@@ -108,7 +108,7 @@ slopes = jax.jit(jax.jacfwd(shown, argnums=3), static_argnames=("law", "names"))
 def outcome(
     known: PriorInformation, done: list[PlannedRun], true: np.ndarray, rng: np.random.Generator
 ) -> Outcome:
-    """Make runs on a muscle and fit them."""
+    """Simulate the runs of a muscle and fit them."""
     mean, sd, names = known.mean.copy(), known.scale.copy(), known.space.names
     for run in done:
         for name, reading in run.direct_sds.items():
@@ -156,7 +156,7 @@ def outcome(
 
 
 def in_minutes(known: PriorInformation, minutes: float) -> list[PlannedRun]:
-    """Ten isobars with as many samples as so many minutes allow."""
+    """Return ten isobars with the number of samples of the available minutes."""
     usual = list_isobars(known.capabilities, known.entry.rest_length.value)
     share = minutes / sum(run.minutes for run in usual)
     pressure, length = (np.concatenate([getattr(r, c) for r in usual]) for c in ("pressure", "length"))
@@ -165,13 +165,13 @@ def in_minutes(known: PriorInformation, minutes: float) -> list[PlannedRun]:
 
 
 def a_truth(known: PriorInformation, rng: np.random.Generator) -> np.ndarray:
-    """What a muscle and its rig are, of what is believed, within two standard deviations."""
+    """Return true parameters of a muscle and its rig, within two standard deviations of the priors."""
     drawn = known.mean + known.scale * np.clip(rng.standard_normal(known.mean.size), -2, 2)
     return np.clip(drawn, np.asarray(known.space.low) + 1e-9 * known.scale, np.asarray(known.space.high))
 
 
 def alike(seed: int, minutes: float) -> Outcome:
-    """One muscle that makes the same runs as every other: a ramp, a hold and a bar in the grips."""
+    """Return the result of one muscle with three fixed runs: a ramp, a hold and a rigid bar."""
     rng = np.random.default_rng([20, 1000 + seed])
     known = build_prior_information(*a_muscle(rng, minutes))
     offered = list_runs(known.capabilities, known.entry.rest_length.value)
@@ -181,7 +181,7 @@ def alike(seed: int, minutes: float) -> Outcome:
 
 
 def trial(seed: int, minutes: float) -> tuple[Plan, Outcome, Outcome]:
-    """One muscle: its plan, what that gave, and what ten isobars gave."""
+    """Return the plan of one muscle, its result, and the result of ten isobars."""
     rng = np.random.default_rng([20, seed])
     entry, means = a_muscle(rng, minutes)
     found = plan(entry, means, GOAL, to="5 %")
@@ -219,7 +219,7 @@ def rms(values: np.ndarray) -> float:
 
 
 def statistics(trials: list[tuple[Plan, Outcome, Outcome]]) -> dict[str, Any]:
-    """Return what came of the plans, by what it is."""
+    """Return the statistics of the plans, by label."""
     promised = np.array([found.sd for found, _, _ in trials])
     true = np.array([p.true for _, p, _ in trials])
     by_plan = np.array([(p.value - p.true) for _, p, _ in trials]) / promised
@@ -243,7 +243,7 @@ def statistics(trials: list[tuple[Plan, Outcome, Outcome]]) -> dict[str, Any]:
 
 
 def report(trials: list[tuple[Plan, Outcome, Outcome]]) -> str:
-    """Return the statistics as lines to read."""
+    """Return the statistics as text lines."""
     figures = statistics(trials)
     lines = [
         f"  {name}: {value if isinstance(value, Interval) else f'{value:.3g}'}"

@@ -1,12 +1,12 @@
-"""Effective samples a second: pamjax's two samplers, emcee on a NumPy likelihood, and numpyro's own NUTS.
+"""Effective samples per second: pamjax's two samplers, emcee with a NumPy likelihood, and NUTS of numpyro.
 
     python -m tests.benchmarks.sample [--json FILE]
 
-One recording of the paper's protocol, threads with a toe: B0, N, E, the toe's three numbers, and of force
-and diameter sd and lag-one correlation. All draw from the same posterior; a time is processor time once
-everything is compiled, warm-up and burn-in included, so that no sampler is charged for another's machine.
-numpyro (not a dependency: `pip install numpyro`) has the model written out by hand and walks in the
-numbers themselves, without the ball (`by_numpyro.py`).
+The recording has the protocol of the paper and toe threads. Parameters: B0, N, E, three of the toe, and sd
+and lag-one correlation of force and diameter. All samplers draw from the same posterior. The times are
+processor times after compilation, with warm-up and burn-in. numpyro is not a dependency
+(`pip install numpyro`); its model is implemented separately and samples the parameters without
+transformation (`by_numpyro.py`).
 """
 
 import os
@@ -31,14 +31,14 @@ from tests.benchmarks.fit import Twin
 from tests.benchmarks.keep import arguments, keep
 from tests.infer.made import made
 
-#: Two sensors: the noise is exactly the likelihood's.
+#: Two sensors: the noise agrees with the likelihood.
 BENCH = Sensors(force=2.0, diameter=0.05e-3)
 #: Walkers and steps of emcee on NumPy; numpyro's warm-up and draws.
 WALKERS, STEPS, WARMUP, DRAWS = 32, 3000, 500, 300
 
 
 class ByNumpy:
-    """The log-density in NumPy, as one would write it without JAX; one point at a time."""
+    """The log-density in NumPy, without JAX, for one point at a time."""
 
     def __init__(self, density: PosteriorDensity) -> None:
         (one,), self.likelihoods, self.at = density.datasets, density.likelihoods[0], density.space
@@ -78,7 +78,7 @@ class ByNumpy:
 
 
 def timed(call: Callable[[], np.ndarray]) -> tuple[float, float, float]:
-    """Least effective samples of the draws (n, chains, p), processor seconds, and their worst split-R̂."""
+    """Return least effective sample size of draws (n, chains, p), processor time, s, and worst split-R̂."""
     begin = time.process_time()
     draws = call()
     busy = time.process_time() - begin
@@ -87,7 +87,7 @@ def timed(call: Callable[[], np.ndarray]) -> tuple[float, float, float]:
 
 
 def by_numpy(density: PosteriorDensity, ball: GaussianApproximation) -> np.ndarray:
-    """emcee as it comes: stretch moves, one point at a time, from the same Gaussian."""
+    """Return draws of emcee with its defaults: stretch moves, one point at a time, same initial Gaussian."""
     np.random.seed(0)  # noqa: NPY002 - emcee takes its first state from here
     start = np.asarray(ball(jax.random.normal(jax.random.key(0), (WALKERS, density.space.size))))
     walk = emcee.EnsembleSampler(WALKERS, density.space.size, ByNumpy(density))
@@ -96,7 +96,7 @@ def by_numpy(density: PosteriorDensity, ball: GaussianApproximation) -> np.ndarr
 
 
 def near(ball: GaussianApproximation) -> np.ndarray:
-    """A few points of the posterior."""
+    """Return a few points near the mode of the posterior."""
     return np.asarray(ball(jax.random.normal(jax.random.key(3), (3, ball.centre.size))))
 
 

@@ -1,18 +1,18 @@
-"""Does a promised power hold: concealed muscles are measured as told, both rivals refitted, one given up.
+"""Test of predicted power: recommended protocols are simulated, and both candidate mechanisms are refitted.
 
     python -m tests.benchmarks.tell [muscles] [repeats] [--json FILE]
 
-Each muscle, bench and noise is another (`study.setups`), and conceals one mechanism, faintly: an effect of
-0.25 to 1 noise standard deviations. The rival is the mechanism that fits the recording best in its place;
-muscles whose recording settles it already (by the χ² of a tie) are drawn again. The protocol that is told,
-and the one of middling promise, are made on the true muscle, `repeats` times with fresh noise of all four
-channels; both models are then refitted to recording and protocol together, without the approximations of the
-promise. B is given up where its χ² has grown by more than the limit that the promise gives.
+Muscle, bench and noise differ between trials. Each conceals one weak mechanism: an effect of 0.25 to 1 sd of
+the noise. The rival is the mechanism that fits the recording best in its place. Muscles whose recording
+already separates the two (by the χ² of a tie) are drawn again. The recommended protocol, and one of medium
+predicted power, are simulated with the true muscle, `repeats` times with new noise of all four channels.
+Both models are then refitted to recording and protocol together, without the approximations of the
+prediction. A model is rejected if its χ² increases by more than the predicted limit.
 
-power        share of protocols after which the true one is preferred, and the share that was promised
-false alarm  share after which the false one is, where 1 in 20 is promised
+power        fraction of protocols after which the true model is preferred, and the predicted fraction
+false alarm  fraction after which the wrong model is preferred; 1 in 20 is predicted
 
-End tapers, the costliest to compute, stay out. A muscle that is done is a line of out/tell.jsonl.
+End tapers are excluded, because they take the most time. Each completed muscle is a line of out/tell.jsonl.
 """
 
 from __future__ import annotations
@@ -47,28 +47,29 @@ from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed, compute_c
 from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import MapEstimate, fit_parameters
-from pamjax.diagnosis.select.search import TIE_CHI2, shortlist_candidates
+from pamjax.diagnosis.select.search import shortlist_candidates
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.planning.discriminate import fit_baseline, fit_mechanism
 from pamjax.records.protocol import Schedule
 from tests.benchmarks.keep import arguments, keep
 from tests.benchmarks.plan import Interval
 
-#: Effects that are concealed, rms in noise standard deviations, and rivals that are tried.
+#: Sizes of the concealed effects, rms in noise sd, and number of rivals that are tried.
 SMALLEST, LARGEST, RIVALS = 0.25, 1.0, 2
 
-#: Promises that test a promise: neither nothing nor certain; and the one that tests it best.
+#: Range of predicted powers that are tested, away from 0 and 1, and the most informative value.
 MIDDLING, BEST = (0.15, 0.9), 0.6
 
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A recording, a protocol after it, and readings of numbers.
+    """A recording, a later protocol, and direct readings of parameters.
 
     Attributes:
-        first: the recording; everything that is not said here is its.
-        second: the protocol; None where the muscle is not moved.
-        places, read, within: of the numbers that are read directly, what was read, and its sd, SI.
-        white: (of the recording, of the protocol) the noise.
+        first: the recording; source of all other attributes.
+        second: the protocol; None if the muscle is not moved.
+        places, read, within: indices, values and sd of parameters that are read directly, SI.
+        white: noise models of recording and protocol.
     """
 
     first: LibraryProblem
@@ -87,7 +88,7 @@ class Joint:
         return np.concatenate([*moved, np.tile(self.read, (2, 1))], axis=1)
 
     def jacobian(self, values: np.ndarray, places) -> tuple[np.ndarray, np.ndarray]:
-        """What is shown and read, (2, n), and its derivatives, (k, 2, n)."""
+        """Return the outputs and readings, (2, n), and their derivatives, (k, 2, n)."""
         places = list(places)
         seen = [one.jacobian(values, places) for one in (self.first, self.second) if one]
         own = np.equal.outer(places, self.places).astype(float)
@@ -96,7 +97,7 @@ class Joint:
         return np.concatenate(shown, axis=1), np.concatenate(by, axis=2)
 
     def whiten(self, values: np.ndarray) -> np.ndarray:
-        """Residuals or derivatives, SI, made white: the recording's, the protocol's, the readings'."""
+        """Return whitened residuals or derivatives of recording, protocol and readings."""
         n, (first, second) = self.first.n, self.white
         more = self.second.n if self.second else 0
         parts = [first.whiten(values[..., :n])]
@@ -105,7 +106,7 @@ class Joint:
         return np.concatenate([*parts, values[..., 0, n + more :] / self.within], axis=-1)
 
     def refit(self, model: CandidateFit) -> MapEstimate:
-        """A model refitted to everything, from where it is."""
+        """Return a model refitted to all data, from its current parameters."""
         white = cast(NoiseModel, self)
         return fit_parameters(cast(LibraryProblem, self), white, model.estimate.free, model.estimate.values)
 
@@ -118,7 +119,7 @@ def made(
     true: np.ndarray,
     rng: np.random.Generator,
 ) -> Joint:
-    """A protocol, made on the true muscle."""
+    """Return a protocol that is simulated with the true muscle."""
     (protocol,) = (p for p in PROTOCOL_MENU if p.id == id)
     found, schedule = stage.problem, protocol.build_schedule(stage.rig, stage.start_time)
     sds = get_direct_readings(stage, protocol, a, b)
@@ -133,7 +134,7 @@ def made(
 def moved(
     stage: SimulatedTestbed, schedule: Schedule, a: CandidateFit, true, rng
 ) -> tuple[LibraryProblem, NoiseModel]:
-    """The muscle is moved and recorded, with noise of all four channels."""
+    """Return a simulated recording of the moved muscle, with noise of all four channels."""
     n, sensors = schedule.time.size, stage.problem.case.entry.sensors
     shown = stage.simulate(schedule).predict(true)
     seen = dataclasses.replace(
@@ -141,7 +142,7 @@ def moved(
         pressure=schedule.pressure + (sensors.pressure or 0.0) * rng.standard_normal(n),
         length=schedule.length + (sensors.length or 0.0) * rng.standard_normal(n),
     )
-    # A slack muscle pulls with nothing: a lab leaves it out.
+    # A slack muscle has no force: a lab omits these rows.
     there = np.isfinite(shown) & (shown[0] > 0)
     there[1] &= schedule.diameter_measured
     noisy = shown + np.array([[stage.sensor_sd[0]], [stage.sensor_sd[1]]]) * rng.standard_normal((2, n))
@@ -150,7 +151,7 @@ def moved(
 
 
 def a_tie(seed: int) -> tuple[GroundTruth, LibraryProblem, CandidateFit, CandidateFit, int]:
-    """A recording of a muscle, what it truly conceals, the best rival, and how many were settled already."""
+    """Return a recording, its concealed mechanism, the best rival, and the number of rejected muscles."""
     for again in range(50):
         rng = np.random.default_rng([61, seed, again])
         envelope = inject_effects(
@@ -164,20 +165,20 @@ def a_tie(seed: int) -> tuple[GroundTruth, LibraryProblem, CandidateFit, Candida
         a = fit_mechanism(found, baseline, true)
         rivals = [m for id in _rivals(found, baseline, true) if (m := fit_rival(found, a, true, id))]
         b = min(rivals, key=lambda m: m.estimate.cost)
-        if abs(b.estimate.cost - a.estimate.cost) < TIE_CHI2:
+        if abs(b.estimate.cost - a.estimate.cost) < DEFAULT_SETTINGS.tie_chi2:
             return envelope, found, a, b, again
     raise RuntimeError(f"no tie in muscle {seed}")
 
 
 def _rivals(found: LibraryProblem, baseline: CandidateFit, true: str) -> list[str]:
-    """The mechanisms that fit a recording best in the place of the true one, in the linear limit."""
+    """Return the mechanisms that fit a recording best in place of the true one, in the linear limit."""
     offered = [form for form in build_candidates(found) if form.id != COSTLIEST_MECHANISM]
     scored = compute_score_directions(found, baseline.noise, baseline.estimate, offered)
     return [one.candidate.id for one in shortlist_candidates(scored, [true], RIVALS)]
 
 
 def trial(seed: int, repeats: int) -> dict[str, Any]:
-    """One muscle: what was promised for two protocols, and what came of them."""
+    """Return the predictions for two protocols of one muscle, and their results."""
     envelope, found, a, b, again = a_tie(seed)
     true = np.array([envelope.true_values[name] for name in found.names])
     stage, first, second = SimulatedTestbed.from_fit(found, a), a.ids[-1], b.ids[-1]
@@ -209,8 +210,8 @@ def trial(seed: int, repeats: int) -> dict[str, Any]:
 
 
 def picked(menu: list[Experiment]) -> dict[str, Experiment]:
-    """The protocol that is told, and another of middling promise."""
-    told = choose_experiment(menu)
+    """Return the recommended protocol, and another of medium predicted power."""
+    told = choose_experiment(menu, DEFAULT_SETTINGS)
     rest = [e for e in menu if e is not told and MIDDLING[0] < e.power < MIDDLING[1]]
     return {"chosen": told} | ({"middling": min(rest, key=lambda e: abs(e.power - BEST))} if rest else {})
 
@@ -220,7 +221,7 @@ def _plain(limit: float) -> float | None:
 
 
 def report(lines: list[dict[str, Any]]) -> str:
-    """Promised and reached, over muscles, with intervals by bootstrap of whole muscles."""
+    """Return predicted and reached rates over muscles, with bootstrap intervals over muscles."""
     out = [f"{len(lines)} muscles, {np.mean([x['again'] for x in lines]):.1f} settled before each"]
     for told in ("chosen", "middling"):
         done = [one for line in lines for one in line["made"] if one["told"] == told]
@@ -236,7 +237,7 @@ def report(lines: list[dict[str, Any]]) -> str:
 
 
 def figures(lines: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the rates of the chosen protocols and of those of middling promise, to be kept."""
+    """Return the rates of the recommended and of the medium protocols, to be stored."""
     kept: dict[str, Any] = {"muscles": len(lines)}
     for told in ("chosen", "middling"):
         done = [one for line in lines for one in line["made"] if one["told"] == told]
@@ -276,7 +277,7 @@ def main(muscles: int = 100, repeats: int = 1, file: Path | None = None) -> None
     keep_compiled()
     trials = Path("out/tell.jsonl")
     trials.parent.mkdir(parents=True, exist_ok=True)
-    # A run that was killed may have left half a line.
+    # A killed run may have left an incomplete line.
     whole = [t for t in trials.read_text("utf-8").splitlines() if t.endswith("]}")] if trials.exists() else []
     done = {line["muscle"]: line for line in map(json.loads, whole)}
     for seed in range(muscles):

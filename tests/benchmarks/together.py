@@ -1,6 +1,6 @@
-"""Many walks at once: each in a thread of its own, the densities of all in one compiled call.
+"""Many parallel chains: one thread for each, with all log-densities in one compiled call.
 
-A call for sixteen points of a short recording spends most of its time on getting there.
+For a short recording, most of the time of a call for sixteen points is overhead.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from pamjax.infer.posterior.log_density import PosteriorDensity
 
 
 class Desk:
-    """Answers all walks together, once every one that sits at it has asked.
+    """Evaluates the log-densities of all chains together, once every chain has requested one.
 
     Args:
-        density: of any recording; the others differ in what was measured, and in their powers.
-        seats: walks at once.
-        points: points of one question.
+        density: log-density of any recording; the others differ in measurements and misfit weights.
+        seats: number of chains.
+        points: number of points of one request.
     """
 
     def __init__(self, density: PosteriorDensity, seats: int, points: int) -> None:
@@ -41,7 +41,7 @@ class Desk:
 
     @contextmanager
     def seat(self, k: int, density: PosteriorDensity) -> Iterator[None]:
-        """Sit at place k with a recording's density."""
+        """Register the log-density of a recording at seat k."""
         with self.turn:
             self.told[k] = measured(density)
             self.sitting += 1
@@ -53,7 +53,7 @@ class Desk:
                 self._answer_if_all()
 
     def ask(self, k: int, u: np.ndarray) -> np.ndarray:
-        """The log-density at (points, p) of the one who sits at place k."""
+        """Return the log-density at points, (points, p), for the chain at seat k."""
         with self.turn:
             self.u[k] = u
             self.asked += 1
@@ -73,7 +73,7 @@ class Desk:
 
 
 def measured(density: PosteriorDensity):
-    """What tells the density of one recording from another's, (2, n) and powers."""
+    """Return the measurements, (2, n), and misfit weights, which differ between the recordings."""
     (one,), (powers,) = density.datasets, density.powers
     return jnp.stack([one.rows.force, one.rows.diameter]), jnp.stack(powers)
 
@@ -94,7 +94,7 @@ def _all(density: PosteriorDensity, told, u: Float[Array, "k w p"]) -> Float[Arr
 
 @dataclass(frozen=True)
 class Seated(EnsembleSampler):
-    """The ensemble that `pamjax sample` walks with, at a desk; its draws are thinned anyway."""
+    """The ensemble sampler of `pamjax sample`, evaluated at a desk."""
 
     desk: Desk = dataclasses.field(kw_only=True)
     place: int = dataclasses.field(kw_only=True)

@@ -1,9 +1,9 @@
-"""Does a diagnosis cry wolf where nothing is missing, and nothing was stated of the sensors' noise?
+"""Rate of false alarms of a diagnosis if the noise of the sensors is not stated.
 
     python -m tests.benchmarks.unstated 200 [--json FILE]
 
-Simulated recordings with nothing in them, noise of each correlation, whose lab says nothing of force and
-diameter sensors, or of any. The scoring stage alone; some seconds each on one core.
+The simulated recordings conceal no effect. Their noise has various correlations; the noise of the force and
+diameter sensors, or of all sensors, is not stated. Only the score test runs, some seconds per recording.
 """
 
 import dataclasses
@@ -15,7 +15,7 @@ from scipy.stats import beta
 
 from pamjax.benchmark.trial import TrialTask, draw_ground_truth, score_recording
 from pamjax.compile.jax_cache import keep_compiled
-from pamjax.diagnosis.detect.significance import DETECTION_P_VALUE
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from tests.benchmarks.keep import arguments, keep
 
 SEED = 40
@@ -26,7 +26,7 @@ SILENT = {
 
 
 def p_value(asked: tuple[str, float, int]) -> float:
-    """Of one recording whose lab is silent about some sensors."""
+    """Return the p-value of one recording with sensors of unstated noise."""
     silent, correlation, number = asked
     case = draw_ground_truth(TrialTask("score", "nothing", correlation, number, SEED)).case
     sensors = dataclasses.replace(case.entry.sensors, **SILENT[silent])
@@ -42,8 +42,10 @@ def main(many: int = 200, file: Path | None = None) -> None:
     figures: dict[str, float] = {"recordings of each kind": many}
     print(f"{'nothing is stated of':<20} noise  below 0.01, 0.05, 0.1, 0.5 and at most (95 %) below 0.01")
     for (silent, correlation), values in zip(kinds, found.T, strict=True):
-        shares = [float(np.mean(values < level)) for level in (DETECTION_P_VALUE, 0.05, 0.1, 0.5)]
-        alarms = int(np.sum(values < DETECTION_P_VALUE))
+        shares = [
+            float(np.mean(values < level)) for level in (DEFAULT_SETTINGS.detection_p_value, 0.05, 0.1, 0.5)
+        ]
+        alarms = int(np.sum(values < DEFAULT_SETTINGS.detection_p_value))
         most = float(beta.ppf(0.95, alarms + 1, many - alarms))
         print(f"{silent:<20} {correlation:<5}  " + ", ".join(f"{s:.3f}" for s in shares) + f"; {most:.3f}")
         about = f"{silent} not stated, correlation {correlation}"

@@ -1,4 +1,4 @@
-"""A case folder made and fitted once by the words themselves."""
+"""Case folders of the command-line tests, each created and fitted once."""
 
 import pytest
 
@@ -16,7 +16,7 @@ cycles = 1
 
 @pytest.fixture(scope="session")
 def bench(tmp_path_factory):
-    """A folder with a template `stated`, a protocol, and the case `made` that they simulate."""
+    """Return a folder with a template `stated`, a protocol, and the simulated case `made`."""
     folder = tmp_path_factory.mktemp("bench")
     (folder / "plan.toml").write_text(PLAN)
     assert main(["new", str(folder / "stated")]) == 0
@@ -27,7 +27,7 @@ def bench(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def fitted(bench):
-    """The folder that `pamjax fit` wrote."""
+    """Return the folder that `pamjax fit` wrote."""
     arguments = ["--out", str(bench / "out"), "--starts", "2", "--folds", "2"]
     assert main(["fit", str(bench / "made"), *arguments]) == 0
     return bench / "out"
@@ -35,7 +35,7 @@ def fitted(bench):
 
 @pytest.fixture(scope="session")
 def diagnosed(bench):
-    """The folder that `pamjax diagnose` wrote for a recording whose baseline leaves out friction."""
+    """Return the folder of `pamjax diagnose` for a recording whose baseline model has no friction."""
     friction = [
         "--with",
         "braid_friction.coefficient=0.6",
@@ -52,7 +52,7 @@ def diagnosed(bench):
 
 @pytest.fixture(scope="session")
 def planned(bench, tmp_path_factory):
-    """The folder that `pamjax plan` wrote for a muscle.toml alone."""
+    """Return the folder of `pamjax plan` for a muscle.toml without a recording."""
     folder = tmp_path_factory.mktemp("plan")
     rig = folder / "rig.toml"
     rig.write_text('[rig]\npressure = "6 bar"\nforce = "2 N"\ndiameter = "0.1 mm"\n')
@@ -64,7 +64,7 @@ def planned(bench, tmp_path_factory):
 
 @pytest.fixture
 def case(bench, tmp_path):
-    """Write the simulated case with one text put in place of another, and return its folder."""
+    """Return the folder of the simulated case, with one text replaced by another."""
 
     def _case(recording=(), muscle=()):
         folder = tmp_path / "case"

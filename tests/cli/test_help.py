@@ -1,4 +1,4 @@
-"""Help pages: paragraphs fill the width, and no option is there that nobody wrote."""
+"""Help pages: line width, and only options that exist."""
 
 import re
 from itertools import pairwise
@@ -11,35 +11,35 @@ WORDS = [name for name in app if not name.startswith("-")]
 
 
 def rows(words, capsys):
-    """What stands in the boxes of a help page, line by line."""
+    """Return the lines within the boxes of a help page."""
     assert main([*words, "--help"]) == 0
     return [line.strip("│ ") for line in capsys.readouterr().out.splitlines() if line.startswith("│")]
 
 
 @pytest.mark.parametrize("word", WORDS)
-def test_a_line_ends_where_the_next_word_would_not_fit(word, capsys):
+def test_paragraphs_fill_the_width(word, capsys):
     assert main([word, "--help"]) == 0
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("│")]
     for line, below in pairwise(lines):
-        blank = re.match(r"│ +", below)
-        goes_on = blank and len(blank[0]) > 5 and not below[len(blank[0]) :].startswith(("--", "["))
+        indent = re.match(r"│ +", below)
+        goes_on = indent and len(indent[0]) > 5 and not below[len(indent[0]) :].startswith(("--", "["))
         if goes_on:
             free = len(line) - 2 - len(line[:-1].rstrip())
-            assert free < 1 + len(below[len(blank[0]) :].split()[0]), (line, below)
+            assert free < 1 + len(below[len(indent[0]) :].split()[0]), (line, below)
 
 
 @pytest.mark.parametrize("word", WORDS)
-def test_no_list_is_made_empty(word, capsys):
+def test_help_has_no_option_for_empty_lists(word, capsys):
     assert not [row for row in rows([word], capsys) if "--empty" in row]
 
 
 @pytest.mark.parametrize("word", ["simulate", "inverse", "validate"])
-def test_a_calibrated_muscle_is_either_file(word, capsys):
-    said = " ".join(rows([word], capsys))
-    assert "fit.json or model.json" in said or "a model.json of `pamjax diagnose`, or a fit.json" in said
-    assert "which case of a fit.json or model.json with several." in said
+def test_help_lists_both_files_of_a_calibrated_muscle(word, capsys):
+    text = " ".join(rows([word], capsys))
+    assert "fit.json or model.json" in text or "a model.json of `pamjax diagnose`, or a fit.json" in text
+    assert "name of the case, if a fit.json or model.json has several." in text
 
 
-def test_minutes_say_what_they_are(capsys):
-    said = " ".join(rows(["plan"], capsys))
-    assert "time that there is for all runs; the rig's if left out, or 60." in said
+def test_help_explains_the_minutes(capsys):
+    text = " ".join(rows(["plan"], capsys))
+    assert "available time for all runs; by default that of the rig file, or 60." in text

@@ -1,4 +1,4 @@
-"""A bad input leaves one sentence, code 2, and no file."""
+"""Invalid inputs give one error line, exit code 2, and no file."""
 
 import os
 import signal
@@ -17,79 +17,79 @@ SPEC, PAPER = FITS / "sizing" / "lift-2kN.toml", FITS / "chambers_wereley_2022"
 
 
 def refused(words, capsys):
-    """The one line on standard error."""
+    """Return the only line on standard error."""
     assert main([str(word) for word in words]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    (line,) = said.err.splitlines()
+    output = capsys.readouterr()
+    assert output.out == ""
+    (line,) = output.err.splitlines()
     assert line.startswith("pamjax: ")
     return line
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
-        (["check", "nowhere"], "got nowhere, which is none. `pamjax new` makes one to fill in."),
+        (["check", "nowhere"], "got nowhere, which is not a folder. Check the path, or create a case with"),
         (["fit"], "requires an argument"),
-        (["fti"], "`fti` is no command of `pamjax`. Did you mean `fit`?"),
+        (["fti"], "unknown command `fti` of `pamjax`. Did you mean `fit`?"),
         (
             ["bogus"],
-            "Known are `new`, `import`, `check`, `fit`, `sample`, `compare`, `diagnose`, `validate`,",
+            "Valid names are `new`, `import`, `check`, `fit`, `sample`, `compare`, `diagnose`, `validate`,",
         ),
         (["bogus"], "`plan`, `simulate`, `explain`."),
-        (["--nonsense"], "`--nonsense` is no option of `pamjax`. See `pamjax --help`."),
+        (["--nonsense"], "unknown option `--nonsense` of `pamjax`. See `pamjax --help`."),
         (
             ["fit", "a", "--nonsense", "3"],
-            "`--nonsense` is no option of `pamjax fit`. See `pamjax fit --help`.",
+            "unknown option `--nonsense` of `pamjax fit`. See `pamjax fit --help`.",
         ),
-        (["fit", "a", "--sede", "3"], "`--sede` is no option of `pamjax fit`. Did you mean `--seed`?"),
-        (["check", "a", "b"], "`pamjax check` has no place for 'b'. See `pamjax check --help`."),
-        (["prove", "--empty-correlation"], "is no option of `pamjax prove`."),
+        (["fit", "a", "--sede", "3"], "unknown option `--sede` of `pamjax fit`. Did you mean `--seed`?"),
+        (["check", "a", "b"], "unexpected argument 'b' of `pamjax check`. See `pamjax check --help`."),
+        (["prove", "--empty-correlation"], "unknown option `--empty-correlation` of `pamjax prove`."),
         (["explain", "thread.moduls"], "Did you mean `thread.modulus`?"),
         (["explain", "braid_frction"], "Did you mean `braid_friction`?"),
-        (["explain", "nonsense"], "mechanism pamjax knows. `pamjax explain` lists what there is."),
-        (["explain", "nonsense", "--json"], "`pamjax explain` lists what there is."),
-        (["simulate", "nowhere", "--out", "x"], "there is no file nowhere. Check its path."),
+        (["explain", "nonsense"], "unknown parameter or mechanism 'nonsense'. `pamjax explain` lists"),
+        (["explain", "nonsense", "--json"], "`pamjax explain` lists all names."),
+        (["simulate", "nowhere", "--out", "x"], "the file nowhere does not exist. Check the path."),
         (["fit", "nowhere", "--loss", "hard"], 'Choose from: "square", "soft".'),
         (["fit", "nowhere", "--folds", "few"], "--folds"),
         (["size", SPEC, "--seed", "-1"], "`seed` must be at least 0; got -1."),
         (["plan", PAPER, "--seed", "-1"], "`seed` must be at least 0; got -1."),
         (["diagnose", PAPER, "--seed", "-1"], "`seed` must be at least 0; got -1."),
         (["prove", "--seed", "-1"], "`seed` must be at least 0; got -1."),
-        (["inverse", "no.json", "--export", "x"], "pamjax: there is no file no.json."),
+        (["inverse", "no.json", "--export", "x"], "pamjax: the file no.json does not exist."),
     ],
 )
-def test_wrong_words(words, told, capsys, tmp_path, monkeypatch):
+def test_invalid_arguments(words, message, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert told in refused(words, capsys)
+    assert message in refused(words, capsys)
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
-        (["--law", "elastik"], "'elastik' is no thread law. Did you mean `elastic`?"),
-        (["--share", "muscle.turns"], "`--share` says what several cases have in common; got one case. Name"),
+        (["--law", "elastik"], "unknown thread law 'elastik'. Did you mean `elastic`?"),
+        (["--share", "muscle.turns"], "`--share` needs several cases; got one case. Name"),
         (["--with", "braid_frction"], "Did you mean `braid_friction`?"),
-        (["--gaps", "anwe"], "`gaps` is carry or anew; got 'anwe'. Did you mean `anew`?"),
-        (["--before", "rested"], "`before` is relaxed or settled; got 'rested'."),
-        (["--gaps", "mad=anew"], "'mad' is no case of this fit (--gaps). Did you mean `made`?"),
+        (["--gaps", "anwe"], "`gaps` must be carry or anew; got 'anwe'. Did you mean `anew`?"),
+        (["--before", "rested"], "`before` must be relaxed or settled; got 'rested'."),
+        (["--gaps", "mad=anew"], "unknown case 'mad' (--gaps). Did you mean `made`?"),
         (["--starts", "0"], "`starts` must be at least 1; got 0."),
         (["--seed", "-1"], "`seed` must be at least 0; got -1."),
     ],
 )
-def test_wrong_options_of_a_fit(words, told, bench, capsys, tmp_path):
-    assert told in refused(["fit", bench / "made", "--out", tmp_path / "out", *words], capsys)
+def test_invalid_options_of_fit(words, message, bench, capsys, tmp_path):
+    assert message in refused(["fit", bench / "made", "--out", tmp_path / "out", *words], capsys)
     assert not (tmp_path / "out").exists()
 
 
-def test_two_cases_share_what_both_have(bench, case, capsys, tmp_path):
+def test_shared_parameter_must_exist_in_all_cases(bench, case, capsys, tmp_path):
     words = ["fit", bench / "made", case(), "--share", "muscle.rest_length", "--out", tmp_path / "out"]
-    assert "no case can move 'muscle.rest_length', so it cannot be shared." in refused(words, capsys)
+    assert "'muscle.rest_length' is not a free parameter, so it cannot be shared." in refused(words, capsys)
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         ({"recording": ("force [N]", "force [kg]")}, "force"),
         ({"recording": ("pressure [kPa]", "pressure [psi]")}, "pressure in kPa under a header of psi"),
@@ -99,20 +99,20 @@ def test_two_cases_share_what_both_have(bench, case, capsys, tmp_path):
     ],
 )
 @pytest.mark.parametrize("word", ["check", "fit"])
-def test_wrong_files(word, change, told, case, capsys, tmp_path):
+def test_invalid_files(word, change, message, case, capsys, tmp_path):
     out = ["--out", tmp_path / "out"] if word == "fit" else []
-    assert told in refused([word, case(**change), *out], capsys)
+    assert message in refused([word, case(**change), *out], capsys)
     assert not (tmp_path / "out").exists()
 
 
-def test_a_table_with_nothing_but_a_header(case, capsys):
+def test_recording_without_rows(case, capsys):
     folder = case()
     table = folder / "recording.csv"
     table.write_text(table.read_text().splitlines()[0] + "\n")
     assert "recording.csv" in refused(["check", folder], capsys)
 
 
-def test_a_cell_that_is_no_number(case, capsys):
+def test_cell_without_a_number(case, capsys):
     folder = case()
     table = folder / "recording.csv"
     lines = table.read_text().splitlines()
@@ -123,18 +123,18 @@ def test_a_cell_that_is_no_number(case, capsys):
     assert "many" in line
 
 
-def test_new_takes_no_folder_with_something_in_it(tmp_path, capsys):
+def test_new_refuses_a_folder_with_files(tmp_path, capsys):
     (tmp_path / "notes.txt").write_text("mine")
     assert "a new case needs an empty folder" in refused(["new", tmp_path], capsys)
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
 @pytest.mark.parametrize("out", ["file", "file/below"])
-def test_a_fit_that_could_not_be_written_is_not_begun(out, bench, tmp_path, capsys, monkeypatch):
+def test_fit_checks_its_output_folder_first(out, bench, tmp_path, capsys, monkeypatch):
     (tmp_path / "file").write_text("mine")
     monkeypatch.setattr(pamjax.infer.fitting.fit, "fit", None)
     line = refused(["fit", bench / "made", "--out", tmp_path / out], capsys)
-    assert "`--out` must be a folder to write to" in line
+    assert "`--out` must be a writable folder" in line
 
 
 WRITES = {
@@ -152,35 +152,35 @@ WRITES = {
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="no folder here that root cannot write to")
 @pytest.mark.parametrize("word", WRITES)
-def test_a_place_that_takes_no_files_is_told_in_a_sentence(word, bench, capsys):
+def test_folder_without_write_permission_gives_one_error_line(word, bench, capsys):
     words = [w.format(made=bench / "made", stated=bench / "stated") for w in WRITES[word]]
     line = refused([*words, "/proc/pamjax"], capsys)
-    assert "must be a folder to write to" in line or "must be writable" in line
+    assert "must be a writable folder" in line or "must be writable" in line
 
 
-def test_what_the_disk_says_is_told_in_a_sentence(bench, tmp_path, capsys):
+def test_disk_error_gives_one_error_line(bench, tmp_path, capsys):
     long = tmp_path / ("a" * 300)
     assert "File name too long" in refused(["plan", bench / "stated" / "muscle.toml", "--out", long], capsys)
 
 
 @pytest.mark.parametrize(
-    ("goal", "to", "told"),
+    ("goal", "to", "message"),
     [
         (
             "thread.modulus",
             "5 kg",
-            "this number must be in Pa, or in a unit that converts to it; got 'kg' in --to",
+            "this value must have a unit that converts to Pa; got 'kg' in --to",
         ),
-        ("thread.modulus", "5 flurbs", "no unit that pamjax knows (--to). Write it in Pa."),
-        ("muscle.turns", "3 mm", "this number has no unit; got 'mm' in --to"),
+        ("thread.modulus", "5 flurbs", "unknown unit 'flurbs' (--to). Write it in Pa."),
+        ("muscle.turns", "3 mm", "a dimensionless value has no unit; got 'mm' in --to"),
     ],
 )
-def test_a_wish_in_a_unit_of_something_else(goal, to, told, bench, tmp_path, capsys):
+def test_option_with_a_wrong_unit(goal, to, message, bench, tmp_path, capsys):
     words = ["plan", bench / "stated" / "muscle.toml", "--goal", goal, "--to", to, "--out", tmp_path]
-    assert told in refused(words, capsys)
+    assert message in refused(words, capsys)
 
 
-def test_a_simulated_case_overwrites_nothing(bench, capsys):
+def test_simulate_overwrites_no_file(bench, capsys):
     before = (bench / "made" / "recording.csv").read_bytes()
     line = refused(["simulate", bench / "stated", bench / "plan.toml", "--out", bench / "made"], capsys)
     assert "a new case needs an empty folder" in line
@@ -188,39 +188,39 @@ def test_a_simulated_case_overwrites_nothing(bench, capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["--correlation-time", "3"], "a time needs a unit"),
         (["--correlation-time", "3 N"], "--correlation-time"),
         (["--seed", "-2"], "`seed` must be at least 0; got -2."),
-        (["--case", "a"], "`--case` names a case of a fit.json"),
-        (["--with", "force_offset.offset"], "is written id.number=value"),
+        (["--case", "a"], "`--case` needs a fit.json"),
+        (["--with", "force_offset.offset"], "must have the form mechanism.parameter=value"),
         (["--with", "force_offset.offset=5 kg"], "force_offset.offset"),
         (["--with", "force_offset.offset=5"], "needs a unit; got '5' in --with force_offset.offset."),
-        (["--with", "bladder_elasticity.modulus=1"], "this number needs a unit; got '1' in --with"),
-        (["--with", "nonsense=5"], "'nonsense' is no number pamjax knows (--with). `pamjax explain` lists"),
+        (["--with", "bladder_elasticity.modulus=1"], "this value needs a unit; got '1' in --with"),
+        (["--with", "nonsense=5"], "unknown parameter 'nonsense' (--with). `pamjax explain` lists"),
         (["--with", "braid_friction.coeficient=1"], "Did you mean `braid_friction.coefficient`?"),
-        (["--with", "thread.modulus=5 GPa"], "only numbers of mechanisms can be set here"),
+        (["--with", "thread.modulus=5 GPa"], "only parameters of mechanisms can be set here"),
     ],
 )
-def test_wrong_options_of_a_simulation(words, told, bench, tmp_path, capsys):
+def test_invalid_options_of_simulate(words, message, bench, tmp_path, capsys):
     words = ["simulate", bench / "stated", bench / "plan.toml", "--out", tmp_path / "new", *words]
-    assert told in refused(words, capsys)
+    assert message in refused(words, capsys)
     assert not (tmp_path / "new").exists()
 
 
-def test_an_interruption_leaves_nothing(bench, tmp_path, capsys, monkeypatch):
+def test_interrupted_command_leaves_no_file(bench, tmp_path, capsys, monkeypatch):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(pamjax.infer.fitting.fit, "cross_validate", interrupted)
     assert main(["fit", str(bench / "made"), "--out", str(tmp_path / "out"), "--starts", "1"]) == 130
-    assert capsys.readouterr().err.strip().endswith("pamjax: interrupted; nothing was written half")
+    assert capsys.readouterr().err.strip().endswith("pamjax: interrupted; no incomplete file was written")
     assert not (tmp_path / "out").exists()
 
 
 def loaded(*words):
-    """What a command line loads, and its exit code."""
+    """Return the modules that a command line loads, and its exit code."""
     code = (
         "import sys; from pamjax.cli.main import main; code = main(sys.argv[1:]);"
         "heavy = [m for m in ('jax', 'pandas', 'matplotlib', 'xarray') if m in sys.modules];"
@@ -233,40 +233,40 @@ def loaded(*words):
 
 
 @pytest.mark.parametrize("words", [["--help"], [], ["fit", "--help"], ["--version"]])
-def test_help_loads_nothing_heavy(words):
+def test_help_loads_no_heavy_module(words):
     assert loaded(*words) == "0"
 
 
-def test_a_wrong_folder_is_told_before_anything_heavy_loads(tmp_path):
+def test_wrong_folder_is_refused_before_heavy_modules_load(tmp_path):
     assert loaded("fit", str(tmp_path / "nowhere")).split() == ["2"]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="pipes")
 @pytest.mark.parametrize("words", [["explain"], ["explain", "muscle.turns"]])
-def test_a_reader_may_have_enough(words):
+def test_closed_pipe_is_accepted(words):
     code = f"import sys; from pamjax.cli.main import main; sys.exit(main({words}))"
     running = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     assert running.stdout
     assert running.stderr
     running.stdout.close()
-    said = running.stderr.read()
+    output = running.stderr.read()
     running.stderr.close()
-    assert running.wait(timeout=60) == 0, said
-    assert b"Traceback" not in said
-    assert b"BrokenPipe" not in said
+    assert running.wait(timeout=60) == 0, output
+    assert b"Traceback" not in output
+    assert b"BrokenPipe" not in output
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals")
 @pytest.mark.slow
-def test_ctrl_c_at_any_time(bench, tmp_path):
-    # A shell that starts the tests in the background has its children ignore the signal.
+def test_ctrl_c_ends_the_command_at_any_time(bench, tmp_path):
+    # If a shell starts the tests in the background, child processes ignore the signal.
     heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
     code = f"{heed}; from pamjax.cli import run; run()"
     words = ["fit", str(bench / "made"), "--out", str(tmp_path / "out"), "--starts", "1000"]
     running = subprocess.Popen([sys.executable, "-c", code, *words], stderr=subprocess.PIPE, text=True)
     time.sleep(3.0)
     running.send_signal(signal.SIGINT)
-    _, said = running.communicate(timeout=60)
+    _, output = running.communicate(timeout=60)
     assert running.returncode == 130
-    assert "pamjax: interrupted" in said
-    assert "Traceback" not in said
+    assert "pamjax: interrupted" in output
+    assert "Traceback" not in output

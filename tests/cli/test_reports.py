@@ -1,4 +1,4 @@
-"""Reports: whole, offline, said in words; and in a browser without an error, on a desk and on a phone."""
+"""Reports: complete, offline, with text for each figure, and without errors in a browser."""
 
 import json
 import re
@@ -13,13 +13,13 @@ from tests.view.html_page import Page
 
 PAPER = str(Path(__file__).parents[2] / "fits" / "chambers_wereley_2022")
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-#: Put at the end of a copy: how wide the page is, where everybody can read it.
+#: Script at the end of a copy of the page: writes the width of the page into its title.
 MEASURE = "<script>document.title = `wide ${document.documentElement.scrollWidth}`</script></body>"
 
 
 @pytest.fixture(scope="session")
 def sampled(tmp_path_factory):
-    """The folder that `pamjax sample` wrote of the paper's five rows."""
+    """Return the folder of `pamjax sample` for the five rows of the paper."""
     out = tmp_path_factory.mktemp("posterior")
     assert main(["sample", PAPER, "--out", str(out), "--ess", "60", "--rhat", "1.3", "--no-figures"]) == 0
     return out
@@ -31,7 +31,7 @@ def report(request):
 
 
 @pytest.mark.slow
-def test_it_is_whole_offline_and_has_words_for_every_picture(report):
+def test_report_is_offline_and_describes_each_figure(report):
     text = report.read_text("utf-8")
     page = Page(text)
     outside = r"""(?:src|href)\s*=\s*["'](?!#|data:)|url\((?!#)|@import|https?://(?!www\.w3)"""
@@ -48,7 +48,7 @@ def test_it_is_whole_offline_and_has_words_for_every_picture(report):
 
 
 def opened(report, script, width, folder):
-    """Title that a script at the end of a copy of the page leaves, and what the browser complained of."""
+    """Return the title that a script sets at the end of a page, and the errors of the browser."""
     copy = folder / "report.html"
     copy.write_text(report.read_text("utf-8").replace("</body>", script), "utf-8")
     words = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--dump-dom"]
@@ -63,40 +63,40 @@ def opened(report, script, width, folder):
 @pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium")
 @pytest.mark.parametrize("width", [500, 1200])
-def test_it_opens_in_a_browser(report, width, tmp_path):
+def test_report_opens_in_a_browser(report, width, tmp_path):
     title, complaints = opened(report, MEASURE, width, tmp_path)
     assert complaints == []
-    # Nothing sticks out: no sideways scrolling.
+    # No element is wider than the page: no horizontal scrolling.
     assert int(title.removeprefix("wide ")) <= width
 
 
 @pytest.mark.slow
-def test_a_fits_report_says_what_its_json_says(fitted):
+def test_report_of_a_fit_agrees_with_its_json(fitted):
     page = Page((fitted / "report.html").read_text("utf-8"))
-    said = json.loads((fitted / "fit.json").read_text())
-    table = page.table(["number", "value"])
-    for name, number in said["parameters"].items():
+    document = json.loads((fitted / "fit.json").read_text())
+    table = page.table(["parameter", "value"])
+    for name, number in document["parameters"].items():
         value, sd = (float(text) for text in re.findall(r"[\d.]+", table[name][0])[:2])
         assert value == pytest.approx(number["value"], rel=1e-3)
         assert sd == pytest.approx(number["sd"], rel=0.06)
-    (case,) = said["cases"].values()
-    scores = page.table(["channel", "seen"])
+    (case,) = document["cases"].values()
+    scores = page.table(["channel", "fit"])
     assert float(scores["force"][0].split()[0]) == pytest.approx(case["rmse"]["force"]["value"], rel=1e-2)
     assert f"{case['rmse']['force']['value']:.3g} N" in page.text
 
 
 @pytest.mark.slow
-def test_a_posteriors_report_says_what_its_json_says(sampled):
+def test_report_of_a_posterior_agrees_with_its_json(sampled):
     page = Page((sampled / "report.html").read_text("utf-8"))
-    said = json.loads((sampled / "posterior.json").read_text())
-    table = page.table(["number", "value"])
-    assert set(said["parameters"]) <= set(table)
-    for name, number in said["parameters"].items():
+    document = json.loads((sampled / "posterior.json").read_text())
+    table = page.table(["parameter", "value"])
+    assert set(document["parameters"]) <= set(table)
+    for name, number in document["parameters"].items():
         if "verdict" in number:
             assert number["verdict"] in table[name][-1]
 
 
-#: Chooses the second isobar, and says how much the first is still seen, and the second.
+#: Script that selects the second isobar, and returns the opacity of the first and the second.
 CHOOSE = """<script>
 document.querySelector("#group-1").click();
 const seen = (k) => getComputedStyle(document.querySelector(`.wide svg .group-${k}`)).opacity;
@@ -106,7 +106,7 @@ document.title = `seen ${seen(0)} ${seen(1)}`;
 
 @pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium")
-def test_an_isobar_can_be_chosen(fitted, tmp_path):
+def test_isobar_can_be_selected(fitted, tmp_path):
     title, _ = opened(fitted / "report.html", CHOOSE, 1200, tmp_path)
     first, second = map(float, re.fullmatch(r"seen ([\d.]+) ([\d.]+)", title).groups())
     assert first < 0.1

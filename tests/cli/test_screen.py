@@ -1,4 +1,4 @@
-"""An interruption is heeded, even where what was running swallowed it."""
+"""Interruptions end a command, even if a library catches them."""
 
 import contextlib
 import signal
@@ -16,12 +16,12 @@ def heeded(interruptible):
 
 
 def swallowed():
-    """As a callback in the midst of a compilation does."""
+    """Raise and catch an interruption, as a callback during compilation does."""
     with contextlib.suppress(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
 
 
-def test_an_interruption_that_was_swallowed_ends_the_next_step():
+def test_caught_interruption_ends_the_next_step():
     steps = []
     with pytest.raises(KeyboardInterrupt), show_progress(quiet=True) as progress:  # noqa: PT012
         progress("one", 0.1)
@@ -32,26 +32,26 @@ def test_an_interruption_that_was_swallowed_ends_the_next_step():
     assert steps == ["between"]
 
 
-def test_it_ends_the_work_before_anything_is_written():
+def test_caught_interruption_ends_the_command_before_writing():
     with pytest.raises(KeyboardInterrupt), show_progress(quiet=True):
         swallowed()
 
 
-def test_what_was_swallowed_before_the_work_ends_it_at_once():
+def test_interruption_before_the_first_step_ends_it():
     swallowed()
     with pytest.raises(KeyboardInterrupt), show_progress(quiet=True) as progress:
         progress("one", 0.1)
 
 
-def test_a_command_does_not_remember_the_one_before():
+def test_interruption_does_not_affect_the_next_command():
     swallowed()
     with defer_interrupts(), show_progress(quiet=True) as progress:
         progress("one", 0.1)
 
 
-def test_a_report_of_an_earlier_run_is_told(tmp_path, capsys):
+def test_report_of_an_earlier_run_is_announced(tmp_path, capsys):
     (tmp_path / "report.html").write_text("")
     print_written_files([tmp_path / "fit.json"])
-    assert f"{tmp_path / 'report.html'} is of an earlier run" in capsys.readouterr().err
+    assert f"{tmp_path / 'report.html'} is from an earlier run" in capsys.readouterr().err
     print_written_files([tmp_path / "fit.json", tmp_path / "report.html"])
-    assert "is of an earlier" not in capsys.readouterr().err
+    assert "is from an earlier" not in capsys.readouterr().err

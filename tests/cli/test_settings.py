@@ -1,4 +1,4 @@
-"""Words that hold for every case, or for one of them."""
+"""Options that apply to all cases or to one case."""
 
 from pathlib import Path
 
@@ -10,14 +10,14 @@ from pamjax.errors import BadInput
 CASES = [Path("labs/first"), Path("labs/second"), Path("third")]
 
 
-def test_nothing_said_is_the_usual():
+def test_defaults_apply_without_options():
     assert assign_to_cases(CASES, None, "carry", "--gaps") == ["carry"] * 3
 
 
-def test_what_is_said_of_one_case_holds_for_it_alone_wherever_it_stands():
+def test_option_of_one_case_applies_to_it_only():
     assert assign_to_cases(CASES, ["second=carry", "anew"], "carry", "--gaps") == ["anew", "carry", "anew"]
 
 
-def test_a_case_that_is_not_there_is_told():
+def test_option_of_an_unknown_case_is_refused():
     with pytest.raises(BadInput, match="Did you mean `second`"):
         assign_to_cases(CASES, ["secnd=anew"], "carry", "--gaps")

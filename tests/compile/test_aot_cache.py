@@ -1,4 +1,4 @@
-"""A traced program is found again by a later process, and by none for which it would be wrong."""
+"""Cache of traced programs: a later process reuses a program only if it is valid there."""
 
 import os
 import subprocess
@@ -19,7 +19,7 @@ from tests.agreement import agree
 
 
 class Scale(eqx.Module):
-    """A factor, and what it is called: the name is part of the program."""
+    """A factor with a name, which is part of the program."""
 
     factor: jax.Array
     name: str = eqx.field(static=True)
@@ -27,7 +27,7 @@ class Scale(eqx.Module):
 
 @pytest.fixture
 def kept(tmp_path):
-    """Programs are kept in a folder of their own."""
+    """Store programs in a temporary folder."""
     before = jax.config.jax_compilation_cache_dir
     jax.config.update("jax_compilation_cache_dir", str(tmp_path))
     yield tmp_path / "traced"
@@ -35,7 +35,7 @@ def kept(tmp_path):
 
 
 def traces(arguments, home: str = "pamjax.made_up") -> int:
-    """How often a function is traced that no one in this process has asked for yet."""
+    """Return how often a function is traced in a process that has not used it."""
     seen = []
 
     def scaled(by, x):
@@ -52,14 +52,14 @@ def asked(factor=2.0, name="a", rows=3):
     return Scale(jnp.asarray(factor), name), jnp.arange(float(rows))
 
 
-def test_it_is_read_by_whoever_asks_again(kept):
+def test_stored_program_is_reused(kept):
     assert traces(asked()) == 1
     assert traces(asked()) == 0
     assert traces(asked(factor=3.0)) == 0
     assert len(list(kept.glob("*.stablehlo"))) == 1
 
 
-def test_another_shape_another_name_and_other_sources_are_another_program(kept, monkeypatch):
+def test_shape_name_and_sources_are_part_of_the_key(kept, monkeypatch):
     assert traces(asked()) == 1
     assert traces(asked(rows=4)) == 1
     assert traces(asked(name="b")) == 1
@@ -68,33 +68,33 @@ def test_another_shape_another_name_and_other_sources_are_another_program(kept, 
     assert len(list(kept.glob("*.stablehlo"))) == 4
 
 
-def test_what_is_not_of_pamjax_is_not_kept(kept):
+def test_functions_of_other_packages_are_not_stored(kept):
     assert traces(asked(), "mine") == traces(asked(), "mine") == 1
     assert not kept.exists()
 
 
 @pytest.mark.parametrize("folder", [None, "gs://bucket/programs"])
-def test_without_a_folder_nothing_is_kept(kept, folder, monkeypatch):
+def test_without_a_folder_nothing_is_stored(kept, folder, monkeypatch):
     monkeypatch.chdir(kept.parent)
     jax.config.update("jax_compilation_cache_dir", folder)
     assert traces(asked()) == traces(asked()) == 1
     assert not Path("gs:").exists()
 
 
-def test_sources_that_are_not_those_that_run_keep_nothing(kept, monkeypatch):
+def test_changed_sources_prevent_storing(kept, monkeypatch):
     monkeypatch.setattr(pamjax, "IMPORT_TIME", 0.0)
     assert traces(asked()) == traces(asked()) == 1
     assert not kept.exists()
 
 
-def test_a_library_that_is_not_all_pamjaxs_keeps_nothing(kept, monkeypatch):
+def test_foreign_mechanism_prevents_storing(kept, monkeypatch):
     monkeypatch.setattr(under_test, "MECHANISMS", (Scale,))
     assert traces(asked()) == traces(asked()) == 1
     assert not kept.exists()
 
 
 @pytest.mark.parametrize("whole", [b"", b"half a program" * 9])
-def test_what_was_cut_off_is_written_anew(kept, whole):
+def test_truncated_file_is_written_again(kept, whole):
     assert traces(asked()) == 1
     (file,) = kept.glob("*.stablehlo")
     file.write_bytes(whole)
@@ -102,14 +102,14 @@ def test_what_was_cut_off_is_written_anew(kept, whole):
     assert traces(asked()) == 0
 
 
-def test_a_folder_in_trouble_is_gone_without(kept, monkeypatch):
-    # A file where the folder should be: it can be neither made, nor locked, nor written to.
+def test_folder_errors_disable_the_cache(kept, monkeypatch):
+    # A file in place of the folder: the folder cannot be created, locked or written to.
     kept.write_text("mine")
     assert traces(asked()) == traces(asked()) == 1
     assert kept.read_text() == "mine"
 
 
-def test_who_holds_a_lock_is_not_waited_for_for_ever(kept, monkeypatch):
+def test_waiting_for_a_lock_has_a_time_limit(kept, monkeypatch):
     assert traces(asked()) == 1
     (file,) = kept.glob("*.stablehlo")
     file.unlink()
@@ -118,8 +118,8 @@ def test_who_holds_a_lock_is_not_waited_for_for_ever(kept, monkeypatch):
         assert traces(asked()) == 1
 
 
-def test_what_traces_is_known_by_its_sources(tmp_path):
-    """A process with another line in one file of the package gets another name."""
+def test_key_depends_on_the_sources(tmp_path):
+    """A process with a changed line in one file of the package has another key."""
     told = "import sys, pamjax.compile.aot_cache as t; print(t._describe_tracer().splitlines()[-1])"
 
     def of(root):
@@ -142,8 +142,8 @@ def test_what_traces_is_known_by_its_sources(tmp_path):
     assert of(tmp_path) != same
 
 
-def test_processes_that_ask_together_compile_once(kept):
-    """Two of them want what takes a while to trace: one of them traces it."""
+def test_parallel_processes_trace_once(kept):
+    """Two processes request the same program, and one of them traces it."""
     asks = (
         "import sys, time, jax, pamjax.compile.aot_cache as t\n"
         "jax.config.update('jax_compilation_cache_dir', sys.argv[1])\n"

@@ -1,4 +1,4 @@
-"""Where compiled programs are kept, and what is said where they cannot be."""
+"""Folder of compiled programs, and the warning if it cannot be used."""
 
 import jax
 import pytest
@@ -10,7 +10,7 @@ from pamjax.errors import BadInput
 
 @pytest.fixture
 def fresh(monkeypatch, tmp_path):
-    """As in a process that has named no folder yet; nothing is compiled meanwhile."""
+    """Reset the state to that of a new process, and compile nothing."""
     before = jax.config.jax_compilation_cache_dir
     jax.config.update("jax_compilation_cache_dir", None)
     monkeypatch.delenv("PAMJAX_CACHE_DIR")
@@ -19,23 +19,23 @@ def fresh(monkeypatch, tmp_path):
     jax.config.update("jax_compilation_cache_dir", before)
 
 
-def test_a_folder_that_was_set_for_jax_stays(tmp_path):
+def test_folder_that_is_set_for_jax_is_kept(tmp_path):
     assert str(keep_compiled(tmp_path)) == jax.config.jax_compilation_cache_dir != str(tmp_path)
 
 
-def test_a_named_folder_is_made(fresh, monkeypatch):
+def test_named_folder_is_created(fresh, monkeypatch):
     monkeypatch.setenv("PAMJAX_CACHE_DIR", str(fresh.parent / "new"))
     assert keep_compiled() == fresh.parent / "new" / "compiled"
     assert (fresh.parent / "new" / "compiled").is_dir()
 
 
-def test_a_named_folder_that_cannot_be_is_told(fresh, monkeypatch):
+def test_invalid_folder_is_reported(fresh, monkeypatch):
     monkeypatch.setenv("PAMJAX_CACHE_DIR", str(fresh))
-    with pytest.raises(BadInput, match=r"need a folder to write to; got .*file in PAMJAX_CACHE_DIR"):
+    with pytest.raises(BadInput, match=r"must be writable; got .*file in PAMJAX_CACHE_DIR"):
         keep_compiled()
 
 
-def test_where_nobody_named_one_it_goes_without(fresh, monkeypatch):
+def test_invalid_default_folder_is_ignored(fresh, monkeypatch):
     monkeypatch.setattr(pamjax.compile.jax_cache, "_find_user_folder", lambda: fresh)
     assert keep_compiled() is None
     assert jax.config.jax_compilation_cache_dir is None

@@ -1,4 +1,4 @@
-"""A program is compiled once, however many threads ask for it."""
+"""Programs are compiled once, also if several threads request them."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -10,7 +10,7 @@ from pamjax.compile.programs import run_compiled, start_compilation
 from tests.agreement import agree
 
 
-def test_threads_that_ask_together_compile_once():
+def test_parallel_threads_compile_once():
     traced = []
 
     @jax.jit
@@ -27,7 +27,7 @@ def test_threads_that_ask_together_compile_once():
     assert traced == [(3,), (4,)]
 
 
-def test_what_cannot_be_compiled_says_why_to_whoever_waits():
+def test_compilation_error_reaches_all_waiting_threads():
     @jax.jit
     def wrong(x):
         raise ValueError("no such muscle")

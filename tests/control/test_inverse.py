@@ -1,4 +1,4 @@
-"""What is commanded gives what was wanted, derivatives are those of differences, a table keeps its word."""
+"""Commands reach their target, derivatives agree with differences, and a table has its stated accuracy."""
 
 import subprocess
 import sys
@@ -35,27 +35,27 @@ def of():
 
 @pytest.fixture(scope="module")
 def states(of):
-    """Random pressures and lengths, and the force of another program at them."""
+    """Return random pressures and lengths, and their forces from another program."""
     rng = np.random.default_rng(1)
     pressure, length = (rng.uniform(*ends, 500) for ends in (of.pressures, of.lengths))
     return pressure, length, np.asarray(predict(MUSCLE, jnp.asarray(pressure), jnp.asarray(length)).force)
 
 
-def test_the_pressure_that_gives_a_force_is_the_one_that_gave_it(of, states):
+def test_pressure_for_a_force_is_recovered(of, states):
     pressure, length, force = states
-    found = of.pressure(force, length)
-    assert np.all(np.asarray(found.status) == CommandLimit.OK)
-    agree(found.value, pressure, SOLVED, scale=650e3)
+    command = of.pressure(force, length)
+    assert np.all(np.asarray(command.status) == CommandLimit.OK)
+    agree(command.value, pressure, SOLVED, scale=650e3)
 
 
-def test_the_length_that_gives_a_force_is_the_one_that_gave_it(of, states):
+def test_length_for_a_force_is_recovered(of, states):
     pressure, length, force = states
-    found = of.length(force, pressure)
-    assert np.all(np.asarray(found.status) == CommandLimit.OK)
-    agree(found.value, length, SOLVED)
+    command = of.length(force, pressure)
+    assert np.all(np.asarray(command.status) == CommandLimit.OK)
+    agree(command.value, length, SOLVED)
 
 
-def test_derivatives_are_those_of_differences(of):
+def test_derivatives_agree_with_differences(of):
     force, length, pressure = 800.0, 0.2, 300e3
     by_pressure, by_length = of.pressure(force, length), of.length(force, pressure)
     agree(by_pressure.by_force, difference(lambda f: of.pressure(f, length).value, force, 1.0), BY_DIFFERENCE)
@@ -66,25 +66,25 @@ def test_derivatives_are_those_of_differences(of):
     agree(by_length.by_given, difference(lambda p: of.length(force, p).value, pressure, 1e3), BY_DIFFERENCE)
     at = float(by_length.value[0])
     agree(by_length.stiffness, difference(lambda l: of.force(pressure, l)[0], at, 1e-4), BY_DIFFERENCE)
-    # With the other sign they would not be.
-    wrong = -np.asarray(by_pressure.by_given)
+    # Negative control: the opposite sign.
+    opposite = -np.asarray(by_pressure.by_given)
     with pytest.raises(AssertionError):
-        agree(wrong, difference(lambda l: of.pressure(force, l).value, length, 1e-4), BY_DIFFERENCE)
+        agree(opposite, difference(lambda l: of.pressure(force, l).value, length, 1e-4), BY_DIFFERENCE)
 
 
-def test_the_stiffness_has_the_slopes_of_its_differences(of):
+def test_slopes_of_the_stiffness_agree_with_differences(of):
     pressure, length = 300e3, 0.2
     got = of.stiffness_slopes(pressure, length)[0]
     by_pressure = difference(lambda p: of.force(p, length)[1][0], pressure, 1e3)
     by_length = difference(lambda l: of.force(pressure, l)[1][0], length, 1e-4)
     agree(got, [by_pressure, by_length], BY_DIFFERENCE)
-    # That along a command, at one force, is another: the length moves with the pressure.
-    along = difference(lambda p: of.length(800.0, p).stiffness[0], pressure, 1e3)
+    # Negative control: at constant force the length changes with the pressure.
+    at_constant_force = difference(lambda p: of.length(800.0, p).stiffness[0], pressure, 1e3)
     with pytest.raises(AssertionError):
-        agree(along, by_pressure, BY_DIFFERENCE)
+        agree(at_constant_force, by_pressure, BY_DIFFERENCE)
 
 
-def test_a_command_is_differentiable_in_the_muscles_own_numbers(of):
+def test_command_is_differentiable_in_the_parameters(of):
     def command(stiffness):
         soft = Muscle(0.2357, 0.2512, 1.09, LinearThread(stiffness))
         return Inverse(soft, of.pressures, of.lengths).pressure(800.0, 0.2).value[0]
@@ -111,36 +111,36 @@ def _implicit(stiffness):
         (500.0, 0.16, CommandLimit.OUTSIDE, None),
     ],
 )
-def test_what_cannot_be_met_says_which_limit_binds(of, force, length, limit, value):
-    found = of.pressure(force, length)
-    assert CommandLimit(int(found.status[0])) == limit
-    assert np.isfinite(found.value[0])
+def test_infeasible_command_reports_the_active_limit(of, force, length, limit, value):
+    command = of.pressure(force, length)
+    assert CommandLimit(int(command.status[0])) == limit
+    assert np.isfinite(command.value[0])
     if value is not None:
-        agree(found.value, [value], SOLVED)
+        agree(command.value, [value], SOLVED)
 
 
-def test_beyond_the_locking_angle_pressure_commands_nothing():
-    below = inverse(MUSCLE, (20e3, 650e3), (0.13, 0.2357))
-    # 3 L² < B²: more pressure pushes.
-    assert CommandLimit(int(below.pressure(100.0, 0.14).status[0])) != CommandLimit.OK
-    kept = narrow_range(below)
-    assert 0.145 < kept.lengths[0] < 0.17
-    with pytest.raises(BadInput, match="range of pressure and length in which pressure pulls"):
+def test_no_pressure_is_returned_beyond_the_locking_angle():
+    wide = inverse(MUSCLE, (20e3, 650e3), (0.13, 0.2357))
+    # 3 L² < B²: the force decreases with pressure.
+    assert CommandLimit(int(wide.pressure(100.0, 0.14).status[0])) != CommandLimit.OK
+    narrowed = narrow_range(wide)
+    assert 0.145 < narrowed.lengths[0] < 0.17
+    with pytest.raises(BadInput, match="range of pressure and length in which pressure increases the force"):
         narrow_range(inverse(MUSCLE, (20e3, 650e3), (0.13, 0.14)))
 
 
 @pytest.fixture(scope="module")
 def written(of, tmp_path_factory) -> ExportedController:
-    return export(of, tmp_path_factory.mktemp("robot"), force_sd=doubt)
+    return export(of, tmp_path_factory.mktemp("robot"), force_sd=force_sd)
 
 
-def doubt(pressure, length):
-    """How surely a force is known, N; any smooth law will do."""
+def force_sd(pressure, length):
+    """Return an artificial sd of the force, N: a smooth function."""
     return 1.0 + pressure / 1e5 * np.exp(-length / 0.1)
 
 
-def worst(robot, of, seed):
-    """Largest errors at other random points than those at which the stated ones were measured."""
+def measure_errors(robot, of, seed):
+    """Return the largest errors at random points other than those of the stated accuracy."""
     rng = np.random.default_rng(seed)
     pressure, length = (rng.uniform(*ends, 3000) for ends in (robot.pressures, robot.lengths))
     force, stiffness = of.force(pressure, length)
@@ -148,29 +148,31 @@ def worst(robot, of, seed):
     true = {
         "force": force, "stiffness": stiffness, "pull": of.pull(pressure, length),
         "stiffness_by_pressure": by_pressure, "stiffness_by_length": by_length,
-        "sd": doubt(pressure, length),
+        "sd": force_sd(pressure, length),
     }  # fmt: skip
-    off = {name: np.abs(getattr(robot, name)(pressure, length) - values) for name, values in true.items()}
-    off["pressure"] = np.abs(robot.pressure(force, length)[0] - pressure)
-    held = np.clip(pressure, *robot.holding)
-    off["length"] = np.abs(robot.length(of.force(held, length)[0], held)[0] - length)
-    return {name: one.max() for name, one in off.items()}
+    errors = {name: np.abs(getattr(robot, name)(pressure, length) - values) for name, values in true.items()}
+    errors["pressure"] = np.abs(robot.pressure(force, length)[0] - pressure)
+    holding_pressure = np.clip(pressure, *robot.holding)
+    errors["length"] = np.abs(
+        robot.length(of.force(holding_pressure, length)[0], holding_pressure)[0] - length
+    )
+    return {name: values.max() for name, values in errors.items()}
 
 
-def test_a_table_is_as_good_as_it_says_and_a_wrong_one_is_caught(written, of):
+def test_table_has_its_stated_accuracy_and_a_wrong_table_is_detected(written, of):
     robot = Controller(written.files[0])
     assert robot.error["pressure"] < 1e-3 * 650e3
     assert robot.error["length"] < 1e-5
-    found = worst(robot, of, seed=99)
-    assert set(found) == set(robot.error) - {"friction"}
-    assert all(found[name] <= robot.error[name] for name in found)
+    errors = measure_errors(robot, of, seed=99)
+    assert set(errors) == set(robot.error) - {"friction"}
+    assert all(errors[name] <= robot.error[name] for name in errors)
     robot._table["pressure"] = robot._table["pressure"] + 2 * robot.error["pressure"] * (
         np.indices(robot._table["pressure"].shape).sum(axis=0) == 1
     )
-    assert worst(robot, of, seed=99)["pressure"] > robot.error["pressure"]
+    assert measure_errors(robot, of, seed=99)["pressure"] > robot.error["pressure"]
 
 
-def test_a_table_says_which_limit_binds(written):
+def test_table_reports_the_active_limit(written):
     robot = Controller(written.files[0])
     _, status = robot.pressure(np.array([500.0, 1e5, -1e3, 500.0]), np.array([0.2, 0.2, 0.2, 0.3]))
     assert status.tolist() == [
@@ -181,28 +183,28 @@ def test_a_table_says_which_limit_binds(written):
     ]
 
 
-def test_a_table_knows_nothing_outside_and_says_so(written):
+def test_table_reports_points_outside_its_range(written):
     robot = Controller(written.files[0])
     for force, length in ((np.nan, 0.2), (300.0, np.nan), (300.0, 0.3)):
         assert robot.pressure(force, length)[1] == CommandLimit.OUTSIDE
     assert np.isnan(robot.force(4e6, 0.2))
     assert np.isnan(robot.sd(400e3, 0.3))
-    # The ends themselves are inside, whatever rounding made of them.
+    # The ends are inside the range, also with a rounding error.
     assert np.isfinite(robot.force(robot.pressures[1] * (1 + 1e-15), robot.lengths[0]))
     assert f"{robot.lengths[0] * 1e3:.4g} mm to {robot.lengths[1] * 1e3:.4g} mm" in str(written)
 
 
-def test_a_table_goes_down_to_no_pressure_where_the_muscle_does(tmp_path):
+def test_table_includes_zero_pressure(tmp_path):
     of = inverse(MUSCLE, (0.0, 650e3), (0.17, 0.2357))
     robot = Controller(export(of, tmp_path).files[0])
     pressure, status = robot.pressure([0.0, 50.0], 0.21)
     assert status.tolist() == [0, 0]
     assert np.all(np.abs(pressure - of.pressure([0.0, 50.0], 0.21).value) <= robot.error["pressure"])
-    # Without pressure no force holds a length.
+    # Without pressure, the muscle has no stiffness, and no length can be commanded.
     assert robot.length(0.0, 0.0)[1] == CommandLimit.OUTSIDE
 
 
-def test_a_table_knows_how_its_answers_change(written, of):
+def test_table_has_derivatives(written, of):
     robot = Controller(written.files[0])
     pressures, lengths = of.pressure([300.0, 500.0], 0.2), of.length([300.0, 500.0], 400e3)
     agree(robot.pressure_slopes(pressures.value, 0.2), [pressures.by_force, pressures.by_given], 1e-4)
@@ -210,53 +212,55 @@ def test_a_table_knows_how_its_answers_change(written, of):
 
 
 @pytest.mark.slow
-def test_a_table_holds_friction_and_nothing_of_the_rig(tmp_path):
-    rubbed, rig = BraidFriction(coefficient=0.4), RigCompliance(1e-6)
+def test_table_includes_friction_but_no_rig_errors(tmp_path):
+    friction, rig = BraidFriction(coefficient=0.4), RigCompliance(1e-6)
     threads = BraidElasticity(4e-6)
-    given, rigid = (Bench(0.2512, 1.09, (threads, rubbed, *m)) for m in ((rig,), ()))
+    compliant, rigid = (Bench(0.2512, 1.09, (threads, friction, *m)) for m in ((rig,), ()))
     ends = (100e3, 600e3), (0.19, 0.2357)
-    robot = Controller(export(inverse(given, *ends), tmp_path).files[0])
-    at = np.array([200e3, 500e3]), np.array([0.2, 0.22])
-    loops = compute_friction_half_loop(rigid, *at)
+    robot = Controller(export(inverse(compliant, *ends), tmp_path).files[0])
+    points = np.array([200e3, 500e3]), np.array([0.2, 0.22])
+    loops = compute_friction_half_loop(rigid, *points)
     assert np.all(loops > 1.0)
-    assert np.all(np.abs(robot.friction(*at) - loops) < robot.error["friction"])
+    assert np.all(np.abs(robot.friction(*points) - loops) < robot.error["friction"])
     assert robot.error["friction"] < 0.01 * loops.min()
-    # Nobody said how surely this muscle is known.
-    assert np.all(np.isnan(robot.sd(*at)))
-    assert np.all(np.abs(robot.force(*at) - inverse(rigid, *ends).force(*at)[0]) < robot.error["force"])
-    soft = record_bench(given, *at, build_time_history(None, np.ones(2, dtype=bool))).past.force
-    assert np.all(robot.force(*at) - soft > 1.0)
+    # The sd of this muscle's force is unknown.
+    assert np.all(np.isnan(robot.sd(*points)))
+    assert np.all(
+        np.abs(robot.force(*points) - inverse(rigid, *ends).force(*points)[0]) < robot.error["force"]
+    )
+    soft = record_bench(compliant, *points, build_time_history(None, np.ones(2, dtype=bool))).states.force
+    assert np.all(robot.force(*points) - soft > 1.0)
 
 
 @pytest.mark.slow
-def test_a_muscle_held_open_by_its_rubber_is_exported_from_where_pressure_pulls():
+def test_table_starts_at_the_contact_pressure_of_the_bladder():
     rubber = BladderElasticity(0.5e6, 0.0, 0.012, 0.0015, 0.18)
     stiff = Bench(0.1925, 1.6, (BraidElasticity(1e-6), rubber))
     of = inverse(stiff, (0.0, 400e3), (0.11, 0.18))
-    kept = narrow_range(of)
-    assert 0 < kept.pressures[0] <= 0.3 * 400e3
-    assert kept.pressures[1] == 400e3
-    assert np.ptp(kept.lengths) > 0.5 * np.ptp(of.lengths)
+    narrowed = narrow_range(of)
+    assert 0 < narrowed.pressures[0] <= 0.3 * 400e3
+    assert narrowed.pressures[1] == 400e3
+    assert np.ptp(narrowed.lengths) > 0.5 * np.ptp(of.lengths)
 
 
-def test_the_table_needs_numpy_alone(written):
+def test_table_reader_needs_only_numpy(written):
     program = (
         "import sys; sys.path.insert(0, '.'); from controller import Controller;"
         "c = Controller('controller.npz'); print(c.pressure(500.0, 0.2)[0]);"
         "assert not {'jax', 'pamjax', 'scipy'} & set(sys.modules)"
     )
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", program],
         cwd=written.files[0].parent,
         capture_output=True,
         text=True,
         check=True,
     )
-    assert 20e3 < float(done.stdout) < 650e3
+    assert 20e3 < float(process.stdout) < 650e3
 
 
 @pytest.mark.slow
-def test_a_bench_is_inverted_without_its_memory():
+def test_command_ignores_the_memory_of_a_bench():
     bench = Bench(0.2512, 1.09, (BraidElasticity(4e-6), BladderElasticity(3e5, 0.1, 0.019, 0.0016, 0.2357)))
     of = inverse(bench, (100e3, 650e3), (0.19, 0.23))
     force, _ = of.force([200e3, 500e3], [0.2, 0.22])
@@ -264,12 +268,12 @@ def test_a_bench_is_inverted_without_its_memory():
 
 
 if __name__ == "__main__":
-    # python -m tests.control.test_inverse FOLDER: microseconds a point of an exported table.
+    # python -m tests.control.test_inverse FOLDER: microseconds per point of an exported table.
     robot = Controller(f"{sys.argv[1]}/controller.npz")
     rng = np.random.default_rng(0)
-    many = 100_000
-    length = rng.uniform(*robot.lengths, many)
-    force = robot.force(rng.uniform(*robot.pressures, many), length)
+    point_count = 100_000
+    length = rng.uniform(*robot.lengths, point_count)
+    force = robot.force(rng.uniform(*robot.pressures, point_count), length)
     begin = time.perf_counter()
     robot.pressure(force, length)
-    print(f"{1e6 * (time.perf_counter() - begin) / many:.2f} us a point")
+    print(f"{1e6 * (time.perf_counter() - begin) / point_count:.2f} us per point")

@@ -1,4 +1,4 @@
-"""What a command leaves out has the size that a simulated bench shows; what rests is not left out."""
+"""Neglected effects of a command have the size that a simulated bench shows."""
 
 import numpy as np
 import pytest
@@ -27,31 +27,31 @@ def bench(*mechanisms):
     return Bench(0.2512, 1.09, (THREADS, *mechanisms))
 
 
-# A recording presses its friction in the state that the whole pressure makes, a thousandth beside.
+# A simulated recording computes friction at the full pressure. The difference is about a thousandth.
 @pytest.mark.parametrize(
-    ("mechanisms", "to"), [((FRICTION,), SOLVED), ((ContactPressure(4e4), FRICTION), 2e-3)]
+    ("mechanisms", "tolerance"), [((FRICTION,), SOLVED), ((ContactPressure(4e4), FRICTION), 2e-3)]
 )
 @pytest.mark.slow
-def test_friction_is_half_of_the_loop_that_a_stroke_shows(mechanisms, to):
-    rubbed, pressure = bench(*mechanisms), 300e3
-    out = np.linspace(0.19, 0.23, 81)
-    length = np.concatenate([out, out[-2::-1], out[1:]])
+def test_friction_is_half_the_width_of_the_loop(mechanisms, tolerance):
+    friction_bench, pressure = bench(*mechanisms), 300e3
+    lengthening = np.linspace(0.19, 0.23, 81)
+    length = np.concatenate([lengthening, lengthening[-2::-1], lengthening[1:]])
     run = build_time_history(0.1 * np.arange(length.size), np.arange(length.size) == 0)
-    force = np.asarray(record_bench(rubbed, np.full(length.size, pressure), length, run).past.force)
-    # The middle of the way back, and of the way out after it: every element is at its limit.
-    seen = (force[200] - force[120]) / 2
-    assert seen > 1.0
-    agree(compute_friction_half_loop(rubbed, pressure, length[120]), seen, to)
+    force = np.asarray(record_bench(friction_bench, np.full(length.size, pressure), length, run).states.force)
+    # The middle of the shortening and of the next lengthening: every element is at its limit.
+    half_loop = (force[200] - force[120]) / 2
+    assert half_loop > 1.0
+    agree(compute_friction_half_loop(friction_bench, pressure, length[120]), half_loop, tolerance)
     with pytest.raises(AssertionError):
-        agree(compute_friction_half_loop(rubbed, 1.01 * pressure, length[120]), seen, to)
+        agree(compute_friction_half_loop(friction_bench, 1.01 * pressure, length[120]), half_loop, tolerance)
 
 
-def test_only_friction_has_a_loop_at_rest():
+def test_only_friction_has_a_loop_at_zero_speed():
     assert compute_friction_half_loop(bench(ViscoelasticCreep(3e5)), 300e3, 0.21) == 0.0
     assert compute_friction_half_loop(Muscle(0.2357, 0.2512, 1.09, LinearThread(2.5e5)), 300e3, 0.21) == 0.0
 
 
-def test_what_takes_no_part_is_named():
+def test_neglected_mechanisms_are_named():
     mechanisms = PressureDrop(1e8), ForceOffset(2.0), RigCompliance(1e-7), ContactPressure(4e4), FRICTION
     assert list_neglected(bench(*mechanisms)) == (
         ("pressure_drop", "braid_friction"),
@@ -60,9 +60,9 @@ def test_what_takes_no_part_is_named():
     assert list_neglected(Muscle(0.2357, 0.2512, 1.09, LinearThread(2.5e5))) == ((), ())
 
 
-def test_the_pressure_of_contact_is_spent_at_rest_too():
+def test_contact_pressure_acts_at_zero_speed():
     pressed, pressure, length = bench(ContactPressure(4e4)), np.array([1e5, 3e5, 5e5]), np.full(3, 0.21)
     force, _ = Inverse(pressed, (5e4, 6e5), (0.19, 0.23)).force(pressure, length)
-    agree(force, record_bench(pressed, pressure, length, STATIC).past.force, SOLVED)
+    agree(force, record_bench(pressed, pressure, length, STATIC).states.force, SOLVED)
     bare, _ = Inverse(bench(), (5e4, 6e5), (0.19, 0.23)).force(pressure, length)
     assert np.all(bare - force > 20.0)

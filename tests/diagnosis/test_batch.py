@@ -1,4 +1,4 @@
-"""Several recordings in one call."""
+"""Diagnosis of several recordings in one call."""
 
 import threading
 from types import SimpleNamespace
@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from pamjax.diagnosis.batch import diagnose_all
 
 
-def test_who_stops_waits_for_no_other_recording(monkeypatch):
+def test_interruption_does_not_wait_for_other_recordings(monkeypatch):
     let_go, slow_done = threading.Event(), threading.Event()
 
     def diagnose(case, **_):

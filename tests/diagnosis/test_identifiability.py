@@ -1,4 +1,4 @@
-"""What a baseline's refit leaves open is told, and what it settles is not."""
+"""Parameters that the refit of the baseline does not determine are reported."""
 
 from types import SimpleNamespace
 
@@ -9,36 +9,38 @@ from pamjax.diagnosis.identifiability import (
     format_unidentified_combinations,
     format_untestable_mechanisms,
 )
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 
 NAMES = ("muscle.thread_length", "muscle.turns")
 
 
-def refitted(jacobian):
+def refit(jacobian):
     found = SimpleNamespace(names=NAMES, prior_sd=np.array([1e-3, 5e-3]), start=np.array([0.25, 1.1]))
     at = SimpleNamespace(free=(0, 1), jacobian=np.array(jacobian), scale=np.ones(2))
     return found, SimpleNamespace(estimate=at)
 
 
-def test_a_number_that_moves_nothing_is_told():
-    (said,) = format_unidentified_combinations(*refitted([[1e5, 0.0]]))
-    assert "little about `muscle.turns`" in said
+def test_parameter_without_effect_is_reported():
+    (said,) = format_unidentified_combinations(*refit([[1e5, 0.0]]))
+    assert "does not determine `muscle.turns`" in said
 
 
-def test_two_numbers_that_undo_each_other_are_told_together():
-    # One sample sees only their sum, in steps of what was believed of each.
-    (said,) = format_unidentified_combinations(*refitted([[1e5, 2e4]]))
-    assert "together" in said
+def test_compensating_parameters_are_reported_together():
+    # One sample determines only their sum, in units of their prior sd.
+    (said,) = format_unidentified_combinations(*refit([[1e5, 2e4]]))
+    assert "only in combination" in said
     assert "thread_length" in said
     assert "turns" in said
 
 
-def test_what_the_recording_settles_is_not_told():
-    assert format_unidentified_combinations(*refitted([[1e5, 0.0], [0.0, 2e4]])) == []
+def test_determined_parameter_is_not_reported():
+    assert format_unidentified_combinations(*refit([[1e5, 0.0], [0.0, 2e4]])) == []
 
 
-def test_a_number_that_was_stopped_on_its_way_is_told():
+def test_parameter_at_its_limit_is_reported():
     low, high = np.array([0.247, 1.085]), np.array([0.253, 1.115])
     found = SimpleNamespace(
+        settings=DEFAULT_SETTINGS,
         names=NAMES,
         prior_sd=np.array([1e-3, 5e-3]),
         is_baseline=np.array([True, True]),
@@ -52,13 +54,13 @@ def test_a_number_that_was_stopped_on_its_way_is_told():
         return format_strained_parameters(found, SimpleNamespace(estimate=at))
 
     (one,) = said(0.25, 1.115 - 1e-9)
-    assert one.startswith("`muscle.turns` ended as far")
+    assert one.startswith("`muscle.turns` reached its limit (3 sd")
     (both,) = said(0.247, 1.085)
-    assert both.startswith("`muscle.thread_length` and `muscle.turns` ended as far")
+    assert both.startswith("`muscle.thread_length` and `muscle.turns` reached their limits (3 sd")
     assert said(0.2475, 1.1) == []
 
 
-def test_what_a_table_was_not_asked_is_told():
+def test_mechanisms_that_a_table_cannot_test_are_reported():
     def said(has_time):
         return format_untestable_mechanisms(
             SimpleNamespace(case=SimpleNamespace(recording=SimpleNamespace(has_time=has_time)))

@@ -1,4 +1,4 @@
-"""What a diagnosis says of its numbers."""
+"""Texts of a diagnosis for its parameters."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 
 from pamjax.diagnosis.result import build_parameter_estimate, format_named_estimate
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.parameter import Meaning
 
 
 def _told(value, *, low=0.0, high=1.0, scale="linear", neutral=None):
-    """A number as its refit left it, in words."""
+    """Return the text of a refitted parameter."""
     meaning = Meaning("1", "", 0.0, 1.0, scale, "made up", "here", neutral)
     found: Any = SimpleNamespace(
+        settings=DEFAULT_SETTINGS,
         low=np.array([low]),
         high=np.array([high]),
         is_logarithmic=np.array([scale == "log"]),
@@ -38,5 +40,5 @@ def _told(value, *, low=0.0, high=1.0, scale="linear", neutral=None):
         (_told(1e-3, low=1e-6, scale="log"), False),  # linearly it would be at the lower end
     ],
 )
-def test_a_number_driven_to_an_end_of_its_range_says_so(said, expected):
-    assert said.endswith(", at an end of its range") is expected
+def test_parameter_at_its_limit_is_marked(said, expected):
+    assert said.endswith(", at its limit") is expected

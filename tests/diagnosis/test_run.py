@@ -1,4 +1,4 @@
-"""What is concealed is named, where nothing is nothing is said, and the files say what was found."""
+"""Complete diagnoses: concealed effects are named, false alarms are avoided, and the files agree."""
 
 import json
 from functools import cache
@@ -16,12 +16,15 @@ from pamjax.diagnosis.detect.significance import Significance
 from pamjax.diagnosis.library.library_problem import build_library_problem
 from pamjax.diagnosis.result import save_diagnosis
 from pamjax.diagnosis.run import diagnose
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.records.blocks import Blocks
 
 
-def test_a_box_holds_the_middle_of_the_weight():
+def test_region_contains_the_middle_of_the_weight():
     values = np.linspace(0, 1, 1001)
-    low, high = _compute_weighted_range(values, np.where((values > 0.2) & (values < 0.6), 1.0, 0.0))
+    low, high = _compute_weighted_range(
+        DEFAULT_SETTINGS, values, np.where((values > 0.2) & (values < 0.6), 1.0, 0.0)
+    )
     assert (low, high) == (pytest.approx(0.22, abs=0.01), pytest.approx(0.58, abs=0.01))
 
 
@@ -29,12 +32,14 @@ def test_a_box_holds_the_middle_of_the_weight():
     ("short", "long", "still", "word"),
     [(1, 1, 0, "both"), (1, 0.1, 0, "shortening"), (0.1, 1, 0, "lengthening"), (1, 0, 5, "both")],
 )
-def test_a_direction_counts_from_fifteen_percent(short, long, still, word):
-    assert _find_direction(np.array([-1, 1, 0]), np.array([short, long, still], float)) == word
+def test_direction_counts_above_fifteen_percent(short, long, still, word):
+    assert (
+        _find_direction(DEFAULT_SETTINGS, np.array([-1, 1, 0]), np.array([short, long, still], float)) == word
+    )
 
 
 @pytest.mark.parametrize(("many", "out"), [(1, 0), (2, 0), (3, 1), (4, 1), (6, 1), (10, 2)])
-def test_whole_blocks_inside_the_range_are_held_out(many, out):
+def test_complete_blocks_inside_the_range_are_held_out(many, out):
     found = Blocks(np.repeat(np.arange(many), 7), tuple(f"b{k}" for k in range(many)), "isobars")
     rows = select_held_out_rows(found)
     labels = set(found.label[rows].tolist())
@@ -44,8 +49,8 @@ def test_whole_blocks_inside_the_range_are_held_out(many, out):
 
 
 @pytest.mark.slow
-def test_the_muscle_is_nowhere_else_between_its_two_passes():
-    """What a program pads a recording with repeats the last sample: a settled muscle passes through it."""
+def test_padding_does_not_move_the_muscle_between_two_passes():
+    """A program pads a recording with its last sample, and a settled muscle passes through the padding."""
     envelope = inject_effects(0, np.random.default_rng(5))
     found, last = build_library_problem(envelope.case), envelope.case.recording.n - 1
     rows = found.dataset.rows
@@ -55,22 +60,22 @@ def test_the_muscle_is_nowhere_else_between_its_two_passes():
 
 
 @pytest.mark.parametrize(("square", "left"), [(1.05, False), (1.5, True)])
-def test_a_mismatch_below_the_rough_edges_of_forms_is_not_called_unknown(square, left):
+def test_misfit_below_the_form_error_is_not_unexplained(square, left):
     faint = Significance(p_value=1e-9, largest_deviation=8.0, direction_count=100, mean_square=square)
-    assert is_residual_significant(faint, faint) is left
+    assert is_residual_significant(faint, faint, DEFAULT_SETTINGS) is left
 
 
 @pytest.mark.parametrize("p_value", [0.1, 1e-9])
-def test_much_may_be_left_that_cannot_be_told_from_noise(p_value):
+def test_large_misfit_within_noise_is_not_significant(p_value):
     mismatch = Significance(p_value=1e-300, largest_deviation=50.0, direction_count=100, mean_square=5.3)
     rest = Significance(p_value=p_value, largest_deviation=4.0, direction_count=100, mean_square=1.3)
-    assert is_residual_large(mismatch, rest)
-    assert is_residual_significant(mismatch, rest) is (p_value < 0.01)
+    assert is_residual_large(mismatch, rest, DEFAULT_SETTINGS)
+    assert is_residual_significant(mismatch, rest, DEFAULT_SETTINGS) is (p_value < 0.01)
 
 
 @cache
 def verdict(kind):
-    """The diagnosis of an envelope; both share one program, with every other recording of so few rows."""
+    """Return the diagnosis of a simulated recording; recordings of this size share one program."""
     many = {"nothing": 0, "friction": 1}[kind]
     rng = np.random.default_rng({"nothing": 5, "friction": 0}[kind])
     only = "braid_friction" if many else None
@@ -79,7 +84,7 @@ def verdict(kind):
 
 
 @pytest.mark.slow
-def test_nothing_is_said_where_nothing_is():
+def test_recording_without_an_effect_gives_no_name():
     _, found = verdict("nothing")
     assert not found.detected
     assert found.named_mechanisms == ()
@@ -87,7 +92,7 @@ def test_nothing_is_said_where_nothing_is():
 
 
 @pytest.mark.slow
-def test_concealed_friction_is_named_and_its_loop_gone(tmp_path):
+def test_concealed_friction_is_named_and_its_loop_explained(tmp_path):
     envelope, found = verdict("friction")
     assert envelope.effect_sizes[0] == pytest.approx(6.0, rel=0.2)
     assert [name.id for name in found.named_mechanisms] == ["braid_friction"]
@@ -106,7 +111,7 @@ def test_concealed_friction_is_named_and_its_loop_gone(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_improved_model_is_read_again_and_shows_the_same(tmp_path):
+def test_saved_improved_model_gives_the_same_prediction(tmp_path):
     from pamjax.diagnosis.validate import validate_model
     from pamjax.infer.fitting.load import load_muscle
 
@@ -117,7 +122,7 @@ def test_the_improved_model_is_read_again_and_shows_the_same(tmp_path):
     toml = '[muscle]\nrest_length = "235.7 mm"\nthread_length = "251.2 mm"\nturns = 1.09\n'
     document["cases"][name]["muscle_toml"] = toml
     (tmp_path / "model.json").write_text(json.dumps(document))
-    # How sure it is stands beside it, as the verdict says it.
+    # Its probability is stated, as in the result.
     said = found.parameters["braid_friction"]["coefficient"]
     told = document["parameters"]["braid_friction.coefficient"]
     assert (told["value"], told["sd"]) == pytest.approx((said.value, said.sd))
@@ -128,7 +133,7 @@ def test_the_improved_model_is_read_again_and_shows_the_same(tmp_path):
     assert not judged.extrapolations
 
 
-def test_the_plan_has_blocks_to_hold_out():
+def test_simulated_protocol_has_blocks_to_hold_out():
     from pamjax.records.blocks import find_blocks
 
     assert select_held_out_rows(find_blocks(build_reference_setup().plan)).any()

@@ -1,4 +1,4 @@
-"""What is kept of an improved model beside its muscle: how surely each number is known, the rulers too."""
+"""The saved improved model has the uncertainty of each parameter, and the ruler errors."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,7 +15,7 @@ SD = np.array([0.01, 2e-7, 1e-4, 3e-4])
 
 
 def refitted():
-    """A braid that was found to stretch, whose lengths were set by a ruler."""
+    """Return a refitted braid with elastic threads, whose lengths were set by ruler."""
     recording = SimpleNamespace(
         usable=np.array([True, True]), pressure=np.array([0.0, 3e5]), length=np.array([0.18, 0.2])
     )
@@ -28,7 +28,7 @@ def refitted():
     return found, SimpleNamespace(estimate=at, mechanisms=chosen, within_model_covariance=np.diag(SD**2))
 
 
-def test_the_rulers_errors_are_kept_with_the_numbers_and_are_none_of_the_muscles():
+def test_ruler_errors_are_saved_separately_from_the_muscle():
     kept = build_model_document(*refitted())
     told = kept["parameters"]["length_error.2"]
     assert (told["value"], told["sd"], told["unit"]) == (pytest.approx(-0.7), pytest.approx(0.3), "mm")
@@ -41,7 +41,7 @@ def test_the_rulers_errors_are_kept_with_the_numbers_and_are_none_of_the_muscles
     assert set(kept["cases"]["rig"]["muscle"]["numbers"]) == {"muscle.turns", "thread.stiffness"}
 
 
-def test_threads_that_stretch_are_kept_as_stiff_with_the_same_relative_doubt():
+def test_thread_stiffness_is_saved_with_its_relative_sd():
     kept = build_model_document(*refitted())
     stiffness = kept["parameters"]["thread.stiffness"]
     assert stiffness["sd"] / stiffness["value"] == pytest.approx(0.2)

@@ -1,9 +1,9 @@
-"""What a validation says of the blocks that a model predicts and misses."""
+"""Validation on another recording: reported misfit of its blocks."""
 
 from pamjax.diagnosis.validate import BlockValidation, Validation
 
 
-def test_what_is_missed_is_told_by_its_block_and_its_worst_channel():
+def test_misfit_is_reported_with_block_and_worst_channel():
     good = BlockValidation(
         "isobar 100 kPa", {"force": 2.4, "diameter": 1e-5}, {"force": 2.0, "diameter": 1e-5}
     )
@@ -12,6 +12,6 @@ def test_what_is_missed_is_told_by_its_block_and_its_worst_channel():
     )
     one = Validation("b", {"force": 3.0}, {"force": 2.0}, (good, bad), 0, ())
     lines = str(one).splitlines()
-    assert "  fits 1 of 2 blocks, to 1.25 of noise: isobar 100 kPa" in lines
-    assert "  misses isobar 200 kPa (diameter by 5 of noise)" in lines
-    assert "misses" not in str(Validation("b", {"force": 2.4}, {"force": 2.0}, (good,), 0, ()))
+    assert "  1 of 2 blocks are predicted to 1.25 times the noise: isobar 100 kPa" in lines
+    assert "  larger errors: isobar 200 kPa (diameter 5 times the noise)" in lines
+    assert "larger errors" not in str(Validation("b", {"force": 2.4}, {"force": 2.0}, (good,), 0, ()))

@@ -1,4 +1,4 @@
-"""Import the scripts of a folder in fits/, which are no package."""
+"""Import the scripts of a folder in fits/, which is not a package."""
 
 import importlib
 import sys
@@ -12,7 +12,7 @@ FITS = Path(__file__).parents[2] / "fits"
 
 @contextmanager
 def import_scripts(folder: str, *names: str) -> Iterator[list[ModuleType]]:
-    """Yield modules of a folder in fits/ by name; afterwards none of its modules is imported any more."""
+    """Yield the modules of a folder in fits/ by name; remove them from the imported modules afterwards."""
     own = {path.stem for path in (FITS / folder).glob("*.py")}
     before = {name: sys.modules.pop(name) for name in own if name in sys.modules}
     sys.path.insert(0, str(FITS / folder))

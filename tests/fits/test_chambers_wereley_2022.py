@@ -1,4 +1,4 @@
-"""The article's tables are reproduced, its misprints are not, and build.py makes the case folder."""
+"""The article's tables are reproduced, except for their misprints, and build.py writes the case folder."""
 
 import json
 
@@ -16,7 +16,7 @@ SCRIPTS = ("build", "tables", "errata", "figures")
 
 @pytest.fixture(scope="module")
 def case():
-    """The scripts of the case folder, by name."""
+    """Return the scripts of the case folder, by name."""
     with import_scripts("chambers_wereley_2022", *SCRIPTS) as modules:
         yield dict(zip(SCRIPTS, modules, strict=True))
 
@@ -31,7 +31,7 @@ def errata(case):
     return case["errata"]
 
 
-def test_folder_holds_what_is_built(case):
+def test_folder_agrees_with_its_script(case):
     for name, text in case["build"].build_files().items():
         assert (FOLDER / name).read_text(encoding="utf-8") == text, f"run build.py: {name} is out of date"
 
@@ -61,7 +61,7 @@ def test_slopes(t):
     assert t.fit_slopes()["modulus [GPa]"].round(2).to_dict() == EXPECTED["slopes_GPa"]
 
 
-def test_table_1_alone_does_not_prove_a_toe(t):
+def test_table_1_alone_is_no_evidence_of_a_toe(t):
     steeper, sd = t.estimate_stiffening(0.028e-3)
     assert (round(steeper), round(sd)) == (12, 13)
     assert round(t.estimate_stiffening(0.015e-3)[1]) == 7
@@ -75,13 +75,13 @@ def test_cells_of_table_2(t):
     assert counted == EXPECTED["table2_cells_within"]
 
 
-def test_only_the_last_reading_makes_table_2(t):
+def test_only_the_last_reading_gives_table_2(t):
     within = [t.count_agreement(computed)[0.15] for computed in t.compute_alternatives().values()]
     assert within[-1] >= 34
     assert max(within[:-1]) < 24
 
 
-def test_force_and_reference_are_what_the_cells_say(t):
+def test_force_and_reference_agree_with_the_cells(t):
     (force, reference), (force_sd, reference_sd), worst = t.fit_force_and_reference()
     assert worst < 0.15
     assert force == pytest.approx(EXPECTED["table2_found"]["force_N"], abs=0.05)
@@ -91,7 +91,7 @@ def test_force_and_reference_are_what_the_cells_say(t):
     assert abs(t.THREAD - reference) > 100 * reference_sd, "two thread lengths, beyond any rounding"
 
 
-def test_leftovers_of_table_2_go_with_a_length_within_the_rulers_error(t):
+def test_residuals_of_table_2_vanish_within_the_ruler_error(t):
     (force, _, length), _, worst = t.fit_force_and_reference(length_too=True)
     assert worst < 0.0902
     assert abs(length - t.LENGTH) < 0.1e-3
@@ -104,7 +104,7 @@ def test_moduli_round_to_the_printed_ones(t):
     assert round(t.MODULI[0] / 1e9) == printed[0]
 
 
-def test_percentages_are_of_the_elastic_value(t):
+def test_percentages_refer_to_the_elastic_value(t):
     material = t.read_printed_cells()[3]
     inelastic = 1e3 * float(t.braid.diameter(t.LENGTH, t.THREAD, t.TURNS))
     assert 100 * material[1] / (inelastic + material[1]) == pytest.approx(material[0], abs=0.3)
@@ -118,14 +118,14 @@ def test_table_2_in_balance(t):
         np.testing.assert_allclose(table[name], expected, atol=half + 1e-9, rtol=0, err_msg=name)
 
 
-def test_frozen_force_against_balance(t):
-    """Stiff rows of the article are too small in force, soft rows too large."""
+def test_constant_force_differs_from_the_equilibrium(t):
+    """The article's force is too small for stiff materials and too large for soft ones."""
     excess = 100 * (t.read_printed_cells()[:, 5] / t.compute_table2()["force_change [N]"].to_numpy() - 1)
     assert np.round(excess).astype(int).tolist() == [-17, -12, -6, 5, 17, 27]
 
 
 def test_equation_10_needs_a_minus(t, errata):
-    """The line before the last of Eq. 10 is the oracle: B = B0 (1 + B (F + PπR²) / (n L E A))."""
+    """Reference: the equation before the last form of Eq. 10, B = B0 (1 + B (F + PπR²) / (n L E A))."""
     pull = t.FORCE + t.PRESSURE * np.pi * float(t.braid.radius_squared(t.LENGTH, t.THREAD, t.TURNS))
 
     def off(thread):
@@ -158,12 +158,12 @@ def test_degrees_of_section_4_2(errata):
     assert stiff["percent"] == pytest.approx(1.1, abs=0.05)
 
 
-def test_headline_percentage_is_of_the_inelastic_force(errata):
+def test_headline_percentage_refers_to_the_inelastic_force(errata):
     free = errata.compute_free_contraction(210 / 0.704)
     assert free["soft"] == pytest.approx(210, abs=5)
     assert free["stiff"] == pytest.approx(13, abs=2)
     assert free["overestimate_percent"] == pytest.approx(226, abs=2)
-    # Were 70.4 % of the elastic force, the same state would make 13 N less than 3 %, printed 5 %.
+    # If 70.4 % referred to the elastic force, 13 N would be less than 3 %; printed are 5 %.
     elastic = 210 / 0.704
     assert 100 * 13 / (elastic + 210 - 13) < 3
 
@@ -176,7 +176,7 @@ def test_areas(errata, t):
     assert titre == pytest.approx(0.0880, abs=5e-5)
 
 
-def test_last_row_puts_in_a_force_that_does_not_come_out(errata):
+def test_last_row_has_inconsistent_forces(errata):
     row = errata.compute_last_row()
     assert row["force out"] == pytest.approx(3612, abs=1)
     assert row["tension"] / row["tension in balance"] == pytest.approx(1.25, abs=0.005)
@@ -210,8 +210,8 @@ def test_isobars_end_at_free_contraction(case, t, modulus):
     assert (np.diff(np.asarray(reading.force)) < 0).all()
 
 
-def test_figures_show_what_they_say(case, t):
-    """By their elements: every isobar is there, and Table 1 is points."""
+def test_figures_have_all_isobars_and_points(case, t):
+    """Checked by their elements: every isobar is drawn, and Table 1 as points."""
     figures = case["figures"]
     five, seven = figures.draw_figure_5(t.build_muscle(83e9)), figures.draw_figure_7()
     points = [line for line in five.axes[0].lines if line.get_marker() == "o"]

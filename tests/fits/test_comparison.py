@@ -1,4 +1,4 @@
-"""The comparison ranks by truth: the braid wins where it is the truth, and loses where a wall is missing."""
+"""The comparison ranks models correctly: the braid is best for a bare braid, and not with a thick wall."""
 
 import json
 from pathlib import Path
@@ -29,7 +29,7 @@ INNER, REST = "inner lengths held out", "rest length held out"
 
 
 def simulated(extra=0.0, pressure=PRESSURE, length=LENGTH):
-    """A bare braid's force with noise, on a rig whose ruler is right, plus whatever a wall adds."""
+    """Return the force of a bare braid with noise and exact lengths, plus the force of a wall."""
     truth = predict(Muscle(0.200, 0.2142, 1.203), jnp.asarray(pressure), jnp.asarray(length)).force
     noise = np.random.default_rng(3).normal(0, NOISE, pressure.size)
     entry = parse_muscle_toml(
@@ -48,7 +48,7 @@ def simulated(extra=0.0, pressure=PRESSURE, length=LENGTH):
 
 
 def thick_wall(pressure, length):
-    """A wall that has to be blown up before the muscle pulls, and that is squeezed when it shortens."""
+    """Return the force of a wall that needs pressure to inflate, and is compressed by shortening."""
     return -30.0 - 1e5 * (0.2 - length) ** 2 - 2e3 * (0.2 - length)
 
 
@@ -67,14 +67,14 @@ def test_a_bare_braid_is_predicted_best_by_the_braid(bare):
     assert found.rmse(SAROSI, REST) > 3 * NOISE
 
 
-def test_a_thick_wall_turns_the_ranking():
+def test_thick_wall_reverses_the_ranking():
     case = simulated(thick_wall(PRESSURE, LENGTH))
     found = compare(case, [fit(case, "inelastic", starts=1)])
     assert found.best("in sample") == found.best(INNER) == SAROSI
     assert found.rmse(BRAID, INNER) > 5 * found.rmse(SAROSI, INNER)
 
 
-def test_rmse_is_that_of_a_recomputation_by_hand(bare):
+def test_rmse_agrees_with_a_separate_computation(bare):
     fitted, found = bare
     case = fitted.cases[0].case
     force = case.recording.force
@@ -89,7 +89,7 @@ def test_rmse_is_that_of_a_recomputation_by_hand(bare):
     assert found.rmse("Gaylord", INNER) == pytest.approx(np.sqrt(np.mean(np.square(misfit))))
 
 
-def test_the_braid_is_told_nothing_of_a_held_out_length(bare):
+def test_held_out_length_does_not_affect_the_braid(bare):
     fitted, found = bare
     case = fitted.cases[0].case
     asked = np.isclose(LENGTH, 0.2) & (case.recording.force > found.threshold)
@@ -106,7 +106,7 @@ def test_the_braid_is_told_nothing_of_a_held_out_length(bare):
     assert found.rmse(BRAID, REST) == pytest.approx(float(by_hand), rel=1e-4)
 
 
-def test_prints_as_a_table_and_as_numbers(bare):
+def test_comparison_is_printed_as_a_table(bare):
     _, found = bare
     head, columns, *models = str(found).splitlines()
     assert head.startswith("simulated: rmse of force [N], ")
@@ -121,7 +121,7 @@ def test_prints_as_a_table_and_as_numbers(bare):
     assert numbers["rmse_N"][SAROSI][REST] == found.rmse(SAROSI, REST)
 
 
-def test_what_cannot_be_fitted_says_why():
+def test_failed_fit_reports_its_reason():
     case = simulated(np.where(LENGTH > 0.187, 0.0, np.nan))
     found = compare(case, [fit(case, "inelastic", starts=1)])
     assert np.isnan(found.rmse(SAROSI, INNER))

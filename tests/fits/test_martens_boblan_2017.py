@@ -1,4 +1,4 @@
-"""build.py makes the committed force maps, and their scores are unchanged."""
+"""build.py writes the stored force maps, and their scores are unchanged."""
 
 import json
 from io import StringIO
@@ -22,7 +22,7 @@ INNER, REST = "inner lengths held out", "rest length held out"
 
 @pytest.fixture(scope="module")
 def scripts():
-    """The scripts of the folder, by name."""
+    """Return the scripts of the folder, by name."""
     with import_scripts("martens_boblan_2017", *SCRIPTS) as modules:
         yield dict(zip(SCRIPTS, modules, strict=True))
 
@@ -34,12 +34,12 @@ def built(scripts):
 
 @pytest.fixture(scope="module", params=["dmsp-10-250", "dmsp-20-300"])
 def scored(request):
-    """The name of a map, and the scores of the braid with inelastic threads and of the formulas."""
+    """Return the name of a map, and the scores of the inelastic braid and of the formulas."""
     case = read_case(FOLDER / request.param)
     return request.param, compare(case, [fit(case, "inelastic", starts=1)])
 
 
-def test_folders_hold_what_is_built(built):
+def test_folders_agree_with_their_script(built):
     committed = {
         p.relative_to(FOLDER).as_posix() for p in FOLDER.glob("*/*") if p.suffix in (".csv", ".toml")
     }
@@ -60,12 +60,12 @@ def test_scores_are_unchanged(scored):
     name, comparison = scored
     for model in comparison.scores:
         for split, rmse in EXPECTED[name][model].items():
-            # Far beyond full scale the digits of a diverged extrapolation are not reproducible.
+            # The digits of a diverged extrapolation far beyond full scale are not reproducible.
             if rmse < comparison.full_scale:
                 assert comparison.rmse(model, split) == pytest.approx(rmse, rel=0.01), f"{model}, {split}"
 
 
-def test_the_bare_braid_loses_to_the_formula_between_lengths(scored):
+def test_formula_predicts_better_between_lengths(scored):
     _, comparison = scored
     assert comparison.best("in sample") == comparison.best(INNER) == SAROSI
     assert comparison.rmse(INELASTIC, INNER) > 5 * comparison.rmse(SAROSI, INNER)

@@ -1,7 +1,7 @@
-"""Thick-walled hoses: the bare braid is far off and the fit reports it.
+"""Thick-walled hoses: the bare braid has a large misfit, and the fit reports it.
 
-The tests run on two simulated hoses, which are part of the project. The same tests run on the hoses of
-the bench where their case folders are present (README of the folder: how to make them).
+The tests run on two simulated hoses of the project. They also run on the hoses of the bench if their case
+folders are present (see the README of the folder).
 """
 
 import json
@@ -48,7 +48,7 @@ def copy_rows(source, folder, every):
     ],
 )
 def scored(request, tmp_path_factory):
-    """A hose fitted with inelastic threads, and its comparison with the formulas."""
+    """Return a hose with inelastic threads and its fit, and the comparison with the formulas."""
     folder = request.param
     if folder.parent == HOSES:
         folder = copy_rows(folder, tmp_path_factory.mktemp("hoses"), EVERY)
@@ -57,26 +57,26 @@ def scored(request, tmp_path_factory):
     return result, compare(case, [result])
 
 
-def test_the_bare_braid_misses_more_than_its_noise(scored):
+def test_misfit_of_the_bare_braid_exceeds_the_noise(scored):
     result, _ = scored
     assert result.cases[0].noise["force"].excess > 20
-    assert "the model misses something" in str(result)
+    assert "the model lacks a mechanism" in str(result)
 
 
-def test_the_formula_wins_between_lengths(scored):
+def test_formula_predicts_better_between_lengths(scored):
     _, comparison = scored
     assert comparison.best("in sample") == comparison.best(INNER) == SAROSI
     assert comparison.rmse(BRAID, INNER) > 1.5 * comparison.rmse(SAROSI, INNER)
 
 
-def test_the_law_is_wrong_and_not_its_priors(scored):
-    """Gaylord's law is the same braid without priors; it is still far off."""
+def test_misfit_is_not_due_to_the_priors(scored):
+    """Gaylord's law is the same braid without priors; its misfit is also large."""
     _, comparison = scored
     assert comparison.rmse(BRAID, "in sample") > comparison.rmse(GAYLORD, "in sample")
     assert comparison.rmse(GAYLORD, "in sample") > 4 * comparison.rmse(SAROSI, "in sample")
 
 
-def test_slack_rows_are_left_out_of_the_comparison(scored):
+def test_comparison_ignores_slack_rows(scored):
     result, comparison = scored
     force = result.cases[0].case.recording.force
     assert comparison.rows == np.sum(force > comparison.threshold) < len(force)
@@ -157,7 +157,7 @@ def test_floor_of_simulated_tests_is_the_noise():
     assert floor.floor == pytest.approx(np.hypot(floor.tests, floor.ruler))
 
 
-def test_medians_keep_tests_apart():
+def test_medians_are_taken_per_test():
     case = read_case(SIMULATED / "hose-10mm-132")
     with import_scripts("portland_hose", "block_medians") as (script,):
         shorter = script.take_medians(case, 6).recording
@@ -168,7 +168,7 @@ def test_medians_keep_tests_apart():
     assert shorter.force[0] == np.median(case.recording.force[:6])
 
 
-def test_simulated_hoses_are_what_the_script_writes(tmp_path):
+def test_simulated_hoses_agree_with_their_script(tmp_path):
     with import_scripts("portland_hose", "simulate_hoses") as (script,):
         script.main([str(tmp_path)])
     for folder in sorted(tmp_path.iterdir()):

@@ -1,4 +1,4 @@
-"""Tables of the article in a terminal are split where they are too wide, and no number is cut."""
+"""Tables of the article in a terminal are split if they are too wide, without truncated values."""
 
 import io
 
@@ -10,7 +10,7 @@ from tests.fits.scripts import import_scripts
 
 
 @pytest.mark.parametrize("width", [50, 80, 170])
-def test_no_number_is_cut(width):
+def test_no_value_is_truncated(width):
     frame = pd.DataFrame({"kind of thread": ["Kevlar-49, as printed in the article", "PET"]})
     for k in range(9):
         frame[f"thread_stretch_{k} [percent]"] = [1234.5 + k, -0.25 - k]

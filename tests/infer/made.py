@@ -1,4 +1,4 @@
-"""A known muscle on a small simulated bench, as a case that says what a lab would say of it."""
+"""Simulated cases of a known muscle, with the priors of a lab."""
 
 import dataclasses
 from pathlib import Path
@@ -13,7 +13,7 @@ from pamjax.records.reading.muscle_toml import MuscleToml, Sensors
 from pamjax.records.reading.quantity import MeasuredValue
 from pamjax.records.simulate import simulate
 
-#: The muscle of the paper with softer threads and, for the laws that have one, a toe.
+#: The muscle of the paper with softer threads and, for laws with a toe, its parameters.
 TRUE = {
     "muscle.rest_length": 0.2357,
     "muscle.thread_length": 0.2512,
@@ -27,7 +27,7 @@ TRUE = {
     "thread.curvature": 300.0,
     "thread.spread": 2e-3,
 }
-#: How well a ruler and a data sheet know it.
+#: Standard deviations of a ruler and of a data sheet.
 SD = {"muscle.thread_length": 0.8e-3, "muscle.turns": 0.005, "thread.modulus": 8e9}
 SENSORS = Sensors(force=2.0, diameter=0.05e-3, pressure=700.0, length=0.02e-3)
 
@@ -46,7 +46,7 @@ RAMPS = Protocol(
 
 
 def entry(off=(0.0, 0.0, 0.0), sensors=SENSORS, baseline="elastic", **more):
-    """What the lab says: each measured number off by so many of its standard deviations."""
+    """Return a muscle.toml whose values differ from the truth by multiples of their sd."""
     length, turns, modulus = (
         MeasuredValue(TRUE[n] + k * sd, sd) for (n, sd), k in zip(SD.items(), off, strict=True)
     )
@@ -76,13 +76,13 @@ def made(
     true=None,
     **said,
 ):
-    """A simulated case.
+    """Return a simulated case.
 
     Args:
         off: see `entry`.
-        bench: noise that the bench truly has; what the lab says of it stands in `said`.
-        lag_one: share of the noise of force and diameter that a sample keeps of the one before.
-        true: numbers of the muscle that differ from `TRUE`.
+        bench: true noise of the sensors; `said` is the stated noise.
+        lag_one: lag-one correlation of the noise of force and diameter.
+        true: true parameters that differ from `TRUE`.
     """
     numbers = {key: jnp.asarray(value) for key, value in (TRUE | (true or {})).items()}
     schedule = plan.build_schedule(TRUE["muscle.rest_length"])
@@ -94,5 +94,5 @@ def made(
 
 
 def sds_off(fit, true=TRUE):
-    """By name, how many of its standard deviations each muscle number lies from the truth."""
+    """Return the error of each estimate in units of its sd, by parameter."""
     return {n: (e.value - true[n]) / e.sd for n, e in fit.estimates.items() if n in true and e.sd is not None}

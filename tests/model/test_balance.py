@@ -1,4 +1,4 @@
-"""The implicit root: against closed forms, other people's root finders, and the printed equations."""
+"""The equilibrium solver agrees with closed forms, other root finders, and the printed equations."""
 
 import jax
 import jax.numpy as jnp
@@ -32,18 +32,18 @@ def share_of_burst(p, l, s):
     return p * l * B0 / (2 * np.pi * N**2 * s)
 
 
-# --- linear threads: closed form, cubic and Newton are one
+# --- linear threads: closed form, cubic and Newton agree
 
 
 @given(pressures, lengths, stiffnesses)
-def test_closed_form_solves_the_cubic_with_its_own_force(p, l, s):
+def test_closed_form_solves_the_cubic(p, l, s):
     x = share_of_burst(p, l, s)
     assume(x < BURST_LOAD_SHARE)
     strain, status = linear(x * s, s)
     assert status == Status.OK
     b = B0 * (1 + float(strain))
     again, status = measured(gaylord(p, l, b, N), p, l, B0, N, s)
-    # Where the cubic falls at the closed form, that is its smallest root.
+    # If the cubic decreases at the closed form, this is its smallest root.
     slope = x * (1 + (b / l) ** 2) - 1
     assume(abs(slope) > 1e-3)
     if slope < 0:
@@ -79,7 +79,7 @@ def test_cubic_is_the_smallest_positive_root(p, l, s, force):
     assume(cubic[0] == 0 or cubic[0] > 1e-9)
     roots = np.roots(cubic)
     real = np.sort(roots[(abs(roots.imag) < 1e-9 * abs(roots)) & (roots.real > 0)].real)
-    # Near the fold two roots meet, and both programs lose half their digits.
+    # Near the fold two roots coincide, and both programs lose half their digits.
     fold = 27 * cubic[0] * B0**2 / max(4 * -(cubic[2] ** 3), 1e-300)
     assume(not 0.999 < fold < 1.001)
     strain, status = measured(force, p, l, B0, N, s)
@@ -90,7 +90,7 @@ def test_cubic_is_the_smallest_positive_root(p, l, s, force):
 
 @pytest.mark.parametrize("share", np.linspace(0.0, 1.0, 21))
 def test_cubic_up_to_its_fold(share):
-    """At the fold v = 4/27 the root is 3/2; the parametrisation v = (c − 1)/c³ tells the rest."""
+    """At the fold v = 4/27 the root is 3/2; elsewhere the parametrisation v = (c − 1)/c³ gives it."""
     c = 1 + 0.5 * share
     v = (c - 1) / c**3
     # Unit braid: length 1, stiffness 1, and a force that makes d = m.
@@ -103,7 +103,7 @@ def test_cubic_up_to_its_fold(share):
 @jax.jit
 def by_newton(x):
     law = SmoothToe(S, toe_ratio=1.0, crimp=0.003, width=1e-3)
-    # From twice the strain and not from `start`, which is the closed form itself.
+    # Start from twice the strain instead of `start`, which is the closed form itself.
     return solve_strain(lambda strain: law.load(strain) - x * S * (1 + strain), 2 * x / (1 - x))
 
 
@@ -112,7 +112,7 @@ def test_newton_agrees_with_the_closed_form(x):
     agree(by_newton(x), linear(x * S, S)[0], SOLVED, scale=1e-6)
 
 
-# --- the printed equations give something else: what was mended, and that it mattered
+# --- the printed equations give other values: their corrections are necessary
 
 
 def test_equation_10_needs_its_minus():
@@ -151,7 +151,7 @@ def toe_strain(log_stiffness, crimp, pull, law=LAW, steps=3):
 
 
 def unrolled(log_stiffness, crimp, pull):
-    """The same Newton steps, differentiated through."""
+    """Return the result of the same Newton steps, differentiated through the steps."""
     law = SmoothToe(S * jnp.exp(log_stiffness), LAW.toe_ratio, crimp, LAW.width)
 
     def residual(strain):
@@ -174,7 +174,7 @@ both_ways = [
 
 
 @pytest.mark.parametrize("pull", [1e2, 3e3, 6e3, 5e4])
-def test_implicit_derivative_is_that_of_the_steps(pull):
+def test_implicit_derivative_agrees_with_the_unrolled_steps(pull):
     reverse, through, forward = (way(0.1, 0.004, pull) for way in both_ways)
     agree(reverse, through, SOLVED)
     agree(forward, reverse, ROUNDING)
@@ -210,7 +210,7 @@ def test_closed_form_derivative(x):
     agree(slope * S, 1 / (1 - x) ** 2, ROUNDING)
 
 
-def test_the_derivative_at_no_pressure_is_that_of_rising_pressure():
+def test_derivative_at_zero_pressure_is_one_sided():
     agree(slope_of_linear(0.0), 1 / S, ROUNDING)
 
 
@@ -226,7 +226,7 @@ def test_cubic_derivative_against_differences(number):
     agree(jax.jacfwd(along)(at[number]), reverse, ROUNDING)
 
 
-def test_jit_and_vmap_and_plain_agree():
+def test_jit_vmap_and_plain_results_agree():
     at = (0.0, 0.004, 0.01 * S)
     mapped = jax.jit(jax.vmap(toe_strain))(*(jnp.full(2, a) for a in at))
     agree(mapped, toe_strain(*at), ROUNDING)
@@ -235,10 +235,10 @@ def test_jit_and_vmap_and_plain_agree():
     agree(mapped, stretch_measured(*at)[0], ROUNDING, scale=1e-3)
 
 
-# --- failure is data
+# --- failures are reported as a status
 
 
-def test_a_measured_force_that_no_thread_can_bear():
+def test_force_without_a_solution_is_reported():
     strain, status = stretch_measured(1e9, P, L, B0, N, S)
     assert status == Status.UNSTABLE
     assert np.isfinite(strain)
@@ -251,14 +251,14 @@ def test_a_measured_force_that_no_thread_can_bear():
     s=st.floats(1e2, 1e9),
     n=st.floats(0.05, 100),
 )
-def test_cubic_never_says_nan(force, p, l, s, n):
+def test_cubic_never_returns_nan(force, p, l, s, n):
     strain, status = measured(force, p, l, B0, n, s)
     assert np.isfinite(strain)
     assert np.all(np.isfinite(slopes_of_measured(force, p, l, B0, n, s)))
     assert status in (Status.OK, Status.UNSTABLE)
 
 
-def test_no_step_where_the_function_does_not_rise():
+def test_newton_stops_if_the_function_does_not_increase():
     law = RecruitmentToe(S, crimp=0.015, spread=1e-5)
     value, slope = jax.value_and_grad(lambda p: solve_strain(lambda e: law.load(e) - p, jnp.asarray(0.0)))(
         1.0
@@ -267,10 +267,10 @@ def test_no_step_where_the_function_does_not_rise():
     assert np.isfinite(slope)
 
 
-def test_every_status_says_what_it_means():
+def test_every_status_has_a_description():
     assert {s.message for s in Status} == {
         "solved",
-        "no equilibrium: threads too soft for this pressure stretch without end",
+        "no equilibrium: the threads stretch without limit at this pressure",
         "no radius: the muscle is longer than its threads",
-        "the thread balance was not solved to its tolerance",
+        "not converged: the error of the thread balance exceeds its tolerance",
     }

@@ -1,4 +1,4 @@
-"""The triangle relation: its identities, whatever the numbers."""
+"""Identities of the triangle relation for all parameters."""
 
 import jax
 import numpy as np
@@ -19,7 +19,7 @@ pressure = st.floats(1.0, 1e7) | st.floats(-1e5, -1.0)
 
 
 @given(pressure, length, longer, turns)
-def test_gaylord_force_is_the_trigonometric_one(p, l, ratio, n):
+def test_gaylord_force_agrees_with_the_trigonometric_form(p, l, ratio, n):
     b = ratio * l
     theta = braid.angle(l, b)
     radius = 0.5 * braid.diameter(l, b, n)
@@ -65,7 +65,7 @@ def test_thread_and_diameter_are_inverse(l, ratio, n):
 
 
 @given(length, st.floats(1e-4, 5), st.floats(0.05, 1.55))
-def test_angle_goes_there_and_back(l, d, theta):
+def test_angle_conversion_is_invertible(l, d, theta):
     b, n = braid.from_angle(l, d, theta)
     agree(braid.angle(l, b), theta, 1e4 * ROUNDING)  # asin near 90° loses what cos needs
     agree(braid.thread_from_diameter(l, d, n), b, ROUNDING)
@@ -84,6 +84,6 @@ def test_functions_broadcast():
     assert braid.gaylord_force(1e5, *shape, 1.09).shape == (3, 4)
 
 
-def test_a_thread_that_is_too_short_has_no_diameter():
+def test_too_short_thread_has_no_diameter():
     assert np.isnan(braid.diameter(0.3, 0.25, 1.0))
     assert braid.radius_squared(0.3, 0.25, 1.0) < 0

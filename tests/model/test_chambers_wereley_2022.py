@@ -1,8 +1,8 @@
-"""Printed numbers of Chambers & Wereley (Actuators 2022, 11, 219) that the model must give back.
+"""Printed values of Chambers & Wereley (Actuators 2022, 11, 219) that the model must reproduce.
 
-The article's Table 2 froze one measured force for all materials; the table below is its
-self-consistent replacement, worked out apart from this code, from the closed form with one thread
-length. Its moduli are the round numbers of ksi that the article's own table goes back to.
+The article's Table 2 uses one measured force for all materials. The table below is its self-consistent
+replacement, computed without this code from the closed form with one thread length. Its moduli are the round
+values in ksi on which the article's table is based.
 """
 
 import numpy as np
@@ -57,13 +57,13 @@ def test_self_consistent_table(row):
 
 
 def test_angles_named_in_the_text():
-    """They rest on one measured force for every material, and on a thread 0.158 mm above the ruler's."""
+    """They assume one measured force for every material, and a thread 0.158 mm longer than measured."""
     unstretched = float(np.degrees(braid.angle(REST, B0 + 0.158e-3)))
     for modulus, percent, degrees in ((80e9, "1.1", 0.74), (8e9, "12.3", 7.62)):
         strain, _ = stretch_measured(4701.0, PRESSURE, REST, B0, N, THREADS * AREA * modulus)
         stretched = float(np.degrees(braid.angle(REST, B0 * (1 + strain))))
         printed(100 * (unstretched - stretched) / stretched, percent)
-        # Not the printed 6.3 degrees of the softer one, which its own 12.3 % contradicts.
+        # Not the printed 6.3 degrees of the softer material, which contradicts the printed 12.3 %.
         assert unstretched - stretched == pytest.approx(degrees, abs=0.005)
 
 
@@ -73,12 +73,12 @@ def test_table_1():
     thread = np.asarray(braid.thread_from_diameter(REST, table["diameter"].to_numpy(), N))
     assert np.max(np.abs(thread - table["thread_length"])) < 0.06e-3
     angle = np.asarray(braid.angle(REST, thread))
-    # Half a printed digit each of the angle and of the diameter it comes from, and the third row's 0.0100.
+    # Half a printed digit of the angle and of its diameter, and 0.0100 of the third row.
     assert np.max(np.abs(np.degrees(angle - table["braid_angle"]))) < 0.0101
 
 
-def test_the_printed_stretch_does_not_rest_on_the_ruler():
-    """Its strains take the extrapolated thread at no pressure for B0, and not the measured 251.206 mm."""
+def test_printed_stretch_uses_the_extrapolated_thread_length():
+    """The strains refer to the extrapolated thread at zero pressure, not to the measured 251.206 mm."""
     table = convert_to_si(read_shipped("chambers_wereley_2022/table1"))
     longest, shortest = table["thread_length"].iloc[0], table["thread_length"].iloc[-1]
     printed(longest / shortest - 1, "0.0052")

@@ -1,4 +1,4 @@
-"""Rates, increments and delays stay within their run."""
+"""Rates, increments and delays do not cross the gaps of a recording."""
 
 import equinox as eqx
 import jax
@@ -21,42 +21,42 @@ STARTS = np.isin(np.arange(100), [0, 60])
 PAST = build_time_history(TIME, STARTS)
 
 
-def test_the_rate_of_a_straight_line_is_its_slope_on_both_sides_of_a_gap():
+def test_rate_is_exact_on_both_sides_of_a_gap():
     values = np.where(TIME < 400, 3 * TIME, 7 - 2 * TIME)
     agree(PAST.rate(jnp.asarray(values)), np.where(TIME < 400, 3.0, -2.0), 1e-11)
 
 
-def test_increments_reach_across_a_gap_unless_memory_begins_anew():
+def test_increments_cross_a_gap_unless_memory_restarts():
     agree(PAST.increments(jnp.asarray(TIME)), np.diff(TIME, prepend=TIME[0]), ROUNDING)
     anew = build_time_history(TIME, STARTS, restart=True).increments(jnp.asarray(TIME))
     assert anew[0] == anew[60] == 0
 
 
-def test_no_lag_changes_no_bit():
+def test_zero_lag_changes_nothing():
     values = jnp.asarray(np.random.default_rng(0).normal(size=100))
     assert np.array_equal(PAST.delay(values, jnp.asarray(0.0)), values)
 
 
-def test_a_straight_line_is_late_by_its_slope_times_the_lag():
+def test_lag_of_a_straight_line_is_exact():
     for lag in (0.3, -0.7, 1.9):
         late = np.asarray(PAST.delay(jnp.asarray(3 * TIME), jnp.asarray(lag)))
         inside = np.r_[10:50, 70:95]
         agree(late[inside], 3 * (TIME - lag)[inside], 1e-11)
 
 
-def test_a_lag_looks_into_no_other_run():
+def test_lag_does_not_cross_a_gap():
     values = np.where(TIME < 400, 1.0, 2.0)
     for lag in (5.0, -5.0, 1e3, -1e3):
         agree(PAST.delay(jnp.asarray(values), jnp.asarray(lag)), values, ROUNDING)
 
 
-def test_a_wave_is_late_to_a_thousandth():
+def test_lag_of_a_wave_is_accurate_to_a_thousandth():
     late = PAST.delay(jnp.asarray(np.sin(TIME / 3)), jnp.asarray(0.77))
     inside = np.r_[10:50, 70:95]
     agree(np.asarray(late)[inside], np.sin((TIME - 0.77) / 3)[inside], 3e-3, 1.0)
 
 
-def test_the_derivative_in_the_lag_is_minus_the_rate_and_continuous():
+def test_derivative_in_the_lag_is_minus_the_rate():
     values = jnp.asarray(np.random.default_rng(0).normal(size=100))
 
     def slope(lag):
@@ -67,7 +67,7 @@ def test_the_derivative_in_the_lag_is_minus_the_rate_and_continuous():
         agree(slope(lag)[inside], -PAST.rate(values)[inside], 1e-6, 1.0)
 
 
-def test_a_static_map_has_no_rate_and_no_lag():
+def test_static_map_has_no_rate_and_no_lag():
     still = build_time_history(None, np.arange(5) == 0)
     values = jnp.asarray([3.0, 1.0, 4.0, 1.0, 5.0])
     assert not np.any(still.rate(values))
@@ -85,8 +85,8 @@ def test_padding_changes_no_sample():
 
 
 @pytest.mark.slow
-def test_a_settled_muscle_has_been_through_the_recording_once():
-    """The second half of a recording that is played twice; and what nothing remembers is the same."""
+def test_settled_muscle_starts_with_the_memory_of_one_pass():
+    """Reference: the second pass of a recording that is repeated. Outputs without memory are unchanged."""
     kinds = BraidElasticity(1e-6), BraidFriction(0.2, 3.0), ViscoelasticCreep(5e4), ThreadSlip(1e-3)
     bench = Bench(0.2512, 1.09, (*kinds, MullinsSoftening(5e4), ViscousDamping(1e3)))
     pressure, length = 3e5 + 1e5 * np.sin(TIME / 7), 0.22 - 0.02 * np.cos(TIME / 11)
@@ -103,8 +103,8 @@ def test_a_settled_muscle_has_been_through_the_recording_once():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("settled", [False, True])
-def test_padding_that_is_not_worked_out_changes_no_sample(settled):
-    """300 rows in a program of 700: of three blocks two are worked out, and the third holds no muscle."""
+def test_skipped_padding_changes_no_sample(settled):
+    """300 rows in a program of 700: two of three blocks are computed, the third is padding."""
     rows, size = 300, 700
     time = np.arange(float(rows))
     first, fill = time == 0, np.full(size - rows, np.nan)
@@ -114,7 +114,7 @@ def test_padding_that_is_not_worked_out_changes_no_sample(settled):
     def force(coefficient, padding):
         n = size if not padding else rows
         kinds = BraidElasticity(1e-6), BraidFriction(coefficient, 3.0), ViscoelasticCreep(5e4)
-        past = build_time_history(time, first, settled=settled, size=n, padding=padding)
+        past = build_time_history(time, first, settled=settled, size=n, compute_padding=padding)
         return Bench(0.2512, 1.09, kinds)(pressure[:n], length[:n], past).force
 
     def both(padding):
@@ -123,11 +123,11 @@ def test_padding_that_is_not_worked_out_changes_no_sample(settled):
     for cut, whole in zip(both(False), both(True), strict=True):
         agree(cut[:rows], whole, SOLVED, 100.0)
         assert np.all(np.isfinite(cut))
-    # Able to fail: memory is at work, and differs with what was before.
+    # Negative control: the memory has an effect, which depends on the earlier history.
     assert np.max(np.abs(both(True)[1])) > 1.0
 
 
-def test_where_nothing_lasts_once_through_the_recording_is_enough():
+def test_one_pass_is_sufficient_without_memory():
     time = np.arange(60.0)
     past = build_time_history(time, time == 0)
     pressure, length = jnp.asarray(3e5 + 1e5 * np.sin(time / 7)), jnp.asarray(0.22 - 0.02 * np.cos(time / 11))
@@ -142,18 +142,18 @@ def test_where_nothing_lasts_once_through_the_recording_is_enough():
     agree(force(0.0, once), force(0.0, twice), SOLVED, 100.0)
     by_thread = Bench(0.2512, 1.09, (BraidElasticity(1e-6), BraidFriction(0.2, 3.0)))
     agree(force(0.2, twice), by_thread(pressure, length, past).force, SOLVED, 100.0)
-    # Able to fail: friction lasts, and once through the recording is not enough.
+    # Negative control: with friction, one pass of the recording is not sufficient.
     assert np.max(np.abs(force(0.2, once) - force(0.2, twice))) > 0.1
 
 
-def test_a_static_map_settles_nothing():
+def test_static_map_has_no_settled_state():
     for size in (5, 8):
         twice = build_time_history(None, np.ones(5, bool), settled=True, size=size).repeat()
         assert np.all(twice.restart)
 
 
 def strokes(corner):
-    """Rates where a corner lies at a share of the way from sample 20 to 21, and another channel is noise."""
+    """Return rates with a corner between samples 20 and 21, and noise in another channel."""
     time, noise = np.arange(41.0), np.random.default_rng(3).normal(size=(2, 41))
     way = -np.abs(time - 20 - corner)
     past = build_time_history(
@@ -162,20 +162,20 @@ def strokes(corner):
     return np.asarray(past.rate(jnp.asarray(way)))
 
 
-def test_a_rate_does_not_reach_across_a_corner():
+def test_rate_does_not_cross_a_corner():
     rate = strokes(0.5)
     agree(rate[:21], np.full(21, 1.0), ROUNDING)
     agree(rate[21:], np.full(20, -1.0), ROUNDING)
 
 
-def test_a_sample_at_a_corner_is_at_rest():
+def test_sample_at_a_corner_has_zero_rate():
     rate = strokes(0.0)
     agree(rate[:20], np.full(20, 1.0), ROUNDING)
     agree(rate[20], 0.0, ROUNDING)
     agree(rate[21:], np.full(20, -1.0), ROUNDING)
 
 
-def test_without_what_turns_a_rate_is_that_of_five_samples():
+def test_rate_without_a_corner_uses_five_samples():
     time = np.arange(41.0)
     rate = build_time_history(time, time == 0).rate(jnp.asarray(-np.abs(time - 20.5)))
     assert abs(float(rate[20])) < 0.5

@@ -1,11 +1,10 @@
-"""What each mechanism does to the article's muscle, against numbers computed outside of this package.
+"""Effect of each mechanism on the article's muscle, compared with values computed outside this package.
 
-The numbers are those of a table of signatures (force residual against the ideal braid at 138 and 689 kPa,
-near rest and near free contraction; diameter residual at 689 kPa; width of the loop at a contraction of
-0.15), each for one typical amplitude. They were read off a simulated recording *near* the named places, so
-that a printed number has to be met, to half its last digit, somewhere within `NEAR`. The bladder needs that
-most: near rest its force falls by 2 N with every thousandth of contraction. What differs is told
-beside its row, with its reason.
+The values are from a table of signatures, each for one typical amplitude: force residual from the ideal braid
+at 138 and 689 kPa near rest and near free contraction; diameter residual at 689 kPa; width of the loop at a
+contraction of 0.15. They were read from a simulated recording *near* these points. A printed value must
+therefore be reached, within half its last digit, somewhere within `NEAR`. This matters most for the bladder:
+near rest its force falls by 2 N per 0.001 of contraction. Differences are explained at their rows.
 """
 
 from functools import cache
@@ -25,8 +24,8 @@ from tests.model.mechanisms.typical import AREA, LENGTH, PRESSURE, THREAD, TURNS
 
 LOW, HIGH = 137.895e3, PRESSURE
 
-#: Contractions at which a column may have been read. Free contraction is that of a latex bladder; at the
-#: low pressure it follows from the table's own bladder (−313 N), at the high one it is stated (0.356).
+#: Contractions at which a column may have been read. Free contraction is that of a latex bladder: at the
+#: low pressure it follows from the bladder of the table (−313 N), at the high one it is stated (0.356).
 NEAR = {
     "rest": (0.0, 0.0035, 0.007),
     "middle": (0.146, 0.148, 0.150),
@@ -40,14 +39,14 @@ WALLED = ("bladder_elasticity", "viscoelastic_creep", "mullins_softening")
 MUSCLE = {f"{id}.{name}": value for id in WALLED for name, value in SIZE.items()}
 RUBS = {"braid_friction.presliding": 1e-6}
 
-#: Rows of the one compiled program: three strokes to free contraction at 1 mm/s and 1 Hz, filled up.
+#: Rows of the compiled program: three strokes to free contraction at 1 mm/s and 1 Hz, padded.
 ROWS, CYCLES, SPEED = 512, 3, 1e-3
 
 
 class Static(NamedTuple):
     """Force at (138, 689) kPa near rest and near free contraction, N; diameter at 689 kPa, mm.
 
-    As printed; an empty text where nothing is.
+    Texts as printed; empty if none is printed.
     """
 
     numbers: dict[str, float]
@@ -57,7 +56,7 @@ class Static(NamedTuple):
 
 
 class Loop(NamedTuple):
-    """Force while lengthening less force while shortening, third cycle, contraction 0.15, N."""
+    """Force of lengthening minus force of shortening, third cycle, contraction 0.15, N."""
 
     numbers: dict[str, float]
     width: tuple[str, str]
@@ -71,7 +70,7 @@ STATIC = {
     "A1 elastic threads, 80 GPa": Static(
         elastic(80e9), ("-1.3", "-32.5"), ("-1.0", "-20.9"), ("1.16", "0.58", "0.33")
     ),
-    # Amplitude 0.1 %; the load is the one with which 138 kPa bed in 0.6 of it, as printed (8.3 N a thread).
+    # Amplitude 0.1 %; with this load 138 kPa gives 0.6 of the bedding-in, as printed (8.3 N per thread).
     "A3 bedding-in": Static(
         {"thread_slip.bedding": 1e-3, "thread_slip.load": 144 * 8.3},
         ("-0.7", "-5.8"), ("-0.7", "-5.8"), ("0.21", "0.12", "0.09"),
@@ -93,7 +92,7 @@ STATIC = {
     ),
     "G2 force zero": Static({"force_offset.offset": 5.0}, ("5", "5"), ("5", "5")),
     "G3 force gain": Static({"force_gain.gain": 0.01}, ("9.5", "47"), ("3", "3")),
-    # The gauge reads less than there is: recorded minus true is negative.
+    # The gauge reads less than the true pressure: recorded minus true is negative.
     "G4 pressure zero": Static({"pressure_offset.offset": -3e3}, ("21", "21"), ("7", "1")),
     "G5 pressure gain": Static({"pressure_gain.gain": -0.01}, ("9.5", "47"), ("3", "3")),
     "G6 length zero": Static(
@@ -105,9 +104,9 @@ STATIC = {
 LOOPS = {
     "E1 Coulomb": Loop({"braid_friction.constant": 5.0} | RUBS, ("10", "10")),
     "E2 pivots": Loop({"braid_friction.coefficient": 0.2} | RUBS, ("3.4", "17")),
-    # Their scale of an area's friction is not given: one that meets the first loop has to meet the second.
+    # The scale of friction on the area is not printed: the scale of the first loop must fit the second.
     "E3 area": Loop({"braid_friction.coefficient": 0.373, "braid_friction.girth": 1.0} | RUBS, ("3.8", "19")),
-    # Strength is ours at 300 kPa and theirs at 590 kPa (from their E2): one factor at every pressure.
+    # The reference pressure is 300 kPa here and 590 kPa in the table (E2): a constant factor.
     "E4 Hertz": Loop(
         {
             "braid_friction.coefficient": 0.2 * (590 / 300) ** (1 / 3),
@@ -119,7 +118,7 @@ LOOPS = {
     "E6 viscous": Loop({"viscous_damping.coefficient": 2e3}, ("4", "4")),
     "F2 line": Loop({"pressure_drop.impedance": 2e3 / 1e-5}, ("6", "6")),
     "G8 late by half a second": Loop({"channel_lag.lag": 0.5}, ("-11", "-56")),
-    # Two branches of a tenth of latex each.
+    # Two branches with 10 % of the latex modulus each.
     "B5 relaxation": Loop({"viscoelastic_creep.modulus": 0.2 * LATEX}, ("10", "13")),
 }
 
@@ -151,19 +150,19 @@ def bare(pressure, times, lengths):
 
 
 def residual(numbers, pressure, time, length):
-    """What mechanisms add to force, N, and diameter, mm."""
+    """Return the contribution of mechanisms to force, N, and diameter, mm."""
     less = bare(pressure, tuple(time), tuple(length))
     return (program()(numbers, pressure, length, time) - less) * np.array([[1.0], [1e3]])
 
 
 def places(numbers, pressure):
-    """Force and diameter residual near rest, in the middle, and near free contraction."""
+    """Return force and diameter residuals near rest, in the middle, and near free contraction."""
     contraction = np.r_[NEAR["rest"], NEAR["middle"], NEAR[pressure]]
     return residual(numbers, pressure, np.arange(9.0), LENGTH * (1 - contraction)).reshape(2, 3, 3)
 
 
 def strokes(pressure):
-    """Time, s, length, m, of three strokes to free contraction and back."""
+    """Return time, s, and length, m, of three strokes to free contraction and back."""
     half = LENGTH * NEAR[pressure][1]
     time = np.arange(0, 2 * half * CYCLES / SPEED, 1.0)
     gone = SPEED * time % (2 * half)
@@ -171,7 +170,7 @@ def strokes(pressure):
 
 
 def branches(numbers, pressure, cycle=CYCLES):
-    """Contraction and force residual of shortening, and of lengthening, in one cycle."""
+    """Return contraction and force residual of shortening, and of lengthening, in one cycle."""
     time, length = strokes(pressure)
     force = residual(numbers, pressure, time, length)[0]
     which = np.floor(SPEED * time / (2 * LENGTH * NEAR[pressure][1])) == cycle - 1
@@ -187,7 +186,7 @@ def widths(numbers, pressure):
 
 
 def met(found, text):
-    """Somewhere near its place the printed number is found, to half of its last digit."""
+    """Assert that the printed value is reached near its point, within half of its last digit."""
     if not text:
         return
     half = 0.5 * 10.0 ** -len(text.partition(".")[2])
@@ -214,8 +213,8 @@ def test_widths_of_loops(row):
         met(widths(one.numbers, pressure), text)
 
 
-def test_a_number_that_is_off_is_not_met():
-    """The table can tell: threads a twentieth too soft, and a loop a tenth too wide, are rejected."""
+def test_wrong_values_are_rejected():
+    """The comparison rejects threads that are 5 % too soft, and a loop that is 10 % too wide."""
     with pytest.raises(AssertionError):
         met(places(elastic(76e9), HIGH)[0, 0], STATIC["A1 elastic threads, 80 GPa"].rest[1])
     with pytest.raises(AssertionError):
@@ -223,7 +222,7 @@ def test_a_number_that_is_off_is_not_met():
 
 
 def test_a2_a_toe_of_recruited_filaments():
-    """The table's toe is a thread law; `thread_crimp`, of another form, comes within a tenth of it."""
+    """The toe of the table is a thread law; `thread_crimp` has another form and agrees within 10 %."""
     law = RecruitmentToe(AREA * 112e9, crimp=2e-3, spread=1.2e-3)
     toe = elastic(112e9) | {"thread_crimp.crimp": 2e-3, "thread_crimp.load": 500.0}
     printed = {LOW: ("-3.0", "-2.7"), HIGH: ("-35", "-27")}
@@ -240,16 +239,16 @@ def test_a2_a_toe_of_recruited_filaments():
 
 
 def test_a6_four_broken_threads():
-    """Only n E A acts, so that 140 of 144 threads are 144 softer ones: a 35th more of A1.
+    """Only n E A matters, so 140 of 144 threads act like 144 softer ones: 1/35 more than A1.
 
-    At 138 kPa and free contraction that is -0.028 N, of A1's -0.98 N; the table cuts it to -0.02.
+    At 138 kPa and free contraction this is -0.028 N, for -0.98 N of A1; the table truncates it to -0.02.
     """
     for pressure, rest, free in ((LOW, "-0.04", ""), (HIGH, "-0.9", "-0.6")):
         whole = places(elastic(80e9), pressure)
         force, diameter = places(elastic(80e9 * 140 / 144), pressure) - whole
         met(force[0], rest)
         met(force[2], free)
-        # Up to second order, which is a few percent of the first.
+        # To first order; the second order is a few percent of it.
         agree(force, whole[0] / 35, 0.03)
     met(diameter[0], "0.03")
 
@@ -263,11 +262,11 @@ def test_b1_is_largest_at_a_tenth_of_contraction():
     met(force[10], "-346")
 
 
-def test_b5_relaxes_towards_the_resting_curve():
-    """At free contraction −16 and −12 N in the third cycle; after the stroke force at rest is too high.
+def test_b5_relaxes_towards_the_equilibrium_curve():
+    """At free contraction −16 and −12 N in the third cycle; after the stroke the force at rest is too high.
 
-    It is printed as 14 to 45 N there, without the time since the stroke: here 56 and 66 N at its end, which
-    fade through all of that.
+    The table prints 14 to 45 N there without the time after the stroke; here 56 and 66 N at its end,
+    decaying through this range.
     """
     numbers = LOOPS["B5 relaxation"].numbers
     for pressure, text in ((LOW, "-16"), (HIGH, "-12")):
@@ -283,12 +282,12 @@ def test_b5_relaxes_towards_the_resting_curve():
     assert np.all(np.diff(held) < 0)
 
 
-def test_b6_softening_is_twice_what_the_table_prints():
-    """A quarter of latex on virgin stretch costs a quarter of B1 there, 78 and 67 N; printed are 39 and 34.
+def test_b6_softening_is_twice_the_printed_value():
+    """A quarter of the latex stress at first stretch is a quarter of B1: 78 and 67 N, printed 39 and 34.
 
-    On the front of virgin stretch the stretch *is* its own maximum, so a step function of their difference
-    stands at its jump, where it is commonly one half: an eighth of B1 is what is printed. Ours is one there:
-    the rubber is as stiff as it has never been stretched. Later strokes meet none of it, as printed.
+    At first stretch, the stretch *equals* its maximum. A step function of their difference is evaluated at
+    its jump, where its value is commonly one half: an eighth of B1, as printed. In pamjax it is one there,
+    because the rubber is as stiff as without earlier stretch. Later strokes have no softening, as printed.
     """
     numbers = {"mullins_softening.modulus": 0.25 * LATEX}
     for pressure, text in ((LOW, "-39"), (HIGH, "-34")):
@@ -302,7 +301,7 @@ def test_b6_softening_is_twice_what_the_table_prints():
 
 
 def test_b3_contact_is_lost_from_29_to_92_kpa():
-    """Below that pressure a latex bladder bears all of it: threads without load, and the pull of no braid."""
+    """Below this pressure a latex bladder carries all of it: the threads have no load, the braid no force."""
     for contractions, text in ((NEAR["rest"], "29"), ((0.356, 0.3575, 0.36), "92")):
         found = []
         for contraction in contractions:
@@ -326,7 +325,7 @@ def test_b3_contact_is_lost_from_29_to_92_kpa():
         met(np.array(found), text)
 
 
-def test_e1_and_e2_half_a_loop_at_the_ends():
+def test_e1_and_e2_have_half_a_loop_at_the_ends():
     for name, pressure, rest, free in (
         ("E1 Coulomb", LOW, "5", "5"), ("E1 Coulomb", HIGH, "5", "5"),
         ("E2 pivots", LOW, "2", "1.5"), ("E2 pivots", HIGH, "10", "6"),

@@ -1,4 +1,4 @@
-"""The muscle: one potential behind force, stretch and diameter, in every state one can ask for."""
+"""The muscle: one potential gives force, stretch and diameter in every state."""
 
 import dataclasses
 from functools import partial
@@ -35,7 +35,7 @@ ELASTIC = [m for name, m in MUSCLES.items() if name != "inelastic"]
 
 
 class Spring(AbstractTerm):
-    """A stand-in for rubber: volume and length are held by springs."""
+    """A substitute for rubber: springs in volume and length."""
 
     bulk: Scalar = parameter("Pa/m^3", low=1e8, high=1e10, about="of the volume", source="a test")
 
@@ -67,7 +67,7 @@ def shows(of):
 
 
 def all_slopes(way, muscle, pressure, length):
-    """Derivatives of force and diameter in both inputs and in every number, at each instant."""
+    """Return derivatives of force and diameter in both inputs and all parameters, at each instant."""
     numbers, rest = eqx.partition(muscle, eqx.is_array)
 
     def one(p, l):
@@ -83,11 +83,11 @@ slopes = eqx.filter_jit(partial(all_slopes, jax.jacfwd))
 reverse_slopes = eqx.filter_jit(partial(all_slopes, jax.jacrev))
 
 
-# --- what it shows is what the braid says at the stretched thread
+# --- outputs agree with the braid of stretched threads
 
 
 @every
-def test_force_is_gaylords_at_the_stretched_thread(muscle):
+def test_force_is_gaylords_with_the_stretched_thread(muscle):
     r = readings(muscle, P, L)
     assert np.all(r.status == Status.OK)
     agree(r.thread, B0 * (1 + r.strain), ROUNDING)
@@ -97,32 +97,32 @@ def test_force_is_gaylords_at_the_stretched_thread(muscle):
 
 
 @elastic
-def test_threads_bear_the_pull(muscle):
+def test_threads_carry_the_hoop_pull(muscle):
     r = readings(muscle, P, L)
     agree(jax.vmap(muscle.thread.load)(r.strain), r.load, SOLVED)
 
 
 @elastic
-def test_force_lost_is_pressure_on_the_added_area(muscle):
+def test_force_loss_is_pressure_times_the_added_area(muscle):
     bare, r = readings(MUSCLES["inelastic"], P, L), readings(muscle, P, L)
     added = 0.25 * np.pi * (np.asarray(r.diameter) ** 2 - np.asarray(bare.diameter) ** 2)
     agree(r.force - bare.force, -P * added, ROUNDING, scale=P * B0**2)
     assert np.all(r.force < bare.force)
 
 
-def test_a_neutral_toe_is_the_closed_form():
+def test_neutral_toe_agrees_with_the_closed_form():
     toe = dataclasses.replace(MUSCLES["elastic"], thread=SmoothToe(S, 1.0, 0.003, 1e-3))
     both = readings(toe, P, L), readings(MUSCLES["elastic"], P, L)
     for got, want in zip(*map(jax.tree.leaves, both), strict=True):
         agree(got, want, SOLVED)
 
 
-def test_stiff_threads_are_the_inelastic_braid():
+def test_stiff_threads_agree_with_the_inelastic_braid():
     stiff = readings(Muscle(L0, B0, N, LinearThread(1e9)), P, L)
     agree(stiff.force, readings(MUSCLES["inelastic"], P, L).force, 1e-3, scale=P * B0**2 / (4 * np.pi * N**2))
 
 
-def test_contraction_counts_from_the_rest_length():
+def test_contraction_refers_to_the_rest_length():
     agree(contraction(MUSCLES["elastic"], np.array([L0, 0.75 * L0])), [0.0, 0.25], ROUNDING, scale=1.0)
 
 
@@ -130,8 +130,8 @@ def test_contraction_counts_from_the_rest_length():
 
 
 @with_and_without_terms
-def test_force_is_the_whole_slope_of_the_potential(muscle):
-    """At balance the potential may be differentiated along the stretch that moves with the length."""
+def test_force_is_the_total_derivative_of_the_potential(muscle):
+    """At equilibrium the potential may be differentiated along the stretch that follows the length."""
     assert np.all(readings(muscle, P, L).status == Status.OK)
 
     @jax.jit
@@ -144,7 +144,7 @@ def test_force_is_the_whole_slope_of_the_potential(muscle):
 
 
 def maxwell(shows):
-    """∂F/∂P at a length is −∂V/∂L at a pressure: a closed cycle yields no work."""
+    """Return both sides of the Maxwell relation: ∂F/∂P at a length = −∂V/∂L at a pressure."""
     both = jax.jit(jax.vmap(shows))
     by_pressure = difference(lambda k: both(k * P, L)[0], 1.0, 1e-3) / P
     by_length = difference(lambda k: both(P, k * L)[1], 1.0, 1e-3) / L
@@ -159,11 +159,11 @@ def shown(muscle):
 
 
 @every
-def test_maxwell(muscle):
+def test_maxwell_relation_holds(muscle):
     maxwell(shown(muscle))
 
 
-def test_maxwell_catches_a_force_without_a_potential():
+def test_maxwell_relation_detects_a_force_without_a_potential():
     shows = shown(MUSCLES["elastic"])
 
     def pushed(p, l):
@@ -195,7 +195,7 @@ def test_derivatives_against_differences(muscle):
         by_length, difference(lambda k: shows(muscle, P, k * L), 1.0, 5e-4) / L, BY_DIFFERENCE, scale=size / L
     )
     names = list(list_values(muscle))
-    # The rest length only says where contraction is zero; a reading does not know it.
+    # The rest length only defines zero contraction; it does not affect the outputs.
     assert len(names) == len(by_number)
     for name, slope in zip(names, by_number, strict=True):
         at = float(list_values(muscle)[name])
@@ -218,11 +218,11 @@ def test_plain_and_jit_and_vmap_agree(muscle):
             agree(a, b, ROUNDING, scale=1e-3)
 
 
-# --- every state has a number and a status
+# --- every state has finite outputs and a status
 
 
 def muscle_with(name, share):
-    """A muscle whose threads are at `share` of their burst at rest length and 1 MPa."""
+    """Return a muscle whose threads are at `share` of their burst limit at rest length and 1 MPa."""
     softer = float(braid.hoop_pull(1e6, L0, B0, N)) / share
     return replace_values(MUSCLES[name], {"thread.stiffness": softer})
 
@@ -233,7 +233,7 @@ def muscle_with(name, share):
     l=st.floats(0.0, 10.0),
     share=st.floats(1e-9, 10.0),
 )
-def test_never_nan(name, p, l, share):
+def test_outputs_are_never_nan(name, p, l, share):
     muscle = muscle_with(name, share)
     at = jnp.array([p]), jnp.array([l])
     r = readings(muscle, *at)
@@ -250,7 +250,7 @@ def test_never_nan(name, p, l, share):
 
 @pytest.mark.parametrize("name", list(LAWS)[1:])
 @pytest.mark.parametrize("share", [1e-12, 1e-6, 1e-2, 0.5, 0.97])
-def test_solved_up_to_the_burst(name, share):
+def test_equilibrium_is_solved_up_to_the_burst_limit(name, share):
     muscle = muscle_with(name, share)
     r = readings(muscle, np.array([1e6]), np.array([L0]))
     assert r.status[0] == Status.OK
@@ -258,7 +258,7 @@ def test_solved_up_to_the_burst(name, share):
 
 
 @pytest.mark.parametrize("name", list(LAWS)[1:])
-def test_beyond_the_burst_the_last_stretch_is_held(name):
+def test_stretch_is_constant_beyond_the_burst_limit(name):
     held = [
         readings(muscle_with(name, s), np.array([1e6]), np.array([L0])) for s in (0.98 - 1e-12, 1.0, 2.0, 1e3)
     ]
@@ -268,7 +268,7 @@ def test_beyond_the_burst_the_last_stretch_is_held(name):
 
 
 @every
-def test_a_straight_muscle_says_so(muscle):
+def test_straight_muscle_is_reported(muscle):
     for p, l in ((0.0, B0), (0.0, 0.3), (5e4, 0.3)):
         r = readings(muscle, np.array([p]), np.array([l]))
         assert r.status[0] == Status.STRAIGHT
@@ -276,7 +276,7 @@ def test_a_straight_muscle_says_so(muscle):
 
 
 @every
-def test_vacuum_does_not_push_threads_together(muscle):
+def test_vacuum_does_not_compress_threads(muscle):
     r = readings(muscle, np.array([-5e4]), np.array([L0]))
     assert r.status[0] == Status.OK
     assert r.strain[0] == 0
@@ -284,17 +284,17 @@ def test_vacuum_does_not_push_threads_together(muscle):
 
 
 @elastic
-def test_at_no_pressure_the_diameter_rises_with_pressure(muscle):
-    """The derivative there is the one-sided one, and not half of it."""
+def test_derivative_of_the_diameter_at_zero_pressure_is_one_sided(muscle):
+    """The derivative is the one-sided one, not half of it."""
     (at_zero,) = slopes(muscle, np.array([0.0]), np.array([L0]))[0][:, 1]
     (just_above,) = slopes(muscle, np.array([1.0]), np.array([L0]))[0][:, 1]
     agree(at_zero, just_above, 1e-3)
 
 
-# --- what its numbers mean
+# --- meanings of the parameters
 
 
-def test_each_number_has_a_meaning():
+def test_each_parameter_has_a_meaning():
     for muscle in MUSCLES.values():
         for name, meaning in list_meanings(muscle).items():
             assert meaning.about, name
@@ -302,17 +302,19 @@ def test_each_number_has_a_meaning():
             assert meaning.low < float(list_values(muscle)[name]) < meaning.high, name
 
 
-def test_one_pressure_stands_for_all_lengths_and_lists_are_as_long_as_each_other():
+def test_inputs_are_broadcast_and_lists_must_have_equal_lengths():
     muscle = MUSCLES["elastic"]
     every = predict(muscle, [3e5, 3e5], [0.2, 0.22])
     for one in (predict(muscle, 3e5, [0.2, 0.22]), predict(muscle, [3e5], np.array([0.2, 0.22]))):
         agree(one.force, every.force, ROUNDING)
     assert predict(muscle, 3e5, 0.2).force.shape == (1,)
-    with pytest.raises(BadInput, match=r"as long as each other, or one a number; got \(2,\) and \(3,\)"):
+    with pytest.raises(
+        BadInput, match=r"must have equal lengths, or one must be a single number; got \(2,\) and \(3,\)"
+    ):
         predict(muscle, [1e5, 2e5], [0.2, 0.21, 0.22])
 
 
-def test_many_states_go_in_blocks_and_come_out_the_same():
+def test_block_size_does_not_change_the_results():
     muscle, states = MUSCLES["elastic"], 4 * CACHE_BLOCK_STATES + 5
     p, l = np.linspace(0, 1e6, states), np.linspace(0.15, 0.2357, states)
     for got, want in zip(*map(jax.tree.leaves, (predict(muscle, p, l), readings(muscle, p, l))), strict=True):

@@ -1,4 +1,4 @@
-"""Recurrences in blocks against loops, with their tangents."""
+"""Recurrences in blocks agree with loops, also in their derivatives."""
 
 import jax
 import jax.numpy as jnp
@@ -22,7 +22,7 @@ def given(n, k=2):
 
 
 def loop(step, first, restart, *rows):
-    """The recurrence as one would write it."""
+    """Return the result of the recurrence by a loop."""
     out, s = [], None
     for i, row in enumerate(zip(*rows, strict=True)):
         s = first(*row) if restart[i] or s is None else step(s, *row)
@@ -39,13 +39,13 @@ def drag(moved, width, restart, start):
 
 
 @pytest.mark.parametrize("n", [1, 17, 300])
-def test_a_running_maximum_is_that_of_a_loop(n):
+def test_running_maximum_agrees_with_a_loop(n):
     values, _, restart = given(n)
     agree(running_max(values, restart), loop(np.maximum, lambda v: v, restart, values), 0)
 
 
 @pytest.mark.parametrize("n", [1, 17, 300])
-def test_a_relaxation_is_that_of_a_loop(n):
+def test_relaxation_agrees_with_a_loop(n):
     kicks, keep, restart = given(n)
     expected = loop(lambda s, x, a: a * s + x, lambda x, a: x, restart, kicks, keep)
     agree(relax(kicks, keep, restart), expected, ROUNDING, 1.0)
@@ -53,14 +53,14 @@ def test_a_relaxation_is_that_of_a_loop(n):
 
 @pytest.mark.parametrize("n", [1, 17, 300])
 @pytest.mark.parametrize("start", [0.0, -0.6])
-def test_a_stop_with_a_changing_width_is_that_of_a_loop(n, start):
+def test_stop_operator_agrees_with_a_loop(n, start):
     moved, width, restart = given(n)
     restart[0] = True
     stopped = stops(moved[:, 0], jnp.array([2.0, 0.7]), width, restart, start * width)
     agree(stopped, drag(moved[:, 0], width, restart, start), ROUNDING, 1.0)
 
 
-def test_without_a_restart_a_stop_begins_at_zero():
+def test_stop_operator_starts_at_zero():
     moved, width, _ = given(40)
     stopped = stops(moved[:, 0], jnp.array([2.0, 0.7]), 9 * width, np.zeros(40, bool))
     nothing, first = np.zeros((1,)), np.zeros((1, 2))
@@ -68,7 +68,7 @@ def test_without_a_restart_a_stop_begins_at_zero():
     agree(stopped, longer[1:], ROUNDING, 1.0)
 
 
-def test_a_stop_that_never_slips_moves_with_its_signal():
+def test_stop_operator_without_sliding_follows_its_input():
     moved, width, _ = given(40)
     free = lambda m: stops(m, jnp.ones(2), 1e9 * width, np.zeros(40, bool))  # noqa: E731
     tangent = jax.jit(lambda: jax.jvp(free, (moved[:, 0],), (moved[:, 1],))[1])()
@@ -84,7 +84,7 @@ def recurrences(restart):
 
 
 @pytest.mark.parametrize("name", ["running_max", "relax", "stops"])
-def test_tangents_are_those_of_differences_and_of_reverse_mode(name):
+def test_tangents_agree_with_differences_and_reverse_mode(name):
     a, b, restart = given(200)
     rng = np.random.default_rng(5)
     da, db, weight = rng.normal(size=a.shape), rng.normal(size=b.shape), rng.normal(size=a.shape)

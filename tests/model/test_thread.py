@@ -1,4 +1,4 @@
-"""One battery for every thread law: whoever adds a law adds a line to `LAWS`."""
+"""Common tests of all thread laws: add a new law to `LAWS`."""
 
 import inspect
 
@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from jaxtyping import Array
 from scipy.integrate import quad
+from scipy.special import erfcx, ndtr
 
 from pamjax.model import thread
 from pamjax.model.balance import solve_strain
@@ -38,7 +39,7 @@ LAWS = [
 KINDS = [LinearThread, SmoothToe, ExponentialToe, RecruitmentToe]
 STRAINS = np.array([1e-6, 5e-4, 0.0021, 0.0047, 0.0113, 0.021, 0.08])
 
-#: Numbers at which a law is the linear one.
+#: Parameter values at which a law is linear.
 NEUTRAL = [
     SmoothToe(S, toe_ratio=1.0, crimp=0.003, width=8e-4),
     ExponentialToe(S, crimp=0.0, curvature=400.0),
@@ -51,7 +52,7 @@ def named(items):
     )
 
 
-# --- what every law must do; each is a function of a law, so that a wrong one can be put in
+# --- properties of every law, as functions of a law, so that a wrong law can be tested
 
 
 def starts_at_zero(law):
@@ -68,7 +69,7 @@ def rises_and_stiffens(law):
 def ends_in_a_line(law):
     far = jnp.asarray(3.0)
     agree(jax.grad(law.load)(far), law.stiffness, BY_DIFFERENCE)
-    # A hyperbola meets its asymptote as w²/ε, an exponential at once.
+    # A hyperbola approaches its asymptote as w²/ε, an exponential faster.
     agree(law.load(far), law.stiffness * (far - law.slack), BY_DIFFERENCE)
 
 
@@ -95,7 +96,7 @@ def gradient_in_each_number(law):
     for name, meaning in list_meanings(law).items():
         at = float(list_values(law)[name])
         want = difference(lambda v: both({name: v}), at, 2e-4 * at)  # noqa: B023
-        # An energy is a difference of areas up to the corner: its digits end there.
+        # The energy is a difference of areas up to the corner, which limits its precision.
         size = np.stack([STRAINS, np.maximum(STRAINS**2, 1e-5)])
         agree(slopes[name], want, BY_DIFFERENCE, scale=S * size / at)
         assert meaning.low <= at <= meaning.high
@@ -113,12 +114,12 @@ BATTERY = [
 
 @named(LAWS)
 @pytest.mark.parametrize("check", BATTERY, ids=lambda f: f.__name__)
-def test_battery(check, law):
+def test_thread_law_is_consistent(check, law):
     check(law)
 
 
 class Softening(AbstractThread):
-    """A wrong law: it softens where every law here stiffens, and says another energy than its area."""
+    """A wrong law: it softens, unlike all others, and its energy is not the integral of its load."""
 
     stiffness: Scalar
 
@@ -134,13 +135,13 @@ class Softening(AbstractThread):
 
 
 @pytest.mark.parametrize("check", BATTERY[:-1], ids=lambda f: f.__name__)
-def test_the_battery_rejects_a_wrong_law(check):
+def test_wrong_law_is_rejected(check):
     with pytest.raises(AssertionError):
         check(Softening(jnp.asarray(S)))
 
 
 class WrongSlope(Softening):
-    """A wrong law: its derivative in the stiffness is not that of its load."""
+    """A wrong law: its derivative in the stiffness disagrees with its load."""
 
     stiffness: Scalar = thread._declare_stiffness()
 
@@ -148,7 +149,7 @@ class WrongSlope(Softening):
         return jax.lax.stop_gradient(self.stiffness) * strain
 
 
-def test_the_battery_rejects_a_wrong_gradient():
+def test_wrong_gradient_is_rejected():
     with pytest.raises(AssertionError):
         gradient_in_each_number(WrongSlope(S))
 
@@ -157,13 +158,13 @@ def test_the_battery_rejects_a_wrong_gradient():
 
 
 @named(NEUTRAL)
-def test_neutral_value_is_the_linear_law(law):
+def test_neutral_value_gives_the_linear_law(law):
     linear = LinearThread(S)
     agree(jax.vmap(law.load)(STRAINS), jax.vmap(linear.load)(STRAINS), ROUNDING)
     agree(jax.vmap(law.energy)(STRAINS), jax.vmap(linear.energy)(STRAINS), ROUNDING)
 
 
-def test_neutral_values_are_the_declared_ones():
+def test_neutral_values_agree_with_the_declared_ones():
     for law in NEUTRAL:
         neutral = {k: m.neutral for k, m in list_meanings(law).items() if m.neutral is not None}
         assert neutral == {k: float(list_values(law)[k]) for k in neutral}
@@ -171,14 +172,14 @@ def test_neutral_values_are_the_declared_ones():
 
 
 def test_recruitment_becomes_linear_without_slack():
-    # No number of this law alone is neutral: a spread about zero slack is still a toe.
+    # No single parameter of this law is neutral: a spread of slack around zero is still a toe.
     law = RecruitmentToe(S, crimp=0.0, spread=1e-5)
     agree(law.load(jnp.asarray(0.02)), S * (0.02 - law.slack), ROUNDING)
     assert float(law.slack) < 5e-6
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_each_number_has_a_source_and_a_meaning(kind):
+def test_each_parameter_has_a_source_and_a_meaning(kind):
     for name, meaning in list_field_meanings(kind).items():
         assert meaning.about, name
         assert meaning.source, name
@@ -190,7 +191,7 @@ def test_each_number_has_a_source_and_a_meaning(kind):
 
 @st.composite
 def laws(draw, kind):
-    """A law with every number somewhere in its declared range, its ends included."""
+    """Return a law with random parameters in their declared ranges, including the limits."""
     numbers = {}
     for name, m in list_field_meanings(kind).items():
         share = draw(st.sampled_from([0.0, 1.0]) | st.integers(0, 1000).map(lambda i: i / 1000))
@@ -213,14 +214,14 @@ def test_finite_over_the_declared_range(kind, data, strain):
     law = data.draw(laws(kind))
     load, energy, slope, slack, *_ = found = everything(law, jnp.asarray(strain))
     assert np.all(np.isfinite(found))
-    # Rounding: a law whose threads are slack until a sharp corner leaves some 1e-18 of its stiffness.
+    # Rounding: a law with slack threads up to a sharp corner has about 1e-18 of its stiffness.
     assert load >= -1e-15 * law.stiffness
     assert energy >= -1e-15 * law.stiffness
     assert 0 <= slope <= (1 + ROUNDING) * law.stiffness
     assert -1e-15 <= slack <= 0.03
 
 
-# --- the balance against a pull that grows with the thread
+# --- equilibrium with a pull that increases with thread length
 
 
 @eqx.filter_jit
@@ -235,15 +236,93 @@ def balanced(law, share):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@given(data=st.data(), share=st.floats(-14, 0).map(lambda e: 0.97 * 10.0**e) | st.floats(0, 0.97))
-def test_newton_arrives_over_the_declared_range(kind, data, share):
+@given(
+    data=st.data(),
+    share=st.just(0.0)
+    | st.floats(-300, 0).map(lambda e: 0.97 * 10.0**e)
+    | st.floats(-14, 0).map(lambda e: 0.97 * 10.0**e)
+    | st.floats(0, 0.97),
+)
+def test_newton_converges_over_the_declared_range(kind, data, share):
     strain, left = balanced(data.draw(laws(kind)), jnp.asarray(share))
     assert abs(left) <= SOLVED * max(share, 1e-6)
     assert strain >= -1e-12
 
 
-def test_one_step_less_would_not_do():
-    """The steps a law asks for are no luxury: the test above can fail."""
+@pytest.mark.parametrize(("share", "crimp"), [(0.0, 1.2e-4), (1e-60, 0.015)])
+def test_recruitment_converges_at_almost_no_pull(share, crimp):
+    _, error = balanced(RecruitmentToe(100.0, crimp=crimp, spread=1e-5), jnp.asarray(share))
+    assert abs(error) <= SOLVED * 1e-6
+
+
+def recruited_by_bisection(share, crimp, spread):
+    """Return the strain of recruited filaments by bisection of the logarithm of their recruited strain.
+
+    The logarithm keeps all digits in the far tail of the normal distribution.
+    """
+
+    def log_recruited(z):
+        below = np.minimum(z, 0.0)
+        tail = -0.5 * below**2 + np.log1p(np.sqrt(np.pi / 2) * below * erfcx(-below / np.sqrt(2)))
+        beyond = np.maximum(z, 0.0)
+        straight = np.log(np.sqrt(2 * np.pi) * beyond * ndtr(beyond) + np.exp(-0.5 * beyond**2))
+        return np.where(z < 0, tail, straight) - 0.5 * np.log(2 * np.pi)
+
+    def is_too_large(strain):
+        pulled = np.log(share) + np.log1p(strain) - np.log(spread)
+        return log_recruited((strain - crimp) / spread) > np.logaddexp(log_recruited(-crimp / spread), pulled)
+
+    low, high = np.zeros_like(share), (share + crimp + spread) / (1 - share)
+    assert np.all(is_too_large(high))
+    for _ in range(100):
+        middle = 0.5 * (low + high)
+        above = is_too_large(middle)
+        low, high = np.where(above, low, middle), np.where(above, middle, high)
+    return low
+
+
+def random_recruitment(points):
+    """Return shares of the stiffness, crimps and spreads over the declared range; some are at its limits."""
+    random = np.random.default_rng(7)
+    kind = random.integers(0, 4, points)
+    exponent = random.uniform(np.where(kind == 1, -300, -14), 0)
+    share = np.choose(kind, [0.0 * exponent, 10**exponent, 10**exponent, random.uniform(0, 1, points)]) * 0.97
+    crimp = np.where(
+        random.random(points) < 0.5, random.uniform(0, 1, points), 10 ** random.uniform(-5, 0, points)
+    )
+    crimp = 0.015 * np.choose(random.integers(0, 8, points), [0.0 * crimp, 0.0 * crimp + 1, *[crimp] * 6])
+    spread = 10 ** np.clip(random.uniform(-5.5, -1.7, points), -5, -2)
+    return share, crimp, spread
+
+
+def test_recruitment_agrees_with_bisection_over_the_declared_range():
+    share, crimp, spread = random_recruitment(10_000)
+
+    @jax.jit
+    @jax.vmap
+    def solved(share, crimp, spread):
+        def strain(share):
+            return balanced(RecruitmentToe(S, crimp=crimp, spread=spread), share)[0]
+
+        _, error = balanced(RecruitmentToe(S, crimp=crimp, spread=spread), share)
+        return strain(share), error, jax.grad(strain)(share), jax.jacfwd(strain)(share)
+
+    strain, error, reverse, forward = map(np.asarray, solved(share, crimp, spread))
+    assert np.all(np.abs(error) <= SOLVED * np.maximum(share, 1e-6))
+    # Without pull the strain is zero. Its error is the rounding of a strain of the size of the spread.
+    assert np.all(np.abs(strain[share == 0]) <= ROUNDING * spread[share == 0])
+    assert np.all(np.isfinite(reverse))
+    agree(forward, reverse, ROUNDING)
+
+    pulled = share > 0
+    share, crimp, spread, strain, forward = (x[pulled] for x in (share, crimp, spread, strain, forward))
+    want = recruited_by_bisection(share, crimp, spread)
+    agree(strain, want, SOLVED, scale=spread)
+    agree(forward, (1 + want) / (ndtr((want - crimp) / spread) - share), SOLVED)
+
+
+def test_fewer_newton_steps_are_not_sufficient():
+    """The number of steps of a law is necessary: the test above can fail."""
     for kind, worst in ((ExponentialToe, {"curvature": 600.0}), (RecruitmentToe, {"spread": 8e-3})):
         law = kind(stiffness=S, crimp=0.015, **worst)
         pull = 1e-6 * S
@@ -258,5 +337,5 @@ def test_one_step_less_would_not_do():
         assert left[0] > SOLVED > left[1]
 
 
-def test_inextensible_threads_store_nothing():
+def test_inextensible_threads_store_no_energy():
     assert float(Inextensible().energy(jnp.asarray(0.01))) == 0.0

@@ -1,4 +1,4 @@
-"""Chosen runs are as good as the best of all designs, which a small menu lets one list."""
+"""Selected runs are as good as the best of all designs, which can be enumerated for a small menu."""
 
 from itertools import product
 
@@ -10,7 +10,7 @@ from tests.agreement import SOLVED, agree
 
 
 def menu(seed, criterion, goal=0.0, budget=8.0):
-    """Five runs of one to three minutes and a check, at two truths, for three numbers."""
+    """Return five runs of one to three minutes and a direct reading, at two truths, for three parameters."""
     rng = np.random.default_rng(seed)
     rows = rng.standard_normal((6, 2, 4, 3)) * np.exp(rng.standard_normal((6, 1, 1, 3)))
     each = np.einsum("rtni,rtnj->rtij", rows, rows)
@@ -21,7 +21,7 @@ def menu(seed, criterion, goal=0.0, budget=8.0):
 
 
 def listed(of):
-    """Every design within the budget."""
+    """Return every design within the budget."""
     most = [1 if once else int(of.budget / m) for once, m in zip(of.once_only, of.minutes, strict=True)]
     for counts in product(*(range(k + 1) for k in most)):
         if np.dot(counts, of.minutes) <= of.budget + 1e-9:
@@ -32,19 +32,19 @@ def listed(of):
 @pytest.mark.parametrize(
     "criterion", [build_variance_criterion(0), build_volume_criterion([0, 1])], ids=["c", "D"]
 )
-def test_a_choice_is_nearly_the_best_of_all(seed, criterion):
+def test_selection_is_nearly_the_best_design(seed, criterion):
     of = menu(seed, criterion)
     chosen = of.choose_runs()
     assert chosen @ of.minutes <= of.budget + 1e-9
     assert np.all(chosen[of.once_only] <= 1)
     best = min(of.compute_criterion(counts) for counts in listed(of))
     assert best - 1e-12 <= of.compute_criterion(chosen) <= 1.1 * best
-    # Nor is that easy: a design of one run over and over is far off.
+    # Negative control: a design that repeats one run is much worse.
     assert max(of.compute_criterion(counts) for counts in listed(of) if counts @ of.minutes > 7) > 1.5 * best
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_goal_is_reached_in_nearly_the_fewest_minutes(seed):
+def test_goal_is_reached_in_nearly_the_shortest_time(seed):
     free = menu(seed, build_variance_criterion(0))
     goal = 1.5 * min(free.compute_criterion(counts) for counts in listed(free))
     of = menu(seed, build_variance_criterion(0), goal=goal)
@@ -54,7 +54,7 @@ def test_a_goal_is_reached_in_nearly_the_fewest_minutes(seed):
     assert chosen @ of.minutes <= fewest + 1.0
 
 
-def test_criteria_are_means_over_the_truths():
+def test_criteria_are_means_over_the_true_parameters():
     of = menu(0, build_variance_criterion(1))
     information = of.compute_information(np.array([1, 0, 2, 0, 0, 1]))
     inverse = [np.linalg.inv(one) for one in information]

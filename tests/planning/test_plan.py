@@ -1,4 +1,4 @@
-"""A plan's information is that of the model's own derivatives, and what it promises is kept."""
+"""The information of a plan follows from exact derivatives, and its predicted sd is reached."""
 
 import re
 from dataclasses import replace
@@ -33,7 +33,7 @@ def entry():
     return read_muscle_toml(KEVLAR.read_bytes())
 
 
-def test_information_is_that_of_differences_through_the_whole_rig(entry):
+def test_information_agrees_with_finite_differences_through_the_rig(entry):
     known = build_prior_information(entry, RigCapabilities(pressure=690e3, gauge=0.0, ruler=0.0))
     pressure, length = np.array([200e3, 400e3, 690e3]), np.array([0.2357, 0.21, 0.19])
     values, label = known.mean.copy(), np.zeros(3, int)
@@ -60,21 +60,25 @@ def test_information_is_that_of_differences_through_the_whole_rig(entry):
 
 @pytest.fixture(scope="module")
 def by_ruler(entry):
-    """The muscle on a bench whose lengths are set by ruler, with one error for each."""
+    """Return the muscle on a bench whose lengths are set by ruler, with one error for each length."""
     sensors = Sensors(force=2.0, diameter=1e-4, pressure=700.0, length=1e-3, length_per_setting=True)
     return replace(entry, sensors=sensors)
 
 
-def test_an_error_of_a_set_length_is_noise_that_all_samples_there_share(by_ruler):
+def test_ruler_error_is_shared_by_all_samples_of_a_length(by_ruler):
     means = read_capabilities(by_ruler, pressure="690 kPa")
     assert (means.setting, means.ruler) == (1e-3, 0.0)
     known = build_prior_information(by_ruler, replace(means, gauge=0.0))
     pressure, length = np.array([200e3, 400e3, 690e3]), np.array([0.2357, 0.2357, 0.19])
     setting, label, shared = np.array([0, 0, 3]), np.zeros(3, int), len(known.free_parameters) - 5
     values = np.where(np.arange(known.mean.size) < len(known.muscle_indices), known.mean, 0.0)
-    told = known.compute_information(build_map_case(by_ruler, pressure, length), label, 1, values, setting)[0]
-    rulers = told[shared:, shared:] + np.eye(5)
-    got = told[:shared, :shared] - told[:shared, shared:] @ np.linalg.solve(rulers, told[shared:, :shared])
+    run_information = known.compute_information(
+        build_map_case(by_ruler, pressure, length), label, 1, values, setting
+    )[0]
+    rulers = run_information[shared:, shared:] + np.eye(5)
+    got = run_information[:shared, :shared] - run_information[:shared, shared:] @ np.linalg.solve(
+        rulers, run_information[shared:, :shared]
+    )
     fixed = {"muscle.rest_length": 0.2357, "muscle.threads": 144.0, "muscle.thread_area": 0.0858e-6}
     at = "elastic", known.space.names[:shared], fixed
     start, p, x = (jnp.asarray(v) for v in (values[:shared], pressure, length))
@@ -94,20 +98,20 @@ def test_an_error_of_a_set_length_is_noise_that_all_samples_there_share(by_ruler
 
 
 @pytest.mark.parametrize("goal", [None, "muscle.turns", "all"])
-def test_lengths_that_are_set_by_ruler_are_planned(by_ruler, goal):
-    found = plan(by_ruler, read_capabilities(by_ruler, pressure="690 kPa"), goal, minutes=20.0)
-    assert "length_error.each 1 mm" in str(found)
-    assert found.as_dict()["assumed"]["length_error.each"] == 1e-3
-    assert not any("length_error" in name for name in found.expected_sds)
+def test_plan_supports_lengths_set_by_ruler(by_ruler, goal):
+    result = plan(by_ruler, read_capabilities(by_ruler, pressure="690 kPa"), goal, minutes=20.0)
+    assert "length_error.each 1 mm" in str(result)
+    assert result.as_dict()["assumed"]["length_error.each"] == 1e-3
+    assert not any("length_error" in name for name in result.expected_sds)
 
 
-def test_a_rig_that_states_its_ruler_has_noise_a_sample_instead(by_ruler):
+def test_ruler_of_a_rig_is_noise_per_sample(by_ruler):
     once, each = (read_capabilities(by_ruler, ruler=ruler) for ruler in (None, "0.1 mm"))
     assert (once.setting, once.ruler) == (1e-3, 0.0)
     assert (each.setting, each.ruler) == (0.0, pytest.approx(1e-4))
 
 
-def test_a_recording_whose_lengths_were_set_by_ruler_counts(by_ruler):
+def test_recording_with_lengths_set_by_ruler_is_used(by_ruler):
     pressure, length = np.tile(np.linspace(1e5, 6e5, 20), 3), np.repeat([0.2357, 0.22, 0.2], 20)
     numbers = {n: m.value for n, m in collect_stated_values(by_ruler, "elastic").items()}
     error = np.repeat([1e-3, -1e-3, 5e-4], 20)
@@ -115,17 +119,17 @@ def test_a_recording_whose_lengths_were_set_by_ruler_counts(by_ruler):
     recording = Recording.from_arrays(
         pressure=pressure, length=length, force=np.asarray(got.force), diameter=np.asarray(got.diameter)
     )
-    found = plan(Case("made", Path(), by_ruler, recording, ""), to="30 GPa", minutes=20.0)
-    # What its lengths are off by explains the recording; without that it would be missed.
-    assert max(found.prior.misfit_ratios.values()) < 1.5
-    assert found.expected_sds["thread.modulus"].sd_before < 20e9
-    k = found.prior.muscle_indices[-1]
-    information = found.prior.matrix
+    result = plan(Case("made", Path(), by_ruler, recording, ""), to="30 GPa", minutes=20.0)
+    # The errors of the lengths explain the recording; without them it has a misfit.
+    assert max(result.prior.misfit_ratios.values()) < 1.5
+    assert result.expected_sds["thread.modulus"].sd_before < 20e9
+    k = result.prior.muscle_indices[-1]
+    information = result.prior.matrix
     assert np.all(np.linalg.eigvalsh(information) > 0)
     assert information[k, k] > 0
 
 
-def test_direct_readings_and_repeats_add_up(entry):
+def test_information_of_readings_and_repeats_is_additive(entry):
     known = build_prior_information(entry, RigCapabilities(pressure=690e3))
     offered = list_runs(known.capabilities, 0.2357)
     each = known.compute_run_information(offered, known.mean)
@@ -136,34 +140,34 @@ def test_direct_readings_and_repeats_add_up(entry):
     assert np.all(np.linalg.eigvalsh(each) > -1e-6 * np.abs(each).max())
 
 
-def test_a_fast_rig_tells_as_much_more_as_it_samples(entry):
+def test_information_is_proportional_to_the_sampling_rate(entry):
     means = RigCapabilities(pressure=690e3)
     slow, fast = (build_prior_information(entry, replace(means, rate=rate)) for rate in (1.0, 50.0))
-    told = [
+    run_information = [
         one.compute_run_information(list_runs(one.capabilities, 0.2357)[:6], one.mean) for one in (slow, fast)
     ]
-    root = np.sqrt(np.einsum("rii->ri", told[0]) + 1e-300)
+    root = np.sqrt(np.einsum("rii->ri", run_information[0]) + 1e-300)
     unit = root[:, :, None] * root[:, None, :]
-    # Of 7,000 samples two hundred are looked at: the path between them is straight.
-    agree(told[1] / 50 / unit, told[0] / unit, 5e-3, scale=1.0)
+    # Only two hundred of 7,000 samples are evaluated: the path between them is linear.
+    agree(run_information[1] / 50 / unit, run_information[0] / unit, 5e-3, scale=1.0)
 
 
-def test_diameter_tells_the_threads_modulus_and_force_alone_does_not(entry):
-    found = plan(entry, read_capabilities(entry, pressure="690 kPa", minutes=60))
-    assert found.goal == "thread.modulus"
-    assert found.reaches_goal
-    assert found.minutes < 30
-    force, diameter = found.single_channel["force"], found.single_channel["diameter"]
-    assert diameter[0] <= found.target_sd
+def test_diameter_determines_the_thread_modulus_and_force_does_not(entry):
+    result = plan(entry, read_capabilities(entry, pressure="690 kPa", minutes=60))
+    assert result.goal == "thread.modulus"
+    assert result.reaches_goal
+    assert result.minutes < 30
+    force, diameter = result.single_channel["force"], result.single_channel["diameter"]
+    assert diameter[0] <= result.target_sd
     assert force[1] > 1.5 * diameter[1]
-    assert found.isobars_sd > found.sd
-    note = str(found)
+    assert result.isobars_sd > result.sd
+    note = str(result)
     assert "force alone" in note
     assert "thread.modulus to ±" in note
-    assert len(found.schedule()) == found.rows
+    assert len(result.schedule()) == result.rows
 
 
-def test_a_recordings_zeros_stay_unknown_where_its_channel_is_there_no_more(entry):
+def test_sensor_offsets_stay_uncertain_without_their_channel(entry):
     force, diameter = np.array([900.0, 400.0]), np.array([0.0225, 0.0262])
     recording = Recording.from_arrays(
         pressure=np.array([4e5, 5e5]), length=np.array([0.2357, 0.21]), force=force, diameter=diameter
@@ -179,7 +183,7 @@ def test_a_recordings_zeros_stay_unknown_where_its_channel_is_there_no_more(entr
 
 @pytest.fixture(scope="module")
 def stroke(entry):
-    """A stroke that the paper's muscle shows without noise."""
+    """Return a noise-free stroke of the paper's muscle."""
     pressure, length = np.full(60, 5e5), np.linspace(0.2357, 0.2, 60)
     shown = predict(
         assemble("elastic", {n: m.value for n, m in collect_stated_values(entry, "elastic").items()}),
@@ -196,33 +200,35 @@ def recorded(entry, stroke, more):
 
 
 @pytest.mark.slow
-def test_what_a_recording_is_missed_by_is_told_and_counts_as_noise(entry, stroke):
+def test_misfit_of_a_recording_is_reported_and_counts_as_noise(entry, stroke):
     sure = replace(entry, sensors=Sensors(force=2.0, diameter=1e-4, pressure=700.0, length=2e-5))
     noise = 2.0 * np.random.default_rng(2).standard_normal(60)
     bent = 40.0 * np.sin(np.linspace(0, 4 * np.pi, 60))
     met, missed = (plan(recorded(sure, stroke, more), to="1 %") for more in (noise, noise + bent))
-    assert "misses" not in str(met)
+    assert "does not fit" not in str(met)
     first, promised = str(missed).partition("\n")[0], str(met).partition("\n")[0]
-    assert "misses its recording (force by" in first
-    assert "`pamjax diagnose` first; were it right" in first
-    # A promise has its standard deviation; what hangs on a wrong muscle has one digit.
+    assert "the model does not fit its recording (rms residual over noise:" in first
+    assert "`pamjax diagnose` first; if the model were right" in first
+    # A predicted value has its sd; one that depends on a wrong muscle has one digit.
     assert " ± " in promised
     assert " ± " not in first
     assert "to about " in first
-    assert format_headline(missed) == "Diagnose first: the muscle misses its recording"
+    assert format_headline(missed) == "Diagnose first: the model does not fit its recording"
     assert not any(" ± " in words for words in format_answer(missed))
     assert missed.prior.misfit_ratios["force"] > 5 > 1.5 > met.prior.misfit_ratios["force"]
     k = met.prior.find_index("force_offset.offset")
-    learned = [found.prior.matrix[k, k] - 1 for found in (met, missed)]
+    learned = [result.prior.matrix[k, k] - 1 for result in (met, missed)]
     assert 0 < learned[1] < 1.05 * learned[0] / missed.prior.misfit_ratios["force"] ** 2
-    # The next runs are missed alike.
+    # The next runs have the same misfit.
     run = list_runs(met.prior.capabilities, 0.2357)[:1]
-    told = [found.prior.compute_run_information(run, met.prior.mean)[0] for found in (met, missed)]
+    run_information = [
+        result.prior.compute_run_information(run, met.prior.mean)[0] for result in (met, missed)
+    ]
     again = missed.prior.misfit_ratios["force"] / max(met.prior.misfit_ratios["force"], 1.0)
-    agree(told[0][k, k], told[1][k, k] * again**2, SOLVED)
+    agree(run_information[0][k, k], run_information[1][k, k] * again**2, SOLVED)
 
 
-def test_a_muscle_is_asked_for_no_more_pressure_than_it_had(entry, stroke, tmp_path):
+def test_plan_stays_below_the_recorded_or_stated_pressure(entry, stroke, tmp_path):
     case = recorded(entry, stroke, 0.0)
     assert plan(case, minutes=10.0).schedule()["pressure [kPa]"].max() <= 500 + 1e-6
     (tmp_path / "rig.toml").write_text('[rig]\npressure = "6 bar"\n')
@@ -230,13 +236,13 @@ def test_a_muscle_is_asked_for_no_more_pressure_than_it_had(entry, stroke, tmp_p
 
 
 @pytest.mark.parametrize("minutes", [2.5, 19.0])
-def test_minutes_are_told_alike_everywhere(entry, minutes):
-    """Two and a half minutes are not two in one line and two and a half in the next."""
-    found = plan(entry, RigCapabilities(), to="30 GPa")
-    ramp = next(run for run in list_runs(found.prior.capabilities, 0.2357) if "ramp" in run.description)
+def test_minutes_are_formatted_consistently(entry, minutes):
+    """2.5 minutes must not be 2 in one line and 2.5 in the next."""
+    result = plan(entry, RigCapabilities(), to="30 GPa")
+    ramp = next(run for run in list_runs(result.prior.capabilities, 0.2357) if "ramp" in run.description)
     alone = {"force": (5e9, minutes)}
     one = replace(
-        found, chosen_runs=((1, replace(ramp, minutes=minutes)),), minutes=minutes, single_channel=alone
+        result, chosen_runs=((1, replace(ramp, minutes=minutes)),), minutes=minutes, single_channel=alone
     )
     course = PrecisionCourse("thread.modulus", "GPa", np.array([0.0, minutes]), np.array([20.0, 5.0]))
     figure = plot_precision(one, course)
@@ -245,52 +251,52 @@ def test_minutes_are_told_alike_everywhere(entry, minutes):
         assert not set(re.findall(r"([\d.]+) min\b", text)) - {f"{minutes:g}"}
 
 
-def test_a_plan_s_title_stays_on_a_phone(entry, stroke):
-    found = plan(recorded(entry, stroke, 40.0 * np.sin(np.linspace(0, 4 * np.pi, 60))), to="30 GPa")
-    wrong = replace(found, prior=replace(found.prior, misfit_ratios={"force": 9.0}))
+def test_title_of_a_plan_fits_a_narrow_screen(entry, stroke):
+    result = plan(recorded(entry, stroke, 40.0 * np.sin(np.linspace(0, 4 * np.pi, 60))), to="30 GPa")
+    wrong = replace(result, prior=replace(result.prior, misfit_ratios={"force": 9.0}))
     course = PrecisionCourse("thread.modulus", "GPa", np.array([0.0, 2.5]), np.array([20.0, 5.0]))
     figure = plot_precision(wrong, course, narrow=True)
     figure.draw_without_rendering()
     title = figure.axes[0]._left_title
-    assert " ".join(title.get_text().split()).endswith("model of the muscle were right")
+    assert " ".join(title.get_text().split()).endswith("if the model were right")
     assert title.get_window_extent().x1 <= figure.bbox.x1
 
 
-def test_isobars_that_promise_more_are_told_so(entry):
-    found = plan(entry, RigCapabilities(), to="30 GPa")
-    after = found.expected_sds["thread.modulus"].sd_after
-    better, worse = (format_isobars(replace(found, isobars_sd=share * after)) for share in (0.9, 1.1))
-    assert "less than the ± 20 GPa of this plan, which is the shortest found" in better
-    assert "times as much" not in better
-    assert worse.endswith("at ± 22 GPa, 1.1 times as much")
+def test_better_isobars_are_reported(entry):
+    result = plan(entry, RigCapabilities(), to="30 GPa")
+    after = result.expected_sds["thread.modulus"].sd_after
+    better, worse = (format_isobars(replace(result, isobars_sd=share * after)) for share in (0.9, 1.1))
+    assert "better than this plan (± 20 GPa); of complete runs, this plan is the shortest found" in better
+    assert "times the sd" not in better
+    assert worse.endswith("to ± 22 GPa, 1.1 times the sd of this plan")
 
 
-def test_what_is_known_already_needs_no_run(entry):
-    found = plan(entry, RigCapabilities(), to="30 GPa")
-    assert (found.chosen_runs, found.minutes, found.rows) == ((), 0.0, 0)
-    assert "nothing is to be measured: thread.modulus is known to ± 20 GPa" in str(found)
-    assert len(found.schedule()) == 0
-    minutes, sds = compute_sd_course(found, "thread.modulus")
+def test_known_parameter_needs_no_run(entry):
+    result = plan(entry, RigCapabilities(), to="30 GPa")
+    assert (result.chosen_runs, result.minutes, result.rows) == ((), 0.0, 0)
+    assert "no measurement is needed: thread.modulus is already determined to ± 20 GPa" in str(result)
+    assert len(result.schedule()) == 0
+    minutes, sds = compute_sd_course(result, "thread.modulus")
     agree(minutes, [0.0], ROUNDING)
-    agree(sds, [found.expected_sds["thread.modulus"].sd_before], ROUNDING)
-    assert "already" in format_headline(found)
-    assert plot_precision(found, PrecisionCourse.from_plan(found)).axes
-    assert plot_commands(found) is None
+    agree(sds, [result.expected_sds["thread.modulus"].sd_before], ROUNDING)
+    assert "already" in format_headline(result)
+    assert plot_precision(result, PrecisionCourse.from_plan(result)).axes
+    assert plot_commands(result) is None
 
 
-def test_a_muscle_may_be_where_it_lies(entry, tmp_path):
+def test_muscle_toml_path_is_accepted(entry, tmp_path):
     wanted = {"goal": "thread.modulus", "minutes": 30.0}
     for place in (KEVLAR, str(KEVLAR)):
         assert plan(place, **wanted).as_dict() == plan(entry, **wanted).as_dict()
-    # With a recording beside it, what it tells counts.
+    # If the folder has a recording, its information is included.
     assert plan(KEVLAR.parent, **wanted).as_dict() != plan(entry, **wanted).as_dict()
     with pytest.raises(BadInput, match=r"muscle\.toml"):
         plan(tmp_path, **wanted)
-    with pytest.raises(BadInput, match="a muscle is a case"):
+    with pytest.raises(BadInput, match="a muscle must be a case"):
         plan(3, **wanted)  # pyright: ignore[reportArgumentType]
 
 
-def test_a_rig_has_the_channels_that_it_recorded_or_that_are_stated(entry):
+def test_channels_of_a_rig_are_recorded_or_stated(entry):
     silent, both = replace(entry, sensors=Sensors()), ("force", "diameter")
     assert read_capabilities(silent).channels == both
     assert read_capabilities(silent, recorded=("force",)).channels == ("force",)
@@ -301,7 +307,7 @@ def test_a_rig_has_the_channels_that_it_recorded_or_that_are_stated(entry):
     )
 
 
-def test_a_rig_is_read_and_a_wrong_one_refused(entry, tmp_path):
+def test_rig_is_read_and_an_invalid_one_is_refused(entry, tmp_path):
     file = tmp_path / "rig.toml"
     file.write_text('[rig]\npressure = "100 psi"\nforce = "none"\nforce_zero = "1 lbf"\ngive = "0.1 mm/kN"\n')
     means = read_capabilities(entry, file)
@@ -314,16 +320,16 @@ def test_a_rig_is_read_and_a_wrong_one_refused(entry, tmp_path):
     file.write_text('[rig]\npresure = "1 bar"\n')
     with pytest.raises(BadInput, match="Did you mean `pressure`"):
         read_capabilities(entry, file)
-    with pytest.raises(BadInput, match=r"no number that a fit of this muscle moves.*thread\.modulus"):
+    with pytest.raises(BadInput, match=r"no free parameter of this muscle.*thread\.modulus"):
         plan(entry, RigCapabilities(), "thread.modulu")
 
 
 @pytest.mark.slow
-def test_promises_are_kept_on_a_few_muscles():
+def test_predicted_sd_is_reached_for_a_few_muscles():
     trials = [trial(seed, 40.0) for seed in range(8)]
-    fitted = np.array([p.sd / found.sd for found, p, _ in trials])
-    errors = np.array([(p.value - p.true) / found.sd for found, p, _ in trials])
+    fitted = np.array([p.sd / result.sd for result, p, _ in trials])
+    errors = np.array([(p.value - p.true) / result.sd for result, p, _ in trials])
     assert 0.85 < rms(fitted) < 1.15
-    # Eight squares of a normal lie within this all but once in a thousand times.
+    # The mean of eight squared normals is within these limits in 999 of 1,000 cases.
     assert 0.33 < rms(errors) < 1.8
     assert "8 muscles" in report(trials)

@@ -1,4 +1,4 @@
-"""Case folders to break on purpose, and real ones where they lie beside the project."""
+"""Case folders for tests of invalid inputs, and all cases of the project."""
 
 import math
 from functools import cache
@@ -24,13 +24,13 @@ HEADER = "time [s],pressure [kPa],length [mm],force [N],diameter [mm],cycle\n"
 
 
 def real_folders() -> list[Path]:
-    """Every recorded or simulated case folder beside the project; none elsewhere."""
+    """Return all recorded or simulated case folders of the project; empty if there are none."""
     patterns = ("data/portland-hose/*", "practice/case-*", "sealed/*/*")
     return sorted(path for pattern in patterns for path in SHARED.glob(pattern) if path.is_dir())
 
 
 def strokes(levels=(100e3, 200e3, 300e3), samples=120, rest=0.2, cycles=1, noise=0.0, seed=0):
-    """Isobaric strokes of the ideal braid, SI, as columns by name."""
+    """Return isobaric strokes of the ideal braid, SI, as columns by name."""
     random = np.random.default_rng(seed)
     phase = np.tile(np.abs(np.linspace(-1.0, 1.0, samples)), cycles)
     length = np.concatenate([rest * (0.8 + 0.2 * phase)] * len(levels))
@@ -50,7 +50,7 @@ def strokes(levels=(100e3, 200e3, 300e3), samples=120, rest=0.2, cycles=1, noise
 
 
 def as_csv(columns, header=HEADER) -> str:
-    """The columns in the units of the usual header."""
+    """Return the columns in the units of the standard header."""
     size = {"time": 1, "pressure": 1e-3, "length": 1e3, "force": 1, "diameter": 1e3, "cycle": 1}
     rows = zip(*(columns[name] * factor for name, factor in size.items()), strict=True)
     return header + "".join(",".join(f"{value:.10g}" for value in row) + "\n" for row in rows)
@@ -58,12 +58,12 @@ def as_csv(columns, header=HEADER) -> str:
 
 @pytest.fixture
 def write(tmp_path):
-    """Write a CSV file from rows below the usual header, or from a whole text, and return its path."""
+    """Write a CSV file from rows below the standard header, or from a complete text; return its path."""
 
-    def _write(rows="", header=HEADER, whole=None):
+    def _write(rows="", header=HEADER, text=None):
         path = tmp_path / "recording.csv"
-        text = header + rows if whole is None else whole
-        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        content = header + rows if text is None else text
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
         return path
 
     return _write
@@ -85,9 +85,9 @@ def folder(tmp_path):
 
 @pytest.fixture(params=real_folders() or [None], ids=lambda path: path.name if path else "none")
 def real_case(request):
-    """One real case after the other, each read once."""
+    """Return each real case, read once."""
     if request.param is None:
-        pytest.skip("no real recordings beside the project")
+        pytest.skip("no real recordings next to the project")
     return _read(request.param)
 
 

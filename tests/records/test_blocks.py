@@ -1,4 +1,4 @@
-"""Blocks are whole, found in whatever protocol, and held out each exactly once."""
+"""Blocks of a recording are complete, follow its protocol, and are each held out once."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ def recorded(**columns):
 
 
 def isometric(lengths=(0.2, 0.19, 0.18), noise=0.0):
-    """Pressure climbs and falls at one length after the other."""
+    """Return ramps of pressure up and down at several lengths."""
     sweep = 5e4 + 4e5 * (1 - np.abs(np.linspace(-1, 1, 200)))
     n = 200 * len(lengths)
     length = np.repeat(lengths, 200) + noise * np.random.default_rng(0).standard_normal(n)
@@ -23,28 +23,28 @@ def isometric(lengths=(0.2, 0.19, 0.18), noise=0.0):
     return recorded(time=time, pressure=np.tile(sweep, len(lengths)), length=length)
 
 
-def held(pairs, samples=100, way=6):
-    """Holds at (pressure, length) with a few samples on the way from one to the next."""
+def holds(pairs, samples=100, transition=6):
+    """Return holds at (pressure, length), with a few samples between them."""
     points = []
     for before, now in zip([pairs[0], *pairs[:-1]], pairs, strict=True):
-        points += [np.linspace(before, now, way + 2)[1:-1], np.tile(np.array(now), (samples, 1))]
+        points += [np.linspace(before, now, transition + 2)[1:-1], np.tile(np.array(now), (samples, 1))]
     pressure, length = np.concatenate(points).T
     return recorded(time=0.4 * np.arange(len(pressure)), pressure=pressure, length=length)
 
 
-def test_isobars():
-    found = find_blocks(Recording.from_arrays(**strokes(noise=1.0, cycles=2)))
-    assert found.kind == "isobars"
-    assert found.names == ("isobar 100 kPa", "isobar 200 kPa", "isobar 300 kPa")
-    assert found.label.tolist() == np.repeat([0, 1, 2], 240).tolist()
+def test_isobars_are_blocks():
+    blocks = find_blocks(Recording.from_arrays(**strokes(noise=1.0, cycles=2)))
+    assert blocks.kind == "isobars"
+    assert blocks.names == ("isobar 100 kPa", "isobar 200 kPa", "isobar 300 kPa")
+    assert blocks.label.tolist() == np.repeat([0, 1, 2], 240).tolist()
 
 
-def test_an_isobar_that_comes_back_is_the_same_block():
-    found = find_blocks(Recording.from_arrays(**strokes(levels=(3e5, 1e5, 2e5, 3e5), noise=1.0)))
-    assert found.label[[0, 120, 240, 360]].tolist() == [2, 0, 1, 2]
+def test_repeated_isobar_is_the_same_block():
+    blocks = find_blocks(Recording.from_arrays(**strokes(levels=(3e5, 1e5, 2e5, 3e5), noise=1.0)))
+    assert blocks.label[[0, 120, 240, 360]].tolist() == [2, 0, 1, 2]
 
 
-def test_samples_on_the_way_between_isobars_belong_to_none():
+def test_samples_between_isobars_belong_to_no_block():
     columns = strokes(noise=1.0)
     columns["pressure"][118:120] = [140e3, 160e3]
     label = find_blocks(Recording.from_arrays(**columns)).label
@@ -52,126 +52,129 @@ def test_samples_on_the_way_between_isobars_belong_to_none():
 
 
 @pytest.mark.parametrize("noise", [0.0, 5e-5])
-def test_lengths(noise):
+def test_fixed_lengths_are_blocks(noise):
     recording = isometric(noise=noise)
-    found = find_blocks(recording)
-    assert found.kind == "lengths"
-    assert found.names == ("length 180 mm", "length 190 mm", "length 200 mm")
-    assert found.label.tolist() == np.repeat([2, 1, 0], 200).tolist()
-    assert find_length_settings(recording).tolist() == found.label.tolist()
+    blocks = find_blocks(recording)
+    assert blocks.kind == "lengths"
+    assert blocks.names == ("length 180 mm", "length 190 mm", "length 200 mm")
+    assert blocks.label.tolist() == np.repeat([2, 1, 0], 200).tolist()
+    assert find_length_settings(recording).tolist() == blocks.label.tolist()
 
 
-def test_lengths_where_pressure_settles_too():
-    """A valve staircase rests at both ends of the pressure: each pressure was met at each length."""
+def test_fixed_lengths_with_settled_pressures_are_blocks():
+    """A valve staircase rests at the lowest and highest pressure: each pressure occurs at each length."""
     pressure = np.tile(np.repeat([1e5, 6e5, 1e5], 100), 3)
     length = np.repeat([0.2, 0.19, 0.18], 300)
-    found = find_blocks(recorded(time=0.1 * np.arange(900), pressure=pressure, length=length))
-    assert (found.kind, len(found)) == ("lengths", 3)
+    blocks = find_blocks(recorded(time=0.1 * np.arange(900), pressure=pressure, length=length))
+    assert (blocks.kind, len(blocks)) == ("lengths", 3)
 
 
-def test_isobars_where_length_settles_too():
+def test_isobars_with_settled_lengths_are_blocks():
     pressure = np.repeat([1e5, 2e5, 3e5], 300)
     length = np.tile(np.repeat([0.2, 0.19, 0.18], 100), 3)
-    found = find_blocks(recorded(time=0.1 * np.arange(900), pressure=pressure, length=length))
-    assert (found.kind, len(found)) == ("isobars", 3)
+    blocks = find_blocks(recorded(time=0.1 * np.arange(900), pressure=pressure, length=length))
+    assert (blocks.kind, len(blocks)) == ("isobars", 3)
 
 
-def test_holds_own_the_move_towards_them():
+def test_block_of_a_hold_includes_the_move_towards_it():
     pairs = [(4e5, 0.20), (4e5, 0.18), (2e5, 0.18), (2e5, 0.16), (6e5, 0.19), (6e5, 0.17)]
-    found = find_blocks(held(pairs))
-    assert found.kind == "holds"
-    assert found.names == tuple(f"hold {i}" for i in range(1, 7))
+    blocks = find_blocks(holds(pairs))
+    assert blocks.kind == "holds"
+    assert blocks.names == tuple(f"hold {i}" for i in range(1, 7))
     expected = np.repeat(np.arange(6), 106)
-    # The first samples of a move lie near the hold it leaves; its last ones belong to the hold it reaches.
+    # The first samples of a transition are near the previous hold; the last ones belong to the next hold.
     early = np.arange(636) % 106 < 3
-    assert (found.label == expected)[~early].all()
-    assert (found.label >= 0).all()
+    assert (blocks.label == expected)[~early].all()
+    assert (blocks.label >= 0).all()
 
 
-def test_too_few_isobars_fall_back_on_cycles():
-    found = find_blocks(Recording.from_arrays(**strokes(levels=(1e5, 2e5), cycles=2, noise=1.0)))
-    assert found.kind == "cycles"
-    assert found.names == ("run 1, cycle 1", "run 1, cycle 2", "run 2, cycle 1", "run 2, cycle 2")
+def test_cycles_are_blocks_if_isobars_are_too_few():
+    blocks = find_blocks(Recording.from_arrays(**strokes(levels=(1e5, 2e5), cycles=2, noise=1.0)))
+    assert blocks.kind == "cycles"
+    assert blocks.names == ("run 1, cycle 1", "run 1, cycle 2", "run 2, cycle 1", "run 2, cycle 2")
 
 
-def test_cycles_keep_their_numbers_and_zero_is_none():
+def test_cycles_keep_their_numbers_and_zero_means_none():
     columns = strokes(levels=(2e5,), cycles=4, noise=1.0)
     columns["cycle"] = columns["cycle"] - 1
-    found = find_blocks(Recording.from_arrays(**columns))
-    assert found.names == ("cycle 1", "cycle 2", "cycle 3")
-    assert (found.label[:120] == -1).all()
+    blocks = find_blocks(Recording.from_arrays(**columns))
+    assert blocks.names == ("cycle 1", "cycle 2", "cycle 3")
+    assert (blocks.label[:120] == -1).all()
 
 
-def test_a_short_table_has_a_block_a_row():
-    found = find_blocks(
+def test_each_row_of_a_short_table_is_a_block():
+    blocks = find_blocks(
         Recording.from_arrays(pressure=np.arange(1, 9) * 1e5, length=0.2, diameter=np.full(8, 0.02))
     )
-    assert (found.kind, len(found), found.names[0]) == ("rows", 8, "row 2")
+    assert (blocks.kind, len(blocks), blocks.names[0]) == ("rows", 8, "row 2")
 
 
 def test_a_static_map_is_blocked_by_isobars():
     pressure, length = np.meshgrid([1e5, 2e5, 3e5, 4e5], np.linspace(0.15, 0.2, 9), indexing="ij")
-    found = find_blocks(recorded(pressure=pressure.ravel(), length=length.ravel()))
-    assert (found.kind, len(found)) == ("isobars", 4)
+    blocks = find_blocks(recorded(pressure=pressure.ravel(), length=length.ravel()))
+    assert (blocks.kind, len(blocks)) == ("isobars", 4)
 
 
-def test_what_has_no_structure_is_cut_into_stretches():
+def test_recording_without_structure_is_cut_into_equal_parts():
     random = np.random.default_rng(3)
     pressure = 3e5 + np.cumsum(random.standard_normal(1000)) * 3e3
     length = 0.18 + np.cumsum(random.standard_normal(1000)) * 1e-4
-    found = find_blocks(recorded(time=np.arange(1000.0), pressure=pressure, length=length))
-    assert (found.kind, len(found), found.names[0]) == ("rows", 10, "rows 2 to 101")
+    blocks = find_blocks(recorded(time=np.arange(1000.0), pressure=pressure, length=length))
+    assert (blocks.kind, len(blocks), blocks.names[0]) == ("rows", 10, "rows 2 to 101")
 
 
 def test_unusable_rows_belong_to_no_block():
     columns = strokes()
     columns["pressure"][:120] = np.nan
     columns["length"][130] = np.nan
-    found = find_blocks(
+    blocks = find_blocks(
         Recording.from_arrays(**strokes(levels=(1e5, 1e5, 2e5, 3e5, 4e5))).select(np.arange(600) > 0)
     )
-    assert len(found) == 4
+    assert len(blocks) == 4
     label = find_blocks(Recording.from_arrays(**columns)).label
     assert (label[:120] == -1).all()
     assert label[130] == -1
 
 
-def test_a_level_needs_samples_and_a_stroke_is_none():
+def test_setting_needs_several_samples_and_a_stroke_has_none():
     random = np.random.default_rng(0)
     assert len(find_levels(random.uniform(0.1, 0.2, 5000))) == 0
     assert len(find_levels(random.uniform(0.1, 0.2, 60))) == 0
     assert len(find_levels(0.18 + 0.02 * np.sin(np.linspace(0, 60, 5000)))) == 0
-    same_each_time = np.tile(np.r_[0:20, 20:0:-1] * 1e-3 + 0.16, 30)
-    assert len(find_levels(same_each_time)) == 21
-    assert len(find_levels(same_each_time, ordered=True)) == 0
+    repeated_strokes = np.tile(np.r_[0:20, 20:0:-1] * 1e-3 + 0.16, 30)
+    assert len(find_levels(repeated_strokes)) == 21
+    assert len(find_levels(repeated_strokes, ordered=True)) == 0
     assert find_levels(np.full(50, np.nan)).size == 0
     levels = find_levels(np.repeat([1.0, 2.0, 4.0], 40) + 0.01 * random.standard_normal(120))
     assert levels == pytest.approx([1.0, 2.0, 4.0], abs=0.01)
     assert assign_levels(np.array([1.01, 1.5, 3.9, np.nan]), levels).tolist() == [0, -1, 2, -1]
 
 
-@pytest.mark.parametrize("many", [2, 3, 5, 6, 7, 10, 23])
+@pytest.mark.parametrize("block_count", [2, 3, 5, 6, 7, 10, 23])
 @pytest.mark.parametrize("seed", [0, 1])
-def test_each_block_is_held_out_once_and_whole(many, seed):
-    label = np.repeat(np.arange(many), 7)
+def test_each_block_is_held_out_once_and_completely(block_count, seed):
+    label = np.repeat(np.arange(block_count), 7)
     label[3] = -1
-    found = Blocks(label, tuple(map(str, range(many))), "holds")
-    held_out = split_folds(found, k=5, seed=seed)
-    assert len(held_out) == min(5, many)
+    blocks = Blocks(label, tuple(map(str, range(block_count))), "holds")
+    held_out = split_folds(blocks, k=5, seed=seed)
+    assert len(held_out) == min(5, block_count)
     assert (np.sum(held_out, axis=0) == (label >= 0)).all()
     for mask in held_out:
-        whole = np.unique(label[mask])
-        assert mask.sum() == np.isin(label, whole).sum()
-        # Spread: a fold never takes two of k neighbouring blocks.
-        assert len(np.unique(whole // 5)) == len(whole)
-    again = split_folds(found, k=5, seed=seed)
+        held_blocks = np.unique(label[mask])
+        assert mask.sum() == np.isin(label, held_blocks).sum()
+        # A fold never has two of k neighbouring blocks.
+        assert len(np.unique(held_blocks // 5)) == len(held_blocks)
+    again = split_folds(blocks, k=5, seed=seed)
     assert all((a == b).all() for a, b in zip(held_out, again, strict=True))
 
 
 def test_one_block_cannot_be_held_out():
-    with pytest.raises(BadInput) as told:
+    with pytest.raises(BadInput) as error:
         split_folds(Blocks(np.zeros(9, dtype=int), ("row 2",), "rows"))
-    assert str(told.value) == "holding out needs two blocks; got 1. Record another pressure or length."
+    assert (
+        str(error.value)
+        == "cross-validation needs at least two blocks; got 1. Record at another pressure or length."
+    )
 
 
 def test_a_stroke_has_one_setting():
@@ -179,12 +182,12 @@ def test_a_stroke_has_one_setting():
     assert set(find_length_settings(recording).tolist()) == {0}
 
 
-def test_real_cases_fall_into_blocks(real_case):
+def test_real_cases_have_blocks(real_case):
     recording = real_case.recording
-    found = find_blocks(recording)
-    assert found.kind in ("isobars", "lengths", "holds")
-    assert 3 <= len(found) <= 20
-    assert (found.label >= 0).mean() > 0.98
+    blocks = find_blocks(recording)
+    assert blocks.kind in ("isobars", "lengths", "holds")
+    assert 3 <= len(blocks) <= 20
+    assert (blocks.label >= 0).mean() > 0.98
     if real_case.name.startswith("hose"):
-        assert found.kind == "lengths"
-        assert find_length_settings(recording).max() + 1 == len(found)
+        assert blocks.kind == "lengths"
+        assert find_length_settings(recording).max() + 1 == len(blocks)

@@ -1,4 +1,4 @@
-"""A case: both files together, unit slips told, and every real case read without refusal."""
+"""A case of both files: unit errors are reported, and all real cases are accepted."""
 
 import hashlib
 
@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 
 from pamjax.errors import BadInput
-from pamjax.records.case import load_case, read_case
+from pamjax.records.case import ensure_case, read_case
 from tests.records.conftest import MUSCLE, as_csv, strokes
 
-CHECK = "if it is not, check the braid's numbers in muscle.toml."
-FIT = "force and pressure must fit the braid; got"
+CHECK = "Otherwise check the entries of the braid in muscle.toml."
+FIT = "`force` and `pressure` must agree with the braid; got"
 
 
-def told(path):
+def read_error(path):
     with pytest.raises(BadInput) as error:
         read_case(path)
     return str(error.value)
 
 
-def test_a_case_is_both_files(folder):
+def test_case_has_both_files(folder):
     path = folder()
     case = read_case(path)
     assert case.name == "my-muscle"
@@ -36,18 +36,18 @@ def test_a_case_is_both_files(folder):
     )
 
 
-def test_what_the_owner_should_know_is_not_lost(folder):
+def test_warnings_of_both_files_are_kept(folder):
     columns = strokes()
     columns["pressure"][15] = 4e7
     text = as_csv(columns).replace("cycle\n", "cycle,note\n").replace(",1\n", ",1,fine\n")
     case = read_case(folder(text))
     assert case.warnings == (
-        "column `note` of recording.csv is none that pamjax knows, and was kept out.",
-        "pressure 40000 kPa in row 17 was set aside: nearly all others lie between 100 kPa and 300 kPa.",
+        "unknown column `note` in recording.csv: ignored.",
+        "outlier pressure 40000 kPa in row 17: ignored, because most values are between 100 kPa and 300 kPa.",
     )
 
 
-def test_diameter_at_one_length(folder):
+def test_diameter_at_one_length_is_accepted(folder):
     muscle = MUSCLE.replace("rest_length", "length")
     case = read_case(folder("pressure [kPa],diameter [mm]\n100,20.2\n200,20.3\n", muscle))
     assert case.recording.length.tolist() == [0.2, 0.2]
@@ -59,19 +59,19 @@ def test_headers_are_mapped(folder):
     assert case.recording.channels == ("force", "diameter")
 
 
-def test_no_folder(tmp_path):
+def test_missing_folder_is_refused(tmp_path):
     path = tmp_path / "nowhere"
-    assert told(path) == (
-        f"a case is a folder with recording.csv and muscle.toml; got {path}, which is none. `pamjax new` "
-        "makes one to fill in."
+    assert read_error(path) == (
+        f"a case must be a folder with recording.csv and muscle.toml; got {path}, which is not a folder. "
+        "Check the path, or create a case with `pamjax new`."
     )
 
 
 @pytest.mark.parametrize("name", ["recording.csv", "muscle.toml"])
-def test_a_missing_file(folder, name):
+def test_missing_file_is_refused(folder, name):
     path = folder()
     (path / name).unlink()
-    assert told(path) == f"there is no file {path / name}. Check its path."
+    assert read_error(path) == f"the file {path / name} does not exist. Check the path."
 
 
 @pytest.mark.parametrize(
@@ -80,61 +80,62 @@ def test_a_missing_file(folder, name):
         (
             "[kPa]",
             "[psi]",
-            f"{FIT} 0.145 times the ideal braid's force in recording.csv. It looks like pressure "
-            f"in kPa under a header of psi; {CHECK}",
+            f"{FIT} 0.145 times the force of the ideal braid in recording.csv. Probable cause: pressure "
+            f"in kPa under a header of psi. {CHECK}",
         ),
         (
             "[kPa]",
             "[bar]",
-            f"{FIT} 0.01 times the ideal braid's force in recording.csv. It looks like pressure "
-            f"in kPa under a header of bar; {CHECK}",
+            f"{FIT} 0.01 times the force of the ideal braid in recording.csv. Probable cause: pressure "
+            f"in kPa under a header of bar. {CHECK}",
         ),
         (
             "[kPa]",
             "[MPa]",
-            f"{FIT} 0.001 times the ideal braid's force in recording.csv. It looks like pressure "
-            f"in kPa under a header of MPa or force in kN under a header of N; {CHECK}",
+            f"{FIT} 0.001 times the force of the ideal braid in recording.csv. Probable cause: pressure "
+            f"in kPa under a header of MPa or force in kN under a header of N. {CHECK}",
         ),
         (
             "[N]",
             "[lbf]",
-            f"{FIT} 4.448 times the ideal braid's force in recording.csv. It looks like force in N "
-            f"under a header of lbf; {CHECK}",
+            f"{FIT} 4.448 times the force of the ideal braid in recording.csv. Probable cause: force in N "
+            f"under a header of lbf. {CHECK}",
         ),
         (
             "[N]",
             "[kN]",
-            f"{FIT} 1000 times the ideal braid's force in recording.csv. It looks like pressure in "
-            f"MPa under a header of kPa or force in N under a header of kN; {CHECK}",
+            f"{FIT} 1000 times the force of the ideal braid in recording.csv. Probable cause: pressure in "
+            f"MPa under a header of kPa or force in N under a header of kN. {CHECK}",
         ),
         (
             "length [mm]",
             "length [in]",
             "the longest `length` must be near the rest length (7.874 in); got 200 in "
-            f"in recording.csv. It looks like length in mm under a header of in; {CHECK}",
+            f"in recording.csv. Probable cause: length in mm under a header of in. {CHECK}",
         ),
         (
             "length [mm]",
             "length [cm]",
             "the longest `length` must be near the rest length (20 cm); got 200 cm in "
-            f"recording.csv. It looks like length in mm under a header of cm; {CHECK}",
+            f"recording.csv. Probable cause: length in mm under a header of cm. {CHECK}",
         ),
         (
             "length [mm]",
             "length [m]",
             "the longest `length` must be near the rest length (0.2 m); got 200 m in "
-            f"recording.csv. It looks like length in mm under a header of m; {CHECK}",
+            f"recording.csv. Probable cause: length in mm under a header of m. {CHECK}",
         ),
         (
             "diameter [mm]",
             "diameter [in]",
-            "`diameter` must fit the braid; got 25.4 times the ideal braid's "
-            f"diameter in recording.csv. It looks like diameter in mm under a header of in; {CHECK}",
+            "`diameter` must agree with the braid; got 25.4 times the "
+            f"diameter of the ideal braid in recording.csv. Probable cause: "
+            f"diameter in mm under a header of in. {CHECK}",
         ),
     ],
 )
-def test_a_slipped_unit_is_named(folder, header, wrong, text):
-    assert told(folder(as_csv(strokes()).replace(header, wrong))) == text
+def test_unit_error_is_reported(folder, header, wrong, text):
+    assert read_error(folder(as_csv(strokes()).replace(header, wrong))) == text
 
 
 def changed(**factors):
@@ -147,7 +148,7 @@ def changed(**factors):
     [
         ({"pressure": 1 / 6.894757}, "pressure in psi under a header of kPa"),
         ({"force": 1 / 4.448222}, "force in lbf under a header of N"),
-        # Weaker than the ideal braid by a third, and slipped: the slip is told all the same.
+        # The force is 70 % of the ideal force, and the unit is wrong: the unit error is still reported.
         ({"pressure": 1 / 6.894757, "force": 0.7}, "pressure in psi under a header of kPa"),
         ({"force": 0.7 / 4.448222}, "force in lbf under a header of N"),
         ({"length": 1 / 25.4}, "length in in under a header of mm"),
@@ -155,34 +156,34 @@ def changed(**factors):
         ({"diameter": np.pi}, "a circumference"),
     ],
 )
-def test_a_slipped_column_is_named(folder, factors, hint):
-    assert told(folder(changed(**factors))).endswith(f"It looks like {hint}; {CHECK}")
+def test_swapped_column_is_reported(folder, factors, hint):
+    assert read_error(folder(changed(**factors))).endswith(f"Probable cause: {hint}. {CHECK}")
 
 
 @pytest.mark.parametrize("factors", [{"force": 0.4}, {"force": 1.6}, {"diameter": 1.4}, {"diameter": 0.85}])
-def test_a_weak_or_wide_muscle_is_no_slip(folder, factors):
+def test_weak_or_wide_muscle_is_no_unit_error(folder, factors):
     assert read_case(folder(changed(**factors))).warnings == ()
 
 
-def test_a_contracted_muscle_may_be_weak(folder):
+def test_weak_contracted_muscle_is_no_unit_error(folder):
     columns = strokes(rest=0.18)
     columns["force"] *= 0.15
     (warning,) = read_case(folder(as_csv(columns))).warnings
     assert warning == (
-        "`force` in recording.csv comes to 0.15 times the ideal braid's force: the muscle is slack or very "
-        "stiff, or a unit is wrong."
+        "`force` in recording.csv is 0.15 times the force of the ideal braid: the muscle is slack or very "
+        "stiff, or a unit is wrong. Check the units in the headers."
     )
 
 
-def test_tension_is_positive(folder):
-    assert told(folder(changed(force=-1.0))) == (
-        "a muscle that pulls must have a positive `force`; got -1 times the ideal braid's force in "
-        "recording.csv. Turn its sign."
+def test_negative_force_is_reported(folder):
+    assert read_error(folder(changed(force=-1.0))) == (
+        "`force` must be positive when the muscle pulls; got -1 times the force of the ideal braid in "
+        "recording.csv. Change its sign."
     )
 
 
 def staircase(lowest):
-    """One length near rest, pressure from `lowest` up by 400 kPa and down again, force of the ideal braid."""
+    """Return pressure steps at one length near rest, from `lowest` up by 400 kPa and down, ideal braid."""
     columns = strokes(levels=(100e3,), samples=200)
     columns["length"][:] = 0.2
     gauge = lowest + 4e5 * (1 - np.abs(np.linspace(-1, 1, 200)))
@@ -191,55 +192,56 @@ def staircase(lowest):
     return columns | {"pressure": gauge}
 
 
-def test_pressure_that_counts_from_vacuum(folder):
+def test_absolute_pressure_is_reported(folder):
     columns = staircase(lowest=0.0)
     columns["pressure"] = columns["pressure"] + 101.3e3
-    assert told(folder(as_csv(columns))) == (
-        "`pressure` must be gauge pressure; got a force that begins at 101 kPa in recording.csv. Subtract "
-        "the atmosphere's 101 kPa if the gauge counts from vacuum."
+    assert read_error(folder(as_csv(columns))) == (
+        "`pressure` must be gauge pressure; got zero force at 101 kPa in recording.csv. If the sensor "
+        "measures absolute pressure, subtract the atmospheric pressure of 101 kPa."
     )
 
 
-def test_pressure_that_may_count_from_vacuum(folder):
+def test_possibly_absolute_pressure_is_reported(folder):
     columns = staircase(lowest=5e4)
     columns["pressure"] = columns["pressure"] + 101.3e3
     (warning,) = read_case(folder(as_csv(columns))).warnings
     assert warning.startswith(
-        "`pressure` in recording.csv may be absolute: near rest length the force begins"
+        "`pressure` in recording.csv may be absolute: near the rest length, got zero force at "
     )
 
 
-def test_gauge_pressure_from_100_kpa_is_gauge_pressure(folder):
+def test_gauge_pressure_from_100_kpa_is_accepted(folder):
     assert read_case(folder(as_csv(staircase(lowest=1e5)))).warnings == ()
 
 
-def test_a_length_beyond_the_thread(folder):
+def test_length_above_the_thread_length_is_refused(folder):
     columns = strokes()
     columns["length"][1:4] = 0.2184
-    assert told(folder(as_csv(columns))) == (
+    assert read_error(folder(as_csv(columns))) == (
         "`length` must be shorter than the thread (214 mm); got 218.4 mm in row 3 of recording.csv. Check "
-        "the unit in its header and `thread_length`."
+        "the unit in the header of `length`, and `thread_length` in muscle.toml."
     )
-    columns["length"][1:4] = 0.2182  # 2 % beyond: a soft thread may stretch so far
+    columns["length"][1:4] = 0.2182  # 2 % above: a soft thread can stretch by this amount
     assert read_case(folder(as_csv(columns))).recording.n == 360
 
 
-def test_no_row_near_rest(folder):
+def test_case_without_rows_near_rest_is_accepted(folder):
     case = read_case(folder(as_csv(strokes()), MUSCLE.replace('"200 mm"', '"172 mm"')))
     assert case.warnings == (
-        "the longest `length` in recording.csv is 200 mm, rest length 172 mm: no row is near rest.",
+        "no row of recording.csv is near rest: the longest `length` is 200 mm, the rest length 172 mm. Check "
+        "`rest_length` in muscle.toml.",
     )
 
 
-def test_every_real_case_is_read(real_case):
+def test_every_real_case_is_accepted(real_case):
     assert real_case.warnings == ()
     assert real_case.recording.outliers == ()
     assert real_case.recording.usable.all()
 
 
-def test_a_folder_stands_for_its_case_and_nothing_else_does(folder):
+def test_folder_is_accepted_as_its_case(folder):
     case = read_case(folder())
-    assert load_case(case) is case
-    assert load_case(str(case.folder)).checksum == case.checksum
-    with pytest.raises(BadInput, match="`read_case` or `case_from` makes, or its folder; got 3"):
-        load_case(3)  # pyright: ignore[reportArgumentType]
+    assert ensure_case(case) is case
+    assert ensure_case(str(case.folder)).checksum == case.checksum
+    with pytest.raises(BadInput, match="must be a folder, or a result of `read_case` or `case_from`; got 3"):
+        ensure_case(3)  # pyright: ignore[reportArgumentType]

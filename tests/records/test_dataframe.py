@@ -1,4 +1,4 @@
-"""A table in memory is the same case as the folder it came from."""
+"""A data frame gives the same case as a folder."""
 
 import numpy as np
 import pandas as pd
@@ -21,32 +21,32 @@ def folder(tmp_path):
     return tmp_path / "case"
 
 
-def same(one, other):
+def assert_same(case, other):
     for name in CHANNELS:
         np.testing.assert_allclose(
-            getattr(one.recording, name), getattr(other.recording, name), rtol=1e-12, err_msg=name
+            getattr(case.recording, name), getattr(other.recording, name), rtol=1e-12, err_msg=name
         )
-    assert one.entry.rest_length == other.entry.rest_length
+    assert case.entry.rest_length == other.entry.rest_length
 
 
-def test_a_frame(folder):
+def test_dataframe_gives_the_same_case(folder):
     case = read_case(folder)
-    same(case_from(case.recording.to_frame(), folder, name="again"), case)
-    same(case_from(case.recording.to_frame(), folder / "muscle.toml"), case)
+    assert_same(case_from(case.recording.to_frame(), folder, name="again"), case)
+    assert_same(case_from(case.recording.to_frame(), folder / "muscle.toml"), case)
     assert case_from(case.recording.to_frame(), {"muscle": BRAID}).entry.rest_length == case.entry.rest_length
 
 
-def test_a_dataset(folder):
+def test_xarray_dataset_gives_the_same_case(folder):
     case = read_case(folder)
     units = {"time": "s", "pressure": "psi", "length": "in", "force": "lbf", "diameter": "mm", "cycle": "1"}
     data = {
         name: ("row", getattr(case.recording, name) / compute_si_factor(unit), {"units": unit})
         for name, unit in units.items()
     }
-    same(case_from(xr.Dataset(data), folder), case)
+    assert_same(case_from(xr.Dataset(data), folder), case)
 
 
-def test_what_is_wrong_is_told_by_row():
+def test_error_is_reported_with_its_row():
     table = pd.DataFrame(
         {"pressure [kPa]": [200.0, 200.0], "length [mm]": [200.0, -1.0], "force [N]": [779.1, 1]}
     )

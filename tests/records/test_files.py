@@ -1,4 +1,4 @@
-"""Nothing is written half, whatever interrupts."""
+"""Files are written completely or not at all, also if interrupted."""
 
 import signal
 
@@ -12,7 +12,7 @@ def names(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_a_file_takes_its_place(tmp_path):
+def test_file_is_replaced(tmp_path):
     with write_atomically(tmp_path / "fit.json") as temporary:
         assert temporary.parent == tmp_path
         assert temporary.suffix == ".json"
@@ -22,7 +22,7 @@ def test_a_file_takes_its_place(tmp_path):
 
 
 @pytest.mark.parametrize("stop", [KeyboardInterrupt, ValueError])
-def test_an_interrupted_file_leaves_the_old_one(tmp_path, stop):
+def test_interrupted_write_keeps_the_old_file(tmp_path, stop):
     (tmp_path / "fit.json").write_text("old")
     with pytest.raises(stop), write_atomically(tmp_path / "fit.json") as temporary:  # noqa: PT012
         temporary.write_text("ha")
@@ -31,14 +31,14 @@ def test_an_interrupted_file_leaves_the_old_one(tmp_path, stop):
     assert (tmp_path / "fit.json").read_text() == "old"
 
 
-def test_a_folder_must_exist(tmp_path):
+def test_missing_folder_is_refused(tmp_path):
     path = tmp_path / "nowhere" / "fit.json"
-    with pytest.raises(BadInput) as told, write_atomically(path):
+    with pytest.raises(BadInput) as error, write_atomically(path):
         pass
-    assert str(told.value) == f"the folder of {path} must exist. Make it first, or check its name."
+    assert str(error.value) == f"the folder of {path} must exist. Create it, or check the path."
 
 
-def test_several_files_take_their_places_together(tmp_path):
+def test_several_files_are_replaced_together(tmp_path):
     folder = tmp_path / "out"
     for text in ("one", "two"):
         with write_folder_atomically(folder) as temporary:
@@ -51,7 +51,7 @@ def test_several_files_take_their_places_together(tmp_path):
     assert names(folder) == ["a.txt", "plots"]
 
 
-def test_other_files_of_the_folder_stay(tmp_path):
+def test_other_files_of_the_folder_are_kept(tmp_path):
     (tmp_path / "notes.md").write_text("mine")
     with write_folder_atomically(tmp_path) as temporary:
         (temporary / "a.txt").write_text("a")
@@ -59,7 +59,7 @@ def test_other_files_of_the_folder_stay(tmp_path):
 
 
 @pytest.mark.parametrize("exists", [True, False])
-def test_an_interrupted_folder_is_untouched(tmp_path, exists):
+def test_interrupted_write_leaves_the_folder_unchanged(tmp_path, exists):
     folder = tmp_path / "out"
     if exists:
         folder.mkdir()
@@ -71,14 +71,14 @@ def test_an_interrupted_folder_is_untouched(tmp_path, exists):
     assert not exists or (folder / "a.txt").read_text() == "old"
 
 
-def test_ctrl_c_amid_the_renames_waits_for_them(tmp_path, monkeypatch, interruptible):
+def test_ctrl_c_during_the_renames_is_delayed(tmp_path, monkeypatch, interruptible):
     from pamjax.records import files
 
-    moved = files._move_files
+    move_files = files._move_files
 
     def interrupted(source, target):
         signal.raise_signal(signal.SIGINT)
-        moved(source, target)
+        move_files(source, target)
 
     monkeypatch.setattr(files, "_move_files", interrupted)
     with pytest.raises(KeyboardInterrupt), write_folder_atomically(tmp_path / "out") as temporary:  # noqa: PT012

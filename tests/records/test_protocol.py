@@ -1,4 +1,4 @@
-"""A protocol becomes the samples that a bench would take, and a wrong one is told."""
+"""A protocol gives the samples of a bench; an invalid protocol is refused."""
 
 import numpy as np
 import pytest
@@ -12,22 +12,22 @@ REST = 0.2
 BOTH = ["1 bar", "300 kPa"]
 
 
-def test_strokes_move_at_a_speed_at_one_pressure_after_another():
+def test_strokes_have_constant_speed_at_each_pressure():
     plan = Protocol(
         kind="strokes", pressures=BOTH, contractions=[0.1, 0.2], cycles=2, speed="2 mm/s", rate="2 Hz"
     )
     schedule = plan.build_schedule(REST)
     agree(np.diff(schedule.time), 0.5, 1e-9)
     agree(np.unique(schedule.pressure), [1e5, 3e5], ROUNDING)
-    for pressure, deepest in zip((1e5, 3e5), (0.1, 0.2), strict=True):
+    for pressure, contraction in zip((1e5, 3e5), (0.1, 0.2), strict=True):
         length = schedule.length[schedule.pressure == pressure]
-        agree([length.max(), length.min()], [REST, REST * (1 - deepest)], ROUNDING)
-        # 1 mm a sample but for the last step to the turn.
+        agree([length.max(), length.min()], [REST, REST * (1 - contraction)], ROUNDING)
+        # 1 mm per sample, except in the last step before the reversal.
         assert np.max(np.abs(np.diff(length))) < 1e-3 + 1e-12
     assert set(schedule.cycle) == {1, 2}
-    # In the middle of a stroke two legs meet the same lengths.
-    once = schedule.length[(schedule.pressure == 1e5) & (schedule.cycle == 1)]
-    np.testing.assert_array_equal(once, once[::-1])
+    # Both directions of a stroke have the same lengths.
+    one_cycle = schedule.length[(schedule.pressure == 1e5) & (schedule.cycle == 1)]
+    np.testing.assert_array_equal(one_cycle, one_cycle[::-1])
 
 
 def test_a_stroke_may_lengthen():
@@ -35,7 +35,7 @@ def test_a_stroke_may_lengthen():
     agree([schedule.length.min(), schedule.length.max()], [REST, 1.1 * REST], ROUNDING)
 
 
-def test_ramps_fill_and_vent_at_one_length_after_another():
+def test_ramps_fill_and_vent_at_each_length():
     plan = Protocol(kind="ramps", pressures=BOTH, contractions=[0.0, 0.1], cycles=3, duration="4 s")
     schedule = plan.build_schedule(REST)
     assert schedule.time.size == 2 * 2 * 3 * 9
@@ -45,7 +45,7 @@ def test_ramps_fill_and_vent_at_one_length_after_another():
         agree(pressure, top * np.array([0, 1, 2, 3, 4, 3, 2, 1, 0]) / 4, ROUNDING)
 
 
-def test_holds_keep_each_pair():
+def test_holds_keep_each_pair_of_settings():
     plan = Protocol(kind="holds", pressures=BOTH, contractions=[0.0, 0.1, 0.2], duration="3 s")
     schedule = plan.build_schedule(REST)
     assert schedule.time.size == 2 * 3 * 3
@@ -53,15 +53,15 @@ def test_holds_keep_each_pair():
     assert len(pairs) == 6
 
 
-@pytest.mark.parametrize(("every", "photographs"), [(0, 0), (1, 18), (5, 4)])
-def test_a_diameter_is_photographed_now_and_then(every, photographs):
+@pytest.mark.parametrize(("interval", "diameter_count"), [(0, 0), (1, 18), (5, 4)])
+def test_diameter_is_recorded_at_its_own_interval(interval, diameter_count):
     plan = Protocol(
-        kind="holds", pressures=BOTH, contractions=[0, 0.1, 0.2], duration="3 s", diameter_every=every
+        kind="holds", pressures=BOTH, contractions=[0, 0.1, 0.2], duration="3 s", diameter_every=interval
     )
-    assert plan.build_schedule(REST).diameter_measured.sum() == photographs
+    assert plan.build_schedule(REST).diameter_measured.sum() == diameter_count
 
 
-def test_the_papers_protocol_is_ten_isobars_of_three_strokes():
+def test_protocol_of_the_paper_has_ten_isobars_of_three_strokes():
     schedule = PAPER_PROTOCOL.build_schedule(0.235744)
     agree(np.unique(schedule.pressure) / compute_si_factor("psi"), np.arange(10, 101, 10), 1e-9)
     assert set(schedule.cycle) == {1, 2, 3}
@@ -69,63 +69,75 @@ def test_the_papers_protocol_is_ten_isobars_of_three_strokes():
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         ({"pressures": ["3 mm"]}, "pressure"),
-        ({"pressures": ["-3 bar"]}, r"`pressures` are gauge pressures and not negative; got -300 kPa"),
+        ({"pressures": ["-3 bar"]}, r"`pressures` must be gauge pressures of at least 0; got -300 kPa"),
         ({"rate": "0 Hz"}, "`rate` must be positive; got 0 in"),
         ({"speed": "-1 mm/s"}, "`speed` must be positive; got -0.001 in"),
         ({"contractions": [0.1, 0.2, 0.3]}, "one for each pressure; got 3 for 2 pressures in"),
     ],
 )
-def test_what_no_bench_can_do_is_told(change, told):
+def test_impossible_protocol_is_refused(change, message):
     plan = Protocol(**{"kind": "strokes", "pressures": BOTH, "contractions": [0.1]} | change)
-    with pytest.raises(BadInput, match=told):
+    with pytest.raises(BadInput, match=message):
         plan.build_schedule(REST)
 
 
-WHOLE = '[protocol]\nkind = "ramps"\npressures = ["3 bar"]\ncontractions = [0.0]\n'
+PROTOCOL = '[protocol]\nkind = "ramps"\npressures = ["3 bar"]\ncontractions = [0.0]\n'
 
 
 def test_a_protocol_is_read_from_toml(tmp_path):
-    (tmp_path / "plan.toml").write_text(WHOLE)
+    (tmp_path / "plan.toml").write_text(PROTOCOL)
     assert read_protocol(tmp_path / "plan.toml") == Protocol(
         kind="ramps", pressures=["3 bar"], contractions=[0.0]
     )
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
-        (None, "a protocol is a TOML file; got no file plan.toml. Check its path."),
-        ("kind = ", "a protocol is a TOML file; got"),
-        ("", r"a protocol has one table, \[protocol\]; got none in plan.toml."),
-        (WHOLE + "[more]\n", r"a protocol has one table, \[protocol\]; got protocol, more in plan.toml."),
+        (None, "a protocol must be a TOML file; got no file plan.toml. Check the path."),
+        ("kind = ", "a protocol must be a TOML file; got"),
+        ("", r"a protocol must have one table, \[protocol\]; got none in plan.toml."),
         (
-            WHOLE.replace("pressures", "presures"),
+            PROTOCOL + "[more]\n",
+            r"a protocol must have one table, \[protocol\]; got protocol, more in plan.toml.",
+        ),
+        (
+            PROTOCOL.replace("pressures", "presures"),
             r"`pressures` must be stated \(plan.toml\). Write a list, as ",
         ),
-        (WHOLE + "cycels = 2\n", r"`cycels` is no entry of a protocol \(plan.toml\). Did you mean `cycles`"),
-        (WHOLE + "rat = 2\n", "`rat` is no entry of a protocol .* Did you mean `rate`"),
-        (WHOLE.replace("kind", "# kind"), r"`kind` must be stated \(plan.toml\). Write \"strokes\", "),
-        (WHOLE + "xyz = 2\n", "`xyz` is no entry of a protocol .* Known are `kind`, `pressures`, "),
         (
-            WHOLE.replace("ramps", "rams"),
-            """`kind` is "strokes", "ramps" or "holds"; got 'rams' in plan.toml.""",
+            PROTOCOL + "cycels = 2\n",
+            r"unknown entry `cycels` in \[protocol\] \(plan.toml\). Did you mean `cycles`",
         ),
-        (WHOLE.replace("[0.0]", "[0.95]"), "`contractions` must be less than 0.9; got 0.95 in plan.toml."),
-        (WHOLE.replace("[0.0]", "0.1"), "`contractions` is a list in brackets; got 0.1 in plan.toml. Write"),
-        (WHOLE.replace("[0.0]", "[]"), r"`contractions` must not be empty; got \[\] in plan.toml."),
-        (WHOLE + "cycles = 0\n", "`cycles` must be at least 1; got 0 in plan.toml."),
-        (WHOLE + "cycles = 2.5\n", "`cycles` is a whole number; got 2.5 in plan.toml."),
+        (PROTOCOL + "rat = 2\n", r"unknown entry `rat` in \[protocol\] .* Did you mean `rate`"),
+        (PROTOCOL.replace("kind", "# kind"), r"`kind` must be stated \(plan.toml\). Write \"strokes\", "),
         (
-            WHOLE + "rate = 2\n",
-            """`rate` is a text in quotes; got 2 in plan.toml. Write a number and its unit,""",
+            PROTOCOL + "xyz = 2\n",
+            r"unknown entry `xyz` in \[protocol\] .* Valid names are `kind`, `pressures`, ",
+        ),
+        (
+            PROTOCOL.replace("ramps", "rams"),
+            """`kind` must be "strokes", "ramps" or "holds"; got 'rams' in plan.toml.""",
+        ),
+        (PROTOCOL.replace("[0.0]", "[0.95]"), "`contractions` must be less than 0.9; got 0.95 in plan.toml."),
+        (
+            PROTOCOL.replace("[0.0]", "0.1"),
+            "`contractions` must be a list in brackets; got 0.1 in plan.toml. Write",
+        ),
+        (PROTOCOL.replace("[0.0]", "[]"), r"`contractions` must not be empty; got \[\] in plan.toml."),
+        (PROTOCOL + "cycles = 0\n", "`cycles` must be at least 1; got 0 in plan.toml."),
+        (PROTOCOL + "cycles = 2.5\n", "`cycles` must be a whole number; got 2.5 in plan.toml."),
+        (
+            PROTOCOL + "rate = 2\n",
+            """`rate` must be a text in quotes; got 2 in plan.toml. Write a number and its unit,""",
         ),
     ],
 )
-def test_what_is_no_protocol_is_told(tmp_path, text, told):
+def test_invalid_protocol_file_is_refused(tmp_path, text, message):
     if text is not None:
         (tmp_path / "plan.toml").write_text(text)
-    with pytest.raises(BadInput, match=told):
+    with pytest.raises(BadInput, match=message):
         read_protocol(tmp_path / "plan.toml")

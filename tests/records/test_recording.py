@@ -1,4 +1,4 @@
-"""A recording knows what was measured, and where its history begins."""
+"""A recording: its measured channels, and where its history restarts."""
 
 import subprocess
 import sys
@@ -29,13 +29,13 @@ def test_usable_rows_have_pressure_and_length():
     assert recording.usable.tolist() == [True, False, False]
 
 
-def test_every_row_of_a_static_map_starts_anew():
+def test_history_restarts_at_every_row_of_a_static_map():
     recording = Recording.from_arrays(pressure=[1e5, 2e5], length=0.2, force=[1.0, 2.0])
     assert not recording.has_time
     assert recording.starts.tolist() == [True, True]
 
 
-def test_a_pause_starts_anew_and_uneven_sampling_does_not():
+def test_history_restarts_after_a_pause_only():
     steps = np.r_[np.full(10, 0.5), 6.0, np.full(10, 0.5)]
     even = Recording.from_arrays(time=np.r_[0.0, np.cumsum(steps)], pressure=np.full(22, 1e5), length=0.2)
     assert np.flatnonzero(even.starts).tolist() == [0, 11]
@@ -44,55 +44,56 @@ def test_a_pause_starts_anew_and_uneven_sampling_does_not():
     assert np.flatnonzero(creep.starts).tolist() == [0]
 
 
-def test_time_that_runs_back_starts_anew():
+def test_history_restarts_if_time_decreases():
     recording = Recording.from_arrays(time=[0.0, 1.0, 2.0, 0.0, 1.0], pressure=np.full(5, 1e5), length=0.2)
     assert np.flatnonzero(recording.starts).tolist() == [0, 3]
 
 
-@pytest.mark.parametrize(("jump", "begins"), [(True, [0, 20]), (False, [0])])
-def test_a_new_cycle_starts_anew_only_where_pressure_or_length_jumps(jump, begins):
+@pytest.mark.parametrize(("jump", "starts"), [(True, [0, 20]), (False, [0])])
+def test_history_restarts_at_a_cycle_with_a_jump_of_settings(jump, starts):
     pressure = np.linspace(1e5, 2e5, 40)
     pressure[20:] += 3e4 if jump else 0.0
     recording = Recording.from_arrays(
         time=np.arange(40.0), pressure=pressure, length=0.2, cycle=np.repeat([1, 2], 20)
     )
-    assert np.flatnonzero(recording.starts).tolist() == begins
+    assert np.flatnonzero(recording.starts).tolist() == starts
 
 
-def test_a_jump_within_a_cycle_is_a_step_of_the_staircase():
+def test_history_continues_at_a_jump_within_a_cycle():
     pressure = np.repeat([1e5, 2e5], 20)
     recording = Recording.from_arrays(time=np.arange(40.0), pressure=pressure, length=0.2)
     assert np.flatnonzero(recording.starts).tolist() == [0]
 
 
-def test_select_keeps_lines_and_their_asides():
-    aside = (Outlier(3, "force", 9e9, "N", "x"), Outlier(30, "force", 9e9, "N", "x"))
-    recording = ramp().blank_cells({"force": np.arange(40) == 1}, aside)
+def test_selection_keeps_line_numbers_and_remarks():
+    outliers = (Outlier(3, "force", 9e9, "N", "x"), Outlier(30, "force", 9e9, "N", "x"))
+    recording = ramp().blank_cells({"force": np.arange(40) == 1}, outliers)
     part = recording.select(recording.row < 10)
     assert part.row.tolist() == list(range(2, 10))
-    assert part.outliers == aside[:1]
+    assert part.outliers == outliers[:1]
     assert np.isnan(part.force[1])
 
 
-def test_columns_must_be_equally_long():
-    with pytest.raises(BadInput) as told:
+def test_columns_must_have_equal_lengths():
+    with pytest.raises(BadInput) as error:
         Recording.from_arrays(pressure=[1e5, 2e5], length=0.2, force=[1.0])
-    assert str(told.value) == "`force` must be as long as `pressure`; got (1,) beside (2,)."
+    assert str(error.value) == "`force` must have as many rows as `pressure`; got shapes (1,) and (2,)."
 
 
-def test_the_table_is_written_in_the_units_a_person_reads():
+def test_table_has_display_units():
     frame = ramp().to_frame()
     assert list(frame) == ["time [s]", "pressure [kPa]", "length [mm]", "force [N]", "cycle"]
     assert frame["pressure [kPa]"].iloc[0] == pytest.approx(100.0, rel=1e-12)
 
 
-def test_an_aside_reads_as_a_sentence():
-    aside = Outlier(17, "pressure", 4e7, "kPa", "it stands alone")
-    assert str(aside) == "pressure 40000 kPa in row 17 was set aside: it stands alone"
+def test_outlier_is_described_in_a_sentence():
+    outlier = Outlier(17, "pressure", 4e7, "kPa", "its neighbours are 100 kPa and 101 kPa")
+    text = "outlier pressure 40000 kPa in row 17: ignored, because its neighbours are 100 kPa and 101 kPa"
+    assert str(outlier) == text
 
 
 def test_reading_records_loads_no_jax():
-    """Reading a table must answer at once; JAX takes most of a second to load."""
+    """JAX takes most of a second to load, which is too long for reading a table."""
     modules = [
         "blocks",
         "case",

@@ -1,4 +1,4 @@
-"""Shipped tables: whole, with a source, a unit that converts, and the printed values."""
+"""Supplied tables: complete, with sources and valid units, and with the printed values."""
 
 import shutil
 from math import pi
@@ -25,15 +25,15 @@ NAMES = (
     "martens_boblan_2017/dmsp-10-250",
     "martens_boblan_2017/dmsp-20-300",
 )
-OURS = ("materials/bladders", "materials/threads")
+MATERIALS = ("materials/bladders", "materials/threads")
 KINDS = {"pressure": "pressure", "modulus": "pressure", "force": "force", "diameter": "length"}
 
 
-def test_the_shipped_tables_are_these():
-    assert list_shipped() == sorted((*NAMES, *OURS))
+def test_list_of_supplied_tables():
+    assert list_shipped() == sorted((*NAMES, *MATERIALS))
 
 
-@pytest.mark.parametrize("name", OURS)
+@pytest.mark.parametrize("name", MATERIALS)
 def test_each_row_of_our_own_tables_names_its_sources(name):
     table, about = read_shipped(name), read_sidecar(name)
     assert list(about["columns"]) == list(table.columns)
@@ -58,7 +58,7 @@ def test_sidecar_belongs_to_its_table(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_units_are_units(name):
+def test_units_of_tables_are_valid(name):
     table = read_shipped(name)
     for header, column in read_sidecar(name)["columns"].items():
         if unit := column["unit"]:
@@ -70,11 +70,11 @@ def test_units_are_units(name):
         assert compute_si_factor(str(unit)) > 0
 
 
-def test_table1_obeys_its_own_triangle():
+def test_table1_satisfies_the_triangle_relation():
     printed = convert_to_si(read_shipped("chambers_wereley_2022/table1"))
     known = read_quantities("chambers_wereley_2022/materials")
     thread = (known["rest_length"] ** 2 + (pi * known["turns"] * printed["diameter"]) ** 2) ** 0.5
-    # half a printed digit of the thread length, and what half a digit of the diameter adds to it
+    # Half a printed digit of the thread length, and the effect of half a digit of the diameter.
     assert (abs(thread - printed["thread_length"]) < 0.07e-3).all()
     assert list(printed["read"]) == ["measured"] * 5 + ["predicted"]
 
@@ -84,7 +84,7 @@ def test_table2_as_printed():
     assert printed.loc["Nylon", "modulus [GPa]"] == 4.3
     assert printed.loc["PET", "force_change [N]"] == -1170.0
     assert printed.loc["Low stiffness (10 % of Kevlar)", "diameter_change [percent]"] == 30.1
-    with pytest.raises(BadInput, match="a column can be converted once; got `diameter_change` twice"):
+    with pytest.raises(BadInput, match="names without units must be unique; got `diameter_change` twice"):
         convert_to_si(printed)
 
 
@@ -98,7 +98,7 @@ def test_materials_in_si():
     assert known["modulus_nylon_text"] == known["modulus_pet_table2"]
 
 
-def test_force_maps_are_whole_and_pull():
+def test_force_maps_are_complete_and_positive():
     small = convert_to_si(read_shipped("martens_boblan_2017/dmsp-10-250"))
     large = convert_to_si(read_shipped("martens_boblan_2017/dmsp-20-300"))
     assert (len(small), len(large)) == (17 * 5, 21 * 6)
@@ -116,15 +116,15 @@ def test_a_changed_table_is_refused(tmp_path, monkeypatch):
     path = tmp_path / "data" / "chambers_wereley_2022" / "table1.csv"
     path.write_bytes(path.read_bytes().replace(b"26.52", b"26.53"))
     with pytest.raises(
-        BadInput, match=r"must be the file its sidecar describes; got another sha256 in .*table1"
+        BadInput, match=r"must have the sha256 that its sidecar states; got another sha256 in .*table1"
     ):
         read_shipped("chambers_wereley_2022/table1")
 
 
-def test_an_unknown_table_is_helped():
+def test_unknown_table_is_refused_with_a_hint():
     with pytest.raises(BadInput, match=r"Did you mean `chambers_wereley_2022/table1`\?"):
         read_shipped("chambers_wereley_2022/tabel1")
-    with pytest.raises(BadInput, match="a shipped table is read by its name"):
+    with pytest.raises(BadInput, match=r"unknown shipped table `\.\./pyproject`"):
         read_sidecar("../pyproject")
-    with pytest.raises(BadInput, match="a table of quantities has the columns"):
+    with pytest.raises(BadInput, match="a table of quantities must have the columns"):
         read_quantities("chambers_wereley_2022/table1")

@@ -1,19 +1,19 @@
-"""An independent sizing: NumPy alone, no derivative, no solver, a grid that closes in on its best.
+"""An independent sizing with NumPy only: a grid that shrinks around its best point, without derivatives.
 
-The muscle is written out again from its geometry: neo-Hookean wall and linear threads, their energy slopes by
-central differences, the thread's balance by fixed-point steps. Only what the spec's words mean is shared.
+The muscle model is implemented again: neo-Hookean wall and linear threads. Energy slopes are central
+differences; fixed-point steps solve the equilibrium of the threads. Only the spec entries are shared.
 """
 
 import numpy as np
 
-AMBIENT, BULGE, MOST_BURST, LEAST_BORE = 101325.0, 3.5, 0.5, 0.3
+AMBIENT, BULGE, MAX_BURST_RATIO, MIN_BORE_RATIO = 101325.0, 3.5, 0.5, 0.3
 SIDE, ROUNDS, SWEEPS = 7, 22, 5
-#: How a box shrinks each round, and how wide it is again at each further sweep.
-SHRINK, AGAIN = 0.8, 0.15
+#: Factor of the box width in each round, and its relative width at the start of each further sweep.
+SHRINK, RESTART_WIDTH = 0.8, 0.15
 
 
 def wall(length, thread, turns, outside, t, rest, shear):
-    """Energy of the rubber, J, its stretch around and through, its volume, m³, and the braid's radius, m."""
+    """Return energy of the rubber, J, hoop and radial stretch, volume, m³, and radius of the braid, m."""
     radius = np.sqrt(np.maximum(thread**2 - length**2, 1e-12)) / (2 * np.pi * turns)
     r_out, r_in = outside / 2, outside / 2 - t
     volume = np.pi * (r_out**2 - r_in**2) * rest
@@ -25,17 +25,17 @@ def wall(length, thread, turns, outside, t, rest, shear):
     return energy, around, through, volume, radius
 
 
-def muscle(x, made, contraction, shortening, pressure):
-    """Force of one muscle, N, outer diameter, m, and what the assumptions look at, at one place each."""
+def muscle(x, build, contraction, shortening, pressure):
+    """Return force, N, outer diameter, m, and the other outputs of one muscle at one operating point."""
     rest, angle, outside, t = x
     rest_thread = rest / np.sin(angle)
     turns = rest_thread * np.cos(angle) / (np.pi * outside)
     length = rest * (1 - contraction) - shortening
-    stiffness = made.threads * made.thread_area * made.modulus
+    stiffness = build.threads * build.thread_area * build.modulus
     h = 1e-6
 
     def energy(a, b):
-        return wall(a, b, turns, outside, t, rest, made.shear)[0]
+        return wall(a, b, turns, outside, t, rest, build.shear)[0]
 
     thread = rest_thread
     for _ in range(6):
@@ -44,15 +44,15 @@ def muscle(x, made, contraction, shortening, pressure):
         thread = rest_thread * (1 + np.clip(load, 0, None) / stiffness)
     pulled = (energy(length * (1 + h), thread) - energy(length * (1 - h), thread)) / (2 * h * length)
     force = pressure * (3 * length**2 - thread**2) / (4 * np.pi * turns**2) + pulled
-    _, around, through, solid, radius = wall(length, thread, turns, outside, t, rest, made.shear)
-    spacing = 4 * np.pi * length * radius / (made.threads * thread)
+    _, around, through, solid, radius = wall(length, thread, turns, outside, t, rest, build.shear)
+    spacing = 4 * np.pi * length * radius / (build.threads * thread)
     return {
-        "force": made.parallel * force,
-        "diameter": 2 * radius + 2 * made.thread_diameter,
-        "used": load / made.threads / (made.thread_area * made.strength),
-        "fit": spacing / made.thread_diameter,
-        "mesh": pressure * (spacing - made.thread_diameter) / (BULGE * made.shear * t * through),
-        "strain": (around - 1) / made.elongation,
+        "force": build.parallel * force,
+        "diameter": 2 * radius + 2 * build.thread_diameter,
+        "used": load / build.threads / (build.thread_area * build.strength),
+        "fit": spacing / build.thread_diameter,
+        "mesh": pressure * (spacing - build.thread_diameter) / (BULGE * build.shear * t * through),
+        "strain": (around - 1) / build.elongation,
         "burst": pressure * length * rest_thread / (2 * np.pi * turns**2) / stiffness,
         "volume": length * (thread**2 - length**2) / (4 * np.pi * turns**2) - solid,
         "empty": rest * (rest_thread**2 - rest**2) / (4 * np.pi * turns**2) - solid,
@@ -60,79 +60,81 @@ def muscle(x, made, contraction, shortening, pressure):
     }
 
 
-def merit(x, words, made, supply):
-    """ln(objective) and the largest broken margin at (n, 5) rest, angle, outside, wall, pressure."""
+def merit(x, entries, build, supply):
+    """Return ln(objective) and the largest violation at (n, 5) rest, angle, outside, wall, pressure."""
     rest, angle, outside, t, pressure = x.T
-    one = rest, angle, outside, t
-    broken = [np.log(pressure / supply), LEAST_BORE - (1 - 2 * t / outside)]
+    dimensions = rest, angle, outside, t
+    violations = [np.log(pressure / supply), MIN_BORE_RATIO - (1 - 2 * t / outside)]
     places = [(0.0, 0.0, supply, None)]
     places += [
-        (pull.contraction or 0, pull.shortening or 0, pull.pressure or pressure, pull.at_least)
-        for pull in words.force
+        (demand.contraction or 0, demand.shortening or 0, demand.pressure or pressure, demand.at_least)
+        for demand in entries.force
     ]
-    if words.stroke:
+    if entries.stroke:
         for share in (0, 0.25, 0.5, 0.75, 1):
-            moved = share * words.stroke.length
-            load = (words.stroke.load or 0) + (words.stroke.stiffness or 0) * moved
+            moved = share * entries.stroke.length
+            load = (entries.stroke.load or 0) + (entries.stroke.stiffness or 0) * moved
             places.append((0.0, moved, pressure, load))
-    if words.free_contraction is not None:
-        places.append((words.free_contraction, 0.0, pressure, 0.0))
-    room = words.envelope
-    if room.length:
-        broken.append(np.log(rest / (room.length - 2 * (room.fittings or 0))))
-    widest, filled = 0.0, 0.0
+    if entries.free_contraction is not None:
+        places.append((entries.free_contraction, 0.0, pressure, 0.0))
+    envelope = entries.envelope
+    if envelope.length:
+        violations.append(np.log(rest / (envelope.length - 2 * (envelope.fittings or 0))))
+    widest, filled_volume = 0.0, 0.0
     for k, (contraction, shortening, at, load) in enumerate(places):
-        got = muscle(one, made, contraction, shortening, at)
-        # A slack thread is beyond this program: such a muscle is not one of its answers.
-        broken.append(np.where(got["slack"] > 0, -1.0, 1.0))
-        broken += [
-            np.log(np.maximum(got["used"] * words.safety.thread, 1e-9)),
-            got["mesh"] * words.safety.mesh - 1,
-            got["strain"] * words.safety.rubber - 1,
-            1 - got["fit"],
-            got["burst"] / MOST_BURST - 1,
+        outputs = muscle(dimensions, build, contraction, shortening, at)
+        # This program does not model slack threads: it excludes such muscles.
+        violations.append(np.where(outputs["slack"] > 0, -1.0, 1.0))
+        violations += [
+            np.log(np.maximum(outputs["used"] * entries.safety.thread, 1e-9)),
+            outputs["mesh"] * entries.safety.mesh - 1,
+            outputs["strain"] * entries.safety.rubber - 1,
+            1 - outputs["fit"],
+            outputs["burst"] / MAX_BURST_RATIO - 1,
         ]
-        if room.diameter:
-            broken.append(got["diameter"] / room.diameter - 1)
+        if envelope.diameter:
+            violations.append(outputs["diameter"] / envelope.diameter - 1)
         if load is not None:
-            broken.append((load - got["force"]) / max(load, 1.0))
+            violations.append((load - outputs["force"]) / max(load, 1.0))
         if k:
-            widest = np.maximum(widest, got["diameter"])
-            filled = np.maximum(filled, (at + AMBIENT) * got["volume"])
-            empty = got["empty"]
-    broken.append(words.limits.slenderness - rest / widest)
+            widest = np.maximum(widest, outputs["diameter"])
+            filled_volume = np.maximum(filled_volume, (at + AMBIENT) * outputs["volume"])
+            rest_volume = outputs["empty"]
+    violations.append(entries.limits.slenderness - rest / widest)
     objective = {
         "diameter": widest,
         "pressure": pressure,
-        "air": made.parallel * (filled - AMBIENT * empty) / AMBIENT,
-    }[words.minimise]
-    return np.log(np.maximum(objective, 1e-12)), np.max(np.broadcast_arrays(*broken), axis=0)
+        "air": build.parallel * (filled_volume - AMBIENT * rest_volume) / AMBIENT,
+    }[entries.minimise]
+    return np.log(np.maximum(objective, 1e-12)), np.max(np.broadcast_arrays(*violations), axis=0)
 
 
-def best(words, made, supply, low, high):
-    """The best candidate a grid finds, (5,), its ln(objective) and its largest broken margin.
+def best(entries, build, supply, low, high):
+    """Return the best candidate of the grid search, (5,), its ln(objective) and its largest violation.
 
     Args:
-        low, high: (5,) ends of the first grid; all but the angle are searched by their logarithm.
+        low, high: (5,) bounds of the first grid; all but the angle have a logarithmic scale.
     """
     logs = np.array([True, False, True, True, True])
-    at = np.where(logs, np.log(low), low), np.where(logs, np.log(high), high)
-    width, centre = at[1] - at[0], 0.5 * (at[0] + at[1])
+    bounds = np.where(logs, np.log(low), low), np.where(logs, np.log(high), high)
+    width, centre = bounds[1] - bounds[0], 0.5 * (bounds[0] + bounds[1])
     steps = np.stack(np.meshgrid(*[np.linspace(-0.5, 0.5, SIDE)] * 5, indexing="ij"), -1).reshape(-1, 5)
-    found = None
+    best_point = None
     for sweep in range(SWEEPS):
-        # A steep price of a broken margin makes a ravine that a grid cannot follow: it rises sweep by sweep.
+        # A grid cannot follow the ravine of a steep penalty: the penalty increases from sweep to sweep.
         weight = 30.0 * 2**sweep
-        found = None
-        width = (at[1] - at[0]) * (AGAIN if sweep else 1.0)
+        best_point = None
+        width = (bounds[1] - bounds[0]) * (RESTART_WIDTH if sweep else 1.0)
         for _ in range(ROUNDS):
-            c = np.clip(centre + steps * width, *at)
+            c = np.clip(centre + steps * width, *bounds)
             with np.errstate(all="ignore"):
-                value, broken = merit(np.where(logs, np.exp(c), c), words, made, supply)
-            score = np.where(np.isfinite(value + broken), value + weight * np.maximum(broken, 0), np.inf)
+                value, violation = merit(np.where(logs, np.exp(c), c), entries, build, supply)
+            score = np.where(
+                np.isfinite(value + violation), value + weight * np.maximum(violation, 0), np.inf
+            )
             k = int(np.argmin(score))
-            if found is None or score[k] < found[0]:
-                found, centre = (score[k], c[k], value[k], broken[k]), c[k]
+            if best_point is None or score[k] < best_point[0]:
+                best_point, centre = (score[k], c[k], value[k], violation[k]), c[k]
             width = width * SHRINK
-    _, c, value, broken = found
-    return np.where(logs, np.exp(c), c), float(value), float(broken)
+    _, c, value, violation = best_point
+    return np.where(logs, np.exp(c), c), float(value), float(violation)

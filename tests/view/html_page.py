@@ -1,4 +1,4 @@
-"""An HTML page as a test reads it: elements, tables, words; unbalanced tags raise."""
+"""Parser of HTML pages for tests: elements, tables and text."""
 
 from html.parser import HTMLParser
 
@@ -6,7 +6,7 @@ VOID = {"meta", "br", "hr", "img", "link", "input", "wbr"}
 
 
 class Page(HTMLParser):
-    """What a page holds; unbalanced tags raise."""
+    """Elements, tables and text of a page; unbalanced tags raise an error."""
 
     def __init__(self, text):
         super().__init__()
@@ -45,6 +45,6 @@ class Page(HTMLParser):
         return [attrs for name, attrs in self.elements if name == tag]
 
     def table(self, first):
-        """The rows of the table whose head begins with a word, by their first cell."""
-        (found,) = (rows for rows in self.tables if rows[0][:2] == first)
-        return {row[0]: row[1:] for row in found[1:]}
+        """Return the rows, by first cell, of the only table whose header starts with `first`."""
+        (table,) = (rows for rows in self.tables if rows[0][:2] == first)
+        return {row[0]: row[1:] for row in table[1:]}

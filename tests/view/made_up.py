@@ -1,4 +1,4 @@
-"""Diagnoses without a diagnosis: the parts that figures and reports read, made up in microseconds."""
+"""Made-up diagnoses with the parts that figures and reports need."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,6 +13,7 @@ from pamjax.diagnosis.next_experiment.experiment import Experiment
 from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.result import Diagnosis, ParameterEstimate, ParameterShift
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.infer.noise.ar1_filter import Ar1Noise
 from pamjax.model.parameters import find_meaning
 from pamjax.records.blocks import find_blocks
@@ -25,40 +26,40 @@ NAMES = ("thread.modulus", "muscle.turns", "braid_friction.coefficient")
 
 
 def strokes():
-    """Four isobars, each stroked up and down."""
+    """Return four isobars with one stroke each."""
     phase = np.linspace(0, 2 * np.pi, 200)
     length = np.tile(0.19 + 0.01 * np.cos(phase), 4)
     return np.repeat([1e5, 2e5, 3e5, 4e5], 200), length, np.arange(800.0)
 
 
 def lengths():
-    """Three lengths, at each of which the pressure climbs and falls."""
+    """Return pressure ramps at three lengths."""
     ramp = np.concatenate([np.linspace(2e4, 4e5, 100), np.linspace(4e5, 2e4, 100)])
     return np.tile(ramp, 3), np.repeat([0.18, 0.19, 0.2], 200), np.arange(600.0)
 
 
 def holds():
-    """Pressure and length set in turns and held."""
+    """Return holds of pressure and length."""
     pressure = np.repeat([1e5, 3e5, 3e5, 2e5, 2e5, 1e5], 50)
     return pressure, np.repeat([0.2, 0.2, 0.18, 0.18, 0.19, 0.19], 50), np.arange(300.0)
 
 
 def table():
-    """Five readings at one length."""
+    """Return five rows at one length."""
     return np.linspace(1e5, 7e5, 5), np.full(5, 0.2), None
 
 
 def diagnosis(
     protocol=strokes, named=True, detected=True, unexplained=False, ties=(), experiments=(), diameter=True
 ):
-    """A diagnosis of friction: force is 20 N higher while lengthening and as much lower while shortening."""
+    """Return a diagnosis of friction: force is 20 N higher while lengthening, 20 N lower while shortening."""
     pressure, length, time = protocol()
     n = len(pressure)
     noise = np.random.default_rng(4).normal(size=(2, n)) * SD[:, None]
     before = np.stack([pressure * 1e-3, np.full(n, 0.02)])
     rate = np.gradient(length) if time is not None else np.zeros(n)
     effect = np.zeros((2, n))
-    # At fixed length friction is not seen: there the force is higher by a tenth instead.
+    # Friction has no effect at fixed length. Without strokes the force is 10 % higher instead.
     effect[0] = 20 * np.sign(rate) if np.abs(rate).max() and protocol is strokes else 0.1 * before[0]
     after = before + effect * (named or not detected)
     measured = before + effect * detected + noise
@@ -74,8 +75,9 @@ def diagnosis(
         pressure=pressure, length=length, time=time, force=measured[0], diameter=measured[1]
     )
     models = [_model(v, measured) for v in ([80e9, 1.2, 0.0], [92e9, 1.2, 0.21])]
-    shown = {id(models[0].estimate.values): before, id(models[1].estimate.values): after}
-    found = SimpleNamespace(
+    predictions = {id(models[0].estimate.values): before, id(models[1].estimate.values): after}
+    problem = SimpleNamespace(
+        settings=DEFAULT_SETTINGS,
         case=Case("bench", Path("lab") / "my bench", entry, recording, "c0ffee"),
         law="elastic",
         names=NAMES,
@@ -95,18 +97,18 @@ def diagnosis(
             ),
             rows=SimpleNamespace(length=length, pressure=pressure),
         ),
-        predict=lambda values: shown[id(values)],
+        predict=lambda values: predictions[id(values)],
         index=NAMES.index,
     )
-    laid = find_blocks(recording)
+    blocks = find_blocks(recording)
     names = [
         NamedMechanism(
             "braid_friction", 0.98, tuple(ties), 5e4, {"viscous_damping": 640.0, "channel_lag": -3.0}
         )
     ]
-    box = _box(build_axes(found))
+    box = _box(build_axes(problem))
     return Diagnosis(
-        problem=found,
+        problem=problem,
         selection=Selection(models[0], models[1], tuple(names) if named and detected else (), ()),
         model=models[1] if named and detected else models[0],
         baseline=models[0],
@@ -116,8 +118,8 @@ def diagnosis(
         unexplained=unexplained,
         residual_boxes=[box],
         residual_share=0.12,
-        blocks=laid,
-        gain=compute_gain(found, laid, select_held_out_rows(laid), models[0], models[1]),
+        blocks=blocks,
+        gain=compute_gain(problem, blocks, select_held_out_rows(blocks), models[0], models[1]),
         parameters={"braid_friction": {"coefficient": ParameterEstimate(0.21, 0.01, find_meaning(NAMES[2]))}},
         parameter_shifts={
             NAMES[0]: ParameterShift(80e9, 92e9, 8.9, find_meaning(NAMES[0])),
@@ -125,13 +127,13 @@ def diagnosis(
         }
         if named and detected
         else {},
-        notes=["turns and thread length only together"],
+        notes=["turns and thread length are determined only in combination"],
         experiments=list(experiments),
     )
 
 
 def planned():
-    """An experiment that separates two names."""
+    """Return an experiment that separates two mechanisms."""
     return Experiment("stroke at 1 and at 50 mm/s", ("viscous_damping", "braid_friction"), 0.97)
 
 
@@ -139,15 +141,15 @@ def _model(values, measured):
     values = np.array(values)
     n = measured.shape[1]
     rows = tuple(np.flatnonzero(np.isfinite(channel)) for channel in measured)
-    colours = tuple(
+    channel_noise = tuple(
         Ar1Noise(np.full(n, sd), 1.0, 0.3, True) if row.size else None
         for sd, row in zip(SD, rows, strict=True)
     )
     sd = np.array([1.2e9, 0.003, 0.01])
-    at = SimpleNamespace(values=values, free=(0, 1))
+    estimate = SimpleNamespace(values=values, free=(0, 1))
     return SimpleNamespace(
-        noise=NoiseModel(colours, rows, tuple(np.zeros((0, 2), int) for _ in rows)),
-        estimate=at,
+        noise=NoiseModel(channel_noise, rows, tuple(np.zeros((0, 2), int) for _ in rows)),
+        estimate=estimate,
         mechanisms=(),
         excess_chi2=0.0,
         within_model_covariance=np.diag(sd[:2] ** 2),
@@ -155,9 +157,9 @@ def _model(values, measured):
     )
 
 
-def _box(at):
+def _box(axes):
     pressure, contraction, time = (
-        (float(v.min()), float(v.max())) for v in (at.pressure, at.contraction, at.time)
+        (float(v.min()), float(v.max())) for v in (axes.pressure, axes.contraction, axes.time)
     )
-    says = "Above 100 kPa, force is about 20 N higher while the muscle lengthens."
-    return Box("force", "lengthening", pressure, contraction, time, 0.63, says)
+    description = "Above 100 kPa, force is about 20 N higher while the muscle lengthens."
+    return Box("force", "lengthening", pressure, contraction, time, 0.63, description)

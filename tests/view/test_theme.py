@@ -1,4 +1,4 @@
-"""The look is applied inside its block only; a figure is written whole, and twice the same."""
+"""The theme applies inside its block only, and saved figures are complete and reproducible."""
 
 import matplotlib
 import numpy as np
@@ -18,19 +18,19 @@ from pamjax.view.theme import (
 )
 
 
-def drawn():
+def build_figure():
     with apply_theme():
-        made = create_figure(3.5, 2.5)
-        panel = made.subplots()
+        figure = create_figure(3.5, 2.5)
+        panel = figure.subplots()
         panel.plot([0, 1], [0, 1])
         panel.set(xlabel="contraction [%]", ylabel="force [N]", title="rises")
         add_panel_letters([panel])
         add_pressure_bar(panel, [100, 200, 400])
-    return made
+    return figure
 
 
 def settings():
-    """All but the backend, which the reading of it alone would settle."""
+    """Return all settings except the backend, because reading it selects one."""
     return {name: matplotlib.rcParams[name] for name in matplotlib.rcParams if name != "backend"}
 
 
@@ -39,51 +39,51 @@ def luminance(colour):
     return float(np.dot(linear, [0.2126, 0.7152, 0.0722]))
 
 
-def test_no_setting_outlives_the_block():
+def test_settings_are_restored_after_the_block():
     before = settings()
-    drawn()
+    build_figure()
     assert settings() == before
 
 
-def test_a_failure_inside_the_block_leaves_no_setting():
+def test_settings_are_restored_after_an_error():
     before = settings()
     with pytest.raises(ZeroDivisionError), apply_theme():
         _ = 1 / 0
     assert settings() == before
 
 
-def test_saved_whole_as_png_and_pdf(tmp_path):
-    png, pdf = save_figure(drawn(), tmp_path / "new" / "fig.1")
+def test_figure_is_saved_completely_as_png_and_pdf(tmp_path):
+    png, pdf = save_figure(build_figure(), tmp_path / "new" / "fig.1")
     assert (png.name, pdf.name) == ("fig.1.png", "fig.1.pdf")
     assert png.read_bytes()[:4] == b"\x89PNG"
     assert pdf.read_bytes()[:4] == b"%PDF"
     assert sorted(p.name for p in png.parent.iterdir()) == ["fig.1.pdf", "fig.1.png"]
 
 
-def test_same_figure_same_bytes(tmp_path):
-    first, second = save_figure(drawn(), tmp_path / "a"), save_figure(drawn(), tmp_path / "b")
+def test_same_figure_gives_the_same_bytes(tmp_path):
+    first, second = save_figure(build_figure(), tmp_path / "a"), save_figure(build_figure(), tmp_path / "b")
     assert [p.read_bytes() for p in first] == [p.read_bytes() for p in second]
 
 
 @pytest.mark.parametrize("levels", [[300.0], [100.0, 200.0, 400.0], list(np.arange(69.0, 700.0, 69.0))])
-def test_a_colour_for_each_isobar_darker_with_pressure(levels):
+def test_isobars_are_darker_at_higher_pressure(levels):
     colours, norm = build_pressure_colours(levels)
     shades = [luminance(colours(norm(level))) for level in levels]
     assert len(set(shades)) == len(levels)
     assert shades == sorted(shades, reverse=True)
-    assert max(shades) < 0.7, "the lightest must still be seen on paper"
+    assert max(shades) < 0.7, "the lightest colour must be visible on paper"
 
 
-def test_colours_of_kinds_are_the_published_ones():
+def test_colours_agree_with_the_published_palette():
     assert OKABE_ITO["blue"] == "#0072B2"
     assert len(set(OKABE_ITO.values())) == 8
     assert 0.05 < luminance(REFERENCE_COLOUR) < 0.3
 
 
-def test_every_isobar_stands_out_from_paper():
-    # WCAG 2.2, 1.4.11: (1.05)/(L + 0.05) at least 3, L the relative luminance of white paper's other side.
-    straight = build_shades(10)[:, :3]
-    linear = np.where(straight <= 0.04045, straight / 12.92, ((straight + 0.055) / 1.055) ** 2.4)
+def test_every_isobar_contrasts_with_white():
+    # WCAG 2.2, 1.4.11: contrast 1.05 / (L + 0.05) to white is at least 3, with relative luminance L.
+    colours = build_shades(10)[:, :3]
+    linear = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
     contrast = 1.05 / (linear @ [0.2126, 0.7152, 0.0722] + 0.05)
     assert contrast.min() > 2.99
     assert np.all(np.diff(contrast) > 0)

@@ -1,1 +1,1 @@
-"""The commands, one file each."""
+"""Commands of pamjax, one module for each."""

@@ -1,4 +1,4 @@
-"""`pamjax check`: is a recording fit to be fitted, and what could it determine."""
+"""`pamjax check`: check a recording, and which parameters it determines."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from pamjax.cli.screen import print_json, print_text
 
 
 def check(case: Path, /, *, law: str | None = None, json: Json = False) -> None:
-    """Say whether a case is fit to be fitted, without fitting it.
+    """Check a case before a fit: its data, and which parameters it determines.
 
-    Rows, units, ranges, outliers, blocks; which numbers the recording can determine, which only
-    together, and which not.
+    The report lists rows, units, ranges, outliers and blocks. It also lists which parameters the recording
+    determines, which it determines only in combination, and which it does not determine.
 
     Args:
-        case: case folder.
-        law: thread law; the case's baseline if left out.
-        json: print for programs.
+        case: case folder with recording.csv and muscle.toml.
+        law: thread law; by default that of the case's baseline model.
+        json: print one JSON document.
     """
     from pamjax.records.case import read_case
 

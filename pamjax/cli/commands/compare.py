@@ -1,4 +1,4 @@
-"""`pamjax compare`: which posterior predicts blocks that it did not see."""
+"""`pamjax compare`: compare posteriors by their predictions of held-out blocks."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pamjax.cli.screen import print_json, print_text
 
 
 def compare(posteriors: list[Path], /, *, json: Json = False) -> None:
-    """Compare posteriors of the same recording by how they predict whole blocks they did not see.
+    """Compare posteriors of one recording by their predictions of held-out blocks.
 
     Args:
-        posteriors: folders that `pamjax sample` wrote to, or their posterior.nc.
-        json: print for programs.
+        posteriors: output folders of `pamjax sample`, or their posterior.nc files.
+        json: print one JSON document.
     """
     from pamjax.infer.posterior.compare import compare_posteriors
 

@@ -1,4 +1,4 @@
-"""`pamjax diagnose`: what a recording's model leaves out, where it shows, and what naming it gains."""
+"""`pamjax diagnose`: find the mechanisms that the model of a recording lacks."""
 
 from __future__ import annotations
 
@@ -33,19 +33,20 @@ def diagnose(
     beside: bool = True,
     json: Json = False,
 ) -> None:
-    """Locate the mismatch of a recording, name the missing physics, model it, show the gain.
+    """Test the baseline model of a recording and identify missing mechanisms.
 
-    Writes diagnosis.json, prediction.csv, model.json, gain.json and report.html for each case, in a folder of
-    its name; prints the verdict. A bad case is told in one sentence; the good ones are still answered.
+    For each case the command writes diagnosis.json, prediction.csv, model.json, gain.json and report.html to
+    a folder with the name of the case. It prints a summary. If a case cannot be used, the command prints an
+    error message and continues with the other cases.
 
     Args:
         cases: case folders, each with recording.csv and muscle.toml.
-        out: folder to write to.
-        seed: of the draws behind the p-values.
-        report: whether to write the report, which opens in any browser.
-        beside: whether to score Sárosi's formula and a Gaussian process on the same held-out rows, and all of
-            them beyond what was fitted: a few seconds a case.
-        json: print the verdicts as JSON, one document a case in a list.
+        out: output folder.
+        seed: random seed for the p-values.
+        report: write report.html for a web browser.
+        beside: also evaluate Sárosi's formula and a Gaussian process on the held-out rows and in
+            extrapolation; takes a few seconds for each case.
+        json: print a JSON list with one diagnosis for each case.
     """
     from pamjax.records.case import read_case
 
@@ -60,10 +61,11 @@ def diagnose(
     names = [case.name for case in parsed_cases]
     for name in names:
         if names.count(name) > 1:
-            raise refuse("cases of one call need names of their own", f"{name!r} twice", "", "Rename one.")
+            rule = "cases of one command must have different names"
+            raise refuse(rule, f"{name!r} twice", remedy="Rename one folder.")
     diagnoses, notes, reported_count = [], [], 0
     if parsed_cases:
-        _print_errors(errors)  # before the long work, not after it
+        _print_errors(errors)  # before the long computation
         reported_count = len(errors)
         from pamjax.baselines.comparison import compare_models, save_comparison
         from pamjax.compile.jax_cache import keep_compiled
@@ -93,7 +95,7 @@ def diagnose(
     print_written_files([out / outcome.problem.case.name / name for outcome in diagnoses for name in files])
     if errors:
         _print_errors(errors[reported_count:-1])
-        raise errors[-1]  # the command ends with it, told before or not
+        raise errors[-1]  # `main` prints this one
 
 
 def _print_errors(errors: list[BadInput]) -> None:
@@ -102,12 +104,12 @@ def _print_errors(errors: list[BadInput]) -> None:
 
 
 def _name_case(folder: Path, error: BadInput) -> BadInput:
-    """The sentence with the case it is about."""
+    """Return the error with the folder of its case."""
     return BadInput(f"{folder}: {error}")
 
 
 def _format_note(diagnosis: Diagnosis, comparison: ModelComparison | None) -> str:
-    """The verdict, with the rivals' scores, in no more lines than the verdict alone may have."""
+    """Return the summary with the comparison, within the line limit of a summary."""
     from pamjax.diagnosis.result import MAX_VERDICT_LINES
 
     comparison_lines = str(comparison).splitlines() if comparison else []

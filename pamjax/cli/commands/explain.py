@@ -1,4 +1,4 @@
-"""`pamjax explain`: what a number or a mechanism means."""
+"""`pamjax explain`: describe a parameter or a mechanism."""
 
 from __future__ import annotations
 
@@ -25,13 +25,16 @@ def explain(
     figure: Path | None = None,
     json: Json = False,
 ) -> None:
-    """Say what a number or a mechanism means; without a name, list them all.
+    """Describe a parameter or a mechanism; without a name, list all of them.
+
+    For a parameter the command prints meaning, unit, limits and source. For a mechanism it prints the
+    equation, its effect on a recording, what it neglects, similar mechanisms, and its parameters.
 
     Args:
-        name: a number as it stands in muscle.toml and in reports, for instance thread.modulus, or a
-            mechanism, for instance braid_friction.
-        figure: a PNG file to write: what the mechanism does to the force and diameter of a muscle.
-        json: print for programs.
+        name: a parameter as in reports, for instance thread.modulus, or a mechanism, for instance
+            braid_friction.
+        figure: PNG file to write, with the effect of the mechanism on force and diameter.
+        json: print one JSON document.
     """
     from pamjax.model.registry import list_mechanisms
 
@@ -44,7 +47,7 @@ def explain(
     elif name in list_mechanisms():
         print_text("\n".join(_explain_mechanism(list_mechanisms()[name])))
     else:
-        print_text("\n".join(_explain_number(name)))
+        print_text("\n".join(_explain_parameter(name)))
 
 
 def _write_figure(name: str | None, file: Path) -> None:
@@ -53,11 +56,13 @@ def _write_figure(name: str | None, file: Path) -> None:
 
     if name is None or "." in name:
         remedy = f"Name one of {', '.join(list_mechanisms())}."
-        raise refuse("a figure is drawn of a mechanism", name or "no name", "--figure", remedy)
+        raise refuse("`--figure` needs the name of a mechanism", name or "no name", remedy=remedy)
     if file.suffix != ".png":
-        raise refuse("`--figure` is a PNG file", str(file), remedy=f"Name it {file.with_suffix('.png')}.")
+        raise refuse(
+            "`--figure` must be a PNG file", str(file), remedy=f"Name it {file.with_suffix('.png')}."
+        )
     kind = find_mechanism(name)
-    check_writable(file.parent, "what `--figure` lies in")
+    check_writable(file.parent, "the folder of `--figure`")
     from pamjax.compile.jax_cache import keep_compiled
     from pamjax.view.figures.mechanism import plot_mechanism
     from pamjax.view.theme import save_png
@@ -67,22 +72,22 @@ def _write_figure(name: str | None, file: Path) -> None:
 
 
 def _build_document(name: str | None) -> dict[str, Any]:
-    """Numbers (SI) and mechanisms by name: all of them, or one."""
+    """Return parameters (SI) and mechanisms by name: all of them, or one."""
     from pamjax.model.parameters import list_parameters
     from pamjax.model.registry import list_mechanisms
 
-    numbers, mechanisms = list_parameters(), list_mechanisms()
+    parameters, mechanisms = list_parameters(), list_mechanisms()
     if name is not None:
-        if name not in numbers and name not in mechanisms:
+        if name not in parameters and name not in mechanisms:
             raise _build_unknown_error(name)
-        numbers = {
+        parameters = {
             item_name: item
-            for item_name, item in numbers.items()
+            for item_name, item in parameters.items()
             if item_name == name or item_name.startswith(f"{name}.")
         }
         mechanisms = {item_name: kind for item_name, kind in mechanisms.items() if item_name == name}
     return {
-        "numbers": {item_name: asdict(item) for item_name, item in numbers.items()},
+        "numbers": {item_name: asdict(item) for item_name, item in parameters.items()},
         "mechanisms": {item_name: asdict(kind.about) for item_name, kind in mechanisms.items()},
     }
 
@@ -92,53 +97,53 @@ def _build_unknown_error(name: str) -> BadInput:
     from pamjax.model.registry import list_mechanisms
 
     hint = suggest_word(name, [*list_parameters(), *list_mechanisms()], listing="pamjax explain")
-    return refuse(f"{name!r} is no number and no mechanism pamjax knows", remedy=hint)
+    return refuse(f"unknown parameter or mechanism {name!r}", remedy=hint)
 
 
 def _list_everything() -> Iterator[str]:
     from pamjax.model.parameters import list_parameters
     from pamjax.model.registry import ALTERNATIVES, MECHANISMS
 
-    numbers = list_parameters()
-    yield "Numbers of a muscle:"
+    parameters = list_parameters()
+    yield "Parameters of a muscle:"
     yield from _format_lines(
         {
-            number_name: numbers[number_name]
-            for number_name in sorted(numbers)
-            if number_name.startswith(("muscle.", "thread."))
+            parameter_name: parameters[parameter_name]
+            for parameter_name in sorted(parameters)
+            if parameter_name.startswith(("muscle.", "thread."))
         },
         "  ",
     )
-    yield "Mechanisms, what a model may leave out:"
+    yield "Mechanisms that a model can include, with their parameters:"
     for kind in MECHANISMS:
         yield from _list_mechanism(kind)
-    yield "Textbook forms, to compare with:"
+    yield "Alternative equations from textbooks, for comparison:"
     for kind in ALTERNATIVES:
         yield from _list_mechanism(kind)
 
 
 def _list_mechanism(kind) -> Iterator[str]:
     yield f"  {kind.id}: {kind.about.title}"
-    yield from _format_lines(_select_own_numbers(kind), "    ")
+    yield from _format_lines(_select_own_parameters(kind), "    ")
 
 
-def _select_own_numbers(kind) -> dict[str, Meaning]:
-    """A mechanism's numbers by name."""
+def _select_own_parameters(kind) -> dict[str, Meaning]:
+    """Return the parameters of a mechanism by name."""
     from pamjax.model.parameters import list_parameters
 
     return {n: meaning for n, meaning in list_parameters().items() if n.startswith(f"{kind.id}.")}
 
 
-def _format_lines(numbers: Mapping[str, Meaning], indent: str) -> Iterator[str]:
-    """Name, unit and meaning in columns as wide as what stands in them."""
+def _format_lines(parameters: Mapping[str, Meaning], indent: str) -> Iterator[str]:
+    """Return lines with name, unit and meaning in aligned columns."""
     name_width, unit_width = (
-        max(map(len, texts), default=0) for texts in (numbers, (m.show for m in numbers.values()))
+        max(map(len, texts), default=0) for texts in (parameters, (m.show for m in parameters.values()))
     )
-    for n, meaning in numbers.items():
+    for n, meaning in parameters.items():
         yield f"{indent}{n:<{name_width}}  {meaning.show:<{unit_width}}  {meaning.about}"
 
 
-def _explain_number(name: str) -> Iterator[str]:
+def _explain_parameter(name: str) -> Iterator[str]:
     from pamjax.model.parameters import list_meanings_by_law, list_parameters
 
     meanings = list_parameters()
@@ -152,40 +157,43 @@ def _explain_number(name: str) -> Iterator[str]:
         yield f"{name}: {first_line}"
         yield from lines
         return
-    # One number may mean something else to another law.
+    # The meaning of a parameter can depend on the law.
     for (first_line, *lines), laws in laws_by_meaning.items():
         yield f"{name} (law {' or '.join(laws)}): {first_line}"
         yield from lines
 
 
 def _format_meaning(meaning) -> Iterator[str]:
-    """What a number is, then unit, limits, source and neutral value."""
+    """Return the meaning of a parameter, then unit, limits, source and neutral value."""
     from pamjax.units import compute_si_factor
 
     scale = compute_si_factor(meaning.show)
     yield meaning.about
     yield (
-        f"  unit      {meaning.show} (kept in {meaning.unit})"
+        f"  unit      {meaning.show} (stored in {meaning.unit})"
         if meaning.show != meaning.unit
         else f"  unit      {meaning.unit}"
     )
-    yield f"  limits    {meaning.low / scale:g} to {meaning.high / scale:g}, moved on a {meaning.scale} scale"
+    limits = f"{meaning.low / scale:g} to {meaning.high / scale:g}"
+    yield f"  limits    {limits}, fitted on a {meaning.scale} scale"
     yield f"  source    {meaning.source}"
     if meaning.neutral is not None:
-        yield f"  neutral   {meaning.neutral / scale:g}: there it has no effect"
+        yield f"  neutral   {meaning.neutral / scale:g}: the value without effect"
 
 
 def _explain_mechanism(kind) -> Iterator[str]:
     about = kind.about
     yield f"{kind.id}: {about.title}"
     yield from textwrap.indent(about.equation, "    ").splitlines()
-    for word, text in {
-        "shows": about.signature,
-        "leaves out": about.leaves_out,
-        "mistaken for": ", ".join(about.confusable) or "nothing in the library",
-        "told apart by": about.experiment,
+    for label, text in {
+        "signature": about.signature,
+        "neglects": about.leaves_out,
+        "confused with": ", ".join(about.confusable) or "nothing in the library",
+        "distinguished by": about.experiment,
         "source": about.source,
     }.items():
-        yield from textwrap.wrap(text, LINE_WIDTH, initial_indent=f"  {word:<14}", subsequent_indent=" " * 16)
-    yield "  numbers"
-    yield from _format_lines(_select_own_numbers(kind), "    ")
+        yield from textwrap.wrap(
+            text, LINE_WIDTH, initial_indent=f"  {label:<18}", subsequent_indent=" " * 20
+        )
+    yield "  parameters"
+    yield from _format_lines(_select_own_parameters(kind), "    ")

@@ -1,4 +1,4 @@
-"""`pamjax fit`: calibrate a muscle on its recording."""
+"""`pamjax fit`: calibrate a muscle model on its recording."""
 
 from __future__ import annotations
 
@@ -32,22 +32,23 @@ def fit(
     report: bool = True,
     json: Json = False,
 ) -> None:
-    """Calibrate a muscle on its recording, or several muscles together.
+    """Calibrate a muscle model on its recording, or several muscles together.
 
-    Writes fit.json, a netCDF of prediction and residual, figures and report.html; prints a lab note.
+    Writes fit.json, fit.nc (netCDF with predictions and residuals), figures and report.html. Prints a
+    summary with every parameter, its standard deviation and the held-out error.
 
     Args:
         cases: case folders, each with recording.csv and muscle.toml.
-        out: folder to write to.
-        loss: "soft" bounds the pull of a sample that is far off.
-        starts: from how many places the minimiser starts.
-        folds: into how many parts the blocks are dealt for the held-out score.
-        seed: of the starts and the deal.
-        figures: whether to draw.
-        report: whether to write report.html, which opens in any browser.
-        json: print fit.json instead of the note.
+        out: output folder.
+        loss: square (least squares) or soft (robust: limits the influence of outliers).
+        starts: number of starting points of the minimiser.
+        folds: number of parts for cross-validation.
+        seed: random seed for the starting points and the cross-validation.
+        figures: write the figures.
+        report: write report.html for a web browser.
+        json: print fit.json instead of the summary.
     """
-    # A fit whose answer cannot be written is not begun.
+    # Check the output folder before the long computation.
     check_writable(out)
     parsed_cases = model.read_cases(cases)
     from pamjax.compile.jax_cache import keep_compiled
@@ -78,5 +79,5 @@ def fit(
         print_json(build_fit_document(result))
     else:
         print_text(str(result))
-        print_text(f"then: pamjax diagnose {shlex.join(map(str, cases))}")
+        print_text(f"next: pamjax diagnose {shlex.join(map(str, cases))}")
     print_written_files(written)

@@ -1,4 +1,4 @@
-"""`pamjax import`: a case folder from what a rig really writes."""
+"""`pamjax import`: make a case folder from the files of a test rig."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from pamjax.cli.screen import print_json, print_text
 
 
 def import_(rig: Path, /, *, out: Path, json: Json = False) -> None:
-    """Make a case folder from a rig's files, CSV or MAT, one file a test or a channel.
+    """Make a case folder from the CSV or MAT files of a test rig, one file for each test or channel.
 
     Args:
-        rig: TOML that says what the files look like: which column is which and in what unit, how long the
-            muscle was in each test, where the zero is read, how samples are thinned.
-        out: the case folder to write; must not exist, or be empty.
-        json: print for programs.
+        rig: TOML file that describes the files: columns and their units, the muscle length in each test,
+            where to read the sensor zeros, and how to reduce the number of samples.
+        out: case folder to write; it must be empty or not exist yet.
+        json: print one JSON document.
     """
     from pamjax.records.importing.importer import import_case
 
@@ -24,4 +24,4 @@ def import_(rig: Path, /, *, out: Path, json: Json = False) -> None:
         print_json(imported.as_dict())
     else:
         print_text(str(imported))
-        print_text(f"then: pamjax check {out}")
+        print_text(f"next: pamjax check {out}")

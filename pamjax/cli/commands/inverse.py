@@ -1,4 +1,4 @@
-"""`pamjax inverse`: which pressure or length to command, and the same as a table for a robot."""
+"""`pamjax inverse`: compute the pressure or length for a wanted force, or export a table of it."""
 
 from __future__ import annotations
 
@@ -25,28 +25,33 @@ def inverse(
     seed: int = 0,
     json: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
-    """Say which pressure (or length) gives a wanted force; export the inverse for a robot without JAX.
+    """Compute the pressure or length for a wanted force, or export a table for a controller.
+
+    With `--force` and `--length` the result is the pressure. With `--force` and `--pressure` it is the
+    length. The result has a standard deviation if the muscle was fitted.
 
     Args:
-        muscle: a fit.json or model.json, or a case folder or muscle.toml (the muscle as stated).
-        force: wanted, as "300 N"; with `--length` the pressure is found, with `--pressure` the length.
-        length: at which, as "210 mm".
-        pressure: at which, as "400 kPa".
-        posterior: a posterior.nc of the same recording: how sure the answer is, draw by draw, at their mean.
-        highest: pressure there is; the highest calibrated one, or 600 kPa, if left out.
-        export: folder for controller.npz and controller.py, which need NumPy alone.
-        law: thread law of a muscle as stated; its baseline if left out.
-        case: which case of a fit.json or model.json with several.
-        seed: of the random points at which an exported table is measured.
-        json: print the answer as JSON.
+        muscle: a fit.json or model.json of a fitted muscle, or a case folder or muscle.toml with stated
+            values.
+        force: wanted force, such as "300 N".
+        length: muscle length, such as "210 mm".
+        pressure: gauge pressure, such as "400 kPa".
+        posterior: a posterior.nc of the same recording; the command then uses the posterior mean and prints
+            an interval from the draws.
+        highest: highest available pressure; by default the highest calibrated one, or 600 kPa.
+        export: folder for controller.npz and controller.py, which need only NumPy.
+        law: thread law of a muscle with stated values; by default that of its baseline model.
+        case: name of the case, if a fit.json or model.json has several.
+        seed: random seed for the points at which the error of an exported table is measured.
+        json: print one JSON document.
     """
     from pamjax.compile.jax_cache import keep_compiled
     from pamjax.errors import refuse
     from pamjax.units import parse_quantity
 
-    has_wish = force is not None and (length is None) != (pressure is None)
-    if not has_wish and (export is None or force or length or pressure):
-        rule = "an inverse takes `--force` with `--length` or with `--pressure`, or `--export`"
+    has_request = force is not None and (length is None) != (pressure is None)
+    if not has_request and (export is None or force or length or pressure):
+        rule = "`pamjax inverse` needs `--force` with `--length` or with `--pressure`, or `--export`"
         raise refuse(rule, remedy='Write --force "300 N" --length "210 mm".')
     if export is not None:
         check_writable(export, "`--export`")
@@ -61,11 +66,11 @@ def inverse(
         from pamjax.control.posterior_draws import load_draws
 
         draws = load_draws(posterior, loaded)
-        loaded = draws.loaded
+        loaded = draws.mean_muscle
     calibrated_pressures = loaded.calibrated_range.get("pressure", DEFAULT_PRESSURES)
     max_pressure = parse_quantity(highest, "pressure", "--highest") if highest else calibrated_pressures[1]
     muscle_inverse = invert(loaded, (min(calibrated_pressures[0], 0.0), max_pressure))
-    if has_wish and force is not None:
+    if has_request and force is not None:
         command = solve_command(
             muscle_inverse,
             parse_quantity(force, "force", "--force"),

@@ -1,4 +1,4 @@
-"""`pamjax new`: a commented case folder to fill in."""
+"""`pamjax new`: write a commented case folder as a template."""
 
 from __future__ import annotations
 
@@ -9,20 +9,22 @@ from pamjax.cli.screen import print_json, print_text
 
 
 def new(folder: Path, /, *, json: Json = False) -> None:
-    """Write a case folder to fill in; each entry says how it is measured.
+    """Write a case folder as a template; a comment at each entry explains how to measure it.
 
     Args:
-        folder: a folder that does not exist yet, or is empty.
-        json: print for programs.
+        folder: case folder to write; it must be empty or not exist yet.
+        json: print one JSON document.
     """
     from pamjax.errors import refuse
     from pamjax.records.writing.template import write_template
 
     if folder.is_dir() and any(folder.iterdir()):
-        raise refuse("a new case needs an empty folder", f"{folder}, which is not", remedy="Name another.")
+        raise refuse(
+            "a new case needs an empty folder", f"{folder}, which has files", remedy="Name another folder."
+        )
     recording, muscle = write_template(folder)
     if json:
         print_json({"case": str(folder), "files": [muscle.name, recording.name]})
         return
-    print_text(f"wrote {muscle} and {recording}: put your own numbers in")
-    print_text(f"then: pamjax check {folder}")
+    print_text(f"wrote {muscle} and {recording}: replace the values by yours")
+    print_text(f"next: pamjax check {folder}")

@@ -1,4 +1,4 @@
-"""`pamjax plan`: which runs to make next, what they cost, what they will settle."""
+"""`pamjax plan`: choose the next runs of a muscle on a test rig."""
 
 from __future__ import annotations
 
@@ -34,25 +34,28 @@ def plan(
     seed: int = 0,
     json: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
-    """Choose the next runs of a muscle on a rig: for a number, or to tell two mechanisms apart.
+    """Choose the next runs on a test rig: to determine a parameter, or to distinguish two mechanisms.
 
-    Writes plan.json, schedule.csv (what to command), figures and report.html; with `--tell` contest.json and
-    report.html. Needs no recording, but for `--tell`: a muscle.toml will do.
+    Writes plan.json, schedule.csv (pressure and length to command), figures and report.html. With `--tell` it
+    writes contest.json and report.html. Only `--tell` needs a recording; otherwise a muscle.toml is
+    sufficient.
 
     Args:
-        muscle: a case folder, or a muscle.toml.
-        rig: a TOML file with a table [rig]: pressure, contraction, speed, rate, minutes, noise of force and
-            diameter ("none" where there is no sensor), what zeros and gains may be off by.
-        goal: the number to be known, as thread.modulus, or "all"; the threads' stiffness if left out.
-        to: its wanted standard deviation, as "5 %" or "4 GPa".
-        tell: two mechanisms to tell apart, as braid_friction viscous_damping; the rig is the recording's.
-        minutes: time that there is for all runs; the rig's if left out, or 60.
-        law: thread law; the baseline's if left out.
-        out: folder to write to.
-        figures: whether to draw.
-        report: whether to write report.html, which opens in any browser.
-        seed: of the truths over which a promise is averaged.
-        json: print the plan as JSON.
+        muscle: case folder or muscle.toml.
+        rig: TOML file with a table [rig]: pressure, contraction, speed, rate, minutes, noise of force and
+            diameter ("none" without this sensor), and the uncertainty of sensor zeros and gains.
+        goal: parameter to determine, such as thread.modulus, or "all"; by default the stiffness of the
+            threads.
+        to: wanted standard deviation of the goal, such as "5 %" or "4 GPa"; by default "5 %".
+        tell: two mechanisms to distinguish, such as braid_friction viscous_damping, on the rig of the
+            recording.
+        minutes: available time for all runs; by default that of the rig file, or 60.
+        law: thread law; by default that of the baseline model.
+        out: output folder.
+        figures: write the figures.
+        report: write report.html for a web browser.
+        seed: random seed for the parameter values over which the expected precision is averaged.
+        json: print one JSON document.
     """
     from pamjax.compile.jax_cache import keep_compiled
     from pamjax.errors import refuse
@@ -63,28 +66,32 @@ def plan(
     if tell is not None:
         if len(tell) != 2:
             raise refuse(
-                "`--tell` takes two mechanisms", f"{len(tell)}", remedy="Name both, one after another."
+                "`--tell` needs two mechanisms", f"{len(tell)}", remedy="Name both, one after the other."
             )
         if not recorded:
             remedy = f"Name {muscle.parent}." if (muscle.parent / RECORDING_FILE).exists() else ""
-            raise refuse("`--tell` takes a case folder with a recording", f"{muscle}", remedy=remedy)
+            raise refuse("`--tell` needs a case folder with a recording", f"{muscle}", remedy=remedy)
         if extra_options := [
             f"`--{option}`" for option, value in (("goal", goal), ("to", to), ("minutes", minutes)) if value
         ]:
-            raise refuse("`--tell` plans for a tie, not for a number", ", ".join(extra_options))
+            raise refuse(
+                "`--tell` cannot be combined with `--goal`, `--to` or `--minutes`", ", ".join(extra_options)
+            )
         if rig is not None:
-            raise refuse("`--tell` takes the rig that made the recording", f"{rig.name} besides")
+            raise refuse(
+                "`--tell` uses the rig of the recording", f"{rig.name}", remedy="Remove the rig file."
+            )
         keep_compiled()
         _discriminate(muscle, tell[0], tell[1], out, report, json)
         return
     keep_compiled()
-    from pamjax.planning.plan import plan as choose
+    from pamjax.planning.plan import plan as choose_runs
     from pamjax.planning.plan import save_plan
     from pamjax.records.files import read_bytes
 
     with show_progress(quiet=json) as progress:
         progress("choosing runs", 0.0)
-        result = choose(muscle, rig, goal, to, minutes=minutes, law=law, seed=seed)
+        result = choose_runs(muscle, rig, goal, to, minutes=minutes, law=law, seed=seed)
     files = save_plan(result, out)
     if figures or report:
         from hashlib import sha256
@@ -108,11 +115,10 @@ def plan(
 
 
 def _discriminate(muscle: Path, first: str, second: str, out: Path, report: bool, json: bool) -> None:
-    from pamjax.planning.discriminate import discriminate as settle
-    from pamjax.planning.discriminate import save_discrimination
+    from pamjax.planning.discriminate import discriminate, save_discrimination
 
     with show_progress(quiet=json) as progress:
-        discrimination = settle(muscle, first, second, progress)
+        discrimination = discriminate(muscle, first, second, progress)
     files = save_discrimination(discrimination, out)
     if report:
         from pamjax.view.reports.discrimination import write_discrimination_report

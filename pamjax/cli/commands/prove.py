@@ -1,4 +1,4 @@
-"""`pamjax prove`: conceal known physics in simulated recordings, diagnose them, open the envelopes, score."""
+"""`pamjax prove`: test `pamjax diagnose` on simulated recordings with concealed effects."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from pamjax.cli.options import Json
 from pamjax.cli.screen import check_writable, print_json, print_text, print_written_files, show_progress
 
-#: What `--quick` conceals, at noise of no, some and much correlation together.
+#: Recordings of `--quick` for each noise correlation, by number of concealed effects.
 QUICK_COUNTS = {"nothing": 1, "single": 3, "pair": 1, "triple": 0, "outside": 1}
 QUICK_CORRELATIONS = (0.0, 0.9)
 
@@ -33,27 +33,29 @@ def prove(
     seed: int = 0,
     json: Json = False,
 ) -> None:
-    """Conceal known physics in simulated recordings, diagnose them, open the envelopes, score.
+    """Test `pamjax diagnose` on simulated recordings with concealed effects.
 
-    Muscle, bench, noise and effects are drawn for every recording. Writes trials.jsonl after every
-    recording, so that a run that was stopped goes on where it was; at the end table.md, table.csv,
-    table.json and figures of all trials in the folder.
+    Every recording has a random muscle, bench, noise and random effects. The command appends each result to
+    trials.jsonl; the same command continues an interrupted run. At the end it writes table.md, table.csv,
+    table.json and figures of all results in the folder.
 
     Args:
-        out: folder to write to.
-        nothing: how many recordings with nothing concealed, at each correlation.
-        single: with one effect.
-        pair: with two.
-        triple: with three.
-        outside: with something that is in no catalogue.
-        correlation: of neighbouring samples of noise, 0 to 0.95; may be given several times. Without it 0.
-        stage: "score" ends with the p-value of the baseline, before anything is named, and conceals nothing.
-        form_error: share by which concealed effects depart from their equations, smoothly over pressure and
-            length, 0 to 0.5: how well a diagnosis bears physics that is not quite textbook.
-        rivals: ask common practice as well.
-        quick: a small proof on two cores: counts and correlations are its own.
-        workers: processes; each compiles, or reads what was compiled, and holds some gigabytes.
-        seed: of everything that is drawn.
+        out: output folder.
+        nothing: number of recordings without a concealed effect, for each correlation.
+        single: number of recordings with one effect.
+        pair: number of recordings with two effects.
+        triple: number of recordings with three effects.
+        outside: number of recordings with an effect outside the library.
+        correlation: noise correlation of neighbouring samples, 0 to 0.95; repeat the option for several
+            values; by default 0.
+        stage: all (complete diagnosis) or score (only the p-value of the baseline model, for recordings
+            without an effect).
+        form_error: relative difference between concealed effects and the equations of their mechanisms, 0 to
+            0.5; it varies smoothly over pressure and length.
+        rivals: also evaluate common practice, BIC selection and a Gaussian process.
+        quick: run a small study with fixed numbers of recordings and correlations on two cores.
+        workers: number of processes; each needs some gigabytes of memory and compiles the model once.
+        seed: random seed for all recordings.
         json: print the table as JSON.
     """
     from pamjax.errors import check_minimum, refuse
@@ -68,14 +70,13 @@ def prove(
         check_minimum(name, count, 0)
     for rho in correlations:
         if not 0 <= rho <= 0.95:
-            raise refuse("`correlation` must lie between 0 and 0.95", f"{rho:g}")
+            raise refuse("`correlation` must be between 0 and 0.95", f"{rho:g}")
     if not 0 <= form_error <= 0.5:
-        raise refuse("`form_error` must lie between 0 and 0.5", f"{form_error:g}")
+        raise refuse("`form_error` must be between 0 and 0.5", f"{form_error:g}")
     check_minimum("workers", workers, 1)
     check_writable(out)
     out.mkdir(parents=True, exist_ok=True)
-    from pamjax.benchmark.prove import build_tasks, read_trials
-    from pamjax.benchmark.prove import run_proof as run
+    from pamjax.benchmark.prove import build_tasks, read_trials, run_proof
     from pamjax.benchmark.rates import build_rows, format_text
     from pamjax.benchmark.tally import tabulate_trials
     from pamjax.compile.jax_cache import keep_compiled
@@ -91,7 +92,7 @@ def prove(
         form_error=form_error,
     )
     with show_progress(quiet=json) as progress:
-        trials = run(tasks, file, workers=workers, progress=progress)
+        trials = run_proof(tasks, file, workers=workers, progress=progress)
     rates = tabulate_trials(trials)
     print_json(build_rows(rates)) if json else print_text(
         "\n".join([format_text(rates), *_format_trials(trials)])
@@ -100,14 +101,14 @@ def prove(
 
 
 def _format_trials(trials: list) -> Iterator[str]:
-    """What was concealed and what was named, of the first twenty."""
+    """Return concealed and named effects of the first twenty trials with effects."""
     for trial in [item for item in trials if item.kind != "nothing"][:20]:
         named = ", ".join(trial.named) or ("unexplained" if trial.unexplained else "nothing")
         yield f"  {trial.kind} {trial.number + 1}: {', '.join(trial.concealed)} -> {named}"
 
 
 def _write_tables(out: Path, trials: list) -> list[Path]:
-    """The tables and figures of all trials in a folder."""
+    """Write the tables and figures of all trials in a folder and return their paths."""
     from pamjax.benchmark.rates import build_documents
     from pamjax.benchmark.tally import tabulate_trials
     from pamjax.records.files import write_atomically

@@ -1,4 +1,4 @@
-"""`pamjax sample`: how sure the calibrated numbers are."""
+"""`pamjax sample`: posterior uncertainty of the parameters of a muscle."""
 
 from __future__ import annotations
 
@@ -33,40 +33,40 @@ def sample(
     report: bool = True,
     json: Json = False,
 ) -> None:
-    """Draw from the posterior of a muscle's numbers and of the noise's.
+    """Draw from the posterior of the parameters of a muscle and of its noise.
 
-    Writes posterior.nc (for ArviZ), posterior.json, figures and report.html; prints a lab note with
-    a verdict for each number. The chain is kept in the folder: a run that was stopped or killed goes on
-    where it was when the same words are said again, and one that is finished is not walked further.
+    Writes posterior.nc (for ArviZ), posterior.json, figures and report.html. Prints a summary that states for
+    each parameter whether the recording determines it. The chain is saved in the output folder. The same
+    command continues an interrupted run; it does not extend a finished one.
 
     Args:
         cases: case folders, each with recording.csv and muscle.toml.
-        out: folder to write to.
-        priors: TOML file of what to believe instead: a table for each number, as
-            ["thread.modulus"] with value, sd, low and high, each with its unit.
-        sampler: emcee, an ensemble of walkers, or nuts, which needs blackjax.
-        ess: effective samples that every number is to have.
-        rhat: split-R̂ that no number is to exceed.
-        max_draws: draws of one walker or chain, at most.
-        seed: of the sampler and of the fit.
-        figures: whether to draw.
-        report: whether to write report.html, which opens in any browser.
-        json: print posterior.json instead of the note.
+        out: output folder.
+        priors: TOML file with priors that replace those of muscle.toml: one table for each parameter, such as
+            ["thread.modulus"], with value, sd, low and high, each with its unit.
+        sampler: emcee (ensemble sampler) or nuts (needs the package blackjax).
+        ess: required effective sample size of every parameter.
+        rhat: largest accepted split-R̂ of every parameter.
+        max_draws: largest number of draws of one walker or chain.
+        seed: random seed for the sampler and the fit.
+        figures: write the figures.
+        report: write report.html for a web browser.
+        json: print posterior.json instead of the summary.
     """
     check_writable(out)
     parsed_cases = model.read_cases(cases)
     from pamjax.compile.jax_cache import keep_compiled
     from pamjax.infer.posterior.io import build_posterior_document, save_posterior
     from pamjax.infer.posterior.priors_file import read_priors
-    from pamjax.infer.posterior.sample import sample as walk
+    from pamjax.infer.posterior.sample import sample as draw_posterior
 
-    beliefs = read_priors(priors) if priors else {}
+    stated_priors = read_priors(priors) if priors else {}
     keep_compiled()
     with show_progress(quiet=json) as progress:
-        post = walk(
+        post = draw_posterior(
             parsed_cases,
             *model.fit_arguments,
-            priors=beliefs,
+            priors=stated_priors,
             sampler=sampler,
             ess=ess,
             rhat=rhat,

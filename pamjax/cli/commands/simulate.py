@@ -1,4 +1,4 @@
-"""`pamjax simulate`: the recording a muscle and a protocol would make."""
+"""`pamjax simulate`: simulate the recording of a muscle under a protocol."""
 
 from __future__ import annotations
 
@@ -25,21 +25,23 @@ def simulate(
     seed: int = 0,
     json: Json = False,
 ) -> None:
-    """Make the case folder that a bench would have written.
+    """Simulate a recording of a muscle and write it as a case folder.
 
     Args:
-        muscle: a case folder or muscle.toml (the muscle as stated), or a fit.json or model.json (as
-            calibrated: leaving the calibrated pressures and lengths is warned of).
-        protocol: a TOML file with a table [protocol]; the paper's ten isobars if left out.
-        out: folder for the new case.
-        law: thread law of a muscle as stated; its baseline if left out.
-        case: which case of a fit.json or model.json with several.
-        with_: numbers of mechanisms to add, as braid_friction.coefficient=0.2 or "force_offset.offset=5 N".
-        before: whether the muscle was at rest before the first sample, or had been through the same once.
-        noise: whether the sensors of muscle.toml add their noise.
-        correlation_time: of the noise of force and diameter.
-        seed: of the noise.
-        json: print for programs.
+        muscle: a case folder or muscle.toml with stated values, or a fit.json or model.json of a fitted
+            muscle; the command warns about pressures and lengths outside the calibrated range.
+        protocol: TOML file with a table [protocol]; by default ten isobars as in Chambers & Wereley (2022).
+        out: case folder to write; it must be empty or not exist yet.
+        law: thread law of a muscle with stated values; by default that of its baseline model.
+        case: name of the case, if a fit.json or model.json has several.
+        with_: parameters of mechanisms to add, such as braid_friction.coefficient=0.2 or
+            "force_offset.offset=5 N".
+        before: state before the first sample: relaxed (at rest), or settled (the protocol has run once
+            before).
+        noise: add the noise of the sensors in muscle.toml.
+        correlation_time: correlation time of the noise of force and diameter.
+        seed: random seed for the noise.
+        json: print one JSON document.
     """
     from pamjax.cli.settings import parse_settings
     from pamjax.errors import check_minimum
@@ -47,7 +49,7 @@ def simulate(
     from pamjax.records.protocol import PAPER_PROTOCOL, read_protocol
     from pamjax.records.reading.muscle_toml import Sensors
     from pamjax.records.simulate import describe_extrapolation
-    from pamjax.records.simulate import simulate as record
+    from pamjax.records.simulate import simulate as simulate_recording
     from pamjax.records.writing.case_folder import write_case
     from pamjax.units import format_count, parse_quantity
 
@@ -60,18 +62,18 @@ def simulate(
     )
     if loaded.neglects_rubber:
         warnings.append(
-            "the rubber of [bladder] takes no part; the model.json of a design or diagnosis has it"
+            "the rubber of [bladder] is neglected; use the model.json of a design or diagnosis to include it"
         )
     for sentence in warnings:
         print(f"pamjax: warning: {sentence}", file=sys.stderr)
     sensors = loaded.entry.sensors if noise else Sensors()
-    pause = parse_quantity(correlation_time, "time", "--correlation-time")
-    recording = record(
+    noise_time = parse_quantity(correlation_time, "time", "--correlation-time")
+    recording = simulate_recording(
         loaded.muscle,
         schedule,
         sensors,
         seed=seed,
-        correlation_time=pause,
+        correlation_time=noise_time,
         settled=before == "settled",
     )
     write_case(out, recording, loaded.text)

@@ -1,4 +1,4 @@
-"""`pamjax size`: the muscle that does what a spec wants."""
+"""`pamjax size`: design a muscle that satisfies a specification."""
 
 from __future__ import annotations
 
@@ -28,20 +28,21 @@ def size(
     report: bool = True,
     json: Json = False,
 ) -> None:
-    """Choose a muscle: geometry and material that do what a spec wants, at the least of what it says.
+    """Design a muscle that satisfies a specification and has the smallest objective, for example mass.
 
-    Writes design.json, report.html and figures, and of a muscle that was found model.json, which `pamjax
-    simulate` and `inverse` take, and muscle/muscle.toml, what it is without its rubber; prints a lab note. A
-    spec that cannot be met is an answer: what binds, and by how much it would have to give.
+    Writes design.json, report.html and figures. If a muscle satisfies the specification, the command also
+    writes model.json, an input of `pamjax simulate` and `pamjax inverse`, and muscle/muscle.toml, which
+    excludes the rubber. Prints a summary. If no muscle satisfies the specification, the summary names the
+    limiting requirements and by how much each must be relaxed.
 
     Args:
-        spec: a TOML file: what the muscle must do, the room, the supply, the catalogue, what to minimise.
-        out: folder to write to.
-        starts: searches of each of the best choices of threads and bladder.
-        method: of the search; trust-constr also takes exact curvature, and compiles longer.
-        seed: of the first look, and of the draws.
-        report: whether to write the report and the figures.
-        json: print design.json instead of the note.
+        spec: TOML file with requirements, space, supply, catalogue and objective.
+        out: output folder.
+        starts: number of starting points for each of the best combinations of threads and bladder.
+        method: optimisation method; trust-constr also uses exact second derivatives and compiles longer.
+        seed: random seed for the starting points and the probability draws.
+        report: write report.html for a web browser, and the figures.
+        json: print design.json instead of the summary.
     """
     check_writable(out)
     from pamjax.compile.jax_cache import keep_compiled

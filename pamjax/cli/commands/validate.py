@@ -1,4 +1,4 @@
-"""`pamjax validate`: hold a model against a recording that it never saw."""
+"""`pamjax validate`: test a model on recordings that its fit did not use."""
 
 from __future__ import annotations
 
@@ -16,24 +16,26 @@ def validate(
     case: str | None = None,
     json: Json = False,
 ) -> None:
-    """Hold a model against recordings that it never saw, and say where it still fits.
+    """Test a model on recordings that its fit did not use.
+
+    The report states for each block whether the prediction error is within the noise. It also states if the
+    model was fitted to the same recording, because this is no independent test.
 
     Args:
         model: a model.json of `pamjax diagnose`, or a fit.json.
-        cases: case folders. A recording that the model was fitted to is told as no test.
-        case: which case of a fit.json or model.json with several.
-        json: print for programs, one document a case in a list.
+        cases: case folders, each with recording.csv and muscle.toml.
+        case: name of the case, if a fit.json or model.json has several.
+        json: print a JSON list with one document for each case.
     """
     from pamjax.compile.jax_cache import keep_compiled
-    from pamjax.diagnosis.validate import read_training_checksums
-    from pamjax.diagnosis.validate import validate_model as judge
+    from pamjax.diagnosis.validate import read_training_checksums, validate_model
     from pamjax.infer.fitting.load import load_muscle
     from pamjax.records.case import read_case
 
     keep_compiled()
     loaded = load_muscle(model, case=case)
     fitted_checksums = read_training_checksums(model)
-    validations = [judge(loaded, read_case(folder), fitted_checksums) for folder in cases]
+    validations = [validate_model(loaded, read_case(folder), fitted_checksums) for folder in cases]
     if json:
         print_json([validation.as_dict() for validation in validations])
     else:

@@ -1,16 +1,15 @@
-"""What names explain of blocks that they were not fitted to.
+"""Leave-one-block-out cross-validation: the fraction of the misfit that mechanisms explain.
 
-Each block is left out once, the model is refitted with names and without them, and
+Each block is left out once, and the model is refitted with and without the mechanisms. The explained fraction
+of the misfit of the left-out blocks is
 
-    share = 1 − Σ excess with / Σ excess without,        excess = χ² − samples of the left-out block,
+    1 − Σ excess with / Σ excess without,        excess = χ² − samples of the left-out block.
 
-is what they explain of a misfit that they have not seen.
-
-A block that alone knows how much there is of something says nothing of it, as nobody else could foretell it.
-When it came, or where it begins, is told beforehand if no other block knows; and an error of the lab's own
-that only the left-out block knows of (of the ruler, at that length) is made up for first. What the error of a
-fit's numbers is expected to make of a block that it did not see, tr(J C Jᵀ) with their covariance C and the
-slopes J of the block, is no fault of the names.
+A block is skipped for amplitudes that no other block constrains, because no fit without it can predict them.
+Shape parameters that only the left-out block determines stay at their estimates from all blocks. A baseline
+parameter that only this block determines (the ruler's error at its length) is fitted to it first. The
+parameter errors of a fit cause an expected excess tr(J C Jᵀ) in the left-out block, with the covariance C of
+the parameters and the Jacobian J of the block. This excess is not attributed to the mechanisms.
 """
 
 from __future__ import annotations
@@ -22,37 +21,26 @@ from functools import cached_property
 import numpy as np
 
 from pamjax.compile.parallel import parallel_map
-from pamjax.diagnosis.detect.residual_test import MIN_UNEXPLAINED_RMS
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, get_parameter_indices, switch_off_candidate
 from pamjax.diagnosis.refit.least_squares import evaluate_estimate, fit_parameters
-from pamjax.diagnosis.select.pair_swap import MAX_NOISE_CHI2_SD
-from pamjax.diagnosis.select.search import ROUGH_EVALUATIONS
 from pamjax.records.blocks import Blocks
-
-#: Share of a misfit in unseen blocks that all names together must explain.
-MIN_EXPLAINED_FRACTION = 5 / 6
-#: Blocks below which nothing is tried: a single other setting foretells none.
-MIN_BLOCKS_FOR_CROSS_VALIDATION = 3
-#: Share of what a recording knows of a number below which the rest of it, without a block, knows nothing.
-MIN_INFORMATION_SHARE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class BlockCrossValidation:
-    """A model held against blocks that it was not fitted to, each left out of a fit once.
+    """Leave-one-block-out cross-validation of a model.
 
     Attributes:
-        problem: the recording before the library.
-        fit: as all blocks tell it.
-        noise_splits: the noise of all but one block, and of that block, for each; none where blocks are too
-            few.
-        fixed_indices: shapes that stay where all blocks put them, as nothing is known of them without one,
-            for each.
-        block_fits: the fits without a block.
-        is_informed: whether a fit without a block still knows of a form's amplitudes, by id.
+        problem: the recording and the library.
+        fit: the fit to all blocks.
+        noise_splits: for each block, the noise model of the other blocks and of the block; empty if there are
+            too few blocks.
+        fixed_indices: for each block, the shape parameters that the other blocks do not determine.
+        block_fits: the results of the fits without one block.
+        is_informed: by mechanism id, for each block, whether the other blocks constrain its amplitudes.
     """
 
     problem: LibraryProblem
@@ -66,7 +54,7 @@ class BlockCrossValidation:
     def from_blocks(
         cls, problem: LibraryProblem, blocks: Blocks, training_rows: np.ndarray, fit: CandidateFit
     ) -> BlockCrossValidation:
-        """Held against the blocks that have readings among the rows that may be looked at."""
+        """Cross-validate a fit on the blocks with measured samples in the training rows."""
         measured_rows = training_rows & np.isfinite(problem.measured).any(axis=0)
         noise_splits = [
             (
@@ -76,7 +64,9 @@ class BlockCrossValidation:
             for k in np.unique(blocks.label[measured_rows])
             if k >= 0
         ]
-        noise_splits = noise_splits if len(noise_splits) >= MIN_BLOCKS_FOR_CROSS_VALIDATION else []
+        noise_splits = (
+            noise_splits if len(noise_splits) >= problem.settings.min_blocks_for_cross_validation else []
+        )
         uninformed = [
             _find_uninformed_indices(problem, fit, training_noise) for training_noise, _ in noise_splits
         ]
@@ -96,9 +86,9 @@ class BlockCrossValidation:
 
     @property
     def fails_out_of_sample(self) -> bool:
-        """Whether all names together leave more of unseen blocks than physics does, and than chance."""
+        """Whether the error of left-out blocks is significant and the explained fraction is too small."""
         expected_excesses = np.array([block_fit.expected_excess for block_fit in self.block_fits])
-        # A block that alone knows of a number says nothing of it.
+        # Skip a block if no other block constrains one of the amplitudes.
         informed = self._select_informed_blocks(self.fit.mechanisms) & (
             expected_excesses < [held_out_noise.size for _, held_out_noise in self.noise_splits]
         )
@@ -107,21 +97,23 @@ class BlockCrossValidation:
             [block_fit.excess_chi2 - block_fit.expected_excess for block_fit in self.block_fits]
         )[informed]
         expected_excess = expected_excesses[informed]
-        # As if all doubt of a block were in one direction.
-        noise_limit = MAX_NOISE_CHI2_SD * np.sqrt(2 * np.sum(size + 2 * expected_excess + expected_excess**2))
+        # Upper limit: the whole parameter uncertainty of a block acts in one direction.
+        noise_limit = self.problem.settings.max_noise_chi2_sd * np.sqrt(
+            2 * np.sum(size + 2 * expected_excess + expected_excess**2)
+        )
         return (
-            bool(excess.sum() > max(MIN_UNEXPLAINED_RMS**2 * size.sum(), noise_limit))
-            and self.explained_fraction < MIN_EXPLAINED_FRACTION
+            bool(excess.sum() > max(self.problem.settings.min_unexplained_rms**2 * size.sum(), noise_limit))
+            and self.explained_fraction < self.problem.settings.min_explained_fraction
         )
 
     @cached_property
     def explained_fraction(self) -> float:
-        """The share of a misfit in blocks left out of a fit that all names explain, 0 to 1."""
+        """Fraction of the misfit of left-out blocks that all mechanisms explain, 0 to 1."""
         return self._compute_explained_fraction(self.fit.mechanisms)
 
     @property
     def explained_fraction_by_mechanism(self) -> dict[str, float]:
-        """The share that each explains of what is left without it, by id."""
+        """Fraction that each mechanism explains of the misfit without it, by id."""
         if len(self.fit.mechanisms) == 1:
             return {self.fit.ids[0]: self.explained_fraction}
         return {
@@ -129,7 +121,7 @@ class BlockCrossValidation:
         }
 
     def _select_informed_blocks(self, removed: Sequence[Candidate]) -> np.ndarray:
-        """The blocks of which a fit without them can be expected to know."""
+        """Return the mask of the blocks whose removed amplitudes the other blocks constrain."""
         return np.all([self.is_informed[candidate.id] for candidate in removed], axis=0)
 
     def _compute_explained_fraction(self, removed: Sequence[Candidate]) -> float:
@@ -151,24 +143,29 @@ class BlockCrossValidation:
         )
         informed = self._select_informed_blocks(removed)
         return _compute_explained_share(
-            excess_with[informed].sum(), excess_without[informed].sum(), excess_without.sum()
+            excess_with[informed].sum(),
+            excess_without[informed].sum(),
+            excess_without.sum(),
+            self.problem.settings.min_information_share,
         )
 
 
-def _compute_explained_share(excess_with: float, excess_without: float, total_excess: float) -> float:
-    """The share of what was left before that is not left now; one where there is nothing to try it on."""
-    if excess_without <= MIN_INFORMATION_SHARE * max(total_excess, 0.0):
+def _compute_explained_share(
+    excess_with: float, excess_without: float, total_excess: float, min_information_share: float
+) -> float:
+    """Return the explained fraction of an excess; 1 if the excess without mechanisms is too small."""
+    if excess_without <= min_information_share * max(total_excess, 0.0):
         return 1.0
     return float(np.clip(1 - max(excess_with, 0.0) / excess_without, 0.0, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
 class _LeftOutBlock:
-    """A fit without a block.
+    """Result of a fit without one block.
 
     Attributes:
-        excess_chi2: χ² of the block under it, beyond its samples.
-        expected_excess: what of that the error of the fit's own numbers is expected to make.
+        excess_chi2: χ² of the left-out block minus its samples.
+        expected_excess: expected part of it due to the parameter errors of the fit.
     """
 
     excess_chi2: float
@@ -182,22 +179,28 @@ def _fit_without_blocks(
     noise_splits: Sequence[tuple[NoiseModel, NoiseModel]],
     fixed_indices: Sequence[set[int]],
 ) -> list[_LeftOutBlock]:
-    """Fits without each block."""
+    """Return the results of the fits without each block."""
     baseline_indices = np.flatnonzero(problem.is_baseline).tolist()
     free = sorted({*baseline_indices, *get_parameter_indices(problem, mechanisms)})
 
     def fit_without_block(split: tuple[tuple[NoiseModel, NoiseModel], set[int]]) -> _LeftOutBlock:
         (training_noise, held_out_noise), fixed = split
         estimate = fit_parameters(
-            problem, training_noise, [k for k in free if k not in fixed], values, 2 * ROUGH_EVALUATIONS
+            problem,
+            training_noise,
+            [k for k in free if k not in fixed],
+            values,
+            2 * problem.settings.rough_evaluations,
         )
-        alone = [k for k in baseline_indices if not estimate.jacobian[:, estimate.free.index(k)].any()]
+        uninformed = [k for k in baseline_indices if not estimate.jacobian[:, estimate.free.index(k)].any()]
         corrected_values = (
-            fit_parameters(problem, held_out_noise, alone, estimate.values, ROUGH_EVALUATIONS).values
-            if alone
+            fit_parameters(
+                problem, held_out_noise, uninformed, estimate.values, problem.settings.rough_evaluations
+            ).values
+            if uninformed
             else estimate.values
         )
-        shared = [j for j, k in enumerate(estimate.free) if k not in alone]
+        shared = [j for j, k in enumerate(estimate.free) if k not in uninformed]
         held_out_estimate = evaluate_estimate(
             problem, held_out_noise, [estimate.free[j] for j in shared], corrected_values
         )
@@ -213,12 +216,12 @@ def _fit_without_blocks(
 def _find_uninformed_indices(
     problem: LibraryProblem, fit: CandidateFit, training_noise: NoiseModel
 ) -> set[int]:
-    """The numbers of names of which some rows know nothing, beside what all know, or all of them nothing."""
+    """Return the mechanism parameters that the training rows, or all rows, do not determine."""
     training_estimate = evaluate_estimate(problem, training_noise, fit.estimate.free, fit.estimate.values)
     training_information, total_information = (
         np.sum(estimate.jacobian**2, axis=0) for estimate in (training_estimate, fit.estimate)
     )
-    uninformed = (training_information <= MIN_INFORMATION_SHARE * total_information) | (
+    uninformed = (training_information <= problem.settings.min_information_share * total_information) | (
         total_information * fit.estimate.prior_sd**2 < 1
     )
     return {

@@ -1,4 +1,4 @@
-"""Before and after on whole blocks that neither a fit nor a choice of mechanism has seen."""
+"""Errors on held-out blocks, which neither the fits nor the selection of mechanisms use."""
 
 from __future__ import annotations
 
@@ -8,22 +8,21 @@ import numpy as np
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
 from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.records.blocks import Blocks
-
-#: One block of so many is held out, and none where there are fewer than this.
-HELD_OUT_INTERVAL, MIN_BLOCKS_FOR_HOLD_OUT = 5, 3
 
 
 @dataclass(frozen=True, eq=False)
 class Gain:
-    """How much better held-out blocks are predicted.
+    """Errors on held-out blocks, without and with the mechanisms.
 
     Attributes:
-        blocks: what was held out, in words.
-        held_out: (n,) whether a row was.
-        before, after: (2, n) predictions of force (N) and diameter (m), by fits that saw no held-out row.
-        rmse_before, rmse_after: by channel, SI, over held-out rows; a channel without one is missing.
+        blocks: description of the held-out blocks.
+        held_out: (n,) mask of the held-out rows.
+        before, after: (2, n) predictions of force (N) and diameter (m) without and with the mechanisms, by
+            fits without the held-out rows.
+        rmse_before, rmse_after: by channel, SI, over held-out rows; without channels that have none.
     """
 
     blocks: str
@@ -34,17 +33,23 @@ class Gain:
     rmse_after: dict[str, float]
 
 
-def select_held_out_rows(blocks: Blocks) -> np.ndarray:
-    """(n,) the rows to hold out: whole blocks inside the range, one of five, at least one."""
+def select_held_out_rows(blocks: Blocks, settings: DiagnosisSettings = DEFAULT_SETTINGS) -> np.ndarray:
+    """Return the mask of the held-out rows, (n,).
+
+    It selects one block in `held_out_interval`, at least one, and never the first or the last. With fewer
+    blocks than `min_blocks_for_hold_out` it selects none.
+    """
     n_blocks = len(blocks)
-    if n_blocks < MIN_BLOCKS_FOR_HOLD_OUT:
+    if n_blocks < settings.min_blocks_for_hold_out:
         return np.zeros(blocks.label.size, dtype=bool)
-    # The middle one of few readings is where a refitted baseline is right by construction.
-    first = 1 if blocks.kind == "rows" and n_blocks <= HELD_OUT_INTERVAL else min(2, n_blocks // 2)
-    block_labels = np.arange(n_blocks)[first::HELD_OUT_INTERVAL]
-    # An end of the range is extrapolation, another question.
+    # A refitted baseline is accurate by construction at the middle of few rows.
+    first = 1 if blocks.kind == "rows" and n_blocks <= settings.held_out_interval else min(2, n_blocks // 2)
+    block_labels = np.arange(n_blocks)[first :: settings.held_out_interval]
+    # The first and the last block are not held out: that would be extrapolation.
     block_labels = (
-        block_labels[block_labels < n_blocks - 1] if n_blocks > MIN_BLOCKS_FOR_HOLD_OUT else np.array([1])
+        block_labels[block_labels < n_blocks - 1]
+        if n_blocks > settings.min_blocks_for_hold_out
+        else np.array([1])
     )
     return np.isin(blocks.label, block_labels)
 
@@ -56,16 +61,16 @@ def compute_gain(
     baseline: CandidateFit,
     fit: CandidateFit,
 ) -> Gain:
-    """Score a baseline and a model that were fitted without the rows in `held_out_rows`."""
+    """Return the errors of a baseline and a model that were fitted without the held-out rows."""
     before, after = problem.predict(baseline.estimate.values), problem.predict(fit.estimate.values)
     names = [blocks.names[k] for k in np.unique(blocks.label[held_out_rows]) if k >= 0]
-    words = (
+    description = (
         f"{len(names)} of {len(blocks)} {blocks.kind}: {', '.join(names)}"
         if names
         else "none: too few blocks"
     )
     return Gain(
-        words,
+        description,
         held_out_rows,
         before,
         after,
@@ -75,7 +80,7 @@ def compute_gain(
 
 
 def compute_rmse(problem: LibraryProblem, prediction: np.ndarray, rows: np.ndarray) -> dict[str, float]:
-    """Rms misfit of a prediction, (2, n), over some rows, by channel that was measured there, SI."""
+    """Return the rmse of a prediction, (2, n), over some rows, by measured channel, SI."""
     rmse_by_channel = {}
     for c, channel in enumerate(CHANNELS):
         residual = (problem.measured[c] - prediction[c])[rows]

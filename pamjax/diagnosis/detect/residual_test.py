@@ -1,26 +1,22 @@
-"""The rest: whether what a model leaves of a recording is more than noise and the rough edges of forms."""
+"""Test of the residual of a model against noise and against the error of the mechanisms' equations."""
 
 from __future__ import annotations
 
 from pamjax.diagnosis.detect.score_test import compute_score_directions
-from pamjax.diagnosis.detect.significance import DETECTION_P_VALUE, Significance, compute_significance
+from pamjax.diagnosis.detect.significance import Significance, compute_significance
 from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
-
-#: A rest counts as unexplained from this rms, in noise standard deviations ...
-MIN_UNEXPLAINED_RMS = 0.3
-#: ... and this share of the baseline's own: textbook forms leave a tenth of what they explain.
-MIN_UNEXPLAINED_RMS_SHARE = 0.15
+from pamjax.diagnosis.settings import DiagnosisSettings
 
 
 def run_residual_test(problem: LibraryProblem, fit: CandidateFit, seed: int = 0) -> Significance:
-    """What a model leaves, judged along every form that is not in it.
+    """Test the residual of a model along the score directions of all mechanisms that it does not contain.
 
     Args:
-        problem: the recording before the library.
-        fit: refitted.
-        seed: of the draws behind the p-value.
+        problem: the recording and the library.
+        fit: the refitted model.
+        seed: seed of the random draws for the p-value.
     """
     directions = compute_score_directions(
         problem,
@@ -31,23 +27,33 @@ def run_residual_test(problem: LibraryProblem, fit: CandidateFit, seed: int = 0)
     return compute_significance(problem, fit.noise, fit.estimate, directions, seed)
 
 
-def is_residual_significant(mismatch: Significance, residual_test: Significance) -> bool:
-    """Whether what the names leave, or all of it where there is none, is more than the rough edges of forms.
+def is_residual_significant(
+    mismatch: Significance, residual_test: Significance, settings: DiagnosisSettings
+) -> bool:
+    """Return whether a residual is significant and large: misfit that the mechanisms do not explain.
 
-    A mismatch that only thousands of samples together show is detected, and too faint to be called none
-    of what is known: some textbook form would come as near.
+    A residual can be significant only because there are thousands of samples. It is then smaller than the
+    error of a textbook equation and does not count as unexplained.
 
     Args:
-        mismatch: of the baseline.
-        residual_test: of the model.
+        mismatch: test of the baseline's residual.
+        residual_test: test of the model's residual.
+        settings: thresholds of the diagnosis.
     """
-    return residual_test.p_value < DETECTION_P_VALUE and is_residual_large(mismatch, residual_test)
+    return residual_test.p_value < settings.detection_p_value and is_residual_large(
+        mismatch, residual_test, settings
+    )
 
 
-def is_residual_large(mismatch: Significance, residual_test: Significance) -> bool:
-    """Whether what is left would be more, were all of it known not to be noise."""
+def is_residual_large(
+    mismatch: Significance, residual_test: Significance, settings: DiagnosisSettings
+) -> bool:
+    """Return whether the rms of a residual is large compared with the noise and the baseline's residual."""
     residual_excess, mismatch_excess = (
         max(residual_test.mean_square - 1, 0.0),
         max(mismatch.mean_square - 1, 0.0),
     )
-    return bool(residual_excess > max(MIN_UNEXPLAINED_RMS**2, MIN_UNEXPLAINED_RMS_SHARE**2 * mismatch_excess))
+    return bool(
+        residual_excess
+        > max(settings.min_unexplained_rms**2, settings.min_unexplained_rms_share**2 * mismatch_excess)
+    )

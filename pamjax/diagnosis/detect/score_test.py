@@ -1,4 +1,8 @@
-"""What a mechanism would do to this recording, and how much of the misfit looks like it."""
+"""Score directions: the whitened effect of each candidate on a recording, and the misfit that it explains.
+
+The effect is linear in the candidate's amplitudes. The part that free parameters can absorb under their
+priors is removed.
+"""
 
 from __future__ import annotations
 
@@ -23,15 +27,15 @@ from pamjax.diagnosis.refit.least_squares import (
 
 @dataclass(frozen=True, eq=False)
 class ScoreDirection:
-    """A form before a recording.
+    """Score direction of a candidate at a refit.
 
     Attributes:
-        candidate: which.
-        chi2_reduction: χ² that its best amplitudes within their limits would take away, in the linear limit.
-        amplitudes: those, SI.
-        unit_vectors: (k, size) unit vectors, white, freed of what the numbers that move absorb.
-        is_two_sided: (k,) whether an amplitude may be negative: friction drives nothing.
-        norm: (k,) length of what is left of a direction, white, by its amplitude, SI; one where nothing is.
+        candidate: the candidate.
+        chi2_reduction: reduction of χ² by its best amplitudes within their limits, linearised.
+        amplitudes: these amplitudes, SI.
+        unit_vectors: (k, size + priors) whitened unit vectors without the part that free parameters absorb.
+        is_two_sided: (k,) whether an amplitude may be negative; a friction coefficient may not.
+        norm: (k,) norm of the whitened direction by its amplitude, SI; 1 if the parameters absorb all of it.
     """
 
     candidate: Candidate
@@ -42,12 +46,14 @@ class ScoreDirection:
     norm: np.ndarray
 
 
-class ProjectedOut:
-    """What numbers that move absorb of a direction, under their priors: least squares with prior rows.
+class NuisanceProjection:
+    """Projection that removes the part of a direction that free parameters absorb under their priors.
+
+    The priors are additional rows of the least-squares problem.
 
     Args:
-        at: the refit.
-        but: which of its numbers absorb nothing.
+        estimate: the refit.
+        excluded: positions of free parameters that absorb nothing.
     """
 
     def __init__(self, estimate: MapEstimate, excluded: Sequence[int] = ()) -> None:
@@ -55,23 +61,23 @@ class ProjectedOut:
         stacked = np.delete(
             np.concatenate([estimate.jacobian, np.diag(1 / estimate.prior_sd)]), list(excluded), axis=1
         )
-        # Columns differ by many orders of magnitude; only their span counts.
+        # The columns differ by many orders of magnitude; the projection depends only on their span.
         norm = np.linalg.norm(stacked, axis=0)
         stacked = stacked[:, norm > 0] / norm[norm > 0]
         left, weights, _ = np.linalg.svd(stacked, full_matrices=False)
         self.basis = left[:, weights > 1e-7]
 
-    def project_out(self, directions: np.ndarray) -> np.ndarray:
-        """(k, size) white directions, with or without priors, as (k, size + priors) rows of what is left."""
+    def remove_from(self, directions: np.ndarray) -> np.ndarray:
+        """Return the remainder of whitened directions (k, size), with prior rows, (k, size + priors)."""
         extended = np.zeros((*directions.shape[:-1], self.basis.shape[0]))
         extended[..., : directions.shape[-1]] = directions
         return extended - (extended @ self.basis) @ self.basis.T
 
 
 def stack_residual(problem: LibraryProblem, estimate: MapEstimate) -> np.ndarray:
-    """(size + priors,) what a refit leaves, white, and how far its numbers are from what is believed of them.
+    """Return the whitened residual and the deviations of the parameters from their priors, (size + priors,).
 
-    What a form relieves a strained ruler of is part of what it explains.
+    A candidate can also explain the deviation of a parameter from its prior.
     """
     free = list(estimate.free)
     mean, _ = compute_priors(problem, free)
@@ -84,20 +90,22 @@ def stack_residual(problem: LibraryProblem, estimate: MapEstimate) -> np.ndarray
 
 
 class _ResidualAtLimits:
-    """What a refit leaves, and what may explain it: amplitudes, and numbers that were driven to their limits.
+    """Residual of a refit, fitted by amplitudes and by the parameters at their limits.
 
-    Such a number absorbs nothing of what would drive it further, and may come back. (In a p-value it absorbs
-    as all others do: that a lab was wrong by three standard deviations is no mismatch.)
+    A parameter at its limit cannot move beyond it, but it can move back. In a p-value it absorbs like all
+    others: a stated value that is wrong by three standard deviations is no mismatch.
     """
 
-    def __init__(self, problem: LibraryProblem, estimate: MapEstimate, projected_out: ProjectedOut) -> None:
+    def __init__(
+        self, problem: LibraryProblem, estimate: MapEstimate, projection: NuisanceProjection
+    ) -> None:
         at_limit = find_parameters_at_limit(problem, estimate)
-        self.projected_out = ProjectedOut(estimate, at_limit.tolist()) if at_limit.size else projected_out
+        self.projection = NuisanceProjection(estimate, at_limit.tolist()) if at_limit.size else projection
         self.residual = stack_residual(problem, estimate)
         stacked = np.concatenate([estimate.jacobian, np.diag(1 / estimate.prior_sd)]).T
         low, high = compute_limit_distances(problem, estimate)
         self.at_limit_rows, self.at_limit_distances = (
-            self.projected_out.project_out(stacked[at_limit]),
+            self.projection.remove_from(stacked[at_limit]),
             (low[at_limit], high[at_limit]),
         )
         self.chi2_reduction_at_limits = _fit_bounded_amplitudes(
@@ -105,7 +113,7 @@ class _ResidualAtLimits:
         )[1]
 
     def fit_amplitudes(self, free: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, float]:
-        """Best amplitudes of what is not absorbed, within their limits, and the χ² that they take away."""
+        """Return the best amplitudes within their limits and the reduction of χ²."""
         rows = np.concatenate([free, self.at_limit_rows])
         limits = (np.concatenate(pair) for pair in zip((low, high), self.at_limit_distances, strict=True))
         amplitudes, chi2_reduction = _fit_bounded_amplitudes(rows, self.residual, *limits)
@@ -115,12 +123,12 @@ class _ResidualAtLimits:
 def compute_score_directions(
     problem: LibraryProblem, noise: NoiseModel, estimate: MapEstimate, candidates: Sequence[Candidate]
 ) -> list[ScoreDirection]:
-    """The signature of each form at a refit, and how much of its residual it would explain."""
-    projected_out = ProjectedOut(estimate)
-    residual = _ResidualAtLimits(problem, estimate, projected_out)
+    """Return the score direction of each candidate at a refit, with the χ² that it explains."""
+    projection = NuisanceProjection(estimate)
+    residual = _ResidualAtLimits(problem, estimate, projection)
     jacobians = _compute_jacobians(problem, estimate, candidates)
     return [
-        _build_score_direction(problem, noise, estimate, candidate, jacobians[k], projected_out, residual)
+        _build_score_direction(problem, noise, estimate, candidate, jacobians[k], projection, residual)
         for k, candidate in enumerate(candidates)
     ]
 
@@ -128,7 +136,7 @@ def compute_score_directions(
 def _compute_jacobians(
     problem: LibraryProblem, estimate: MapEstimate, candidates: Sequence[Candidate]
 ) -> dict[int, np.ndarray]:
-    """Derivative of what the bench shows by each form's amplitudes, (k, 2, n), in few sweeps."""
+    """Return the derivative of the prediction by each candidate's amplitudes, (k, 2, n), in few sweeps."""
 
     def compute_at_point(group: list[int]) -> dict[int, np.ndarray]:
         values = estimate.values.copy()
@@ -153,7 +161,10 @@ def _compute_jacobians(
 def _group_candidates(
     problem: LibraryProblem, estimate: MapEstimate, candidates: Sequence[Candidate]
 ) -> list[list[int]]:
-    """Which forms' derivatives are taken at one point: what is switched off has no shape for others."""
+    """Return groups of candidates whose derivatives are computed at one point.
+
+    The shape parameters of a mechanism that is switched off do not influence the other candidates.
+    """
     single_groups, points, active_ids = [], [], problem.active(estimate.values)
     for k, candidate in enumerate(candidates):
         shape = _get_reference_shape(candidate)
@@ -170,13 +181,13 @@ def _group_candidates(
 
 
 def _get_reference_shape(candidate: Candidate) -> dict[str, float]:
-    """The shape at which a form's derivative is taken."""
+    """Return the shape at which the derivative of a candidate is computed."""
     course = TIME_COURSES.get(candidate.amplitudes[0])
     return course.reference_shape if course else candidate.shape
 
 
 def _compute_time_factor(problem: LibraryProblem, candidate: Candidate) -> np.ndarray | float:
-    """What the derivative there is to be multiplied with for this form's own shape."""
+    """Return the factor from the derivative at the reference shape to that at the candidate's shape."""
     course, time = TIME_COURSES.get(candidate.amplitudes[0]), problem.case.recording.time
     if course is None or time is None:
         return 1.0
@@ -184,7 +195,7 @@ def _compute_time_factor(problem: LibraryProblem, candidate: Candidate) -> np.nd
 
 
 def _build_score_direction(
-    problem, noise, estimate, candidate, jacobian, projected_out: ProjectedOut, residual: _ResidualAtLimits
+    problem, noise, estimate, candidate, jacobian, projection: NuisanceProjection, residual: _ResidualAtLimits
 ) -> ScoreDirection:
     indices = [problem.index(name) for name in candidate.amplitudes]
     low, high = (
@@ -192,10 +203,8 @@ def _build_score_direction(
         problem.high[indices] - estimate.values[indices],
     )
     jacobian = np.nan_to_num(noise.whiten(jacobian))
-    free = projected_out.project_out(jacobian)
-    free_at_limits = (
-        free if residual.projected_out is projected_out else residual.projected_out.project_out(jacobian)
-    )
+    free = projection.remove_from(jacobian)
+    free_at_limits = free if residual.projection is projection else residual.projection.remove_from(jacobian)
     amplitudes, chi2_reduction = residual.fit_amplitudes(free_at_limits, low, high)
     norm = np.linalg.norm(free, axis=1)
     norm = np.where(norm > 0, norm, 1.0)
@@ -205,15 +214,15 @@ def _build_score_direction(
 def _fit_bounded_amplitudes(
     free: np.ndarray, residual: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """Amplitudes of least squares within their limits, and the χ² they take away.
+    """Return the least-squares amplitudes within their limits and the reduction of χ².
 
-    Without limits a form that hardly shows here explains anything, by an amplitude that no muscle has.
+    Without limits, a candidate with a weak effect could explain any misfit by an impossible amplitude.
     """
     amplitudes, norm = np.zeros(len(free)), np.linalg.norm(free, axis=1)
     kept = (norm > 1e-12) & (high > low)
     if not kept.any():
         return amplitudes, 0.0
-    # Columns of length one: newtons and pascals are many orders of magnitude apart.
+    # Unit columns: amplitudes in newtons and pascals differ by many orders of magnitude.
     norm = norm[kept]
     axes, across = np.linalg.qr((free[kept] / norm[:, None]).T)
     solution = lsq_linear(across, axes.T @ residual, (low[kept] * norm, high[kept] * norm), method="bvls")

@@ -1,19 +1,20 @@
-"""One p-value for everything that was looked at.
+"""One global p-value of a residual over all tested directions.
 
-Looked at are the signature of every form in the library and the shift of every part of the recording,
-each freed of what the baseline's numbers absorb: K unit directions, white. If the baseline is right, the
-residual along each is a standard normal variable, and all of them together are correlated as the
-directions themselves are; of an amplitude that cannot be negative only the positive side counts. Noise was
-read off the recording, and is known no better than that: the standard deviations σ have a distribution of
-their own. The chance that the largest comes out as large as the d that was seen is that of a union,
+The directions are the score direction of every candidate and the shift of every region of the recording,
+without the part that the baseline's parameters absorb: K whitened unit vectors. If the baseline is right, the
+residual along each is a standard normal variable, with the correlations of the directions. For an amplitude
+that cannot be negative only the positive side counts. The noise is estimated from the recording, so the
+standard deviations σ are uncertain too. The p-value is the probability that the largest deviation reaches the
+observed d, a union of events:
 
     P = Σ_jk w_j s_k Q(d / σ_jk) · E[1 / N],
 
-over what the noise may be (j, weight w) and directions (k, sides s): for noise and direction drawn by their
-part of the sum and the deviation there beyond d, N is how many of all K are beyond. Beside the directions
-stands the mean square of the residual itself, for what none of them shows. It allows for a sensor that is
-worse than stated and so hardly ever alarms: it gets a twentieth of the level.
-Source: the chance of a union by sampling its events, R. M. Karp, M. Luby & N. Madras, J. Algorithms 10, 429
+summed over noise levels j with weight w and directions k with s sides. Noise and direction are drawn in
+proportion to their term, and the deviation along that direction from its tail beyond d. N is the number of
+all K directions beyond d. The mean square of the residual is tested in addition, for misfit without a
+direction. It allows for a sensor that is noisier than stated, so it rarely detects misfit. It gets the part
+`mean_square_level_share` of the significance level.
+Source: probability of a union by sampling its events, R. M. Karp, M. Luby & N. Madras, J. Algorithms 10, 429
 (1989).
 """
 
@@ -28,34 +29,26 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from pamjax.diagnosis.detect.regions import compute_region_shifts
-from pamjax.diagnosis.detect.score_test import ProjectedOut, ScoreDirection
+from pamjax.diagnosis.detect.score_test import NuisanceProjection, ScoreDirection
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.noise.estimate import SENSOR_VARIANCE_SD_SHARE, NoiseModel
+from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.noise.uncertainty import NORMAL_NODES, NoiseUncertainty, estimate_noise_uncertainty
 from pamjax.diagnosis.refit.least_squares import MapEstimate
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 
-#: Draws behind a p-value.
-SIGNIFICANCE_DRAWS = 10000
-
-#: How many numbers are held at once.
+#: Largest size of the array of random numbers in one batch.
 MAX_NUMBERS_PER_BATCH = 10**6
-
-#: Share of the level that goes to the mean square of the residual, rather than to the largest direction.
-MEAN_SQUARE_LEVEL_SHARE = 0.05
-
-#: p-value below which a mismatch counts as detected.
-DETECTION_P_VALUE = 0.01
 
 
 @dataclass(frozen=True)
 class Significance:
-    """How far a residual is from noise.
+    """Result of the test of a residual against noise.
 
     Attributes:
-        p_value: of the largest deviation, over everything that was looked at.
-        largest_deviation: standard deviations of the largest direction, fewer where its noise is in doubt.
-        direction_count: how many directions were looked along.
-        mean_square: mean square of the residual over its noise variance, 1 when only noise is left.
+        p_value: global p-value of the largest deviation, over all directions.
+        largest_deviation: largest deviation in standard deviations, reduced where its noise is uncertain.
+        direction_count: number of tested directions.
+        mean_square: mean squared residual over the noise variance; 1 for pure noise.
     """
 
     p_value: float
@@ -71,20 +64,20 @@ def compute_significance(
     score_directions: list[ScoreDirection],
     seed: int = 0,
 ) -> Significance:
-    """Judge the residual of a refit.
+    """Test the residual of a refit against noise.
 
     Args:
-        problem: the recording before the library.
-        noise: its noise.
+        problem: the recording and the library.
+        noise: noise model of the refit.
         estimate: the refit.
-        score_directions: the signatures that were looked at.
-        seed: of the draws.
+        score_directions: score directions of the tested candidates.
+        seed: seed of the random draws.
     """
-    projected_out = ProjectedOut(estimate)
+    projection = NuisanceProjection(estimate)
     score_directions = [
         score_direction for score_direction in score_directions if score_direction.unit_vectors.size
     ]
-    region_shifts = _normalise_rows(projected_out.project_out(compute_region_shifts(problem, noise)))
+    region_shifts = _normalise_rows(projection.remove_from(compute_region_shifts(problem, noise)))
     directions = np.concatenate(
         [*(score_direction.unit_vectors for score_direction in score_directions), region_shifts]
     )
@@ -94,31 +87,44 @@ def compute_significance(
     has_direction = np.linalg.norm(directions, axis=1) > 0.5
     directions, is_two_sided = directions[has_direction], is_two_sided[has_direction]
     along = directions[:, : estimate.residual.size] @ estimate.residual
-    uncertainty = estimate_noise_uncertainty(noise, directions)
+    uncertainty = estimate_noise_uncertainty(noise, directions, problem.settings)
     largest = float(
         np.max(_compute_deviation(along, is_two_sided) / _compute_sd_bound(uncertainty), initial=0.0)
     )
     p = _estimate_tail_probability(
-        directions @ directions.T, largest, uncertainty, _find_degrees_of_freedom(noise), seed, is_two_sided
+        directions @ directions.T,
+        largest,
+        uncertainty,
+        _find_degrees_of_freedom(noise),
+        seed,
+        is_two_sided,
+        problem.settings.significance_draws,
     )
-    mean_square, beyond = _find_largest_mean_square(problem, noise, estimate)
-    p_value = min(p / (1 - MEAN_SQUARE_LEVEL_SHARE), float(norm.sf(beyond)) / MEAN_SQUARE_LEVEL_SHARE, 1.0)
+    mean_square, z_score = _find_largest_mean_square(problem, noise, estimate)
+    p_value = min(
+        p / (1 - problem.settings.mean_square_level_share),
+        float(norm.sf(z_score)) / problem.settings.mean_square_level_share,
+        1.0,
+    )
     return Significance(float(max(p_value, 1e-300)), largest, len(directions), mean_square)
 
 
 def _normalise_rows(rows: np.ndarray) -> np.ndarray:
     norms = np.linalg.norm(rows, axis=1, keepdims=True)
-    # What is absorbed all but wholly has no direction of its own.
+    # A direction that the parameters absorb almost completely is not tested.
     return np.where(norms > 1e-6, rows / np.where(norms > 0, norms, 1.0), 0.0)
 
 
 def _compute_deviation(along: np.ndarray, is_two_sided: np.ndarray | bool) -> np.ndarray:
-    """Along what has one sign only, the other sign is no deviation towards it."""
+    """Return the deviations; of a one-sided direction a negative value stays negative."""
     return np.where(is_two_sided, np.abs(along), along)
 
 
 def _compute_sd_bound(uncertainty: NoiseUncertainty) -> np.ndarray:
-    """By what a deviation is divided, so that one of doubtful noise hides none of noise that is known."""
+    """Return the divisor of each deviation: its standard deviation at the upper end of the uncertainty.
+
+    Without it, a direction with uncertain noise would hide deviations of directions with known noise.
+    """
     ends = uncertainty.variance_by_channel[..., [int(np.argmin(abs(NORMAL_NODES - z))) for z in (-2.0, 2.0)]]
     return np.sqrt(np.maximum(uncertainty.known_variance + ends.max(axis=2).sum(axis=1), 1.0))
 
@@ -130,11 +136,12 @@ def _estimate_tail_probability(
     degrees_of_freedom: float = math.inf,
     seed: int = 0,
     is_two_sided: np.ndarray | bool = True,
+    draws: int = DEFAULT_SETTINGS.significance_draws,
 ) -> float:
-    """Chance that the largest of correlated normal variables is as large as this.
+    """Return the probability that the largest of correlated normal variables reaches a value.
 
-    Their standard deviations are in doubt, and each is divided by what that may stretch it. Where the noise
-    itself was found from few squares, they are correlated variables of Student.
+    Their standard deviations are uncertain, and each variable is divided by its bound (`_compute_sd_bound`).
+    If the noise was estimated with few degrees of freedom, they are Student's t variables.
     """
     if not len(gram):
         return 1.0
@@ -146,36 +153,37 @@ def _estimate_tail_probability(
     nodes = np.stack(np.meshgrid(*[NORMAL_NODES] * channels), axis=-1).reshape(-1, channels)
     sigma = uncertainty.compute_sd(nodes) / _compute_sd_bound(uncertainty)
     weight = norm.logpdf(nodes).sum(axis=1)
-    # In logarithms throughout: a tail may be beyond what a number can hold.
+    # All in logarithms: a tail probability can be smaller than the smallest floating-point number.
     part = (weight - logsumexp(weight))[:, None] + np.log(1.0 + is_two_sided)
     part += _compute_log_tail(largest / np.maximum(sigma, 1e-300), degrees_of_freedom)
-    drawn = rng.choice(part.size, SIGNIFICANCE_DRAWS, p=softmax(part).ravel())
+    drawn = rng.choice(part.size, draws, p=softmax(part).ravel())
     node, k = np.unravel_index(drawn, part.shape)
-    sign = np.where(is_two_sided[k], rng.choice([-1.0, 1.0], SIGNIFICANCE_DRAWS), 1.0)
+    sign = np.where(is_two_sided[k], rng.choice([-1.0, 1.0], draws), 1.0)
     deviations = sign * _sample_tail(largest / sigma[node, k], degrees_of_freedom, rng)
-    # The square that a noise was found from is shared by all variables of Student: what it is, given one.
+    # All t variables share one variance estimate: draw it given one of the variables.
     square = (
-        rng.chisquare(degrees_of_freedom + 1, SIGNIFICANCE_DRAWS) / (degrees_of_freedom + deviations**2)
+        rng.chisquare(degrees_of_freedom + 1, draws) / (degrees_of_freedom + deviations**2)
         if degrees_of_freedom < math.inf
-        else np.ones(SIGNIFICANCE_DRAWS)
+        else np.ones(draws)
     )
-    root, over = _compute_square_root(gram), np.empty(SIGNIFICANCE_DRAWS)
-    for some in np.array_split(
-        np.arange(SIGNIFICANCE_DRAWS), SIGNIFICANCE_DRAWS * len(gram) // MAX_NUMBERS_PER_BATCH + 1
+    root, inverse_counts = _compute_square_root(gram), np.empty(draws)
+    for batch in np.array_split(
+        np.arange(draws),
+        draws * len(gram) // MAX_NUMBERS_PER_BATCH + 1,
     ):
-        scale = np.sqrt(square[some])[:, None]
-        all_of_them = _sample_conditional(gram, root, k[some], deviations[some] * scale[:, 0], rng) / scale
-        beyond = _compute_deviation(sigma[node[some]] * all_of_them, is_two_sided) >= largest
-        # The one that was drawn is beyond, whatever its last digit says.
-        over[some] = 1 / np.maximum(np.count_nonzero(beyond, axis=1), 1)
-    log_chance = float(np.asarray(logsumexp(part))) + math.log(float(over.mean()))
-    return float(np.clip(math.exp(min(log_chance, 0.0)), 1e-300, 1.0))
+        scale = np.sqrt(square[batch])[:, None]
+        variables = _sample_conditional(gram, root, k[batch], deviations[batch] * scale[:, 0], rng) / scale
+        is_beyond = _compute_deviation(sigma[node[batch]] * variables, is_two_sided) >= largest
+        # In spite of rounding, the drawn direction always counts.
+        inverse_counts[batch] = 1 / np.maximum(np.count_nonzero(is_beyond, axis=1), 1)
+    log_probability = float(np.asarray(logsumexp(part))) + math.log(float(inverse_counts.mean()))
+    return float(np.clip(math.exp(min(log_probability, 0.0)), 1e-300, 1.0))
 
 
 def _sample_conditional(
     gram: np.ndarray, root: np.ndarray, k: np.ndarray, deviations: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Correlated standard normal variables, (m, K), of which the k-th is what it is."""
+    """Draw correlated standard normal variables, (m, K), with a given value of the k-th."""
     drawn = rng.standard_normal((k.size, len(gram))) @ root.T
     return drawn + gram[k] * (deviations - drawn[np.arange(k.size), k])[:, None]
 
@@ -194,26 +202,26 @@ def _compute_log_tail(deviation: np.ndarray, degrees_of_freedom: float) -> np.nd
 
 
 def _sample_tail(deviation: np.ndarray, degrees_of_freedom: float, rng: np.random.Generator) -> np.ndarray:
-    """Variables drawn from beyond some deviations."""
+    """Draw variables from the tails beyond some deviations."""
     rank = np.log(rng.uniform(size=deviation.shape)) + _compute_log_tail(deviation, degrees_of_freedom)
     out = (
         student(degrees_of_freedom).isf(np.exp(rank))
         if math.isfinite(degrees_of_freedom)
         else -ndtri_exp(rank)
     )
-    # At the edge of what numbers can tell apart.
+    # Rounding must not move a variable below its limit.
     return np.maximum(out, deviation)
 
 
 def _find_degrees_of_freedom(noise: NoiseModel) -> float:
-    """Fewest independent squares that told the noise of a channel; infinite where it was stated."""
+    """Return the lowest degrees of freedom of a channel's noise estimate; infinite if all are stated."""
     return min((channel.degrees_of_freedom for channel in noise.channels if channel), default=math.inf)
 
 
 def _find_largest_mean_square(
     problem: LibraryProblem, noise: NoiseModel, estimate: MapEstimate
 ) -> tuple[float, float]:
-    """Largest mean square of a channel's residual, and by how many standard errors it is above one."""
+    """Return the largest mean square of a channel's residual and its excess over 1 in standard errors."""
     residual = problem.measured - problem.predict(estimate.values)
     worst = (1.0, -math.inf)
     for c, channel in enumerate(noise.channels):
@@ -224,6 +232,6 @@ def _find_largest_mean_square(
         repeated = 1 + 2 * channel.ar1_fraction**2 * channel.correlation**2 / max(
             1 - channel.correlation**2, 1e-3
         )
-        error = math.sqrt(2 * repeated / standard.size + SENSOR_VARIANCE_SD_SHARE**2)
+        error = math.sqrt(2 * repeated / standard.size + problem.settings.sensor_variance_sd_share**2)
         worst = max(worst, (mean, (mean - 1) / error), key=lambda pair: pair[1])
     return worst

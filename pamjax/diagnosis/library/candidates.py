@@ -14,19 +14,11 @@ import numpy as np
 from scipy.special import expit
 
 from pamjax.diagnosis.library.library_problem import COMPLIANCE_PARAMETER, LibraryProblem
+from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.model.registry import MECHANISMS
 
-#: Times at which a slip is looked for, over the length of a recording.
-SLIP_TIME_COUNT = 24
-
-#: Standard deviations within which the middle eight tenths of a normal variable lie.
+#: 90 % quantile of the standard normal distribution.
 NORMAL_QUANTILE_90 = 1.28
-
-#: From this ratio of the fast to the slow strokes of a recording, a power of speed shows in it.
-MIN_SPEED_RATIO_FOR_POWER = 1.5
-
-#: Most that the lab's own statement counts for, in χ²: what a tie of two names is worth.
-MAX_STATED_CHI2 = 12.0
 
 
 @dataclass(frozen=True)
@@ -112,9 +104,27 @@ def _build_single_candidate(kind) -> Candidate:
 
 @dataclass(frozen=True)
 class _RecordingScales:
-    """Scales of a recording: its times, stroke, load, pressure and speeds."""
+    """Scales of a recording: its times, stroke, load, pressure and speeds.
 
-    begin: float
+    Attributes:
+        start_time, duration, step: first time, duration and median time step, s.
+        stroke: range of length, m.
+        load: largest P L B / (2 π n²), with pressure P, length L, thread length B and n turns, N.
+        pressure: range of pressure, Pa.
+        force: largest force, N.
+        bore: inner diameter of the bladder, m.
+        fitting_bore: bore of a tube whose outer wall touches the braid at rest length, m.
+        stated_compliance_sd: stated thread compliance in its standard deviations; 0 if none is stated.
+        fitting_radius: radius of the end fittings, m.
+        thread_width: total width of all threads side by side, m.
+        rest_angle_cosine: cosine of the braid angle at rest length.
+        rest_length: rest length, m.
+        isometric: whether fewer than 20 % of the steps change the length.
+        speed_ratio: ratio of fast to slow strokes.
+        settings: thresholds of the diagnosis.
+    """
+
+    start_time: float
     duration: float
     step: float
     stroke: float
@@ -124,39 +134,43 @@ class _RecordingScales:
     bore: float
     fitting_bore: float
     stated_compliance_sd: float
-    fitting: float
-    spacing: float
-    width: float
+    fitting_radius: float
+    thread_width: float
+    rest_angle_cosine: float
     rest_length: float
     isometric: bool
     speed_ratio: float
+    settings: DiagnosisSettings
 
     @classmethod
     def from_problem(cls, problem: LibraryProblem) -> _RecordingScales:
         recording = problem.case.recording
-        good = recording.usable
-        length, pressure = recording.length[good], recording.pressure[good]
-        time = recording.time[good] if recording.time is not None else np.arange(good.sum(), dtype=float)
+        usable = recording.usable
+        length, pressure = recording.length[usable], recording.pressure[usable]
+        time = recording.time[usable] if recording.time is not None else np.arange(usable.sum(), dtype=float)
         thread, turns = problem.case.entry.braid
         load = float(np.nanmax(np.abs(pressure * length))) * thread / (2 * np.pi * turns**2)
         jumps = np.abs(np.diff(length))
         return cls(
-            begin=float(time[0]),
+            start_time=float(time[0]),
             duration=max(float(np.ptp(time)), 1.0),
             step=max(float(np.median(np.diff(time))) if time.size > 1 else 1.0, 1e-3),
             stroke=max(float(np.ptp(length)), 1e-4),
             load=max(load, 1.0),
             pressure=max(float(np.ptp(pressure)), 1e3),
             force=max(float(np.nanmax(np.abs(recording.force), initial=0.0)), 10.0),
-            fitting=float(problem.start[problem.index("end_taper.radius")]),
-            spacing=float(problem.start[problem.index("braid_locking.width")]),
+            fitting_radius=float(problem.start[problem.index("end_taper.radius")]),
+            thread_width=float(problem.start[problem.index("braid_locking.width")]),
             bore=float(problem.start[problem.index("bladder_elasticity.inner_diameter")]),
             fitting_bore=_compute_fitting_bore(problem),
             stated_compliance_sd=_compute_stated_compliance(problem),
             rest_length=problem.case.entry.rest_length.value,
-            width=float(np.sqrt(max(1 - (problem.case.entry.rest_length.value / thread) ** 2, 1e-3))),
+            rest_angle_cosine=float(
+                np.sqrt(max(1 - (problem.case.entry.rest_length.value / thread) ** 2, 1e-3))
+            ),
             isometric=bool(np.mean(jumps > 1e-3 * np.ptp(length)) < 0.2) if length.size > 1 else True,
             speed_ratio=_compute_speed_ratio(problem),
+            settings=problem.settings,
         )
 
 
@@ -177,8 +191,8 @@ def _compute_fitting_bore(problem: LibraryProblem) -> float:
     """Return the bore of a tube whose outer wall touches the braid at rest length, m."""
     entry = problem.case.entry
     thread, turns = entry.braid
-    wide = np.sqrt(max(thread**2 - entry.rest_length.value**2, 0.0)) / (np.pi * turns)
-    return float(wide - 2 * problem.start[problem.index("bladder_elasticity.thickness")])
+    outer_diameter = np.sqrt(max(thread**2 - entry.rest_length.value**2, 0.0)) / (np.pi * turns)
+    return float(outer_diameter - 2 * problem.start[problem.index("bladder_elasticity.thickness")])
 
 
 def _compute_stated_compliance(problem: LibraryProblem) -> float:
@@ -194,7 +208,7 @@ def _build_braid_elasticity(scales: _RecordingScales) -> list[Candidate]:
         Candidate(
             "braid_elasticity",
             (COMPLIANCE_PARAMETER,),
-            stated_chi2=min(scales.stated_compliance_sd**2, MAX_STATED_CHI2),
+            stated_chi2=min(scales.stated_compliance_sd**2, scales.settings.max_stated_chi2),
         )
     ]
 
@@ -280,7 +294,12 @@ def _build_thread_slip(scales: _RecordingScales) -> list[Candidate]:
         Candidate("thread_slip", ("thread_slip.bedding",), {"thread_slip.load": share * scales.load})
         for share in (0.1, 0.35, 1.2)
     ]
-    moments = scales.begin + scales.duration * (np.arange(SLIP_TIME_COUNT) + 0.5) / SLIP_TIME_COUNT
+    moments = (
+        scales.start_time
+        + scales.duration
+        * (np.arange(scales.settings.slip_time_count) + 0.5)
+        / scales.settings.slip_time_count
+    )
     steps = [
         Candidate(
             "thread_slip",
@@ -295,7 +314,7 @@ def _build_thread_slip(scales: _RecordingScales) -> list[Candidate]:
 
 def _build_viscous_damping(scales: _RecordingScales) -> list[Candidate]:
     amplitudes = ("viscous_damping.coefficient", "viscous_damping.pressed")
-    if scales.speed_ratio < MIN_SPEED_RATIO_FOR_POWER:
+    if scales.speed_ratio < scales.settings.min_speed_ratio_for_power:
         # At one speed the data do not determine the power: it would be fitted to noise of the rate.
         return [Candidate("viscous_damping", amplitudes)]
     return [
@@ -308,7 +327,7 @@ def _build_contact_pressure(scales: _RecordingScales) -> list[Candidate]:
         Candidate(
             "contact_pressure",
             ("contact_pressure.threshold",),
-            {"contact_pressure.fill": share * scales.width},
+            {"contact_pressure.fill": share * scales.rest_angle_cosine},
         )
         for share in (0.2, 0.8)
     ]
@@ -327,7 +346,7 @@ def _build_rig_compliance(scales: _RecordingScales) -> list[Candidate]:
 
 def _build_end_taper(scales: _RecordingScales) -> list[Candidate]:
     return [
-        Candidate("end_taper", ("end_taper.share",), {"end_taper.radius": share * scales.fitting})
+        Candidate("end_taper", ("end_taper.share",), {"end_taper.radius": share * scales.fitting_radius})
         for share in (0.94, 1.0)
     ]
 
@@ -335,7 +354,9 @@ def _build_end_taper(scales: _RecordingScales) -> list[Candidate]:
 def _build_braid_locking(scales: _RecordingScales) -> list[Candidate]:
     return [
         Candidate(
-            "braid_locking", ("braid_locking.stiffness",), {"braid_locking.width": share * scales.spacing}
+            "braid_locking",
+            ("braid_locking.stiffness",),
+            {"braid_locking.width": share * scales.thread_width},
         )
         for share in (0.9, 1.1, 1.4, 1.9)
     ]

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from pamjax.compile import programs
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
 from pamjax.errors import refuse
 from pamjax.infer.fitting.fit import build_joint_space
 from pamjax.infer.problem.dataset import (
@@ -36,38 +37,24 @@ from pamjax.records.case import Case
 from pamjax.records.fixed_length import average_fixed_lengths
 from pamjax.records.reading.quantity import MeasuredValue
 
-#: Rows of the shortest program. Longer ones have twice as many, and so on: those beyond a recording's cost
-#: little, and recordings of other lengths need no program of their own.
+#: Rows of the shortest compiled program; longer programs have 2, 4, 8, ... times as many. Padding costs
+#: little, and recordings of similar length share one program.
 MIN_PROGRAM_ROWS = 640
 
-#: Numbers in which one sweep takes derivatives, at most.
+#: Largest number of parameters in one sweep of derivatives.
 DERIVATIVES_PER_SWEEP = 32
 
-#: How many of them are taken side by side.
+#: Number of derivatives that are computed in parallel.
 DERIVATIVES_PER_PASS = 4
 
-#: A number that was measured stays within this many of its standard deviations: further off, the lab has
-#: not made an error of measurement, but the model one of physics.
-MAX_PRIOR_DEVIATION_SD = 3.0
 
-#: Factor within which the threads' stiffness stays of what the lab believes of it.
-MAX_STIFFNESS_FACTOR = 5.0
-
-#: A presliding distance is at least this many times the noise of length: the friction of a shorter one
-#: would answer to that noise, which stands in the residual as well.
-MIN_PRESLIDING_NOISE_RATIO = 10.0
-
-#: How far a tube in a braid may be from its size as bought, where the lab says nothing of it: it is
-#: stretched or squeezed to fit.
-FITTED_SIZE_SD_SHARE = 0.1
-
-#: The mechanism that costs as much as all others together: left out of the program while it has no share.
+#: The mechanism that costs as much as all others together. `reduced_dataset` does not contain it.
 COSTLIEST_MECHANISM = "end_taper"
 
-#: What leaves something to later samples, so that a recording is passed twice while one of them is on.
+#: Mechanisms that depend on earlier samples. While one is active, the recording is simulated with_memory.
 MECHANISMS_WITH_MEMORY = {kind.id for kind in MECHANISMS if issubclass(kind, HISTORY_DEPENDENT)}
 
-#: The threads' compliance, of which an inelastic braid has none.
+#: Compliance of the threads; zero for an inelastic braid.
 COMPLIANCE_PARAMETER = "braid_elasticity.compliance"
 
 
@@ -91,6 +78,7 @@ class LibraryProblem:
         dataset: arrays for the compiled program with all mechanisms.
         reduced_dataset: the same without `COSTLIEST_MECHANISM`; used while that is switched off.
         measured: (2, n) measured force (N) and diameter (m); NaN where no sample is compared.
+        settings: thresholds of the diagnosis.
     """
 
     case: Case
@@ -106,6 +94,7 @@ class LibraryProblem:
     dataset: Dataset
     reduced_dataset: Dataset
     measured: np.ndarray
+    settings: DiagnosisSettings = DEFAULT_SETTINGS
 
     @property
     def is_logarithmic(self) -> np.ndarray:
@@ -157,18 +146,20 @@ class LibraryProblem:
             [bool(MECHANISMS_WITH_MEMORY & (active_ids | {id})) for id in mechanism_ids], dtype=bool
         )
         prediction, jacobian = None, np.empty((indices.size, 2, self.n))
-        for twice in (False, True):
-            some = np.flatnonzero(has_memory == twice)
-            for k in range(0, some.size, DERIVATIVES_PER_SWEEP):
-                now = some[k : k + DERIVATIVES_PER_SWEEP]
-                prediction, jacobian[now] = self._run_sweep(dataset, values, indices[now], twice)
+        for with_memory in (False, True):
+            positions = np.flatnonzero(has_memory == with_memory)
+            for k in range(0, positions.size, DERIVATIVES_PER_SWEEP):
+                batch = positions[k : k + DERIVATIVES_PER_SWEEP]
+                prediction, jacobian[batch] = self._run_sweep(dataset, values, indices[batch], with_memory)
         if prediction is None:
             prediction, _ = self._run_sweep(dataset, values, (), bool(MECHANISMS_WITH_MEMORY & active_ids))
         return prediction, jacobian
 
-    def _run_sweep(self, dataset: Dataset, values, indices, twice: bool) -> tuple[np.ndarray, np.ndarray]:
+    def _run_sweep(
+        self, dataset: Dataset, values, indices, with_memory: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
         prediction, jacobian = programs.run_compiled(
-            _sweep_derivatives, *_pack_sweep_arguments(dataset, values, indices, twice)
+            _sweep_derivatives, *_pack_sweep_arguments(dataset, values, indices, with_memory)
         )
         return np.asarray(prediction)[:, : self.n], np.asarray(jacobian)[: len(indices), :, : self.n]
 
@@ -177,22 +168,23 @@ def _get_mechanism_id(name: str) -> str:
     return name.partition(".")[0]
 
 
-def _pack_sweep_arguments(dataset: Dataset, values, indices, twice: bool) -> tuple:
+def _pack_sweep_arguments(dataset: Dataset, values, indices, with_memory: bool) -> tuple:
     slots = np.zeros(DERIVATIVES_PER_SWEEP, dtype=int)
     slots[: len(indices)] = indices
-    counts = jnp.asarray(len(indices)), jnp.asarray(twice)
+    counts = jnp.asarray(len(indices)), jnp.asarray(with_memory)
     return dataset, jnp.asarray(values), jnp.asarray(slots), *counts
 
 
 @eqx.filter_jit
 def _sweep_derivatives(
-    dataset: Dataset, values: Float[Array, " p"], slots: Array, count: Array, twice: Array
+    dataset: Dataset, values: Float[Array, " p"], slots: Array, count: Array, with_memory: Array
 ) -> tuple[Array, Array]:
     """Return the prediction and its derivatives by the first `count` parameters in `slots`.
 
-    `twice` is true if one of them, or an active mechanism, has memory: the recording is then simulated twice.
+    `with_memory` is true if one of them, or an active mechanism, has memory: the recording is
+    then simulated twice.
     """
-    dataset = eqx.tree_at(lambda m: m.history.has_memory, dataset, twice, is_leaf=lambda x: x is None)
+    dataset = eqx.tree_at(lambda m: m.history.has_memory, dataset, with_memory, is_leaf=lambda x: x is None)
 
     def predict(x):
         reading = dataset.predict(x)
@@ -202,7 +194,7 @@ def _sweep_derivatives(
         _, jacobian = carry
         now = jax.lax.dynamic_slice_in_dim(slots, k * DERIVATIVES_PER_PASS, DERIVATIVES_PER_PASS)
         tangents = jax.nn.one_hot(now, values.size, dtype=values.dtype)
-        # Side by side: what all directions share is worked out once for them, while it is in the cache.
+        # Batched: the common part of all directions is computed once, while it is in the processor cache.
         prediction, tangent_prediction = jax.vmap(
             lambda t: jax.jvp(predict, (values,), (t,)), out_axes=(None, 0)
         )(tangents)
@@ -224,11 +216,12 @@ def compute_program_rows(n: int) -> int:
     return MIN_PROGRAM_ROWS * 2 ** max(math.ceil(math.log2(max(n, 1) / MIN_PROGRAM_ROWS)), 0)
 
 
-def build_library_problem(case: Case) -> LibraryProblem:
+def build_library_problem(case: Case, settings: DiagnosisSettings = DEFAULT_SETTINGS) -> LibraryProblem:
     """Build the problem of a recording and all mechanisms.
 
     Args:
         case: the recording and the stated values of its muscle; the baseline is inelastic or elastic.
+        settings: thresholds of the diagnosis.
 
     Raises:
         BadInput: if the baseline is not available, or if no sample can be compared.
@@ -239,22 +232,26 @@ def build_library_problem(case: Case) -> LibraryProblem:
     space, _ = build_joint_space([case], law, ())
     priors = collect_stated_values(case.entry, law) | _read_mechanism_priors(case, law, ids)
     priors["bladder_elasticity.inner_diameter"] = _widen_size_prior(
-        priors["bladder_elasticity.inner_diameter"]
+        priors["bladder_elasticity.inner_diameter"], settings.fitted_size_sd_share
     )
-    rulers = {n: MeasuredValue(0.0, float(space.sd[i])) for i, n in enumerate(space.names) if n not in priors}
-    priors |= rulers
+    length_errors = {
+        n: MeasuredValue(0.0, float(space.sd[i])) for i, n in enumerate(space.names) if n not in priors
+    }
+    priors |= length_errors
     names = tuple(priors)
-    meanings = tuple(find_meaning(n) if n not in rulers else _describe_length_error(space, n) for n in names)
+    meanings = tuple(
+        find_meaning(n) if n not in length_errors else _describe_length_error(space, n) for n in names
+    )
     start = np.array([m.value for m in priors.values()])
     prior_sd = np.array([m.sd if m.sd > 0 else math.inf for m in priors.values()])
     is_baseline = np.isin(names, space.names)
     neutral = np.array([v if m.neutral is None else m.neutral for v, m in zip(start, meanings, strict=True)])
-    low, high = _compute_limits(names, meanings, start, prior_sd, is_baseline)
+    low, high = _compute_limits(names, meanings, start, prior_sd, is_baseline, settings)
     k = names.index("braid_friction.presliding")
-    low[k] = max(low[k], MIN_PRESLIDING_NOISE_RATIO * (case.entry.sensors.length or 0.0))
+    low[k] = max(low[k], settings.min_presliding_noise_ratio * (case.entry.sensors.length or 0.0))
     recording, size = case.recording, compute_program_rows(case.recording.n)
     if recording.time is not None:
-        # A slip that a recording shows happened in it.
+        # Only a slip within the recording can be detected.
         k = names.index("thread_slip.when")
         low[k], high[k] = recording.time[0], max(recording.time[-1], recording.time[0] + 1)
         start[k] = np.clip(start[k], low[k], high[k])
@@ -262,11 +259,11 @@ def build_library_problem(case: Case) -> LibraryProblem:
     dataset = Dataset(
         law=law,
         mechanisms=ids,
-        free_parameters=tuple((n, i) for n, i in index_by_name.items() if n not in rulers),
-        length_error_indices=tuple(index_by_name[n] for n in rulers),
+        free_parameters=tuple((n, i) for n, i in index_by_name.items() if n not in length_errors),
+        length_error_indices=tuple(index_by_name[n] for n in length_errors),
         fixed_values={},
         rows=build_rows(case, size),
-        history=build_history(case, size, padding=False),
+        history=build_history(case, size, compute_padding=False),
         channel_weights=jnp.ones(2),
     )
     measured = np.stack(
@@ -274,8 +271,8 @@ def build_library_problem(case: Case) -> LibraryProblem:
     )
     if not np.isfinite(measured).any():
         raise refuse(
-            "a diagnosis compares force and diameter where the muscle is inflated and taut", "no such row",
-            remedy="Inflate the muscle further, or check the zero of `pressure`.",
+            "a diagnosis needs rows with force or diameter in which the muscle is inflated and taut",
+            "no such row", remedy="Inflate the muscle further, or check the zero of `pressure`.",
         )  # fmt: skip
     reduced_dataset = dataclasses.replace(
         dataset, mechanisms=tuple(id for id in ids if id != COSTLIEST_MECHANISM)
@@ -294,6 +291,7 @@ def build_library_problem(case: Case) -> LibraryProblem:
         dataset,
         reduced_dataset,
         measured,
+        settings,
     )
 
 
@@ -305,8 +303,8 @@ def _read_mechanism_priors(case: Case, law: str, ids: tuple[str, ...]) -> dict[s
     return priors
 
 
-def _widen_size_prior(size: MeasuredValue) -> MeasuredValue:
-    return size if size.sd > 0 else MeasuredValue(size.value, FITTED_SIZE_SD_SHARE * size.value)
+def _widen_size_prior(size: MeasuredValue, sd_share: float) -> MeasuredValue:
+    return size if size.sd > 0 else MeasuredValue(size.value, sd_share * size.value)
 
 
 def _estimate_compliance(case: Case) -> MeasuredValue:
@@ -321,11 +319,13 @@ def _estimate_compliance(case: Case) -> MeasuredValue:
 
 def _describe_length_error(space, name: str) -> Meaning:
     sd = float(space.sd[space.names.index(name)])
-    about = "true minus written length of one setting"
-    return Meaning("m", "mm", -8 * sd, 8 * sd, "linear", about, "the ruler's own standard deviation")
+    about = "true minus recorded length of one setting"
+    return Meaning("m", "mm", -8 * sd, 8 * sd, "linear", about, "standard deviation of the ruler")
 
 
-def _compute_limits(names, meanings, start, prior_sd, is_baseline) -> tuple[np.ndarray, np.ndarray]:
+def _compute_limits(
+    names, meanings, start, prior_sd, is_baseline, settings: DiagnosisSettings
+) -> tuple[np.ndarray, np.ndarray]:
     low = np.array([m.low for m in meanings])
     high = np.array([m.high for m in meanings])
     for k, name in enumerate(names):
@@ -333,12 +333,12 @@ def _compute_limits(names, meanings, start, prior_sd, is_baseline) -> tuple[np.n
             continue
         if name in ("thread.modulus", "thread.stiffness"):
             low[k], high[k] = (
-                max(low[k], start[k] / MAX_STIFFNESS_FACTOR),
-                min(high[k], start[k] * MAX_STIFFNESS_FACTOR),
+                max(low[k], start[k] / settings.max_stiffness_factor),
+                min(high[k], start[k] * settings.max_stiffness_factor),
             )
         elif math.isfinite(prior_sd[k]):
             low[k], high[k] = (
-                max(low[k], start[k] - MAX_PRIOR_DEVIATION_SD * prior_sd[k]),
-                min(high[k], start[k] + MAX_PRIOR_DEVIATION_SD * prior_sd[k]),
+                max(low[k], start[k] - settings.max_prior_deviation_sd * prior_sd[k]),
+                min(high[k], start[k] + settings.max_prior_deviation_sd * prior_sd[k]),
             )
     return low, high

@@ -1,1 +1,1 @@
-"""Propose the protocol that separates what a recording cannot."""
+"""Propose protocols that distinguish mechanisms which the recording does not."""

@@ -23,17 +23,11 @@ from pamjax.diagnosis.refit.candidate_fit import (
     switch_on_candidate,
 )
 from pamjax.diagnosis.refit.least_squares import fit_parameters
-from pamjax.diagnosis.select.search import FINAL_REFIT_COUNT, ROUGH_EVALUATIONS
 from pamjax.diagnosis.select.selection import NamedMechanism
+from pamjax.diagnosis.settings import DiagnosisSettings
 
-#: Power with which a protocol is enough.
-SUFFICIENT_POWER = 0.9
-
-#: Forms of a mechanism that are refitted, and the shares of their linear amplitudes from which they begin.
-MAX_CANDIDATES_REFITTED, START_AMPLITUDE_SHARES = 3, (1.0, 0.1)
-
-#: Most rivals of one name, and most pairs, for which a protocol is sought.
-MAX_RIVALS_PER_MECHANISM, MAX_RIVAL_PAIRS = 2, 4
+#: Shares of the linear amplitudes of an alternative from which a refit starts.
+START_AMPLITUDE_SHARES = (1.0, 0.1)
 
 
 @dataclass(frozen=True)
@@ -43,7 +37,7 @@ class Experiment:
     Attributes:
         protocol: instruction, one sentence.
         separates: ids of the mechanisms that it distinguishes.
-        power: probability that it identifies the true one, at a false-alarm rate of 5 %.
+        power: probability that it identifies the true mechanism at the false-alarm rate of the settings.
         minutes: duration, min.
         id: id of the protocol in the menu.
         chi2_limit: increase of χ² at which the second model is rejected.
@@ -79,9 +73,11 @@ def propose_experiments(
         for name in named_mechanisms
         for rival in sorted(
             name.indistinguishable, key=lambda id, name=name: name.rival_chi2_increase.get(id, np.inf)
-        )[:MAX_RIVALS_PER_MECHANISM]
+        )[: problem.settings.max_rivals_per_mechanism]
     ]
-    pairs = list({frozenset(pair): pair for pair in reversed(pairs)}.values())[::-1][:MAX_RIVAL_PAIRS]
+    pairs = list({frozenset(pair): pair for pair in reversed(pairs)}.values())[::-1][
+        : problem.settings.max_rival_pairs
+    ]
     if not pairs:
         return []
     testbed = SimulatedTestbed.from_fit(problem, fit)
@@ -89,7 +85,9 @@ def propose_experiments(
     for name, rival in pairs:
         rival_fit = fit_rival(problem, fit, name, rival)
         if rival_fit is not None:
-            best[name, rival] = choose_experiment(evaluate_protocols(testbed, fit, rival_fit, (name, rival)))
+            best[name, rival] = choose_experiment(
+                evaluate_protocols(testbed, fit, rival_fit, (name, rival)), problem.settings
+            )
     return _merge_by_protocol(list(best.values()))
 
 
@@ -107,9 +105,9 @@ def _merge_by_protocol(experiments: list[Experiment]) -> list[Experiment]:
     return list(out.values())
 
 
-def choose_experiment(experiments: Sequence[Experiment]) -> Experiment:
+def choose_experiment(experiments: Sequence[Experiment], settings: DiagnosisSettings) -> Experiment:
     """Return the shortest experiment with sufficient power, else the one with the highest power."""
-    powerful = [experiment for experiment in experiments if experiment.power >= SUFFICIENT_POWER]
+    powerful = [experiment for experiment in experiments if experiment.power >= settings.sufficient_power]
     return min(powerful, key=lambda e: e.minutes) if powerful else max(experiments, key=lambda e: e.power)
 
 
@@ -117,9 +115,13 @@ def evaluate_protocols(
     testbed: SimulatedTestbed, fit: CandidateFit, rival_fit: CandidateFit, ids: tuple[str, str]
 ) -> list[Experiment]:
     """Return every protocol of the menu with its power to distinguish two models."""
-    out = []
+    out, settings = [], testbed.problem.settings
     for protocol in PROTOCOL_MENU:
-        power, chi2_limit = compute_power_and_limit(*compute_contrast(testbed, protocol, fit, rival_fit))
+        power, chi2_limit = compute_power_and_limit(
+            *compute_contrast(testbed, protocol, fit, rival_fit),
+            draws=settings.power_draws,
+            false_alarm_rate=settings.false_alarm_rate,
+        )
         minutes = protocol.compute_minutes(testbed.rig)
         description = f"{protocol.describe(testbed.rig)} ({_format_duration(minutes)})."
         out.append(Experiment(description, ids, round(power, 3), minutes, protocol.id, chi2_limit))
@@ -157,7 +159,7 @@ def fit_best_candidate(
     scored = sorted(
         compute_score_directions(problem, reduced_fit.noise, reduced_fit.estimate, candidates),
         key=lambda s: -s.chi2_reduction,
-    )[:MAX_CANDIDATES_REFITTED]
+    )[: problem.settings.rival_candidates_refitted]
     rough_fits = []
     for score_direction in scored:
         mechanisms = (*reduced_fit.mechanisms, score_direction.candidate)
@@ -169,10 +171,14 @@ def fit_best_candidate(
                 share * score_direction.amplitudes,
             )
             estimate = fit_parameters(
-                problem, reduced_fit.noise, _get_free_indices(problem, mechanisms), values, ROUGH_EVALUATIONS
+                problem,
+                reduced_fit.noise,
+                _get_free_indices(problem, mechanisms),
+                values,
+                problem.settings.rough_evaluations,
             )
             rough_fits.append(CandidateFit(mechanisms, reduced_fit.noise, estimate))
-    best = sorted(rough_fits, key=lambda m: m.estimate.cost)[:FINAL_REFIT_COUNT]
+    best = sorted(rough_fits, key=lambda m: m.estimate.chi2_with_priors)[: problem.settings.final_refit_count]
     final_fits = [
         build_corrected_fit(
             problem,

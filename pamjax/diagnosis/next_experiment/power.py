@@ -9,7 +9,8 @@ refit is
 
 If A is true, the measured minus B's prediction is y = δ + J_A a + noise, with a drawn from its distribution
 with information H_A. The difference χ²_B(y) − χ²_A(y − δ) is simulated for either truth. B is rejected if the
-difference is above its 95 % quantile with B true. The power is the share of rejections with A true.
+difference exceeds its (1 − `false_alarm_rate`) quantile under B. The power is the share of rejections if A
+is true.
 """
 
 from __future__ import annotations
@@ -19,11 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-#: Chance that the wrong one is chosen.
-FALSE_ALARM_RATE = 0.05
-
-#: Simulated protocols for a power: it is known to one in a hundred.
-POWER_DRAWS = 4000
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,14 +52,24 @@ class LinearisedModel:
 
 
 def compute_power(
-    delta: np.ndarray, a: LinearisedModel, b: LinearisedModel, draws: int = POWER_DRAWS, seed: int = 0
+    delta: np.ndarray,
+    a: LinearisedModel,
+    b: LinearisedModel,
+    draws: int = DEFAULT_SETTINGS.power_draws,
+    seed: int = 0,
+    false_alarm_rate: float = DEFAULT_SETTINGS.false_alarm_rate,
 ) -> float:
     """Return the probability that B is rejected if A is true; see `compute_power_and_limit`."""
-    return compute_power_and_limit(delta, a, b, draws, seed)[0]
+    return compute_power_and_limit(delta, a, b, draws, seed, false_alarm_rate)[0]
 
 
 def compute_power_and_limit(
-    delta: np.ndarray, a: LinearisedModel, b: LinearisedModel, draws: int = POWER_DRAWS, seed: int = 0
+    delta: np.ndarray,
+    a: LinearisedModel,
+    b: LinearisedModel,
+    draws: int = DEFAULT_SETTINGS.power_draws,
+    seed: int = 0,
+    false_alarm_rate: float = DEFAULT_SETTINGS.false_alarm_rate,
 ) -> tuple[float, float]:
     """Return the power of a protocol to identify A against B, and the limit of the test.
 
@@ -71,12 +78,13 @@ def compute_power_and_limit(
         a, b: the linearised models.
         draws: simulated protocols for each truth.
         seed: seed of the draws.
+        false_alarm_rate: probability that B is rejected if it is true.
 
     Returns:
-        power at a false-alarm rate of `FALSE_ALARM_RATE`, and the increase of χ² at which B is rejected.
+        power at that false-alarm rate, and the increase of χ² at which B is rejected.
     """
     if not delta.size or not np.any(delta):
-        return FALSE_ALARM_RATE, math.inf
+        return false_alarm_rate, math.inf
     # Noise outside the span of δ and the Jacobians adds the same χ² to both models.
     basis = np.linalg.qr(np.concatenate([delta[None], a.jacobian, b.jacobian]).T)[0]
     delta, a, b = (
@@ -90,5 +98,5 @@ def compute_power_and_limit(
         readings = truth + model.sample_predictions(rng, draws) + rng.standard_normal((draws, delta.size))
         return b.compute_refit_chi2(readings) - a.compute_refit_chi2(readings - delta)
 
-    chi2_limit = float(np.quantile(compute_chi2_difference(np.zeros_like(delta), b), 1 - FALSE_ALARM_RATE))
+    chi2_limit = float(np.quantile(compute_chi2_difference(np.zeros_like(delta), b), 1 - false_alarm_rate))
     return float(np.mean(compute_chi2_difference(delta, a) > chi2_limit)), chi2_limit

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from pamjax.diagnosis.next_experiment.rig import Corner, RigLimits, sample_path
 from pamjax.records.protocol import Schedule
 
-#: A direct reading is no better than this many independent samples: its noise repeats itself.
+#: Independent samples in the mean of a direct reading; more samples have correlated noise.
 INDEPENDENT_READING_COUNT = 10
 
-#: What a reference (dead weights, a second gauge, a gauge block) is worth: share of the reading, and m.
+#: Standard deviation of a reference (dead weights, second gauge): share of the reading; of a gauge block: m.
 REFERENCE_SD_SHARE, GAUGE_BLOCK_SD_M = 1e-3, 2e-5
 
 
@@ -89,12 +89,12 @@ def _build_speeds(rig: RigLimits) -> list[Corner]:
 def _build_holds(rig: RigLimits) -> list[Corner]:
     pressure, half, deep = 0.6 * rig.max_pressure, 0.3 * rig.max_contraction, 0.6 * rig.max_contraction
     travel = half * rig.rest_length / rig.speed
-    middle, far = rig.rest_length * (1 - half), rig.rest_length * (1 - deep)
+    middle, end = rig.rest_length * (1 - half), rig.rest_length * (1 - deep)
     return [
         _build_start(rig, pressure),
         (travel, pressure, middle, 1),
         (300.0, pressure, middle, 1),
-        (travel, pressure, far, 2),
+        (travel, pressure, end, 2),
         (travel, pressure, middle, 2),
         (300.0, pressure, middle, 2),
     ]
@@ -131,41 +131,41 @@ def _build_repeated_low(rig: RigLimits) -> list[Corner]:
 
 
 def _read_zeros(rig: RigLimits) -> dict[str, float]:
-    many = INDEPENDENT_READING_COUNT**0.5
+    root_count = INDEPENDENT_READING_COUNT**0.5
     return {
-        "force_offset.offset": rig.force_noise / many,
-        "pressure_offset.offset": rig.pressure_noise / many,
-        "force_drift.rate": rig.force_noise / many / max(rig.elapsed, 60.0),
+        "force_offset.offset": rig.force_noise / root_count,
+        "pressure_offset.offset": rig.pressure_noise / root_count,
+        "force_drift.rate": rig.force_noise / root_count / max(rig.elapsed, 60.0),
     }
 
 
 def _read_bar(rig: RigLimits) -> dict[str, float]:
-    many = INDEPENDENT_READING_COUNT**0.5
+    root_count = INDEPENDENT_READING_COUNT**0.5
     return {
-        "rig_compliance.compliance": rig.length_noise / many / rig.max_force,
-        "channel_lag.lag": rig.step / many,
-        "length_offset.offset": max(rig.length_noise / many, GAUGE_BLOCK_SD_M),
-        "diameter_offset.offset": max(rig.diameter_noise / many, GAUGE_BLOCK_SD_M),
+        "rig_compliance.compliance": rig.length_noise / root_count / rig.max_force,
+        "channel_lag.lag": rig.step / root_count,
+        "length_offset.offset": max(rig.length_noise / root_count, GAUGE_BLOCK_SD_M),
+        "diameter_offset.offset": max(rig.diameter_noise / root_count, GAUGE_BLOCK_SD_M),
     }
 
 
 def _read_references(rig: RigLimits) -> dict[str, float]:
-    many = INDEPENDENT_READING_COUNT**0.5
+    root_count = INDEPENDENT_READING_COUNT**0.5
     return {
-        "force_gain.gain": max(rig.force_noise / many / rig.max_force, REFERENCE_SD_SHARE),
-        "pressure_gain.gain": max(rig.pressure_noise / many / rig.max_pressure, REFERENCE_SD_SHARE),
-        "pressure_offset.offset": max(rig.pressure_noise / many, REFERENCE_SD_SHARE * rig.max_pressure),
-        "force_offset.offset": max(rig.force_noise / many, REFERENCE_SD_SHARE * rig.max_force),
+        "force_gain.gain": max(rig.force_noise / root_count / rig.max_force, REFERENCE_SD_SHARE),
+        "pressure_gain.gain": max(rig.pressure_noise / root_count / rig.max_pressure, REFERENCE_SD_SHARE),
+        "pressure_offset.offset": max(rig.pressure_noise / root_count, REFERENCE_SD_SHARE * rig.max_pressure),
+        "force_offset.offset": max(rig.force_noise / root_count, REFERENCE_SD_SHARE * rig.max_force),
     }
 
 
-#: The menu, cheap ones first. What a coupon of thread or bladder is worth is in shares of the value itself:
-#: a negative standard deviation says so.
+#: The menu of protocols. A negative standard deviation of a direct reading is relative to the value.
 PROTOCOL_MENU = (
     PlannedProtocol(
         "X1",
         lambda rig: (
-            "Read the load cell and the gauge with the muscle unclamped and vented, now and an hour on"
+            "Read the load cell and the pressure gauge with the muscle unclamped and vented, now and one hour"
+            " later"
         ),
         get_direct_readings=_read_zeros,
         operator_minutes=4.0,
@@ -199,19 +199,19 @@ PROTOCOL_MENU = (
         "X5",
         lambda rig: (
             f"Hold one length ({0.3 * rig.max_contraction:.0%} contracted) for 300 s at"
-            f" {_format_kpa(0.6 * rig.max_pressure)}, reached by shortening and then by lengthening"
+            f" {_format_kpa(0.6 * rig.max_pressure)}, first after shortening, then after lengthening"
         ),
         _build_holds,
     ),
     PlannedProtocol(
         "X6",
-        lambda rig: "Make small reversals (1, 3 and 10 % of the stroke) at three pressures",
+        lambda rig: "Make small strokes (1, 3 and 10 % of the full stroke) at three pressures",
         _build_reversals,
     ),
     PlannedProtocol(
         "X7",
         lambda rig: (
-            f"After a night of rest, stroke at falling pressures from {_format_kpa(rig.max_pressure)}"
+            f"After a night without load, stroke at decreasing pressures from {_format_kpa(rig.max_pressure)}"
         ),
         _build_descending,
         operator_minutes=720.0,
@@ -219,15 +219,15 @@ PROTOCOL_MENU = (
     PlannedProtocol(
         "X8",
         lambda rig: (
-            f"Repeat the stroke at a low pressure ({_format_kpa(0.2 * rig.max_pressure)}) before and"
-            f" after the highest"
+            f"Make the same stroke at a low pressure ({_format_kpa(0.2 * rig.max_pressure)}) before and"
+            f" after the highest pressure"
         ),
         _build_repeated_low,
     ),
     PlannedProtocol(
         "X9",
         lambda rig: (
-            f"Put a steel bar of known length and width in the grips; pull it to {rig.max_force:.0f} N"
+            f"Clamp a steel bar of known length and width in the rig; pull it to {rig.max_force:.0f} N"
             f" in steps"
         ),
         get_direct_readings=_read_bar,
@@ -235,14 +235,15 @@ PROTOCOL_MENU = (
     ),
     PlannedProtocol(
         "X10",
-        lambda rig: "Hang dead weights on the load cell, and put a second gauge at the muscle",
+        lambda rig: "Hang dead weights on the load cell, and connect a second pressure gauge at the muscle",
         get_direct_readings=_read_references,
         operator_minutes=20.0,
     ),
     PlannedProtocol(
         "X11",
         lambda rig: (
-            "Measure the diameter along the muscle, from the fittings to the middle, with a caliper check"
+            "Measure the diameter along the muscle, from the fittings to the middle, and check it with a"
+            " caliper"
         ),
         get_direct_readings=lambda rig: {
             "end_taper.share": rig.diameter_noise / (0.1 * rig.rest_length) / INDEPENDENT_READING_COUNT**0.5,
@@ -254,19 +255,19 @@ PROTOCOL_MENU = (
     ),
     PlannedProtocol(
         "X12",
-        lambda rig: "Mark the free fitting and watch whether it turns under pressure",
+        lambda rig: "Mark the free fitting and observe whether it turns under pressure",
         operator_minutes=5.0,
         in_library=False,
     ),
     PlannedProtocol(
         "X13",
-        lambda rig: "Repeat one stroke at a temperature 15 K higher",
+        lambda rig: "Repeat one stroke at a temperature that is 15 K higher",
         operator_minutes=120.0,
         in_library=False,
     ),
     PlannedProtocol(
         "X14",
-        lambda rig: "Pull a bare thread and a strip of the bladder in a tensile tester",
+        lambda rig: "Test a bare thread and a strip of the bladder in a tensile testing machine",
         get_direct_readings=lambda rig: {
             "thread.modulus": -0.03,
             "thread.stiffness": -0.03,

@@ -8,13 +8,13 @@ import numpy as np
 
 from pamjax.records.protocol import Schedule
 
-#: Most rows of a protocol: all are padded to one number, so that one compiled program serves them.
+#: Largest number of rows of a protocol. All protocols are padded to it and use one compiled program.
 MAX_PROTOCOL_ROWS = 512
 
-#: A corner: seconds to get there, pressure (Pa) and length (m) there, cycle.
+#: A corner of a path: seconds from the last corner, pressure (Pa), length (m), cycle.
 Corner = tuple[float, float, float, int]
 
-#: Standard deviation of a diameter from a photograph, m, where the rig has shown none.
+#: Standard deviation of a diameter from a photograph, m, if the recording has no diameters.
 CAMERA_SD_M = 1e-4
 
 
@@ -53,8 +53,7 @@ class RigLimits:
     ) -> list[Corner]:
         """Return the corners of a stroke from contraction `top` to `deep` and back."""
         seconds = abs(deep - top) * self.rest_length / speed
-        there, back = (self.rest_length * (1 - c) for c in (deep, top))
-        return [(seconds, pressure, there, cycle), (seconds, pressure, back, cycle)]
+        return [(seconds, pressure, self.rest_length * (1 - c), cycle) for c in (deep, top)]
 
 
 def sample_path(corners: list[Corner], step: float, optical: bool, begin: float = 0.0) -> Schedule:

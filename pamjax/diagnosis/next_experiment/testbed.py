@@ -88,7 +88,7 @@ class SimulatedTestbed:
         )
         rows = build_rows(case, size)
         rows = dataclasses.replace(rows, length_setting=jnp.zeros_like(rows.length_setting))
-        history = build_history(case, size, padding=False)
+        history = build_history(case, size, compute_padding=False)
         dataset, reduced_dataset = (
             dataclasses.replace(m, rows=rows, history=history)
             for m in (problem.dataset, problem.reduced_dataset)
@@ -168,7 +168,7 @@ def compute_contrast(
             planned_problem.jacobian(m.estimate.values, m.estimate.free) for m in (a, b)
         )
         is_measured = np.isfinite(shown_a) & np.isfinite(shown_b)
-        # A muscle that would have to push is slack: nothing is measured there that tells models apart.
+        # A negative force means that the muscle is slack: such samples do not distinguish the models.
         is_measured &= (shown_a[0] > 0) & (shown_b[0] > 0)
         is_measured[1] &= schedule.diameter_measured
         noise = testbed.build_noise(planned_problem, a.estimate.values, is_measured)
@@ -207,7 +207,7 @@ def _compute_information(problem: LibraryProblem, fit: CandidateFit) -> np.ndarr
     """Return the information on a model's parameters from recording, priors and limits, in coordinates."""
     jacobian, free = fit.estimate.jacobian, fit.estimate.free
     low, high = (transform_to_coordinates(problem, free, edge) for edge in (problem.low, problem.high))
-    # A number anywhere between its limits has a twelfth of their distance squared as variance.
+    # The variance of a uniform distribution is a twelfth of the squared distance of its limits.
     prior_sd = np.where(
         fit.estimate.prior_sd < UNINFORMATIVE_PRIOR_SD, fit.estimate.prior_sd, (high - low) / UNIFORM_RANGE_SD
     )

@@ -14,6 +14,7 @@ import numpy as np
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.input_noise import propagate_input_noise
+from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.infer.noise.ar1_filter import Ar1Noise, compute_correlation_error
 from pamjax.infer.noise.sensor_noise import compute_sensitivities
 from pamjax.infer.noise.static_table import estimate_table_variance
@@ -22,24 +23,10 @@ from pamjax.infer.noise.unknown_sensor import (
     DifferenceStatistics,
     UnknownSensorNoise,
     compute_second_differences,
+    estimate_stated_noise,
     estimate_unknown_noise,
 )
 from pamjax.infer.problem.dataset import CHANNELS, estimate_starting_sd
-
-#: Largest correlation of neighbours. Beyond it noise cannot be told from misfit.
-MAX_CORRELATION = 0.98
-
-#: Correlation of neighbours, in standard errors, below which samples count as independent.
-MIN_CORRELATION_SE = 2.0
-
-#: How well a lab knows its sensors' noise, as a share of its variance.
-SENSOR_VARIANCE_SD_SHARE = 0.1
-
-#: Samples below which no correlation is looked for.
-MIN_SAMPLES_FOR_CORRELATION = 30
-
-#: Share of all steps that are near where a few jump.
-MIN_NEAR_STEP_SHARE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,13 +103,16 @@ def _split_runs(kept: np.ndarray, runs: np.ndarray) -> np.ndarray:
     return np.stack([bounds[:-1], bounds[1:]], axis=1) if run.size else np.zeros((0, 2), int)
 
 
-def estimate_noise(problem: LibraryProblem, values: np.ndarray, training_rows: np.ndarray) -> NoiseModel:
+def estimate_noise(
+    problem: LibraryProblem, values: np.ndarray, training_rows: np.ndarray, free_scale: bool = False
+) -> NoiseModel:
     """Estimate the noise model from the residual at some parameter values.
 
     Args:
         problem: the recording and the library.
         values: (p,) parameter values, SI.
         training_rows: (n,) mask of the rows in use.
+        free_scale: whether the stated noise of a sensor may be inexact.
     """
     residual = problem.measured - problem.predict(values)
     sensor_variance, input_variance = _compute_variances(problem, values)
@@ -154,6 +144,8 @@ def estimate_noise(problem: LibraryProblem, values: np.ndarray, training_rows: n
                 tables[c],
                 None if input_noise is None else input_noise[:, c],
                 input_noise_unknown,
+                settings=problem.settings,
+                free_scale=free_scale,
             )
             if channel_rows.size
             else None
@@ -200,6 +192,9 @@ def _build_channel_noise(
     table=(math.nan, 0.0),
     input_noise=None,
     input_noise_unknown=False,
+    *,
+    settings: DiagnosisSettings,
+    free_scale: bool = False,
 ):
     variance, degrees_of_freedom = table
     if not stated and degrees_of_freedom > 0:
@@ -209,9 +204,15 @@ def _build_channel_noise(
         None
         if stated
         else _estimate_unknown_sensor(
-            residual, input_variance, input_noise, channel_rows, starts, input_noise_unknown
+            residual, input_variance, input_noise, channel_rows, starts, input_noise_unknown, settings
         )
     )
+    if stated and free_scale:
+        statistics = _collect_difference_statistics(
+            residual, input_variance, input_noise, channel_rows, starts, input_noise_unknown, settings
+        )
+        if statistics is not None:
+            return _build_scaled_noise(statistics, sensor_variance, input_variance, channel_rows)
     if unknown_sensor:
         (correlation, sensor_variance), input_variance = (
             unknown_sensor.correlation_and_variance,
@@ -219,47 +220,96 @@ def _build_channel_noise(
         )
     elif not stated:
         unit_sd = np.ones_like(residual)
-        roughness = _compute_roughness(residual, unit_sd, channel_rows, starts)
+        half_mean_square = _compute_half_mean_square(residual, unit_sd, channel_rows, starts, settings)
         sensor_variance = max(
-            roughness - _compute_input_roughness(input_variance, input_noise, unit_sd, channel_rows, starts),
+            half_mean_square
+            - _compute_input_half_mean_square(input_variance, input_noise, unit_sd, channel_rows, starts),
             1e-18,
         )
     variance = np.broadcast_to(sensor_variance + input_variance, residual.shape)
     sd = np.sqrt(variance)
-    shared = float(
+    sensor_fraction = float(
         np.mean(np.broadcast_to(sensor_variance, residual.shape)[channel_rows] / variance[channel_rows])
     )
     if unknown_sensor:
         return Ar1Noise(
-            sd, shared, correlation, stated, rho_from_differences=correlation, unknown_sensor=unknown_sensor
+            sd,
+            sensor_fraction,
+            correlation,
+            stated,
+            rho_from_differences=correlation,
+            unknown_sensor=unknown_sensor,
         )
-    if not stated or channel_rows.size < MIN_SAMPLES_FOR_CORRELATION:
-        return Ar1Noise(sd, shared, 0.0, stated)
-    # Half the mean square of neighbours' differences is W + A (1 − ρ); a lag that averages gives less than W.
-    roughness, input_roughness = (
-        _compute_roughness(residual, sd, channel_rows, starts),
-        _compute_input_roughness(input_variance, input_noise, sd, channel_rows, starts),
+    if not stated or channel_rows.size < settings.min_samples_for_correlation:
+        return Ar1Noise(sd, sensor_fraction, 0.0, stated)
+    # Half the mean square of neighbours' differences is W + A (1 − ρ), where W is the variance of white noise
+    # and A that of AR(1) noise (`infer/noise/ar1_filter.py`). A model with a lag averages the input noise, so
+    # W is smaller.
+    half_mean_square, input_half_mean_square = (
+        _compute_half_mean_square(residual, sd, channel_rows, starts, settings),
+        _compute_input_half_mean_square(input_variance, input_noise, sd, channel_rows, starts),
     )
-    if input_roughness > roughness:
+    if input_half_mean_square > half_mean_square:
         # The model predicts more input noise than the data show: ignore its memory.
-        input_roughness = _compute_input_roughness(input_variance, None, sd, channel_rows, starts)
-    roughness -= input_roughness
-    rho = 1 - roughness / shared
-    is_correlated = rho > MIN_CORRELATION_SE * compute_correlation_error(shared, 0.0, channel_rows.size)
+        input_half_mean_square = _compute_input_half_mean_square(
+            input_variance, None, sd, channel_rows, starts
+        )
+    half_mean_square -= input_half_mean_square
+    rho = 1 - half_mean_square / sensor_fraction
+    is_correlated = rho > settings.min_correlation_se * compute_correlation_error(
+        sensor_fraction, 0.0, channel_rows.size
+    )
     return Ar1Noise(
-        sd, shared, min(rho, MAX_CORRELATION) if is_correlated else 0.0, stated, rho_from_differences=rho
+        sd,
+        sensor_fraction,
+        min(rho, settings.max_noise_correlation) if is_correlated else 0.0,
+        stated,
+        rho_from_differences=rho,
     )
 
 
 def _estimate_unknown_sensor(
-    residual, input_variance, input_noise, channel_rows, starts, input_noise_unknown: bool
+    residual,
+    input_variance,
+    input_noise,
+    channel_rows,
+    starts,
+    input_noise_unknown: bool,
+    settings: DiagnosisSettings,
 ) -> UnknownSensorNoise | None:
     """Estimate the noise of a sensor without stated noise; None if runs are too short."""
+    statistics = _collect_difference_statistics(
+        residual, input_variance, input_noise, channel_rows, starts, input_noise_unknown, settings
+    )
+    return None if statistics is None else estimate_unknown_noise(statistics)
+
+
+def _build_scaled_noise(statistics, sensor_variance, input_variance, channel_rows) -> Ar1Noise:
+    """Return the noise of a sensor whose stated noise may be inexact."""
+    stated_variance = float(np.mean(np.broadcast_to(sensor_variance, input_variance.shape)[channel_rows]))
+    noise = estimate_stated_noise(statistics, stated_variance)
+    variance = noise.variance + noise.input_factor * input_variance
+    sensor_fraction = float(np.mean(noise.variance / variance[channel_rows]))
+    return Ar1Noise(
+        np.sqrt(variance), sensor_fraction, noise.correlation, True, rho_from_differences=noise.correlation
+    )
+
+
+def _collect_difference_statistics(
+    residual,
+    input_variance,
+    input_noise,
+    channel_rows,
+    starts,
+    input_noise_unknown: bool,
+    settings: DiagnosisSettings,
+) -> DifferenceStatistics | None:
+    """Return mean squares of second differences; None if runs are too short."""
     differences = [
         d[np.isfinite(d)] for d in compute_second_differences(residual[channel_rows], starts[channel_rows])
     ]
     counts = np.array([d.size for d in differences])
-    if counts.min() < MIN_SAMPLES_FOR_CORRELATION:
+    if counts.min() < settings.min_samples_for_correlation:
         return None
     if input_noise is None:
         input_mean_squares = np.full(DIFFERENCE_LAGS.size, 6 * float(np.mean(input_variance[channel_rows])))
@@ -270,18 +320,16 @@ def _estimate_unknown_sensor(
                 for d in compute_second_differences(input_noise[:, channel_rows], starts[channel_rows])
             ]
         )
-    return estimate_unknown_noise(
-        DifferenceStatistics(
-            np.array([_compute_robust_mean_square(d) for d in differences]),
-            counts,
-            input_mean_squares,
-            SENSOR_VARIANCE_SD_SHARE,
-            input_noise_unknown,
-        )
+    return DifferenceStatistics(
+        np.array([_compute_robust_mean_square(d, settings) for d in differences]),
+        counts,
+        input_mean_squares,
+        settings.sensor_variance_sd_share,
+        input_noise_unknown,
     )
 
 
-def _compute_input_roughness(input_variance, input_noise, sd, channel_rows, starts) -> float:
+def _compute_input_half_mean_square(input_variance, input_noise, sd, channel_rows, starts) -> float:
     """Return half the mean square of neighbours' differences due to input noise, over sd²."""
     if input_noise is None:
         return float(np.mean((input_variance / sd**2)[channel_rows]))
@@ -289,20 +337,20 @@ def _compute_input_roughness(input_variance, input_noise, sd, channel_rows, star
     return 0.5 * float(np.mean(step**2)) if step.size else 0.0
 
 
-def _compute_roughness(residual, sd, channel_rows, starts) -> float:
+def _compute_half_mean_square(residual, sd, channel_rows, starts, settings: DiagnosisSettings) -> float:
     """Return half the mean square of neighbours' differences over sd², robust against a few jumps."""
     standard = residual[channel_rows] / sd[channel_rows]
     step = np.diff(standard)[np.diff(starts[channel_rows]) == 0]
     if step.size < 3:
         return float(np.var(standard)) if standard.size > 1 else 1.0
-    return 0.5 * _compute_robust_mean_square(step)
+    return 0.5 * _compute_robust_mean_square(step, settings)
 
 
-def _compute_robust_mean_square(steps: np.ndarray) -> float:
+def _compute_robust_mean_square(steps: np.ndarray, settings: DiagnosisSettings) -> float:
     """Return the mean square of steps, robust against a few jumps."""
     is_near = np.abs(steps) < 3.5 * 1.4826 * np.median(np.abs(steps))
     # If many steps are large (a coarse converter), they are not outliers.
-    if np.mean(is_near) < MIN_NEAR_STEP_SHARE:
+    if np.mean(is_near) < settings.min_near_step_share:
         return float(np.mean(steps**2))
     # Of a normal variable 0.046 % lies beyond 3.5 standard deviations, with 0.6 % of its square.
     return float(np.mean(steps[is_near] ** 2)) * 1.0061

@@ -32,10 +32,8 @@ from pamjax.diagnosis.library.candidates import MECHANISMS_NEEDING_TIME
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.infer.noise.sensor_noise import compute_sensitivities
 
-#: Draws, a power of two, and their seed: every model sees the same.
+#: Number of draws, a power of two, and their seed. All models use the same draws.
 INPUT_NOISE_DRAWS, INPUT_NOISE_SEED = 4, 7
-#: Most that is taken off a model's χ², as a share of its samples.
-MAX_CHI2_CREDIT_SHARE = 0.1
 
 
 def compute_input_noise_chi2(
@@ -50,7 +48,7 @@ def compute_input_noise_chi2(
 
     Returns:
         zero without an active mechanism with memory or without stated input noise; negative for a model that
-        averages; at most `MAX_CHI2_CREDIT_SHARE` of the samples.
+        averages; at most `problem.settings.max_input_noise_chi2_share` of the samples.
     """
     propagated = propagate_input_noise(problem, values)
     if propagated is None:
@@ -65,7 +63,7 @@ def compute_input_noise_chi2(
             whiten(np.nan_to_num(by_pressure * pressure + by_length * length)),
         )
         total, size = total + float(whitened @ whitened - bare @ bare), whitened.size
-    return min(total / INPUT_NOISE_DRAWS, MAX_CHI2_CREDIT_SHARE * size)
+    return min(total / INPUT_NOISE_DRAWS, problem.settings.max_input_noise_chi2_share * size)
 
 
 def propagate_input_noise(problem: LibraryProblem, values: np.ndarray) -> np.ndarray | None:

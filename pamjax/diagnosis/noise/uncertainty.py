@@ -5,12 +5,12 @@ A direction d, white and of unit length, has the noise variance
     V(ρ′) = Σ_ω |d(ω)|² S(ω; ρ′) / S(ω; ρ),     S(ω; ρ) = 1 − A + A (1 − ρ²) / |1 − ρ e^(−iω)|²,
 
 if the true correlation is ρ′ and the assumed one is ρ: a larger ρ′ gives a slow direction more variance and
-a fast one less. The prior of ρ′ is one half at zero and one half uniform up to `MAX_CORRELATION`. The
-likelihood is the estimate from neighbours' differences with its standard error. This error is large if the
-sensor noise is a small part of the total, because the input noise is known only to a share of its variance.
-A channel without an estimated correlation has the uncertainty of a variance from that many squared
-differences. For a sensor without stated noise, variance and correlation are uncertain together
-(`unknown_sensor.py`).
+a fast one less. The prior of ρ′ is one half at zero and one half uniform up to the setting
+`max_noise_correlation`. The likelihood is the estimate from neighbours' differences with its standard error.
+This error is large if the sensor noise is a small part of the total, because the input noise is known only to
+a share of its variance. A channel without an estimated correlation has the uncertainty of a variance from
+that many squared differences. For a sensor without stated noise, variance and correlation are uncertain
+together (`unknown_sensor.py`).
 What it leaves out: the ends of runs, and a sensor that is worse than stated.
 Source: filtering of a stationary process, derived here.
 """
@@ -23,16 +23,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm, truncnorm
 
-from pamjax.diagnosis.noise.estimate import (
-    MAX_CORRELATION,
-    MIN_SAMPLES_FOR_CORRELATION,
-    SENSOR_VARIANCE_SD_SHARE,
-    NoiseModel,
-)
+from pamjax.diagnosis.noise.estimate import NoiseModel
+from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.infer.noise.ar1_filter import Ar1Noise, compute_correlation_error
 from pamjax.infer.noise.unknown_sensor import UnknownSensorNoise
 
-#: Standard normal variables at which a channel's noise is looked at; between them it is interpolated.
+#: Standard normal variables at which the noise variance is computed; between them it is interpolated.
 NORMAL_NODES = np.linspace(-4.0, 4.0, 33)
 
 
@@ -60,30 +56,35 @@ class NoiseUncertainty:
         return np.sqrt(variance)
 
 
-def estimate_noise_uncertainty(noise: NoiseModel, directions: np.ndarray) -> NoiseUncertainty:
+def estimate_noise_uncertainty(
+    noise: NoiseModel, directions: np.ndarray, settings: DiagnosisSettings
+) -> NoiseUncertainty:
     """Return the uncertainty of the noise variance of each direction.
 
     Args:
         noise: the noise model.
         directions: (k, size or more) whitened directions; entries after the samples belong to the priors.
+        settings: thresholds of the diagnosis.
     """
     parts, begin = [], 0
     for channel, rows in zip(noise.channels, noise.rows, strict=True):
         part = directions[:, begin : begin + rows.size]
         begin += rows.size
-        parts.append(_compute_channel_variances(channel, part))
+        parts.append(_compute_channel_variances(channel, part, settings))
     by_channel = np.stack(parts, axis=1)
     return NoiseUncertainty(np.sum(directions[:, begin:] ** 2, axis=1), by_channel)
 
 
-def _compute_channel_variances(channel: Ar1Noise | None, direction_part: np.ndarray) -> np.ndarray:
+def _compute_channel_variances(
+    channel: Ar1Noise | None, direction_part: np.ndarray, settings: DiagnosisSettings
+) -> np.ndarray:
     """Return the variances of one channel at the nodes, (k, nodes)."""
     samples, share = direction_part.shape[1], np.sum(direction_part**2, axis=1)[:, None]
     # Noise estimated with few degrees of freedom is already covered by Student's t distribution.
     if channel is None or samples < 2 or math.isfinite(channel.degrees_of_freedom):
         return np.repeat(share, NORMAL_NODES.size, axis=1)
     variance_factors = np.exp(NORMAL_NODES * math.sqrt(3 / samples))
-    if samples < MIN_SAMPLES_FOR_CORRELATION or not (channel.stated or channel.unknown_sensor):
+    if samples < settings.min_samples_for_correlation or not (channel.stated or channel.unknown_sensor):
         return share * variance_factors
     power = np.abs(np.fft.fft(direction_part, axis=1)) ** 2 / samples
     phase = np.exp(-2j * np.pi * np.arange(samples) / samples)
@@ -97,7 +98,7 @@ def _compute_channel_variances(channel: Ar1Noise | None, direction_part: np.ndar
         return power @ np.stack(density_ratios, axis=1) * variance_factors
     density_ratios = [
         _compute_spectral_density(channel.ar1_fraction, rho, 1.0, phase) / assumed_density
-        for rho in _compute_correlation_nodes(channel, samples)
+        for rho in _compute_correlation_nodes(channel, samples, settings)
     ]
     return power @ np.stack(density_ratios, axis=1)
 
@@ -112,18 +113,18 @@ def _get_unknown_sensor_nodes(unknown_sensor: UnknownSensorNoise) -> tuple[np.nd
     return rho, variance / unknown_sensor.correlation_and_variance[1]
 
 
-def _compute_correlation_nodes(channel: Ar1Noise, samples: int) -> np.ndarray:
+def _compute_correlation_nodes(channel: Ar1Noise, samples: int, settings: DiagnosisSettings) -> np.ndarray:
     """Return the posterior quantiles of the correlation at the nodes, (nodes,)."""
     estimated_rho = channel.rho_from_differences
     by_chance = compute_correlation_error(
-        channel.ar1_fraction, min(max(estimated_rho, 0.0), MAX_CORRELATION), samples
+        channel.ar1_fraction, min(max(estimated_rho, 0.0), settings.max_noise_correlation), samples
     )
     # The variance of input noise is known only to a share; its error shifts the estimate of ρ.
     error = math.hypot(
-        by_chance, SENSOR_VARIANCE_SD_SHARE * (1 - channel.ar1_fraction) / channel.ar1_fraction
+        by_chance, settings.sensor_variance_sd_share * (1 - channel.ar1_fraction) / channel.ar1_fraction
     )
-    low, high = -estimated_rho / error, (MAX_CORRELATION - estimated_rho) / error
-    continuous_weight = float(norm.cdf(high) - norm.cdf(low)) / MAX_CORRELATION
+    low, high = -estimated_rho / error, (settings.max_noise_correlation - estimated_rho) / error
+    continuous_weight = float(norm.cdf(high) - norm.cdf(low)) / settings.max_noise_correlation
     zero_weight = float(norm.pdf(estimated_rho / error)) / error
     zero_weight = (
         zero_weight / (zero_weight + continuous_weight)
@@ -132,7 +133,7 @@ def _compute_correlation_nodes(channel: Ar1Noise, samples: int) -> np.ndarray:
     )
     rank = np.clip((norm.cdf(NORMAL_NODES) - zero_weight) / max(1 - zero_weight, 1e-12), 0.0, 1.0)
     correlation = truncnorm.ppf(rank, low, high, estimated_rho, error)
-    return np.where(rank > 0, np.clip(correlation, 0.0, MAX_CORRELATION), 0.0)
+    return np.where(rank > 0, np.clip(correlation, 0.0, settings.max_noise_correlation), 0.0)
 
 
 def _compute_spectral_density(

@@ -12,7 +12,7 @@ from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.estimate import NoiseModel, estimate_noise
 from pamjax.diagnosis.refit.errors_in_variables import correct_input_noise_bias
-from pamjax.diagnosis.refit.least_squares import START_LIMIT_DISTANCE_SHARE, MapEstimate, fit_parameters
+from pamjax.diagnosis.refit.least_squares import MapEstimate, fit_parameters
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,13 +38,16 @@ class CandidateFit:
 
     @property
     def ids(self) -> tuple[str, ...]:
+        """Ids of the mechanisms."""
         return tuple(candidate.id for candidate in self.mechanisms)
 
     @property
     def corrected_chi2(self) -> float:
         """Cost minus the expected χ² due to input noise; not reduced below the expected χ² of noise."""
         noise_chi2 = self.noise.weight**2 * self.noise.size - len(self.estimate.free)
-        return self.estimate.cost - min(self.input_noise_chi2, max(self.estimate.cost - noise_chi2, 0.0))
+        return self.estimate.chi2_with_priors - min(
+            self.input_noise_chi2, max(self.estimate.chi2_with_priors - noise_chi2, 0.0)
+        )
 
     @property
     def bic(self) -> float:
@@ -141,7 +144,7 @@ def switch_on_candidate(
         out[k] = np.clip(
             value,
             problem.low[k] + 1e-6 * limit_range,
-            problem.high[k] - START_LIMIT_DISTANCE_SHARE * limit_range,
+            problem.high[k] - problem.settings.start_limit_distance_share * limit_range,
         )
     return out
 

@@ -35,9 +35,6 @@ from pamjax.diagnosis.refit.least_squares import (
     transform_to_coordinates,
 )
 
-#: Share of a misfit below which what is passed on is taken to move no minimum, and most steps.
-MIN_INPUT_NOISE_CHI2_SHARE, MAX_CORRECTION_STEPS = 0.02, 6
-
 
 def correct_input_noise_bias(
     problem: LibraryProblem, noise: NoiseModel, estimate: MapEstimate
@@ -51,13 +48,15 @@ def correct_input_noise_bias(
     """
     input_noise_chi2 = compute_input_noise_chi2(problem, noise.whiten, estimate.values)
     for _ in range(
-        MAX_CORRECTION_STEPS if abs(input_noise_chi2) > MIN_INPUT_NOISE_CHI2_SHARE * estimate.chi2 else 0
+        problem.settings.max_correction_steps
+        if abs(input_noise_chi2) > problem.settings.min_input_noise_chi2_share * estimate.chi2
+        else 0
     ):
         trial = evaluate_estimate(
             problem, noise, estimate.free, _take_correction_step(problem, noise, estimate)
         )
         trial_noise_chi2 = compute_input_noise_chi2(problem, noise.whiten, trial.values)
-        if trial.cost - trial_noise_chi2 >= estimate.cost - input_noise_chi2:
+        if trial.chi2_with_priors - trial_noise_chi2 >= estimate.chi2_with_priors - input_noise_chi2:
             break
         estimate, input_noise_chi2 = trial, trial_noise_chi2
     return estimate, input_noise_chi2

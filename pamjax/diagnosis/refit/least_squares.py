@@ -12,19 +12,10 @@ from scipy.optimize import least_squares
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.estimate import NoiseModel
 
-#: Evaluations after which a refit ends.
-MAX_REFIT_EVALUATIONS = 40
-
-#: Share of a number's range that the baseline's own start away from its ends.
-START_LIMIT_DISTANCE_SHARE = 0.15
-
-#: Share of its range within which a number was driven to a limit.
-AT_LIMIT_RANGE_SHARE = 1e-3
-
-#: Standard deviation of a prior that knows nothing.
+#: Standard deviation that stands for a parameter without a prior.
 UNINFORMATIVE_PRIOR_SD = 1e30
 
-#: Limits of a uniform variable, in its standard deviations.
+#: Range of a uniform variable in its standard deviations.
 UNIFORM_RANGE_SD = 12**0.5
 
 
@@ -35,7 +26,7 @@ class MapEstimate:
     Attributes:
         free: indices of the free parameters.
         values: (p,) all parameter values, SI.
-        cost: χ² of whitened residual and priors.
+        chi2_with_priors: χ² of whitened residual and priors.
         chi2: χ² of the whitened residual alone.
         residual: (size,) whitened residual.
         jacobian: (size, k) derivative of the whitened prediction by the coordinates of the free parameters.
@@ -45,7 +36,7 @@ class MapEstimate:
 
     free: tuple[int, ...]
     values: np.ndarray
-    cost: float
+    chi2_with_priors: float
     chi2: float
     residual: np.ndarray
     jacobian: np.ndarray
@@ -72,9 +63,10 @@ def transform_to_coordinates(
 
 def compute_limit_distances(problem: LibraryProblem, estimate: MapEstimate) -> tuple[np.ndarray, np.ndarray]:
     """Return the distances of the free parameters to their lower and upper limits, in coordinates."""
-    here = transform_to_coordinates(problem, estimate.free, estimate.values)
+    coordinates = transform_to_coordinates(problem, estimate.free, estimate.values)
     low, high = (
-        transform_to_coordinates(problem, estimate.free, edge) - here for edge in (problem.low, problem.high)
+        transform_to_coordinates(problem, estimate.free, edge) - coordinates
+        for edge in (problem.low, problem.high)
     )
     return np.minimum(low, 0.0), np.maximum(high, 0.0)
 
@@ -82,7 +74,7 @@ def compute_limit_distances(problem: LibraryProblem, estimate: MapEstimate) -> t
 def find_parameters_at_limit(problem: LibraryProblem, estimate: MapEstimate) -> np.ndarray:
     """Return the positions in `estimate.free` of the parameters at a limit."""
     low, high = compute_limit_distances(problem, estimate)
-    return np.flatnonzero(np.minimum(-low, high) < AT_LIMIT_RANGE_SHARE * (high - low))
+    return np.flatnonzero(np.minimum(-low, high) < problem.settings.at_limit_range_share * (high - low))
 
 
 def compute_priors(problem: LibraryProblem, indices: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
@@ -102,11 +94,11 @@ def compute_priors(problem: LibraryProblem, indices: Sequence[int]) -> tuple[np.
             problem.high,
         )
     )
-    between = ~np.isfinite(sd) & (log | is_shape)
-    of_stated = np.where(log, sd / np.where(log, problem.start[indices], 1.0), sd)
+    is_uniform = ~np.isfinite(sd) & (log | is_shape)
+    stated_sd = np.where(log, sd / np.where(log, problem.start[indices], 1.0), sd)
     with np.errstate(over="ignore"):
-        off = np.hypot((high - low) / UNIFORM_RANGE_SD, start - (low + high) / 2)
-    return start, np.where(between, off, of_stated)
+        rms_distance = np.hypot((high - low) / UNIFORM_RANGE_SD, start - (low + high) / 2)
+    return start, np.where(is_uniform, rms_distance, stated_sd)
 
 
 def fit_parameters(
@@ -114,7 +106,7 @@ def fit_parameters(
     noise: NoiseModel,
     free: Sequence[int],
     values: np.ndarray,
-    max_evaluations: int = MAX_REFIT_EVALUATIONS,
+    max_evaluations: int | None = None,
 ) -> MapEstimate:
     """Return the maximum a posteriori estimate of some parameters.
 
@@ -123,7 +115,7 @@ def fit_parameters(
         noise: noise model.
         free: indices of the free parameters; the others are fixed.
         values: (p,) starting values, SI.
-        max_evaluations: largest number of evaluations.
+        max_evaluations: largest number of evaluations; the setting `max_refit_evaluations` if omitted.
     """
     free = list(free)
     mean, prior_sd = compute_priors(problem, free)
@@ -140,13 +132,15 @@ def fit_parameters(
         )
 
     width = np.where(np.isfinite(prior_sd), prior_sd, 0.1 * (high - low))
-    # The minimiser creeps away from a limit at which it starts: the baseline's numbers are often strained
-    # to theirs by what is missing, and free again once that is named.
-    inside = np.where(problem.is_baseline[free], START_LIMIT_DISTANCE_SHARE, 1e-6) * (high - low)
+    # The minimiser is slow if it starts at a limit. A missing mechanism often drives baseline parameters to
+    # their limits; with the mechanism they move back.
+    inside = np.where(problem.is_baseline[free], problem.settings.start_limit_distance_share, 1e-6) * (
+        high - low
+    )
     start = np.clip(transform_to_coordinates(problem, free, values), low + inside, high - inside)
     solution = least_squares(
         residuals, start, jac=cast(Any, jacobian), bounds=(low, high), x_scale=width,
-        ftol=1e-5, xtol=1e-7, gtol=1e-10, max_nfev=max_evaluations,
+        ftol=1e-5, xtol=1e-7, gtol=1e-10, max_nfev=max_evaluations or problem.settings.max_refit_evaluations,
     )  # fmt: skip
     return evaluator.build_estimate(solution.x)
 
@@ -184,7 +178,7 @@ class _ResidualEvaluator:
             trial[self.free] = np.where(log, np.exp(np.where(log, x, 0.0)), x)
             prediction, model_jacobian = self.problem.jacobian(trial, self.free)
             scale = np.where(log, trial[self.free], 1.0)
-            # A state without an answer is as bad as far off, and has no slope.
+            # A sample without a solution counts as a large misfit with zero derivative.
             residual = np.nan_to_num(self.noise.whiten(self.problem.measured - prediction), nan=1e3)
             jacobian = (np.nan_to_num(self.noise.whiten(model_jacobian)) * scale[:, None]).T
             self.point, self.evaluation = x.copy(), _Evaluation(trial, scale, residual, jacobian)
@@ -199,7 +193,7 @@ class _ResidualEvaluator:
         return MapEstimate(
             free=tuple(self.free),
             values=evaluation.values,
-            cost=misfit + float(prior_residual @ prior_residual),
+            chi2_with_priors=misfit + float(prior_residual @ prior_residual),
             chi2=misfit,
             residual=evaluation.residual,
             jacobian=evaluation.jacobian,

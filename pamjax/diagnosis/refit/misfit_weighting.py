@@ -26,12 +26,6 @@ from pamjax.diagnosis.noise.estimate import estimate_noise
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate, get_free_indices
 from pamjax.diagnosis.refit.least_squares import fit_parameters
 
-#: Mean square of a whitened residual from which a model is taken for wrong by more than noise.
-MIN_MISFIT_MEAN_SQUARE = 1.5
-
-#: A refit changes the misfit that it was weighed by: weighed so many times.
-MISFIT_WEIGHTING_ROUNDS = 2
-
 
 def fit_with_misfit_weight(
     problem: LibraryProblem, training_rows: np.ndarray, mechanisms: Sequence[Candidate], values: np.ndarray
@@ -48,14 +42,17 @@ def fit_with_misfit_weight(
     """
     noise = estimate_noise(problem, values, training_rows)
     residual = np.nan_to_num(noise.whiten(problem.measured - problem.predict(values)), nan=1e3)
-    if _compute_mean_square(residual) < MIN_MISFIT_MEAN_SQUARE:
+    if _compute_mean_square(residual) < problem.settings.min_misfit_mean_square:
         return fit_candidate(problem, training_rows, mechanisms, values)
     noise = dataclasses.replace(noise, weight=_compute_weight(residual))
     free = get_free_indices(problem, mechanisms)
     fit = reweight_by_misfit(
         problem, CandidateFit(tuple(mechanisms), noise, fit_parameters(problem, noise, free, values))
     )
-    if _compute_mean_square(fit.estimate.residual / fit.noise.weight) < MIN_MISFIT_MEAN_SQUARE:
+    if (
+        _compute_mean_square(fit.estimate.residual / fit.noise.weight)
+        < problem.settings.min_misfit_mean_square
+    ):
         # The misfit was only at the starting values.
         return fit_candidate(problem, training_rows, mechanisms, fit.estimate.values)
     return fit
@@ -68,9 +65,9 @@ def reweight_by_misfit(problem: LibraryProblem, fit: CandidateFit) -> CandidateF
         problem: the recording and the library.
         fit: the fit with the noise of the recording.
     """
-    for _ in range(MISFIT_WEIGHTING_ROUNDS):
+    for _ in range(problem.settings.misfit_weighting_rounds):
         residual = fit.estimate.residual / fit.noise.weight
-        if _compute_mean_square(residual) < MIN_MISFIT_MEAN_SQUARE:
+        if _compute_mean_square(residual) < problem.settings.min_misfit_mean_square:
             return fit
         noise = dataclasses.replace(fit.noise, weight=_compute_weight(residual))
         fit = CandidateFit(

@@ -23,16 +23,12 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.noise.estimate import MAX_CORRELATION, MIN_SAMPLES_FOR_CORRELATION, NoiseModel
+from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, build_corrected_fit
 from pamjax.diagnosis.refit.least_squares import compute_priors, fit_parameters, transform_to_coordinates
 
-#: Correlations of which the likeliest is where the search for it begins.
-TRIAL_CORRELATIONS = (0.0, 0.2, 0.4, 0.6, 0.75, 0.85, 0.92, 0.96, MAX_CORRELATION)
-#: Turns in which the channels are looked at one after the other.
-CHANNEL_SWEEPS = 2
-#: Change of a correlation from which the model is refitted.
-MIN_CORRELATION_CHANGE = 0.005
+#: Starting grid of the search for the most likely correlation; the largest allowed one is added.
+TRIAL_CORRELATIONS = (0.0, 0.2, 0.4, 0.6, 0.75, 0.85, 0.92, 0.96)
 
 
 def fit_noise_correlation(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
@@ -45,15 +41,17 @@ def fit_noise_correlation(problem: LibraryProblem, fit: CandidateFit) -> Candida
     if fit.noise.weight != 1:
         return fit
     compute_deviance, noise = _build_restricted_deviance(problem, fit), fit.noise
-    for _ in range(CHANNEL_SWEEPS):
+    for _ in range(problem.settings.correlation_sweeps):
         for c, channel in enumerate(noise.channels):
             if channel is not None and channel.stated and not channel.degrees_of_freedom < np.inf:
                 noise = (
-                    _fit_channel_correlation(noise, c, compute_deviance)
-                    if noise.rows[c].size >= MIN_SAMPLES_FOR_CORRELATION
+                    _fit_channel_correlation(
+                        noise, c, compute_deviance, problem.settings.max_noise_correlation
+                    )
+                    if noise.rows[c].size >= problem.settings.min_samples_for_correlation
                     else noise
                 )
-    if not _has_correlation_changed(fit.noise, noise):
+    if not _has_correlation_changed(fit.noise, noise, problem.settings.min_correlation_change):
         return fit
     return build_corrected_fit(
         problem, fit.mechanisms, noise, fit_parameters(problem, noise, fit.estimate.free, fit.estimate.values)
@@ -84,7 +82,7 @@ def _build_restricted_deviance(problem: LibraryProblem, fit: CandidateFit) -> Ca
 
 
 def _fit_channel_correlation(
-    noise: NoiseModel, c: int, compute_deviance: Callable[[NoiseModel], float]
+    noise: NoiseModel, c: int, compute_deviance: Callable[[NoiseModel], float], max_correlation: float
 ) -> NoiseModel:
     """Return the noise model with the most likely correlation of one channel."""
 
@@ -95,20 +93,19 @@ def _fit_channel_correlation(
         channels[c] = replace(channel, correlation=float(rho), rho_from_differences=float(rho))
         return replace(noise, channels=tuple(channels))
 
-    k = int(np.argmin([compute_deviance(set_correlation(rho)) for rho in TRIAL_CORRELATIONS]))
-    near = TRIAL_CORRELATIONS[max(k - 1, 0)], TRIAL_CORRELATIONS[min(k + 1, len(TRIAL_CORRELATIONS) - 1)]
+    trials = [rho for rho in TRIAL_CORRELATIONS if rho < max_correlation] + [max_correlation]
+    k = int(np.argmin([compute_deviance(set_correlation(rho)) for rho in trials]))
+    interval = trials[max(k - 1, 0)], trials[min(k + 1, len(trials) - 1)]
     solution = minimize_scalar(
-        lambda rho: compute_deviance(set_correlation(rho)), bounds=near, method="bounded"
+        lambda rho: compute_deviance(set_correlation(rho)), bounds=interval, method="bounded"
     )
     return set_correlation(
-        solution.x
-        if solution.fun < compute_deviance(set_correlation(TRIAL_CORRELATIONS[k]))
-        else TRIAL_CORRELATIONS[k]
+        solution.x if solution.fun < compute_deviance(set_correlation(trials[k])) else trials[k]
     )
 
 
-def _has_correlation_changed(before: NoiseModel, after: NoiseModel) -> bool:
+def _has_correlation_changed(before: NoiseModel, after: NoiseModel, min_change: float) -> bool:
     return any(
-        a is not None and b is not None and abs(a.correlation - b.correlation) > MIN_CORRELATION_CHANGE
+        a is not None and b is not None and abs(a.correlation - b.correlation) > min_change
         for a, b in zip(before.channels, after.channels, strict=True)
     )

@@ -1,19 +1,19 @@
-"""How far a number moves among models that a recording tells apart no better than by chance.
+"""Model averaging: parameter covariance including other minima and indistinguishable mechanisms.
 
-A standard deviation at a minimum knows of that minimum alone. Relaxing rubber of two branches fits a
-recording nearly alike in several ways (a tenth in 3 s, or a half in 40 s), and where one name can stand for
-another the numbers of all others depend on which of them is there. Nor does it know that noise of pressure
-and length, passed on by a memory, pulls the numbers. So the model is refitted from the other forms in which
-the same numbers of a name move, the best of these fits is kept, and of every model m that is about as good,
-weighed by p_m, the numbers get the covariance
+The covariance at one minimum does not include other minima. Viscoelastic relaxation with two branches can
+fit a recording almost equally well with different parameters (10 % in 3 s, or 50 % in 40 s). If two
+mechanisms are indistinguishable, the estimates of all other parameters depend on the choice. In addition,
+input noise biases parameters of mechanisms with memory. Therefore the model is refitted from other starting
+shapes of its mechanisms, and the best minimum is kept. With all models m that fit about as well, the
+covariance is
 
     C = C_0 + Σ p_m (v_m − v_0) (v_m − v_0)ᵀ + δ δᵀ,        p_m = e^(−Δχ²_m / 2 s) / Σ,
 
-v_0 the numbers that are told, s the mean square that the model leaves and δ that pull
-(`correct_input_noise_bias`). A tie has
-the chance that it has beside the name whose place it takes, and says nothing of that name's own numbers.
+v_0 the reported values, s the mean squared residual and δ the bias due to input noise
+(`estimate_input_noise_bias`). An indistinguishable mechanism has the probability from its comparison. It does
+not contribute to the covariance of the parameters of the mechanism that it replaces.
 
-What it leaves out: moments of a slip, which are many and which the search has tried.
+What it leaves out: the starting times of a slip; these are many, and the search has tested them.
 Source: moments of a mixture.
 """
 
@@ -37,42 +37,41 @@ from pamjax.diagnosis.refit.candidate_fit import (
     switch_off_candidate,
 )
 from pamjax.diagnosis.refit.errors_in_variables import estimate_input_noise_bias
-from pamjax.diagnosis.refit.least_squares import MAX_REFIT_EVALUATIONS as TO_THE_END
 from pamjax.diagnosis.refit.least_squares import fit_parameters
 from pamjax.diagnosis.select.selection import NamedMechanism
-
-#: Most other forms of a name to begin from.
-MAX_STARTING_CANDIDATES = 9
-#: Evaluations of a refit from another form.
-ALTERNATIVE_FIT_EVALUATIONS = 10
-#: χ² by which a fit may be worse and still count as about as good.
-MAX_ALTERNATIVE_CHI2 = 20.0
-#: χ² by which another minimum must be lower to be gone to.
-MIN_CHI2_IMPROVEMENT = 0.5
-#: What a model's own standard deviations say of a distance, χ², is off by so much by chance.
-DISTANCE_CHI2_TOLERANCE = 4.0
 
 
 def average_models(
     problem: LibraryProblem, fit: CandidateFit, named_mechanisms: Sequence[NamedMechanism]
 ) -> CandidateFit:
-    """The model at the best of its minima, with what the others and its ties disagree about.
+    """Return the model at its best minimum, with the covariance between models.
 
     Args:
-        problem: the recording before the library.
-        fit: with names, refitted.
-        named_mechanisms: what each of them is worth beside its rivals.
+        problem: the recording and the library.
+        fit: the refitted model with mechanisms.
+        named_mechanisms: its mechanisms with their alternatives.
     """
-    ends = parallel_map(partial(_refit_from, problem, fit), _build_starts(problem, fit))
-    near = [end for end in ends if end.estimate.cost < fit.estimate.cost + MAX_ALTERNATIVE_CHI2]
-    minima = sorted(
-        parallel_map(partial(_add_input_noise_chi2, problem), near), key=lambda end: end.corrected_chi2
+    settings = problem.settings
+    refits = parallel_map(
+        lambda start: _refit_from(problem, fit, start, settings.alternative_fit_evaluations),
+        _build_starts(problem, fit),
     )
-    if minima and minima[0].corrected_chi2 < fit.corrected_chi2 - MIN_CHI2_IMPROVEMENT:
+    close_refits = [
+        refit
+        for refit in refits
+        if refit.estimate.chi2_with_priors < fit.estimate.chi2_with_priors + settings.max_alternative_chi2
+    ]
+    minima = sorted(
+        parallel_map(partial(_add_input_noise_chi2, problem), close_refits),
+        key=lambda refit: refit.corrected_chi2,
+    )
+    if minima and minima[0].corrected_chi2 < fit.corrected_chi2 - settings.min_chi2_improvement:
         minima.append(fit)
-        fit = _correct_bias(problem, _refit_from(problem, fit, minima[0].estimate.values, TO_THE_END))
-    moves = _weigh_minima(fit, minima) + [
-        move for name in named_mechanisms for move in _weigh_indistinguishable(problem, fit, name)
+        fit = _correct_bias(
+            problem, _refit_from(problem, fit, minima[0].estimate.values, settings.max_refit_evaluations)
+        )
+    shifts = _weigh_minima(fit, minima, settings.distance_chi2_tolerance) + [
+        shift for mechanism in named_mechanisms for shift in _weigh_indistinguishable(problem, fit, mechanism)
     ]
     free = list(fit.estimate.free)
     bias = (
@@ -80,12 +79,12 @@ def average_models(
         if fit.noise.weight == 1
         else np.zeros(len(free))
     )
-    between = sum((p * np.outer(by[free], by[free]) for p, by in moves), np.zeros((len(free),) * 2))
+    between = sum((p * np.outer(shift[free], shift[free]) for p, shift in shifts), np.zeros((len(free),) * 2))
     return replace(fit, between_model_covariance=between, errors_in_variables_bias=bias)
 
 
 def _build_starts(problem: LibraryProblem, fit: CandidateFit) -> list[np.ndarray]:
-    """Values from which to begin: each name in each of its other forms."""
+    """Return starting values: each mechanism with each of its other starting shapes."""
     candidates, starts = build_candidates(problem), []
     for candidate in fit.mechanisms:
         others = [
@@ -94,7 +93,7 @@ def _build_starts(problem: LibraryProblem, fit: CandidateFit) -> list[np.ndarray
             if other_candidate.id == candidate.id
             and set(other_candidate.free_parameters) == set(candidate.free_parameters)
         ]
-        for other in others if 1 < len(others) <= MAX_STARTING_CANDIDATES else []:
+        for other in others if 1 < len(others) <= problem.settings.max_starting_candidates else []:
             start = fit.estimate.values.copy()
             for name, value in other.shape.items():
                 k = problem.index(name)
@@ -107,7 +106,7 @@ def _refit_from(
     problem: LibraryProblem,
     fit: CandidateFit,
     start: np.ndarray,
-    max_evaluations: int = ALTERNATIVE_FIT_EVALUATIONS,
+    max_evaluations: int,
 ) -> CandidateFit:
     return replace(
         fit, estimate=fit_parameters(problem, fit.noise, fit.estimate.free, start, max_evaluations)
@@ -115,17 +114,17 @@ def _refit_from(
 
 
 def _add_input_noise_chi2(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
-    """With what noise alone leaves there; a model that is weighed by its own misfit does not know of it."""
-    own = (
+    """Return the fit with its χ² due to input noise; zero for a fit with misfit weights."""
+    input_noise_chi2 = (
         compute_input_noise_chi2(problem, fit.noise.whiten, fit.estimate.values)
         if fit.noise.weight == 1
         else 0.0
     )
-    return replace(fit, input_noise_chi2=own)
+    return replace(fit, input_noise_chi2=input_noise_chi2)
 
 
 def _correct_bias(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
-    """Without the pull of that noise."""
+    """Return the fit corrected for input noise; unchanged for a fit with misfit weights."""
     return (
         build_corrected_fit(problem, fit.mechanisms, fit.noise, fit.estimate)
         if fit.noise.weight == 1
@@ -133,40 +132,45 @@ def _correct_bias(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
     )
 
 
-def _weigh_minima(fit: CandidateFit, minima: Sequence[CandidateFit]) -> list[tuple[float, np.ndarray]]:
-    """Chance of each other minimum, and by how much it moves every number."""
-    other = [fit]
-    for end in minima:
-        if all(_is_other_minimum(other_fit, end) for other_fit in other):
-            other.append(end)
-    worse = np.array([max(end.corrected_chi2 - fit.corrected_chi2, 0.0) for end in other])
-    chances = np.exp(-0.5 * worse / fit.variance_inflation)
-    chances /= chances.sum()
+def _weigh_minima(
+    fit: CandidateFit, minima: Sequence[CandidateFit], tolerance: float
+) -> list[tuple[float, np.ndarray]]:
+    """Return the probability of each other minimum and the shifts of all parameters to it."""
+    distinct = [fit]
+    for minimum in minima:
+        if all(_is_other_minimum(other_fit, minimum, tolerance) for other_fit in distinct):
+            distinct.append(minimum)
+    increases = np.array([max(m.corrected_chi2 - fit.corrected_chi2, 0.0) for m in distinct])
+    probabilities = np.exp(-0.5 * increases / fit.variance_inflation)
+    probabilities /= probabilities.sum()
     return [
-        (float(p), end.estimate.values - fit.estimate.values) for p, end in zip(chances, other, strict=True)
+        (float(p), m.estimate.values - fit.estimate.values)
+        for p, m in zip(probabilities, distinct, strict=True)
     ][1:]
 
 
-def _is_other_minimum(fit: CandidateFit, end: CandidateFit) -> bool:
-    """Whether a fit is farther from a minimum than the minimum's own standard deviations know."""
-    by = (end.estimate.values - fit.estimate.values)[list(fit.estimate.free)] / fit.estimate.scale
-    own = float(np.sum((fit.estimate.jacobian @ by) ** 2) + np.sum((by / fit.estimate.prior_sd) ** 2))
+def _is_other_minimum(fit: CandidateFit, other: CandidateFit, tolerance: float) -> bool:
+    """Return whether a fit is farther from a minimum than the covariance of the fit explains."""
+    shift = (other.estimate.values - fit.estimate.values)[list(fit.estimate.free)] / fit.estimate.scale
+    distance_chi2 = float(
+        np.sum((fit.estimate.jacobian @ shift) ** 2) + np.sum((shift / fit.estimate.prior_sd) ** 2)
+    )
     return (
-        own / fit.variance_inflation
-        > max(end.corrected_chi2 - fit.corrected_chi2, 0.0) / fit.variance_inflation + DISTANCE_CHI2_TOLERANCE
+        distance_chi2 / fit.variance_inflation
+        > max(other.corrected_chi2 - fit.corrected_chi2, 0.0) / fit.variance_inflation + tolerance
     )
 
 
 def _weigh_indistinguishable(
     problem: LibraryProblem, fit: CandidateFit, named: NamedMechanism
 ) -> list[tuple[float, np.ndarray]]:
-    """Chance of each of a name's ties, and by how much it moves the numbers of the others."""
+    """Return the probability of each indistinguishable mechanism and the shifts of the other parameters."""
     own_candidate = next((candidate for candidate in fit.mechanisms if candidate.id == named.id), None)
     if own_candidate is None:
         return []
 
     def compute_change(alternative: tuple[float, Candidate, np.ndarray]) -> tuple[float, np.ndarray]:
-        chance, candidate, values = alternative
+        probability, candidate, values = alternative
         start = switch_off_candidate(problem, fit.estimate.values, own_candidate)
         start[get_parameter_indices(problem, [candidate])] = values[
             get_parameter_indices(problem, [candidate])
@@ -175,11 +179,13 @@ def _weigh_indistinguishable(
             other_candidate for other_candidate in fit.mechanisms if other_candidate is not own_candidate
         ]
         free = get_free_indices(problem, [*others, candidate])
-        by = (
-            fit_parameters(problem, fit.noise, free, start, ALTERNATIVE_FIT_EVALUATIONS).values
+        shift = (
+            fit_parameters(
+                problem, fit.noise, free, start, problem.settings.alternative_fit_evaluations
+            ).values
             - fit.estimate.values
         )
-        by[get_parameter_indices(problem, [own_candidate])] = 0.0
-        return chance, by
+        shift[get_parameter_indices(problem, [own_candidate])] = 0.0
+        return probability, shift
 
     return parallel_map(compute_change, named.alternatives)

@@ -1,15 +1,15 @@
-"""Search for what explains a misfit: add, refit, look again, and try to take out again.
+"""Stepwise search for mechanisms: add, refit, replace, and remove.
 
-A form that joins must pass three questions, none of which another recording was asked to answer:
+A candidate that is added must pass three tests:
 
-significant   the χ² it takes away is out of reach of noise, over all forms that were tried
-substantial   it explains a good part of the misfit that is left: textbook forms do not fit nature to the
-              noise, and the small rest of a large effect is no second effect
-sizeable      what it alone can explain is not small beside the whole misfit, or is all that was left
+significant   its reduction of χ² is improbable for noise, over all candidates
+substantial   it explains a good part of the remaining misfit: textbook equations are not accurate to the
+              noise, and the small residual of a large effect is no second effect
+sizeable      the misfit that it alone explains is not small relative to that of the baseline, or it explains
+              all of the remaining misfit
 
-Where forms that are small beside the whole leave nothing but noise together, textbook forms do fit here, and
-the third question is not asked. A first form that was wrong leads astray: a search that ends far from the
-noise begins again from the pairs that came nearest.
+The third test is omitted if small effects together leave only noise. A wrong first mechanism can mislead the
+search, so a search with a large residual restarts from the best pairs of mechanisms.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ import numpy as np
 from scipy.stats import chi2
 
 from pamjax.compile.parallel import parallel_map
-from pamjax.diagnosis.detect.residual_test import MIN_UNEXPLAINED_RMS, MIN_UNEXPLAINED_RMS_SHARE
 from pamjax.diagnosis.detect.score_test import ScoreDirection, compute_score_directions
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
@@ -37,43 +36,21 @@ from pamjax.diagnosis.refit.candidate_fit import (
     switch_on_candidate,
 )
 from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.model.registry import EXCLUSIVE_PAIRS
 from pamjax.progress import Progress, ignore_progress
-
-#: Chance that noise alone brings in a name, over everything that was tried.
-FALSE_INCLUSION_PROBABILITY = 1e-4
-#: Share of the excess misfit that a name must explain.
-MIN_EXCESS_SHARE = 0.2
-#: Share of the baseline's whole misfit, as rms, that a name alone must account for ...
-MIN_RMS_SHARE = 0.1
-#: ... unless it accounts for so much of what is left that nothing but noise is then ...
-COMPLETE_EXCESS_SHARE = 0.95
-#: ... or others that are small as well do. No law is believed to be as good as this share of the whole.
-MIN_SMALL_RMS_SHARE = 0.025
-#: The least of it in standard deviations of a sample: textbook forms are not known better than that.
-MIN_EFFECT_RMS = 0.25
-#: How many mechanisms are refitted roughly at each step, how many of them to the end, and what is rough.
-SHORTLIST_LENGTH, FINAL_REFIT_COUNT, ROUGH_EVALUATIONS = 6, 2, 7
-#: A baseline's number farther from what the lab believes than this, in sd, was driven there.
-STRAINED_PRIOR_SD = 2.5
-#: Most names.
-MAX_MECHANISMS = 4
-#: Rivals whose fit is worse by less than this, and a share of what is left unexplained, are not told apart.
-TIE_CHI2, TIE_EXCESS_SHARE = 12.0, 0.1
-#: From how many pairs a search begins again, and how many seconds are tried beside each first form.
-RESTART_PAIR_COUNT, SECOND_CANDIDATE_COUNT = 3, 3
 
 
 @dataclass(frozen=True, eq=False)
 class MechanismSearch:
-    """What does not change while a recording is searched.
+    """Constant inputs of a search, with its tests.
 
     Attributes:
-        problem: the recording before the library.
-        training_rows: (n,) the rows that may be looked at.
-        baseline: its refit.
-        candidates: the forms that may join.
-        progress: called with what is being done and the share done.
+        problem: the recording and the library.
+        training_rows: (n,) mask of the rows in use.
+        baseline: refit of the baseline.
+        candidates: the candidates.
+        progress: called with the name of the step and the share done.
     """
 
     problem: LibraryProblem
@@ -82,66 +59,89 @@ class MechanismSearch:
     candidates: Sequence[Candidate]
     progress: Progress
 
+    @property
+    def settings(self) -> DiagnosisSettings:
+        """Thresholds of the diagnosis."""
+        return self.problem.settings
+
     def score_candidates(self, fit: CandidateFit) -> list[ScoreDirection]:
+        """Return the score directions of all candidates at a fit."""
         return compute_score_directions(self.problem, fit.noise, fit.estimate, self.candidates)
 
     def refit(self, fit: CandidateFit) -> CandidateFit:
+        """Return the fit, refitted with noise from its own residual."""
         return fit_candidate(self.problem, self.training_rows, fit.mechanisms, fit.estimate.values)
 
     def is_worthwhile(
         self, reduced: CandidateFit, extended: CandidateFit, small: bool, candidate: Candidate | None = None
     ) -> bool:
-        """Whether a form is significant, substantial and, unless it may be small, sizeable.
+        """Return whether a candidate is significant, substantial and, unless `small`, sizeable.
 
         Args:
             reduced: the model without it.
             extended: the model with it.
-            small: whether it may be small beside the whole misfit.
-            candidate: which, the last of `extended` by itself.
+            small: whether it may be small relative to the misfit of the baseline.
+            candidate: the candidate; the last of `extended` if omitted.
         """
-        gain, samples = reduced.corrected_chi2 - extended.corrected_chi2, self.baseline.noise.size
-        alone, whole = gain / samples, self.baseline.excess_chi2 / samples
-        sizeable = alone > (MIN_SMALL_RMS_SHARE if small else MIN_RMS_SHARE) ** 2 * whole
-        sizeable = sizeable or (not small and gain > COMPLETE_EXCESS_SHARE * reduced.excess_chi2)
-        substantial = gain > MIN_EXCESS_SHARE * reduced.excess_chi2 and alone > MIN_EFFECT_RMS**2
-        numbers = len((candidate or extended.mechanisms[-1]).free_parameters)
-        return is_reduction_significant(gain, numbers, len(self.candidates)) and substantial and sizeable
+        chi2_reduction, samples = reduced.corrected_chi2 - extended.corrected_chi2, self.baseline.noise.size
+        explained, baseline_excess = chi2_reduction / samples, self.baseline.excess_chi2 / samples
+        sizeable = (
+            explained
+            > (self.settings.min_small_rms_share if small else self.settings.min_rms_share) ** 2
+            * baseline_excess
+        )
+        sizeable = sizeable or (
+            not small and chi2_reduction > self.settings.complete_excess_share * reduced.excess_chi2
+        )
+        substantial = (
+            chi2_reduction > self.settings.min_excess_share * reduced.excess_chi2
+            and explained > self.settings.min_effect_rms**2
+        )
+        parameter_count = len((candidate or extended.mechanisms[-1]).free_parameters)
+        significant = is_reduction_significant(
+            chi2_reduction, parameter_count, len(self.candidates), self.settings.false_inclusion_probability
+        )
+        return significant and substantial and sizeable
 
     def is_exhausted(self, fit: CandidateFit, best: ScoreDirection) -> bool:
-        """Whether too little is left, in all and along the best form, for any form to be worth its place."""
-        least = MIN_EFFECT_RMS**2 * fit.noise.size
-        return fit.excess_chi2 < least and best.chi2_reduction < least / 2
+        """Return whether the residual, in total and along the best candidate, is too small for any effect."""
+        min_chi2 = self.settings.min_effect_rms**2 * fit.noise.size
+        return (
+            fit.excess_chi2 < min_chi2
+            and best.chi2_reduction < self.settings.min_direction_chi2_share * min_chi2
+        )
 
     def is_complete(self, fit: CandidateFit, other: CandidateFit) -> bool:
-        """Whether hardly anything but noise is left of what another model leaves, and that is likelier."""
+        """Return whether a model explains nearly all excess misfit of another model, with a lower BIC."""
         return (
-            fit.excess_chi2 < (1 - COMPLETE_EXCESS_SHARE) * other.excess_chi2
+            fit.excess_chi2 < (1 - self.settings.complete_excess_share) * other.excess_chi2
             and fit.full_bic < other.full_bic
         )
 
     def leaves_large_residual(self, fit: CandidateFit) -> bool:
-        """Whether a model leaves much more than noise and the rough edges of forms."""
+        """Return whether the residual is large compared with the noise and the baseline's residual."""
         return fit.excess_chi2 > max(
-            MIN_UNEXPLAINED_RMS**2 * fit.noise.size, MIN_UNEXPLAINED_RMS_SHARE**2 * self.baseline.excess_chi2
+            self.settings.min_unexplained_rms**2 * fit.noise.size,
+            self.settings.min_unexplained_rms_share**2 * self.baseline.excess_chi2,
         )
 
 
 def search_mechanisms(search: MechanismSearch, directions: Sequence[ScoreDirection]) -> CandidateFit:
-    """The baseline with the forms that explain what it leaves.
+    """Return the baseline with the mechanisms that explain its misfit.
 
     Args:
-        search: the recording, and what may join.
-        directions: the signatures of all forms that may join, at the baseline.
+        search: inputs of the search.
+        directions: score directions of all candidates at the baseline.
     """
     fit = run_search(search, search.baseline, directions)
     if not search.leaves_large_residual(fit):
         return fit
-    begins = _find_restart_pairs(search, fit, directions)
+    starts = _find_restart_pairs(search, fit, directions)
     again = replace(search, progress=ignore_progress)
-    for k, begin in enumerate(begins):
-        search.progress("naming again", 0.5 + 0.2 * k / len(begins))
-        other = run_search(again, again.refit(begin))
-        # Many pairs bend towards what is in no catalogue: only what leaves nothing but noise is believed.
+    for k, start in enumerate(starts):
+        search.progress("selecting mechanisms again", 0.5 + 0.2 * k / len(starts))
+        other = run_search(again, again.refit(start))
+        # Many pairs can absorb unmodelled physics: accept a pair only if it leaves little more than noise.
         if search.is_complete(other, fit):
             fit = other
         if not search.leaves_large_residual(fit):
@@ -150,19 +150,19 @@ def search_mechanisms(search: MechanismSearch, directions: Sequence[ScoreDirecti
 
 
 def run_search(
-    search: MechanismSearch, begin: CandidateFit, directions: Sequence[ScoreDirection] | None = None
+    search: MechanismSearch, start: CandidateFit, directions: Sequence[ScoreDirection] | None = None
 ) -> CandidateFit:
-    """Where a search ends that begins here."""
-    grown, refused = _add_candidates(search, begin, directions)
+    """Return the result of a search from a starting model."""
+    grown, refused = _add_candidates(search, start, directions)
     fit = prune_mechanisms(search, grown)
-    if not fit.mechanisms or fit.excess_chi2 < MIN_EFFECT_RMS**2 * fit.noise.size:
+    if not fit.mechanisms or fit.excess_chi2 < search.settings.min_effect_rms**2 * fit.noise.size:
         return fit
     if fit is grown and not (refused and search.is_worthwhile(fit, refused, small=True)):
         return fit
-    # What is small beside the whole may stay if nothing but noise is left then.
+    # Small effects stay if the residual is then only noise.
     best = refused if fit is grown else None
-    whole = prune_mechanisms(search, _add_candidates(search, fit, small=True, best=best)[0], small=True)
-    return whole if search.is_complete(whole, fit) else fit
+    complete = prune_mechanisms(search, _add_candidates(search, fit, small=True, best=best)[0], small=True)
+    return complete if search.is_complete(complete, fit) else fit
 
 
 def _add_candidates(
@@ -172,12 +172,13 @@ def _add_candidates(
     small: bool = False,
     best: CandidateFit | None = None,
 ) -> tuple[CandidateFit, CandidateFit | None]:
-    """The model with further forms, one at a time, as long as each is worth it; and the best that was not.
+    """Return the model with further mechanisms, and the best extension that is not worthwhile.
 
-    Signatures at the model, or the best model with one form more, need not be found twice.
+    Mechanisms are added one at a time as long as each is worthwhile. Known score directions at the model, or
+    its known best extension, are not computed again.
     """
-    while len(fit.mechanisms) < MAX_MECHANISMS:
-        search.progress("naming", 0.1 + 0.1 * len(fit.mechanisms))
+    while len(fit.mechanisms) < search.settings.max_mechanisms:
+        search.progress("selecting mechanisms", 0.1 + 0.1 * len(fit.mechanisms))
         best = best or _fit_best_candidate(
             search, fit, search.score_candidates(fit) if directions is None else directions
         )
@@ -190,7 +191,7 @@ def _add_candidates(
 def _fit_best_candidate(
     search: MechanismSearch, fit: CandidateFit, directions: Sequence[ScoreDirection]
 ) -> CandidateFit | None:
-    """The model with the best further form, not settled; None where none could be worth its place."""
+    """Return the model with the best further candidate, with the same noise; None if none is promising."""
     listed = _list_promising(search, fit, directions)
     if not listed or search.is_exhausted(fit, listed[0]):
         return None
@@ -203,18 +204,23 @@ def _list_promising(
     search: MechanismSearch,
     fit: CandidateFit,
     directions: Sequence[ScoreDirection],
-    many: int = SHORTLIST_LENGTH,
+    count: int | None = None,
 ) -> list[ScoreDirection]:
-    tried = len(search.candidates)
+    candidate_count = len(search.candidates)
+    significance_level = search.settings.false_inclusion_probability
     return [
         s
-        for s in shortlist_candidates(directions, fit.ids, many)
-        if is_reduction_significant(s.chi2_reduction, len(s.candidate.free_parameters), tried)
+        for s in shortlist_candidates(
+            directions, fit.ids, search.settings.shortlist_length if count is None else count
+        )
+        if is_reduction_significant(
+            s.chi2_reduction, len(s.candidate.free_parameters), candidate_count, significance_level
+        )
     ]
 
 
 def _swap_mechanisms(search: MechanismSearch, fit: CandidateFit) -> CandidateFit:
-    """Put another in the place of an earlier form where that fits better now."""
+    """Replace earlier mechanisms by alternatives that now fit better."""
     for k in range(len(fit.mechanisms) - 1):
         reduced_fit = fit_without_mechanism(search.problem, fit, k)
         rivals = fit_replacements(search.problem, reduced_fit, fit.mechanisms[k], search.candidates)
@@ -223,13 +229,13 @@ def _swap_mechanisms(search: MechanismSearch, fit: CandidateFit) -> CandidateFit
             reduced_fit,
             [rival for rival in rivals if rival.bic < compute_rough_limit(reduced_fit, fit)],
         )
-        if trials and trials[0].bic < fit.bic - TIE_CHI2:
+        if trials and trials[0].bic < fit.bic - search.settings.tie_chi2:
             fit = search.refit(trials[0])
     return fit
 
 
 def prune_mechanisms(search: MechanismSearch, fit: CandidateFit, small: bool = False) -> CandidateFit:
-    """Take out again what is no longer worth its place."""
+    """Return the model without mechanisms that are no longer worthwhile."""
     while len(fit.mechanisms) > 1:
         reduced_fits = parallel_map(
             partial(fit_without_mechanism, search.problem, fit), range(len(fit.mechanisms))
@@ -245,7 +251,7 @@ def prune_mechanisms(search: MechanismSearch, fit: CandidateFit, small: bool = F
 def _find_restart_pairs(
     search: MechanismSearch, fit: CandidateFit, directions: Sequence[ScoreDirection]
 ) -> list[CandidateFit]:
-    """Pairs, roughly refitted, that come nearer than any that a model began with or might have gone on to."""
+    """Return roughly refitted pairs that fit better than all pairs within or around the present model."""
     singles = parallel_map(
         partial(_fit_with_candidate, search.problem, search.baseline),
         _list_promising(search, search.baseline, directions),
@@ -254,32 +260,38 @@ def _find_restart_pairs(
     def extend_to_pairs(single: CandidateFit) -> list[CandidateFit]:
         return [
             _fit_with_candidate(search.problem, single, s)
-            for s in _list_promising(search, single, search.score_candidates(single), SECOND_CANDIDATE_COUNT)
+            for s in _list_promising(
+                search, single, search.score_candidates(single), search.settings.second_candidate_count
+            )
         ]
 
-    begins: list[CandidateFit] = []
+    starts: list[CandidateFit] = []
     for pair in sorted(
         chain.from_iterable(parallel_map(extend_to_pairs, singles)), key=lambda pair: pair.bic
     ):
         ids = set(pair.ids)
         if fit.ids and (ids <= set(fit.ids) or ids >= set(fit.ids)):
             break
-        if not any(ids == set(other.ids) for other in begins):
-            begins.append(pair)
-    return begins[:RESTART_PAIR_COUNT]
+        if not any(ids == set(other.ids) for other in starts):
+            starts.append(pair)
+    return starts[: search.settings.restart_pair_count]
 
 
 def is_reduction_significant(
-    gain: float, numbers: int, tried: int, chance: float = FALSE_INCLUSION_PROBABILITY
+    chi2_reduction: float, parameter_count: int, candidate_count: int, significance_level: float
 ) -> bool:
-    """Whether noise alone would hardly ever take so much χ² away, over all forms that were tried."""
-    return bool(gain > 0 and tried * chi2.sf(gain, numbers) < chance)
+    """Return whether a reduction of χ² is improbable for noise, over all tested candidates."""
+    return bool(
+        chi2_reduction > 0 and candidate_count * chi2.sf(chi2_reduction, parameter_count) < significance_level
+    )
 
 
 def shortlist_candidates(
-    directions: Sequence[ScoreDirection], mechanism_ids: Sequence[str], count: int = SHORTLIST_LENGTH
+    directions: Sequence[ScoreDirection],
+    mechanism_ids: Sequence[str],
+    count: int,
 ) -> list[ScoreDirection]:
-    """The best form of each of the most promising mechanisms that may join the chosen ones."""
+    """Return the best candidate of each of the most promising mechanisms that can be added."""
     best: dict[str, ScoreDirection] = {}
     barred = {*mechanism_ids, *(id for pair in EXCLUSIVE_PAIRS if pair & set(mechanism_ids) for id in pair)}
     for direction in directions:
@@ -292,33 +304,34 @@ def shortlist_candidates(
 def _fit_with_candidate(
     problem: LibraryProblem, fit: CandidateFit, direction: ScoreDirection
 ) -> CandidateFit:
-    """The model with one more form, roughly refitted under the model's noise.
+    """Return the model with one more candidate, roughly refitted with the same noise.
 
-    A baseline whose numbers were driven to their limits is a bad place to begin from: what drove them there
-    may be this form. Then it begins once more from what the lab believes.
+    This candidate may have driven parameters of the baseline to their limits. In that case a second refit
+    starts from the stated values.
     """
-    begins = [fit.estimate.values]
+    starts = [fit.estimate.values]
     if not fit.mechanisms and _is_strained(problem, fit):
-        begins.append(problem.neutral)
+        starts.append(problem.neutral)
     mechanisms = (*fit.mechanisms, direction.candidate)
     free = get_free_indices(problem, mechanisms)
-    ends = []
-    for begin in begins:
-        values = switch_on_candidate(problem, begin, direction.candidate, direction.amplitudes)
-        ends.append(fit_parameters(problem, fit.noise, free, values, ROUGH_EVALUATIONS))
-    estimate = min(ends, key=lambda estimate: estimate.cost)
-    # Rough: what noise alone leaves there is told, its pull on the minimum is not.
+    estimates = []
+    for start in starts:
+        values = switch_on_candidate(problem, start, direction.candidate, direction.amplitudes)
+        estimates.append(fit_parameters(problem, fit.noise, free, values, problem.settings.rough_evaluations))
+    estimate = min(estimates, key=lambda estimate: estimate.chi2_with_priors)
+    # A rough refit includes the χ² due to input noise, but no correction of its bias.
     return CandidateFit(
         mechanisms, fit.noise, estimate, compute_input_noise_chi2(problem, fit.noise.whiten, estimate.values)
     )
 
 
 def _is_strained(problem: LibraryProblem, fit: CandidateFit) -> bool:
-    """Whether a number of the baseline's own was driven far from what the lab believes."""
-    own = np.flatnonzero(problem.is_baseline & np.isfinite(problem.prior_sd))
+    """Return whether a baseline parameter is far from its stated value."""
+    stated = np.flatnonzero(problem.is_baseline & np.isfinite(problem.prior_sd))
     return bool(
         np.any(
-            np.abs(fit.estimate.values[own] - problem.start[own]) > STRAINED_PRIOR_SD * problem.prior_sd[own]
+            np.abs(fit.estimate.values[stated] - problem.start[stated])
+            > problem.settings.strained_prior_sd * problem.prior_sd[stated]
         )
     )
 
@@ -326,10 +339,11 @@ def _is_strained(problem: LibraryProblem, fit: CandidateFit) -> bool:
 def refit_most_promising(
     problem: LibraryProblem, reduced_fit: CandidateFit, trials: Sequence[CandidateFit]
 ) -> list[CandidateFit]:
-    """The most promising of some rough refits, refitted to the end, best first; `reduced_fit` has a form
-    fewer.
+    """Return the most promising rough refits, refitted to the minimum, best first.
+
+    `reduced_fit` is the model without the added candidate.
     """
-    first = sorted(trials, key=lambda trial: trial.bic)[:FINAL_REFIT_COUNT]
+    first = sorted(trials, key=lambda trial: trial.bic)[: problem.settings.final_refit_count]
     return refit_fully(
         problem,
         [
@@ -341,7 +355,7 @@ def refit_most_promising(
 
 
 def refit_fully(problem: LibraryProblem, rough_fits: Sequence[CandidateFit]) -> list[CandidateFit]:
-    """Rough refits, refitted to the end; best first."""
+    """Return rough refits, refitted to the minimum, best first."""
 
     def refit_rough(m: CandidateFit) -> CandidateFit:
         return build_corrected_fit(
@@ -355,31 +369,32 @@ def refit_fully(problem: LibraryProblem, rough_fits: Sequence[CandidateFit]) -> 
 
 
 def compute_rough_limit(reduced_fit: CandidateFit, fit: CandidateFit) -> float:
-    """What a rough refit of `reduced_fit` with another form must reach for its end to come near that of a
-    model.
-    """
+    """Return the BIC below which a rough refit with an alternative is refitted to the minimum."""
     return (reduced_fit.bic + fit.bic) / 2
 
 
 def fit_replacements(
     problem, reduced_fit: CandidateFit, candidate: Candidate, candidates
 ) -> list[CandidateFit]:
-    """Models in which another mechanism stands in the place of a form, roughly refitted."""
+    """Return models with an alternative in the place of a candidate, roughly refitted."""
     scored = compute_score_directions(
         problem, reduced_fit.noise, reduced_fit.estimate, [c for c in candidates if c.id != candidate.id]
     )
     return parallel_map(
         lambda s: _fit_with_candidate(problem, reduced_fit, s),
-        shortlist_candidates(scored, reduced_fit.ids, 5),
+        shortlist_candidates(scored, reduced_fit.ids, problem.settings.rivals_refitted),
     )
 
 
 def fit_without_mechanism(problem: LibraryProblem, fit: CandidateFit, k: int) -> CandidateFit:
-    """The model without its k-th form, refitted under the same noise."""
+    """Return the model without its k-th mechanism, refitted with the same noise."""
     candidate = fit.mechanisms[k]
     remaining = fit.mechanisms[:k] + fit.mechanisms[k + 1 :]
     free = get_free_indices(problem, remaining)
     values = switch_off_candidate(problem, fit.estimate.values, candidate)
     return build_corrected_fit(
-        problem, remaining, fit.noise, fit_parameters(problem, fit.noise, free, values, 2 * ROUGH_EVALUATIONS)
+        problem,
+        remaining,
+        fit.noise,
+        fit_parameters(problem, fit.noise, free, values, 2 * problem.settings.rough_evaluations),
     )

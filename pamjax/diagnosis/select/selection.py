@@ -1,7 +1,7 @@
-"""Name what was left out: what a search found, what each name is worth, and what else it could be.
+"""Selection of mechanisms: search, probability of each mechanism, and its alternatives.
 
-Whoever takes a name's place as well is told beside it, and whoever does so nearly as well takes of its
-probability.
+An alternative that fits as well is reported as indistinguishable. An alternative that fits nearly as well
+reduces the probability.
 """
 
 from __future__ import annotations
@@ -18,9 +18,6 @@ from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate
 from pamjax.diagnosis.select.pair_swap import swap_pairs
 from pamjax.diagnosis.select.search import (
-    FINAL_REFIT_COUNT,
-    TIE_CHI2,
-    TIE_EXCESS_SHARE,
     MechanismSearch,
     compute_rough_limit,
     fit_replacements,
@@ -31,23 +28,18 @@ from pamjax.diagnosis.select.search import (
 from pamjax.diagnosis.select.small_effects import add_small_effects
 from pamjax.progress import Progress, ignore_progress
 
-#: Probability from which a name counts as established.
-ESTABLISHED_PROBABILITY = 0.5
-#: χ² by which a rough refit that is pulled by noise may be too high.
-ROUGH_CHI2_MARGIN = 36.0
-
 
 @dataclass(frozen=True, eq=False)
 class NamedMechanism:
-    """A mechanism that a model holds.
+    """An identified mechanism: a mechanism of the selected model, with its probability.
 
     Attributes:
-        id: which.
-        probability: that this, or one of its ties, is it and none of the other rivals.
-        indistinguishable: ids that explain this recording as well.
-        chi2_increase: χ² that is lost when it is taken out and all others refitted.
-        rival_chi2_increase: χ² lost when a rival takes its place, by id.
-        alternatives: chance of each tie to be what is there, its form, and all numbers with it, (p,), SI.
+        id: id of the mechanism.
+        probability: probability that it, or one indistinguishable from it, is present.
+        indistinguishable: ids of the mechanisms that explain this recording as well.
+        chi2_increase: increase of χ² without it, after a refit.
+        rival_chi2_increase: increase of the BIC with an alternative in its place, by id.
+        alternatives: probability, candidate and refitted values, (p,), SI, of each indistinguishable one.
     """
 
     id: str
@@ -60,16 +52,15 @@ class NamedMechanism:
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """What was named.
+    """Selected mechanisms with their fit.
 
     Attributes:
-        baseline: the baseline's own refit.
-        model: the baseline with all names.
-        named_mechanisms: of all that the model holds, most probable first.
-        baseline_directions: the signatures at the baseline, for its p-value.
-        weighted_values: (p,) SI, where the model lies weighed by what it leaves; None where that is its own
-            place.
-        fit_before_small_effects: the model before small effects joined; None where none did.
+        baseline: refit of the baseline.
+        model: refit of the baseline with all selected mechanisms.
+        named_mechanisms: these mechanisms, most probable first.
+        baseline_directions: score directions at the baseline, for its p-value.
+        weighted_values: (p,) values of the fit with misfit weights, SI; None without such a fit.
+        fit_before_small_effects: the fit without small effects; None if there are none.
     """
 
     baseline: CandidateFit
@@ -80,25 +71,20 @@ class Selection:
     fit_before_small_effects: CandidateFit | None = None
 
     @property
-    def established(self) -> tuple[NamedMechanism, ...]:
-        """The names that are likelier right than wrong."""
-        return tuple(name for name in self.named_mechanisms if name.probability >= ESTABLISHED_PROBABILITY)
-
-    @property
     def start_values(self) -> np.ndarray:
-        """Where a refit of the model begins, (p,), SI."""
+        """Starting values for a refit of the model, (p,), SI."""
         return self.model.estimate.values if self.weighted_values is None else self.weighted_values
 
 
 def select_mechanisms(
     problem: LibraryProblem, training_rows: np.ndarray, progress: Progress = ignore_progress
 ) -> Selection:
-    """Name what the baseline has left out of a recording.
+    """Select the mechanisms that the baseline of a recording omits.
 
     Args:
-        problem: the recording before the library.
-        training_rows: (n,) the rows that may be looked at.
-        progress: called with what is being done and the share done.
+        problem: the recording and the library.
+        training_rows: (n,) mask of the rows in use.
+        progress: called with the name of the step and the share done.
     """
     candidates = build_candidates(problem)
     baseline = fit_candidate(problem, training_rows, (), problem.neutral)
@@ -106,11 +92,11 @@ def select_mechanisms(
     search = MechanismSearch(problem, training_rows, baseline, candidates, progress)
     fit_before_small_effects = swap_pairs(search, search_mechanisms(search, baseline_directions))
     fit = add_small_effects(problem, fit_before_small_effects, candidates, progress)
-    progress("rivals", 0.75)
+    progress("comparing alternatives", 0.75)
     named_mechanisms = assess_mechanisms(problem, fit, candidates)
     if fit is fit_before_small_effects:
         return Selection(baseline, fit, named_mechanisms, tuple(baseline_directions))
-    # What stays unexplained is judged by the recording's noise.
+    # The residual is tested with the noise of the recording, without misfit weights.
     weighted_values = fit.estimate.values
     return Selection(
         baseline,
@@ -123,7 +109,7 @@ def select_mechanisms(
 
 
 def drop_small_effects(problem: LibraryProblem, selection: Selection) -> Selection:
-    """What was named before small effects joined."""
+    """Return the selection without small effects."""
     assert selection.fit_before_small_effects is not None
     return Selection(
         selection.baseline,
@@ -136,12 +122,12 @@ def drop_small_effects(problem: LibraryProblem, selection: Selection) -> Selecti
 def assess_mechanisms(
     problem: LibraryProblem, fit: CandidateFit, candidates: Sequence[Candidate] | None = None
 ) -> tuple[NamedMechanism, ...]:
-    """What each of a model's names is worth beside its rivals, most probable first.
+    """Return the mechanisms of a model with their probabilities, most probable first.
 
     Args:
-        problem: the recording before the library.
-        fit: with the names.
-        candidates: the forms of the rivals; None for all.
+        problem: the recording and the library.
+        fit: the fitted model.
+        candidates: candidates of the alternatives; all if omitted.
     """
     candidates = build_candidates(problem) if candidates is None else candidates
     named_mechanisms = parallel_map(
@@ -151,9 +137,12 @@ def assess_mechanisms(
 
 
 def rank_mechanisms(named_mechanisms: Sequence[NamedMechanism]) -> tuple[NamedMechanism, ...]:
-    """Names, most probable first; of those as probable, the one whose loss costs most."""
+    """Return mechanisms sorted by probability, then by the increase of χ² without them."""
     return tuple(
-        sorted(named_mechanisms, key=lambda name: (-round(name.probability, 2), -name.chi2_increase))
+        sorted(
+            named_mechanisms,
+            key=lambda mechanism: (-round(mechanism.probability, 2), -mechanism.chi2_increase),
+        )
     )
 
 
@@ -162,27 +151,30 @@ def _assess_mechanism(problem, fit: CandidateFit, k: int, candidates) -> NamedMe
     reduced_fit = fit_without_mechanism(problem, fit, k)
     chi2_increase = reduced_fit.corrected_chi2 - fit.corrected_chi2
     trials = fit_replacements(problem, reduced_fit, candidate, candidates)
-    # Who comes near gets every chance: noise may have pulled it too high. The others are far behind already.
-    near = [
+    # Refit alternatives with a low BIC to the minimum; the rough refits of the others are sufficient.
+    close_trials = [
         trial
         for trial in trials
-        if trial.bic < max(fit.bic + ROUGH_CHI2_MARGIN, compute_rough_limit(reduced_fit, fit))
+        if trial.bic
+        < max(fit.bic + problem.settings.rough_chi2_margin, compute_rough_limit(reduced_fit, fit))
     ]
-    near = sorted(near, key=lambda trial: trial.bic)[:FINAL_REFIT_COUNT]
-    ends = {m.mechanisms[-1].id: m for m in [*trials, *refit_fully(problem, near)]}
-    rivals = {id: m.bic - fit.bic for id, m in ends.items()}
-    # What is left unexplained shows how far off textbook forms are here: it blurs a comparison.
-    blur = 1 + fit.excess_chi2 / 8
-    weights = {id: np.exp(-0.5 * max(loss, 0.0) / blur) for id, loss in rivals.items()}
+    close_trials = sorted(close_trials, key=lambda trial: trial.bic)[: problem.settings.final_refit_count]
+    fit_by_id = {m.mechanisms[-1].id: m for m in [*trials, *refit_fully(problem, close_trials)]}
+    bic_increase = {id: m.bic - fit.bic for id, m in fit_by_id.items()}
+    # Excess misfit shows the error of the equations here: it widens the scale of the comparison.
+    scale = 1 + fit.excess_chi2 / problem.settings.comparison_excess_chi2
+    weights = {id: np.exp(-0.5 * max(loss, 0.0) / scale) for id, loss in bic_increase.items()}
     indistinguishable = [
-        id for id, loss in rivals.items() if loss < TIE_CHI2 + TIE_EXCESS_SHARE * fit.excess_chi2
+        id
+        for id, loss in bic_increase.items()
+        if loss < problem.settings.tie_chi2 + problem.settings.tie_excess_share * fit.excess_chi2
     ]
-    alike = sum(weights[id] for id in indistinguishable)
+    tied_weight = sum(weights[id] for id in indistinguishable)
     alternatives = tuple(
-        (weights[id] / (1 + alike), ends[id].mechanisms[-1], ends[id].estimate.values)
+        (weights[id] / (1 + tied_weight), fit_by_id[id].mechanisms[-1], fit_by_id[id].estimate.values)
         for id in indistinguishable
     )
-    probability = float((1 + alike) / (1 + sum(weights.values())))
+    probability = float((1 + tied_weight) / (1 + sum(weights.values())))
     return NamedMechanism(
-        candidate.id, probability, tuple(indistinguishable), float(chi2_increase), rivals, alternatives
+        candidate.id, probability, tuple(indistinguishable), float(chi2_increase), bic_increase, alternatives
     )

@@ -1,20 +1,17 @@
-"""Look on where names leave more than noise: effects that are small beside a large one.
+"""Search for small effects beside a large one, in a model whose residual is more than noise.
 
-No textbook wall is right to the noise of a load cell. What it leaves is smooth, and rows that repeat one
-mistake a thousand times bend the lab's rulers and every further name to it. So such a model is weighed by
-its own misfit first (`misfit_weighting.py`), and the question is asked again with what its rows are worth
-then: which
-further form takes away a good part of what is left?
+Textbook equations are not accurate to the noise of a load cell. Their misfit is smooth, and with thousands of
+samples it would bias stated values and further mechanisms. Therefore the samples are first weighted by the
+misfit of the model (`misfit_weighting.py`). Then further mechanisms are added if they are:
 
-significant   beyond what as many independent samples of the misfit as there are show by chance, over all
-              forms that were tried
-substantial   a fifth of the misfit that is left, and a tenth of what was left at first: no patch on a patch
-together      all that join leave less than a third of what was left before, and let the lab's own numbers be
-              what it believes, and none needs more than any bench has: otherwise none of them is told;
-              nor where something stays unexplained beside them (`diagnose.py`)
+significant   beyond what the effective number of independent samples shows by chance, over all candidates
+substantial   at least a fifth of the remaining misfit and a tenth of the initial one
+joint         together they explain two thirds of the initial misfit, the baseline parameters are consistent
+              with their priors, and no amplitude is at an extreme limit; otherwise all are dropped. They are
+              also dropped if a part of the misfit stays unexplained (`run.py`).
 
-What it leaves out: a misfit that differs between parts of a recording; names that only a different first
-one would have let in.
+What it leaves out: a misfit that differs between parts of a recording; mechanisms that are significant only
+with another first mechanism.
 """
 
 from __future__ import annotations
@@ -40,22 +37,10 @@ from pamjax.diagnosis.refit.candidate_fit import (
 from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit, fit_parameters
 from pamjax.diagnosis.refit.misfit_weighting import reweight_by_misfit
 from pamjax.diagnosis.select.search import (
-    FINAL_REFIT_COUNT,
-    MAX_MECHANISMS,
-    MIN_EXCESS_SHARE,
-    ROUGH_EVALUATIONS,
     is_reduction_significant,
     shortlist_candidates,
 )
 from pamjax.progress import Progress, ignore_progress
-
-#: Share of what names leave at first that all further ones must take away together, and each at least.
-MIN_JOINT_EXCESS_SHARE, MIN_SINGLE_EXCESS_SHARE = 2 / 3, 0.1
-#: Chance that a smooth misfit alone brings in a name, over everything that was tried; its χ² is that of so
-#: few samples that a smaller one would mean nothing.
-FALSE_ADDITION_PROBABILITY = 0.01
-#: Chance that a lab's own statement of its muscle is as far off as a model has it.
-MIN_PRIOR_P_VALUE = 0.01
 
 
 def add_small_effects(
@@ -64,21 +49,21 @@ def add_small_effects(
     candidates: Sequence[Candidate],
     progress: Progress = ignore_progress,
 ) -> CandidateFit:
-    """The model with further names, weighed by its own misfit; as it is where none are to be told.
+    """Return the model with small effects, weighted by its misfit; unchanged if none pass the tests.
 
     Args:
-        problem: the recording before the library.
-        fit: with the names that a search found.
-        candidates: the forms that may join.
-        progress: called with what is being done and the share done.
+        problem: the recording and the library.
+        fit: the model of the search.
+        candidates: the candidates.
+        progress: called with the name of the step and the share done.
     """
     start_fit = reweight_by_misfit(problem, fit)
     if not fit.mechanisms or start_fit.noise.weight == 1:
         return fit
     search = _SmallEffectSearch(problem, candidates, compute_excess_mean_square(start_fit))
     extended_fit = start_fit
-    while len(extended_fit.mechanisms) < MAX_MECHANISMS:
-        progress("naming what is small", 0.7)
+    while len(extended_fit.mechanisms) < problem.settings.max_mechanisms:
+        progress("searching small effects", 0.7)
         better = search.find_better_fit(extended_fit)
         if better is None:
             break
@@ -86,7 +71,8 @@ def add_small_effects(
     extended_fit = search.prune(extended_fit, len(fit.mechanisms))
     added = extended_fit.mechanisms[len(fit.mechanisms) :]
     explains_enough = (
-        compute_excess_mean_square(extended_fit) < (1 - MIN_JOINT_EXCESS_SHARE) * search.initial_excess
+        compute_excess_mean_square(extended_fit)
+        < (1 - problem.settings.min_joint_excess_share) * search.initial_excess
     )
     return (
         extended_fit
@@ -98,22 +84,22 @@ def add_small_effects(
 
 
 def compute_excess_mean_square(fit: CandidateFit) -> float:
-    """Mean square of what a model leaves beyond noise, in noise variances, whatever its rows are worth."""
+    """Return the mean squared residual above the noise, in noise variances, without misfit weights."""
     residual = fit.estimate.residual / fit.noise.weight
     return max(float(np.mean(residual**2)) - 1, 0.0)
 
 
 def is_prior_consistent(problem: LibraryProblem, fit: CandidateFit) -> bool:
-    """Whether the baseline's own numbers lie, all together, where the lab believes them."""
+    """Return whether the baseline parameters together are consistent with their priors."""
     baseline_indices = np.flatnonzero(problem.is_baseline & np.isfinite(problem.prior_sd))
     off = (fit.estimate.values[baseline_indices] - problem.start[baseline_indices]) / problem.prior_sd[
         baseline_indices
     ]
-    return bool(chi2.sf(off @ off, max(baseline_indices.size, 1)) > MIN_PRIOR_P_VALUE)
+    return bool(chi2.sf(off @ off, max(baseline_indices.size, 1)) > problem.settings.min_prior_p_value)
 
 
 def has_extreme_amplitude(problem: LibraryProblem, fit: CandidateFit, added: Sequence[Candidate]) -> bool:
-    """Whether what some forms need is more than any bench has: an amplitude at an end of its range."""
+    """Return whether an amplitude of the added candidates is at an extreme limit."""
     ends = {problem.names[fit.estimate.free[k]] for k in find_parameters_at_limit(problem, fit.estimate)}
     return any(
         name in ends
@@ -124,19 +110,22 @@ def has_extreme_amplitude(problem: LibraryProblem, fit: CandidateFit, added: Seq
 
 
 def _is_amplitude_extreme(problem: LibraryProblem, fit: CandidateFit, name: str) -> bool:
-    """Whether an amplitude is not just switched off."""
+    """Return whether an amplitude is far from its neutral value."""
     k = problem.index(name)
-    return bool(abs(fit.estimate.values[k] - problem.neutral[k]) > (problem.high[k] - problem.low[k]) / 4)
+    return bool(
+        abs(fit.estimate.values[k] - problem.neutral[k])
+        > problem.settings.min_extreme_amplitude_share * (problem.high[k] - problem.low[k])
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class _SmallEffectSearch:
-    """What does not change while further names are looked for.
+    """Constant inputs of the search for small effects.
 
     Attributes:
-        problem: the recording before the library.
-        candidates: the forms that may join.
-        initial_excess: what is left of the recording before any does.
+        problem: the recording and the library.
+        candidates: the candidates.
+        initial_excess: excess mean square of the model before the search.
     """
 
     problem: LibraryProblem
@@ -144,28 +133,28 @@ class _SmallEffectSearch:
     initial_excess: float
 
     def find_better_fit(self, fit: CandidateFit) -> CandidateFit | None:
-        """The model with the best further form, weighed anew; None where none is worth its place."""
+        """Return the model with the best further candidate, weighted anew; None if none is worthwhile."""
         scored = compute_score_directions(self.problem, fit.noise, fit.estimate, self.candidates)
         promising = [
             s
-            for s in shortlist_candidates(scored, fit.ids)
+            for s in shortlist_candidates(scored, fit.ids, self.problem.settings.shortlist_length)
             if self._is_significant(s.chi2_reduction, s.candidate)
         ]
         rough = sorted(
             parallel_map(partial(self._fit_with_candidate, fit), promising), key=attrgetter("bic")
-        )[:FINAL_REFIT_COUNT]
+        )[: self.problem.settings.final_refit_count]
         ends = sorted(parallel_map(self._refit_fully, rough), key=attrgetter("bic"))
         if not ends or not self._is_worthwhile(fit, ends[0], ends[0].mechanisms[-1]):
             return None
         return reweight_by_misfit(self.problem, ends[0])
 
     def prune(self, fit: CandidateFit, fixed_count: int) -> CandidateFit:
-        """Without those after the first few names that are no longer worth their place."""
+        """Return the model without added mechanisms that are no longer worthwhile."""
         while len(fit.mechanisms) > fixed_count:
             reduced_fits = parallel_map(
                 partial(self._fit_without_mechanism, fit), range(fixed_count, len(fit.mechanisms))
             )
-            k = int(np.argmin([reduced_fit.estimate.cost for reduced_fit in reduced_fits]))
+            k = int(np.argmin([reduced_fit.estimate.chi2_with_priors for reduced_fit in reduced_fits]))
             if self._is_worthwhile(reduced_fits[k], fit, fit.mechanisms[fixed_count + k]):
                 break
             fit = reweight_by_misfit(self.problem, self._refit_fully(reduced_fits[k]))
@@ -174,26 +163,36 @@ class _SmallEffectSearch:
     def _is_worthwhile(self, reduced: CandidateFit, extended: CandidateFit, candidate: Candidate) -> bool:
         taken = compute_excess_mean_square(reduced) - compute_excess_mean_square(extended)
         substantial = taken > max(
-            MIN_EXCESS_SHARE * compute_excess_mean_square(reduced),
-            MIN_SINGLE_EXCESS_SHARE * self.initial_excess,
+            self.problem.settings.min_excess_share * compute_excess_mean_square(reduced),
+            self.problem.settings.min_single_excess_share * self.initial_excess,
         )
-        return substantial and self._is_significant(reduced.estimate.cost - extended.estimate.cost, candidate)
+        return substantial and self._is_significant(
+            reduced.estimate.chi2_with_priors - extended.estimate.chi2_with_priors, candidate
+        )
 
     def _is_significant(self, gain: float, candidate: Candidate) -> bool:
         return is_reduction_significant(
-            gain, len(candidate.free_parameters), len(self.candidates), FALSE_ADDITION_PROBABILITY
+            gain,
+            len(candidate.free_parameters),
+            len(self.candidates),
+            self.problem.settings.false_addition_probability,
         )
 
     def _fit_with_candidate(self, fit: CandidateFit, direction: ScoreDirection) -> CandidateFit:
         values = switch_on_candidate(
             self.problem, fit.estimate.values, direction.candidate, direction.amplitudes
         )
-        return self._fit_mechanisms(fit, (*fit.mechanisms, direction.candidate), values, ROUGH_EVALUATIONS)
+        return self._fit_mechanisms(
+            fit, (*fit.mechanisms, direction.candidate), values, self.problem.settings.rough_evaluations
+        )
 
     def _fit_without_mechanism(self, fit: CandidateFit, k: int) -> CandidateFit:
         values = switch_off_candidate(self.problem, fit.estimate.values, fit.mechanisms[k])
         return self._fit_mechanisms(
-            fit, fit.mechanisms[:k] + fit.mechanisms[k + 1 :], values, 2 * ROUGH_EVALUATIONS
+            fit,
+            fit.mechanisms[:k] + fit.mechanisms[k + 1 :],
+            values,
+            2 * self.problem.settings.rough_evaluations,
         )
 
     def _refit_fully(self, fit: CandidateFit) -> CandidateFit:

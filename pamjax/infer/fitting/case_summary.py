@@ -30,10 +30,10 @@ class CaseSummary:
     sentences: list[str]
 
     def __str__(self) -> str:
-        # What was set aside is among the case's own notes.
+        # The text of the case includes the outliers.
         lines = [str(self.case), f"  {self._format_blocks()}", ""]
         lines += [f"  {self._format_parameter(d)}" for d in self.parameters]
-        return "\n".join([*lines, "", *self.sentences, "Fit to be fitted."])
+        return "\n".join([*lines, "", *self.sentences, "The case can be fitted."])
 
     def as_dict(self) -> dict[str, Any]:
         """Return the summary as a JSON document, in display units."""
@@ -55,8 +55,8 @@ class CaseSummary:
         lack = "lacks" if missing == 1 else "lack"
         tail = f"; {format_count(missing, 'row')} {lack} pressure or length" if missing else ""
         return (
-            f"{format_count(len(case_blocks.names), case_blocks.kind.removesuffix('s'))} to hold out"
-            f" in turn{tail}"
+            f"{format_count(len(case_blocks.names), case_blocks.kind.removesuffix('s'))}"
+            f" for cross-validation{tail}"
         )
 
     def _format_parameter(self, d: ParameterIdentifiability) -> str:
@@ -64,7 +64,7 @@ class CaseSummary:
         before = f"± {format_quantity(d.prior_sd, unit, 2)}" if math.isfinite(d.prior_sd) else "unknown"
         after = f"± {format_quantity(d.expected_sd, unit, 2)}" if np.isfinite(d.expected_sd) else "unknown"
         verdict = "determined" if d.determined else "not determined"
-        return f"{d.name:<22} {before:>14} before, {after:>14} after at best: {verdict}"
+        return f"{d.name:<22} {before:>14} prior, {after:>14} expected after a fit: {verdict}"
 
     def _build_row(self, d: ParameterIdentifiability) -> dict[str, Any]:
         unit = find_meaning(d.name).show

@@ -1,4 +1,4 @@
-"""Predict whole blocks of a recording by fits that never saw them."""
+"""Cross-validation: predictions of whole blocks of a recording by fits without them."""
 
 from __future__ import annotations
 
@@ -24,41 +24,48 @@ def cross_validate(
     loss: Loss,
     fold_count: int,
     seed: int,
-    progress: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda fraction: None,
 ) -> tuple[list[list[np.ndarray]], list[dict[str, np.ndarray]]]:
-    """Fit without each fold of blocks in turn and predict it.
+    """Return the held-out predictions of every case, each fold by a fit without it.
 
     Args:
-        blocks_of_cases: the blocks of each case; a case with a single block is never held out.
+        cases: the recordings.
+        datasets: their datasets, with the weights of the fit.
+        blocks_of_cases: the blocks of each case; a case with a single block is not held out.
+        space: the free parameters.
+        solution: the solution for all rows, which is the starting point.
+        loss: the loss of the fit.
         fold_count: number of folds.
-        seed: of the deal of blocks into folds.
+        seed: seed of the assignment of blocks to folds.
+        progress: called with the fraction done.
 
     Returns:
         for each case the folds, as (n,) masks of held-out rows, and the predictions of those rows
-        by channel, SI, NaN where nothing was held out.
+        by channel, SI, NaN where no block was held out.
     """
-    deals = [split_folds(b, fold_count, seed) if len(b.names) > 1 else [] for b in blocks_of_cases]
-    unseen = [{c: np.full(case.recording.n, np.nan) for c in CHANNELS} for case in cases]
-    rounds = max((len(deal) for deal in deals), default=0)
+    folds_of_cases = [split_folds(b, fold_count, seed) if len(b.names) > 1 else [] for b in blocks_of_cases]
+    predictions = [{c: np.full(case.recording.n, np.nan) for c in CHANNELS} for case in cases]
+    rounds = max((len(folds) for folds in folds_of_cases), default=0)
     for k in range(rounds):
         progress(k / rounds)
-        held_out = [deal[k] if k < len(deal) else None for deal in deals]
+        held_out = [folds[k] if k < len(folds) else None for folds in folds_of_cases]
         reduced_solution = solve_least_squares(
             tuple(map(exclude_rows, datasets, held_out)), space, solution.u, loss
         )
-        for dataset, mask, prediction in zip(datasets, held_out, unseen, strict=True):
+        for dataset, mask, prediction in zip(datasets, held_out, predictions, strict=True):
             if mask is not None:
                 _fill_predictions(
                     prediction, predict_rows(dataset, space.to_values(reduced_solution.u)), mask
                 )
-    return deals, unseen
+    return folds_of_cases, predictions
 
 
 def exclude_rows(dataset: Dataset, excluded: np.ndarray | None) -> Dataset:
-    """The member with some rows out of the fit's sight.
+    """Return the dataset without some rows.
 
     Args:
-        excluded: (n,) whether a row is held out; None for no row.
+        dataset: the dataset.
+        excluded: (n,) whether a row is excluded; None for no row.
     """
     if excluded is None:
         return dataset

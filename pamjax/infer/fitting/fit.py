@@ -1,4 +1,4 @@
-"""Fit a muscle to its recordings: `fit` is the verb, `result.Fit` what it returns."""
+"""Fit of a muscle to its recordings: `fit` returns a `result.Fit`."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ from pamjax.model.parameters import THREAD_LAWS
 from pamjax.model.registry import check_exclusive_pairs
 from pamjax.progress import Progress, ignore_progress
 from pamjax.records.blocks import find_blocks
-from pamjax.records.case import Case, load_case
+from pamjax.records.case import Case, ensure_case
 
-#: Two starts agree if their costs differ by less than this (one standard deviation costs 0.5).
+#: Two starts agree if their costs differ by less than this; a residual of one standard deviation costs 0.5.
 COST_TOLERANCE = 0.01
 
-#: How often, at most, the noise is read off the residual and the fit repeated. Each shifts the balance of
-#: data and priors, and so the residual; where a model misses much, the two settle slowly.
+#: Maximum number of repeated fits with the noise of the previous residuals. The weights change the fit, and
+#: so the residuals; with a large misfit, the iteration converges slowly.
 MAX_REWEIGHTINGS = 12
 
-#: The repeats end when no channel's weight changes by more than this share.
+#: The repeats end when no channel's weight changes by more than this fraction.
 WEIGHT_TOLERANCE = 0.02
 
 
@@ -56,26 +56,26 @@ def fit(
     seed: int = 0,
     progress: Progress = ignore_progress,
 ) -> Fit:
-    """Calibrate a muscle on a recording, or several muscles on several at once.
+    """Return the calibration of a muscle on a recording, or of several muscles on several recordings.
 
-    Numbers that were measured with a standard deviation move under it as a prior; numbers stated
-    without one are taken as known. Offsets and gains of the bench are never absorbed.
+    A parameter stated with a standard deviation is free, with a Gaussian prior. A parameter stated without
+    one is fixed. The fit has no offsets and gains of the test rig, unless `mechanisms` includes them.
 
     Args:
         cases: one case or several, or their folders.
-        law: thread law, a key of `catalogue.LAWS`; None takes each recording's baseline.
-        share: names of numbers that all cases have in common, as "thread.modulus".
-        mechanisms: ids of what acts beside the threads, as "bladder_elasticity".
-        loss: "soft" bounds the pull of a sample that is far off.
-        starts: number of places from which the minimiser starts.
-        fold_count: into how many parts the blocks are dealt for the held-out score.
-        seed: of the starts and of the deal.
-        progress: called with what is being done and the share done.
+        law: thread law, a key of `THREAD_LAWS`; None uses the baseline of each muscle.toml.
+        share: names of parameters that all cases have in common, such as "thread.modulus".
+        mechanisms: ids of mechanisms in addition to the threads, such as "bladder_elasticity".
+        loss: "square", or "soft", which reduces the weight of outliers.
+        starts: number of starting points of the minimiser.
+        fold_count: number of folds of the cross-validation.
+        seed: seed of the starting points and of the folds.
+        progress: called with the current step and the fraction done.
 
     Raises:
-        BadInput: for an unknown law, a shared name no case has, or a recording without a channel.
+        BadInput: for an unknown law, an unknown shared parameter, or a recording without force and diameter.
     """
-    cases = [load_case(case) for case in ([cases] if isinstance(cases, Case | str | Path) else cases)]
+    cases = [ensure_case(case) for case in ([cases] if isinstance(cases, Case | str | Path) else cases)]
     _check_counts(starts, fold_count, seed)
     law = _choose_law(cases, law)
     if mechanisms:
@@ -86,24 +86,24 @@ def fit(
     progress("first fit", 0.0)
     solution = solve_least_squares(datasets, space, jnp.zeros(space.size), loss)
     for k in range(MAX_REWEIGHTINGS):
-        progress("weighing the noise", 0.3 + 0.2 * k / MAX_REWEIGHTINGS)
+        progress("estimating the noise", 0.3 + 0.2 * k / MAX_REWEIGHTINGS)
         previous = datasets
         datasets, _ = reweight_datasets(cases, datasets, space, solution, loss)
-        # Before the noise is weighed a misfit can drive a number to a limit.
-        solution = solve_least_squares(datasets, space, space.move_inside_limits(solution.u), loss)
+        # With the starting weights, a misfit can drive a parameter to its bound.
+        solution = solve_least_squares(datasets, space, space.move_inside_bounds(solution.u), loss)
         if k and _have_weights_converged(previous, datasets):
             break
     progress("other starts", 0.5)
     agreeing, best = _run_other_starts(datasets, space, solution, loss, starts, seed)
     if best is not solution:
-        # Its noise was weighed at the end that it beat.
+        # The weights belong to the first solution.
         datasets, _ = reweight_datasets(cases, datasets, space, best, loss)
         best = solve_least_squares(datasets, space, best.u, loss)
     solution = best
     blocks_of_cases = [find_blocks(case.recording) for case in cases]
-    deals, unseen = cross_validate(
+    folds, predictions = cross_validate(
         cases, datasets, blocks_of_cases, space, solution, loss, fold_count, seed,
-        lambda fraction: progress("held-out blocks", 0.6 + 0.4 * fraction),
+        lambda fraction: progress("cross-validation", 0.6 + 0.4 * fraction),
     )  # fmt: skip
     _, noise = reweight_datasets(cases, datasets, space, solution, loss)
     sd, correlation = compute_sd_and_correlation(solution)
@@ -115,7 +115,7 @@ def fit(
         correlation=correlation,
         cases=tuple(
             _build_case_fit(space, solution, *of_case)
-            for of_case in zip(cases, datasets, noise, blocks_of_cases, deals, unseen, strict=True)
+            for of_case in zip(cases, datasets, noise, blocks_of_cases, folds, predictions, strict=True)
         ),
         converged=bool(solution.converged),
         steps=int(solution.steps),
@@ -138,8 +138,8 @@ def _have_weights_converged(before: Sequence[Dataset], after: Sequence[Dataset])
 
 
 def _check_counts(starts: int, fold_count: int, seed: int) -> None:
-    for name, value, least in (("starts", starts, 1), ("folds", fold_count, 2), ("seed", seed, 0)):
-        check_minimum(name, value, least)
+    for name, value, minimum in (("starts", starts, 1), ("folds", fold_count, 2), ("seed", seed, 0)):
+        check_minimum(name, value, minimum)
 
 
 def _choose_law(cases: Sequence[Case], law: str | None) -> str:
@@ -148,20 +148,18 @@ def _choose_law(cases: Sequence[Case], law: str | None) -> str:
     names = [case.name for case in cases]
     for name in names:
         if names.count(name) > 1:
-            remedy = "Their numbers are told apart by the folder's name: rename one."
-            raise refuse(
-                "cases that are fitted together need names of their own", f"{name!r} twice", "", remedy
-            )
-    wanted = sorted({law or case.entry.baseline for case in cases})
-    if len(wanted) > 1:
+            remedy = "The folder's name distinguishes their parameters: rename one folder."
+            raise refuse("cases that are fitted together need different names", f"{name!r} twice", "", remedy)
+    laws = sorted({law or case.entry.baseline for case in cases})
+    if len(laws) > 1:
         raise refuse(
             "cases that are fitted together share one thread law",
-            " and ".join(wanted),
+            " and ".join(laws),
             "[baseline] of muscle.toml",
-            "Name one for all of them.",
+            "Use one law for all of them.",
         )
-    if wanted[0] not in THREAD_LAWS:
-        raise refuse(f"{wanted[0]!r} is no thread law", remedy=suggest_word(wanted[0], THREAD_LAWS))
+    if laws[0] not in THREAD_LAWS:
+        raise refuse(f"unknown thread law {laws[0]!r}", remedy=suggest_word(laws[0], THREAD_LAWS))
     for case in cases:
         if not case.recording.channels:
             raise refuse(
@@ -170,53 +168,58 @@ def _choose_law(cases: Sequence[Case], law: str | None) -> str:
                 f"{case.name}/recording.csv",
                 "Add a column `force [N]` or `diameter [mm]`.",
             )
-    return wanted[0]
+    return laws[0]
 
 
 def build_joint_space(
     cases: Sequence[Case], law: str, share: Sequence[str], mechanisms: Sequence[str] = ()
 ) -> tuple[ParameterSpace, list[dict[str, str]]]:
-    """One space for all cases, and for each case the name in it of each of its own numbers."""
-    numbers: dict[str, FreeParameter] = {}
+    """Return the common space of all cases, and for each case the names of its parameters in that space."""
+    parameters: dict[str, FreeParameter] = {}
     renames: list[dict[str, str]] = []
     for case in cases:
         own_parameters = list_free_parameters(case, law, mechanisms)
-        alone = len(cases) == 1
+        is_single_case = len(cases) == 1
         rename = {
-            n.name: n.name if alone or n.name in share else f"{case.name}/{n.name}" for n in own_parameters
+            n.name: n.name if is_single_case or n.name in share else f"{case.name}/{n.name}"
+            for n in own_parameters
         }
         for n in own_parameters:
-            shared = numbers.setdefault(rename[n.name], replace(n, name=rename[n.name]))
+            shared = parameters.setdefault(rename[n.name], replace(n, name=rename[n.name]))
             if (shared.start, shared.sd) != (n.start, n.sd) and not shared.sd == n.sd == math.inf:
                 raise _build_conflict_error(n.name, "another value or sd", case)
         renames.append(rename)
-    known = sorted({name for rename in renames for name in rename})
+    free_names = sorted({name for rename in renames for name in rename})
     for name in share:
-        if name not in known:
+        if name not in free_names:
             raise refuse(
-                f"no case can move {name!r}, so it cannot be shared", remedy=suggest_word(name, known)
+                f"{name!r} is not a free parameter, so it cannot be shared",
+                remedy=suggest_word(name, free_names),
             )
         for case, rename in zip(cases, renames, strict=True):
             if name not in rename:
-                raise _build_conflict_error(name, "no sd, or no such number", case)
-    if not numbers:
+                raise _build_conflict_error(name, "no sd, or no such parameter", case)
+    if not parameters:
         raise refuse(
-            "a fit needs a number that may move",
-            "every number stated without `sd`",
+            "a fit needs a free parameter",
+            "every value stated without `sd`",
             "muscle.toml",
             "Write at least one as {value = ..., sd = ...}.",
         )
-    return build_space(list(numbers.values())), renames
+    return build_space(list(parameters.values())), renames
 
 
 def _build_conflict_error(name: str, got: str, case: Case) -> BadInput:
-    """What two cases share is one number, believed once: neither's belief may go unheard."""
-    remedy = "State the same value and sd in each."
-    return refuse(f"a shared number ({name}) must be stated alike", got, f"{case.name}/muscle.toml", remedy)
+    """Return the error for a shared parameter with different priors."""
+    rule, remedy = (
+        f"a shared parameter ({name}) must have one prior",
+        "State the same value and sd in each case.",
+    )
+    return refuse(rule, got, f"{case.name}/muscle.toml", remedy)
 
 
 def reweight_datasets(cases, datasets, space, solution, loss: Loss = "square", trust_sensors=False):
-    """Every member with its samples weighed by their noise, and that noise; see `reweight_dataset`."""
+    """Return every dataset with weights from its noise, and the noise; see `reweight_dataset`."""
     pairs = [
         reweight_dataset(case, dataset, space, solution, loss, trust_sensors)
         for case, dataset in zip(cases, datasets, strict=True)
@@ -227,33 +230,33 @@ def reweight_datasets(cases, datasets, space, solution, loss: Loss = "square", t
 def _run_other_starts(
     datasets, space: ParameterSpace, solution: Solution, loss: Loss, starts: int, seed: int
 ) -> tuple[int, Solution]:
-    """Start again from draws of the prior; keep the best end and count those that agree with it."""
-    ends = [solution]
+    """Return the number of starts that agree with the best solution, and that solution."""
+    solutions = [solution]
     for key in jax.random.split(jax.random.key(seed), max(starts - 1, 0)):
-        ends.append(solve_least_squares(datasets, space, jax.random.normal(key, (space.size,)), loss))
-    costs = np.array([float(end.cost) for end in ends])
+        solutions.append(solve_least_squares(datasets, space, jax.random.normal(key, (space.size,)), loss))
+    costs = np.array([float(candidate.cost) for candidate in solutions])
     costs = np.where(np.isfinite(costs), costs, np.inf)
     best = int(np.argmin(costs))
-    # The first end stays unless another is truly better: equal ends differ by rounding only.
+    # The first solution is kept unless another is better by more than rounding.
     if costs[0] <= costs[best] + COST_TOLERANCE:
         best = 0
-    return int(np.sum(costs <= costs[best] + COST_TOLERANCE)), ends[best]
+    return int(np.sum(costs <= costs[best] + COST_TOLERANCE)), solutions[best]
 
 
 def compute_sd_and_correlation(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
-    """Standard deviations, SI, NaN where nothing is known, and correlations of the values."""
+    """Return the sds of the parameters, SI, NaN without information, and their correlation matrix."""
     total_information = np.asarray(solution.information + solution.prior_information)
     scale = np.sqrt(np.maximum(np.diag(total_information), 1e-300))
-    # Scaled to a unit diagonal, an eigenvalue of rounding size is a direction nobody knows.
+    # With a unit diagonal, an eigenvalue of rounding size is a direction without information.
     weights, directions = np.linalg.eigh(total_information / np.outer(scale, scale))
-    known = weights > 1e-12
-    inverse = (directions[:, known] / weights[known]) @ directions[:, known].T
-    unknown = (directions[:, ~known] ** 2).sum(axis=1) > 1e-6
+    has_information = weights > 1e-12
+    inverse = (directions[:, has_information] / weights[has_information]) @ directions[:, has_information].T
+    is_undetermined = (directions[:, ~has_information] ** 2).sum(axis=1) > 1e-6
     sd = np.sqrt(np.diag(inverse)) / scale * np.abs(np.asarray(solution.slope))
-    # A number that sits at a limit tells nothing, and is correlated with nothing.
+    # A parameter at its bound has no correlation.
     root = np.sqrt(np.where(np.diag(inverse) > 0, np.diag(inverse), 1.0))
     correlation = inverse / np.outer(root, root) * np.sign(np.outer(solution.slope, solution.slope))
-    return np.where(unknown, np.nan, sd), correlation
+    return np.where(is_undetermined, np.nan, sd), correlation
 
 
 def _collect_meanings(cases, law, renames, mechanisms):
@@ -269,7 +272,7 @@ def _build_estimates(
     space: ParameterSpace, solution: Solution, sd: np.ndarray, meaning: Mapping
 ) -> dict[str, Estimate]:
     values = np.asarray(space.to_values(solution.u))
-    at_limit = set(space.find_names_at_limit(solution.u))
+    at_limit = set(space.find_names_at_bound(solution.u))
     return {
         name: Estimate(
             value=float(values[k]),
@@ -297,11 +300,11 @@ def _build_case_fit(
     reading = predict_rows(dataset, values)
     n = case.recording.n
     status = np.asarray(reading.status)[:n]
-    bad = case.recording.usable & (status != Status.OK)
+    has_failed = case.recording.usable & (status != Status.OK)
     prediction = {c: np.asarray(getattr(reading, c))[:n] for c in CHANNELS}
     names = tuple(
-        tuple(case_blocks.names[k] for k in np.unique(case_blocks.label[out]) if k >= 0)
-        for out in held_out_masks
+        tuple(case_blocks.names[k] for k in np.unique(case_blocks.label[mask]) if k >= 0)
+        for mask in held_out_masks
     )
     return CaseFit(
         case=case,
@@ -316,17 +319,19 @@ def _build_case_fit(
         if held_out_masks
         else None,
         failed_rows={
-            s: case.recording.row[bad & (status == s)] for s in Status if (bad & (status == s)).any()
+            s: case.recording.row[has_failed & (status == s)]
+            for s in Status
+            if (has_failed & (status == s)).any()
         },
     )
 
 
 def compute_rmse(case: Case, prediction: Mapping[str, np.ndarray]) -> dict[str, float]:
-    """Root mean square of measured − predicted, SI, by channel, over the rows that count."""
-    out = {}
+    """Return the root mean square of measured − predicted, SI, by channel, over the informative rows."""
+    rmse = {}
     for channel in case.recording.channels:
         misfit = getattr(case.recording, channel) - prediction[channel]
         misfit = misfit[find_informative_samples(case, channel) & np.isfinite(misfit)]
         if misfit.size:
-            out[channel] = float(np.sqrt(np.mean(misfit**2)))
-    return out
+            rmse[channel] = float(np.sqrt(np.mean(misfit**2)))
+    return rmse

@@ -21,14 +21,14 @@ from pamjax.infer.problem.dataset import build_dataset
 from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.infer.problem.priors import is_length_error
 from pamjax.model.parameters import find_meaning
-from pamjax.records.case import Case, load_case
+from pamjax.records.case import Case, ensure_case
 from pamjax.units import format_quantity
 
-#: A number, or a combination, is determined if its standard deviation shrinks to this share of the prior's.
+#: A parameter or combination is determined if the data reduce its sd to this fraction of the prior sd.
 MAX_SD_RATIO_DETERMINED = 0.5
-#: Where nothing was believed, a number's own size times this stands in for the prior's.
+#: Relative sd of a parameter without a stated sd, in place of a prior sd.
 RELATIVE_SD_WITHOUT_PRIOR = 0.3
-#: Numbers with a smaller share than this in a combination are not named with it.
+#: Parameters with a smaller component in a combination are not named.
 MIN_NAMED_COMPONENT = 0.3
 
 
@@ -67,7 +67,7 @@ def check_identifiability(
     Raises:
         BadInput: for an unknown law, or a parameter that the law needs and muscle.toml does not have.
     """
-    case = load_case(case)
+    case = ensure_case(case)
     law = law or case.entry.baseline
     space, (rename,) = build_joint_space([case], law, ())
     datasets = (build_dataset(case, law, space, rename),)
@@ -86,8 +86,9 @@ def check_identifiability(
         if not is_length_error(name)
     ]
     slope = np.asarray(solution.slope)
-    known = np.asarray(solution.information) / np.outer(slope, slope)
-    return results, _format_sentences(results, find_undetermined_combinations(space.names, known, scale))
+    information = np.asarray(solution.information) / np.outer(slope, slope)
+    combinations = find_undetermined_combinations(space.names, information, scale)
+    return results, _format_sentences(results, combinations)
 
 
 def _compute_prior_scale(space: ParameterSpace) -> np.ndarray:
@@ -106,29 +107,28 @@ def find_undetermined_combinations(
         information: (p, p) Fisher information of the data alone, 1/SI².
         scale: (p,) scale of each parameter, SI.
     """
-    known = information * np.outer(scale, scale)
+    scaled_information = information * np.outer(scale, scale)
     is_own = np.array([not is_length_error(name) for name in names])
-    eigenvalues, directions = np.linalg.eigh(_marginalise_length_errors(known, is_own))
+    eigenvalues, directions = np.linalg.eigh(_marginalise_length_errors(scaled_information, is_own))
     names = [name for name, keep in zip(names, is_own, strict=True) if keep]
-    # One step of the prior and n of the data leave 1 / sqrt(1 + n²) of the step.
+    # With relative precision λ of the data, the sd is 1 / sqrt(1 + λ) of the prior sd.
     weak = 1 / np.sqrt(1 + np.maximum(eigenvalues, 0)) > MAX_SD_RATIO_DETERMINED
-    moves = (dict(zip(names, column * scale[is_own], strict=True)) for column in directions.T[weak])
-    shares = directions.T[weak]
     return [
         {
-            name: move
-            for (name, move), share in zip(moves_of_combination.items(), column, strict=True)
-            if abs(share) > MIN_NAMED_COMPONENT
+            name: component * size
+            for name, component, size in zip(names, direction, scale[is_own], strict=True)
+            if abs(component) > MIN_NAMED_COMPONENT
         }
-        for moves_of_combination, column in zip(moves, shares, strict=True)
+        for direction in directions.T[weak]
     ]
 
 
 def _marginalise_length_errors(information: np.ndarray, is_own: np.ndarray) -> np.ndarray:
     """Return the information on the muscle's parameters, marginalised over the length errors."""
-    ruler = information[np.ix_(~is_own, ~is_own)] + np.eye(int((~is_own).sum()))
-    across = information[np.ix_(is_own, ~is_own)]
-    return information[np.ix_(is_own, is_own)] - across @ np.linalg.solve(ruler, across.T)
+    error_information = information[np.ix_(~is_own, ~is_own)] + np.eye(int((~is_own).sum()))
+    cross_information = information[np.ix_(is_own, ~is_own)]
+    absorbed = cross_information @ np.linalg.solve(error_information, cross_information.T)
+    return information[np.ix_(is_own, is_own)] - absorbed
 
 
 def _format_sentences(
@@ -137,26 +137,27 @@ def _format_sentences(
     sentences = []
     determined = [f"`{d.name}`" for d in results if d.determined]
     if determined:
-        sentences.append(
-            f"This recording can determine {format_list(determined)}, if the model lacks nothing."
-        )
-    return sentences + [format_combination(moves) for moves in combinations]
+        sentences.append(f"This recording can determine {format_list(determined)}, if the model is right.")
+    return sentences + [format_combination(changes) for changes in combinations]
 
 
-def format_combination(moves: dict[str, float]) -> str:
+def format_combination(changes: dict[str, float]) -> str:
     """Return a sentence on one combination that the data do not determine.
 
     Args:
-        moves: change of each parameter, SI.
+        changes: change of each parameter, SI.
     """
-    if len(moves) == 1:
-        (name,) = moves
-        return f"The recording says little about `{name}`: the stated sd will still speak after a fit."
-    together = format_list([_format_move(*m) for m in moves.items()])
-    return f"The recording knows some numbers only together: {together} would go unnoticed."
+    if len(changes) == 1:
+        (name,) = changes
+        return f"This recording does not determine `{name}`: its sd after a fit is about the stated sd."
+    joint_change = format_list([_format_change(*change) for change in changes.items()])
+    return (
+        "This recording determines some parameters only in combination:"
+        f" the joint change {joint_change} is not detectable."
+    )
 
 
-def _format_move(name: str, change: float) -> str:
+def _format_change(name: str, change: float) -> str:
     return f"`{name}` {'+' if change > 0 else ''}{format_quantity(change, find_meaning(name).show, 2)}"
 
 

@@ -63,7 +63,7 @@ def _build_case_entry(case_fit: CaseFit, law: str, mechanisms: tuple[str, ...]) 
             | {
                 "given": n.stated,
                 "excess": n.excess,
-                "inflation": n.inflation,
+                "inflation": n.autocorrelation_time,
                 "correlation_time_s": n.correlation_time,
             }
             for c, n in case_fit.noise.items()
@@ -112,11 +112,12 @@ def build_xarray_dataset(case_fit: CaseFit):
             f"{channel}_unseen": (
                 case_fit.held_out_prediction[channel],
                 unit,
-                "predicted by a fit that never saw the row's block",
+                "prediction by a fit without the row's block",
             ),
         }
     data = {
-        name: ("row", v, {"units": unit, "long_name": about}) for name, (v, unit, about) in columns.items()
+        name: ("row", v, {"units": unit, "long_name": description})
+        for name, (v, unit, description) in columns.items()
     }
     data["block"] = (
         "row",

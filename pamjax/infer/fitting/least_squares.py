@@ -1,7 +1,7 @@
-"""Least squares over named numbers: one compiled program solves, and says how well it knows.
+"""Nonlinear least squares over named parameters, with the information of the data and of the priors.
 
-The residual is every misfit over its standard deviation, and every (value − prior) over its own.
-Optimistix does the minimising.
+The residuals are (measured − model) / sd of every sample, and (value − prior mean) / prior sd of every
+parameter. optimistix minimises half their sum of squares by the Levenberg-Marquardt method.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from pamjax.infer.problem.parameter_space import ParameterSpace
 
 Loss = Literal["square", "soft"]
 
-#: Largest number of Levenberg-Marquardt steps; the paper's case takes about ten.
+#: Maximum number of Levenberg-Marquardt steps; a fit usually needs about ten.
 MAX_LM_STEPS = 200
 
 
 class Solution(eqx.Module):
-    """Where a minimisation ended.
+    """Solution of a least-squares problem.
 
     Attributes:
         u: (p,) the point; see `parameter_space.py`.
@@ -34,7 +34,7 @@ class Solution(eqx.Module):
         prior_information: (p, p) JᵀJ of the priors, in u.
         slope: (p,) d value / d u.
         steps: steps taken.
-        converged: whether the minimiser says so.
+        converged: whether the minimiser converged.
     """
 
     u: Float[Array, " p"]
@@ -47,14 +47,14 @@ class Solution(eqx.Module):
 
 
 def soften_residual(r: Array) -> Array:
-    """Residual whose square is 2 (sqrt(1 + r²) − 1): quadratic within one sd, linear far out."""
+    """Return the residual with the square 2 (sqrt(1 + r²) − 1): quadratic within one sd, then linear."""
     return r / jnp.sqrt(0.5 * (1 + jnp.sqrt(1 + r**2)))
 
 
 def stack_residuals(
     datasets: tuple[Dataset, ...], space: ParameterSpace, u: Array, loss: Loss = "square"
 ) -> Array:
-    """Every measurement's misfit over its standard deviation, all members in a row."""
+    """Return (measured − model) / sd of every sample, for all datasets in one array."""
     values = space.to_values(u)
     parts = []
     for dataset in datasets:
@@ -70,19 +70,19 @@ def stack_residuals(
 def solve_least_squares(
     datasets: tuple[Dataset, ...], space: ParameterSpace, start: Float[Array, " p"], loss: Loss = "square"
 ) -> Solution:
-    """Minimise from a start.
+    """Return the solution from a starting point.
 
     Args:
         datasets: the recordings.
-        space: the numbers that may move.
-        start: (p,) point to start from; zeros are the stated values.
-        loss: "soft" lets a few samples be wrong.
+        space: the free parameters.
+        start: (p,) starting point in u; zeros are the stated values.
+        loss: "square", or "soft", which reduces the weight of outliers.
     """
 
     def compute_all_residuals(u, _):
         return stack_residuals(datasets, space, u, loss), space.compute_prior_residual(u)
 
-    # Thousands of rows, a handful of numbers: the normal equations, not a QR of every row.
+    # With many more rows than parameters, the normal equations are faster than a QR decomposition.
     solver = optx.LevenbergMarquardt(rtol=1e-9, atol=1e-9, linear_solver=lx.Normal(lx.Cholesky()))
     result = optx.least_squares(compute_all_residuals, solver, start, max_steps=MAX_LM_STEPS, throw=False)
     successful = result.result == optx.RESULTS.successful
@@ -93,7 +93,7 @@ def solve_least_squares(
 def linearise_problem(
     datasets: tuple[Dataset, ...], space: ParameterSpace, u: Float[Array, " p"]
 ) -> Solution:
-    """The `Solution` that a minimisation would return if it had ended here."""
+    """Return the `Solution` at a point, without a minimisation."""
     return _build_solution(datasets, space, u, "square", jnp.asarray(0), jnp.asarray(False))
 
 

@@ -29,7 +29,7 @@ class LoadedMuscle:
     """A muscle with its source data.
 
     Attributes:
-        muscle: the muscle; a bench if it has mechanisms.
+        muscle: the muscle; a `Bench` if it has mechanisms.
         entry: its muscle.toml.
         text: the text of its muscle.toml.
         calibrated_range: lowest and highest calibrated "pressure" (Pa) and "length" (m); empty if it was
@@ -64,13 +64,15 @@ def load_muscle(
     case: str | None = None,
     settings: Mapping[str, float] | None = None,
 ) -> LoadedMuscle:
-    """Return a muscle from a case folder, a muscle.toml, a fit.json, or a model.json of a diagnosis.
+    """Return a muscle with its law, parameters, muscle.toml and calibrated range.
+
+    The `muscle` of the result is the `Muscle`, or a `Bench` if it has mechanisms.
 
     Args:
-        source: the folder or file.
+        source: a case folder, a muscle.toml, a fit.json, or a model.json of a diagnosis.
         law: thread law, for a muscle as stated; None takes its baseline.
         case: name of the case, for a fit.json with several cases.
-        settings: parameters of mechanisms to add or to change, SI, as {"braid_friction.coefficient": 0.2}.
+        settings: mechanism parameters to add or to change, SI, as {"braid_friction.coefficient": 0.2}.
 
     Raises:
         BadInput: if it cannot be read.
@@ -78,18 +80,18 @@ def load_muscle(
     source = Path(source)
     if source.suffix == ".json":
         if law is not None:
-            remedy = "Leave `--law` out, or name the case folder."
-            raise refuse("a calibrated muscle keeps the law it was fitted with", law, source.name, remedy)
+            remedy = "Omit `--law`, or use the case folder."
+            raise refuse("the thread law of a calibrated muscle cannot be changed", law, source.name, remedy)
         return _load_calibrated(source, case, settings or {})
     if case is not None:
-        raise refuse("`--case` names a case of a fit.json", str(source), remedy="Leave it out.")
+        raise refuse("`--case` needs a fit.json", str(source), remedy="Omit `--case`.")
     file = source / MUSCLE_FILE if source.is_dir() else source
     raw = read_bytes(file)
     entry = read_muscle_toml(raw, file.name)
     law = law or entry.baseline
     numbers = {name: jnp.asarray(m.value) for name, m in collect_stated_values(entry, law).items()}
-    known = {name: jnp.asarray(m.value) for name, m in estimate_tube_sizes(entry).items()}
-    parts = _add_mechanisms(law, (), numbers, known, settings or {})
+    tube_sizes = {name: jnp.asarray(m.value) for name, m in estimate_tube_sizes(entry).items()}
+    parts = _add_mechanisms(law, (), numbers, tube_sizes, settings or {})
     recording = source / RECORDING_FILE if source.is_dir() else None
     has_recording = recording is not None and recording.exists()
     checksum = hashlib.sha256(read_bytes(recording) + raw).hexdigest() if recording and has_recording else ""
@@ -107,16 +109,18 @@ def build_muscle(law: str, ids: tuple[str, ...], numbers: Mapping[str, Array]) -
     return assemble_bench(law, ids, numbers) if ids else assemble(law, numbers)
 
 
-def _add_mechanisms(law, ids, numbers, known, settings: Mapping[str, float]):
-    """Return law, mechanisms and parameters, including the settings."""
+def _add_mechanisms(law, ids, numbers, tube_sizes, settings: Mapping[str, float]):
+    """Return law, mechanisms and parameters, including the values in `settings`."""
     all_ids = dict.fromkeys((*ids, *(_find_mechanism(name) for name in settings)))
     if not all_ids:
         return law, (), numbers
     check_exclusive_pairs(all_ids)
     law = resolve_bench_law(law, all_ids)
-    own = list_mechanism_parameters(all_ids)
-    by_field = {name: known[field] for name, (_, field) in own.items() if field in known}
-    defaults = by_field | {name: known[name] for name in own if name in known}
+    mechanism_parameters = list_mechanism_parameters(all_ids)
+    by_field = {
+        name: tube_sizes[field] for name, (_, field) in mechanism_parameters.items() if field in tube_sizes
+    }
+    defaults = by_field | {name: tube_sizes[name] for name in mechanism_parameters if name in tube_sizes}
     new = {name: jnp.asarray(value) for name, value in settings.items()}
     return law, tuple(all_ids), defaults | numbers | new
 
@@ -126,7 +130,9 @@ def _find_mechanism(name: str) -> str:
     find_meaning(name)
     owner = name.partition(".")[0]
     if owner in ("muscle", "thread"):
-        raise refuse("only numbers of mechanisms can be set here", name, remedy="Change it in muscle.toml.")
+        raise refuse(
+            "only parameters of mechanisms can be set here", name, remedy="Change it in muscle.toml."
+        )
     return owner
 
 
@@ -138,12 +144,12 @@ def _load_calibrated(file: Path, case: str | None, settings: Mapping[str, float]
         raise refuse("a calibrated muscle is a fit.json", str(error), file.name) from error
     if not isinstance(document, dict) or document.get("schema") != FIT_SCHEMA:
         got = document.get("schema", "no schema") if isinstance(document, dict) else "no object"
-        remedy = "Name the model.json beside it." if (file.parent / "model.json").exists() else ""
+        remedy = "Use the model.json in the same folder." if (file.parent / "model.json").exists() else ""
         raise refuse(f"a calibrated muscle is a file of schema {FIT_SCHEMA}", str(got), file.name, remedy)
     try:
         return _load_case_entry(document["cases"], file, case, settings)
     except (KeyError, TypeError, AttributeError) as error:
-        rule, remedy = "a fit.json must be whole", "Write it again with `pamjax fit`."
+        rule, remedy = "a fit.json must be complete", "Write it again with `pamjax fit`."
         raise refuse(rule, f"no {error}", file.name, remedy) from error
 
 
@@ -153,16 +159,16 @@ def _load_case_entry(
     if not cases:
         raise KeyError("case")
     if case is None and len(cases) > 1:
-        raise refuse("a fit of several cases needs `--case`", ", ".join(cases), file.name, "Name one.")
+        raise refuse("a fit of several cases needs `--case`", ", ".join(cases), file.name, "Choose one case.")
     name = case or next(iter(cases))
     if name not in cases:
-        raise refuse(f"{name!r} is no case of {file.name}", remedy=suggest_word(name, cases))
+        raise refuse(f"unknown case {name!r} in {file.name}", remedy=suggest_word(name, cases))
     case_entry = cases[name]
     numbers = {key: jnp.asarray(value) for key, value in case_entry["muscle"]["numbers"].items()}
     entry = read_muscle_toml(case_entry["muscle_toml"].encode(), "muscle.toml")
-    known = {key: jnp.asarray(m.value) for key, m in estimate_tube_sizes(entry).items()}
+    tube_sizes = {key: jnp.asarray(m.value) for key, m in estimate_tube_sizes(entry).items()}
     muscle = case_entry["muscle"]
-    parts = _add_mechanisms(muscle["law"], muscle["mechanisms"], numbers, known, settings)
+    parts = _add_mechanisms(muscle["law"], muscle["mechanisms"], numbers, tube_sizes, settings)
     ranges = {key: (ranges["low"], ranges["high"]) for key, ranges in case_entry["calibrated"].items()}
     return LoadedMuscle(
         build_muscle(*parts), entry, case_entry["muscle_toml"], ranges, *parts, case_entry.get("checksum", "")

@@ -15,15 +15,15 @@ from pamjax.units import compute_si_factor
 if TYPE_CHECKING:
     from pamjax.infer.fitting.result import CaseFit, Estimate, Fit
 
-#: Correlations above this are worth a line.
+#: The report lists correlations above this.
 MIN_REPORTED_CORRELATION = 0.8
 
-#: A number that moved by more of its own standard deviations contradicts how it was measured.
+#: A parameter that shifts by more prior standard deviations contradicts its stated value.
 MAX_PRIOR_SHIFT_SD = 3.0
 
 
 def format_fit_note(fit: Fit) -> str:
-    """Return the whole report, plain text."""
+    """Return the full report as plain text."""
     lines = [_format_title(fit), "", *_format_estimates(fit), "", *format_correlations(fit)]
     for case_fit in fit.cases:
         lines += ["", *_format_case(case_fit, len(fit.cases) > 1)]
@@ -70,8 +70,9 @@ def _format_estimates(fit: Fit) -> Iterator[str]:
         worst = max(errors, key=lambda e: abs(e.value))
         sd = math.sqrt(np.mean([e.value**2 for e in errors])) * 1e3
         yield (
-            f"  {len(errors)} length settings off by {sd:.2g} mm rms, at most {1e3 * worst.value:+.2g} mm "
-            f"(ruler ± {1e3 * worst.prior_sd:.2g} mm)"
+            f"  {len(errors)} length settings have errors of {sd:.2g} mm rms,"
+            f" at most {1e3 * worst.value:+.2g} mm "
+            f"(prior ± {1e3 * worst.prior_sd:.2g} mm)"
         )
 
 
@@ -84,14 +85,14 @@ def describe_origin(e: Estimate) -> str:
     if e.sd is None:
         return "not determined"
     if not math.isfinite(e.prior_sd):
-        kind = "hardly determined" if e.shrinkage < 0.5 else "fitted"
-        return f"{kind}; before anywhere between its limits"
-    before = format_estimate(e.prior, e.prior_sd, e.meaning.show)
-    kind = "mostly the prior's" if e.shrinkage < 0.5 else "fitted"
+        kind = "fitted" if e.is_determined else "weakly determined"
+        return f"{kind}; uniform prior"
+    prior = format_estimate(e.prior, e.prior_sd, e.meaning.show)
+    kind = "fitted" if e.is_determined else "mostly from the prior"
     shift = (e.value - e.prior) / e.prior_sd
-    against = ", AGAINST ITS MEASUREMENT" if abs(shift) > MAX_PRIOR_SHIFT_SD else ""
-    moved = f"moved {shift:+.1f} sd" if abs(shift) >= 0.05 else "not moved"
-    return f"{kind}; before {before}, {moved}{against}"
+    warning = ", CONTRADICTS ITS PRIOR" if abs(shift) > MAX_PRIOR_SHIFT_SD else ""
+    shift_text = f"shift {shift:+.1f} sd" if abs(shift) >= 0.05 else "no shift"
+    return f"{kind}; prior {prior}, {shift_text}{warning}"
 
 
 def format_correlations(fit: Fit) -> Iterator[str]:
@@ -106,9 +107,9 @@ def format_correlations(fit: Fit) -> Iterator[str]:
         and fit.estimates[names[j]].sd
     ]
     for _, first, second, value in sorted(pairs, reverse=True)[:5]:
-        yield f"  {first} and {second} move together (correlation {value:+.2f})"
+        yield f"  {first} and {second} are correlated ({value:+.2f})"
     if not pairs:
-        yield f"  no two numbers are correlated above {MIN_REPORTED_CORRELATION}"
+        yield f"  no correlation is above {MIN_REPORTED_CORRELATION}"
 
 
 def _format_case(case_fit: CaseFit, several: bool) -> Iterator[str]:
@@ -116,25 +117,25 @@ def _format_case(case_fit: CaseFit, several: bool) -> Iterator[str]:
         yield f"{case_fit.case.name}"
     for channel, value in case_fit.rmse.items():
         noise = case_fit.noise[channel]
-        kind = "its noise" if noise.stated else "residual noise, no sensor given"
+        kind = "noise" if noise.stated else "noise from the residuals (no sensor stated)"
         line = (
             f"  {channel}: rmse {format_channel_value(value, channel)}, {kind}"
             f" {format_channel_value(noise.sd, channel)}"
         )
         if case_fit.held_out and channel in case_fit.held_out.rmse:
             line += (
-                f", on held-out {case_fit.held_out.kind}"
+                f", held-out {case_fit.held_out.kind}"
                 f" {format_channel_value(case_fit.held_out.rmse[channel], channel)}"
             )
         yield line
-        if noise.inflation > 1.5:
-            clock = f" over {_format_seconds(noise.correlation_time)}" if noise.correlation_time else ""
+        if noise.autocorrelation_time > 1.5:
+            duration = f" over {_format_seconds(noise.correlation_time)}" if noise.correlation_time else ""
             yield (
-                f"    neighbouring samples repeat each other{clock}: {noise.samples} are worth "
-                f"{noise.samples / noise.inflation:.0f}"
+                f"    residuals are correlated{duration}: {noise.samples} samples,"
+                f" effective sample size {noise.samples / noise.autocorrelation_time:.0f}"
             )
         if noise.stated and noise.excess > 1.5:
-            yield f"    misfit is {noise.excess:.1f} times the noise: the model misses something"
+            yield f"    misfit is {noise.excess:.1f} times the noise: the model lacks a mechanism"
     yield from (f"  {line}" for line in format_remarks(case_fit))
 
 
@@ -153,12 +154,12 @@ def _format_seconds(time: float) -> str:
 
 def _format_held_out(case_fit: CaseFit) -> str:
     if case_fit.held_out is None:
-        return "nothing held out: the recording is one block"
-    parts = case_fit.held_out.folds
-    text = "held out in turn: " + " | ".join("; ".join(fold) for fold in parts)
+        return "no cross-validation: the recording has only one block"
+    folds = case_fit.held_out.folds
+    text = "cross-validation folds: " + " | ".join("; ".join(fold) for fold in folds)
     if len(text) < 200:
         return text
-    return f"held out in turn: {sum(map(len, parts))} {case_fit.held_out.kind} in {len(parts)} parts"
+    return f"cross-validation: {sum(map(len, folds))} {case_fit.held_out.kind} in {len(folds)} folds"
 
 
 def _format_rows(rows: np.ndarray) -> str:
@@ -171,6 +172,6 @@ def format_minimiser_state(fit: Fit) -> Iterator[str]:
     state = "converged" if fit.converged else "DID NOT CONVERGE"
     yield f"  {state} in {fit.steps} steps; {fit.agreeing_starts} of {fit.starts} starts agree"
     if fit.loss == "soft":
-        yield "  soft loss: samples far off pull less"
+        yield "  soft loss: outliers have less weight"
     if fit.agreeing_starts < fit.starts:
-        yield "  other starts ended elsewhere, higher: the best is reported"
+        yield "  the other starts ended with a larger misfit: the best fit is reported"

@@ -20,6 +20,9 @@ from pamjax.records.case import Case
 if TYPE_CHECKING:
     import xarray as xr
 
+#: Minimum relative reduction of the prior sd of a parameter that the recording determines.
+MIN_SHRINKAGE_DETERMINED = 0.5
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -47,16 +50,23 @@ class Estimate:
         return 1 - min(self.sd / self._effective_prior_sd, 1.0)
 
     @property
+    def is_determined(self) -> bool:
+        """Return whether the recording reduces the prior sd by at least half."""
+        return self.shrinkage >= MIN_SHRINKAGE_DETERMINED
+
+    @property
     def _effective_prior_sd(self) -> float:
         """Return the prior's sd, SI; for a uniform prior, that of the range."""
-        about = self.meaning
+        meaning = self.meaning
         if math.isfinite(self.prior_sd):
             return self.prior_sd
         # A logarithmic scale has relative steps.
-        reach = (
-            self.value * math.log(about.high / about.low) if about.scale == "log" else about.high - about.low
+        value_range = (
+            self.value * math.log(meaning.high / meaning.low)
+            if meaning.scale == "log"
+            else meaning.high - meaning.low
         )
-        return reach / math.sqrt(12)
+        return value_range / math.sqrt(12)
 
 
 @dataclass(frozen=True)
@@ -125,7 +135,7 @@ class Fit:
 
     Attributes:
         law: thread law, a key of `THREAD_LAWS`.
-        mechanisms: ids of the mechanisms beside the threads.
+        mechanisms: ids of the mechanisms in addition to the threads.
         estimates: by name; with several cases, a name has its case and a slash as prefix.
         correlation: (p, p) of the estimates, in their order.
         cases: one entry for each case.

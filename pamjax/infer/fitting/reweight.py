@@ -1,4 +1,4 @@
-"""Weigh every sample by the noise that a solution shows."""
+"""Weights of samples, from the noise of the residuals of a solution."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pamjax.infer.problem.dataset import CHANNELS, Dataset, estimate_starting_sd
 from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.records.case import Case
 
-#: Robust standard deviations beyond which a soft loss hardly looks: one of 400 good samples is there.
+#: Residuals are clipped here for a soft loss, robust standard deviations; 1 of 400 normal samples is beyond.
 SOFT_LOSS_CLIP_SD = 3.0
 
 
@@ -31,13 +31,20 @@ def reweight_dataset(
     loss: Loss = "square",
     trust_sensors: bool = False,
 ) -> tuple[Dataset, dict[str, ChannelNoise]]:
-    """The member with its samples weighed by their noise, and that noise by channel.
+    """Return the dataset with weights from its noise, and the noise by channel.
 
-    A sensor is taken to be no better than stated. Where the residual is larger than its noise, the
-    rest is misfit, and counts as noise: a model that misses something is not to be sure of itself.
-    With a soft loss samples that are far off count as little here as they do in the fit.
-    `trust_sensors` takes the sensors at their word instead and the samples as independent, for asking
-    what a recording could determine before anything was fitted.
+    A weight is 1 / (sd √(autocorrelation time) max(excess, 1)), where excess = residual rms / noise sd. So a
+    misfit counts as noise, and widens the standard deviations of the parameters. With a soft loss, the
+    residuals are clipped.
+
+    Args:
+        case: the recording and its muscle.toml.
+        dataset: its dataset.
+        space: the parameters.
+        solution: the solution with the residuals.
+        loss: the loss of the fit.
+        trust_sensors: whether the weights use only the stated sd, with independent samples; for the expected
+            identifiability before a fit.
     """
     sensors, n = case.entry.sensors, case.recording.n
     sd = compute_effective_sd(dataset, space.to_values(solution.u), sensors, estimate_starting_sd(case))
@@ -68,7 +75,7 @@ def reweight_dataset(
             sd=float(np.sqrt(np.mean(sd[k, measured] ** 2))) * (1.0 if stated_sd else excess),
             stated=stated_sd is not None,
             excess=excess if stated_sd else 1.0,
-            inflation=autocorrelation_time,
+            autocorrelation_time=autocorrelation_time,
             correlation_time=compute_correlation_time(autocorrelation_time, case.recording, measured[:n]),
             samples=int(measured.sum()),
         )
@@ -83,21 +90,21 @@ def _compute_weighted_residuals(dataset: Dataset, values):
 
 
 def compute_si_residuals(dataset: Dataset, values: jnp.ndarray) -> np.ndarray:
-    """Measured − model, SI, (2, n); NaN where not measured."""
+    """Return measured − model, SI, (2, n); NaN where not measured."""
     misfit, weight = (np.asarray(a) for a in _compute_weighted_residuals(dataset, values))
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(weight > 0, misfit / weight, np.nan)
 
 
 def _clip_outliers(standard: np.ndarray) -> np.ndarray:
-    """The misfit with samples beyond `MAX_TRUTH_SD` robust standard deviations drawn in to there."""
-    # Half of a normal variable lies within 0.6745 standard deviations.
-    far = SOFT_LOSS_CLIP_SD * float(np.nanmedian(np.abs(standard))) / 0.6745
-    return np.clip(standard, -far, far)
+    """Return residuals, clipped at `SOFT_LOSS_CLIP_SD` robust standard deviations."""
+    # For a normal distribution, the median absolute deviation is 0.6745 standard deviations.
+    clip_level = SOFT_LOSS_CLIP_SD * float(np.nanmedian(np.abs(standard))) / 0.6745
+    return np.clip(standard, -clip_level, clip_level)
 
 
 def _count_effective_parameters(solution: Solution) -> float:
-    """How many numbers the data, not the priors, determine."""
+    """Return the effective number of parameters that the data determine, not the priors."""
     total_information = np.asarray(solution.information + solution.prior_information)
     return float(np.trace(np.linalg.pinv(total_information) @ np.asarray(solution.information)))
 
@@ -105,11 +112,10 @@ def _count_effective_parameters(solution: Solution) -> float:
 def _compute_degrees_of_freedom(
     samples: int, effective_parameters: float, autocorrelation_time: float
 ) -> float:
-    """Samples of a channel less what the numbers taken from it absorb of its noise.
+    """Return the degrees of freedom of a channel's residuals.
 
-    Of noise in which `autocorrelation_time` samples are one, a number absorbs as much as of so many
-    independent ones;
-    at most three quarters, so that a short recording does not divide by nothing.
+    A fitted parameter absorbs one independent sample, which is `autocorrelation_time` correlated samples. At
+    least a quarter of the samples remains, so that a short recording does not divide by zero.
     """
     return max(
         samples - effective_parameters * autocorrelation_time, (samples - effective_parameters) / 4, 1.0

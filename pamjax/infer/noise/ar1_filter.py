@@ -1,16 +1,15 @@
-"""Noise of one channel that partly repeats itself, and the filter that makes it white.
+"""AR(1) noise with additional white noise, and the filter that whitens it.
 
-A channel's noise is taken as its sensor's, which may repeat itself from sample to sample,
+The standardised residual s has a part with AR(1) autocorrelation, of variance A: the sensor's noise,
 
-    cov(s_t, s_t+k) = A ρ^k,        k >= 1,        of the standardised residual s,
+    cov(s_t, s_t+k) = A ρ^k,        k >= 1,
 
-on top of what pressure's and length's noise carry through the model, which does not: W = 1 − A. The Kalman
-filter of that process is
+and a white part of variance W = 1 − A: the propagated noise of pressure and length. The Kalman filter is
 
     e_1 = s_1,    e_t+1 = s_t+1 − ρ s_t + ρ (1 − K_t) e_t,    K_t = p_t / (p_t + W),
     p_1 = A,      p_t+1 = ρ² p_t W / (p_t + W) + A (1 − ρ²),
 
-and e_t / √(p_t + W) is white. K soon is steady; until then a run is filtered by a matrix.
+and e_t / √(p_t + W) is white. The first samples of a run are filtered by a matrix, until K is steady.
 """
 
 from __future__ import annotations
@@ -24,10 +23,10 @@ from scipy.signal import lfilter
 
 from pamjax.infer.noise.unknown_sensor import UnknownSensorNoise
 
-#: How far back the memory of noise is followed, samples.
+#: Maximum number of samples before the filter counts as steady, and of lags of the autocovariance.
 MAX_FILTER_SAMPLES = 400
 
-#: Share of the way from A to the steady p that is left where a filter counts as steady.
+#: A filter is steady if p differs from its steady value by less than this fraction of the initial difference.
 STEADY_STATE_TOLERANCE = 1e-3
 
 
@@ -37,12 +36,12 @@ class Ar1Noise:
 
     Attributes:
         sd: (n,) effective standard deviation of each sample, SI.
-        ar1_fraction: A, the share of the variance that repeats itself.
-        correlation: ρ, of neighbouring samples of that share.
-        stated: whether the sensor's noise was stated.
-        degrees_of_freedom: how many independent squares tell the noise; infinite where it was stated.
-        rho_from_differences: ρ as neighbours' differences tell it, whether it counts as seen or not.
-        unknown_sensor: what size and memory might be, of a sensor of which nothing was stated.
+        ar1_fraction: A, the autocorrelated fraction of the variance.
+        correlation: ρ, lag-one correlation of that fraction.
+        stated: whether muscle.toml states the sensor's noise.
+        degrees_of_freedom: degrees of freedom of the variance; infinite if it is stated.
+        rho_from_differences: ρ from differences of neighbours, also where it is not significant.
+        unknown_sensor: posterior of variance and correlation for a sensor without stated noise.
     """
 
     sd: np.ndarray
@@ -55,11 +54,11 @@ class Ar1Noise:
 
     @property
     def filter(self) -> tuple[float, float]:
-        """θ of the steady moving average, and the standard deviation √S of what is left of a unit sample."""
+        """Return the coefficient θ of the steady filter, and the sd of the innovation of a unit sample."""
         return _solve_steady_filter(self.ar1_fraction, self.correlation)
 
     def whiten(self, run: np.ndarray) -> np.ndarray:
-        """A run of standardised samples, (…, m), filtered: white, of unit variance."""
+        """Return the whitened samples of a run, (…, m), with unit variance."""
         rho = self.correlation
         if rho == 0 or self.ar1_fraction == 0:
             return run
@@ -69,12 +68,12 @@ class Ar1Noise:
         first = run[..., :m] @ initial.filter[:m, :m].T
         if m == run.shape[-1]:
             return first
-        last = -rho * run[..., m - 1] + theta * initial.sd[-1] * first[..., m - 1]
-        later, _ = lfilter([1.0, -rho], [1.0, -theta], run[..., m:], axis=-1, zi=last[..., None])
+        filter_state = -rho * run[..., m - 1] + theta * initial.sd[-1] * first[..., m - 1]
+        later, _ = lfilter([1.0, -rho], [1.0, -theta], run[..., m:], axis=-1, zi=filter_state[..., None])
         return np.concatenate([first, np.asarray(later) / innovation_sd], axis=-1)
 
     def sum_log_sd(self, samples: int) -> float:
-        """Sum over a run of the logarithms of what each is divided by."""
+        """Return the sum of the logarithms of the innovation sds of a run."""
         if self.correlation == 0 or self.ar1_fraction == 0:
             return 0.0
         initial = np.log(_build_initial_filter(self.ar1_fraction, self.correlation).sd[:samples])
@@ -83,11 +82,11 @@ class Ar1Noise:
 
 @dataclass(frozen=True, eq=False)
 class _InitialFilter:
-    """The filter of a run's first samples.
+    """Filter of a run's first samples.
 
     Attributes:
-        filter: (m, m) lower triangular, from samples to white ones.
-        sd: (m,) √(p_t + W), by which innovations were divided.
+        filter: (m, m) lower triangular matrix from samples to white samples.
+        sd: (m,) √(p_t + W), the sds of the innovations.
     """
 
     filter: np.ndarray
@@ -100,7 +99,7 @@ def _solve_steady_filter(ar1_fraction: float, rho: float) -> tuple[float, float]
     if rho == 0 or ar1_fraction == 0:
         return rho, 1.0
     driving_variance = ar1_fraction * (1 - rho**2)
-    # Steady Riccati equation p = ρ² p W / (p + W) + push, a quadratic.
+    # The steady Riccati equation p = ρ² p W / (p + W) + A (1 − ρ²) is quadratic.
     b = white_fraction * (1 - rho**2) - driving_variance
     p = (-b + math.sqrt(b * b + 4 * driving_variance * white_fraction)) / 2
     return rho * white_fraction / (p + white_fraction), math.sqrt(p + white_fraction)
@@ -115,7 +114,7 @@ def _build_initial_filter(ar1_fraction: float, rho: float) -> _InitialFilter:
         abs(p - steady) > STEADY_STATE_TOLERANCE * max(ar1_fraction - steady, 1e-9)
         and len(sd) < MAX_FILTER_SAMPLES
     ):
-        # The innovation as a sum over the samples up to it.
+        # The innovation is a sum over the samples up to its own.
         gain = rho * white_fraction / (p + white_fraction)
         row = np.append(gain * rows[-1], 1.0)
         row[-2] -= rho
@@ -129,11 +128,11 @@ def _build_initial_filter(ar1_fraction: float, rho: float) -> _InitialFilter:
 
 
 def compute_correlation_error(ar1_fraction: float, correlation: float, samples: int) -> float:
-    """Standard error of ρ as neighbours' differences tell it, with A known.
+    """Return the standard error of ρ from differences of neighbours, with A known.
 
-    Half the mean square of n differences with autocovariances r_k has the variance Σ r_k² / 2n, over all k.
+    The variance of half the mean square of n differences with autocovariances r_k is Σ r_k² / 2n, over all k.
     """
-    noise = ar1_fraction * correlation ** np.arange(MAX_FILTER_SAMPLES + 2)
-    noise[0] = 1.0
-    steps = 2 * noise[:-1] - np.r_[noise[1], noise[:-2]] - noise[1:]
-    return math.sqrt((steps[0] ** 2 + 2 * float(np.sum(steps[1:] ** 2))) / (2 * samples)) / ar1_fraction
+    covariance = ar1_fraction * correlation ** np.arange(MAX_FILTER_SAMPLES + 2)
+    covariance[0] = 1.0
+    r = 2 * covariance[:-1] - np.r_[covariance[1], covariance[:-2]] - covariance[1:]
+    return math.sqrt((r[0] ** 2 + 2 * float(np.sum(r[1:] ** 2))) / (2 * samples)) / ar1_fraction

@@ -15,13 +15,13 @@ from __future__ import annotations
 
 import numpy as np
 
-#: Two settings are one if they differ by less than this share of the largest.
+#: Two settings are equal if they differ by less than this fraction of the largest.
 SETTING_TOLERANCE = 2e-3
 
-#: A line of at most this many readings is taken for straight.
+#: Largest number of readings of a line that counts as straight.
 MAX_STRAIGHT_READINGS = 5
 
-#: Independent squares that m second differences of a line are worth, over m: 18/35 of long lines.
+#: Degrees of freedom of m second differences of a line, relative to m: 18/35 for long lines.
 SQUARES_PER_DIFFERENCE = 18 / 35
 
 

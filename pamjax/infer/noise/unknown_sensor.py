@@ -15,12 +15,14 @@ Soc. 8, 27 (1946).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import nnls
+from scipy.special import logsumexp
 from scipy.stats import truncnorm
 
 #: Lags of the second differences, samples.
@@ -29,6 +31,8 @@ DIFFERENCE_LAGS = np.array([1, 2, 4, 8, 16])
 CORRELATION_GRID = np.concatenate([[0.0], np.linspace(0.02, 0.98, 49)])
 #: Quantiles at which the distribution of a variance is evaluated.
 VARIANCE_RANKS = (np.arange(12) + 0.5) / 12
+#: Prior probability that a stated noise is exact, and the relative error of its variance if it is or is not.
+EXACT_PROBABILITY, EXACT_VARIANCE_ERROR, INEXACT_VARIANCE_ERROR = 0.7, 0.05, 0.5
 #: Greatest distance of two differences with correlated noise, samples.
 MAX_SAMPLES_APART = 300
 
@@ -101,6 +105,85 @@ def estimate_unknown_noise(statistics: DifferenceStatistics) -> UnknownSensorNoi
     )
 
 
+@dataclass(frozen=True)
+class StatedSensorNoise:
+    """Noise of a sensor whose stated noise may be inexact.
+
+    Attributes:
+        correlation: correlation of neighbouring samples.
+        variance: of the sensor, SI squared.
+        input_factor: estimated over stated variance of the propagated noise of pressure and length.
+    """
+
+    correlation: float
+    variance: float
+    input_factor: float
+
+
+def estimate_stated_noise(statistics: DifferenceStatistics, stated_variance: float) -> StatedSensorNoise:
+    """Return the noise of a sensor from its stated noise and mean squares of second differences.
+
+    The stated noise is exact with probability `EXACT_PROBABILITY`; otherwise the true variances of the
+    sensor and of the propagated noise differ from the stated ones by `INEXACT_VARIANCE_ERROR`.
+
+    Args:
+        statistics: mean squares of the residual and of the propagated noise.
+        stated_variance: of the sensor, SI squared.
+    """
+    hypotheses = [
+        _integrate_factors(statistics, stated_variance, error)
+        for error in (EXACT_VARIANCE_ERROR, INEXACT_VARIANCE_ERROR)
+    ]
+    rho_prior = np.r_[0.5, np.full(CORRELATION_GRID.size - 1, 0.5 / (CORRELATION_GRID.size - 1))]
+    evidence = [
+        float(np.asarray(logsumexp(log_likelihood, b=rho_prior))) + math.log(prior)
+        for (log_likelihood, _), prior in zip(
+            hypotheses, (EXACT_PROBABILITY, 1 - EXACT_PROBABILITY), strict=True
+        )
+    ]
+    log_likelihood, factors = hypotheses[int(np.argmax(evidence))]
+    probability = rho_prior * np.exp(log_likelihood - log_likelihood.max())
+    probability /= probability.sum()
+    correlated = float(probability[1:].sum())
+    rho = float(probability[1:] @ CORRELATION_GRID[1:]) / correlated if correlated > 0.5 else 0.0
+    sensor, propagated = (float(np.interp(rho, CORRELATION_GRID, factors[:, j])) for j in (0, 1))
+    return StatedSensorNoise(rho, max(sensor, 0.05) * stated_variance, max(propagated, 0.05))
+
+
+def _integrate_factors(
+    statistics: DifferenceStatistics, stated_variance: float, relative_error: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the log-likelihood of each correlation, and the posterior means of the variance factors.
+
+    Returns:
+        (grid,) log-likelihoods with the factors and the curvature integrated out, and (grid, 2) factors on
+        the variance of the sensor and of the propagated noise.
+    """
+    floor = np.maximum(1e-6 * (statistics.propagated_variance + stated_variance), 1e-36)
+    squares = np.maximum(statistics.mean_squares, floor)
+    per = 1 / np.sqrt(statistics.counts)
+    curvature = (DIFFERENCE_LAGS / DIFFERENCE_LAGS[-1]) ** 4 * squares[-1] / squares
+    log_likelihood, factors = np.empty(CORRELATION_GRID.size), np.empty((CORRELATION_GRID.size, 2))
+    prior_sd = np.array([relative_error, relative_error, 1.0])
+    for k in range(CORRELATION_GRID.size):
+        mean, covariance = _compute_expected_squares(k)
+        design = np.stack(
+            [mean * stated_variance / squares, statistics.propagated_variance / squares, curvature], axis=1
+        )
+        offset = 1 - design[:, 0] - design[:, 1]
+        scaled = design * prior_sd
+        # The relative scatter of a mean square is that of its expected value.
+        expected = np.maximum(design[:, 0] + design[:, 1], 0.1)
+        scatter = covariance * np.outer(per * expected, per * expected)
+        total = scatter + scaled @ scaled.T
+        root = np.linalg.cholesky(total + 1e-12 * np.eye(per.size))
+        white = solve_triangular(root, offset, lower=True)
+        log_likelihood[k] = -0.5 * float(white @ white) - float(np.log(np.diag(root)).sum())
+        shift = prior_sd * (scaled.T @ solve_triangular(root.T, white, lower=False))
+        factors[k] = 1 + shift[:2]
+    return log_likelihood, factors
+
+
 def _fit_correlation(k: int, statistics: DifferenceStatistics) -> tuple[float, float, float, float]:
     """Return the log-likelihood of one correlation, the variance, its error, and other white variance."""
     mean, covariance = _compute_expected_squares(k)
@@ -120,13 +203,13 @@ def _fit_correlation(k: int, statistics: DifferenceStatistics) -> tuple[float, f
     design, target = rows[:, :-1], rows[:, -1]
     (variance, *rest), residual_norm = nnls(design, target)
     other_columns = design[:, 1:][:, np.array(rest) > 0]
-    own = design[:, 0] - other_columns @ np.linalg.lstsq(other_columns, design[:, 0])[0]
-    free = own @ target / (own @ own)
+    own_column = design[:, 0] - other_columns @ np.linalg.lstsq(other_columns, design[:, 0])[0]
+    unconstrained_variance = own_column @ target / (own_column @ own_column)
     log_likelihood = -0.5 * residual_norm**2 - np.log(np.diag(root)).sum()
     return (
         float(log_likelihood),
-        float(free if variance == 0 else variance),
-        float((own @ own) ** -0.5),
+        float(unconstrained_variance if variance == 0 else variance),
+        float((own_column @ own_column) ** -0.5),
         sum(rest[1:]),
     )
 

@@ -1,17 +1,17 @@
-"""Noise of a channel as numbers of a posterior: its standard deviation and its lag-one correlation.
+"""AR(1) noise of a channel in a posterior, with parameters: standard deviation and lag-one correlation.
 
-Sample i of a channel misses the model by e_i. With the channel's own sd σ and the noise c_i of pressure
-and length carried through the model,
+Sample i of a channel has the residual e_i. With the sensor's sd σ and the sd c_i of the noise of pressure and
+length, propagated through the model,
 
     s_i = e_i / sqrt(σ² + c_i²),      s_i | s_{i−1} ~ Normal(ρ s_{i−1}, 1 − ρ²)
 
-along every continuous run of samples: noise with an exponential memory, of which white noise is ρ = 0.
+in every continuous run of samples. White noise has ρ = 0.
 
-What it leaves out: noise with two memories, such as a white sensor on top of a slow misfit. What of that
-is left in the innovations is found by `estimate_innovation_autocorrelation` and widens the posterior (see
+What it leaves out: noise with several correlation times, such as white sensor noise with a slow misfit.
+`estimate_innovation_autocorrelation` estimates the remaining autocorrelation, which widens the posterior (see
 `log_density.py`).
 
-Source: autoregression of order one, Box & Jenkins, Time Series Analysis (1970), ch. 3.
+Source: autoregressive model of order one, Box & Jenkins, Time Series Analysis (1970), ch. 3.
 """
 
 from __future__ import annotations
@@ -29,33 +29,33 @@ from pamjax.infer.problem.parameter_space import FreeParameter
 from pamjax.parameter import Meaning
 from pamjax.records.case import Case
 
-#: With fewer samples than this a channel's memory cannot be seen; as in `noise.inflation`.
+#: Minimum number of consecutive pairs of samples for an estimate of the correlation.
 MIN_LINKED_SAMPLES = 30
-#: A sensor's sd is believed to lie within these factors of what was stated: a little better, or much worse.
+#: Bounds of a sensor's sd, relative to the stated sd.
 STATED_SD_FACTORS = (0.5, 200.0)
-#: ... and, where none was stated, of a hundredth of the channel's range.
+#: Bounds of a sensor's sd without a stated sd, relative to a hundredth of the channel's range.
 UNSTATED_SD_FACTORS = (0.01, 100.0)
-#: Limits of a lag-one correlation; white noise is no limit of it.
+#: Bounds of a lag-one correlation; zero (white noise) is inside.
 CORRELATION_LIMITS = (-0.5, 0.9995)
 
 
 def find_noise_units(name: str) -> tuple[str, str]:
-    """SI unit of a number of the noise, and the unit in which a person reads it."""
+    """Return the SI unit and the display unit of a noise parameter."""
     channel = name.rpartition(".")[2]
     return (SI_UNIT[channel], DISPLAY_UNIT[channel]) if channel in SI_UNIT else ("1", "1")
 
 
 class Ar1Likelihood(eqx.Module):
-    """One channel of one member, its samples in the order of time.
+    """Noise model of one channel of a dataset, with samples in the order of time.
 
     Attributes:
         channel: 0 for force, 1 for diameter.
-        sd_index: where the channel's sd stands among the numbers.
-        correlation_index: where its lag-one correlation stands, or -1 for none.
-        measured: (n,) one where a sample counts.
-        has_predecessor: (n,) one where a sample has a measured one before it in its run.
-        predecessor: (n,) row of that sample; None where it is always the row before.
-        propagated_sd: (n,) noise of pressure and length carried through the model, SI.
+        sd_index: index of the channel's sd in the parameters.
+        correlation_index: index of its lag-one correlation, or -1 for none.
+        measured: (n,) one for an informative sample, else zero.
+        has_predecessor: (n,) one if a measured sample precedes it in its run, else zero.
+        predecessor: (n,) row of that sample; None if it is always the previous row.
+        propagated_sd: (n,) sd from the noise of pressure and length, propagated through the model, SI.
     """
 
     channel: int = eqx.field(static=True)
@@ -69,55 +69,57 @@ class Ar1Likelihood(eqx.Module):
     def standardise_innovations(
         self, misfit: Float[Array, " n"], values: Float[Array, " p"]
     ) -> tuple[Array, Array]:
-        """Innovations in their own sd, and the logarithm of that sd, SI; (n,) each.
+        """Return the innovations in their own sd, and the logarithm of that sd, SI; (n,) each.
 
         Args:
-            misfit: measured − model, SI; zero where a sample does not count.
-            values: every number of the posterior, SI.
+            misfit: measured − model, SI; zero for a sample that is not informative.
+            values: all parameters of the posterior, SI.
         """
         variance = values[self.sd_index] ** 2 + self.propagated_sd**2
         s = misfit / jnp.sqrt(variance)
         if self.correlation_index < 0:
             return s * self.measured, 0.5 * jnp.log(variance)
         correlation = values[self.correlation_index] * self.has_predecessor
-        last = jnp.roll(s, 1) if self.predecessor is None else s[self.predecessor]
+        previous = jnp.roll(s, 1) if self.predecessor is None else s[self.predecessor]
         innovation_variance = 1 - correlation**2
-        return (s - correlation * last) / jnp.sqrt(innovation_variance) * self.measured, 0.5 * jnp.log(
+        return (s - correlation * previous) / jnp.sqrt(innovation_variance) * self.measured, 0.5 * jnp.log(
             variance * innovation_variance
         )
 
     def compute_log_density(
         self, misfit: Float[Array, " n"], values: Float[Array, " p"]
     ) -> Float[Array, " n"]:
-        """Log-density of every sample given those before it, in SI; zero where it does not count."""
+        """Return the log-density of every sample given the previous one, in SI; zero if not informative."""
         innovation, log_sd = self.standardise_innovations(misfit, values)
         return (-0.5 * innovation**2 - log_sd - 0.5 * jnp.log(2 * jnp.pi)) * self.measured
 
     def compute_information(self, values: Float[Array, " p"]) -> Float[Array, "2 2"]:
-        """Expected information on (ln sd, correlation); the second is idle without a correlation."""
+        """Return the expected information on (ln sd, correlation); (1, 1) is one without a correlation."""
         own_share = values[self.sd_index] ** 2 / (values[self.sd_index] ** 2 + self.propagated_sd**2)
         n, linked = jnp.sum(self.measured * own_share**2), jnp.sum(self.has_predecessor)
         if self.correlation_index < 0:
             return jnp.array([[2 * n, 0.0], [0.0, 1.0]])
-        # The variance of an innovation, σ²(1 − ρ²), and ρ are orthogonal: 1/2 and 1/(1 − ρ²) a sample.
+        # The innovation variance σ²(1 − ρ²) and ρ are orthogonal; a sample gives 1/2 and 1/(1 − ρ²).
         correlation = values[self.correlation_index]
         innovation_variance = 1 - correlation**2
-        across = -2 * correlation / innovation_variance * jnp.sum(self.has_predecessor * own_share)
-        alone = linked * (2 * correlation**2 / innovation_variance**2 + 1 / innovation_variance)
-        return jnp.array([[2 * n, across], [across, alone]])
+        cross_information = -2 * correlation / innovation_variance * jnp.sum(self.has_predecessor * own_share)
+        correlation_information = linked * (
+            2 * correlation**2 / innovation_variance**2 + 1 / innovation_variance
+        )
+        return jnp.array([[2 * n, cross_information], [cross_information, correlation_information]])
 
 
 def build_noise_parameters(
     case: Case, dataset: Dataset, values: Float[Array, " p"], prefix: str, first_index: int
 ) -> tuple[list[FreeParameter], list[Ar1Likelihood]]:
-    """The numbers of a case's noise, started at what a residual shows, and its channels.
+    """Return the noise parameters of a case, with starting values from the residuals, and its noise models.
 
     Args:
         case: the recording.
-        dataset: its member; only samples with a weight count.
-        values: (p,) values of the muscle's numbers, SI.
-        prefix: before every name, as "case/".
-        first_index: how many numbers stand before these.
+        dataset: its dataset; only samples with a weight are used.
+        values: (p,) the muscle's parameters, SI.
+        prefix: prefix of every name, such as "case/".
+        first_index: index of the first noise parameter.
     """
     sensors, n = case.entry.sensors, case.recording.n
     misfit = compute_si_residuals(dataset, values)
@@ -153,24 +155,24 @@ def build_noise_parameters(
 def estimate_innovation_autocorrelation(
     innovation: np.ndarray, likelihood: Ar1Likelihood, case: Case
 ) -> float:
-    """How many innovations are worth one independent one: 1 where the noise has one memory."""
+    """Return the autocorrelation time of innovations, samples: 1 if the noise is AR(1)."""
     measured = np.asarray(likelihood.measured)[: case.recording.n] > 0
     row = np.where(measured, innovation[: case.recording.n], np.nan)
     return estimate_autocorrelation_time(row, case.recording.starts)
 
 
 def _find_predecessors(measured: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Row of the measured sample before each one, and whether it is one of the same run; (n,) each."""
+    """Return the row of the previous measured sample, and whether it is in the same run; (n,) each."""
     n = measured.size
     row = np.where(measured, np.arange(n), -1)
-    last = np.concatenate([[-1], np.maximum.accumulate(row)[:-1]])
+    previous = np.concatenate([[-1], np.maximum.accumulate(row)[:-1]])
     run = np.cumsum(starts)
-    has_predecessor = measured & (last >= 0) & (run[last] == run)
-    return np.where(has_predecessor, last, np.maximum(np.arange(n) - 1, 0)), has_predecessor
+    has_predecessor = measured & (previous >= 0) & (run[previous] == run)
+    return np.where(has_predecessor, previous, np.maximum(np.arange(n) - 1, 0)), has_predecessor
 
 
 def _estimate_own_sd(misfit: np.ndarray, propagated_sd: np.ndarray) -> float:
-    """The channel's own sd: what of the misfit the carried noise does not explain, at least a tenth."""
+    """Return the sensor's sd: the rms residual less the propagated noise, at least a tenth of the former."""
     square = float(np.mean(misfit**2))
     return float(np.sqrt(max(square - float(np.mean(propagated_sd**2)), 0.01 * square, 1e-30)))
 
@@ -180,22 +182,22 @@ def _build_sd_parameter(
 ) -> FreeParameter:
     low, high = (factor * reference for factor in (STATED_SD_FACTORS if stated else UNSTATED_SD_FACTORS))
     unit, show = SI_UNIT[channel], DISPLAY_UNIT[channel]
-    source = "half to 200 times the stated sensor" if stated else "1e-4 to 1 of the channel's range"
-    about = Meaning(unit, show, low, high, "log", f"sd of a sample of {channel}", source)
-    return FreeParameter(name, about, float(np.clip(own_sd, 1.05 * low, 0.95 * high)))
+    source = "half to 200 times the stated sd" if stated else "1e-4 to 1 of the channel's range"
+    meaning = Meaning(unit, show, low, high, "log", f"sd of the noise of {channel}", source)
+    return FreeParameter(name, meaning, float(np.clip(own_sd, 1.05 * low, 0.95 * high)))
 
 
 def _build_correlation_parameter(
     name: str, s: np.ndarray, predecessor: np.ndarray, has_predecessor: np.ndarray
 ) -> FreeParameter:
     low, high = CORRELATION_LIMITS
-    pairs = float(
+    lag_one = float(
         np.sum(s[has_predecessor] * s[predecessor[has_predecessor]])
         / max(np.sum(s[has_predecessor] ** 2), 1e-300)
     )
-    about = "correlation of a sample's noise with that of the one before"
-    meaning = Meaning("1", "1", low, high, "linear", about, "from alternating to almost constant")
-    return FreeParameter(name, meaning, float(np.clip(pairs, -0.4, 0.995)))
+    description = "correlation of the noise of neighbouring samples"
+    meaning = Meaning("1", "1", low, high, "linear", description, "from alternating to almost constant noise")
+    return FreeParameter(name, meaning, float(np.clip(lag_one, -0.4, 0.995)))
 
 
 def _build_ar1_likelihood(

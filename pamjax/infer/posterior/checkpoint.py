@@ -127,8 +127,8 @@ def _check_identity(saved: dict[str, Any], expected: dict[str, Any], folder: Pat
     for key, value in expected.items():
         if saved.get(key) != value:
             differences = {"data": "another recording", "model": "another model", "priors": "other priors"}
-            rule = f"a chain is resumed with what it was begun with ({key})"
-            remedy = "Name another `--out`, or delete that folder to begin anew."
+            rule = f"a saved chain can only be resumed with the same {key}"
+            remedy = "Use another `--out`, or delete that folder to start a new chain."
             raise refuse(
                 rule, differences.get(key, f"{saved.get(key)!r}, not {value!r}"), str(folder), remedy
             )

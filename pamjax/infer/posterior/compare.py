@@ -22,7 +22,7 @@ from pamjax.errors import refuse
 from pamjax.infer.posterior.io import POSTERIOR_SCHEMA
 from pamjax.infer.posterior.loo import MAX_PARETO_K, compute_loo_score
 
-#: A difference below this many of its standard errors says nothing.
+#: Smallest significant difference, in its standard errors.
 MIN_CLEAR_DIFFERENCE = 2.0
 
 
@@ -64,25 +64,27 @@ class PosteriorComparison:
 
     def __str__(self) -> str:
         width = max(len(s.name) for s in self.scores)
-        lines = [f"ln p of {len(self.scores[0].blocks)} blocks, each by a posterior that did not see it"]
+        lines = [f"ln p of {len(self.scores[0].blocks)} held-out blocks"]
         for s in self.scores:
             deficit, error = self.compute_deficit(s)
-            conclusion = "best" if s is self.scores[0] else f"behind by {deficit:.1f} ± {error:.1f}"
+            conclusion = "best" if s is self.scores[0] else f"lower by {deficit:.1f} ± {error:.1f}"
             lines.append(f"  {s.name:<{width}}  {s.total:>10.1f}  {conclusion:<22} {s.model}")
         for s in self.scores:
-            bad = [b for b, k in zip(s.blocks, s.pareto_k, strict=True) if not k < MAX_PARETO_K]
-            if bad:
-                guess = f"its score there is a guess (k̂ up to {s.pareto_k.max():.1f})"
-                lines.append(f"  {s.name} leans on {_format_few_names(bad)}: {guess}")
+            unreliable = [b for b, k in zip(s.blocks, s.pareto_k, strict=True) if not k < MAX_PARETO_K]
+            if unreliable:
+                lines.append(
+                    f"  {s.name}: the score of {_format_few_names(unreliable)} is not reliable"
+                    f" (k̂ up to {s.pareto_k.max():.1f})"
+                )
         return "\n".join([*lines, self._format_conclusion()])
 
     def _format_conclusion(self) -> str:
         if len(self.scores) == 1:
-            return "  nothing to compare it with"
+            return "  only one posterior: no comparison"
         deficit, error = self.compute_deficit(self.scores[1])
         if deficit > MIN_CLEAR_DIFFERENCE * error:
             return f"  {self.scores[0].name} predicts better than {self.scores[1].name}"
-        return f"  {self.scores[0].name} and {self.scores[1].name} cannot be told apart"
+        return f"  {self.scores[0].name} and {self.scores[1].name} predict equally well within the error"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the scores as a JSON document."""
@@ -114,7 +116,9 @@ def compare_posteriors(files: Sequence[Path]) -> PosteriorComparison:
     for (score, observed), path in zip(read_scores, files, strict=True):
         if not _are_data_equal(read_scores[0][1], observed) or score.blocks != read_scores[0][0].blocks:
             remedy = "Sample both from the same recording.csv."
-            raise refuse("posteriors are compared on the same measurements", "others", str(path), remedy)
+            raise refuse(
+                "posteriors must have the same measurements", "other measurements", str(path), remedy
+            )
     return PosteriorComparison(tuple(sorted((score for score, _ in read_scores), key=lambda s: -s.total)))
 
 

@@ -91,8 +91,8 @@ def _compute_log_proposal(x: np.ndarray) -> np.ndarray:
 
 
 def _pack_state(state: Any) -> dict[str, np.ndarray]:
-    _, keys, *rest = state
-    return {"random_keys": np.asarray(keys), "random_rest": np.array(rest, dtype=float)}
+    _, keys, *scalars = state
+    return {"random_keys": np.asarray(keys), "random_rest": np.array(scalars, dtype=float)}
 
 
 def _unpack_state(state: dict[str, np.ndarray]) -> tuple:

@@ -31,16 +31,17 @@ from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.infer.problem.priors import is_length_error
 from pamjax.units import format_quantity
 
-#: What a number is called that acts only together with others.
+#: Verdict for a parameter that the recording determines only together with others.
 COMBINATION_KIND = "only in combination"
-#: Half a Gaussian that begins at a limit has 0.24 of its draws so near, an exponential 0.39, what may be
-#: anywhere 0.14; and what spreads over its range by more than a share (0.29 if evenly) is nowhere.
+#: Fraction of draws within `LIMIT_DISTANCE_SD` sds of the bound: 0.24 for half a Gaussian at the bound, 0.39
+#: for an exponential, 0.14 for a uniform distribution. An sd above `MAX_SPREAD_AT_LIMIT` of the range (0.29
+#: for a uniform distribution) is not a value at a bound.
 MIN_DRAWS_AT_LIMIT, LIMIT_DISTANCE_SD, MAX_SPREAD_AT_LIMIT = 0.2, 0.5, 0.2
-#: Determined means that the recording shrinks the sd to this share of what was believed.
+#: A parameter is determined if the recording reduces its sd to this fraction of the prior sd.
 MAX_POSTERIOR_SD_RATIO = 0.5
-#: Numbers that are correlated more than this may be known only together.
+#: Parameters with a larger correlation may be determined only in combination.
 MIN_PARTNER_CORRELATION = 0.3
-#: A combination is told as a product if no exponent is farther from one than this factor.
+#: A combination is reported as a product if no exponent differs from one by more than this factor.
 MAX_PRODUCT_EXPONENT = 3.0
 
 
@@ -93,8 +94,8 @@ class ParameterSummary:
 def _summarise_parameter(problem: ProfileProblem, name: str, unit: str) -> ParameterSummary:
     space, k = problem.space, problem.space.names.index(name)
     low, high, sd, value = (float(a[k]) for a in (space.low, space.high, space.sd, problem.values))
-    reach = value * math.log(high / low) if space.log_scale[k] else high - low
-    prior_sd = sd if math.isfinite(sd) else reach / math.sqrt(12)
+    value_range = value * math.log(high / low) if space.log_scale[k] else high - low
+    prior_sd = sd if math.isfinite(sd) else value_range / math.sqrt(12)
     information = max(float(problem.solution.information[k, k]), 1e-300)
     determined_alone = (
         abs(float(problem.solution.slope[k])) / math.sqrt(information) < MAX_POSTERIOR_SD_RATIO * prior_sd
@@ -130,7 +131,7 @@ def build_verdicts(fit: Fit, space: ParameterSpace, draws: np.ndarray) -> dict[s
             )
         elif kind == "not determined":
             sd_ratio = draws[:, space.names.index(name)].std() / summaries[name].prior_sd
-            detail = f"{100 * min(sd_ratio, 1.0):.0f} % of what was open stays open"
+            detail = f"sd {100 * min(sd_ratio, 1.0):.0f} % of the prior sd"
         verdict_by_name[name] = Verdict(kind, detail, profiles[name])
     return verdict_by_name
 
@@ -138,10 +139,13 @@ def build_verdicts(fit: Fit, space: ParameterSpace, draws: np.ndarray) -> dict[s
 def _classify_parameter(
     summary: ParameterSummary, draws: np.ndarray, profile: LikelihoodProfile
 ) -> tuple[str, str]:
-    share = summary.compute_range_position(draws)
-    near = LIMIT_DISTANCE_SD * share.std()
-    for end, is_near in ((summary.low, share < near), (summary.high, share > 1 - near)):
-        if is_near.mean() > MIN_DRAWS_AT_LIMIT and share.std() < MAX_SPREAD_AT_LIMIT:
+    position = summary.compute_range_position(draws)
+    limit_distance = LIMIT_DISTANCE_SD * position.std()
+    for end, is_near in (
+        (summary.low, position < limit_distance),
+        (summary.high, position > 1 - limit_distance),
+    ):
+        if is_near.mean() > MIN_DRAWS_AT_LIMIT and position.std() < MAX_SPREAD_AT_LIMIT:
             return "at a limit", format_quantity(end, summary.unit)
     if profile.low is not None and profile.high is not None:
         if (profile.high - profile.low) / (
@@ -193,17 +197,19 @@ def describe_combination(
         power = axes[:, 0] / prior_sd
         power = power / power[partners.index(index)]
         if np.all((np.abs(power) < MAX_PRODUCT_EXPONENT) & (np.abs(power) > 1 / MAX_PRODUCT_EXPONENT)):
-            known = np.exp(np.log(x) @ power)
-            share = f"{100 * known.std() / known.mean():.2g} %"
-            return f"{_format_product([undetermined[k] for k in partners], power)}, known to {share}"
+            product = np.exp(np.log(x) @ power)
+            relative_sd = f"{100 * product.std() / product.mean():.2g} %"
+            return (
+                f"{_format_product([undetermined[k] for k in partners], power)}, determined to {relative_sd}"
+            )
     prior_sd = np.array([t.prior_sd for t in partner_summaries])
     _, axes = np.linalg.eigh(np.cov(x / prior_sd, rowvar=False))
-    moves = axes[:, -1] * np.sign(axes[partners.index(index), -1]) * prior_sd
+    changes = axes[:, -1] * np.sign(axes[partners.index(index), -1]) * prior_sd
     words = [
         f"{undetermined[k]} {'+' if m > 0 else ''}{format_quantity(m, t.unit, 2)}"
-        for k, m, t in zip(partners, moves, partner_summaries, strict=True)
+        for k, m, t in zip(partners, changes, partner_summaries, strict=True)
     ]
-    return ", ".join(words[:-1]) + " and " + words[-1] + " go unnoticed together"
+    return f"the joint change {', '.join(words[:-1])} and {words[-1]} is not detectable"
 
 
 def _format_product(names: Sequence[str], power: np.ndarray) -> str:

@@ -48,7 +48,7 @@ def build_groups(post: Posterior) -> dict[str, Any]:
     import xarray as xr
 
     space = post.density.space
-    about = {"created_by": f"pamjax {version('pamjax')}", "sampler": post.sampler}
+    attributes = {"created_by": f"pamjax {version('pamjax')}", "sampler": post.sampler}
     names = [format_variable_name(name) for name in space.names]
     draws = {
         n: (("chain", "draw"), post.draws[:, :, k].T, _build_unit_attributes(post, space.names[k]))
@@ -70,7 +70,7 @@ def build_groups(post: Posterior) -> dict[str, Any]:
         "prior_predictive": _build_predictive_group(post, prior_values[:PREDICTIVE_DRAWS]),
         "observed_data": _build_observed_group(post),
     }
-    return {name: xr.Dataset(data, attrs=about) for name, data in groups.items()}
+    return {name: xr.Dataset(data, attrs=attributes) for name, data in groups.items()}
 
 
 _STATISTIC_NAMES = {"accepted": "acceptance_rate", "diverging": "diverging", "steps": "n_steps"}
@@ -111,16 +111,16 @@ def _build_unit_attributes(post: Posterior, name: str) -> dict[str, str]:
         return {"units": unit, "long_name": post.fit.estimates[name].meaning.about}
     return {
         "units": unit,
-        "long_name": "noise: " + ("sd of a sample" if unit != "1" else "lag-one correlation"),
+        "long_name": "noise: " + ("standard deviation" if unit != "1" else "lag-one correlation"),
     }
 
 
 def _build_likelihood_group(post: Posterior) -> dict[str, Any]:
     n, chains, size = post.draws.shape
-    every = max(1, n * chains // SCORED_DRAWS)
-    values = post.draws[::every]
+    step = max(1, n * chains // SCORED_DRAWS)
+    values = post.draws[::step]
     u = compute_points(post.density, values.reshape(-1, size))
-    variables: dict[str, Any] = {"draw": ("draw", np.arange(n)[::every])}
+    variables: dict[str, Any] = {"draw": ("draw", np.arange(n)[::step])}
     for case_fit, (names, sums) in zip(
         post.fit.cases, compute_block_log_likelihoods(post.density, u, post.fit.cases), strict=True
     ):
@@ -195,24 +195,24 @@ def build_posterior_document(post: Posterior) -> dict[str, Any]:
     """Return the posterior as a JSON document, in display units."""
     convergence = post.convergence
     space = post.density.space
-    numbers = {}
+    parameters = {}
     for k, name in enumerate(post.names):
         _, unit = post.find_units(name)
         m = {key: value / compute_si_factor(unit) for key, value in vars(post.marginals[name]).items()}
         diagnostics = {"ess": float(convergence.ess[k]), "rhat": float(convergence.rhat[k])}
-        known = bool(np.isfinite(space.sd[k]))
+        has_gaussian_prior = bool(np.isfinite(space.sd[k]))
         prior = {
             "low": float(space.low[k]) / compute_si_factor(unit),
             "high": float(space.high[k]) / compute_si_factor(unit),
         }
-        if known:
+        if has_gaussian_prior:
             prior |= {
                 "value": float(space.mean[k]) / compute_si_factor(unit),
                 "sd": float(space.sd[k]) / compute_si_factor(unit),
             }
-        numbers[name] = m | {"unit": unit, "prior": prior} | diagnostics
+        parameters[name] = m | {"unit": unit, "prior": prior} | diagnostics
         if name in post.verdicts:
-            numbers[name] |= {"verdict": post.verdicts[name].kind, "says": post.verdicts[name].detail}
+            parameters[name] |= {"verdict": post.verdicts[name].kind, "says": post.verdicts[name].detail}
     return {
         "schema": POSTERIOR_SCHEMA,
         "reached": post.converged,
@@ -221,7 +221,7 @@ def build_posterior_document(post: Posterior) -> dict[str, Any]:
         "seed": post.seed,
         "law": post.fit.law,
         "mechanisms": list(post.fit.mechanisms),
-        "parameters": numbers,
+        "parameters": parameters,
         "correlation": {"names": list(post.names), "matrix": np.round(post.correlation, 6).tolist()},
     }
 

@@ -98,7 +98,9 @@ def _limit_width(density: PosteriorDensity, u: Array, total: np.ndarray) -> np.n
     """Return the curvature plus a small multiple of the prior's, so that it can be inverted."""
     space = density.space
     rate = np.asarray(jax.jvp(space.to_values, (jnp.zeros_like(u),), (jnp.ones_like(u),))[1])
-    known = np.isfinite(np.asarray(space.sd))
+    is_gaussian = np.isfinite(np.asarray(space.sd))
     # A uniform prior is logistic in z, with standard deviation π / sqrt(3).
-    prior = np.where(known, np.asarray(space.sd) / np.abs(rate), np.pi / np.sqrt(3) / np.asarray(space.width))
+    prior = np.where(
+        is_gaussian, np.asarray(space.sd) / np.abs(rate), np.pi / np.sqrt(3) / np.asarray(space.width)
+    )
     return total + np.diag(1 / (MAX_WIDTH_IN_PRIOR_SD * 4 * prior) ** 2)

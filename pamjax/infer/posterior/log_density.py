@@ -1,15 +1,12 @@
-"""The log-density of a posterior: what was believed, and every sample given the one before it.
+"""Log-density of a posterior: the priors, and the likelihood of every sample given the sample before it.
 
-All numbers, the muscle's and the noise's, live in one `ParameterSpace`, so that a sampler walks on the whole
-real
-line. One point is a pure function; the samplers `vmap` it.
+    ln p(u | data) = ln prior(u) + Σ over channels of power × Σ over samples of ln p(sample | previous sample)
 
-Where the noise has more than one memory the innovations of `ar1_likelihood.py` still repeat each other. If
-`estimate_innovation_autocorrelation` > `MAX_WHITE_AUTOCORRELATION_TIME` of them say what one independent one
-would, the log-likelihood of that channel counts
-1/worth: the model that misses something slowly is not to be sure of itself. For noise as in
-`ar1_likelihood.py`
-nothing is changed.
+The parameters of muscle and noise are in one `ParameterSpace`, with unbounded coordinates u.
+
+The power of a channel is one for AR(1) noise, see `ar1_likelihood.py`. With other noise, the innovations are
+correlated. If their autocorrelation time exceeds `MAX_WHITE_AUTOCORRELATION_TIME`, the power is one over it.
+This widens the posterior.
 """
 
 from __future__ import annotations
@@ -35,18 +32,21 @@ from pamjax.infer.problem.dataset import Dataset
 from pamjax.infer.problem.parameter_space import FreeParameter, ParameterSpace, build_space
 from pamjax.parameter import Meaning
 
-#: Innovations that repeat each other more than this are not taken for independent.
+#: Largest autocorrelation time of innovations that count as independent, samples.
 MAX_WHITE_AUTOCORRELATION_TIME = 1.5
+
+#: Distance from a bound, as a share of the range, below which a value is at the bound; covers rounding only.
+ROUNDING_TOLERANCE = 1e-12
 
 
 class PosteriorDensity(eqx.Module):
-    """A posterior, up to its constant.
+    """Log-density of a posterior, up to a constant.
 
     Attributes:
-        datasets: the recordings, each sample that counts with weight one: their misfit is in SI.
-        likelihoods: for each member its channels.
-        powers: for each member one over the worth of its channels' innovations.
-        space: every number, the muscles' first.
+        datasets: the recordings, with weight one for each informative sample, so that residuals are in SI.
+        likelihoods: for each dataset the noise models of its channels.
+        powers: for each dataset the powers of its channels' likelihoods.
+        space: all parameters, those of the muscles first.
     """
 
     datasets: tuple[Dataset, ...]
@@ -55,7 +55,7 @@ class PosteriorDensity(eqx.Module):
     space: ParameterSpace
 
     def compute_sample_log_densities(self, u: Float[Array, " p"]) -> list[list[Array]]:
-        """Log-density of every sample given those before it, for each member and channel, (n,) each."""
+        """Return the log-density of every sample given the previous one, (n,) by dataset and channel."""
         values = self.space.to_values(u)
         return [
             [
@@ -70,18 +70,18 @@ class PosteriorDensity(eqx.Module):
         return [(likelihood, misfit[likelihood.channel]) for likelihood in self.likelihoods[k]]
 
     def compute_log_likelihood(self, u: Float[Array, " p"]) -> Array:
-        """Of all samples, each channel to its power; −∞ where the muscle has no solution."""
+        """Return the log-likelihood, each channel with its power; −∞ if the muscle has no solution."""
         parts = zip(self.compute_sample_log_densities(u), self.powers, strict=True)
         total = sum(p * jnp.sum(x) for xs, ps in parts for x, p in zip(xs, ps, strict=True))
         return jnp.where(jnp.isfinite(total), total, -jnp.inf)
 
     def __call__(self, u: Float[Array, " p"]) -> Array:
-        """Logarithm of the posterior density of u, up to a constant."""
+        """Return the logarithm of the posterior density of u, up to a constant."""
         total = self.space.compute_log_prior(u) + self.compute_log_likelihood(u)
         return jnp.where(jnp.isnan(total), -jnp.inf, total)
 
     def compute_innovations(self, u: Float[Array, " p"]) -> list[list[Array]]:
-        """What of every sample those before it did not foretell, in its own sd, (n,) each."""
+        """Return the innovation of every sample in its own sd, by dataset and channel, (n,) each."""
         values = self.space.to_values(u)
         return [
             [
@@ -94,7 +94,7 @@ class PosteriorDensity(eqx.Module):
 
 @eqx.filter_jit
 def compute_log_densities(density: PosteriorDensity, u: Float[Array, "w p"]) -> Float[Array, " w"]:
-    """The log-density at many points at once."""
+    """Return the log-density at many points."""
     return jax.vmap(density)(u)
 
 
@@ -106,17 +106,18 @@ def _compute_innovations(density: PosteriorDensity, u: Float[Array, " p"]) -> li
 def build_density(
     fit: Fit, priors: Mapping[str, Mapping[str, Any]] | None = None
 ) -> tuple[PosteriorDensity, Array]:
-    """The posterior that belongs to a fit, and the fit's place in it.
+    """Return the posterior density of a fit, and the fit's solution in its coordinates.
 
     Args:
-        fit: what was fitted, with a square loss.
-        priors: by name what is believed instead: "value", "sd", "low" and "high", SI, each optional.
+        fit: the fit, with a square loss.
+        priors: by name, priors that replace those of the fit: "value", "sd", "low" and "high", SI, each
+            optional.
 
     Returns:
-        the density and (p,) the point at which the muscle's numbers are the fit's.
+        the density, and (p,) the coordinates u of the fit's solution.
     """
     if fit.loss != "square":
-        remedy = "Fit with `--loss square`, or take the far samples out."
+        remedy = "Fit with `--loss square`, or remove the outliers."
         raise refuse("a posterior needs a likelihood", f"a {fit.loss} loss", remedy=remedy)
     priors = dict(priors or {})
     parameters = [
@@ -134,7 +135,8 @@ def build_density(
     if priors:
         name = next(iter(priors))
         raise refuse(
-            f"{name!r} is no free number of this fit", remedy=suggest_word(name, [n.name for n in parameters])
+            f"{name!r} is not a free parameter of this fit",
+            remedy=suggest_word(name, [n.name for n in parameters]),
         )
     parameter_space = build_space(parameters)
     powers = tuple(tuple(jnp.asarray(1.0) for _ in channels) for channels in likelihoods)
@@ -142,11 +144,13 @@ def build_density(
     start = {n.name: n.start for n in parameters} | dict(
         zip(fit.space.names, np.asarray(values), strict=True)
     )
-    return density, parameter_space.to_point({n.name: _clip_to_limits(n, start[n.name]) for n in parameters})
+    return density, parameter_space.to_point(
+        {n.name: _replace_value_at_bound(n, start[n.name]) for n in parameters}
+    )
 
 
 def temper_density(density: PosteriorDensity, u: Array, fit: Fit) -> PosteriorDensity:
-    """The density with each channel counting for what its innovations at a point are worth."""
+    """Return the density with each channel's power from its innovations' autocorrelation time at u."""
     powers = []
     all_innovations = _compute_innovations(density, u)
     for case_fit, channels, innovations in zip(fit.cases, density.likelihoods, all_innovations, strict=True):
@@ -168,30 +172,30 @@ def _build_free_parameter(name: str, estimate) -> FreeParameter:
 
 
 def _apply_prior(parameter: FreeParameter, prior: Mapping[str, Any] | None) -> FreeParameter:
-    """The number under another belief."""
+    """Return the parameter with another prior."""
     if not prior:
         return parameter
-    about: Meaning = parameter.meaning
-    low, high = prior.get("low", about.low), prior.get("high", about.high)
-    if not about.low <= low < high <= about.high:
-        rule = f"the limits of `{parameter.name}` must rise and stay within what is physical"
-        raise refuse(rule, f"{low:g} to {high:g} {about.unit}", "the priors")
+    meaning: Meaning = parameter.meaning
+    low, high = prior.get("low", meaning.low), prior.get("high", meaning.high)
+    if not meaning.low <= low < high <= meaning.high:
+        rule = f"the bounds of `{parameter.name}` must be ascending and within its physical bounds"
+        raise refuse(rule, f"{low:g} to {high:g} {meaning.unit}", "the priors")
     start = prior.get(
         "value", min(max(parameter.start, low + 1e-3 * (high - low)), high - 1e-3 * (high - low))
     )
-    about = replace(about, low=low, high=high)
-    return FreeParameter(parameter.name, about, start, prior.get("sd", parameter.sd))
+    meaning = replace(meaning, low=low, high=high)
+    return FreeParameter(parameter.name, meaning, start, prior.get("sd", parameter.sd))
 
 
-def _clip_to_limits(parameter: FreeParameter, value: float) -> float:
-    """A value brought a little inside its limits."""
+def _replace_value_at_bound(parameter: FreeParameter, value: float) -> float:
+    """Return the value, or the starting value of the parameter if the value is at or outside a bound."""
     low, high = parameter.meaning.low, parameter.meaning.high
-    reach = 1e-3 * (high - low)
-    return parameter.start if not low + 1e-9 * reach < value < high - 1e-9 * reach else float(value)
+    tolerance = ROUNDING_TOLERANCE * (high - low)
+    return float(value) if low + tolerance < value < high - tolerance else parameter.start
 
 
 def _set_unit_weights(dataset: Dataset) -> Dataset:
-    """The member with weight one for every sample that counts, and zero for the others."""
+    """Return the dataset with weight one for every informative sample, and zero for the others."""
 
     def compute_mask(weight):
         return jnp.where(weight > 0, dataset.rows.training_mask, 0.0)

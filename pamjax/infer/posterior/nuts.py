@@ -24,7 +24,7 @@ from pamjax.infer.posterior.log_density import PosteriorDensity
 from pamjax.infer.posterior.sampler import Sampler
 
 CHAIN_COUNT = 4
-#: Draws that find the step size (as many as Stan gives it first), and the acceptance it aims at.
+#: Draws that adapt the step size (as in Stan's first phase), and the target acceptance.
 WARMUP_DRAWS, TARGET_ACCEPTANCE = 75, 0.8
 
 
@@ -40,7 +40,7 @@ class NutsSampler(Sampler):
         keys = jax.random.split(jax.random.key(seed), 3)
         x = jax.random.normal(keys[0], (CHAIN_COUNT, self.density.space.size))
         x, step = _run_warmup(self.density, self.gaussian, x, keys[1])
-        # The chains share the middle one's step size.
+        # All chains have the median step size.
         return {
             "x": np.asarray(x),
             "step": np.median(np.asarray(step)),
@@ -51,7 +51,7 @@ class NutsSampler(Sampler):
     def advance(self, state: Arrays) -> tuple[Arrays, Arrays]:
         """Return `chunk` draws (n, chains, p) with their statistics, and the new state."""
         base = jax.random.wrap_key_data(jnp.asarray(state["key"]))
-        # A key for each draw by its number: chunks of any size give the same chain.
+        # The key depends on the number of the draw, so chunks of any size give the same chain.
         keys = jax.vmap(jax.random.fold_in, (None, 0))(base, int(state["n"]) + jnp.arange(self.chunk))
         draws = _run_chains(
             self.density, self.gaussian, jnp.asarray(state["x"]), jnp.asarray(state["step"]), keys
@@ -71,7 +71,7 @@ def _import_blackjax() -> Any:
 
 def _build_log_density(density: PosteriorDensity, gaussian: GaussianApproximation):
     def value(x):
-        # NUTS takes a finite wall for a divergence; an infinite one has no slope.
+        # A finite value, because −∞ has no gradient; NUTS counts it as a divergence.
         return jnp.maximum(density(gaussian(x)), -1e30)
 
     return value

@@ -99,16 +99,18 @@ def sample_prior(density: PosteriorDensity, count: int, seed: int) -> np.ndarray
     """Return (count, p) draws of the prior, SI: Gaussians truncated at the bounds, or uniform."""
     space = density.space
     random = np.random.default_rng([seed, 11])
-    share = random.uniform(size=(count, space.size))
+    position = random.uniform(size=(count, space.size))
     low, high, mean, sd = (np.asarray(a) for a in (space.low, space.high, space.mean, space.sd))
-    known = np.isfinite(sd)
-    safe = np.where(known, sd, 1.0)
+    is_gaussian = np.isfinite(sd)
+    safe = np.where(is_gaussian, sd, 1.0)
     below, above = (ndtr((end - mean) / safe) for end in (low, high))
-    gaussian = mean + safe * ndtri(below + share * (above - below))
-    anywhere = np.where(
-        space.log_scale, np.abs(low) ** (1 - share) * np.abs(high) ** share, low + share * (high - low)
+    gaussian = mean + safe * ndtri(below + position * (above - below))
+    uniform_draws = np.where(
+        space.log_scale,
+        np.abs(low) ** (1 - position) * np.abs(high) ** position,
+        low + position * (high - low),
     )
-    return np.where(known, np.clip(gaussian, low, high), anywhere)
+    return np.where(is_gaussian, np.clip(gaussian, low, high), uniform_draws)
 
 
 def _split_batches(draws: np.ndarray):

@@ -38,17 +38,17 @@ def read_priors(path: Path) -> dict[str, dict[str, float]]:
 def _parse_prior(name: str, entry: Any, file: str) -> dict[str, float]:
     if not isinstance(entry, dict) or any(isinstance(v, dict) for v in entry.values()):
         remedy = f'Write ["{name}...."] with the quotes, then value and sd.'
-        raise refuse("a prior is a table named by its number in quotes", f"{name}", file, remedy)
-    about = _find_meaning(name)
+        raise refuse("a prior is a table with the name of its parameter in quotes", f"{name}", file, remedy)
+    meaning = _find_meaning(name)
     prior = {}
     for key, text in entry.items():
         if key not in PRIOR_KEYS:
             raise refuse(f"a prior has no entry {key!r}", f"[{name}]", file, suggest_word(key, PRIOR_KEYS))
-        prior[key] = parse_number(str(text), about.unit, f"[{name}] of {file}")
+        prior[key] = parse_number(str(text), meaning.unit, f"[{name}] of {file}")
     if not prior.get("sd", 1.0) > 0:
         raise refuse(
             "`sd` of a prior must be positive",
-            format_quantity(prior["sd"], about.show),
+            format_quantity(prior["sd"], meaning.show),
             f"[{name}] of {file}",
         )
     return prior

@@ -78,7 +78,7 @@ def build_profile_problem(fit: Fit, space: ParameterSpace) -> ProfileProblem:
         return ProfileProblem(fit.datasets, fit.space, fit.loss, fit.solution)
     values = dict(zip(own_space.names, np.asarray(fit.space.to_values(fit.solution.u)), strict=True))
     solution = solve_least_squares(
-        fit.datasets, own_space, own_space.move_inside_limits(own_space.to_point(values)), fit.loss
+        fit.datasets, own_space, own_space.move_inside_bounds(own_space.to_point(values)), fit.loss
     )
     return ProfileProblem(fit.datasets, own_space, fit.loss, solution)
 
@@ -89,19 +89,21 @@ def compute_profile(problem: ProfileProblem, name: str) -> LikelihoodProfile:
     step = float(min(compute_sd_in_u(problem.solution)[k], 1.0))
     solutions = {0.0: _solve_with_fixed(problem, k, top)}
     for side in (-1.0, 1.0):
-        u, far = top, 0.5
+        u, steps = top, 0.5
         # A parameter may start close to the bound on this side.
-        least = min(MIN_LIMIT_DISTANCE, 0.1 * _compute_distance_to_limit(space, k, float(top[k]), side))
+        min_distance = min(
+            MIN_LIMIT_DISTANCE, 0.1 * _compute_distance_to_limit(space, k, float(top[k]), side)
+        )
         while True:
-            far *= 2
-            target = float(top[k]) + side * far * step
-            if _compute_distance_to_limit(space, k, target, side) < least:
+            steps *= 2
+            target = float(top[k]) + side * steps * step
+            if _compute_distance_to_limit(space, k, target, side) < min_distance:
                 break
-            cost, near = _solve_with_fixed(problem, k, u.at[k].set(target))
-            # A muscle without a solution is no evidence against the value.
+            cost, profile_point = _solve_with_fixed(problem, k, u.at[k].set(target))
+            # A failed solution is no evidence against the value: the profile ends.
             if not np.isfinite(cost):
                 break
-            solutions[side * far], u = (cost, near), near
+            solutions[side * steps], u = (cost, profile_point), profile_point
             if 2 * (cost - solutions[0.0][0]) > MAX_CHI2_RISE:
                 break
     positions = sorted(solutions)
@@ -144,5 +146,6 @@ def _find_crossing(values: np.ndarray, rise: np.ndarray) -> float | None:
     if not beyond.size:
         return None
     k = int(beyond[0])
-    near, far = np.sqrt(rise[k - 1]), np.sqrt(rise[k])
-    return float(values[k - 1] + (values[k] - values[k - 1]) * (np.sqrt(CHI2_RISE_95) - near) / (far - near))
+    before, after = np.sqrt(rise[k - 1]), np.sqrt(rise[k])
+    fraction = (np.sqrt(CHI2_RISE_95) - before) / (after - before)
+    return float(values[k - 1] + (values[k] - values[k - 1]) * fraction)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def format_posterior_note(post: Posterior) -> str:
-    """Return the whole report, plain text."""
+    """Return the full report as plain text."""
     lines = [
         _format_title(post),
         "",
@@ -35,9 +35,8 @@ def format_posterior_note(post: Posterior) -> str:
 def _format_title(post: Posterior) -> str:
     fit = post.fit
     cases = ", ".join(case_fit.case.name for case_fit in fit.cases)
-    return (
-        f"{cases}: {', '.join((f'{fit.law} threads', *fit.mechanisms))}; mean ± sd, and 90 % of the posterior"
-    )
+    model = ", ".join((f"{fit.law} threads", *fit.mechanisms))
+    return f"{cases}: {model}; mean ± sd, and 90 % credible interval"
 
 
 def _list_reported_names(post: Posterior) -> list[str]:
@@ -69,7 +68,7 @@ def _count_digits(sd: float) -> int:
 def format_priors(post: Posterior) -> Iterator[str]:
     """Return lines with the prior of every parameter, after a heading."""
     space = post.density.space
-    yield "  believed before:"
+    yield "  priors:"
     for k, name in enumerate(space.names):
         if is_length_error(name):
             continue
@@ -81,8 +80,8 @@ def format_priors(post: Posterior) -> Iterator[str]:
         if np.isfinite(space.sd[k]):
             prior = format_estimate(float(space.mean[k]), float(space.sd[k]), unit)
         else:
-            prior = f"anywhere from {low} to {high}{' by its logarithm' if space.log_scale[k] else ''}"
-        origin = " (as told)" if name in post.priors else ""
+            prior = f"uniform from {low} to {high}{' in its logarithm' if space.log_scale[k] else ''}"
+        origin = " (replaces the stated prior)" if name in post.priors else ""
         yield f"    {name}: {prior}{origin}"
 
 
@@ -96,7 +95,7 @@ def format_posterior_correlations(post: Posterior) -> Iterator[str]:
         if abs(post.correlation[i, j]) > MIN_REPORTED_CORRELATION
     ]
     for _, first, second, value in sorted(pairs, reverse=True)[:5]:
-        yield f"  {first} and {second} move together (correlation {value:+.2f})"
+        yield f"  {first} and {second} are correlated ({value:+.2f})"
 
 
 def format_likelihood_powers(post: Posterior) -> Iterator[str]:
@@ -108,9 +107,8 @@ def format_likelihood_powers(post: Posterior) -> Iterator[str]:
             if power < 1:
                 channel = ("force", "diameter")[likelihood.channel]
                 yield (
-                    f"  {case_fit.case.name}: what is left of {channel} repeats itself over more than one"
-                    f" memory; "
-                    f"{1 / float(power):.1f} samples count as one"
+                    f"  {case_fit.case.name}: the {channel} residuals have more than one correlation time;"
+                    f" {1 / float(power):.1f} samples count as one"
                 )
 
 
@@ -119,15 +117,15 @@ def format_sampler_state(post: Posterior) -> Iterator[str]:
     convergence = post.convergence
     n, chains, _ = post.draws.shape
     ess, rhat = post.targets
-    state = "good enough" if post.converged else "DID NOT GET THERE: what follows is what there is"
+    state = "converged" if post.converged else "NOT CONVERGED: increase max_draws"
     yield (
         f"  {post.sampler}, {chains} {'walkers' if post.sampler == 'emcee' else 'chains'} × {n} draws, seed "
         f"{post.seed}: {state}"
     )
     yield (
-        f"  effective samples {convergence.ess.min():.0f} (wanted {ess:.0f}), split-R̂"
-        f" {convergence.rhat.max():.3f} "
-        f"(wanted {rhat:g}), autocorrelation time {convergence.autocorrelation_time.max():.1f} draws"
+        f"  effective sample size {convergence.ess.min():.0f} (at least {ess:.0f}), split-R̂"
+        f" {convergence.rhat.max():.3f} (at most {rhat:g}), autocorrelation time"
+        f" {convergence.autocorrelation_time.max():.1f} draws"
     )
     if (diverging := int(np.sum(post.stats.get("diverging", 0)))) > 0:
-        yield f"  {diverging} draws diverged: the posterior has a corner that the sampler may have missed"
+        yield f"  {diverging} divergent draws: the sampler may have missed a part of the posterior"

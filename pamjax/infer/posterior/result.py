@@ -66,8 +66,8 @@ class Posterior:
     def find_units(self, name: str) -> tuple[str, str]:
         """Return the SI unit and the display unit of a parameter."""
         if name in self.fit.estimates:
-            about = self.fit.estimates[name].meaning
-            return about.unit, about.show
+            meaning = self.fit.estimates[name].meaning
+            return meaning.unit, meaning.show
         return find_noise_units(name)
 
     @cached_property
@@ -95,8 +95,8 @@ class Posterior:
     def thin_draws(self, count: int) -> np.ndarray:
         """Return (at most count, p) draws at equal distances over all chains, SI."""
         n, chains, size = self.draws.shape
-        every = max(1, n * chains // count)
-        return self.draws.reshape(n * chains, size)[::every][:count]
+        step = max(1, n * chains // count)
+        return self.draws.reshape(n * chains, size)[::step][:count]
 
     def __str__(self) -> str:
         from pamjax.infer.posterior.report import format_posterior_note

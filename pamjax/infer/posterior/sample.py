@@ -27,7 +27,7 @@ from pamjax.records.case import Case
 SamplerName = Literal["emcee", "nuts"]
 SAMPLERS: dict[str, type[Sampler]] = {"emcee": EnsembleSampler, "nuts": NutsSampler}
 
-#: Steps of the walk that shapes the ball.
+#: Steps of the pilot run that refines the Gaussian approximation.
 PILOT_STEPS = 400
 
 
@@ -55,7 +55,7 @@ def sample(
         source: a fit; or one or several cases, or their folders, which are fitted first.
         law: thread law, as in `fit`; only for cases.
         share: parameters that all cases have in common, as in `fit`; only for cases.
-        mechanisms: mechanisms beside the threads, as in `fit`; only for cases.
+        mechanisms: mechanisms in addition to the threads, as in `fit`; only for cases.
         priors: by name, priors that replace those of muscle.toml: "value", "sd", "low" and "high", SI.
         sampler: "emcee" (an ensemble), or "nuts" (needs blackjax).
         ess: smallest effective sample size of a parameter.
@@ -63,7 +63,7 @@ def sample(
         max_draws: maximum draws of one walker or chain.
         seed: seed of the sampler, and of the fit.
         checkpoint: folder in which the chain is saved and from which it is resumed; None for none.
-        progress: called with what is being done and the fraction done.
+        progress: called with the current step and the fraction done.
 
     Raises:
         BadInput: as `fit`; for an unknown sampler or prior; if `checkpoint` contains another chain.
@@ -105,7 +105,7 @@ def _fit_source(source, law, share, mechanisms, seed: int, progress: Progress) -
         return source
     return calibrate(
         source, law, share, mechanisms, fold_count=2, seed=seed,
-        progress=lambda doing, share: progress(doing, 0.25 * share),
+        progress=lambda step, fraction: progress(step, 0.25 * fraction),
     )  # fmt: skip
 
 
@@ -155,8 +155,8 @@ def _set_powers(density: PosteriorDensity, powers: np.ndarray) -> PosteriorDensi
 
 def _check_settings(sampler: str, ess: float, rhat: float, max_draws: int, seed: int) -> None:
     if sampler not in SAMPLERS:
-        raise refuse(f"{sampler!r} is no sampler", remedy=suggest_word(sampler, SAMPLERS))
-    least = {"ess": (ess, 1), "rhat": (rhat, 1), "max_draws": (max_draws, 100), "seed": (seed, 0)}
-    for name, (value, low) in least.items():
+        raise refuse(f"unknown sampler {sampler!r}", remedy=suggest_word(sampler, SAMPLERS))
+    minimums = {"ess": (ess, 1), "rhat": (rhat, 1), "max_draws": (max_draws, 100), "seed": (seed, 0)}
+    for name, (value, low) in minimums.items():
         if not value >= low:
             raise refuse(f"`{name}` must be at least {low}", f"{value}")

@@ -66,43 +66,46 @@ def run_sampler(
         checkpoint: the folder of the chain.
         state: initial state, if no draws are saved.
         targets: smallest effective sample size, largest split-R̂, and maximum draws of a chain.
-        progress: called with what is being done and the fraction done.
+        progress: called with the current step and the fraction done.
 
     Returns:
         the chunks of draws, and their convergence diagnostics.
     """
-    ess, rhat, longest = targets
-    draws, last = checkpoint.read_draws()
-    state = last or state
+    ess, rhat, max_draws = targets
+    draws, saved_state = checkpoint.read_draws()
+    state = saved_state or state
     while True:
-        if len(draws) in _schedule_checks(longest) or len(draws) * sampler.chunk >= longest:
+        if len(draws) in _schedule_checks(max_draws) or len(draws) * sampler.chunk >= max_draws:
             # Convergence is checked in the unbounded coordinates u.
             convergence = compute_convergence(
                 np.asarray(sampler.gaussian(jnp.asarray(discard_burn_in(concatenate_chunks(draws, "x")))))
             )
             if (
                 convergence.is_converged(ess, rhat, sampler.needs_long_chain)
-                or len(draws) * sampler.chunk >= longest
+                or len(draws) * sampler.chunk >= max_draws
             ):
                 return draws, convergence
-            share = min(
+            fraction = min(
                 convergence.ess.min() / ess,
                 convergence.chain_length
                 / (MIN_CHAIN_AUTOCORRELATION_TIMES * convergence.autocorrelation_time.max())
                 if sampler.needs_long_chain
                 else 1.0,
             )
-            progress(f"ESS {convergence.ess.min():.0f} of {ess:.0f}", 0.3 + 0.7 * min(share, 1.0))
-        new, state = sampler.advance(state)
-        checkpoint.save_chunk(len(draws), new, state)
-        draws.append(new)
+            progress(
+                f"effective sample size {convergence.ess.min():.0f} of {ess:.0f}",
+                0.3 + 0.7 * min(fraction, 1.0),
+            )
+        chunk, state = sampler.advance(state)
+        checkpoint.save_chunk(len(draws), chunk, state)
+        draws.append(chunk)
 
 
 @functools.cache
-def _schedule_checks(longest: int) -> frozenset[int]:
+def _schedule_checks(max_draws: int) -> frozenset[int]:
     """Return the chunk counts at which convergence is checked; a resumed run has the same schedule."""
     checks = [2]
-    while checks[-1] < longest:
+    while checks[-1] < max_draws:
         checks.append(max(checks[-1] + 1, int(CHECK_GROWTH_FACTOR * checks[-1])))
     return frozenset(checks)
 

@@ -1,7 +1,7 @@
-"""One recording in a fit: its numbers, its arrays, and what the muscle would have shown.
+"""One recording in a fit: its parameters, its arrays, and the predictions of the model.
 
-Shapes are padded to few sizes and everything that differs from case to case is an array, so that
-recordings of one kind share one compiled program.
+Arrays are padded to a few sizes, and everything that differs between cases is an array. So similar recordings
+share one compiled program.
 """
 
 from __future__ import annotations
@@ -30,31 +30,31 @@ from pamjax.model.muscle import Muscle, MuscleReading
 from pamjax.records.blocks import find_blocks, find_length_settings
 from pamjax.records.case import Case
 
-#: The channels a fit looks at, in the order in which they are stacked.
+#: The channels of a fit, in the order of the stacked arrays.
 CHANNELS = ("force", "diameter")
 
-#: Force below this share of the largest one counts as a slack muscle's when the model would push.
+#: A muscle is slack if its force is below this fraction of the largest force.
 MAX_SLACK_FORCE_SHARE = 0.02
 
-#: A pressure of fewer standard deviations of its sensor than this cannot be told from none.
+#: Smallest significant pressure, standard deviations of its sensor.
 MIN_PRESSURE_SD = 3.0
 
-#: Samples by whose median it is told whether a muscle is slack: at most, and as a share of their block.
+#: Number of samples in the running median that detects a slack muscle: maximum, and fraction of the block.
 MAX_MEDIAN_SAMPLES, MEDIAN_BLOCK_SHARE = 15, 1 / 30
-#: Standard deviations of the load cell that no sample's noise reaches.
+#: Largest noise of a sample, standard deviations of the load cell.
 MAX_NOISE_SD = 4.0
 
 
 class PaddedRows(eqx.Module):
-    """The samples of a recording as arrays, padded; a padded or unmeasured sample has weight zero.
+    """Samples of a recording as padded arrays; a padded or unmeasured sample has weight zero.
 
     Attributes:
-        pressure, length: (n,) what was set, SI.
-        force, diameter: (n,) what was measured, SI; zero where it was not.
-        force_weight, diameter_weight: (n,) one over the standard deviation of a sample, or zero.
+        pressure, length: (n,) inputs, SI.
+        force, diameter: (n,) measurements, SI; zero where not measured.
+        force_weight, diameter_weight: (n,) 1 / standard deviation of a sample, or zero.
         length_setting: (n,) index of the length setting of a row.
-        is_slack: (n,) whether the muscle pulled with (nearly) nothing.
-        training_mask: (n,) one where a fit may look, zero where it may not (held out, or padding).
+        is_slack: (n,) whether the muscle exerts nearly no force.
+        training_mask: (n,) one for a row of the fit, zero for a held-out or padded row.
     """
 
     pressure: Float[Array, " n"]
@@ -72,15 +72,15 @@ class Dataset(eqx.Module):
     """One case of a fit.
 
     Attributes:
-        law: thread law, a key of `catalogue.LAWS`.
-        mechanisms: ids of the mechanisms; without any the muscle alone is computed.
-        free_parameters: names of the muscle's free numbers, and where each stands in the space.
-        length_error_indices: where the errors of the length settings stand in the space.
-        fixed_values: the muscle's other numbers, SI.
+        law: thread law, a key of `THREAD_LAWS`.
+        mechanisms: ids of the mechanisms; empty for the muscle alone.
+        free_parameters: names of the muscle's free parameters, each with its index in the space.
+        length_error_indices: indices of the errors of the length settings in the space.
+        fixed_values: the muscle's other parameters, SI.
         rows: the samples.
         history: their order in time.
-        channel_weights: (2,) factor on the misfit of force and of diameter: below one where samples repeat
-            each other (see `sensor_noise.py`).
+        channel_weights: (2,) factor on the residuals of force and of diameter: below one for autocorrelated
+            residuals (see `sensor_noise.py`).
     """
 
     law: str = eqx.field(static=True)
@@ -93,19 +93,19 @@ class Dataset(eqx.Module):
     channel_weights: Float[Array, " 2"]
 
     def collect_parameters(self, values: Float[Array, " p"]) -> dict[str, Array]:
-        """Every number of the muscle by name, SI, at a point of the space given as values."""
+        """Return all parameters of the muscle by name, SI, from the free parameters, (p,), SI."""
         return self.fixed_values | {name: values[i] for name, i in self.free_parameters}
 
     def build_muscle(self, values: Float[Array, " p"]) -> Muscle:
-        """The muscle without its mechanisms, at a point of the space given as values."""
+        """Return the muscle without its mechanisms, from the free parameters, (p,), SI."""
         return assemble(self.law, self.collect_parameters(values))
 
     def build_bench(self, values: Float[Array, " p"]) -> Bench:
-        """The muscle with its mechanisms, at a point of the space given as values."""
+        """Return the muscle with its mechanisms, from the free parameters, (p,), SI."""
         return assemble_bench(self.law, self.mechanisms, self.collect_parameters(values))
 
     def predict(self, values: Float[Array, " p"]) -> MuscleReading | BenchReading:
-        """What the bench shows at every row."""
+        """Return the predicted reading at every row."""
         length = self.rows.length
         if self.length_error_indices:
             length = length + values[jnp.array(self.length_error_indices)][self.rows.length_setting]
@@ -115,7 +115,7 @@ class Dataset(eqx.Module):
         return eqx.tree_at(lambda r: r.force, ideal, clip_slack_force(ideal.force, self.rows.is_slack))
 
     def compute_standardised_residuals(self, values: Float[Array, " p"]) -> tuple[Array, Array]:
-        """(measured − model) / sd of force and of diameter, (n,) each; zero where not measured."""
+        """Return (measured − model) / sd of force and of diameter, (n,) each; zero where not measured."""
         reading, rows = self.predict(values), self.rows
         return (
             (rows.force - reading.force) * rows.force_weight,
@@ -126,34 +126,37 @@ class Dataset(eqx.Module):
 def build_dataset(
     case: Case, law: str, space: ParameterSpace, space_names: dict[str, str], mechanisms: Sequence[str] = ()
 ) -> Dataset:
-    """Put a case into a space.
+    """Return the dataset of a case.
 
     Args:
-        case: the recording and what is known of its muscle.
-        law: thread law, a key of `catalogue.LAWS`.
-        space: the space that holds the case's free numbers.
-        space_names: name in the space of each of the case's free numbers.
-        mechanisms: ids of the mechanisms that act beside the threads.
+        case: the recording and its muscle.toml.
+        law: thread law, a key of `THREAD_LAWS`.
+        space: the space with the case's free parameters.
+        space_names: name in the space of each of the case's free parameters.
+        mechanisms: ids of the mechanisms in addition to the threads.
     """
     free = [n.name for n in list_free_parameters(case, law, mechanisms)]
     indices = {name: space.names.index(space_names.get(name, name)) for name in free}
-    numbers = collect_stated_values(case.entry, law) | collect_mechanism_values(case.entry, mechanisms)
+    stated = collect_stated_values(case.entry, law) | collect_mechanism_values(case.entry, mechanisms)
     return Dataset(
         law=law,
         mechanisms=tuple(mechanisms),
         free_parameters=tuple((n, i) for n, i in indices.items() if not is_length_error(n)),
         length_error_indices=tuple(i for n, i in indices.items() if is_length_error(n)),
-        fixed_values={n: jnp.asarray(m.value) for n, m in numbers.items() if n not in indices},
+        fixed_values={n: jnp.asarray(m.value) for n, m in stated.items() if n not in indices},
         rows=build_rows(case),
         history=build_history(case),
         channel_weights=jnp.ones(2),
     )
 
 
-def build_history(case: Case, size: int | None = None, padding: bool = True) -> History:
-    """The order of a case's samples in time, padded to `size` (by itself: `compute_padded_size`).
+def build_history(case: Case, size: int | None = None, compute_padding: bool = True) -> History:
+    """Return the order of a case's samples in time.
 
-    Without `padding`, padded samples are not worked out.
+    Args:
+        case: the case.
+        size: number of rows with padding; None for `compute_padded_size`.
+        compute_padding: whether padded samples are computed.
     """
     recording = case.recording
     return build_time_history(
@@ -163,41 +166,41 @@ def build_history(case: Case, size: int | None = None, padding: bool = True) -> 
         settled=case.before == "settled",
         stroke_channels=recording.length_and_pressure,
         size=size or compute_padded_size(recording.n),
-        padding=padding,
+        compute_padding=compute_padding,
     )
 
 
 @eqx.filter_jit
 def predict_rows(dataset: Dataset, values: Float[Array, " p"]) -> MuscleReading | BenchReading:
-    """What the muscle shows at every (padded) row, compiled."""
+    """Return the predicted reading at every (padded) row, compiled."""
     return dataset.predict(values)
 
 
 def find_slack_samples(case: Case) -> np.ndarray:
-    """(n,) whether the muscle pulled with nearly nothing, by the median of each sample's neighbours.
+    """Return whether the muscle exerts nearly no force, (n,), by a running median of the force.
 
-    By its own force a sample would be kept for its noise: those kept beside the threshold then lie too high.
-    Only one that is farther below than noise goes by itself: where a muscle straightens at once, its
-    neighbours already pull.
+    A criterion on the sample's own force would select samples by their noise, and bias the force near the
+    threshold. Only a sample that is below the threshold by more than noise is slack by its own force: where a
+    muscle tightens quickly, the neighbours have a force.
     """
     recording, sd = case.recording, case.entry.sensors.force
     top = np.nanmax(np.abs(recording.force[recording.usable]), initial=0.0)
     force = pd.Series(np.where(recording.usable, recording.force, np.nan))
-    # The rows of a static map stand in no order, and have no neighbours.
+    # The rows of a static table have no order, and so no neighbours.
     for _, block in force.groupby(find_blocks(recording).label) if recording.time is not None else ():
-        near = max(1, min(MAX_MEDIAN_SAMPLES, int(MEDIAN_BLOCK_SHARE * block.size)))
-        force[block.index] = block.rolling(near, center=True, min_periods=1).median()
+        width = max(1, min(MAX_MEDIAN_SAMPLES, int(MEDIAN_BLOCK_SHARE * block.size)))
+        force[block.index] = block.rolling(width, center=True, min_periods=1).median()
     below = recording.force < MAX_SLACK_FORCE_SHARE * top - MAX_NOISE_SD * (np.inf if sd is None else sd)
     return (force.fillna(np.inf).to_numpy() < MAX_SLACK_FORCE_SHARE * top) | (below & recording.usable)
 
 
 def find_informative_samples(case: Case, channel: str) -> np.ndarray:
-    """(n,) whether a sample of a channel says something about the model.
+    """Return whether a sample of a channel is informative about the model, (n,).
 
-    At a fixed length a force near zero only says that the muscle is slack there, or bowed, until it
-    is inflated further: not how strong it is. On a stroke it says where the stroke ends. Nor does anything
-    hold the braid open there while the muscle is slack, or its pressure cannot be told from none: any
-    diameter will do. (Of a sensor whose noise is not stated, what it reads above zero is pressure.)
+    At a fixed length, the force of a slack or bowed muscle is zero for any parameters, so it is excluded. On
+    a stroke, it locates the end of the stroke, and is included. At a fixed length, the diameter of a slack
+    muscle, or of one without significant pressure, is arbitrary, so it is excluded too. Without stated noise
+    of the pressure sensor, every pressure above zero is significant.
     """
     informative = case.recording.usable & np.isfinite(getattr(case.recording, channel))
     if find_blocks(case.recording).kind != "lengths":
@@ -209,12 +212,12 @@ def find_informative_samples(case: Case, channel: str) -> np.ndarray:
 
 
 def compute_padded_size(n: int) -> int:
-    """Number of rows an array is padded to: a power of two up to 512, then a multiple of 512."""
+    """Return the number of rows with padding: a power of two up to 512, then a multiple of 512."""
     return max(8, 1 << (n - 1).bit_length()) if n <= 512 else 512 * math.ceil(n / 512)
 
 
 def build_rows(case: Case, size: int | None = None) -> PaddedRows:
-    """The samples of a case, padded to `size` (by itself: `compute_padded_size`)."""
+    """Return the samples of a case, padded to `size` rows; None for `compute_padded_size`."""
     recording = case.recording
     size = size or compute_padded_size(recording.n)
     usable = recording.usable
@@ -222,9 +225,9 @@ def build_rows(case: Case, size: int | None = None) -> PaddedRows:
 
     def pad(array, fill=0.0):
         # The weight of a padded row is zero.
-        out = np.full(size, fill, dtype=np.asarray(array).dtype)
-        out[: recording.n] = array
-        return jnp.asarray(out)
+        padded = np.full(size, fill, dtype=np.asarray(array).dtype)
+        padded[: recording.n] = array
+        return jnp.asarray(padded)
 
     def channel(name, sd):
         informative = find_informative_samples(case, name)
@@ -236,7 +239,7 @@ def build_rows(case: Case, size: int | None = None) -> PaddedRows:
     pressure = np.where(usable, recording.pressure, 0.0)
     length = np.where(usable, recording.length, case.entry.rest_length.value)
     return PaddedRows(
-        # The last state is repeated: a muscle that goes through its recording twice is nowhere else between.
+        # The last state is repeated, because a model with memory may run through the recording twice.
         pressure=pad(pressure, pressure[-1]),
         length=pad(length, length[-1]),
         force=force,
@@ -250,10 +253,10 @@ def build_rows(case: Case, size: int | None = None) -> PaddedRows:
 
 
 def estimate_starting_sd(case: Case) -> tuple[float, float]:
-    """Standard deviation of a sample of force (N) and of diameter (m) before anything was fitted.
+    """Return the standard deviations of force (N) and diameter (m) before a fit.
 
-    The sensor's own where it is given; else one percent of the channel's range, which only sets the
-    balance of the first fit and is replaced by what its residual shows.
+    Each is the stated sd of the sensor. Without one, it is one percent of the channel's range. This sets the
+    weights of the first fit, and is then replaced by the rms residual.
     """
     recording, sensors = case.recording, case.entry.sensors
     return (

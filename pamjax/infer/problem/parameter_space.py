@@ -6,7 +6,7 @@ A fit works on unbounded coordinates u. Each parameter is a smooth bounded funct
     value = low (high/low)^σ(z)                scale "log"        z = z0 + u · width
 
 where z0 is its starting point. `width` makes a unit of u about one prior standard deviation, or a tenth of
-the value or range without a prior. All coordinates so have similar scales.
+the value or range without a prior. So all coordinates have similar scales.
 
 A parameter without a Gaussian prior has a uniform prior between its bounds, on its own scale. In z this
 is the density σ(z) (1 − σ(z)). Its logarithm enters the fit as the residual 2 sqrt(ln cosh(z/2)). It is
@@ -29,8 +29,8 @@ from pamjax.errors import refuse
 from pamjax.parameter import Meaning
 from pamjax.units import format_quantity
 
-#: Share of a number's range, on its own scale, within which it counts as sitting at a limit.
-LIMIT_MARGIN = 0.01
+#: A parameter is at its bound if the distance is less than this fraction of its range, on its own scale.
+BOUND_MARGIN = 0.01
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class FreeParameter:
         if not low < self.start < high:
             unit = self.meaning.show
             rule = (
-                f"`{self.name}` must lie between {format_quantity(low, unit)} and"
+                f"`{self.name}` must be between {format_quantity(low, unit)} and"
                 f" {format_quantity(high, unit)}"
             )
             raise refuse(rule, format_quantity(self.start, unit), remedy="Check its unit.")
@@ -89,15 +89,15 @@ class ParameterSpace(eqx.Module):
         log = jnp.array(self.log_scale)
         safe = jnp.where(log, value, 1.0)
         low, high = jnp.where(log, self.low, 1.0), jnp.where(log, self.high, 2.0)
-        straight = (value - self.low) / (self.high - self.low)
-        return jnp.where(log, jnp.log(safe / low) / jnp.log(high / low), straight)
+        linear_position = (value - self.low) / (self.high - self.low)
+        return jnp.where(log, jnp.log(safe / low) / jnp.log(high / low), linear_position)
 
     def to_values(self, u: Float[Array, " p"]) -> Float[Array, " p"]:
         """Return the values, SI, at coordinates u."""
-        share = jax.nn.sigmoid(self.origin + u * self.width)
+        position = jax.nn.sigmoid(self.origin + u * self.width)
         log = jnp.array(self.log_scale)
         low, high = jnp.where(log, self.low, 1.0), jnp.where(log, self.high, 2.0)
-        return jnp.where(log, low * (high / low) ** share, self.low + (self.high - self.low) * share)
+        return jnp.where(log, low * (high / low) ** position, self.low + (self.high - self.low) * position)
 
     def to_named_values(self, u: Float[Array, " p"]) -> dict[str, Array]:
         """Return the values by name, SI."""
@@ -105,9 +105,9 @@ class ParameterSpace(eqx.Module):
 
     def to_point(self, values: Mapping[str, float]) -> Float[Array, " p"]:
         """Return the coordinates u of given values, SI."""
-        wanted = jnp.array([values[n] for n in self.names], dtype=float)
-        share = jnp.clip(self._compute_relative_position(wanted), 1e-9, 1 - 1e-9)
-        return (jax.scipy.special.logit(share) - self.origin) / self.width
+        target = jnp.array([values[n] for n in self.names], dtype=float)
+        position = jnp.clip(self._compute_relative_position(target), 1e-9, 1 - 1e-9)
+        return (jax.scipy.special.logit(position) - self.origin) / self.width
 
     def compute_prior_residual(self, u: Float[Array, " p"]) -> Float[Array, " p"]:
         """Return (value − mean) / sd of every parameter, or the residual of its uniform prior."""
@@ -125,30 +125,30 @@ class ParameterSpace(eqx.Module):
         log_share = jax.nn.log_sigmoid(z) + jax.nn.log_sigmoid(-z) + jnp.log(jnp.abs(self.width))
         value = self.to_values(u)
         log = jnp.array(self.log_scale)
-        reach = jnp.where(log, jnp.log(self.high / jnp.where(log, self.low, 1.0)), self.high - self.low)
-        known = jnp.isfinite(self.sd)
-        sd = jnp.where(known, self.sd, 1.0)
-        log_slope = jnp.log(jnp.where(log, value, 1.0) * reach) + log_share
+        value_range = jnp.where(log, jnp.log(self.high / jnp.where(log, self.low, 1.0)), self.high - self.low)
+        is_gaussian = jnp.isfinite(self.sd)
+        sd = jnp.where(is_gaussian, self.sd, 1.0)
+        log_slope = jnp.log(jnp.where(log, value, 1.0) * value_range) + log_share
         gaussian = -0.5 * ((value - self.mean) / sd) ** 2 - jnp.log(sd) - 0.5 * jnp.log(2 * jnp.pi)
-        return jnp.sum(jnp.where(known, gaussian + log_slope, log_share))
+        return jnp.sum(jnp.where(is_gaussian, gaussian + log_slope, log_share))
 
     def take_first(self, count: int) -> ParameterSpace:
         """Return the space of the first parameters."""
         arrays = (a[:count] for a in (self.low, self.high, self.mean, self.sd, self.origin, self.width))
         return ParameterSpace(self.names[:count], self.log_scale[:count], *arrays)
 
-    def move_inside_limits(self, u: Float[Array, " p"]) -> Float[Array, " p"]:
+    def move_inside_bounds(self, u: Float[Array, " p"]) -> Float[Array, " p"]:
         """Return u with every parameter at its bound reset to its starting value.
 
-        At a bound the slope of the map is almost zero, and the minimiser would not leave it.
+        At a bound the slope of the map is almost zero, so that the minimiser cannot move the parameter.
         """
-        return jnp.where(np.isin(self.names, self.find_names_at_limit(u)), 0.0, u)
+        return jnp.where(np.isin(self.names, self.find_names_at_bound(u)), 0.0, u)
 
-    def find_names_at_limit(self, u: Float[Array, " p"]) -> list[str]:
+    def find_names_at_bound(self, u: Float[Array, " p"]) -> list[str]:
         """Return the names of the parameters at one of their bounds."""
-        share = np.asarray(self._compute_relative_position(self.to_values(u)))
-        stuck = (share < LIMIT_MARGIN) | (share > 1 - LIMIT_MARGIN)
-        return [n for n, s in zip(self.names, stuck, strict=True) if s]
+        position = np.asarray(self._compute_relative_position(self.to_values(u)))
+        is_at_limit = (position < BOUND_MARGIN) | (position > 1 - BOUND_MARGIN)
+        return [name for name, at_limit in zip(self.names, is_at_limit, strict=True) if at_limit]
 
 
 def build_space(parameters: Sequence[FreeParameter]) -> ParameterSpace:
@@ -160,20 +160,20 @@ def build_space(parameters: Sequence[FreeParameter]) -> ParameterSpace:
     names = tuple(n.name for n in parameters)
     for name in names:
         if names.count(name) > 1:
-            raise refuse("every free number needs a name of its own", f"{name!r} twice")
+            raise refuse("free parameters need different names", f"{name!r} twice")
     log = np.array([n.meaning.scale == "log" for n in parameters], dtype=bool)
     low = np.array([n.meaning.low for n in parameters], dtype=float)
     high = np.array([n.meaning.high for n in parameters], dtype=float)
     start = np.array([n.start for n in parameters], dtype=float)
     sd = np.array([n.sd for n in parameters], dtype=float)
-    share, rate = _compute_position_and_rate(start, low, high, log)
-    # dvalue/dz = rate · share (1 − share); a unit of u moves the value by one prior sd, at most by a
-    # fifth of its range, and by a tenth of that range's natural step where nothing is known.
+    position, rate = _compute_position_and_rate(start, low, high, log)
+    # dvalue/dz = rate · position (1 − position). A unit of u changes the value by one prior sd, at most by a
+    # fifth of its range; without a prior by a tenth of the range, or of the value on a logarithmic scale.
     step = np.minimum(
         np.where(np.isfinite(sd), sd, np.where(log, 0.1 * start, 0.1 * (high - low))), 0.2 * (high - low)
     )
-    width = step / (rate * share * (1 - share))
-    arrays = (jnp.asarray(a) for a in (low, high, start, sd, np.log(share / (1 - share)), width))
+    width = step / (rate * position * (1 - position))
+    arrays = (jnp.asarray(a) for a in (low, high, start, sd, np.log(position / (1 - position)), width))
     return ParameterSpace(names, tuple(bool(v) for v in log), *arrays)
 
 
@@ -190,5 +190,7 @@ def _compute_position_and_rate(start, low, high, log):
     """Return the position of the start between its bounds, and d value / d position there."""
     safe_low, safe_high = np.where(log, low, 1.0), np.where(log, high, 2.0)
     ratio = np.log(safe_high / safe_low)
-    share = np.where(log, np.log(np.where(log, start, 1.0) / safe_low) / ratio, (start - low) / (high - low))
-    return share, np.where(log, start * ratio, high - low)
+    relative_position = np.where(
+        log, np.log(np.where(log, start, 1.0) / safe_low) / ratio, (start - low) / (high - low)
+    )
+    return relative_position, np.where(log, start * ratio, high - low)

@@ -15,7 +15,7 @@ from pamjax.records.case import Case
 from pamjax.records.reading.muscle_toml import Bladder, MuscleToml
 from pamjax.records.reading.quantity import MeasuredValue
 
-#: Where a toe law starts when nothing else is known: half the slope up to 0.3 % strain.
+#: Starting values of a toe law: half the stiffness up to 0.3 % strain.
 TOE_START = {
     "thread.toe_ratio": 0.5,
     "thread.crimp": 0.003,
@@ -23,15 +23,15 @@ TOE_START = {
     "thread.curvature": 300.0,
     "thread.spread": 1.5e-3,
 }
-#: What is believed of a toe beside its limits. The corner of a toe is hardly seen, and let loose it takes
-#: the slope below it along: 90 % intervals of that slope then held the truth in 63 of 100 simulated
-#: recordings, and in 88 when the corner was believed to be as wide as this.
+#: Prior sds of a toe law. The width of its corner is poorly identifiable and correlated with the slope below
+#: it. Without this prior, 90 % intervals of that slope contained the true value in 63 of 100 simulated
+#: recordings; with it, in 88.
 TOE_SD = {"thread.width": 0.5e-3}
 
-#: Numbers of the rubber tube that muscle.toml states, and that no fit moves unless it gives an sd.
+#: Dimensions of the rubber tube in muscle.toml, which are fixed unless stated with an sd.
 TUBE_SIZES = ("inner_diameter", "thickness", "length")
 
-#: Bore and wall of a rubber tube, as shares of the braid's diameter at rest, where none is stated.
+#: Default inner diameter and wall thickness of the rubber tube, relative to the braid's diameter at rest.
 DEFAULT_BORE_SHARE, DEFAULT_WALL_SHARE = 0.75, 0.08
 
 
@@ -72,7 +72,7 @@ def _guess_stiffness(entry: MuscleToml) -> float:
 
 def list_free_parameters(case: Case, law: str, mechanisms: Sequence[str] = ()) -> list[FreeParameter]:
     """Return the free parameters of a case: those that are stated with an sd, or not stated."""
-    numbers = [
+    parameters = [
         FreeParameter(name, find_meaning(name), m.value, m.sd)
         for name, m in (
             collect_stated_values(case.entry, law) | collect_mechanism_values(case.entry, mechanisms)
@@ -83,19 +83,19 @@ def list_free_parameters(case: Case, law: str, mechanisms: Sequence[str] = ()) -
     if sensors.length_per_setting and sensors.length:
         count = int(find_length_settings(case.recording).max()) + 1
         error = replace(find_meaning(LENGTH_ERROR_PREFIX), low=-8 * sensors.length, high=8 * sensors.length)
-        numbers += [
+        parameters += [
             FreeParameter(f"{LENGTH_ERROR_PREFIX}{k + 1}", error, 0.0, sensors.length) for k in range(count)
         ]
-    return numbers
+    return parameters
 
 
 def collect_mechanism_values(entry: MuscleToml, ids: Sequence[str]) -> dict[str, MeasuredValue]:
     """Return prior or starting values of the mechanisms' parameters, SI."""
-    known = estimate_tube_sizes(entry) | _read_bladder_modulus(entry)
+    stated = estimate_tube_sizes(entry) | _read_bladder_modulus(entry)
     return {
-        name: known[name.rpartition(".")[2]]
+        name: stated[name.rpartition(".")[2]]
         if name.rpartition(".")[2] in TUBE_SIZES
-        else known.get(name, MeasuredValue(_choose_start_value(find_meaning(name), kind, field), math.inf))
+        else stated.get(name, MeasuredValue(_choose_start_value(find_meaning(name), kind, field), math.inf))
         for name, (kind, field) in list_mechanism_parameters(ids).items()
     }
 
@@ -103,17 +103,17 @@ def collect_mechanism_values(entry: MuscleToml, ids: Sequence[str]) -> dict[str,
 def estimate_tube_sizes(entry: MuscleToml) -> dict[str, MeasuredValue]:
     """Return dimensions of the rubber tube and the fittings: stated values, or usual ones for the braid."""
     thread, turns = entry.braid
-    rest = entry.rest_length.value
-    outer = math.sqrt(max(thread**2 - rest**2, 0.0)) / (math.pi * turns)
+    rest_length = entry.rest_length.value
+    outer = math.sqrt(max(thread**2 - rest_length**2, 0.0)) / (math.pi * turns)
     bladder = entry.bladder or Bladder()
     sizes = {
         "inner_diameter": bladder.inner_diameter or MeasuredValue(DEFAULT_BORE_SHARE * outer),
         "thickness": bladder.thickness or MeasuredValue(DEFAULT_WALL_SHARE * outer),
-        "length": MeasuredValue(rest),
+        "length": MeasuredValue(rest_length),
     }
     fitting = entry.fitting_diameter or MeasuredValue(outer, 0.1 * outer)
-    # The threads just touch at rest: sin 2θ B / N, from which a fit finds whether they do.
-    touching = 2 * math.pi * rest * outer / thread
+    # Thread width at which the threads just touch at rest, sin 2θ B / N: the starting value of a fit.
+    touching = 2 * math.pi * rest_length * outer / thread
     sizes["braid_locking.width"] = MeasuredValue(touching, math.inf)
     for ends in ("end_taper", "end_cones"):
         sizes[f"{ends}.radius"] = MeasuredValue(fitting.value / 2, fitting.sd / 2)
@@ -128,11 +128,15 @@ def _read_bladder_modulus(entry: MuscleToml) -> dict[str, MeasuredValue]:
     return {"bladder_elasticity.modulus": MeasuredValue(young.value / 3, young.sd / 3)}
 
 
-def _choose_start_value(about: Meaning, kind: type, field: str) -> float:
+def _choose_start_value(meaning: Meaning, kind: type, field: str) -> float:
     """Return the starting value of a parameter without a stated value: its default, inside its bounds."""
     default = float(getattr(kind(), field))
-    reach = 0.05 * (about.high - about.low)
-    return min(max(default, about.low + reach), about.high - reach) if about.scale == "linear" else default
+    margin = 0.05 * (meaning.high - meaning.low)
+    return (
+        min(max(default, meaning.low + margin), meaning.high - margin)
+        if meaning.scale == "linear"
+        else default
+    )
 
 
 def _has_no_effect(name: str, entry: MuscleToml) -> bool:

@@ -1,4 +1,4 @@
-"""The force channel is late."""
+"""Time delay of the force channel against the other channels."""
 
 from __future__ import annotations
 
@@ -10,33 +10,36 @@ from pamjax.parameter import Scalar, parameter
 
 
 class ChannelLag(AbstractSensor):
-    """A delay: F_recorded(t) = F(t − d), as well as the other samples of the run tell.
+    """A time delay: F_recorded(t) = F(t − d), interpolated between the samples of a run.
 
-        d  lag  s  by how much force is late; negative where the other channels are
+        d  lag  s  delay of the force; negative if the other channels are late
 
-    Samples of other runs are never looked at: before a run begins the force was what it is then.
-    Neutral: d = 0, exactly. What it leaves out: a filter (it is late by its time constant, and rounds
-    corners besides), a lag of diameter. Source: by definition; interpolation as in `History.delay`.
+    Samples of other runs are not used: before the start of a run, the force has its first value.
+    Neutral: d = 0, exactly. What it leaves out: a filter (its delay is its time constant, and it rounds
+    corners), a delay of diameter. Source: by definition; interpolation as in `History.delay`.
     """
 
     id: ClassVar[str] = "channel_lag"
     about: ClassVar[Description] = Description(
-        title="one channel is late against another",
+        title="time delay between force and the other channels",
         equation="F_recorded(t) = F(t - d)",
-        signature="A loop opposite to that of friction when force is late, in proportion to speed and"
-        " pressure, widest at mid-stroke; nothing in a hold, at once.",
-        leaves_out="filters that round corners; a late diameter",
+        signature="If force is late, the loop has the opposite sense of a friction loop. Its width is"
+        " proportional to speed and pressure, and largest at mid-stroke. In a hold the effect disappears"
+        " immediately.",
+        leaves_out="filters that round corners, a delay of diameter",
         confusable=("braid_friction", "viscous_damping", "pressure_drop"),
-        experiment="The same stroke three times as fast; a hold, in which a lag ends at once.",
+        experiment="Repeat the stroke three times as fast. Record a hold, in which the effect of a delay"
+        " disappears immediately.",
         source="by definition",
     )
 
     lag: Scalar = parameter(
-        "s", low=-5.0, high=5.0, neutral=0.0, about="how late the force channel is",
-        source="filters and loggers, a second at most as a rule", default=0.0,
+        "s", low=-5.0, high=5.0, neutral=0.0,
+        about="delay of the force channel; negative if the other channels are late",
+        source="filters and data loggers, usually one second at most", default=0.0,
     )  # fmt: skip
 
-    def read(
+    def to_recorded_outputs(
         self, force: Samples, diameter: Samples, past: Past, history: History
     ) -> tuple[Samples, Samples]:
         return history.delay(force, self.lag), diameter

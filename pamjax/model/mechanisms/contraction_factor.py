@@ -1,4 +1,4 @@
-"""The textbook's factor on contraction, which stands for the ends of a muscle, to compare with the net."""
+"""Empirical factor on the contraction, an alternative to `end_taper` for comparison."""
 
 from __future__ import annotations
 
@@ -13,45 +13,46 @@ from pamjax.parameter import Scalar, parameter
 
 
 class ContractionFactor(AbstractShape):
-    """A muscle that pulls as a cylinder would at k times its contraction (Tondu's k):
+    """A muscle with the force of a cylinder at k times its contraction (Tondu's factor k):
 
         V = V_cyl(Lk) / k,   Lk = L0 − k (L0 − L),      so that F = P (3 Lk² − B²) / (4πN²)
 
-        k − 1  excess  1   by which contraction counts for more
-        L0     length  m   at rest, from which contraction counts
+        k − 1  excess  1   factor minus one
+        L0     length  m   rest length, at which contraction is zero
 
-    To the force it is the same as a gain of the length channel, which is why pamjax has none of those.
-    Threads are loaded with ∂V/∂B, so that force and volume still belong together.
+    Its effect on force is that of a gain of the length channel. The library therefore has no such gain.
+    The thread load is ∂V/∂B, so that force and volume are consistent.
 
-    An alternative to `end_taper`, never beside it. Neutral: k = 1. What it leaves out: why; diameter,
-    which stays a cylinder's; a k that falls with pressure.
+    It is an alternative to `end_taper`; the two are not combined. Neutral: k = 1. What it leaves out: the
+    cause; the diameter, which is that of a cylinder; a k that decreases with pressure.
     Source: Tondu & Lopez, IEEE Control Syst. Mag. 20, 15 (2000); the volume derived here.
     """
 
     id: ClassVar[str] = "contraction_factor"
     about: ClassVar[Description] = Description(
-        title="contraction counted k times, a textbook's stand-in for end_taper",
+        title="empirical factor on the contraction, an alternative to end_taper",
         equation="F = P [3 (L0 - k (L0 - L))^2 - B^2] / (4 pi N^2),   k = 1 + excess",
-        signature="Force is lost in proportion to pressure and to contraction: nothing at rest, most at free"
-        " contraction. Diameter stays that of a cylinder.",
-        leaves_out="what the ends look like; diameter; a factor that depends on pressure",
+        signature="The force loss is proportional to pressure and to contraction: zero at rest length,"
+        " largest at free contraction. The diameter is that of a cylinder.",
+        leaves_out="the shape of the ends, diameter, a factor that depends on pressure",
         confusable=("end_taper", "length_offset", "pressure_gain"),
-        experiment="A gauge block for the length channel; diameter, which a wrong length moves, not k.",
-        source="Tondu & Lopez 2000; the volume that belongs to it derived here",
+        experiment="Check the length channel with a gauge block. Measure the diameter: a length error"
+        " changes it, the factor does not.",
+        source="Tondu & Lopez 2000; the corresponding volume derived here",
     )
 
     excess: Scalar = parameter(
-        "1", low=0.0, high=0.5, neutral=0.0, about="Tondu's factor less one",
+        "1", low=0.0, high=0.5, neutral=0.0, about="Tondu's factor minus one",
         source="factors of 1.0 to 1.3 in the literature", default=0.0,
     )  # fmt: skip
     length: Scalar = parameter(
-        "m", show="mm", low=1e-3, high=20.0, scale="log", about="of the muscle at rest",
-        source="from which contraction is counted", default=0.2,
+        "m", show="mm", low=1e-3, high=20.0, scale="log", about="rest length of the muscle",
+        source="reference length of the contraction", default=0.2,
     )  # fmt: skip
 
     def shape(self, state: State) -> State:
         factor = 1 + self.excess
-        stroked = self.length - factor * (self.length - state.length)
-        counted = braid.volume(stroked, state.thread, state.turns) / factor
-        more = counted - braid.volume(state.length, state.thread, state.turns)
-        return eqx.tree_at(lambda s: s.volume, state, state.volume + more)
+        scaled_length = self.length - factor * (self.length - state.length)
+        scaled_volume = braid.volume(scaled_length, state.thread, state.turns) / factor
+        difference = scaled_volume - braid.volume(state.length, state.thread, state.turns)
+        return eqx.tree_at(lambda s: s.volume, state, state.volume + difference)

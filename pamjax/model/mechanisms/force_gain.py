@@ -1,4 +1,4 @@
-"""The load cell's gain is wrong."""
+"""Gain error of the load cell."""
 
 from __future__ import annotations
 
@@ -10,32 +10,32 @@ from pamjax.parameter import Scalar, parameter
 
 
 class ForceGain(AbstractSensor):
-    """A gain, recorded over true minus one: F_recorded = (1 + g) F.
+    """A relative error of force: F_recorded = (1 + g) F.
 
-        g  gain  1  share by which force reads too large
+        g  gain  1  recorded over true force, minus one
 
-    A pull at an angle a to the axis is one of cos a − 1. Neutral: g = 0. What it leaves out:
-    non-linearity, hysteresis of the cell. Source: by definition.
+    A pull at an angle a to the axis has the gain error cos a − 1. Neutral: g = 0. What it leaves out:
+    non-linearity, hysteresis of the load cell. Source: by definition.
     """
 
     id: ClassVar[str] = "force_gain"
     about: ClassVar[Description] = Description(
-        title="the load cell's gain is wrong",
+        title="gain error of the load cell",
         equation="F_recorded = (1 + g) F",
-        signature="Force is wrong by a share of itself: most at rest and high pressure, nothing at free"
-        " contraction. Diameter is right.",
-        leaves_out="non-linearity and hysteresis of the cell",
+        signature="The force error is proportional to force: largest at rest length and high pressure, zero"
+        " at free contraction. Diameter is not affected.",
+        leaves_out="non-linearity and hysteresis of the load cell",
         confusable=("pressure_gain", "length_offset", "rig_compliance"),
-        experiment="Dead weights on the load cell.",
+        experiment="Calibrate the load cell with dead weights.",
         source="by definition: recorded over true, minus one",
     )
 
     gain: Scalar = parameter(
         "1", show="%", low=-0.3, high=0.3, neutral=0.0, about="recorded over true force, minus one",
-        source="1 % of a cell, more of an amplifier set by hand", default=0.0,
+        source="1 % for a load cell, more for an amplifier that was set by hand", default=0.0,
     )  # fmt: skip
 
-    def read(
+    def to_recorded_outputs(
         self, force: Samples, diameter: Samples, past: Past, history: History
     ) -> tuple[Samples, Samples]:
         return (1 + self.gain) * force, diameter

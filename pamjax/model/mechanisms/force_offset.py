@@ -1,4 +1,4 @@
-"""The load cell's zero is wrong."""
+"""Zero error of the load cell."""
 
 from __future__ import annotations
 
@@ -12,29 +12,30 @@ from pamjax.parameter import Scalar, parameter
 class ForceOffset(AbstractSensor):
     """An offset, recorded minus true: F_recorded = F + f.
 
-        f  offset  N  what an unloaded cell reads
+        f  offset  N  reading of an unloaded load cell
 
-    Weight that hangs on the cell counts as one. Neutral: f = 0. What it leaves out: a zero that wanders.
-    Source: by definition.
+    It includes the weight of parts that hang on the load cell. Neutral: f = 0. What it leaves out: zero
+    drift. Source: by definition.
     """
 
     id: ClassVar[str] = "force_offset"
     about: ClassVar[Description] = Description(
-        title="the load cell's zero is wrong",
+        title="zero error of the load cell",
         equation="F_recorded = F + f",
-        signature="The same newtons everywhere: at every pressure, length and time. Diameter is right.",
-        leaves_out="a zero that wanders with time or temperature",
+        signature="The force error is the same in newtons at every pressure, length and time. Diameter is"
+        " not affected.",
+        leaves_out="a zero that drifts with time or temperature",
         confusable=("force_drift", "bladder_elasticity", "pressure_offset"),
-        experiment="The reading of the unclamped, vented muscle.",
+        experiment="Read the force of the unclamped, vented muscle.",
         source="by definition: recorded minus true",
     )
 
     offset: Scalar = parameter(
         "N", low=-1e3, high=1e3, neutral=0.0, about="recorded minus true force",
-        source="up to some percent of full scale, and dead weights", default=0.0,
+        source="up to some percent of full scale, and the weight of parts on the load cell", default=0.0,
     )  # fmt: skip
 
-    def read(
+    def to_recorded_outputs(
         self, force: Samples, diameter: Samples, past: Past, history: History
     ) -> tuple[Samples, Samples]:
         return force + self.offset, diameter

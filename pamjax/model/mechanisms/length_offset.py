@@ -1,4 +1,4 @@
-"""The length zero is wrong."""
+"""Zero error of the length sensor."""
 
 from __future__ import annotations
 
@@ -12,28 +12,30 @@ from pamjax.parameter import Scalar, parameter
 class LengthOffset(AbstractSensor):
     """An offset, recorded minus true: L = L_recorded − l.
 
-        l  offset  m  by how much the length reads too large
+        l  offset  m  error of the recorded length
 
-    A swage that does not move and was counted in is one. Neutral: l = 0. What it leaves out: a gain of
-    the length channel. Source: by definition.
+    A rigid end piece that the recorded length includes has this effect. Neutral: l = 0. What it leaves out: a
+    gain error of the length channel. Source: by definition.
     """
 
     id: ClassVar[str] = "length_offset"
     about: ClassVar[Description] = Description(
-        title="the length zero is wrong",
+        title="zero error of the length sensor",
         equation="L = L_recorded - l",
-        signature="Force is wrong as pressure times length: little less at free contraction than"
-        " at rest. Diameter is wrong at every pressure alike, most at rest.",
-        leaves_out="a gain of the length channel",
+        signature="The force error is proportional to pressure times length: a little smaller at free"
+        " contraction than at rest length. The diameter error is the same at every pressure, and largest at"
+        " rest length.",
+        leaves_out="a gain error of the length channel",
         confusable=("braid_elasticity", "thread_slip", "pressure_gain", "diameter_offset"),
-        experiment="A gauge block; a pressure ramp at one length, on which threads stretch and a zero stays.",
+        experiment="Check the length with a gauge block. Record a pressure ramp at one length: threads"
+        " stretch, a zero error does not change.",
         source="by definition: recorded minus true",
     )
 
     offset: Scalar = parameter(
         "m", show="mm", low=-0.02, high=0.02, neutral=0.0, about="recorded minus true length",
-        source="0.5 to 2 mm at the fittings, more by ruler", default=0.0,
+        source="0.5 to 2 mm at the fittings, more if measured with a ruler", default=0.0,
     )  # fmt: skip
 
-    def undo(self, pressure: Samples, length: Samples, history: History) -> tuple[Samples, Samples]:
+    def to_true_inputs(self, pressure: Samples, length: Samples, history: History) -> tuple[Samples, Samples]:
         return pressure, length - self.offset

@@ -1,4 +1,4 @@
-"""Threads lengthen for good: bedding-in, and slip at the fittings."""
+"""Permanent lengthening of the threads: bedding-in, and slip at the fittings."""
 
 from __future__ import annotations
 
@@ -8,65 +8,69 @@ import jax
 import jax.numpy as jnp
 
 from pamjax.model import scan
+from pamjax.model.form_error import FormError, list_powers
 from pamjax.model.history import History
 from pamjax.model.mechanism import AbstractSlip, Description, Past, Samples
 from pamjax.parameter import Scalar, parameter
 
 
 class ThreadSlip(AbstractSlip):
-    """Bedding-in under the largest load so far, and one slip at a time of its own.
+    """Bedding-in under the largest load so far, and one slip at a separate time:
 
         B0 (t) = B0 [1 + e (1 − exp(−Tmax/Tc)) + a / (1 + exp(−(t − t0)/w))]
 
-        e     bedding    1   strain once all of the braid is bedded in
-        Tc    load       N   load of all threads together at which 63 % of it is there
+        e     bedding    1   strain after complete bedding-in
+        Tc    load       N   load of all threads together at which 63 % of the bedding-in is complete
         Tmax             N   largest load of all threads so far
-        a     step       1   strain by which the threads slip
-        t0    when       s   middle of that slip
-        w     during     s   its duration: 46 % of it happens from t0 − w to t0 + w
+        a     step       1   strain of the slip
+        t0    when       s   time of the middle of the slip
+        w     during     s   duration: 46 % of the slip occurs from t0 − w to t0 + w
 
-    Permanent and monotone: carried across gaps, unchanged when the pressure is gone. Neutral: e = a = 0.
-    A static map has no order, so that nothing in it is bedded in. What it leaves out: creep, recovery,
-    more than one slip, a loss of turns.
-    Source: rope practice (constructional stretch); derived here in this form.
+    Both are permanent and monotone. They continue across gaps, and remain when the pressure is released.
+    Neutral: e = a = 0. The samples of a static map have no order, so that a static map has no bedding-in.
+    What it leaves out: creep, recovery, more than one slip, a loss of turns.
+    Source: constructional stretch of ropes; derived here in this form.
     """
 
     id: ClassVar[str] = "thread_slip"
     about: ClassVar[Description] = Description(
-        title="threads lengthen for good",
+        title="permanent elongation of the threads",
         equation="B0(t) = B0 [1 + e (1 - exp(-Tmax/Tc)) + a / (1 + exp(-(t - t0)/w))]",
-        signature="Force is lost and diameter gained at new highest loads, or at one time, for good; the loss"
-        " is in proportion to pressure and the same at every length.",
-        leaves_out="creep and recovery; more than one slip",
+        signature="Force decreases and diameter increases permanently, at each new maximum of the load or at"
+        " one time. The force loss is proportional to pressure, and the same at every length.",
+        leaves_out="creep, recovery, more than one slip",
         confusable=("thread_crimp", "braid_elasticity", "mullins_softening", "force_drift"),
-        experiment="Repeat the lowest isobar at the end: a slip is still there. Take the isobars in falling"
-        " order: bedding-in happens in the first stroke only.",
+        experiment="Repeat the lowest isobar at the end: the effect of a slip remains. Record the isobars in"
+        " descending order of pressure: bedding-in occurs in the first stroke only.",
         source="derived here; constructional stretch of ropes",
     )
+    form_error: ClassVar[FormError] = FormError((*list_powers("time", 8), "pressure", "length"))
 
     bedding: Scalar = parameter(
-        "1", show="%", low=0.0, high=0.03, neutral=0.0, about="strain once the braid is bedded in",
+        "1", show="%", low=0.0, high=0.03, neutral=0.0, about="strain after complete bedding-in",
         source="0.05 to 0.5 % for aramid braid, some percent for ropes", default=0.0,
     )  # fmt: skip
     load: Scalar = parameter(
-        "N", low=1.0, high=1e5, scale="log", about="load of all threads at which 63 % of it is bedded in",
-        source="a twentieth of the breaking load to all of the working load", default=500.0,
+        "N", low=1.0, high=1e5, scale="log",
+        about="load of all threads at which 63 % of the bedding-in is complete",
+        source="from a twentieth of the breaking load to the full working load", default=500.0,
     )  # fmt: skip
     step: Scalar = parameter(
-        "1", show="%", low=0.0, high=0.03, neutral=0.0, about="strain by which the threads slip at a time",
-        source="0 to 2 mm at a fitting before it fails, of threads of 0.1 to 1 m", default=0.0,
+        "1", show="%", low=0.0, high=0.03, neutral=0.0, about="strain of the slip",
+        source="0 to 2 mm at a fitting before it fails, for threads of 0.1 to 1 m", default=0.0,
     )  # fmt: skip
     when: Scalar = parameter(
-        "s", low=0.0, high=1e6, about="time of that slip", source="within the recording", default=60.0
+        "s", low=0.0, high=1e6, about="time of the middle of the slip", source="within the recording",
+        default=60.0,
     )  # fmt: skip
     during: Scalar = parameter(
-        "s", low=0.05, high=1e5, scale="log", about="duration of that slip",
+        "s", low=0.05, high=1e5, scale="log", about="duration of the slip",
         source="from stick-slip to most of a recording", default=2.0,
     )  # fmt: skip
 
     def extension(self, history: History, past: Past) -> Samples:
-        most = scan.running_max(past.load, history.restart)
-        bedded = -self.bedding * jnp.expm1(-most / self.load)
-        slipped = self.step * jax.nn.sigmoid((history.time - self.when) / self.during)
-        ordered = history.time[-1] > history.time[0]
-        return jnp.where(ordered, bedded + slipped, 0.0)
+        largest_load = scan.running_max(past.load, history.restart)
+        bedding_strain = -self.bedding * jnp.expm1(-largest_load / self.load)
+        slip_strain = self.step * jax.nn.sigmoid((history.time - self.when) / self.during)
+        has_time = history.time[-1] > history.time[0]
+        return jnp.where(has_time, bedding_strain + slip_strain, 0.0)

@@ -12,9 +12,9 @@ from pamjax.channels import DISPLAY_UNIT
 from pamjax.records.recording import Recording
 from pamjax.units import format_quantity
 
-#: Readings alike one after another, rows and share of all of them, from which on a channel stands still.
+#: Minimum length of a sequence of equal readings of a stuck sensor: rows, and share of all measured rows.
 MIN_STUCK_ROWS, MIN_STUCK_SHARE = 20, 0.1
-#: Shares of its range, and of its largest value, through which pressure or length goes if the muscle moves.
+#: Minimum change of pressure or length if the muscle moves, as a share of its range and of its maximum.
 MIN_MOVED_RANGE_SHARE, MIN_MOVED_VALUE_SHARE = 0.2, 0.01
 
 
@@ -29,43 +29,43 @@ def find_stuck_sensors(recording: Recording, file: str) -> list[str]:
         file: name of the CSV file.
     """
     sentences = []
-    moved_by = {
+    drivers_by_channel = {
         "force": (recording.pressure, recording.length),
         "diameter": (recording.length,),
     }
-    for name, movers in moved_by.items():
+    for name, drivers in drivers_by_channel.items():
         if name not in recording.channels:
             continue
         values = getattr(recording, name)
         first, last = _find_longest_run(recording, values)
-        enough = max(MIN_STUCK_ROWS, MIN_STUCK_SHARE * np.isfinite(values).sum())
-        if last - first >= enough and any(_is_moving(channel, first, last) for channel in movers):
-            rows = f"rows {recording.row[first]} to {recording.row[last - 1]}"
+        min_rows = max(MIN_STUCK_ROWS, MIN_STUCK_SHARE * np.isfinite(values).sum())
+        if last - first >= min_rows and any(_is_moving(channel, first, last) for channel in drivers):
+            reading = format_quantity(values[first], DISPLAY_UNIT[name])
+            rows = f"rows {recording.row[first]} to {recording.row[last - 1]} of {file}"
             sentences.append(
-                f"`{name}` reads {format_quantity(values[first], DISPLAY_UNIT[name])} in {rows} of"
-                f" {file}, while the"
-                " muscle is moved. Blank it there if its sensor was stuck, at its limit, or not read."
+                f"`{name}` is constant at {reading} in {rows}, while the muscle moves."
+                " If its sensor was stuck, at its limit or not read, clear these cells."
             )
     return sentences
 
 
 def _find_longest_run(recording: Recording, values: np.ndarray) -> tuple[int, int]:
     """Return first row and end of the longest sequence of equal readings in a continuous part."""
-    read = np.isfinite(values) & (values != 0)
-    new = np.r_[True, values[1:] != values[:-1]] | ~read | recording.starts
-    bounds = np.r_[np.flatnonzero(new), values.size]
-    lengths = np.where(read[bounds[:-1]], np.diff(bounds), 0)
+    is_checked = np.isfinite(values) & (values != 0)
+    is_new = np.r_[True, values[1:] != values[:-1]] | ~is_checked | recording.starts
+    bounds = np.r_[np.flatnonzero(is_new), values.size]
+    lengths = np.where(is_checked[bounds[:-1]], np.diff(bounds), 0)
     k = int(np.argmax(lengths))
     return int(bounds[k]), int(bounds[k] + lengths[k])
 
 
 def _is_moving(channel: np.ndarray, first: int, last: int) -> bool:
-    least = max(
+    min_change = max(
         MIN_MOVED_RANGE_SHARE * _compute_range(channel), MIN_MOVED_VALUE_SHARE * float(np.nanmax(channel))
     )
-    return _compute_range(channel[first:last]) > least
+    return _compute_range(channel[first:last]) > min_change
 
 
 def _compute_range(values: np.ndarray) -> float:
-    read = values[np.isfinite(values)]
-    return float(np.ptp(read)) if read.size else 0.0
+    measured = values[np.isfinite(values)]
+    return float(np.ptp(measured)) if measured.size else 0.0

@@ -11,11 +11,11 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from pamjax.errors import BadInput, refuse, suggest_word
 from pamjax.records.files import decode_text, read_bytes
-from pamjax.records.reading import toml_errors as wrong
+from pamjax.records.reading import toml_errors
 from pamjax.records.reading.header import COLUMN_KINDS, split_title
 from pamjax.units import parse_quantity, parse_unit
 
-#: Ways to read an entry, which stand among the names of entries where something is wrong.
+#: Names of pydantic's readers, which occur in the location of an error.
 READER_NAME_PATTERN = re.compile(r"function-.*|str|int|constrained-int|list\[.*|dict\[.*")
 
 
@@ -105,7 +105,7 @@ class TestTable(_ImportTable):
         length, pressure: the setting, if there is no such column.
     """
 
-    __test__ = False  # no test of ours
+    __test__ = False  # pytest must not collect this class
     file: str | list[str] | dict[str, str]
     length: str = ""
     pressure: str = ""
@@ -136,9 +136,7 @@ class ImportSpec(_ImportTable):
     def _check_columns(self) -> ImportSpec:
         for name in self.columns:
             if name not in COLUMN_KINDS:
-                raise refuse(
-                    f"`{name}` is no column of a recording", "", "[columns]", suggest_word(name, COLUMN_KINDS)
-                )
+                raise refuse(f"unknown channel `{name}`", "", "[columns]", suggest_word(name, COLUMN_KINDS))
         for k, test in enumerate(self.tests, 1):
             _check_test(self, test, k)
         return self
@@ -149,23 +147,25 @@ def _check_test(spec: ImportSpec, test: TestTable, k: int) -> None:
     for name in ("pressure", "length"):
         sources = bool(getattr(test, name)), name in spec.columns
         if all(sources):
-            raise refuse(f"`{name}` must be a column or stated for the test", "both", where, "Keep one.")
+            raise refuse(f"`{name}` must be a column or stated for the test", "both", where, "Remove one.")
         if not any(sources):
             remedy = f'Add it to [columns], or state it for the test: {name} = "...".'
             raise refuse(f"`{name}` must be a column or stated for the test", "neither", where, remedy)
     if isinstance(test.file, dict):
-        wanted = set(spec.columns) - {"time"}
-        if set(test.file) != wanted:
+        channels = set(spec.columns) - {"time"}
+        if set(test.file) != channels:
             got = ", ".join(f"`{name}`" for name in test.file) or "none"
-            rule = "`file` must name a file for each channel: " + ", ".join(f"`{n}`" for n in sorted(wanted))
-            raise refuse(rule, got, where)
+            rule = "`file` must state a file for each channel: " + ", ".join(
+                f"`{n}`" for n in sorted(channels)
+            )
+            raise refuse(rule, got, where, "Add or remove channels of `file`.")
 
 
 def read_import_spec(path: str | Path) -> ImportSpec:
     """Read an import specification.
 
     Raises:
-        BadInput: if the file is missing or not TOML, or if an entry is unknown or wrong.
+        BadInput: if the file is missing or not TOML, or if an entry is unknown or invalid.
     """
     path = Path(path)
     try:
@@ -181,23 +181,23 @@ def read_import_spec(path: str | Path) -> ImportSpec:
 def _translate_error(error: ValidationError, file: str) -> BadInput:
     """Return the first error of pydantic as a message of this package."""
     first = error.errors()[0]
-    own = first.get("ctx", {}).get("error")
-    if isinstance(own, BadInput):
-        return BadInput(f"{file}: {own}")
-    # Beside names, a place has numbers of lists and ways in which the library tried to read it.
+    own_error = first.get("ctx", {}).get("error")
+    if isinstance(own_error, BadInput):
+        return BadInput(f"{file}: {own_error}")
+    # The location also has list indices and the names of pydantic's readers.
     path = [p for p in first["loc"] if isinstance(p, str) and not READER_NAME_PATTERN.fullmatch(p)]
     key = path[-1]
     table = {"tests": "[[tests]]"}.get(path[0], f"[{path[0]}]")
     where = f"{table} of {file}" if len(path) > 1 else file
     if first["type"] == "missing":
-        remedy = "It says " + {
-            "muscle": "which muscle.toml goes into the case.",
-            "columns": "which column is which.",
-            "tests": "which files there are.",
-            "end": "how long the tare takes.",
-            "column": "which column of the file it is.",
-            "file": "where the test was written to.",
-        }.get(key, "what cannot be guessed.")
+        remedy = "Write " + {
+            "muscle": "the path of the muscle.toml for the case.",
+            "columns": "the column of each channel.",
+            "tests": "the files of the tests.",
+            "end": "the end of the tare interval.",
+            "column": "the header or the number of the column.",
+            "file": "the file of the test.",
+        }.get(key, "its value: it has no default.")
         return refuse(f"`{key}` must be stated", "", where, remedy)
     if first["type"] == "extra_forbidden":
         table_class = {
@@ -207,5 +207,5 @@ def _translate_error(error: ValidationError, file: str) -> BadInput:
             "columns": ChannelEntry,
         }.get(path[0], ImportSpec)
         known = (ImportSpec if len(path) == 1 else table_class).model_fields
-        return refuse(f"`{key}` is no entry", "", where, suggest_word(key, known))
-    return refuse(wrong.format_rule(first, key), wrong.format_input(first), where)
+        return refuse(f"unknown entry `{key}`", "", where, suggest_word(key, known))
+    return refuse(toml_errors.format_rule(first, key), toml_errors.format_input(first), where)

@@ -24,7 +24,7 @@ from pamjax.records.recording import Recording
 from pamjax.records.writing.case_folder import write_case
 from pamjax.units import format_count, format_quantity, parse_quantity
 
-#: The order in which channels are looked for; the first that a test has gives the clock.
+#: Order in which channels are read; the file of the first one determines the time of a test.
 CHANNEL_ORDER = ("force", "pressure", "length", "diameter", "cycle")
 
 
@@ -51,7 +51,7 @@ class ImportResult:
         ]
         for name, (low, high, true) in self.tare.items():
             low, high, true = (format_quantity(value, DISPLAY_UNIT[name]) for value in (low, high, true))
-            lines.append(f"  tare: {name} read {low} to {high} where it is {true}")
+            lines.append(f"  tare: {name} reading {low} to {high}, true value {true}")
         recording = self.case.recording
         for name in recording.channels:
             if blank := int(np.isnan(getattr(recording, name)).sum()):
@@ -83,7 +83,7 @@ def import_case(rig: str | Path, folder: str | Path) -> ImportResult:
     rig, folder = Path(rig), Path(folder)
     spec, base_folder = read_import_spec(rig), rig.absolute().parent
     if not (base_folder / spec.muscle).is_file():
-        remedy = "`pamjax new` makes one to fill in."
+        remedy = "Check the path, or create one with `pamjax new`."
         raise refuse("`muscle` must be the path of a muscle.toml", spec.muscle, rig.name, remedy)
     muscle = read_bytes(base_folder / spec.muscle)
     read_muscle_toml(muscle, Path(spec.muscle).name)
@@ -91,15 +91,13 @@ def import_case(rig: str | Path, folder: str | Path) -> ImportResult:
     pieces, tare_readings = zip(*(_read_test(spec, files, test) for files, test in tests), strict=True)
     recording = _join_tests(pieces, spec)
     text = decode_text(muscle, Path(spec.muscle).name)
-    # What cannot be used is not written: read it where nobody sees it first.
+    # An invalid case is not written: read it first in a temporary folder.
     with TemporaryDirectory() as trial_folder:
         write_case(Path(trial_folder) / "case", recording, text)
         try:
             read_case(Path(trial_folder) / "case")
         except BadInput as error:
-            raise BadInput(
-                f"the case that {rig.name} makes cannot be used, and was not written: {error}"
-            ) from error
+            raise BadInput(f"the case of {rig.name} is invalid and was not written: {error}") from error
     write_case(folder, recording, text)
     names = tuple(" + ".join(dict.fromkeys(path.name for path in files.values())) for files, _ in tests)
     samples = sum(len(piece["pressure"]) for piece in pieces)
@@ -125,8 +123,9 @@ def _find_files(test: TestTable, base_folder: Path) -> list[dict[str, Path]]:
     }
     counts = {len(paths) for paths in matches.values()}
     if len(counts) > 1:
-        got = " and ".join(f"{len(paths)} of {channel}" for channel, paths in matches.items())
-        raise refuse("the patterns of a test must match as many files for each channel", got)
+        got = " and ".join(f"{len(paths)} for {channel}" for channel, paths in matches.items())
+        rule = "the patterns of a test must match the same number of files for each channel"
+        raise refuse(rule, got, remedy="Check the patterns in [[tests]].")
     return [dict(zip(matches, paths, strict=True)) for paths in zip(*matches.values(), strict=True)]
 
 
@@ -135,14 +134,14 @@ def _match_patterns(patterns: str | list[str], base_folder: Path) -> list[Path]:
     for pattern in [patterns] if isinstance(patterns, str) else patterns:
         paths = glob.glob(os.path.join(glob.escape(str(base_folder)), pattern))
         if not paths:
-            got = f"nothing that is called {pattern}"
-            raise refuse("each test needs a file", got, f"{base_folder}", "Check its name.")
+            got = f"no match for {pattern}"
+            raise refuse("each test needs a file", got, f"{base_folder}", "Check `file` in [[tests]].")
         files += sorted(paths, key=_build_sort_key)
     return [Path(path) for path in files]
 
 
 def _build_sort_key(text: str) -> list:
-    """Return a sort key that puts test 10 after test 9."""
+    """Return a sort key of natural order: test 10 after test 9."""
     return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", text)]
 
 
@@ -157,13 +156,14 @@ def _read_test(
         file = opened.get(name) or opened[""]
         values, time = _read_channel(spec, name, file), _read_clock(spec, file)
         clock = time if clock is None else clock
-        others = len(next(iter(columns.values()), values)) if clock is None else len(values)
-        if len(values) != (others if time is None else len(time)):
-            remedy = "Name the column of `time`, or state the `rate` in [files]."
-            rule = "channels of a test must be as long as each other and their clock"
+        first_channel = next(iter(columns.values()), values)
+        row_count = len(first_channel) if clock is None else len(values)
+        if len(values) != (row_count if time is None else len(time)):
+            remedy = "State the column of `time`, or the `rate` in [files]."
+            rule = "a channel must have as many rows as its `time`, or without `time` as the other channels"
             raise refuse(rule, f"{len(values)} rows of `{name}`", file.name, remedy)
         if time is not None and clock is not None and time is not clock:
-            # Beyond its own file a channel was not measured.
+            # Outside the time of its own file, a channel was not measured.
             values = np.interp(clock, time, values, left=np.nan, right=np.nan)
         columns[name] = values
     n = len(next(iter(columns.values())))
@@ -184,11 +184,12 @@ def _read_clock(spec: ImportSpec, file: RigFile) -> np.ndarray | None:
     """Return the time, (n,) s, from the file's column or the sampling rate; None for a static map."""
     if "time" in spec.columns:
         time = _read_channel(spec, "time", file)
-        back = np.flatnonzero(~(np.diff(time) >= 0))
-        if back.size or not np.isfinite(time).all():
-            bad = int(back[0]) + 1 if back.size else int(np.argmin(np.isfinite(time)))
-            remedy = "One file is one test: cut it where the clock begins anew."
-            raise refuse("`time` must not run back", f"{time[bad]:g} s", file.locate_row(bad), remedy)
+        decreases = np.flatnonzero(~(np.diff(time) >= 0))
+        if decreases.size or not np.isfinite(time).all():
+            bad_row = int(decreases[0]) + 1 if decreases.size else int(np.argmin(np.isfinite(time)))
+            remedy = "A file must contain one test: split it where the time restarts."
+            rule = "`time` must be finite and must not decrease"
+            raise refuse(rule, f"{time[bad_row]:g} s", file.locate_row(bad_row), remedy)
         return time
     if not spec.files.rate:
         return None
@@ -206,22 +207,26 @@ def _subtract_tare(
     if spec.tare is None:
         return columns, {}
     if "time" not in columns:
-        raise refuse("[tare] needs a clock", "none", file, "Name the column of `time`, or state the `rate`.")
+        remedy = "State the column of `time`, or the `rate` in [files]."
+        raise refuse("[tare] needs the time of each row", "none", file, remedy)
     start, end = spec.tare.parse_span()
     inside = (columns["time"] >= start) & (columns["time"] <= end)
     if not inside.any():
-        raise refuse("[tare] must hold samples of each test", f"none from {start:g} to {end:g} s", file)
+        rule = "each test must have samples in the interval of [tare]"
+        raise refuse(rule, f"none from {start:g} to {end:g} s", file, "Check `start` and `end`.")
     tare_readings: dict[str, float] = {}
     for name, true in spec.tare.parse_true_values().items():
         if name not in columns:
-            raise refuse(f"[tare] `{name}` must be a column", "none", "[columns]")
+            rule = f"`{name}` of [tare] must be a column"
+            raise refuse(rule, "none", "[columns]", "Add it there, or remove it from [tare].")
         tare_readings[name] = float(np.nanmedian(columns[name][inside]))
         columns[name] = columns[name] - tare_readings[name] + true
-    # A tare without duration is read, but takes no time off the test.
+    # A tare interval of zero length removes no row.
     if not spec.tare.cut or end == start:
         return columns, tare_readings
     if inside.all():
-        raise refuse("a test must go on after its [tare]", f"{columns['time'][-1]:g} s in all", file)
+        got = f"{columns['time'][-1]:g} s in total"
+        raise refuse("a test must be longer than its [tare]", got, file, "Check `end` of [tare].")
     return {name: values[~inside] for name, values in columns.items()}, tare_readings
 
 
@@ -241,9 +246,8 @@ def _join_tests(pieces: Sequence[dict[str, np.ndarray]], spec: ImportSpec) -> Re
     if spec.median:
         block = parse_quantity(spec.median, "time", "`median`")
         if not timed or block <= 0:
-            raise refuse(
-                "`median` needs a clock and a time above zero", spec.median, "", "State `rate` in [files]."
-            )
+            rule = "`median` must be a positive duration, and each row needs a time"
+            raise refuse(rule, spec.median, "", "State the column of `time`, or the `rate` in [files].")
         pieces = [_thin_columns(piece, block) for piece in pieces]
     start_time = 0.0
     for number, piece in enumerate(pieces, 1):

@@ -33,7 +33,7 @@ class RigFile:
 
     def __init__(self, path: Path, file_format: FilesTable) -> None:
         self.name = path.name
-        #: Lines above the first row of numbers; a row of a MAT file is counted from 1.
+        #: Number of lines above the first row of numbers; the rows of a MAT file count from 1.
         self.lines_above = 0
         raw = read_bytes(path)
         if path.suffix.lower() == ".mat":
@@ -52,7 +52,8 @@ class RigFile:
             names = list(self._columns)
             if column > len(names):
                 rule = f"{self.name} must have a column {column}"
-                raise refuse(rule, f"{len(names)}", remedy="Columns count from 1; check `separator`.")
+                got = f"{len(names)} columns"
+                raise refuse(rule, got, remedy="Columns count from 1. Check `separator` in [files].")
             return self._parse_cells(self._columns[names[column - 1]], f"{column}")
         plain = {split_title(name)[0]: name for name in self._columns}
         header = column if column in self._columns else plain.get(column, "")
@@ -72,23 +73,23 @@ class RigFile:
         if isinstance(cells, np.ndarray) and cells.dtype.kind in "biuf":
             return cells.astype(float)
         text = np.array(["" if pd.isna(cell) else str(cell).strip() for cell in cells])
-        wrong = [i for i, cell in enumerate(text) if cell and not _CELL_PATTERN.fullmatch(cell)]
-        if wrong:
+        invalid = [i for i, cell in enumerate(text) if cell and not _CELL_PATTERN.fullmatch(cell)]
+        if invalid:
             remedy = "Check `skip`, `header` and `decimal` in [files]."
-            rule = f"column {column} must hold numbers or blanks"
-            raise refuse(rule, f"'{text[wrong[0]]}'", self.locate_row(wrong[0]), remedy)
+            rule = f"column {column} must contain only numbers or blanks"
+            raise refuse(rule, f"'{text[invalid[0]]}'", self.locate_row(invalid[0]), remedy)
         return np.where(text == "", "nan", text).astype(float)
 
 
 def _read_csv(text: str, file_format: FilesTable, file: str) -> dict[str, Any]:
-    # The lines above the table may have any marks in them.
+    # The lines above the table may contain any characters.
     lines = ["\n" if k < file_format.skip else line for k, line in enumerate(lines_of(text))]
     mark = " " if file_format.separator == "space" else SEPARATORS[file_format.separator]
     header = "".join(lines[file_format.skip : file_format.skip + file_format.header])
     check_quotes(lines, file, mark, header, skip_spaces=True)
     try:
         with warnings.catch_warnings():
-            # Cells beyond the header's, unless all of them are blank.
+            # More cells than in the header, unless the additional cells are blank.
             warnings.simplefilter("error", pd.errors.ParserWarning)
             table = pd.read_csv(
                 io.StringIO("".join(lines)),
@@ -113,7 +114,7 @@ def _read_csv(text: str, file_format: FilesTable, file: str) -> dict[str, Any]:
         table = table.iloc[:-1]
     if not len(table):
         raise refuse(
-            f"{file} must hold rows of numbers", "none", remedy="Check `skip` and `header` in [files]."
+            f"{file} must contain rows of numbers", "none", remedy="Check `skip` and `header` in [files]."
         )
     return {str(name).strip(): table[name].to_numpy() for name in table.columns}
 
@@ -136,13 +137,15 @@ def _read_mat(raw: bytes, matrix: str, file: str) -> dict[str, Any]:
     try:
         arrays = dict(_iterate_arrays(_load_variables(raw)))
     except (ValueError, OSError, TypeError) as error:
-        raise refuse(f"{file} must be a MAT file", str(error).rstrip("."), remedy="Save it anew.") from error
+        raise refuse(
+            f"{file} must be a MAT file", str(error).rstrip("."), remedy="Save it again in MATLAB."
+        ) from error
     if not matrix:
         return {name: values.ravel() for name, values in arrays.items() if values.size == max(values.shape)}
     if matrix not in arrays:
         raise refuse(f"{file} must have a variable `{matrix}`", "none", remedy=suggest_word(matrix, arrays))
     table = np.atleast_2d(arrays[matrix])
-    if table.shape[0] < table.shape[1]:  # a row a sample, however it was saved
+    if table.shape[0] < table.shape[1]:  # one row per sample, also for a transposed matrix
         table = table.T
     return {str(k): column for k, column in enumerate(table.T, 1)}
 

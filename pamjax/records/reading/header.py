@@ -14,14 +14,14 @@ from pamjax.units import parse_unit, suggest_units
 #: Kind of quantity of each column.
 COLUMN_KINDS = {c.name: c.kind for c in CHANNEL_BY_NAME.values()}
 
-#: Header of each column when nobody mapped it, for error texts.
+#: Default header of each column, for error messages.
 USUAL_HEADERS = {c.name: c.header for c in CHANNEL_BY_NAME.values()}
 
-#: Units that say "gauge" aloud; a recording's pressure is gauge pressure anyway.
+#: Names of units that state gauge pressure; the pressure of a recording is always gauge pressure.
 GAUGE_UNITS = {"psig": "psi", "barg": "bar", "kPag": "kPa", "MPag": "MPa"}
 ABSOLUTE_UNITS = {"psia": "psi", "bara": "bar", "kPaa": "kPa", "kPa(a)": "kPa"}
 
-#: Ways to write that a count has no unit.
+#: Units that mean a dimensionless count.
 NO_UNIT_MARKS = ("", "1", "-", "#")
 
 _TITLE_PATTERN = re.compile(r"^\s*(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))\s*$")
@@ -75,9 +75,8 @@ def find_columns(
             continue
         if name in columns:
             got = f"`{columns[name].header}` and `{title}`"
-            raise refuse(
-                f"`{name}` must be one column", got, file, "Keep one, or map the right one in [columns]."
-            )
+            remedy = "Remove one, or map the correct one in [columns] of muscle.toml."
+            raise refuse(f"only one column can be `{name}`", got, file, remedy)
         columns[name] = _build_column(name, title, index, file)
     _check_required(columns, titles, file, fixed_length)
     return columns, [
@@ -88,25 +87,29 @@ def find_columns(
 def _match_names(titles: Sequence[str], mapping: Mapping[str, str], file: str) -> list[str | None]:
     """Return the channel of each header cell, or None; a mapped header replaces the default one."""
     names: list[str | None] = [None] * len(titles)
-    for name, wanted in mapping.items():
+    for name, mapped_header in mapping.items():
         if name not in COLUMN_KINDS:
             raise refuse(
-                f"`{name}` is no column of a recording",
+                f"unknown channel `{name}`",
                 where="[columns]",
                 remedy=suggest_word(name, COLUMN_KINDS),
             )
-        hits = [i for i, title in enumerate(titles) if wanted.strip() in (title, split_title(title)[0])]
-        if not hits:
+        matches = [
+            i for i, title in enumerate(titles) if mapped_header.strip() in (title, split_title(title)[0])
+        ]
+        if not matches:
             rule = f"`[columns] {name}` must be a header of {file}"
             raise refuse(
-                rule, f"`{wanted}`", remedy=suggest_word(wanted, [title for title in titles if title])
+                rule,
+                f"`{mapped_header}`",
+                remedy=suggest_word(mapped_header, [title for title in titles if title]),
             )
-        for i in hits:
+        for i in matches:
             names[i] = name
     for i, title in enumerate(titles):
-        usual = split_title(title)[0].lower()
-        if names[i] is None and usual in COLUMN_KINDS and usual not in mapping:
-            names[i] = usual
+        plain_name = split_title(title)[0].lower()
+        if names[i] is None and plain_name in COLUMN_KINDS and plain_name not in mapping:
+            names[i] = plain_name
     return names
 
 
@@ -117,14 +120,14 @@ def _build_column(name: str, title: str, index: int, file: str) -> Column:
     if kind == "count":
         if unit not in (None, *NO_UNIT_MARKS):
             raise refuse(
-                f"`{name}` is a whole number without a unit", f"{unit!r}", where, "Leave the unit out."
+                f"`{name}` must be a whole number without a unit", f"{unit!r}", where, "Remove the unit."
             )
         return Column(name, title, index, "1", 1.0)
     if not unit:
         remedy = f"Write it as `{split_title(title)[0]} [unit]`, with a unit such as {suggest_units(kind)}."
         raise refuse(f"the header of `{name}` must state its unit", f"`{title}`", file, remedy)
     if unit in ABSOLUTE_UNITS and name == "pressure":
-        remedy = "Subtract the atmosphere's and write the unit without the `a`."
+        remedy = "Subtract the atmospheric pressure, and write the unit without the `a`."
         raise refuse("`pressure` must be gauge pressure", f"{unit!r}", where, remedy)
     unit = GAUGE_UNITS.get(unit, unit)
     return Column(name, title, index, unit, parse_unit(unit, kind, where))
@@ -137,27 +140,27 @@ def _check_required(
         raise _build_missing_error("pressure", titles, file)
     if "length" not in columns and not fixed_length:
         raise _build_missing_error(
-            "length", titles, file, " For one fixed length, state `length` in [muscle] of muscle.toml."
+            "length", titles, file, " For a fixed length, state `length` in [muscle] of muscle.toml."
         )
     if "force" not in columns and "diameter" not in columns:
-        raise _build_missing_error("force", titles, file, " A recording has force, diameter, or both.")
+        raise _build_missing_error("force", titles, file, " A recording must have force, diameter, or both.")
 
 
-def _build_missing_error(name: str, titles: Sequence[str], file: str, more: str = "") -> BadInput:
+def _build_missing_error(name: str, titles: Sequence[str], file: str, hint: str = "") -> BadInput:
     guess = _guess_header(name, titles)
-    remedy = f'Is it `{guess}`? Then map it in muscle.toml: [columns] {name} = "{guess}".' if guess else ""
-    remedy = remedy or f"Rename its header, or map it in muscle.toml under [columns] as `{name}`."
+    remedy = f'If it is `{guess}`, map it in muscle.toml: [columns] {name} = "{guess}".' if guess else ""
+    remedy = remedy or f"Rename its header, or map it as `{name}` in [columns] of muscle.toml."
     listed = ", ".join(f"`{title}`" for title in titles if title)
-    return refuse(f"a recording must have a column `{USUAL_HEADERS[name]}`", listed, file, remedy + more)
+    return refuse(f"a recording must have a column `{USUAL_HEADERS[name]}`", listed, file, remedy + hint)
 
 
 def _guess_header(name: str, titles: Sequence[str]) -> str | None:
     """Return the header with the most similar name, or else one with a unit of the channel's kind."""
     others = {split_title(title)[0].lower(): title for title in titles}
     others = {plain: title for plain, title in others.items() if plain not in COLUMN_KINDS}
-    close = difflib.get_close_matches(name, others, n=1, cutoff=0.6)
-    if close:
-        return others[close[0]]
+    matches = difflib.get_close_matches(name, others, n=1, cutoff=0.6)
+    if matches:
+        return others[matches[0]]
     return next((title for title in others.values() if _has_unit_of_kind(title, COLUMN_KINDS[name])), None)
 
 

@@ -172,7 +172,7 @@ def _build_braid_error(stated_names: list[str], file: str) -> BadInput:
     rule = "[muscle] must state the braid as `thread_length` and `turns`, or as `braid_angle` and `diameter`"
     got = " and ".join(f"`{name}`" for name in stated_names) or "neither"
     remedy = (
-        "Remove one pair: each follows from the other." if len(stated_names) > 2 else "Add what is missing."
+        "Remove one pair; the other one is sufficient." if len(stated_names) > 2 else "Add the missing entry."
     )
     if len(stated_names) == 2:
         remedy = "Complete one pair and remove the other."
@@ -183,11 +183,11 @@ def _check_stiffness(muscle: MuscleTable, thread: ThreadTable, file: str) -> Non
     if thread.modulus is None:
         return
     if thread.stiffness is not None:
-        remedy = "Keep one: the stiffness is threads x area x modulus."
+        remedy = "Remove one: the stiffness is threads x area x modulus."
         raise refuse("[thread] must state `modulus` or `stiffness`", "both", file, remedy)
     missing = [n for n in ("threads", "thread_area") if getattr(muscle, n) is None]
     if missing:
         rule = "`modulus` needs `threads` and `thread_area` in [muscle]"
         got = "no " + " and no ".join(f"`{name}`" for name in missing)
-        remedy = 'Add what is missing, or state that of all threads together: [thread] stiffness = "1.4 MN".'
+        remedy = 'Add them, or state the stiffness of all threads together: [thread] stiffness = "1.4 MN".'
         raise refuse(rule, got, file, remedy)

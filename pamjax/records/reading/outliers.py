@@ -23,17 +23,17 @@ from pamjax.channels import DISPLAY_UNIT
 from pamjax.records.recording import Outlier, Recording
 from pamjax.units import format_quantity
 
-#: Share of the channel's range.
+#: Minimum size of a spike, as a share of the channel's range.
 MIN_SPIKE_RANGE_SHARE = 0.25
-#: Multiple of the step that nine in ten are below: a stroke of four samples turns by whole steps.
+#: Minimum size of a spike, as a multiple of the 90 % quantile of the steps; a coarse stroke has large steps.
 MIN_SPIKE_STEPS = 5.0
-#: Multiple of the channel's range.
+#: Minimum distance of a value outside the middle 80 %, as a multiple of their range.
 MIN_OUTSIDE_RANGES = 4.0
-#: Samples: a transmission garbles a few, a rig that really went there stays longer.
+#: Maximum number of consecutive outliers: transmission errors are short, real states of the rig last longer.
 MAX_OUTLIER_RUN = 3
-#: More outlying cells than this share are no accident, and are left for the user and the noise model.
+#: Maximum share of outliers: with more of them, all cells are kept for the user and the noise model.
 MAX_OUTLIER_SHARE = 0.02
-#: Fewer cells than this have no range to speak of.
+#: Minimum number of measured cells for a range.
 MIN_CELLS_FOR_RANGE = 8
 
 
@@ -80,7 +80,7 @@ def find_outliers(channel: np.ndarray, run: np.ndarray, ordered: bool, unit: str
         return {}
     x = channel[measured]
     low, high = np.quantile(x, [0.1, 0.9])
-    # A held channel has no range of its own: a fifth of its value stands in.
+    # A constant channel has almost no range. Its range is then a fifth of its value.
     span = max(high - low, 0.2 * float(np.median(np.abs(x))))
     is_outside = (x < low - MIN_OUTSIDE_RANGES * span) | (x > high + MIN_OUTSIDE_RANGES * span)
     is_spike = np.zeros(len(x), dtype=bool)
@@ -96,12 +96,12 @@ def find_outliers(channel: np.ndarray, run: np.ndarray, ordered: bool, unit: str
 
 
 def _find_spikes(x: np.ndarray, run: np.ndarray, span: float) -> np.ndarray:
-    beyond = np.zeros(len(x))
-    back, on = x[1:-1] - x[:-2], x[1:-1] - x[2:]
-    beyond[1:-1] = np.maximum(np.minimum(back, on), np.minimum(-back, -on))
-    beyond[1:-1][(run[1:-1] != run[:-2]) | (run[1:-1] != run[2:])] = 0.0
+    excess = np.zeros(len(x))
+    to_previous, to_next = x[1:-1] - x[:-2], x[1:-1] - x[2:]
+    excess[1:-1] = np.maximum(np.minimum(to_previous, to_next), np.minimum(-to_previous, -to_next))
+    excess[1:-1][(run[1:-1] != run[:-2]) | (run[1:-1] != run[2:])] = 0.0
     larger_step = float(np.quantile(np.abs(np.diff(x)), 0.9))
-    return beyond > max(MIN_SPIKE_RANGE_SHARE * span, MIN_SPIKE_STEPS * larger_step)
+    return excess > max(MIN_SPIKE_RANGE_SHARE * span, MIN_SPIKE_STEPS * larger_step)
 
 
 def _keep_brief_runs(flags: np.ndarray, run: np.ndarray) -> np.ndarray:
@@ -112,8 +112,8 @@ def _keep_brief_runs(flags: np.ndarray, run: np.ndarray) -> np.ndarray:
 
 
 def _format_outside_reason(low: float, high: float, unit: str) -> str:
-    return f"nearly all others lie between {format_quantity(low, unit)} and {format_quantity(high, unit)}"
+    return f"most values are between {format_quantity(low, unit)} and {format_quantity(high, unit)}"
 
 
 def _format_spike_reason(before: float, after: float, unit: str) -> str:
-    return f"it stands alone between {format_quantity(before, unit)} and {format_quantity(after, unit)}"
+    return f"its neighbours are {format_quantity(before, unit)} and {format_quantity(after, unit)}"

@@ -56,7 +56,7 @@ def read_quantity(raw: Any, kind: str, location: EntryLocation) -> MeasuredValue
         check_keys(raw, ("value", "sd"), where)
         if "value" not in raw:
             raise refuse(
-                "a quantity must have a `value`", _format_keys(raw), where, "Write value = and sd =."
+                "a quantity must have a `value`", _format_keys(raw), where, "Write {value = ..., sd = ...}."
             )
         value = _parse_number(raw["value"], kind, where)
         sd = _parse_number(raw.get("sd", 0.0), kind, where) if raw.get("sd") else 0.0
@@ -71,7 +71,7 @@ def read_quantity(raw: Any, kind: str, location: EntryLocation) -> MeasuredValue
         )
     if sd < 0:
         raise refuse(
-            "`sd` must not be negative", _format_raw(raw, "sd"), where, "It is one standard deviation."
+            "`sd` must not be negative", _format_raw(raw, "sd"), where, "Write one standard deviation."
         )
     return MeasuredValue(value, sd)
 
@@ -94,11 +94,11 @@ def read_sensor_noise(raw: Any, kind: str, location: EntryLocation, allow_per_se
                 "a sensor's noise must have an `sd`",
                 _format_keys(raw),
                 where,
-                "It is one standard deviation.",
+                "Write one standard deviation.",
             )
     sd = _parse_number(raw["sd"] if isinstance(raw, Mapping) else raw, kind, where)
     if not sd > 0:
-        remedy = "It is one standard deviation; leave it out to have it estimated."
+        remedy = "Write one standard deviation, or remove the entry: pamjax then estimates it."
         raise refuse(f"`{location.name}` must be positive", _format_raw(raw, "sd"), location.file, remedy)
     return SensorNoise(sd, per)
 
@@ -112,7 +112,7 @@ def read_count(raw: Any, location: EntryLocation) -> int:
         or raw != int(raw)
     ):
         rule = f"`{location.name}` must be a positive whole number"
-        raise refuse(rule, f"{raw!r}", location.file, "Write it without quotes and unit.")
+        raise refuse(rule, f"{raw!r}", location.file, "Write it without quotes and without a unit.")
     return int(raw)
 
 
@@ -120,16 +120,18 @@ def check_keys(raw: Mapping[str, Any], known: tuple[str, ...], where: str) -> No
     """Refuse the first unknown key."""
     for key in raw:
         if key not in known:
-            raise refuse(f"`{key}` is no entry here", where=where, remedy=suggest_word(key, known))
+            raise refuse(f"unknown entry `{key}`", where=where, remedy=suggest_word(key, known))
 
 
 def _parse_number(raw: Any, kind: str, where: str) -> float:
     if isinstance(raw, bool) or not isinstance(raw, (int, float, str)):
-        remedy = f'Write a string such as "3 {suggest_units(kind).split(",")[0].split(" ")[0]}".'
-        raise refuse("a quantity is a number and a unit", f"{raw!r}", where, remedy)
+        remedy = f'Write a text such as "3 {suggest_units(kind).split(",")[0].split(" ")[0]}".'
+        raise refuse("a quantity must be a number with a unit", f"{raw!r}", where, remedy)
     value = parse_quantity(raw, kind, where)
     if not math.isfinite(value):
-        raise refuse("a quantity must be finite", f"{raw!r}", where, "Leave out what is not known.")
+        raise refuse(
+            "a quantity must be finite", f"{raw!r}", where, "Remove the entry if the value is unknown."
+        )
     return value
 
 

@@ -44,8 +44,8 @@ def _read_angle(raw: Any, location: EntryLocation) -> MeasuredValue:
     angle = read_quantity(raw, "angle", location)
     if not angle.value < math.pi / 2:
         got = f"{math.degrees(angle.value):.4g} deg"
-        remedy = "It is measured from the circumference."
-        raise refuse(f"`{location.name}` must lie between 0 and 90 deg", got, location.file, remedy)
+        remedy = "Measure it from the circumference."
+        raise refuse(f"`{location.name}` must be between 0 and 90 deg", got, location.file, remedy)
     return angle
 
 
@@ -136,7 +136,7 @@ class MuscleDocument(_TomlTable):
         for name in document.columns:
             if name not in COLUMN_KINDS:
                 raise refuse(
-                    f"`{name}` is no column of a recording",
+                    f"unknown channel `{name}`",
                     where=f"[columns] of {file}",
                     remedy=suggest_word(name, COLUMN_KINDS),
                 )
@@ -154,7 +154,9 @@ def read_document(raw: bytes, file: str) -> MuscleDocument:
     except tomllib.TOMLDecodeError as error:
         got = str(error)[:1].lower() + str(error)[1:].rstrip(".")
         raise refuse(
-            f"{file} must be TOML", got, remedy="A text stands in double quotes, a table in [brackets]."
+            f"{file} must be TOML",
+            got,
+            remedy="Write a text in double quotes, and a table name in [brackets].",
         ) from error
     return MuscleDocument.from_mapping(tables, file)
 
@@ -162,15 +164,15 @@ def read_document(raw: bytes, file: str) -> MuscleDocument:
 def _translate_error(error: ValidationError, file: str) -> BadInput:
     """Return the first error of pydantic as a message of this package."""
     first = error.errors()[0]
-    own = first.get("ctx", {}).get("error")
-    if isinstance(own, BadInput):
-        return own
+    own_error = first.get("ctx", {}).get("error")
+    if isinstance(own_error, BadInput):
+        return own_error
     path = [str(part) for part in first["loc"]]
     where = f"[{path[0]}] of {file}" if len(path) > 1 else file
     if first["type"] == "extra_forbidden":
         return _build_unknown_error(path, where)
     if first["type"] == "missing":
-        return refuse(f"{file} must have a table [{path[0]}]", remedy="It says what the muscle is.")
+        return refuse(f"{file} must have a table [{path[0]}]", remedy="It describes the muscle.")
     if first["type"] == "literal_error":
         raw = str(first["input"])
         return refuse(
@@ -186,10 +188,10 @@ def _translate_error(error: ValidationError, file: str) -> BadInput:
 def _build_unknown_error(path: list[str], where: str) -> BadInput:
     if len(path) == 1:
         return refuse(
-            f"[{path[0]}] is no table of {where}", remedy=suggest_word(path[0], MuscleDocument.model_fields)
+            f"unknown table [{path[0]}] in {where}", remedy=suggest_word(path[0], MuscleDocument.model_fields)
         )
     known = _TABLE_CLASSES[path[0]].model_fields
-    return refuse(f"`{path[1]}` is no entry", where=where, remedy=suggest_word(path[1], known))
+    return refuse(f"unknown entry `{path[1]}`", where=where, remedy=suggest_word(path[1], known))
 
 
 _TABLE_CLASSES: dict[str, type[_TomlTable]] = {

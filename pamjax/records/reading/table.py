@@ -22,8 +22,8 @@ _NUMBER_PATTERN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _DECIMAL_COMMA_PATTERN = re.compile(r"[+-]?\d+,\d+")
 _BLANK_MARKS = {"nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "?"}
 
-#: A gauge's zero is rarely off by more: the seven hose recordings' gauge reads 8 to 10 kPa at atmosphere,
-#: laboratory gauges state 0.25 to 1 % of full scale.
+#: Maximum zero error of a pressure sensor: Pa, and share of the highest pressure. In seven hose recordings
+#: the sensor reads 8 to 10 kPa at atmospheric pressure; laboratory sensors state 0.25 to 1 % of full scale.
 MAX_ZERO_ERROR = 5e3
 MAX_ZERO_ERROR_SHARE = 0.01
 
@@ -56,7 +56,7 @@ def parse_table(
 ) -> tuple[Recording, list[str], dict[str, str]]:
     """Return the recording of a CSV file's bytes, the warnings, and the unit of each column."""
     header, lines, cells = _split_cells(decode_text(raw, file), file)
-    known_columns, extra = find_columns(header, columns, file, default_length is not None)
+    known_columns, unknown = find_columns(header, columns, file, default_length is not None)
     locate = _RowLocator(file, lines)
     values = {name: _parse_column(column, cells, locate) for name, column in known_columns.items()}
     recording = Recording.from_arrays(
@@ -75,7 +75,7 @@ def parse_table(
     recording = remove_outliers(recording, units)
     _check_gauge_pressure(recording.pressure, known_columns["pressure"], locate)
     _check_measured(recording, file)
-    notes = [f"column `{title}` of {file} is none that pamjax knows, and was kept out." for title in extra]
+    notes = [f"unknown column `{title}` in {file}: ignored." for title in unknown]
     return recording, notes + [f"{outlier}." for outlier in recording.outliers], units
 
 
@@ -93,21 +93,24 @@ class _RowLocator:
 
 def _split_cells(text: str, file: str) -> tuple[list[str], list[int], list[list[str]]]:
     """Return the header, line number of each row, and each row's cells, without comments and blank lines."""
-    # A comment may have any marks in it.
-    written = [line if not line.lstrip().startswith("#") else "\n" for line in lines_of(text)]
-    titles = next((line for line in written if line.strip(" ,\t\r\n")), "")
-    check_quotes(written, file, ",", titles)
-    rows = list(enumerate(csv.reader(written), 1))
+    # A comment may contain any characters.
+    content = [line if not line.lstrip().startswith("#") else "\n" for line in lines_of(text)]
+    titles = next((line for line in content if line.strip(" ,\t\r\n")), "")
+    check_quotes(content, file, ",", titles)
+    rows = list(enumerate(csv.reader(content), 1))
     rows = [(line, cells) for line, cells in rows if any(c.strip() for c in cells)]
     rows = [(line, cells) for line, cells in rows if not cells[0].lstrip().startswith("#")]
     if not rows:
         raise refuse(
-            f"{file} must hold a recording", "an empty file", remedy="Write a header and a row a sample."
+            f"{file} must contain a recording",
+            "an empty file",
+            remedy="Write a header, and one row for each sample.",
         )
     header = rows[0][1]
     _check_separator(header, file)
     if len(rows) == 1:
-        raise refuse(f"{file} must hold a recording", "a header and no row below it")
+        got, remedy = "a header without rows", "Write one row for each sample."
+        raise refuse(f"{file} must contain a recording", got, remedy=remedy)
     while (
         len(header) > 1 and not header[-1].strip() and not any("".join(r[1][len(header) - 1 :]) for r in rows)
     ):
@@ -119,11 +122,8 @@ def _split_cells(text: str, file: str) -> tuple[list[str], list[int], list[list[
 def _check_separator(header: list[str], file: str) -> None:
     for mark, name in ((";", "semicolons"), ("\t", "tabs")):
         if mark in ",".join(header) and len(header) <= ",".join(header).count(mark):
-            remedy = (
-                "Save it with commas between the cells and points in the numbers, or import it as it is:"
-                " `pamjax import`."
-            )
-            raise refuse(f"the cells of {file} must be separated by commas", name, "its header", remedy)
+            remedy = "Save it with commas between cells and with decimal points, or use `pamjax import`."
+            raise refuse(f"the cells of {file} must be separated by commas", name, "the header", remedy)
 
 
 def _check_width(header: list[str], line: int, row: list[str], file: str) -> list[str]:
@@ -131,8 +131,8 @@ def _check_width(header: list[str], line: int, row: list[str], file: str) -> lis
         row = row[: len(header)]
     if len(row) == len(header):
         return row
-    comma_remedy = "If the numbers have decimal commas, write points: 0.5, not 0,5."
-    remedy = comma_remedy if len(row) > len(header) else "A cell that was not measured keeps its comma."
+    surplus_remedy = "Replace decimal commas by points: 0.5, not 0,5."
+    remedy = surplus_remedy if len(row) > len(header) else "Write a comma also for a blank cell."
     got = f"{len(row)} cells"
     raise refuse(
         f"each row must have as many cells as the header ({len(header)})",
@@ -155,11 +155,11 @@ def _parse_cell(text: str, column: Column, locate: _RowLocator, i: int) -> float
     value = float(text) if _NUMBER_PATTERN.fullmatch(text) else np.nan
     if np.isfinite(value):
         return value
-    remedy = "Leave a cell that was not measured blank."
+    remedy = "Leave the cell blank if it was not measured."
     if _DECIMAL_COMMA_PATTERN.fullmatch(text):
         remedy = f"Write a decimal point: {text.replace(',', '.')}."
     elif text.lower() not in _BLANK_MARKS and "inf" not in text.lower() and np.isnan(value):
-        remedy = "Write a bare number, its unit in the header; " + remedy[0].lower() + remedy[1:]
+        remedy = "Write a number here and the unit in the header. " + remedy
     raise refuse(
         f"`{column.name}` must be a finite number or blank", f"{text!r}", locate(i, column.header), remedy
     )
@@ -174,64 +174,67 @@ def _check_times(
     blank = np.isnan(time)
     if blank.any():
         where = locate(int(np.argmax(blank)))
-        remedy = "Fill it in, or leave the column out where order means nothing."
-        raise refuse("`time` must stand in every row", "a blank", where, remedy)
-    wrong = np.diff(time) <= 0
-    if wrong.any():
-        i = int(np.argmax(wrong)) + 1
-        now, before = format_quantity(time[i], column.unit, 9), format_quantity(time[i - 1], column.unit, 9)
+        remedy = "Add the value, or remove the column if the order of rows has no meaning."
+        raise refuse("`time` must have a value in every row", "a blank", where, remedy)
+    is_invalid = np.diff(time) <= 0
+    if is_invalid.any():
+        i = int(np.argmax(is_invalid)) + 1
+        time_text, previous_text = (
+            format_quantity(time[i], column.unit, 9),
+            format_quantity(time[i - 1], column.unit, 9),
+        )
         is_equal = time[i] == time[i - 1]
         remedy = (
-            "Give it enough digits."
+            "Write more digits."
             if is_equal
-            else "Sort the rows, and let a new test go on where the last ended."
+            else "Sort the rows. Continue the time of a new test after the last one."
         )
-        got = f"{now} again" if is_equal else f"{now} after {before}"
-        raise refuse("`time` must grow from row to row", got, locate(i), remedy)
+        got = f"{time_text} twice" if is_equal else f"{time_text} after {previous_text}"
+        raise refuse("`time` must increase from row to row", got, locate(i), remedy)
     return time
 
 
 def _check_cycles(cycle: np.ndarray | None, locate: _RowLocator) -> np.ndarray | None:
     if cycle is None or np.isnan(cycle).all():
         return None
-    wrong = ~((cycle >= 0) & (cycle == np.round(cycle)))
-    if wrong.any():
-        i = int(np.argmax(wrong))
+    is_invalid = ~((cycle >= 0) & (cycle == np.round(cycle)))
+    if is_invalid.any():
+        i = int(np.argmax(is_invalid))
         got = "a blank" if np.isnan(cycle[i]) else f"{cycle[i]:g}"
         raise refuse(
-            "`cycle` must be a whole number, 0 or more", got, locate(i), "Number the strokes 1, 2, 3."
+            "`cycle` must be a whole number of at least 0", got, locate(i), "Number the strokes 1, 2, 3."
         )
     return cycle
 
 
 def _check_positive(values: np.ndarray, column: Column, locate: _RowLocator) -> None:
-    wrong = values <= 0
-    if wrong.any():
-        i = int(np.argmax(wrong))
-        remedy = "Leave a cell that was not measured blank; check the sign and zero of the others."
+    is_invalid = values <= 0
+    if is_invalid.any():
+        i = int(np.argmax(is_invalid))
+        remedy = "Leave the cell blank if it was not measured. Otherwise check its sign and zero."
         raise refuse(
             f"`{column.name}` must be positive", format_quantity(values[i], column.unit), locate(i), remedy
         )
 
 
 def _check_gauge_pressure(pressure: np.ndarray, column: Column, locate: _RowLocator) -> None:
-    allowed = max(MAX_ZERO_ERROR, MAX_ZERO_ERROR_SHARE * np.nanmax(pressure, initial=0.0))
-    wrong = pressure < -allowed
-    if wrong.any():
-        i = int(np.argmax(wrong))
-        below = format_quantity(-allowed, column.unit)
-        rule = f"`pressure` is gauge pressure and must not be below the vent's zero error ({below})"
-        remedy = "Check its sign, and that its gauge reads zero at atmosphere."
+    max_zero_error = max(MAX_ZERO_ERROR, MAX_ZERO_ERROR_SHARE * np.nanmax(pressure, initial=0.0))
+    is_invalid = pressure < -max_zero_error
+    if is_invalid.any():
+        i = int(np.argmax(is_invalid))
+        minimum = format_quantity(-max_zero_error, column.unit)
+        rule = f"`pressure` must be gauge pressure, and not below the permitted zero error ({minimum})"
+        remedy = "Check its sign. The sensor must read zero at atmospheric pressure."
         raise refuse(rule, format_quantity(pressure[i], column.unit), locate(i), remedy)
 
 
 def _check_measured(recording: Recording, file: str) -> None:
     if not recording.usable.any():
-        raise _build_empty_error("a pressure and a length", file)
+        raise _build_empty_error("pressure and length", file)
     channels = (recording.force, recording.diameter)
     if not any((np.isfinite(channel) & recording.usable).any() for channel in channels):
-        raise _build_empty_error("a force or a diameter beside its pressure and length", file)
+        raise _build_empty_error("pressure, length, and force or diameter", file)
 
 
 def _build_empty_error(needed: str, file: str) -> BadInput:
-    return refuse(f"at least one row must have {needed}", "none", file, "Check which columns are blank.")
+    return refuse(f"at least one row must have {needed}", "none", file, "Check for blank columns.")

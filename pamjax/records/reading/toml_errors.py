@@ -1,14 +1,14 @@
-"""What is wrong with an entry of a TOML file, where the library that checks it says so in its own words."""
+"""Error messages for entries of TOML files, from the errors of pydantic."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-#: By the kind of complaint, what must hold; in braces what the complaint knows.
-COMPLAINT_RULES = {
+#: Rule for each type of pydantic's errors; fields in braces are in the error's context.
+RULE_BY_ERROR_TYPE = {
     "missing": "must be stated",
-    "literal_error": "is {expected}",
+    "literal_error": "must be {expected}",
     "greater_than": "must be more than {gt}",
     "greater_than_equal": "must be at least {ge}",
     "less_than": "must be less than {lt}",
@@ -16,42 +16,42 @@ COMPLAINT_RULES = {
     "too_short": "must not be empty",
     "too_long": "must have at most {max_length} entries",
     "finite_number": "must be a finite number",
-    "int": "is a whole number",
-    "float": "is a number",
-    "bool": "is true or false",
-    "string": "is a text in quotes",
-    "list": "is a list in brackets",
-    "dict": "is a table",
-    "model": "is a table",
+    "int": "must be a whole number",
+    "float": "must be a number",
+    "bool": "must be true or false",
+    "string": "must be a text in quotes",
+    "list": "must be a list in brackets",
+    "dict": "must be a table",
+    "model": "must be a table",
 }
 
 
-def format_rule(complaint: Mapping[str, Any], name: str) -> str:
-    """What must hold of an entry.
+def format_rule(error: Mapping[str, Any], name: str) -> str:
+    """Return the rule for an entry.
 
     Args:
-        complaint: one of `ValidationError.errors()`.
-        name: of the entry.
+        error: one of `ValidationError.errors()`.
+        name: name of the entry.
 
     >>> format_rule({"type": "less_than", "ctx": {"lt": 0.9}}, "contractions")
     '`contractions` must be less than 0.9'
     >>> format_rule({"type": "int_parsing"}, "cycles")
-    '`cycles` is a whole number'
+    '`cycles` must be a whole number'
     """
-    kind = complaint["type"]
-    text = COMPLAINT_RULES.get(kind) or COMPLAINT_RULES.get(kind.partition("_")[0])
+    kind = error["type"]
+    text = RULE_BY_ERROR_TYPE.get(kind) or RULE_BY_ERROR_TYPE.get(kind.partition("_")[0])
     if text is None:
-        return f"`{name}`: {complaint['msg'][:1].lower()}{complaint['msg'][1:]}"
-    return f"`{name}` {text.format(**_format_bounds(complaint.get('ctx', {})))}"
+        return f"`{name}`: {error['msg'][:1].lower()}{error['msg'][1:]}"
+    return f"`{name}` {text.format(**_format_bounds(error.get('ctx', {})))}"
 
 
-def format_input(complaint: Mapping[str, Any]) -> str:
-    """What was found instead; nothing where nothing was."""
-    return "" if complaint["type"] == "missing" else _format_value(complaint["input"])
+def format_input(error: Mapping[str, Any]) -> str:
+    """Return the wrong value as text; empty if the entry is missing."""
+    return "" if error["type"] == "missing" else _format_value(error["input"])
 
 
 def _format_bounds(context: Mapping[str, Any]) -> dict[str, str]:
-    """Bounds as short as they were written, texts in double quotes as in TOML."""
+    """Return the limits as texts, with double quotes as in TOML."""
     return {
         key: f"{value:g}" if isinstance(value, float) else str(value).replace("'", '"')
         for key, value in context.items()
@@ -59,7 +59,7 @@ def _format_bounds(context: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _format_value(value: Any) -> str:
-    """A value as TOML has it."""
+    """Return a value as text in TOML's notation."""
     if isinstance(value, bool):
         return str(value).lower()
     return "a table" if isinstance(value, dict) else repr(value)

@@ -12,7 +12,7 @@ from pamjax.records.case import MUSCLE_FILE, RECORDING_FILE
 from pamjax.records.files import write_folder_atomically
 from pamjax.records.recording import Recording
 
-#: Decimals of each column, in the unit a person reads: finer than any sensor.
+#: Decimals of each column in its display unit: finer than the resolution of any sensor.
 COLUMN_DECIMALS = {"time": 4, "pressure": 4, "length": 5, "force": 4, "diameter": 5}
 
 
@@ -20,7 +20,7 @@ def write_case(folder: Path, recording: Recording, muscle: str) -> None:
     """Write recording.csv and muscle.toml, both or neither.
 
     Args:
-        folder: must not exist, or be empty.
+        folder: a folder that does not exist, or is empty.
         recording: the recording.
         muscle: text of the muscle.toml; its table [columns] is removed, because the columns are written
             with their default headers.
@@ -29,7 +29,8 @@ def write_case(folder: Path, recording: Recording, muscle: str) -> None:
         BadInput: if the folder is not empty.
     """
     if folder.exists() and any(folder.iterdir()):
-        raise refuse("a new case needs an empty folder", f"{folder}, which is not", remedy="Name another.")
+        got = f"{folder}, which has files"
+        raise refuse("a new case needs an empty folder", got, remedy="Choose another folder.")
     with write_folder_atomically(folder) as temporary:
         build_table(recording).to_csv(temporary / RECORDING_FILE, index=False)
         (temporary / MUSCLE_FILE).write_text(_drop_column_mapping(muscle), encoding="utf-8")

@@ -8,18 +8,19 @@ from pamjax.errors import refuse
 from pamjax.records.case import MUSCLE_FILE, RECORDING_FILE
 from pamjax.records.files import write_folder_atomically
 
-#: Invented, so that the new folder reads at once: what the muscle below would show, with its sensors' noise.
+#: Invented rows, so that the new folder is a valid case: the muscle below, with the noise of its sensors.
 _RECORDING_TEMPLATE = """\
-# EXAMPLE ROWS: put your own in their place. Lines that begin with # are comments.
-# One row a sample. Any unit will do: state it in the header, as in pressure [psi].
-# A blank cell is "not measured".
-# time      leave the column out if every row is an equilibrium and their order means nothing. Where it jumps,
-#           the rig was moved: rubber and friction remember across the jump, or begin anew if you say so
-#           (pamjax fit --gaps anew); --before settled says that the muscle had been through the same before
-# pressure  gauge pressure at the muscle's inlet
-# length    between the fittings
-# force     tension, positive where the muscle pulls
-# diameter  outer, mean over the length; optional
+# EXAMPLE ROWS: replace them with your measurements. Lines that begin with # are comments.
+# One row per sample. State the unit of each column in its header, in any unit, as in pressure [psi].
+# A blank cell means "not measured".
+# time      Omit this column if every row is an equilibrium and the order of the rows has no meaning.
+#           The time may jump where the rig was moved. By default, the memory of rubber and friction
+#           continues after a jump; "pamjax fit --gaps anew" resets it. By default, the muscle was at rest
+#           before the first row; with "--before settled" it has already run through this recording once.
+# pressure  gauge pressure at the inlet of the muscle
+# length    distance between the fittings
+# force     tension, positive when the muscle pulls
+# diameter  outer diameter, mean over the length; optional
 # cycle     number of the stroke or test, 0 while the rig settles; optional
 time [s],pressure [kPa],length [mm],force [N],diameter [mm],cycle
 0.0,200.0,200.00,819.6,20.47,1
@@ -28,63 +29,65 @@ time [s],pressure [kPa],length [mm],force [N],diameter [mm],cycle
 """
 
 _MUSCLE_TEMPLATE = """\
-# What the muscle is. A quantity is a text with a unit, or {value = "...", sd = "..."} where sd, one standard
-# deviation, says how well it was measured. A value without sd is taken as known. Lines that begin with # are
-# comments: remove the # to use what stands behind it. ALL NUMBERS BELOW ARE EXAMPLES.
+# Description of the muscle. A quantity is a text with a unit, or {value = "...", sd = "..."}. The sd is one
+# standard deviation of the measured value. A value without sd is exact. Lines that begin with # are comments;
+# to use an entry in a comment, remove the #. ALL VALUES BELOW ARE EXAMPLES: replace them with yours.
 
 [muscle]
 name = "example muscle"
 
-# Between the fittings, not pressurised and pulled just straight. Contraction counts from here.
+# Distance between the fittings without pressure, with the muscle just straight. The contraction is 0 here.
 rest_length = "200 mm"
 
 # The braid, in one of two forms.
-# 1. Counted. thread_length: along one thread from fitting to fitting; follow one with a string, or cut one
-#    out and lay it straight. turns: how often one thread winds around the muscle from end to end.
+# 1. By thread length and turns. thread_length: along one thread from fitting to fitting. Measure it with a
+#    string along a thread, or on a thread that was cut out. turns: number of turns of one thread around the
+#    muscle from end to end.
 thread_length = {value = "214 mm", sd = "0.5 mm"}
 turns = {value = 1.2, sd = 0.005}
-# 2. By angle, where threads cannot be followed (a fluidic muscle, whose threads lie inside the rubber).
+# 2. By angle and diameter, if the threads are not visible (in a fluidic muscle they are inside the rubber).
 #    braid_angle: between thread and circumference, at rest. diameter: of the thread layer, at rest.
 # braid_angle = {value = "69.2 deg", sd = "1 deg"}
 # diameter = {value = "20.2 mm", sd = "0.5 mm"}
 
-# Number of threads, both families together, and the cross-section of one: mass per length over density.
+# Number of threads of both families, and cross-sectional area of one thread: mass per length / density.
 threads = 120
 thread_area = "0.07 mm^2"
 
-# Where the braid is clamped, outer diameter of the fitting. Optional.
+# Outer diameter of the fitting where the braid is clamped. Optional.
 # fitting_diameter = {value = "20 mm", sd = "0.5 mm"}
 
-# The one length of a recording that has no length column.
+# Length of a recording at one length, if recording.csv has no column "length".
 # length = "200 mm"
 
 [thread]
-# Young's modulus: slope of stress against strain from a tensile test of one thread, or a data sheet (a yarn
-# is softer than its polymer). Or the stiffness of all threads together, number x area x modulus. With
-# neither, the threads start out inextensible.
+# modulus: Young's modulus of a thread, from a tensile test of one thread or from a data sheet. The modulus of
+# a yarn is below that of its polymer. stiffness: of all threads together, number x area x modulus.
+# State one of them. Without both, the threads are inextensible at the start of a fit.
 modulus = {value = "70 GPa", sd = "15 GPa"}
 # stiffness = {value = "0.59 MN", sd = "0.1 MN"}
 
-# The rubber tube before it is built in, and its Young's modulus at small strain, which is three times the
-# shear modulus.
+# The rubber tube before assembly. modulus: Young's modulus at small strain, three times the shear modulus.
 # [bladder]
 # inner_diameter = "14 mm"
 # thickness = "1.5 mm"
 # modulus = {value = "1 MPa", sd = "0.5 MPa"}
 
 [sensors]
-# Noise of one sample: the scatter of a reading while nothing moves. Leave out what is to be estimated.
+# Noise of one sample, one standard deviation: the scatter of a reading while nothing moves. If you omit an
+# entry, pamjax estimates the noise.
 force = "2 N"
 pressure = "0.5 kPa"
 diameter = "0.05 mm"
-# Where lengths were set by ruler, one error for each setting: {sd = "1 mm", per = "setting"}
 length = "0.02 mm"
+# If each length is set with a ruler, all rows of a setting have the same error. Then write instead:
+# length = {sd = "1 mm", per = "setting"}
 
 [baseline]
-# What you believe so far: "inelastic" threads, or "elastic" ones.
+# Model that you assume before a diagnosis: "inelastic" or "elastic" threads.
 model = "elastic"
 
-# Headers of recording.csv that are named differently.
+# Your headers in recording.csv, if they differ from the names of the channels.
 # [columns]
 # force = "Load (lbf)"
 """
@@ -99,10 +102,10 @@ def write_template(folder: str | Path) -> tuple[Path, Path]:
     folder = Path(folder)
     files = folder / RECORDING_FILE, folder / MUSCLE_FILE
     if folder.exists() and not folder.is_dir():
-        raise refuse("a case is a folder", f"the file {folder}", remedy="Choose another name.")
+        raise refuse("a case must be a folder", f"the file {folder}", remedy="Choose another name.")
     for path in files:
         if path.exists():
-            raise refuse(f"{path} is there already, and is not overwritten", remedy="Choose another folder.")
+            raise refuse(f"{path} already exists and is not overwritten", remedy="Choose another folder.")
     with write_folder_atomically(folder) as temporary:
         (temporary / RECORDING_FILE).write_text(_RECORDING_TEMPLATE, encoding="utf-8", newline="\n")
         (temporary / MUSCLE_FILE).write_text(_MUSCLE_TEMPLATE, encoding="utf-8", newline="\n")

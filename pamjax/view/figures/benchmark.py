@@ -19,7 +19,7 @@ from scipy.stats import beta
 from pamjax.benchmark.rates import Rate
 from pamjax.benchmark.tally import MAX_ERROR_NOISE_RATIO, compute_coverage, compute_reliability
 from pamjax.benchmark.trial import Trial
-from pamjax.diagnosis.detect.significance import DETECTION_P_VALUE
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.view.theme import DOUBLE_COLUMN, OKABE_ITO, REFERENCE_COLOUR, apply_theme, create_figure
 
 #: Edges of effect sizes, in noise standard deviations.
@@ -27,7 +27,7 @@ SIZE_EDGES = (2.0, 4.0, 6.0, 9.0, 14.0, 30.0)
 PAMJAX_COLOUR, BIC_COLOUR, GP_COLOUR, BASELINE_COLOUR = (
     OKABE_ITO[c] for c in ("blue", "vermilion", "orange", "purple")
 )
-#: By correlation of the noise, from none to much.
+#: Colours by autocorrelation of the noise, from low to high.
 CORRELATION_COLOURS = (OKABE_ITO["sky"], OKABE_ITO["blue"], OKABE_ITO["black"])
 
 
@@ -48,10 +48,10 @@ def plot_null(trials: Sequence[Trial]) -> Figure | None:
             ]
             _plot_quantiles(panel, [trial.p_value for trial in group_trials])
             hits = Rate.from_outcomes(trial.detected for trial in group_trials)
-            stage_name = "scoring stage" if stage == "score" else "whole pipeline"
+            stage_name = "score test only" if stage == "score" else "all steps"
             panel.set_title(
-                f"Noise {correlation:g}, {stage_name}:\n"
-                f"{hits.hits} of {hits.total} detected,\nat most {hits.upper_limit:.1%}"
+                f"Autocorrelation {correlation:g}, {stage_name}:\n"
+                f"{hits.hits} of {hits.total} false alarms,\nrate at most {hits.upper_limit:.1%}"
             )
         for panel in panels[len(groups) :]:
             panel.remove()
@@ -64,11 +64,12 @@ def _plot_quantiles(panel: Panel, p_values: Sequence[float]) -> None:
     expected = (rank - 0.5) / n
     low, high = (np.clip(beta.ppf(q, rank, n + 1 - rank), 1e-12, 1) for q in (0.025, 0.975))
     panel.fill_between(
-        expected, low, high, color=REFERENCE_COLOUR, alpha=0.25, lw=0, label="95 % of uniform ones"
+        expected, low, high, color=REFERENCE_COLOUR, alpha=0.25, lw=0, label="95 % band, uniform"
     )
     panel.plot(expected, expected, color=REFERENCE_COLOUR, lw=0.8)
     panel.plot(expected, np.maximum(observed, 0.1 / n), ".", color=PAMJAX_COLOUR, ms=3, gid="p-values")
-    panel.axhline(DETECTION_P_VALUE, color=BASELINE_COLOUR, ls=":", lw=0.8, label="detected below")
+    limit = DEFAULT_SETTINGS.detection_p_value
+    panel.axhline(limit, color=BASELINE_COLOUR, ls=":", lw=0.8, label="detection limit")
     panel.set(
         xscale="log", yscale="log", xlim=(min(0.5 / n, 0.03), 1), ylim=(min(0.08 / n, 0.005), 1.2),
         xlabel="expected p-value", ylabel="observed p-value",
@@ -111,7 +112,7 @@ def _plot_recovery(panel: Panel, trials: Sequence[Trial]) -> None:
             size_hits,
             CORRELATION_COLOURS[k % 3],
             "o",
-            f"noise {correlation:g}",
+            f"autocorrelation {correlation:g}",
             k - (len(correlations) - 1) / 2,
         )
     bic_hits = [
@@ -124,7 +125,9 @@ def _plot_recovery(panel: Panel, trials: Sequence[Trial]) -> None:
         _plot_by_size(panel, bic_hits, BIC_COLOUR, "s", "BIC", 0.0, ls="--")
     rate = Rate.from_outcomes(hit for _, hit in all_hits)
     panel.set(
-        ylim=(0, 1.03), ylabel="share named", title=f"{rate.share:.0%} of {rate.total} effects are named"
+        ylim=(0, 1.03),
+        ylabel="share of effects named",
+        title=f"{rate.share:.0%} of {rate.total} effects are named",
     )
     _set_size_axis(panel)
     panel.legend(loc="lower right")
@@ -150,7 +153,7 @@ def _plot_rates(panel: Panel, x, rates: Sequence[Rate], colour, marker, label, l
 
 
 def _set_size_axis(panel: Panel) -> None:
-    panel.set(xscale="log", xlim=(SIZE_EDGES[0], SIZE_EDGES[-1]), xlabel="effect [noise sd]")
+    panel.set(xscale="log", xlim=(SIZE_EDGES[0], SIZE_EDGES[-1]), xlabel="effect size [noise sd]")
     panel.set_xticks([3, 5, 8, 12, 20], ["3", "5", "8", "12", "20"])
     panel.minorticks_off()
 
@@ -176,11 +179,11 @@ def _plot_false_names(panel: Panel, trials: Sequence[Trial]) -> None:
     panel.set_xticks(x, [f"{correlation:g}" for correlation in correlations])
     overall = Rate.from_outcomes(not all(trial.names_right) for trial in trials)
     panel.set(
-        xlim=(-0.5, len(correlations) - 0.5), ylim=(0, 1.03), xlabel="correlation of neighbouring noise",
-        ylabel="share of recordings with a wrong name",
-        title=f"A wrong name in {overall.share:.0%} of {overall.total}",
+        xlim=(-0.5, len(correlations) - 0.5), ylim=(0, 1.03), xlabel="autocorrelation of the noise",
+        ylabel="recordings with a wrong name",
+        title=f"Wrong name in {overall.share:.0%} of {overall.total} recordings",
     )  # fmt: skip
-    panel.legend(loc="upper left")
+    panel.legend(loc="center left")
 
 
 def _plot_reliability(panel: Panel, trials: Sequence[Trial]) -> None:
@@ -196,8 +199,8 @@ def _plot_reliability(panel: Panel, trials: Sequence[Trial]) -> None:
     hits = sum(rate.hits for _, rate in bins)
     mean = sum(p * rate.total for p, rate in bins) / max(total, 1)
     panel.set(
-        xlim=(0.48, 1.02), ylim=(0, 1.03), xlabel="stated probability", ylabel="share right",
-        title=f"Stated {mean:.2f} on average, right {hits / max(total, 1):.2f}",
+        xlim=(0.48, 1.02), ylim=(0, 1.03), xlabel="stated probability", ylabel="share of right names",
+        title=f"Mean probability {mean:.2f}, share right {hits / max(total, 1):.2f}",
     )  # fmt: skip
 
 
@@ -205,8 +208,8 @@ def _plot_coverage(panel: Panel, trials: Sequence[Trial]) -> None:
     correlations = sorted({trial.correlation for trial in trials})
     x = np.arange(len(correlations))
     kinds = (
-        ("numbers of names", False, PAMJAX_COLOUR, -0.08),
-        ("baseline's numbers", True, BASELINE_COLOUR, 0.08),
+        ("mechanism parameters", False, PAMJAX_COLOUR, -0.08),
+        ("baseline parameters", True, BASELINE_COLOUR, 0.08),
     )
     for label, of_baseline, colour, shift in kinds:
         rates = [
@@ -219,9 +222,9 @@ def _plot_coverage(panel: Panel, trials: Sequence[Trial]) -> None:
     panel.set_xticks(x, [f"{correlation:g}" for correlation in correlations])
     overall = compute_coverage(trials, False)
     panel.set(
-        xlim=(-0.5, len(correlations) - 0.5), ylim=(0, 1.03), xlabel="correlation of neighbouring noise",
-        ylabel="share of 90 % intervals with the truth",
-        title=f"90 % intervals hold {overall.share:.0%} of {overall.total} numbers",
+        xlim=(-0.5, len(correlations) - 0.5), ylim=(0, 1.03), xlabel="autocorrelation of the noise",
+        ylabel="coverage of 90 % intervals",
+        title=f"90 % intervals cover {overall.share:.0%} of {overall.total} values",
     )  # fmt: skip
     panel.legend(loc="lower left")
 
@@ -231,8 +234,8 @@ def _plot_held_out(panel: Panel, trials: Sequence[Trial]) -> None:
     kinds: tuple[tuple[str, str, Callable[[Trial], float | None]], ...] = (
         ("baseline", REFERENCE_COLOUR, lambda trial: trial.before["force"]),
         ("Gaussian process", GP_COLOUR, lambda trial: trial.curve_after),
-        ("selected by BIC", BIC_COLOUR, lambda trial: trial.selected_after),
-        ("named", PAMJAX_COLOUR, lambda trial: trial.after["force"]),
+        ("BIC selection", BIC_COLOUR, lambda trial: trial.selected_after),
+        ("pamjax", PAMJAX_COLOUR, lambda trial: trial.after["force"]),
     )
     for label, colour, score in kinds:
         sizes, medians, quantiles = [], [], []
@@ -250,19 +253,19 @@ def _plot_held_out(panel: Panel, trials: Sequence[Trial]) -> None:
     reached = Rate.from_outcomes(trial.after["force"] <= MAX_ERROR_NOISE_RATIO for trial in scored_trials)
     panel.set(
         yscale="log", ylabel="held-out force error / noise",
-        title=f"{reached.share:.0%} of {reached.total} within {MAX_ERROR_NOISE_RATIO:g} of the noise",
+        title=f"{reached.share:.0%} of {reached.total} below {MAX_ERROR_NOISE_RATIO:g} × noise",
     )  # fmt: skip
     panel.set_yticks([1, 2, 5, 10, 20], ["1", "2", "5", "10", "20"])
     _set_size_axis(panel)
-    panel.set_xlabel("largest effect [noise sd]")
+    panel.set_xlabel("largest effect size [noise sd]")
     panel.legend(loc="upper left")
 
 
 def _plot_location(panel: Panel, trials: Sequence[Trial]) -> None:
     located_trials = [trial for trial in trials if trial.iou is not None]
     for label, colour, field in (
-        ("claimed", PAMJAX_COLOUR, "iou"),
-        ("all of the recording", REFERENCE_COLOUR, "iou_blind"),
+        ("pamjax", PAMJAX_COLOUR, "iou"),
+        ("entire recording", REFERENCE_COLOUR, "iou_blind"),
     ):
         sizes, means, errors = [], [], []
         for low, high in pairwise(SIZE_EDGES):
@@ -279,7 +282,9 @@ def _plot_location(panel: Panel, trials: Sequence[Trial]) -> None:
         if located_trials
         else float("nan")
     )
-    panel.set(ylim=(0, 1.03), ylabel="overlap with the true box", title=f"Located: mean overlap {mean:.2f}")
+    panel.set(
+        ylim=(0, 1.03), ylabel="overlap with the true region", title=f"Location: mean overlap {mean:.2f}"
+    )
     _set_size_axis(panel)
-    panel.set_xlabel("largest effect [noise sd]")
+    panel.set_xlabel("largest effect size [noise sd]")
     panel.legend(loc="lower right")

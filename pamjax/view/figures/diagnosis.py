@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: one question each, with its answer in the title.
+"""Figures of a diagnosis: each answers one question in its title.
 
 | figure                 | question                                                                      |
 |------------------------|-------------------------------------------------------------------------------|
@@ -22,7 +22,6 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.result import Diagnosis
-from pamjax.diagnosis.select.search import TIE_CHI2, TIE_EXCESS_SHARE
 from pamjax.diagnosis.select.selection import NamedMechanism
 from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.units import compute_si_factor
@@ -35,11 +34,13 @@ from pamjax.view.theme import (
     SINGLE_COLUMN,
     apply_theme,
     create_figure,
+    separate_panels,
 )
+from pamjax.view.wording import format_signed, join_words
 
-#: Most rivals of a name, and most baseline numbers, in a figure.
-MAX_RIVALS, MAX_NUMBERS = 7, 12
-#: Scores that differ by more than this factor stand on a logarithmic axis.
+#: Largest number of rival mechanisms and of baseline parameters in a figure.
+MAX_RIVALS, MAX_SHIFTS = 7, 12
+#: Ratio of the largest to the smallest error above which the axis is logarithmic.
 LOG_AXIS_RATIO = 8.0
 BASELINE_MARK_COLOUR, NAMED_COLOUR = OKABE_ITO["vermilion"], OKABE_ITO["blue"]
 
@@ -55,20 +56,23 @@ def plot_held_out_scores(diagnosis: Diagnosis, narrow: bool = False) -> Figure |
         if k >= 0
     ]
     with apply_theme():
-        row_labels = [*block_names, "together"] if len(block_names) > 1 else block_names
+        row_labels = [*block_names, "all blocks"] if len(block_names) > 1 else block_names
         height = 1.15 + 0.22 * len(row_labels)
         drawing = create_figure(
             SINGLE_COLUMN if narrow else DOUBLE_COLUMN, 0.4 + height * len(channels) if narrow else height
         )
         shape = (len(channels), 1) if narrow else (1, len(channels))
         panels = list(drawing.subplots(*shape, sharey=True, squeeze=False).flat)
+        separate_panels(drawing)
         for panel, channel in zip(panels, channels, strict=True):
             _plot_scores(panel, diagnosis, channel, block_names)
         panels[0].set_yticks(range(len(row_labels)), row_labels)
         panels[0].set_ylim(len(row_labels) - 0.5, -0.5)
         baseline_marks = [create_mark("baseline", marker="D", color=BASELINE_MARK_COLOUR, mfc="none")]
         named_marks = (
-            [create_mark("with names", marker="o", color=NAMED_COLOUR)] if diagnosis.named_mechanisms else []
+            [create_mark("with mechanisms", marker="o", color=NAMED_COLOUR)]
+            if diagnosis.named_mechanisms
+            else []
         )
         handles = [*baseline_marks, *named_marks, create_mark("noise", ls="--")]
         drawing.legend(handles=handles, loc="outside lower center", ncols=len(handles))
@@ -107,18 +111,19 @@ def _plot_scores(panel: Panel, diagnosis: Diagnosis, channel: str, block_names: 
     )
     change = f"{before_text} → {after_text}" if diagnosis.named_mechanisms else before_text
     title = (
-        f"Held-out {channel}: {change};\nits noise is"
-        f" {format_channel_value(noise * compute_si_factor(DISPLAY_UNIT[channel]), channel)}"
+        f"Held-out RMS error of {channel}: {change}\n"
+        f"(noise {format_channel_value(noise * compute_si_factor(DISPLAY_UNIT[channel]), channel)})"
     )
-    panel.set(xlabel=f"rmse of {channel} [{DISPLAY_UNIT[channel]}]", title=title)
+    panel.set(xlabel=f"RMS error of {channel} [{DISPLAY_UNIT[channel]}]", title=title)
 
 
 def plot_candidates(diagnosis: Diagnosis, mechanism: NamedMechanism, narrow: bool = False) -> Figure:
     """Return the increase of χ² if another mechanism, or none, replaces an identified mechanism."""
     rivals = sorted(mechanism.rival_chi2_increase.items(), key=lambda pair: pair[1])[:MAX_RIVALS]
-    labels = [*(id for id, _ in rivals), "nothing"]
+    labels = [*(id for id, _ in rivals), "no mechanism"]
     losses = np.array([*(loss for _, loss in rivals), mechanism.chi2_increase])
-    tie_loss = TIE_CHI2 + TIE_EXCESS_SHARE * diagnosis.selection.model.excess_chi2
+    settings = diagnosis.settings
+    tie_loss = settings.tie_chi2 + settings.tie_excess_share * diagnosis.selection.model.excess_chi2
     with apply_theme():
         drawing = create_figure(SINGLE_COLUMN if narrow else 5.4, 1.1 + 0.2 * len(labels))
         panel = drawing.subplots()
@@ -129,29 +134,33 @@ def plot_candidates(diagnosis: Diagnosis, mechanism: NamedMechanism, narrow: boo
         panel.hlines(y, left_edge, shown_losses, color=REFERENCE_COLOUR, lw=0.8)
         colours = [NAMED_COLOUR if loss < tie_loss else BASELINE_MARK_COLOUR for loss in losses]
         panel.scatter(shown_losses, y, c=colours, s=22, zorder=3, gid="loss", clip_on=False)
-        panel.set(xscale="log", xlabel=f"χ² lost without {mechanism.id}")
+        panel.set(xscale="log", xlabel="increase of χ²")
         panel.set_xlim(left_edge, 2 * max(shown_losses.max(), tie_loss))
         panel.set_yticks(y, labels)
         panel.set_ylim(len(labels) - 0.5, -0.5)
-        panel.set_ylabel("in its place")
+        panel.set_ylabel("replaced by")
         drawing.suptitle(textwrap.fill(format_rivalry(mechanism), 48 if narrow else 80), x=0.01, ha="left")
         drawing.legend(
-            handles=[create_mark("not told apart", marker="s", ms=7, alpha=0.3)], loc="outside lower center"
+            handles=[create_mark("indistinguishable", marker="s", ms=7, alpha=0.3)],
+            loc="outside lower center",
         )
     return drawing
 
 
 def format_rivalry(mechanism: NamedMechanism) -> str:
-    """Return the finding: the closest rival mechanism, and how much worse it fits."""
+    """Return the title: the best rival mechanism, and how much worse it fits."""
     if mechanism.indistinguishable:
-        return f"{', '.join(mechanism.indistinguishable)} fits this recording as well as {mechanism.id}"
+        verb = "fits" if len(mechanism.indistinguishable) == 1 else "fit"
+        rivals = join_words(list(mechanism.indistinguishable))
+        return f"{rivals} {verb} this recording as well as {mechanism.id}"
     if not mechanism.rival_chi2_increase:
-        return f"Nothing else comes near {mechanism.id}"
+        return f"No other mechanism is a rival of {mechanism.id}"
     best_rival = min(mechanism.rival_chi2_increase, key=lambda id: mechanism.rival_chi2_increase[id])
+    change = mechanism.rival_chi2_increase[best_rival]
+    verb = "increases" if change > 0 else "decreases"
     return (
-        f"The next best, {best_rival}, loses"
-        f" {_format_three_digits(mechanism.rival_chi2_increase[best_rival])} of χ² in the place of"
-        f" {mechanism.id}"
+        f"The best rival of {mechanism.id} is {best_rival}; it {verb} χ² by"
+        f" {_format_three_digits(abs(change))}"
     )
 
 
@@ -159,37 +168,41 @@ def plot_shifts(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
     """Return the shift of each baseline parameter in its sd, or None without an identified mechanism."""
     if not diagnosis.parameter_shifts:
         return None
-    numbers = sorted(diagnosis.parameter_shifts.items(), key=lambda pair: -abs(pair[1].shift))[:MAX_NUMBERS]
-    shifts = [shift.shift for _, shift in numbers]
+    largest_shifts = sorted(diagnosis.parameter_shifts.items(), key=lambda pair: -abs(pair[1].shift))[
+        :MAX_SHIFTS
+    ]
+    shifts = [shift.shift for _, shift in largest_shifts]
     with apply_theme():
-        drawing = create_figure(SINGLE_COLUMN if narrow else 5.4, 1.15 + 0.2 * max(len(numbers), 2))
+        drawing = create_figure(SINGLE_COLUMN if narrow else 5.4, 1.15 + 0.2 * max(len(largest_shifts), 2))
         panel = drawing.subplots()
         panel.axvspan(-1, 1, color=REFERENCE_COLOUR, alpha=0.3, lw=0, gid="sd")
         panel.axvline(0, color=REFERENCE_COLOUR, lw=0.6)
-        y = np.arange(len(numbers))
+        y = np.arange(len(largest_shifts))
         panel.hlines(y, 0, shifts, color=REFERENCE_COLOUR, lw=0.8)
         panel.plot(shifts, y, "o", color=NAMED_COLOUR, gid="shift")
-        panel.set_yticks(y, [name for name, _ in numbers])
-        panel.set_ylim(len(numbers) - 0.5, -0.5)
+        panel.set_yticks(y, [name for name, _ in largest_shifts])
+        panel.set_ylim(len(largest_shifts) - 0.5, -0.5)
         x_limit = 1.15 * max(2.0, *map(abs, shifts))
-        panel.set(xlim=(-x_limit, x_limit), xlabel="moved by [its sd before]")
+        panel.set(xlim=(-x_limit, x_limit), xlabel="shift [sd of the baseline fit]")
         drawing.suptitle(textwrap.fill(format_shifts(diagnosis), 48 if narrow else 80), x=0.01, ha="left")
         drawing.legend(
-            handles=[create_mark("± 1 sd before", marker="s", ms=7, alpha=0.3)], loc="outside lower center"
+            handles=[create_mark("± 1 sd of the baseline fit", marker="s", ms=7, alpha=0.3)],
+            loc="outside lower center",
         )
     return drawing
 
 
 def format_shifts(diagnosis: Diagnosis) -> str:
-    """Return the finding: how many baseline parameters were biased, and which one most."""
+    """Return the title: how many baseline parameters were biased, and which one most."""
     biased_names = [name for name, shift in diagnosis.parameter_shifts.items() if abs(shift.shift) > 1]
     if not biased_names:
-        return "None of the baseline's numbers had swallowed the effect: all stay within 1 sd"
+        return "The missing mechanisms biased no baseline parameter by more than 1 sd"
     most_biased = max(biased_names, key=lambda name: abs(diagnosis.parameter_shifts[name].shift))
-    shift_text = f"{diagnosis.parameter_shifts[most_biased].shift:+.1f}".replace("-", "−")
+    shift_text = format_signed(diagnosis.parameter_shifts[most_biased].shift)
     return (
-        f"{len(biased_names)} of {len(diagnosis.parameter_shifts)} numbers moved by more than 1 sd;"
-        f" {most_biased} most, by {shift_text} sd"
+        f"{len(biased_names)} of {len(diagnosis.parameter_shifts)} parameters"
+        f" {'shifts' if len(biased_names) == 1 else 'shift'} by more than 1 sd; largest: {most_biased},"
+        f" {shift_text} sd"
     )
 
 

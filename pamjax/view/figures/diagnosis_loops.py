@@ -22,8 +22,9 @@ from pamjax.view.theme import (
     apply_theme,
     create_figure,
 )
+from pamjax.view.wording import join_words
 
-#: Loops are drawn at this many settings at most, each with this many measured points at most.
+#: Largest number of settings with a loop, and of measured points in each loop.
 MAX_LOOPS, MAX_LOOP_POINTS = 4, 120
 
 
@@ -33,7 +34,7 @@ def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
     One setting is a held-out one, if there is any. Held-out blocks are predicted by fits without them.
     """
     row_layout, channel_index = _select_settings(diagnosis), find_main_channel(diagnosis)
-    predictions = [("the baseline", diagnosis.gain.before)]
+    predictions = [("baseline", diagnosis.gain.before)]
     if diagnosis.named_mechanisms:
         predictions.append(
             (f"with {', '.join(name.id for name in diagnosis.named_mechanisms)}", diagnosis.gain.after)
@@ -49,7 +50,7 @@ def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
                 compute_rms(diagnosis.problem.measured[channel_index] - prediction[channel_index]),
                 CHANNELS[channel_index],
             )
-            title = f"{label[0].upper()}{label[1:]}: {CHANNELS[channel_index]} missed by {rmse_text}"
+            title = f"{label[0].upper()}{label[1:]}: RMS error of {CHANNELS[channel_index]} {rmse_text}"
             panel.set(
                 xlabel=row_layout.xlabel,
                 ylabel=f"{CHANNELS[channel_index]} [{DISPLAY_UNIT[CHANNELS[channel_index]]}]",
@@ -68,25 +69,25 @@ def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
 
 def _select_settings(diagnosis: Diagnosis) -> Layout:
     """Return the layout of a few settings: the outer ones, some between, and a held-out one."""
-    whole_layout = build_layout(diagnosis.problem.case)
-    setting_count = len(whole_layout.names)
+    full_layout = build_layout(diagnosis.problem.case)
+    setting_count = len(full_layout.names)
     if setting_count <= MAX_LOOPS:
-        return whole_layout
+        return full_layout
     chosen = np.unique(np.linspace(0, setting_count - 1, MAX_LOOPS).round().astype(int))
-    held_out_groups = np.unique(whole_layout.group[diagnosis.gain.held_out & (whole_layout.group >= 0)])
+    held_out_groups = np.unique(full_layout.group[diagnosis.gain.held_out & (full_layout.group >= 0)])
     if held_out_groups.size and not np.isin(held_out_groups, chosen).any():
         inner = chosen[1:-1]
         chosen[1 + np.argmin(np.abs(inner - held_out_groups[0]))] = held_out_groups[0]
     number = np.full(setting_count + 1, -1)
     number[chosen] = np.arange(len(chosen))
     return Layout(
-        whole_layout.x,
-        whole_layout.xlabel,
-        number[whole_layout.group],
-        tuple(whole_layout.names[k] for k in chosen),
-        tuple(whole_layout.colours[k] for k in chosen),
-        tuple(whole_layout.isobars[k] for k in chosen) if whole_layout.isobars else (),
-        whole_layout.connected,
+        full_layout.x,
+        full_layout.xlabel,
+        number[full_layout.group],
+        tuple(full_layout.names[k] for k in chosen),
+        tuple(full_layout.colours[k] for k in chosen),
+        tuple(full_layout.isobars[k] for k in chosen) if full_layout.isobars else (),
+        full_layout.connected,
     )
 
 
@@ -148,11 +149,16 @@ def plot_left_out(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
                 mew=0,
                 alpha=0.55,
                 color=REFERENCE_COLOUR,
-                gid="left",
+                gid="residual",
             )
             for run in iterate_lines(diagnosis.problem.case, row_layout, k, np.isfinite(residual)):
                 panel.plot(
-                    row_layout.x[run], correction[run], color=OKABE_ITO["blue"], lw=1.2, zorder=3, gid="added"
+                    row_layout.x[run],
+                    correction[run],
+                    color=OKABE_ITO["blue"],
+                    lw=1.2,
+                    zorder=3,
+                    gid="contribution",
                 )
             panel.set(
                 xlabel=row_layout.xlabel,
@@ -166,22 +172,20 @@ def plot_left_out(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
             ha="left",
         )
         handles = [
-            create_mark("measured", marker="o", ms=3),
-            create_mark("with names", ls="-", color=OKABE_ITO["blue"]),
+            create_mark("residual of the baseline", marker="o", ms=3),
+            create_mark("contribution of the mechanisms", ls="-", color=OKABE_ITO["blue"]),
         ]
         drawing.legend(handles=handles, loc="outside lower center", ncols=2)
     return drawing
 
 
 def format_resemblance(diagnosis: Diagnosis, residual: np.ndarray, correction: np.ndarray) -> str:
-    """Return the finding: the share of the residuals' variance that the mechanisms explain."""
+    """Return the title: the share of the squared residuals that the mechanisms explain."""
     explained_fraction = 1 - np.nanmean((residual - correction) ** 2) / np.nanmean(residual**2)
-    names = " and ".join(name.id for name in diagnosis.named_mechanisms)
-    verb = "adds" if len(diagnosis.named_mechanisms) == 1 else "add"
-    return (
-        f"{100 * max(explained_fraction, 0.0):.0f} % of the square of what the baseline leaves is what"
-        f" {names} {verb}"
-    )
+    names = join_words([mechanism.id for mechanism in diagnosis.named_mechanisms])
+    verb = "explains" if len(diagnosis.named_mechanisms) == 1 else "explain"
+    percent = f"{100 * max(explained_fraction, 0.0):.0f} %"
+    return f"{names} {verb} {percent} of the squared residuals of the baseline"
 
 
 def compute_rms(misfit: np.ndarray) -> float:

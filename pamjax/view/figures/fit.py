@@ -1,4 +1,4 @@
-"""Figures of a fit: one question each, with its answer in the title.
+"""Figures of a fit: each answers one question in its title.
 
 | figure            | question                                                    |
 |-------------------|-------------------------------------------------------------|
@@ -41,16 +41,17 @@ from pamjax.view.theme import (
     apply_theme,
     create_figure,
     save_png,
+    separate_panels,
 )
 from pamjax.view.wording import format_signed
 
-#: A misfit above this many times the noise is a miss; as in the note.
+#: Ratio of misfit to noise above which a title reports a misfit; as in the text report.
 MIN_MISS_RATIO = 1.5
-#: With more blocks than this, not every one has its name on the axis.
+#: Largest number of blocks that all have a label on the axis.
 MAX_NAMED_BLOCKS = 30
-#: A number that moved by less of its prior's standard deviation has not moved.
+#: Smallest shift that is reported, in standard deviations of the prior.
 MIN_PRIOR_SHIFT = 0.05
-#: Up to this many rows each point is a reading to be looked at; above, they are a cloud.
+#: Largest number of rows that are drawn as large points above the lines.
 MAX_CLEAR_POINTS = 200
 
 
@@ -72,7 +73,7 @@ def plot_prediction(case_fit: CaseFit, narrow: bool = False) -> Figure:
             panels,
             row_layout,
             create_mark("measured", marker="o", ms=3),
-            create_mark("fitted muscle", **style),
+            create_mark("fitted model", **style),
         )
     return drawing
 
@@ -91,7 +92,7 @@ def _plot_points_and_lines(panel: Axes, case_fit: CaseFit, row_layout: Layout, c
             panel.plot(row_layout.x[rows], predicted[rows], "x", color=colour, gid=f"model group-{group}")
             continue
         for rows in iterate_lines(case_fit.case, row_layout, group, measured_rows):
-            # White below every line parts it from its points, and hides no other line.
+            # A white outline separates the line from the points of its group.
             panel.plot(
                 row_layout.x[rows],
                 predicted[rows],
@@ -111,6 +112,7 @@ def create_panels(count: int, narrow: bool, height: float = 3.4, **shared: Any) 
         drawing = create_figure(SINGLE_COLUMN, 0.4 + 0.85 * height * count)
         return drawing, list(drawing.subplots(count, 1, squeeze=False, **shared)[:, 0])
     drawing = create_figure(DOUBLE_COLUMN if count > 1 else 4.8, height)
+    separate_panels(drawing)
     return drawing, list(drawing.subplots(1, count, squeeze=False, **shared)[0])
 
 
@@ -122,19 +124,16 @@ def _choose_point_style(measured_rows: np.ndarray) -> dict[str, Any]:
 
 
 def format_misfit_title(case_fit: CaseFit, channel: str) -> str:
-    """Return the finding: a channel's misfit relative to its noise, or to its largest value."""
-    noise, rmse_text = case_fit.noise[channel], f"{_format_channel_size(case_fit.rmse[channel], channel)} rms"
+    """Return the title: a channel's RMS error relative to its noise, or to its largest value."""
+    noise, rmse_text = case_fit.noise[channel], _format_channel_size(case_fit.rmse[channel], channel)
     if not noise.stated:
         largest = np.nanmax(np.abs(getattr(case_fit.case.recording, channel)))
         share = 100 * case_fit.rmse[channel] / largest
-        return f"{channel.capitalize()} is missed by {rmse_text},\n{share:.2g} % of its largest value"
+        return f"RMS error of {channel}: {rmse_text}\n({share:.2g} % of the largest value)"
     if noise.excess > MIN_MISS_RATIO:
         ratio_text = f"{noise.excess:.0f}" if noise.excess >= 10 else f"{noise.excess:.2g}"
-        return f"{channel.capitalize()} is missed by {rmse_text},\n{ratio_text} times its noise"
-    return (
-        f"{channel.capitalize()} is met to {rmse_text};\nits noise is"
-        f" {_format_channel_size(noise.sd, channel)}"
-    )
+        return f"RMS error of {channel}: {rmse_text}\n({ratio_text} times the noise)"
+    return f"RMS error of {channel}: {rmse_text}\n(noise {_format_channel_size(noise.sd, channel)})"
 
 
 def _format_channel_size(value: float, channel: str) -> str:
@@ -148,7 +147,7 @@ def plot_residual(case_fit: CaseFit, narrow: bool = False) -> Figure:
         case_fit.case.recording.channels,
         select_axes(case_fit.case),
     )
-    if narrow:  # what a phone has room for
+    if narrow:  # A phone has room for one column.
         columns = dict(list(columns.items())[:1])
     with apply_theme():
         width = SINGLE_COLUMN if narrow else DOUBLE_COLUMN if len(columns) > 1 else 4.8
@@ -164,7 +163,7 @@ def plot_residual(case_fit: CaseFit, narrow: bool = False) -> Figure:
         titles = [textwrap.fill(text, 52) for text in titles] if narrow else titles
         drawing.suptitle("\n".join(titles), x=0.01, ha="left")
         stated = all(case_fit.noise[channel].stated for channel in channels)
-        noise_name = "its noise" if stated else "noise, or of the residual where none was stated"
+        noise_name = "noise" if stated else "noise (of the residual if no noise is stated)"
         band = create_mark(f"± 2 sd of {noise_name}", marker="s", ms=7, alpha=0.3)
         add_key(drawing, list(grid.flat), row_layout, create_mark("measured − model", marker="o", ms=3), band)
     return drawing
@@ -191,19 +190,21 @@ def _plot_residuals(panel: Axes, case_fit: CaseFit, row_layout: Layout, channel:
 
 
 def format_outliers(case_fit: CaseFit, channel: str) -> str:
-    """Return the finding: the share of samples beyond noise, or the largest misfit without stated noise."""
+    """Return the title: the share of rows beyond noise, or the largest residual without stated noise."""
     noise, misfit = case_fit.noise[channel], np.abs(_compute_residual(case_fit, channel))
     if not noise.stated:
         row = int(np.nanargmax(misfit))
         pressure, length = case_fit.case.recording.pressure[row], case_fit.case.recording.length[row]
         place = f"{format_quantity(pressure, 'kPa', 3)} and {format_quantity(length, 'mm')}"
-        return f"{channel.capitalize()}: missed most at {place}, by {misfit[row]:.3g} {DISPLAY_UNIT[channel]}"
+        return (
+            f"{channel.capitalize()}: largest residual {misfit[row]:.3g} {DISPLAY_UNIT[channel]}, at {place}"
+        )
     percent_outside = 100 * np.mean(
         misfit[np.isfinite(misfit)] > 2 * noise.sd / compute_si_factor(DISPLAY_UNIT[channel])
     )
     return (
-        f"{channel.capitalize()}: {percent_outside:.0f} % of samples outside ± 2 sd of its noise,"
-        f" where 5 % belong"
+        f"{channel.capitalize()}: {percent_outside:.0f} % of rows are outside ± 2 sd of the noise"
+        f" (expected: 5 %)"
     )
 
 
@@ -214,7 +215,7 @@ def plot_held_out(case_fit: CaseFit, narrow: bool = False) -> Figure:
         BadInput: if no block was held out.
     """
     if case_fit.held_out is None:
-        raise refuse("this figure needs blocks that were held out", "one block", case_fit.case.name)
+        raise refuse("this figure needs held-out blocks", "one block", case_fit.case.name)
     channels = list(case_fit.held_out.rmse)
     block_names = _order_blocks(case_fit)
     with apply_theme():
@@ -226,10 +227,12 @@ def plot_held_out(case_fit: CaseFit, narrow: bool = False) -> Figure:
         panels[0].set_yticks(range(0, len(block_names), label_step), block_names[::label_step])
         panels[0].invert_yaxis()
         stated = [case_fit.noise[channel].stated for channel in channels]
-        noise_marks = [create_mark("its noise" if all(stated) else "residual's own noise", ls="--")]
-        seen_mark = create_mark("seen by the fit", marker="o", color=OKABE_ITO["blue"])
-        unseen_mark = create_mark("held out", marker="D", color=OKABE_ITO["vermilion"], mfc="none")
-        drawing.legend(handles=[seen_mark, unseen_mark, *noise_marks], loc="outside lower center", ncols=3)
+        noise_marks = [create_mark("noise" if all(stated) else "noise of the residual", ls="--")]
+        fitted_mark = create_mark("included in the fit", marker="o", color=OKABE_ITO["blue"])
+        held_out_mark = create_mark("held out", marker="D", color=OKABE_ITO["vermilion"], mfc="none")
+        drawing.legend(
+            handles=[fitted_mark, held_out_mark, *noise_marks], loc="outside lower center", ncols=3
+        )
     return drawing
 
 
@@ -249,19 +252,20 @@ def _plot_blocks(panel: Axes, case_fit: CaseFit, channel: str, block_names: list
     scale = compute_si_factor(DISPLAY_UNIT[channel])
     label = np.array(case_fit.block)
     rmse = {}
-    for kind, predicted in (("seen", case_fit.prediction), ("unseen", case_fit.held_out_prediction)):
+    for kind, predicted in (("fitted", case_fit.prediction), ("held-out", case_fit.held_out_prediction)):
         misfit = getattr(case_fit.case.recording, channel) - predicted[channel]
         rmse[kind] = np.array([_compute_rms(misfit[label == name]) / scale for name in block_names])
     y = np.arange(len(block_names))
-    panel.hlines(y, rmse["seen"], rmse["unseen"], color=REFERENCE_COLOUR, lw=0.8)
-    panel.plot(rmse["seen"], y, "o", color=OKABE_ITO["blue"], gid="seen")
-    panel.plot(rmse["unseen"], y, "D", color=OKABE_ITO["vermilion"], mfc="none", ms=5.5, gid="unseen")
+    panel.hlines(y, rmse["fitted"], rmse["held-out"], color=REFERENCE_COLOUR, lw=0.8)
+    panel.plot(rmse["fitted"], y, "o", color=OKABE_ITO["blue"], gid="fitted")
+    panel.plot(rmse["held-out"], y, "D", color=OKABE_ITO["vermilion"], mfc="none", ms=5.5, gid="held-out")
     panel.axvline(case_fit.noise[channel].sd / scale, color=REFERENCE_COLOUR, ls="--", lw=0.8, gid="noise")
-    # Room for half a mark: a limit on one side alone would freeze the other where it is.
-    max_rmse = np.nanmax([*rmse["seen"], *rmse["unseen"], case_fit.noise[channel].sd / scale])
+    # Leave room for half a marker at the upper limit.
+    max_rmse = np.nanmax([*rmse["fitted"], *rmse["held-out"], case_fit.noise[channel].sd / scale])
     panel.set_xlim(0, 1.08 * max_rmse)
     panel.set(
-        xlabel=f"rmse of {channel} [{DISPLAY_UNIT[channel]}]", title=format_generalisation(case_fit, channel)
+        xlabel=f"RMS error of {channel} [{DISPLAY_UNIT[channel]}]",
+        title=format_generalisation(case_fit, channel),
     )
 
 
@@ -271,19 +275,19 @@ def _compute_rms(misfit: np.ndarray) -> float:
 
 
 def format_generalisation(case_fit: CaseFit, channel: str) -> str:
-    """Return the finding: how much larger a channel's held-out error is than its fitted misfit."""
+    """Return the title: the held-out error of a channel relative to its error in the fit."""
     assert case_fit.held_out is not None
-    seen_rmse, held_out_rmse = case_fit.rmse[channel], case_fit.held_out.rmse[channel]
+    fitted_rmse, held_out_rmse = case_fit.rmse[channel], case_fit.held_out.rmse[channel]
     head = (
-        f"Held-out {case_fit.held_out.kind}: {channel} missed by"
+        f"Held-out {case_fit.held_out.kind}: RMS error of {channel}"
         f" {_format_channel_size(held_out_rmse, channel)},\n"
     )
-    percent_more = 100 * (held_out_rmse / seen_rmse - 1) if seen_rmse > 0 else math.inf
+    percent_more = 100 * (held_out_rmse / fitted_rmse - 1) if fitted_rmse > 0 else math.inf
     if abs(percent_more) < 0.5:
-        return f"{head}as where seen"
+        return f"{head}as in the fit"
     return (
-        f"{head}{abs(percent_more):.0f} % {'more' if percent_more > 0 else 'less'} than where seen"
-        f" ({_format_channel_size(seen_rmse, channel)})"
+        f"{head}{abs(percent_more):.0f} % {'more' if percent_more > 0 else 'less'} than in the fit"
+        f" ({_format_channel_size(fitted_rmse, channel)})"
     )
 
 
@@ -304,9 +308,9 @@ def plot_prior(fit: Fit, narrow: bool = False) -> Figure | None:
         panel.set_ylim(len(names) - 0.5, -0.5)
         low, high = panel.get_xlim()
         panel.set_xlim(min(low, -2.5), max(high, 2.5))
-        panel.set(xlabel="distance from the prior [its sd]")
+        panel.set(xlabel="estimate − prior [sd of the prior]")
         title = format_learned(fit)
-        # Across the whole figure: beside the names of the rows a phone has no room for it.
+        # Use the width of the figure, because the panel of a phone is too narrow.
         drawing.suptitle(textwrap.fill(title, 48) if narrow else title, x=0.01, ha="left", fontsize=8)
         handles = [
             create_mark("prior ± 1 sd", marker="s", ms=7, alpha=0.3),
@@ -314,7 +318,7 @@ def plot_prior(fit: Fit, narrow: bool = False) -> Figure | None:
         ]
         if any(estimate.sd is None for estimate in estimates.values()):
             handles.append(
-                create_mark("at a limit, or not determined", marker="x", color=OKABE_ITO["vermilion"])
+                create_mark("at a limit or not determined", marker="x", color=OKABE_ITO["vermilion"])
             )
         drawing.legend(handles=handles, loc="outside lower center", ncols=2 if narrow else 3)
     return drawing
@@ -326,7 +330,7 @@ def select_with_prior(fit: Fit) -> dict[str, Estimate]:
 
 
 def _plot_estimate(panel: Axes, y: int, estimate: Estimate) -> None:
-    """Draw one row: the estimate in sd of the prior, and its value as text at the right margin."""
+    """Draw one row: the estimate in sd of the prior, and its value as text at the right edge."""
     text = format_estimate(estimate.value, estimate.sd, estimate.meaning.show)
     shift = (estimate.value - estimate.prior) / estimate.prior_sd
     if estimate.sd is None:
@@ -344,29 +348,29 @@ def _plot_estimate(panel: Axes, y: int, estimate: Estimate) -> None:
 
 
 def format_learned(fit: Fit) -> str:
-    """Return the finding: how many priors the recording halves, and the largest shift."""
+    """Return the title: how many standard deviations the recording halves, and the largest shift."""
     estimates = select_with_prior(fit)
-    pinned_count = sum(estimate.shrinkage > 0.5 for estimate in estimates.values())
-    group = "numbers" if len(estimates) == len(fit.estimates) else "numbers that had a prior"
-    text = f"The recording halves the uncertainty of {pinned_count} of {len(estimates)} {group}"
+    determined_count = sum(estimate.shrinkage > 0.5 for estimate in estimates.values())
+    group = "parameters" if len(estimates) == len(fit.estimates) else "parameters with a prior"
+    text = f"The recording at least halves the sd of {determined_count} of {len(estimates)} {group}"
     shifts = {
         name: (estimate.value - estimate.prior) / estimate.prior_sd for name, estimate in estimates.items()
     }
-    farthest = max(shifts, key=lambda name: abs(shifts[name]))
-    if abs(shifts[farthest]) < MIN_PRIOR_SHIFT:
-        return f"{text};\nnone moved from its prior"
-    return f"{text};\n{farthest} moved farthest, {format_signed(shifts[farthest])} sd of its prior"
+    most_shifted = max(shifts, key=lambda name: abs(shifts[name]))
+    if abs(shifts[most_shifted]) < MIN_PRIOR_SHIFT:
+        return f"{text};\nno estimate differs from its prior"
+    return f"{text};\nlargest shift: {most_shifted}, {format_signed(shifts[most_shifted])} sd of its prior"
 
 
 def save_fit_figures(fit: Fit, folder: Path) -> list[Path]:
     """Write every figure of a fit as PNG.
 
     Returns:
-        the PNG files, the prior's first; with several cases, names begin with the case's name.
+        paths of the PNG files, the prior first. With several cases, names begin with the case's name.
     """
     prior_drawing = plot_prior(fit)
     if prior_drawing is None:
-        # One that an earlier fit left in this folder speaks of that one.
+        # Remove a figure of an earlier fit in this folder.
         (folder / "prior.png").unlink(missing_ok=True)
     written = [save_png(prior_drawing, folder / "prior")] if prior_drawing is not None else []
     for case_fit in fit.cases:

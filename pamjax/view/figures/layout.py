@@ -1,4 +1,4 @@
-"""Layout of a case's rows in a figure: the horizontal axis, and the groups that share a colour."""
+"""Layout of a case's rows in a figure: the horizontal axis and the groups with one colour each."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ class Layout:
     Attributes:
         x: (n,) horizontal coordinate of the rows, in the unit of its label.
         xlabel: with unit.
-        group: (n,) index of the rows that share a colour and a line; -1 for rows that are not drawn.
+        group: (n,) index of the group of each row; -1 for rows that are not drawn. A group has one colour.
         names: of the groups.
         colours: of the groups.
-        isobars: pressures of the groups, kPa, where they are isobars; else empty.
-        connected: whether a line may connect the model's points of a group.
+        isobars: pressures of the groups, kPa, if they are isobars; else empty.
+        connected: whether a line connects the model's points of a group.
     """
 
     x: np.ndarray

@@ -36,14 +36,14 @@ from pamjax.view.theme import (
     create_figure,
 )
 
-#: A change smaller than this, N and mm, is none to speak of; a loop likewise.
+#: Largest change, and largest loop width, that counts as negligible, N and mm.
 NEGLIGIBLE_CHANGE = {"force": 0.05, "diameter": 2e-3}
-#: Share of it that is still seen in a panel.
+#: Share of the negligible change that is still visible in a panel.
 VISIBLE_SHARE = 0.05
 
 CHANNEL_SCALES = {"force": 1.0, "diameter": 1e-3}
 
-#: Colours of the fixed lengths, which are kinds: pressures have shades.
+#: Colours of the fixed lengths. Pressures have shades of one colour map.
 LENGTH_COLOURS = tuple(OKABE_ITO[name] for name in ("blue", "orange", "purple"))
 
 
@@ -76,7 +76,11 @@ def _build_key(colours: Sequence[ColorType]) -> list[Line2D]:
         (f"contraction {contraction:.0%}, in (d)", colour)
         for contraction, colour in zip(DEMO_CONTRACTIONS, LENGTH_COLOURS, strict=True)
     ]
-    line_styles = {"shortening, or filling": "--", "lengthening, or venting": "-", "without it, in (c)": ":"}
+    line_styles = {
+        "shortening or filling": "--",
+        "lengthening or venting": "-",
+        "without mechanism, in (c)": ":",
+    }
     return [create_mark(label, ls="-", lw=3, color=colour) for label, colour in isobars + lengths] + [
         create_mark(label, ls=style) for label, style in line_styles.items()
     ]
@@ -103,7 +107,7 @@ def _plot_strokes(
     panel.set(
         xlabel="contraction [%]",
         ylabel=f"change of {channel} [{DISPLAY_UNIT[channel]}]",
-        title=f"{channel}: {_format_change_range(changes, channel)}",
+        title=f"change: {_format_change_range(changes, channel)}",
     )
     _set_vertical_range(panel, channel)
 
@@ -125,20 +129,20 @@ def _plot_force(panel: Axes, strokes: Sequence[DemoRun], colours: Sequence[Color
     max_change = max(np.nanmax(np.abs(_compute_change(run, "force"))) for run in strokes)
     share = max_change / max(np.nanmax(np.abs(run.bare_force)) for run in strokes)
     change_text = (
-        f"changed by up to {share:.1%} of its top" if max_change > NEGLIGIBLE_CHANGE["force"] else "no change"
+        f"change up to {share:.1%} of its maximum" if max_change > NEGLIGIBLE_CHANGE["force"] else "no change"
     )
-    panel.set(xlabel="length [mm]", ylabel="force [N]", title=f"force itself: {change_text}")
+    panel.set(xlabel="length [mm]", ylabel="force [N]", title=f"force: {change_text}")
 
 
 def _plot_ramps(panel: Axes, ramps: Sequence[DemoRun]) -> None:
     changes = [_compute_change(run, "force") for run in ramps]
     for run, change, colour in zip(ramps, changes, LENGTH_COLOURS, strict=True):
-        # Of a ramp, filling is drawn as shortening is: it is what contracts a muscle.
+        # Filling has the line style of shortening, because filling contracts a muscle.
         _plot_path(panel, run.pressure / 1e3, change, ~run.rising, colour)
     panel.set(
         xlabel="pressure [kPa]",
         ylabel="change of force [N]",
-        title=f"force in ramps: {_format_change_range(changes, 'force')}",
+        title=f"change in ramps: {_format_change_range(changes, 'force')}",
     )
     _set_vertical_range(panel, "force")
 
@@ -151,7 +155,7 @@ def _plot_path(panel: Axes, x, y, rising: np.ndarray, colour: ColorType) -> None
     for start in range(0, x.size, HALF_CYCLE_SAMPLES):
         if _repeats_later(y, start):
             continue
-        # One point of the next half, so that the halves meet.
+        # Include one point of the next half-cycle, so that the lines are connected.
         rows = slice(start, min(start + HALF_CYCLE_SAMPLES + 1, x.size))
         style = "-" if rising[start] else "--"
         panel.plot(x[rows], y[rows], style, color=colour, lw=1.1, gid="path")
@@ -186,7 +190,7 @@ def _format_change_range(changes: Sequence[np.ndarray], channel: str) -> str:
     )
     if max(first_width, last_width) < NEGLIGIBLE_CHANGE[channel]:
         return f"{range_text} {DISPLAY_UNIT[channel]}"
-    # What is there once, as the first stretch of rubber, is no loop that comes again.
+    # A loop of the first cycle only, such as the first stretch of rubber, is not a repeated loop.
     loop_text = (
         f"loop {_format_change(last_width, channel)}"
         if last_width > NEGLIGIBLE_CHANGE[channel]

@@ -2,8 +2,8 @@
 
 The muscle of Chambers & Wereley (Actuators 2022, 11, 219) with threads of 80 GPa makes strokes at three
 pressures, and is filled and vented at three lengths. The bench contains every mechanism of the library, all
-but one at their neutral values, so that all figures share one compiled program. A textbook form is not in
-the library and has a bench of its own.
+but one at their neutral values, so that all figures share one compiled program. A textbook form outside the
+library has a separate bench.
 """
 
 from __future__ import annotations

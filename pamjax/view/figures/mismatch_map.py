@@ -1,4 +1,4 @@
-"""Map of a misfit: where a recording deviates from the baseline model, with the misfit's boxes."""
+"""Map of a misfit: where a recording deviates from the baseline model, and frames of the misfit's regions."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.records.levels import assign_levels, find_levels
 from pamjax.view.theme import DOUBLE_COLUMN, SINGLE_COLUMN, apply_theme, create_figure
 
-#: Cells along an axis that has no settings, and most settings that each get a cell of their own.
+#: Number of cells along an axis without settings, and largest number of settings with a cell each.
 AXIS_CELLS, MAX_SETTINGS = 18, 24
-#: Share of the rows on settings from which an axis is cut at them.
+#: Smallest share of rows at settings for which the cells are the settings.
 MIN_SHARE_ON_SETTINGS = 0.8
-#: Share of the moving rows from which the two directions are drawn apart.
+#: Smallest share of moving rows for which each direction has a panel.
 MIN_MOVING_SHARE = 0.5
-#: An axis is drawn where it spans more than this, in its shown unit.
+#: Smallest range of an axis that is drawn, in its display unit.
 MIN_AXIS_RANGE = {"contraction [%]": 0.2, "pressure [kPa]": 1.0, "time [s]": 0.0, "row": 0.0}
-#: Colours run to this quantile of the cells' size, so that one wild cell does not pale all others.
+#: Quantile of the cells' absolute values at the end of the colour scale; larger values are clipped.
 COLOUR_QUANTILE = 0.98
 
 
@@ -43,7 +43,7 @@ class MapAxis:
         field: attribute of a box that has the box's limits on this axis.
         scale: factor from SI to the display unit.
         values: (n,) of the rows, in the display unit.
-        edges: (cells + 1,) limits of the cells, in the display unit.
+        edges: (cells + 1,) edges of the cells, in the display unit.
     """
 
     label: str
@@ -94,7 +94,7 @@ def plot_map(diagnosis: Diagnosis, channel: int | None = None, narrow: bool = Fa
     Args:
         diagnosis: the diagnosis.
         channel: 0 force, 1 diameter; the main channel if omitted.
-        narrow: draw for a column or a phone, with the panels below each other.
+        narrow: draw for a column or a phone, with stacked panels.
     """
     coordinates, channel_index = (
         build_axes(diagnosis.problem),
@@ -139,14 +139,14 @@ def plot_map(diagnosis: Diagnosis, channel: int | None = None, narrow: bool = Fa
 
 
 def format_location(diagnosis: Diagnosis, channel: str) -> str:
-    """Return the place of a channel's misfit in one sentence."""
+    """Return the location of a channel's misfit in one sentence."""
     if not diagnosis.detected:
-        return "No part of the recording departs from the baseline by more than its noise explains"
+        return "No part of the recording differs from the baseline by more than the noise explains"
     sentences = [box.description for box in diagnosis.mismatch_boxes if box.channel == channel]
     return (
         sentences[0].rstrip(".")
         if sentences
-        else f"The {channel} is missed by more than noise, in no one place"
+        else f"The misfit of {channel} exceeds the noise, but has no distinct region"
     )
 
 
@@ -165,7 +165,7 @@ def _select_axes(problem: LibraryProblem, coordinates: RecordingAxes) -> tuple[M
     """Return the first two of contraction, pressure and time that vary, x first."""
     time_label = "time [s]" if problem.case.recording.has_time else "row"
     rest_length = problem.case.entry.rest_length.value
-    # Noise of a length is not a stroke: a setting's rows share one cell.
+    # Combine all rows of a length setting in one cell, because length noise is not a stroke.
     contractions = 100 * (1 - find_levels(problem.case.recording.length)[::-1] / rest_length)
     all_axes = [
         _build_axis("contraction [%]", "contraction", 100.0, coordinates.contraction, contractions),

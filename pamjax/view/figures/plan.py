@@ -1,4 +1,4 @@
-"""Figures of a plan: expected precision of the goal after each run, and commands over time."""
+"""Figures of a plan: expected standard deviation after each run, and commands over time."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class PrecisionCourse:
     Attributes:
         name: of the parameter; with the goal "all", of the first one.
         unit: display unit.
-        minutes: time spent, before the first run and after each.
+        minutes: elapsed time before the first run and after each run, min.
         sds: expected standard deviations, in the display unit.
     """
 
@@ -52,21 +52,21 @@ class PrecisionCourse:
 
 
 def plot_precision(plan: Plan, course: PrecisionCourse, narrow: bool = False) -> Figure:
-    """Return the goal's expected standard deviation against the time spent, with the wanted value."""
+    """Return the goal's expected standard deviation against time, with the target."""
     with apply_theme():
         drawing = create_figure(SINGLE_COLUMN if narrow else DOUBLE_COLUMN, 2.7)
         panel = drawing.subplots()
         _plot_precision_course(panel, plan, course)
-        condition = ", if the model of the muscle were right" if format_misfit(plan) else ""
+        condition = ", if the model were right" if format_misfit(plan) else ""
         title = f"{_format_reached_precision(plan, course)}{condition}"
         panel.set_title(textwrap.fill(title, 42) if narrow else title)
         handles = [create_mark("expected after each run", marker="o", ls="-", color=OKABE_ITO["black"])]
         if plan.target_sd:
-            handles.append(create_mark("wanted", ls=":"))
-        handles.append(create_mark("ten isobars in the same time", marker="x", color=OKABE_ITO["vermilion"]))
+            handles.append(create_mark("target", ls=":"))
+        handles.append(create_mark("ten isobars in equal time", marker="x", color=OKABE_ITO["vermilion"]))
         colours = {"force": "orange", "diameter": "sky"}
         handles += [
-            create_mark(f"{channel} alone", marker="D", mfc="none", color=OKABE_ITO[colours[channel]])
+            create_mark(f"{channel} only", marker="D", mfc="none", color=OKABE_ITO[colours[channel]])
             for channel in plan.single_channel
         ]
         drawing.legend(handles=handles, loc="outside lower center", ncols=1 if narrow else 5)
@@ -87,7 +87,7 @@ def _plot_precision_course(panel: Axes, plan: Plan, course: PrecisionCourse) -> 
     panel.plot(course.minutes[run_steps], course.sds[run_steps], "o", color=OKABE_ITO["black"])
     if plan.target_sd:
         panel.axhline(
-            plan.target_sd / unit_scale, color=REFERENCE_COLOUR, linestyle=":", linewidth=0.9, gid="wanted"
+            plan.target_sd / unit_scale, color=REFERENCE_COLOUR, linestyle=":", linewidth=0.9, gid="target"
         )
     if plan.chosen_runs:
         panel.plot(
@@ -99,17 +99,17 @@ def _plot_precision_course(panel: Axes, plan: Plan, course: PrecisionCourse) -> 
             panel.plot(minutes, sd / unit_scale, "D", mfc="none", color=OKABE_ITO[colour], gid=channel)
     panel.set_ylim(0, None)
     unit = "" if course.unit == "1" else f" [{course.unit}]"
-    panel.set(xlabel="minutes spent", ylabel=f"expected sd{unit}")
+    panel.set(xlabel="time [min]", ylabel=f"expected sd{unit}")
 
 
 def _format_reached_precision(plan: Plan, course: PrecisionCourse) -> str:
-    """Return the finding: the goal's precision, and the time spent."""
+    """Return the title: the expected precision of the goal, and the time."""
     sd_text = format_quantity(plan.expected_sds[course.name].sd_after, course.unit, 2)
-    return f"{course.name} to ± {sd_text} in {format_minutes(plan.minutes)}"
+    return f"Expected sd of {course.name}: {sd_text} after {format_minutes(plan.minutes)}"
 
 
 def plot_commands(plan: Plan, narrow: bool = False) -> Figure | None:
-    """Return pressure and length to command over time, or None if the plan has only checks of the rig."""
+    """Return the commanded pressure and length, or None if the plan has only checks of the rig."""
     table = plan.schedule()
     if not len(table):
         return None
@@ -130,11 +130,10 @@ def plot_commands(plan: Plan, narrow: bool = False) -> Figure | None:
 
 def _format_command_title(plan: Plan, narrow: bool) -> str:
     check_minutes = sum(count * run.minutes for count, run in plan.chosen_runs if not run.pressure.size)
-    title = "What to command"
+    title = "Commanded pressure and length"
+    separator = "\n" if narrow else " "
     return title + (
-        f";{chr(10) if narrow else ' '}checks take {format_minutes(check_minutes)} besides"
-        if check_minutes
-        else ""
+        f";{separator}checks take another {format_minutes(check_minutes)}" if check_minutes else ""
     )
 
 

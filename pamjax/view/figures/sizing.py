@@ -26,13 +26,13 @@ from pamjax.view.theme import (
     save_png,
 )
 
-#: Isobars of a chart, and contractions along each.
+#: Number of isobars in a chart, and of points along each.
 ISOBAR_COUNT, CONTRACTION_COUNT = 6, 80
-#: Deepest contraction that is drawn.
+#: Largest contraction that is drawn.
 MAX_CHART_CONTRACTION = 0.45
-#: Requirements and properties in the bars, at most.
+#: Largest number of bars.
 MAX_BARS = 8
-#: Rooms as near to one another as this are missed alike.
+#: Margins that differ by less than this count as equal.
 MARGIN_TIE = 0.02
 
 
@@ -40,7 +40,7 @@ def plot_chart(design: Design, narrow: bool = False) -> Figure:
     """Return force against contraction: isobars, the admissible region, the load and the working points."""
     supply = design.spec.supply
     levels = np.linspace(supply / ISOBAR_COUNT, supply, ISOBAR_COUNT)
-    # Closer where the rubber bends the isobars.
+    # Smaller steps at small contraction, where the rubber makes the isobars nonlinear.
     contraction = MAX_CHART_CONTRACTION * np.linspace(0.0, 1.0, CONTRACTION_COUNT) ** 1.5
     grid = np.meshgrid(levels, contraction, indexing="ij")
     force = design.force(grid[0].ravel(), grid[1].ravel()).reshape(ISOBAR_COUNT, CONTRACTION_COUNT)
@@ -73,15 +73,15 @@ def plot_chart(design: Design, narrow: bool = False) -> Figure:
         panel.set_ylabel("force of all muscles [N]" if design.choice.parallel > 1 else "force [N]")
         add_pressure_bar(panel, tuple(levels / 1e3))
         handles = [
-            create_mark("wanted", marker="o", color=OKABE_ITO["vermilion"], mfc="none"),
-            create_mark("there at its pressure", marker="o", color=OKABE_ITO["black"]),
+            create_mark("required", marker="o", color=OKABE_ITO["vermilion"], mfc="none"),
+            create_mark("available", marker="o", color=OKABE_ITO["black"]),
             create_mark("admissible", marker="s", ms=7, alpha=0.25),
         ]
         if design.spec.entries.stroke:
             handles.insert(0, create_mark("load", ls="-", color=OKABE_ITO["vermilion"]))
         if has_working_line:
-            supply_note = ", beyond the supply" if working_pressure > supply else ""
-            label = f"working {format_quantity(working_pressure, 'kPa', 3)}{supply_note}"
+            supply_note = ", above the supply pressure" if working_pressure > supply else ""
+            label = f"working pressure {format_quantity(working_pressure, 'kPa', 3)}{supply_note}"
             handles.append(create_mark(label, ls="--", color=OKABE_ITO["black"]))
         drawing.legend(handles=handles, loc="outside lower center", ncols=2 if narrow else 5)
     return drawing
@@ -115,10 +115,10 @@ def _plot_region(panel: Axes, design: Design, contraction, force, diameter) -> N
     if too_wide.size and force[-1, too_wide[0]] > 0:
         x = 100 * contraction[too_wide[0]]
         panel.axvline(x, color=REFERENCE_COLOUR, ls="--", lw=0.8)
-        # Beside the line, on the side that has room, and above the isobars.
+        # Place the label on the side of the line with more room, above the isobars.
         on_left = x > 50 * (contraction[-1] + contraction[0])
         panel.annotate(
-            f"wider than {format_quantity(max_diameter, 'mm')}",
+            f"diameter above {format_quantity(max_diameter, 'mm')}",
             (x, 0.97),
             (-6 if on_left else 6, 0),
             xycoords=("data", "axes fraction"),
@@ -134,15 +134,15 @@ def _plot_points(panel: Axes, design: Design) -> None:
     rest_length = design.numbers["rest_length"]
     points, task = design.task.points, design.task
     x = 100 * (points.contraction + points.shortening / rest_length)[: task.point_count]
-    reached = np.array([design.output("force", k) for k in range(task.point_count)])
-    wanted = task.loads
-    rows = np.flatnonzero(np.isfinite(wanted))
+    available = np.array([design.output("force", k) for k in range(task.point_count)])
+    required = task.loads
+    rows = np.flatnonzero(np.isfinite(required))
     stroke = [k for k in rows if "of the stroke" in task.labels[k]]
     if stroke:
-        panel.plot(x[stroke], wanted[stroke], "-", color=OKABE_ITO["vermilion"], lw=1.6, gid="load")
-    panel.vlines(x[rows], wanted[rows], reached[rows], color=OKABE_ITO["black"], lw=0.8, gid="margin")
-    panel.plot(x[rows], reached[rows], "o", color=OKABE_ITO["black"], ms=3.5, gid="there")
-    panel.plot(x[rows], wanted[rows], "o", color=OKABE_ITO["vermilion"], mfc="none", ms=6, gid="wanted")
+        panel.plot(x[stroke], required[stroke], "-", color=OKABE_ITO["vermilion"], lw=1.6, gid="load")
+    panel.vlines(x[rows], required[rows], available[rows], color=OKABE_ITO["black"], lw=0.8, gid="margin")
+    panel.plot(x[rows], available[rows], "o", color=OKABE_ITO["black"], ms=3.5, gid="available")
+    panel.plot(x[rows], required[rows], "o", color=OKABE_ITO["vermilion"], mfc="none", ms=6, gid="required")
 
 
 def format_shortfall_title(design: Design) -> str:
@@ -158,30 +158,26 @@ def format_shortfall_title(design: Design) -> str:
         if margins_by_key[requirement.key] < min(margins_by_key.values()) + MARGIN_TIE
     ]
     worst = min(nearly_worst, key=lambda requirement: (requirement.unit != "N", not requirement.stated))
-    return f"The nearest muscle has {format_shortfall(worst, y)} of “{worst.description}”"
+    return f"Nearest muscle, “{worst.description}”: {format_shortfall(worst, y)}"
 
 
 def format_chart_title(design: Design) -> str:
-    """Return the finding of the chart."""
+    """Return the title of the chart: the tightest force requirement."""
     if not design.feasible:
         return format_shortfall_title(design)
     rows = np.flatnonzero(design.task.loads > 0)
     if not rows.size:
-        return "The muscle reaches the contraction that is wanted"
+        return "The muscle reaches the required contraction"
     relative_margin = [design.output("force", int(k)) / design.task.loads[k] - 1 for k in rows]
     k = int(np.argmin(relative_margin))
-    tightest = (
-        "just enough"
-        if relative_margin[k] < 5e-4
-        else f"{100 * relative_margin[k]:.2g} % more than is wanted"
-    )
-    return f"Tightest {design.task.labels[rows[k]]}: {tightest}"
+    margin = "0" if relative_margin[k] < 5e-4 else f"{100 * relative_margin[k]:.2g}"
+    return f"Smallest force margin: {margin} % {design.task.labels[rows[k]]}"
 
 
 def plot_prices(design: Design, narrow: bool = False) -> Figure | None:
     """Return the objective's change for 1 % of each requirement or property; None if none is active."""
     rows = [(price.requirement.description, -price.percent_saved, "requirement") for price in design.prices]
-    rows += [(f"{name}, 1 % more", share, "property") for name, share in design.property_sensitivities.items()
+    rows += [(name, share, "property") for name, share in design.property_sensitivities.items()
              if abs(share) > 1e-3]  # fmt: skip
     rows = sorted(rows, key=lambda row: -abs(row[1]))[:MAX_BARS]
     if not design.prices:
@@ -199,15 +195,17 @@ def plot_prices(design: Design, narrow: bool = False) -> Figure | None:
         panel.invert_yaxis()
         panel.axvline(0, color=REFERENCE_COLOUR, lw=0.6)
         panel.set_xlabel(f"change of {objective} [%]")
-        dearest = design.prices[0]
+        top_price = design.prices[0]
         title = (
-            f"“{dearest.requirement.description}” made 1 % easier saves {dearest.percent_saved:.2g} %"
-            f" of {objective}"
+            f"Relaxing “{top_price.requirement.description}” by 1 % reduces {objective} by"
+            f" {top_price.percent_saved:.2g} %"
         )
         drawing.suptitle(textwrap.fill(title, 46) if narrow else title, x=0.01, ha="left", fontsize=8)
-        handles = [create_mark("requirement, 1 % easier", marker="s", ms=7, color=colour["requirement"])]
+        handles = [create_mark("requirement relaxed by 1 %", marker="s", ms=7, color=colour["requirement"])]
         if any(row[2] == "property" for row in rows):
-            handles.append(create_mark("property, 1 % more", marker="s", ms=7, color=colour["property"]))
+            handles.append(
+                create_mark("property increased by 1 %", marker="s", ms=7, color=colour["property"])
+            )
         drawing.legend(handles=handles, loc="outside lower center", ncols=1 if narrow else 2)
     return drawing
 
@@ -236,7 +234,7 @@ def plot_front(design: Design, narrow: bool = False) -> Figure | None:
         panel.set_xlabel(f"{front.first}{_format_unit(units[0])}")
         panel.set_ylabel(f"{front.second}{_format_unit(units[1])}")
         panel.set_title(
-            f"{_format_percent(x)} more {front.first} buys {_format_percent(y)} less {front.second}"
+            f"{_format_percent(x)} more {front.first} gives {_format_percent(y)} less {front.second}"
         )
         drawing.legend(loc="outside lower left", ncols=1)
     return drawing
@@ -247,7 +245,7 @@ def _format_unit(unit: str) -> str:
 
 
 def _format_percent(values: np.ndarray) -> str:
-    # Of the end that is left: more of the least, less of the most.
+    # Change from the first to the last point, relative to the first.
     percent_change = 100 * abs(values[-1] / values[0] - 1)
     return f"{percent_change:.0f} %" if percent_change >= 10 else f"{percent_change:.2g} %"
 

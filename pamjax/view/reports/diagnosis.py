@@ -1,4 +1,4 @@
-"""Report of a diagnosis: one offline HTML file with the answer and its map first, then the evidence."""
+"""Report of a diagnosis: one offline HTML file with the result and its map first, then the evidence."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ import numpy as np
 
 from pamjax.baselines.comparison import BASELINE_MODEL, MODEL_TITLES, ModelComparison
 from pamjax.channels import DISPLAY_UNIT
-from pamjax.diagnosis.detect.significance import DETECTION_P_VALUE
 from pamjax.diagnosis.result import Diagnosis, get_baseline_estimates
+from pamjax.diagnosis.settings import describe_settings
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.model.registry import find_mechanism
 from pamjax.parameter import Meaning
@@ -23,9 +23,9 @@ from pamjax.view.figures import diagnosis as figures
 from pamjax.view.figures.diagnosis_loops import plot_left_out, plot_loops
 from pamjax.view.figures.mismatch_map import list_other_channels, plot_map
 from pamjax.view.reports.page import Picture, build_picture, write_page
-from pamjax.view.wording import format_noise, format_signed
+from pamjax.view.wording import format_history, format_noise, format_signed, join_words
 
-#: A p-value below this is told as smaller, not as a number.
+#: A p-value below this limit is shown as an upper bound.
 MIN_SHOWN_P_VALUE = 1e-12
 
 
@@ -46,30 +46,33 @@ def write_diagnosis_report(
         "diagnosis.html.jinja",
         title=format_headline(diagnosis),
         muscle=diagnosis.problem.case.entry.name,
-        told=document,
+        document=document,
         answer=format_answer(diagnosis),
-        chance=format_p_value(diagnosis.mismatch.p_value),
-        rest_chance=format_p_value(diagnosis.residual_test.p_value),
+        p_value=format_p_value(diagnosis.mismatch.p_value),
+        residual_p_value=format_p_value(diagnosis.residual_test.p_value),
         map=_draw_picture(diagnosis, partial(plot_map, diagnosis, None), "map"),
-        more_maps=[
+        other_maps=[
             _draw_picture(diagnosis, partial(plot_map, diagnosis, c), f"map-{c}")
             for c in list_other_channels(diagnosis)
         ],
-        boxes=[box | {"percent": _format_percent(box["share"])} for box in document["mismatch"]["where"]],
-        box_rows=[
-            _build_box_row(diagnosis, k, box) for k, box in enumerate(document["mismatch"]["where"], 1)
+        regions=[
+            region | {"percent": _format_percent(region["share"])} for region in document["mismatch"]["where"]
         ],
-        names=[_describe_mechanism(diagnosis, k) for k in range(len(diagnosis.named_mechanisms))],
+        region_rows=[
+            _build_region_row(diagnosis, k, region)
+            for k, region in enumerate(document["mismatch"]["where"], 1)
+        ],
+        mechanisms=[_describe_mechanism(diagnosis, k) for k in range(len(diagnosis.named_mechanisms))],
         loops=_draw_picture(diagnosis, partial(plot_loops, diagnosis), "loops"),
-        left_out=_draw_picture(diagnosis, partial(plot_left_out, diagnosis), "left-out"),
+        residuals=_draw_picture(diagnosis, partial(plot_left_out, diagnosis), "residuals"),
         held_out=_draw_picture(diagnosis, partial(figures.plot_held_out_scores, diagnosis), "held-out"),
         scores=list(_list_scores(document)),
-        contest=_describe_comparison(comparison) if comparison and comparison.splits else None,
-        moved=_draw_picture(diagnosis, partial(figures.plot_shifts, diagnosis), "moved"),
-        moves=list(_list_shifts(diagnosis)),
-        ties=any(name.indistinguishable for name in diagnosis.named_mechanisms),
+        comparison=_describe_comparison(comparison) if comparison and comparison.splits else None,
+        shift_figure=_draw_picture(diagnosis, partial(figures.plot_shifts, diagnosis), "shifts"),
+        shifts=list(_list_shifts(diagnosis)),
+        ties=any(mechanism.indistinguishable for mechanism in diagnosis.named_mechanisms),
         experiments=[
-            [experiment.protocol, _join_words(list(experiment.separates)), f"{experiment.power:.2f}"]
+            [experiment.protocol, join_words(list(experiment.separates)), f"{experiment.power:.2f}"]
             for experiment in diagnosis.experiments
         ],
         baseline=[
@@ -77,57 +80,64 @@ def write_diagnosis_report(
             for n, v in get_baseline_estimates(diagnosis).items()
         ],
         notes=diagnosis.notes,
-        assumed=list(_list_assumptions(diagnosis)),
+        assumptions=list(_list_assumptions(diagnosis)),
+        settings=list(_list_settings(diagnosis)),
         checksum=diagnosis.problem.case.checksum,
         command=command or shlex.join(["pamjax", "diagnose", str(diagnosis.problem.case.folder)]),
     )
 
 
 def format_headline(diagnosis: Diagnosis) -> str:
-    """Return the finding in one line."""
+    """Return the result in one line."""
     if not diagnosis.detected:
-        return "Nothing is missing that this recording could show"
+        return "The baseline has no misfit beyond the noise"
     if diagnosis.is_faint:
-        return "Something is missing, too faint to be named"
+        return "The baseline has a misfit that is too small to identify its cause"
     if not diagnosis.named_mechanisms:
-        return "Something is missing, and it is nothing that pamjax knows"
-    titles = _join_words([find_mechanism(name.id).about.title for name in diagnosis.named_mechanisms])
-    addition = ", and something that pamjax does not know" if diagnosis.unexplained else ""
-    return f"Left out: {titles}{addition}"
+        return "The baseline has a misfit that no mechanism of the library explains"
+    titles = join_words(
+        [find_mechanism(mechanism.id).about.title for mechanism in diagnosis.named_mechanisms]
+    )
+    addition = "; part of the misfit is unexplained" if diagnosis.unexplained else ""
+    return f"Missing from the baseline: {titles}{addition}"
 
 
 def format_answer(diagnosis: Diagnosis) -> tuple[str, str]:
-    """Return the misfit and its place, then the identified mechanisms and their held-out gain."""
+    """Return the misfit with its location, then the identified mechanisms with their held-out errors."""
     law = diagnosis.problem.law
     if not diagnosis.detected:
         first_sentence = (
-            f"The {law} baseline explains this recording to its noise"
+            f"The {law} baseline explains this recording within its noise"
             f" ({format_p_value(diagnosis.mismatch.p_value)})."
         )
-        gain = _format_gain(diagnosis)
-        return (
-            first_sentence,
-            f"Blocks that no fit has seen are missed by {gain}." if gain else "Nothing was held out.",
-        )
-    where = (
-        diagnosis.mismatch_boxes[0].description if diagnosis.mismatch_boxes else "It shows in no one place."
+        errors = _format_held_out_errors(diagnosis)
+        return first_sentence, errors or "No block was held out."
+    location = (
+        diagnosis.mismatch_boxes[0].description
+        if diagnosis.mismatch_boxes
+        else "The misfit has no distinct region."
     )
     first_sentence = (
-        f"The {law} baseline misses something"
-        f" ({format_p_value(diagnosis.mismatch.p_value)}): {_lower_first(where)}"
+        f"The {law} baseline has a misfit beyond the noise"
+        f" ({format_p_value(diagnosis.mismatch.p_value)}). {location}"
     )
     if diagnosis.is_faint:
-        return first_sentence, "It is so far below the noise of a sample that a name would be a guess."
+        return first_sentence, "The misfit is far below the noise of one row, so pamjax names no mechanism."
     if not diagnosis.named_mechanisms:
-        return first_sentence, "No mechanism in pamjax's library explains it well enough to be named."
-    names = _join_words(
-        [f"{name.id} ({_format_probability(name.probability)})" for name in diagnosis.named_mechanisms]
+        return first_sentence, "No mechanism of the library explains the misfit well enough to be named."
+    names = join_words(
+        [
+            f"{mechanism.id} ({_format_probability(mechanism.probability)})"
+            for mechanism in diagnosis.named_mechanisms
+        ]
     )
-    remainder = (
-        f" {diagnosis.residual_share:.0%} of the misfit is left unexplained." if diagnosis.unexplained else ""
+    unexplained_text = (
+        f"{_format_percent(diagnosis.residual_share)} of the misfit is unexplained."
+        if diagnosis.unexplained
+        else ""
     )
-    gain = _format_gain(diagnosis)
-    return first_sentence, f"What it left out is {names}{f'; with it, {gain}' if gain else ''}.{remainder}"
+    sentences = [f"The baseline lacks {names}.", _format_held_out_errors(diagnosis), unexplained_text]
+    return first_sentence, " ".join(sentence for sentence in sentences if sentence)
 
 
 def format_p_value(p: float) -> str:
@@ -143,30 +153,28 @@ def _format_probability(probability: float) -> str:
     return "probability above 0.99" if probability > 0.995 else f"probability {probability:.2f}"
 
 
-def _format_gain(diagnosis: Diagnosis) -> str:
-    """Return the held-out error of each channel; with mechanisms, of those that change by 10 % or more."""
+def _format_held_out_errors(diagnosis: Diagnosis) -> str:
+    """Return a sentence on the held-out error of each channel, empty if there is none.
+
+    With mechanisms, it has only the channels whose error changes by 10 % or more.
+    """
     document = diagnosis.as_dict()
     parts = []
     for channel, score in document["improvement"]["held_out"].items():
         if channel == "blocks":
             continue
         before, after, unit = score["rmse_before"], score["rmse_after"], score["unit"]
-        noise_text = f"where noise is {document['noise'][channel]['sd']:.3g} {unit}"
+        noise_text = f"(noise {document['noise'][channel]['sd']:.3g} {unit})"
         if not diagnosis.named_mechanisms:
-            parts.append(f"{before:.3g} {unit} of {channel}, {noise_text},")
+            parts.append(f"{before:.3g} {unit} for {channel} {noise_text}")
         elif not 0.9 < after / before < 1.1:
-            parts.append(
-                f"held-out {channel} is missed by {after:.3g} instead of {before:.3g} {unit}, {noise_text}"
-            )
-    return _join_words(parts).rstrip(",")
-
-
-def _join_words(parts: list[str]) -> str:
-    return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1] if parts else ""
-
-
-def _lower_first(sentence: str) -> str:
-    return sentence[:1].lower() + sentence[1:]
+            parts.append(f"from {before:.3g} to {after:.3g} {unit} for {channel} {noise_text}")
+    if not parts:
+        return ""
+    if not diagnosis.named_mechanisms:
+        return f"The RMS error of held-out blocks is {join_words(parts)}."
+    pronoun = "it" if len(diagnosis.named_mechanisms) == 1 else "them"
+    return f"With {pronoun}, the RMS error of held-out blocks changes {join_words(parts)}."
 
 
 def _draw_picture(diagnosis: Diagnosis, plot, name: str) -> Picture | None:
@@ -177,18 +185,18 @@ def _format_percent(share: float) -> str:
     return f"{100 * share:.0f} %"
 
 
-def _build_box_row(diagnosis: Diagnosis, number: int, box: dict[str, Any]) -> list[str]:
-    """Return a row of the table of boxes."""
-    time_unit = "s" if diagnosis.problem.case.recording.has_time else "(row)"
+def _build_region_row(diagnosis: Diagnosis, number: int, region: dict[str, Any]) -> list[str]:
+    """Return a row of the table of regions."""
+    time_unit = "s" if diagnosis.problem.case.recording.has_time else "(row number)"
     limits = [
         f"{low:z.0f} to {high:z.0f} {unit}"
         for (low, high), unit in (
-            (box["pressure_kPa"], "kPa"),
-            ([100 * c for c in box["contraction"]], "%"),
-            (box["time_s"], time_unit),
+            (region["pressure_kPa"], "kPa"),
+            ([100 * c for c in region["contraction"]], "%"),
+            (region["time_s"], time_unit),
         )
     ]
-    return [str(number), box["channel"], box["direction"], *limits, _format_percent(box["share"])]
+    return [str(number), region["channel"], region["direction"], *limits, _format_percent(region["share"])]
 
 
 def _describe_mechanism(diagnosis: Diagnosis, k: int) -> dict[str, Any]:
@@ -197,7 +205,7 @@ def _describe_mechanism(diagnosis: Diagnosis, k: int) -> dict[str, Any]:
     return {
         "id": mechanism.id,
         "about": description,
-        "sure": _format_probability(mechanism.probability),
+        "probability": _format_probability(mechanism.probability),
         "ties": list(mechanism.indistinguishable),
         "rows": [
             [n, _format_quantity(v.value, v.sd, v.meaning), v.meaning.about]
@@ -217,8 +225,8 @@ def _list_scores(document: dict[str, Any]) -> Iterator[list[str]]:
     for channel, score in document["improvement"]["held_out"].items():
         if channel != "blocks":
             kinds = ["rmse_before", "rmse_after"] if document["missing_physics"] else ["rmse_before"]
-            numbers = [*(score[kind] for kind in kinds), document["noise"][channel]["sd"]]
-            yield [channel, *(f"{number:.4g} {score['unit']}" for number in numbers)]
+            values = [*(score[kind] for kind in kinds), document["noise"][channel]["sd"]]
+            yield [channel, *(f"{value:.4g} {score['unit']}" for value in values)]
 
 
 def _describe_comparison(comparison: ModelComparison) -> dict[str, Any]:
@@ -236,7 +244,7 @@ def _describe_comparison(comparison: ModelComparison) -> dict[str, Any]:
                 ]
                 rows.append(
                     [
-                        f"{split.name}: {split.rows_description}",
+                        f"{split.rows_description} ({split.name})",
                         channel,
                         *cell_texts,
                         figures.format_channel_value(noise, channel),
@@ -245,7 +253,7 @@ def _describe_comparison(comparison: ModelComparison) -> dict[str, Any]:
         remarks += [
             f"{MODEL_TITLES[model]}, {split.name}: {remark}" for model, remark in split.remarks.items()
         ]
-    head = ["held out", "channel", *(MODEL_TITLES[model] for model in models), "noise"]
+    head = ["held-out rows", "channel", *(MODEL_TITLES[model] for model in models), "noise"]
     return {"head": head, "rows": rows, "remarks": remarks}
 
 
@@ -265,45 +273,59 @@ def _list_shifts(diagnosis: Diagnosis) -> Iterator[list[str]]:
 
 def _list_assumptions(diagnosis: Diagnosis) -> Iterator[str]:
     case, problem = diagnosis.problem.case, diagnosis.problem
-    numbers = _join_words(
+    priors = "; ".join(
         [
             f"{problem.names[k]} {_format_prior(problem, k)}"
             for k in np.flatnonzero(problem.is_baseline).tolist()
         ][:8]
     )
-    yield f"The baseline is a braid of {problem.law} threads. Its numbers were believed before: {numbers}."
+    yield f"The baseline is a braid of {problem.law} threads. Priors of its parameters: {priors}."
     for channel, noise in diagnosis.as_dict()["noise"].items():
         channel_index = ("force", "diameter").index(channel)
         channel_noise = diagnosis.model.noise.channels[channel_index]
         assert channel_noise is not None
         correlation_text = (
-            f"; neighbours share it by {channel_noise.correlation:.2f}" if channel_noise.correlation else ""
+            f" The autocorrelation of adjacent rows is {channel_noise.correlation:.2f}."
+            if channel_noise.correlation
+            else ""
         )
         if channel_noise.stated:
             sd = noise["sd"] * compute_si_factor(DISPLAY_UNIT[channel])
-            yield f"{format_noise(case, channel, sd)}{correlation_text}."
+            yield f"{format_noise(case, channel, sd)}.{correlation_text}"
             continue
         yield (
-            f"Noise of {channel} is {noise['sd']:.3g} {noise['unit']} a sample, read off neighbouring"
-            f" samples, with that of pressure and length carried through the model{correlation_text}."
+            f"Noise of {channel} is {noise['sd']:.3g} {noise['unit']} per row. It is estimated from adjacent"
+            f" rows and includes the noise of pressure and length.{correlation_text}"
         )
-    history_text = "was at rest" if case.before == "relaxed" else "had been through the same recording once"
-    gaps = "goes on across a jump" if case.gaps == "carry" else "begins anew at a jump"
-    yield f"Before its first sample the muscle {history_text}; its memory {gaps} of the recording."
+    yield f"{format_history(case)}."
     yield (
-        f"A mismatch counts from p < {DETECTION_P_VALUE:g}, over everything that was looked at:"
-        f" {diagnosis.mismatch.direction_count} directions. Names were chosen without the held-out blocks;"
-        " the numbers shown are refitted to all rows."
+        f"pamjax reports a misfit if the global p-value over {diagnosis.mismatch.direction_count} tested"
+        f" directions is below {diagnosis.settings.detection_p_value:g}."
+    )
+    yield (
+        "The mechanisms were selected without the held-out blocks. The parameters are fitted to all rows."
+        if diagnosis.gain.held_out.any()
+        else "No block was held out. All rows were used to select the mechanisms and to fit the parameters."
     )
     empty_rows = int(problem.n - np.isfinite(problem.measured).any(axis=0).sum())
-    yield f"{problem.n} rows were read; {empty_rows} of them have nothing to compare."
+    yield f"The recording has {problem.n} rows. {empty_rows} of them have neither force nor diameter."
+
+
+def _list_settings(diagnosis: Diagnosis) -> Iterator[list[str]]:
+    """Yield a row for each setting; the default follows a changed value."""
+    for setting in describe_settings(diagnosis.settings):
+        value = f"{setting.value:.4g}"
+        if setting.value != setting.default:
+            value += f" (default {setting.default:.4g})"
+        unit = "" if setting.unit in ("1", "count") else f" [{setting.unit}]"
+        yield [setting.name, value, f"{setting.meaning}{unit}", setting.group]
 
 
 def _format_prior(problem, k: int) -> str:
     meaning, sd = problem.meanings[k], float(problem.prior_sd[k])
     if not math.isfinite(sd):
         return (
-            f"within {format_quantity(problem.low[k], meaning.show, 3)} and"
+            f"from {format_quantity(problem.low[k], meaning.show, 3)} to"
             f" {format_quantity(problem.high[k], meaning.show, 3)}"
         )
     return _format_quantity(float(problem.start[k]), sd, meaning)

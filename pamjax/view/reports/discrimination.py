@@ -1,4 +1,4 @@
-"""Report of a discrimination: the protocol that distinguishes two mechanisms first, then all protocols."""
+"""Report of a discrimination: the best protocol to distinguish two mechanisms, then all protocols."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from pamjax.diagnosis.next_experiment.experiment import SUFFICIENT_POWER, Experiment
-from pamjax.diagnosis.next_experiment.power import FALSE_ALARM_RATE
+from pamjax.diagnosis.next_experiment.experiment import Experiment
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.model.registry import find_mechanism
 from pamjax.planning.discriminate import Discrimination
 from pamjax.units import format_quantity
@@ -23,8 +23,9 @@ from pamjax.view.theme import (
     apply_theme,
     create_figure,
 )
+from pamjax.view.wording import capitalise_sentence
 
-#: Protocols that are drawn.
+#: Largest number of protocols in the figure.
 MAX_DRAWN_PROTOCOLS = 8
 
 
@@ -47,15 +48,17 @@ def plot_power(discrimination: Discrimination, narrow: bool = False) -> Figure:
         panel.barh(range(len(rows)), [experiment.power for experiment in rows], color=colours, height=0.55)
         for k, experiment in enumerate(rows):
             panel.annotate(
-                f"  {_format_duration(experiment)}", (experiment.power, k), va="center", fontsize=7
-            )
-        panel.axvline(SUFFICIENT_POWER, color=REFERENCE_COLOUR, ls=":", lw=0.9, gid="enough")
+                _format_duration(experiment), (experiment.power, k), (4, 0), textcoords="offset points",
+                va="center", fontsize=7,
+            )  # fmt: skip
+        sufficient_power = DEFAULT_SETTINGS.sufficient_power
+        panel.axvline(sufficient_power, color=REFERENCE_COLOUR, ls=":", lw=0.9, gid="sufficient")
         panel.set_yticks(range(len(rows)), labels)
         panel.invert_yaxis()
-        panel.set(xlim=(0, 1.15), xticks=(0, 0.5, SUFFICIENT_POWER, 1), xlabel="power")
-        verb = "would tell" if discrimination.neither_explains else "tells"
+        panel.set(xlim=(0, 1.15), xticks=(0, 0.5, sufficient_power, 1), xlabel="power")
+        verb = "would have" if discrimination.neither_explains else "has"
         panel.set_title(
-            f"{discrimination.chosen.id} {verb} them apart with power {_format_power(discrimination.chosen)}"
+            f"{discrimination.chosen.id} {verb} a power of {_format_power(discrimination.chosen)}"
         )
     return drawing
 
@@ -83,13 +86,13 @@ def write_discrimination_report(discrimination: Discrimination, path: str | Path
     """
     return write_page(
         path,
-        "contest.html.jinja",
+        "discrimination.html.jinja",
         title=format_headline(discrimination),
-        kicker=f"What to measure next with {discrimination.case.name}: {' or '.join(discrimination.ids)}",
+        kicker=f"Next experiment for {discrimination.case.name} · {' or '.join(discrimination.ids)}",
         answer=format_answer(discrimination),
         power=build_picture(partial(plot_power, discrimination), "power"),
-        menu=[_build_row(experiment) for experiment in discrimination.ranked_experiments],
-        alarm=f"{FALSE_ALARM_RATE:.0%}",
+        protocols=[_build_row(experiment) for experiment in discrimination.ranked_experiments],
+        alarm=f"{DEFAULT_SETTINGS.false_alarm_rate:.0%}",
         ids=discrimination.ids,
         about=[f"{id}: {find_mechanism(id).about.title}" for id in discrimination.ids],
         rig=_list_rig_rows(discrimination),
@@ -99,37 +102,37 @@ def write_discrimination_report(discrimination: Discrimination, path: str | Path
 
 
 def format_headline(discrimination: Discrimination) -> str:
-    """Return the finding in one line."""
+    """Return the result in one line."""
     if discrimination.neither_explains:
         return f"Neither {' nor '.join(discrimination.ids)} explains this recording"
-    if discrimination.chosen.power < SUFFICIENT_POWER:
-        return "No protocol of the menu surely tells them apart"
-    return f"{_format_duration(discrimination.chosen)} tell {' from '.join(discrimination.ids)}"
+    sufficient_power = DEFAULT_SETTINGS.sufficient_power
+    if discrimination.chosen.power < sufficient_power:
+        return f"No protocol distinguishes the mechanisms with a power of {sufficient_power:g}"
+    duration = _format_duration(discrimination.chosen)
+    return f"A protocol of {duration} distinguishes {' from '.join(discrimination.ids)}"
 
 
 def format_answer(discrimination: Discrimination) -> tuple[str, str]:
-    """Return the protocol with its power and the present verdict; a misfit of both comes first."""
-    prefix = "" if discrimination.chosen.power >= SUFFICIENT_POWER else " The best there is:"
+    """Return the protocol with its power, and the present verdict; a misfit of both comes first."""
+    is_sufficient = discrimination.chosen.power >= DEFAULT_SETTINGS.sufficient_power
+    kind = "Recommended" if is_sufficient else "Most powerful"
     protocol = _format_protocol(discrimination.chosen).partition(": ")[2]
-    first_sentence = f"{prefix} {protocol} ({_format_duration(discrimination.chosen)})".strip()
-    certainty = (
-        f"where {discrimination.ids[0]} is true, that settles it with probability"
-        f" {_format_power(discrimination.chosen)}"
+    protocol_text = f"protocol: {protocol} ({_format_duration(discrimination.chosen)})."
+    power_text = (
+        f"If {discrimination.ids[0]} is present, the test selects it with probability"
+        f" {_format_power(discrimination.chosen)}."
     )
     if not discrimination.neither_explains:
-        return f"{first_sentence}: {certainty}.", f"So far: {discrimination.verdict}."
-    summary = (
-        f"{discrimination.residual_summary[:1].upper()}{discrimination.residual_summary[1:]}: there"
-        f" is no choice between the two before."
-    )
+        return f"{kind} {protocol_text} {power_text}", f"{capitalise_sentence(discrimination.verdict)}."
+    summary = discrimination.residual_summary
     return (
-        summary,
-        f"Were one of them true all the same: {first_sentence[:1].lower()}{first_sentence[1:]}; {certainty}.",
+        f"{summary[:1].upper()}{summary[1:]}. Until then the test cannot select one of the two.",
+        f"{kind} {protocol_text} {power_text} The power is valid only if one of the two is present.",
     )
 
 
 def _build_row(experiment: Experiment) -> list[str]:
-    limit = f"{experiment.chi2_limit:.1f}" if math.isfinite(experiment.chi2_limit) else "never"
+    limit = f"{experiment.chi2_limit:.1f}" if math.isfinite(experiment.chi2_limit) else "never rejected"
     return [
         experiment.id,
         _format_protocol(experiment).partition(": ")[2],
@@ -145,13 +148,15 @@ def _list_rig_rows(discrimination: Discrimination) -> list[list[str]]:
         ["highest pressure", format_quantity(rig.max_pressure, "kPa", 3)],
         ["largest contraction", f"{rig.max_contraction:.0%}"],
         ["speed of a stroke", f"{1e3 * rig.speed:.3g} mm/s"],
-        ["between samples", f"{rig.step:.3g} s"],
-        ["noise of force, a sample", format_quantity(rig.force_noise, "N", 2)],
-        ["noise of diameter, a sample", format_quantity(rig.diameter_noise, "mm", 2)],
-        ["noise of pressure, a sample", format_quantity(rig.pressure_noise, "kPa", 2)],
-        ["noise of length, a sample", format_quantity(rig.length_noise, "mm", 2)],
+        ["sampling interval", f"{rig.step:.3g} s"],
+        ["noise of force, per row", format_quantity(rig.force_noise, "N", 2)],
+        ["noise of diameter, per row", format_quantity(rig.diameter_noise, "mm", 2)],
+        ["noise of pressure, per row", format_quantity(rig.pressure_noise, "kPa", 2)],
+        ["noise of length, per row", format_quantity(rig.length_noise, "mm", 2)],
     ]
     noise_factor = discrimination.testbed.sd_inflation
     return rows + (
-        [["what the models leave widens noise by", f"{noise_factor:.2f}"]] if noise_factor > 1 else []
+        [["factor on the noise, because of the misfit of both models", f"{noise_factor:.2f}"]]
+        if noise_factor > 1
+        else []
     )

@@ -22,11 +22,17 @@ from pamjax.units import format_quantity
 from pamjax.view.figures import fit as figures
 from pamjax.view.figures.layout import build_layout
 from pamjax.view.reports.page import Picture, build_picture, write_page
-from pamjax.view.wording import capitalise_sentence, format_noise, is_stated_noise
+from pamjax.view.wording import (
+    capitalise_sentence,
+    format_history,
+    format_noise,
+    is_stated_noise,
+    join_words,
+)
 
-#: How many numbers the first screen names.
+#: Largest number of parameters in the summary.
 MAX_NAMED = 3
-#: Isobars or lengths, at most, that the page offers to show alone.
+#: Largest number of isobars or lengths that the page can show one by one.
 MAX_GROUP_CHOICES = 12
 
 
@@ -56,12 +62,12 @@ def write_fit_report(fit: Fit, path: str | Path, command: str = "pamjax fit") ->
             ]
             for n, estimate in estimates.items()
         ],
-        together=[capitalise_sentence(line.strip()) for line in format_correlations(fit)],
+        correlations=[capitalise_sentence(line.strip()) for line in format_correlations(fit)],
         prior=draw_picture(partial(figures.plot_prior, fit), "prior"),
         prior_caption=_format_prior_caption(fit, estimates),
-        misses=_has_misfit(fit),
-        unlearned=[name for name, estimate in estimates.items() if estimate.shrinkage < 0.5],
-        assumed=list(_list_assumptions(fit)),
+        has_misfit=_has_misfit(fit),
+        undetermined=[name for name, estimate in estimates.items() if not estimate.is_determined],
+        assumptions=list(_list_assumptions(fit)),
         command=command,
     )
 
@@ -71,22 +77,13 @@ def format_model(fit: Fit) -> str:
     return f"{fit.law} threads" + (f" with {join_words(list(fit.mechanisms))}" if fit.mechanisms else "")
 
 
-def join_words(parts: list[str]) -> str:
-    """Return a list as text, with "and" before the last item.
-
-    >>> join_words(["force", "diameter", "time"])
-    'force, diameter and time'
-    """
-    return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1] if parts else ""
-
-
 def draw_picture(plot: Any, name: str) -> Picture | None:
     """Return a figure for a page, wide and narrow."""
     return build_picture(lambda narrow: plot(narrow=narrow), name)
 
 
 def _list_groups(fit: Fit) -> list[str]:
-    """Return the isobars or lengths that a reader can show one by one; empty for several cases."""
+    """Return the isobars or lengths that the page can show one by one; empty for several cases."""
     names = list(build_layout(fit.cases[0].case).names)
     return names if len(fit.cases) == 1 and 1 < len(names) <= MAX_GROUP_CHOICES else []
 
@@ -106,75 +103,66 @@ def _has_misfit(fit: Fit) -> bool:
 
 
 def format_headline(fit: Fit) -> str:
-    """Return the finding in one line."""
+    """Return the result in one line."""
     case_fit, channel = _find_worst_channel(fit)
     noise = case_fit.noise[channel]
     if not fit.converged:
         return "The fit did not converge"
     if _has_misfit(fit):
-        return f"The model misses {channel} by {noise.excess:.2g} times its noise"
+        return f"The misfit of {channel} is {noise.excess:.2g} times its noise"
     if noise.stated:
-        return "The calibrated muscle meets its recording to the noise"
-    return f"Calibrated: {channel} is met to {format_channel_value(case_fit.rmse[channel], channel)}"
+        return "The fitted model explains the recording within its noise"
+    return f"The RMS error of {channel} is {format_channel_value(case_fit.rmse[channel], channel)}"
 
 
 def format_agreement(fit: Fit) -> str:
     """Return the misfit of every channel in the fit and in held-out blocks."""
     case_fit, _ = _find_worst_channel(fit)
-    first_channel, *other_channels = case_fit.rmse
-    parts = [f"{first_channel} is met to {_format_with_noise(case_fit, first_channel)}"]
-    text = join_words(
-        [*parts, *(f"{channel} to {_format_with_noise(case_fit, channel)}" for channel in other_channels)]
-    )
+    errors = join_words([_format_with_noise(case_fit, channel) for channel in case_fit.rmse])
+    sentence = f"The RMS error of the fit is {errors}."
     if len(fit.cases) > 1:
-        text = f"In {case_fit.case.name}, the worst of {len(fit.cases)}, {text}"
+        sentence = f"{case_fit.case.name}, the worst of {len(fit.cases)} fits, has an RMS error of {errors}."
     if case_fit.held_out is None or not case_fit.held_out.rmse:
-        return f"{capitalise_sentence(text)}; nothing could be held out."
-    held_out_text = join_words(
-        [format_channel_value(rmse, channel) for channel, rmse in case_fit.held_out.rmse.items()]
+        return f"{sentence} No block could be held out."
+    held_out_errors = join_words(
+        [
+            f"{format_channel_value(rmse, channel)} for {channel}"
+            for channel, rmse in case_fit.held_out.rmse.items()
+        ]
     )
-    return (
-        f"{capitalise_sentence(text)}; {case_fit.held_out.kind} that the fit never saw are missed by"
-        f" {held_out_text}."
-    )
+    return f"{sentence} The RMS error of held-out {case_fit.held_out.kind} is {held_out_errors}."
 
 
 def _format_with_noise(case_fit: CaseFit, channel: str) -> str:
-    """Return a channel's misfit and noise."""
-    noise_name = "noise" if case_fit.noise[channel].stated else "the residual's own noise"
+    """Return a channel's RMS error and noise."""
+    noise_name = "noise" if case_fit.noise[channel].stated else "estimated noise"
     return (
-        f"{format_channel_value(case_fit.rmse[channel], channel)} ({noise_name}"
+        f"{format_channel_value(case_fit.rmse[channel], channel)} for {channel} ({noise_name}"
         f" {format_channel_value(case_fit.noise[channel].sd, channel)})"
     )
 
 
 def format_estimates(estimates: dict[str, Estimate]) -> str:
-    """Return which parameters the data determine, in one sentence."""
+    """Return the parameters that the recording determines, that are at a limit, and the others."""
     names_at_limit = [name for name, estimate in estimates.items() if estimate.at_limit]
     determined = [
-        f"{n} {format_estimate(estimate.value, estimate.sd, estimate.meaning.show)}"
+        f"{n} ({format_estimate(estimate.value, estimate.sd, estimate.meaning.show)})"
         for n, estimate in estimates.items()
-        if estimate.shrinkage >= 0.5 and n not in names_at_limit
+        if estimate.is_determined and n not in names_at_limit
     ]
     undetermined = [
-        n for n, estimate in estimates.items() if estimate.shrinkage < 0.5 and n not in names_at_limit
+        n for n, estimate in estimates.items() if not estimate.is_determined and n not in names_at_limit
     ]
     parts = (
-        [f"It determines {join_words(_shorten_list(determined))}"]
+        [f"The recording determines {join_words(_shorten_list(determined))}."]
         if determined
-        else ["It determines no number by itself"]
+        else ["The recording determines no single parameter."]
     )
     if names_at_limit:
-        parts.append(
-            f"{join_words(_shorten_list(names_at_limit))} {'sits' if len(names_at_limit) == 1 else 'sit'}"
-            f" at a limit"
-        )
+        parts.append(f"At a limit: {join_words(_shorten_list(names_at_limit))}.")
     if undetermined:
-        parts.append(
-            f"{join_words(_shorten_list(undetermined))} {'is' if len(undetermined) == 1 else 'are'}"
-            f" mostly what was believed before"
-        )
-    return "; ".join(parts) + "."
+        parts.append(f"Mostly determined by the prior: {join_words(_shorten_list(undetermined))}.")
+    return " ".join(parts)
 
 
 def _shorten_list(names: list[str]) -> list[str]:
@@ -185,9 +173,7 @@ def _describe_case(fit: Fit, case_fit: CaseFit, k: int) -> dict[str, Any]:
     has_several_cases = len(fit.cases) > 1
     return {
         "name": case_fit.case.name,
-        "heading": f"{case_fit.case.name}: {case_fit.case.entry.name}"
-        if has_several_cases
-        else "Where it misses",
+        "heading": f"{case_fit.case.name}: {case_fit.case.entry.name}" if has_several_cases else "Residuals",
         "prediction": draw_picture(partial(figures.plot_prediction, case_fit), f"prediction-{k}"),
         "residual": draw_picture(partial(figures.plot_residual, case_fit), f"residual-{k}"),
         "held_out": draw_picture(partial(figures.plot_held_out, case_fit), f"held-out-{k}")
@@ -195,7 +181,7 @@ def _describe_case(fit: Fit, case_fit: CaseFit, k: int) -> dict[str, Any]:
         else None,
         "scores": [_build_score_row(case_fit, channel) for channel in case_fit.rmse],
         "range": ", ".join(
-            f"{name} {format_quantity(low, unit)} to {format_quantity(high, unit)}"
+            f"{name} {_format_range(low, high, unit)}"
             for (name, (low, high)), unit in zip(
                 case_fit.calibrated_range.items(), ("kPa", "mm"), strict=True
             )
@@ -204,12 +190,18 @@ def _describe_case(fit: Fit, case_fit: CaseFit, k: int) -> dict[str, Any]:
     }
 
 
+def _format_range(low: float, high: float, unit: str) -> str:
+    """Return a range as text, or one value if both ends are equal as text."""
+    first, last = format_quantity(low, unit), format_quantity(high, unit)
+    return first if first == last else f"{first} to {last}"
+
+
 def _format_prior_caption(fit: Fit, estimates: dict[str, Estimate]) -> str:
     """Return the caption of the figure of the priors."""
     names_without_prior = [name for name in estimates if name not in figures.select_with_prior(fit)]
-    text = "Each number on the scale of what was believed before."
+    text = "Each estimate relative to its prior."
     return (
-        f"{text} Nothing was believed of {join_words(names_without_prior)} but limits."
+        f"{text} Only limits are given for {join_words(names_without_prior)}."
         if names_without_prior
         else text
     )
@@ -229,35 +221,29 @@ def _build_score_row(case_fit: CaseFit, channel: str) -> list[str]:
         format_channel_value(case_fit.rmse[channel], channel),
         format_channel_value(held_out_rmse, channel) if math.isfinite(held_out_rmse) else "–",
         f"{format_channel_value(noise.sd, channel)}, {_format_noise_source(case_fit, channel)}",
-        f"{noise.samples} ({noise.samples / noise.inflation:.0f})",
+        f"{noise.samples} ({noise.samples / noise.autocorrelation_time:.0f})",
     ]
 
 
 def _format_noise_source(case_fit: CaseFit, channel: str) -> str:
-    """Return the source of a channel's noise; the stated value excludes noise of pressure and length."""
+    """Return the source of a channel's noise. The stated value excludes noise of pressure and length."""
     stated = getattr(case_fit.case.entry.sensors, channel)
     if not case_fit.noise[channel].stated or stated is None:
         return "stated" if case_fit.noise[channel].stated else "estimated"
     return (
         "stated"
         if is_stated_noise(case_fit.noise[channel].sd, stated)
-        else f"its sensor's {format_channel_value(stated, channel)}"
+        else f"{format_channel_value(stated, channel)} stated"
     )
 
 
 def _list_assumptions(fit: Fit) -> Iterator[str]:
-    yield f"The model is a braid of {format_model(fit)}; the others of the library are left out."
+    yield f"The model is a braid of {format_model(fit)}. It includes no other mechanism of the library."
     yield from map(_format_sentence, format_minimiser_state(fit))
     for case_fit in fit.cases:
         name = case_fit.case.name if len(fit.cases) > 1 else ""
-        history_text = (
-            "was at rest" if case_fit.case.before == "relaxed" else "had been through the same recording once"
-        )
         if fit.mechanisms:
-            gaps = "goes on" if case_fit.case.gaps == "carry" else "begins anew"
-            yield _format_sentence(
-                f"before its first sample the muscle {history_text}; memory {gaps} at a jump", name
-            )
+            yield _format_sentence(format_history(case_fit.case), name)
         yield from (_format_sentence(line, name) for line in format_remarks(case_fit))
         stated = [channel for channel in case_fit.rmse if case_fit.noise[channel].stated]
         yield from (
@@ -267,6 +253,6 @@ def _list_assumptions(fit: Fit) -> Iterator[str]:
             for stated_channel in stated
         )
     yield (
-        "Standard deviations widen with the misfit and with its correlation; a wrong model can still be"
-        " surely wrong."
+        "The standard deviations include the misfit and its autocorrelation. They do not include the bias"
+        " of a wrong model."
     )

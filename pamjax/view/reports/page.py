@@ -1,7 +1,7 @@
-"""Pages of reports: one offline HTML file for each result, with its figures inside, without scripts.
+"""Pages of reports: one offline HTML file for each result, with embedded figures and without scripts.
 
-Templates are in `pages/`. Each extends `report.html.jinja`, which has the styles for light and dark screens,
-print and phones. A figure is drawn wide and narrow; the page shows the one that fits the screen.
+Templates are in `pages/`. Each extends `report.html.jinja`, which contains the styles for light and dark
+screens, print and phones. Each figure is drawn in a wide and a narrow version, for screens and phones.
 """
 
 from __future__ import annotations
@@ -120,6 +120,15 @@ def add_line_breaks(name: str) -> Markup:
     return Markup(re.sub(r"\.(?=[a-z])", ".<wbr>", str(escape(name))))
 
 
+def format_code_spans(text: str) -> Markup:
+    """Return a text in which parts between backticks are code.
+
+    >>> str(format_code_spans("use `--to`"))
+    'use <code>--to</code>'
+    """
+    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text))))
+
+
 def write_page(path: str | Path, template: str, **context: Any) -> Path:
     """Fill a template of `pages/`, write the page atomically and return its path.
 
@@ -136,6 +145,7 @@ def write_page(path: str | Path, template: str, **context: Any) -> Path:
         lstrip_blocks=True,
     )
     environment.filters["breakable"] = add_line_breaks
+    environment.filters["code_spans"] = format_code_spans
     text = environment.get_template(template).render(versions=collect_versions(), **context)
     with write_atomically(path) as temporary:
         temporary.write_text(text, "utf-8")

@@ -1,4 +1,4 @@
-"""Report of a plan: what to do and what it determines first, then every run, then the assumptions."""
+"""Report of a plan: the runs and their expected precision first, then details and assumptions."""
 
 from __future__ import annotations
 
@@ -42,34 +42,37 @@ def write_plan_report(
         title=format_headline(plan),
         kicker=f"Plan for {plan.prior.entry.name} · {plan.prior.law} threads",
         answer=format_answer(plan),
-        known=build_picture(partial(plot_precision, plan, course), "known"),
-        diamonds=bool(plan.single_channel),
+        precision=build_picture(partial(plot_precision, plan, course), "precision"),
+        has_single_channel=bool(plan.single_channel),
         commands=build_picture(partial(plot_commands, plan), "commands"),
         runs=[
             [run.description, str(count), format_minutes(count * run.minutes)]
             for count, run in plan.chosen_runs
         ],
-        settles=[_build_expected_row(name, expected) for name, expected in plan.expected_sds.items()],
-        beside=format_alternatives(plan),
+        expected_sds=[_build_expected_row(name, expected) for name, expected in plan.expected_sds.items()],
+        alternatives=[f"{_capitalise(line)}." for line in format_alternatives(plan)],
         rig=_list_rig_rows(plan),
-        off=[_build_error_row(name, sd) for name, sd in plan.prior.capabilities.assumed.items()],
-        left_out=f"{_capitalise(format_neglected(plan))}.",
+        rig_errors=[_build_error_row(name, sd) for name, sd in plan.prior.capabilities.assumed.items()],
+        neglected=f"{_capitalise(format_neglected(plan))}.",
         checksum=checksum,
         command=command or "pamjax.plan(...)",
     )
 
 
 def format_headline(plan: Plan) -> str:
-    """Return the finding in one line."""
+    """Return the result in one line."""
     if format_misfit(plan):
-        return "Diagnose first: the muscle misses its recording"
+        return "Diagnose first: the model does not fit its recording"
     if plan.goal == ALL_NUMBERS:
-        return f"{format_minutes(plan.minutes)} for all numbers together"
+        return f"A plan of {format_minutes(plan.minutes)} for all parameters together"
     if not plan.chosen_runs and plan.reaches_goal:
-        return f"{plan.goal} is known {format_precision(plan, plan.sd)} already"
+        return f"{plan.goal} is already determined {format_precision(plan, plan.sd)}"
     if not plan.reaches_goal:
-        return f"No {format_minutes(plan.prior.capabilities.minutes)} on this rig tell {plan.goal} as wanted"
-    return f"{format_minutes(plan.minutes)} tell {plan.goal} {format_precision(plan, plan.sd)}"
+        limit = format_minutes(plan.prior.capabilities.minutes)
+        return f"No plan of {limit} on this rig determines {plan.goal} to the wanted precision"
+    return (
+        f"A plan of {format_minutes(plan.minutes)} determines {plan.goal} {format_precision(plan, plan.sd)}"
+    )
 
 
 def format_answer(plan: Plan) -> list[str]:
@@ -78,11 +81,13 @@ def format_answer(plan: Plan) -> list[str]:
     if not misfit:
         return list(_format_promise(plan))
     precision = (
-        f"; {plan.goal} would be known {format_rough_precision(plan)}" if plan.goal != ALL_NUMBERS else ""
+        f" would determine {plan.goal} {format_rough_precision(plan)}"
+        if plan.goal != ALL_NUMBERS
+        else " would be the plan"
     )
     return [
-        f"{_capitalise(misfit)}: no standard deviation is promised.",
-        f"Were it right: {_format_runs(plan)}{precision}.",
+        f"{_capitalise(misfit)}. The expected standard deviations are therefore not reliable.",
+        f"If the model were right, {_format_runs(plan)}{precision}.",
     ]
 
 
@@ -98,17 +103,17 @@ def _format_promise(plan: Plan) -> tuple[str, str]:
     if plan.goal == ALL_NUMBERS:
         return f"Make {_format_runs(plan)}.", f"{_capitalise(format_isobars(plan))}."
     if not plan.chosen_runs and plan.reaches_goal:
-        return "Nothing is to be measured for that.", "Wish for more with `--to`, or for another number."
+        return (
+            "No measurement is needed.",
+            "For a smaller standard deviation use `--to`; for another parameter use `--goal`.",
+        )
     expected, unit = plan.expected_sds[plan.goal], find_meaning(plan.goal).show
-    before_text = (
-        f"± {format_quantity(expected.sd_before, unit, 2)}"
+    result = (
+        f"reduces the standard deviation of {plan.goal} from ± {format_quantity(expected.sd_before, unit, 2)}"
         if math.isfinite(expected.sd_before)
-        else "unknown"
+        else f"determines {plan.goal}"
     )
-    first_sentence = (
-        f"Make {_format_runs(plan)}: {plan.goal}, now {before_text}, is then known"
-        f" {format_precision(plan, plan.sd)}."
-    )
+    first_sentence = f"Make {_format_runs(plan)}. This {result} {format_precision(plan, plan.sd)}."
     return first_sentence, f"{_capitalise('; '.join(format_single_channel(plan)) or format_isobars(plan))}."
 
 
@@ -116,23 +121,23 @@ def _format_count(count: int, word: str) -> str:
     return f"{count} {word}{'' if count == 1 else 's'}"
 
 
-def _capitalise(words: str) -> str:
-    return words[:1].upper() + words[1:]
+def _capitalise(sentence: str) -> str:
+    return sentence[:1].upper() + sentence[1:]
 
 
 def _build_expected_row(name: str, expected: ExpectedSd) -> list[str]:
-    number_meaning = find_meaning(name)
+    meaning = find_meaning(name)
     before_text = (
-        f"± {format_quantity(expected.sd_before, number_meaning.show, 2)}"
+        f"± {format_quantity(expected.sd_before, meaning.show, 2)}"
         if math.isfinite(expected.sd_before)
         else "unknown"
     )
     return [
         name,
-        format_quantity(expected.value, number_meaning.show),
+        format_quantity(expected.value, meaning.show),
         before_text,
-        f"± {format_quantity(expected.sd_after, number_meaning.show, 2)}",
-        number_meaning.about,
+        f"± {format_quantity(expected.sd_after, meaning.show, 2)}",
+        meaning.about,
     ]
 
 
@@ -143,23 +148,23 @@ def _list_rig_rows(plan: Plan) -> list[list[str]]:
         ["highest pressure", format_quantity(capabilities.pressure, "kPa", 3)],
         ["largest contraction", f"{capabilities.contraction:.0%}"],
         ["speed of a stroke", f"{1e3 * capabilities.speed:.3g} mm/s"],
-        ["samples a second", f"{capabilities.rate:.3g}"],
-        ["between two runs", f"{capabilities.setup:.3g} s"],
-        ["time there is", format_minutes(capabilities.minutes)],
+        ["rows per second", f"{capabilities.rate:.3g}"],
+        ["set-up time between two runs", f"{capabilities.setup:.3g} s"],
+        ["available time", format_minutes(capabilities.minutes)],
     ]
     rows += [
         [
-            f"noise of {name}, a sample",
+            f"noise of {name}, per row",
             format_quantity(sd, DISPLAY_UNIT[name], 2) if sd is not None else "not measured",
         ]
         for name, sd in noise.items()
     ]
-    length = ["noise of length, a sample", format_quantity(capabilities.ruler, "mm", 2)]
+    length = ["noise of length, per row", format_quantity(capabilities.ruler, "mm", 2)]
     if capabilities.setting:
-        length = ["error of length, a setting", format_quantity(capabilities.setting, "mm", 2)]
-    return [*rows, ["noise of pressure, a sample", format_quantity(capabilities.gauge, "kPa", 2)], length]
+        length = ["error of length, per setting", format_quantity(capabilities.setting, "mm", 2)]
+    return [*rows, ["noise of pressure, per row", format_quantity(capabilities.gauge, "kPa", 2)], length]
 
 
 def _build_error_row(name: str, sd: float) -> list[str]:
-    number_meaning = find_meaning(name)
-    return [name, f"± {format_quantity(sd, number_meaning.show, 2)}", number_meaning.about]
+    meaning = find_meaning(name)
+    return [name, f"± {format_quantity(sd, meaning.show, 2)}", meaning.about]

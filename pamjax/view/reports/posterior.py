@@ -16,8 +16,10 @@ from pamjax.infer.posterior.report import (
 from pamjax.infer.posterior.result import Posterior
 from pamjax.infer.problem.priors import is_length_error
 from pamjax.view.figures import posterior as figures
-from pamjax.view.reports.fit import MAX_NAMED, draw_picture, format_model, join_words
+from pamjax.view.figures.posterior_checks import plot_band, plot_profiles, plot_traces
+from pamjax.view.reports.fit import MAX_NAMED, draw_picture, format_model
 from pamjax.view.reports.page import write_page
+from pamjax.view.wording import capitalise_sentence, join_words
 
 
 def write_posterior_report(post: Posterior, path: str | Path, command: str = "pamjax sample") -> Path:
@@ -37,34 +39,37 @@ def write_posterior_report(post: Posterior, path: str | Path, command: str = "pa
         kicker=f"Posterior of {join_words([case_fit.case.name for case_fit in fit.cases])} ·"
         f" {format_model(fit)}",
         answer=format_answer(post),
-        belief=draw_picture(partial(figures.plot_marginals, post), "belief"),
+        marginals=draw_picture(partial(figures.plot_marginals, post), "marginals"),
         rows=[_build_row(post, name) for name in names],
-        together=[line.strip() for line in format_posterior_correlations(post)],
-        ridge=draw_picture(partial(figures.plot_ridges, post), "ridge")
+        correlations=[capitalise_sentence(line.strip()) for line in format_posterior_correlations(post)],
+        ridges=draw_picture(partial(figures.plot_ridges, post), "ridges")
         if figures.find_ridges(post)
         else None,
         corner=draw_picture(partial(figures.plot_corner, post), "corner"),
-        profile=draw_picture(partial(figures.plot_profiles, post), "profile") if post.verdicts else None,
+        profiles=draw_picture(partial(plot_profiles, post), "profiles") if post.verdicts else None,
         bands=[
-            (case_fit.case.name, draw_picture(partial(figures.plot_band, post, k), f"band-{k}"))
+            (case_fit.case.name, draw_picture(partial(plot_band, post, k), f"band-{k}"))
             for k, case_fit in enumerate(fit.cases)
         ],
-        trace=draw_picture(partial(figures.plot_traces, post), "trace"),
-        believed=[line.strip() for line in list(format_priors(post))[1:]],
-        assumed=[line.strip() for line in [*format_likelihood_powers(post), *format_sampler_state(post)]],
+        traces=draw_picture(partial(plot_traces, post), "traces"),
+        priors=[line.strip() for line in list(format_priors(post))[1:]],
+        sampler=[
+            capitalise_sentence(line.strip())
+            for line in [*format_likelihood_powers(post), *format_sampler_state(post)]
+        ],
         checksums=[(case_fit.case.name, case_fit.case.checksum) for case_fit in fit.cases],
         command=command,
     )
 
 
 def format_headline(post: Posterior) -> str:
-    """Return the finding in one line."""
+    """Return the result in one line."""
     if not post.converged:
-        return "The chains are not good enough yet"
+        return "The chains have not converged"
     determined_count = sum(v.kind == "determined" for v in post.verdicts.values())
     if determined_count == len(post.verdicts):
-        return "The recording determines every number"
-    return f"The recording determines {determined_count} of {len(post.verdicts)} numbers"
+        return "The recording determines all parameters"
+    return f"The recording determines {determined_count} of {len(post.verdicts)} parameters"
 
 
 def format_answer(post: Posterior) -> tuple[str, str]:
@@ -73,18 +78,24 @@ def format_answer(post: Posterior) -> tuple[str, str]:
     for name, verdict in post.verdicts.items():
         kinds.setdefault(verdict.kind, []).append(name)
     determined = [f"{n} is {_format_value(post, n)}" for n in kinds.pop("determined", [])[:MAX_NAMED]]
-    first_sentence = f"{join_words(determined)}." if determined else "No number is determined by itself."
-    undetermined = [f"{kind}: {join_words(names[:MAX_NAMED])}" for kind, names in kinds.items()]
+    first_sentence = (
+        f"{join_words(determined)}." if determined else "The recording determines no single parameter."
+    )
+    sentences = [
+        f"{capitalise_sentence(kind)}: {join_words(names[:MAX_NAMED])}." for kind, names in kinds.items()
+    ]
     effective_samples, rhat = post.convergence.ess.min(), post.convergence.rhat.max()
-    convergence_text = f"the draws are worth {effective_samples:.0f} independent ones, split-R̂ {rhat:.3f}"
-    second_sentence = "; ".join([*undetermined, convergence_text])
-    return first_sentence, f"{second_sentence[:1].upper()}{second_sentence[1:]}."
+    sentences.append(
+        f"The smallest effective sample size is {effective_samples:.0f}, the largest R-hat {rhat:.3f}."
+    )
+    return first_sentence, " ".join(sentences)
 
 
 def _format_value(post: Posterior, name: str) -> str:
     marginal, (_, unit) = post.marginals[name], post.find_units(name)
     tail = "" if unit == "1" else f" {unit}"
-    return f"{format_estimate(marginal.mean, marginal.sd, unit)} (90 %: {format_interval(post, name)}{tail})"
+    interval = f"90 % interval {format_interval(post, name)}{tail}"
+    return f"{format_estimate(marginal.mean, marginal.sd, unit)} ({interval})"
 
 
 def _build_row(post: Posterior, name: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""Report of a sizing: one offline HTML file, the muscle and its chart first, its sources at the end."""
+"""Report of a sizing: one offline HTML file with the muscle and its chart first, and its sources last."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pamjax.view.reports.page import build_picture, write_page
 from pamjax.view.reports.sizing_receipt import build_page_receipt
 from pamjax.view.wording import capitalise_sentence
 
-#: Rows of the table of choices.
+#: Largest number of rows in the table of choices.
 MAX_CHOICE_ROWS = 8
 
 
@@ -38,35 +38,36 @@ def write_design_report(design: Design, path: str | Path, command: str = "") -> 
         path,
         "design.html.jinja",
         title=format_headline(design),
-        kicker=f"Sizing of {design.spec.name} · least {design.spec.entries.minimise}",
+        kicker=f"Sizing of {design.spec.name} · minimum {design.spec.entries.minimise}",
+        objective=design.spec.entries.minimise,
         answer=format_answer(design),
         feasible=design.feasible,
         chart=build_picture(partial(figures.plot_chart, design), "chart"),
         prices=build_picture(partial(figures.plot_prices, design), "prices"),
         front=build_picture(partial(figures.plot_front, design), "front"),
-        front_words=_format_front(design),
+        front_sentence=_format_front(design),
         muscle=_list_muscle_rows(design),
         margins_caption=_format_margins_caption(design),
         margins_head=[
             "requirement",
-            "room",
+            "margin",
             *(["probability"] if design.requirement_probabilities else []),
-            "asked by",
+            "source",
         ],
         margins=[_build_margin_row(design, item) for item in design.task.requirements],
-        gives=[
+        sufficient_relaxations=[
             relaxation.description
             for relaxation in design.relaxations
             if relaxation.relaxed_bound is not None
         ],
-        not_alone=f"{capitalise_sentence(format_joint_conflict(design))}:",
-        lacks=[
+        joint_conflict=f"{capitalise_sentence(format_joint_conflict(design))}.",
+        insufficient_relaxations=[
             relaxation.description for relaxation in design.relaxations if relaxation.relaxed_bound is None
         ],
         slopes=[_build_price_row(design, price) for price in design.prices],
         costs=[_build_cost_row(cost, design) for cost in design.inelastic_costs],
-        runners_caption=_format_choices_caption(design),
-        runners=[_build_choice_row(item, design) for item in design.results[:MAX_CHOICE_ROWS]],
+        choices_caption=_format_choices_caption(design),
+        choices=[_build_choice_row(item, design) for item in design.results[:MAX_CHOICE_ROWS]],
         receipt=build_page_receipt(design),
         spec=design.spec.text,
         checksum=hashlib.sha256(design.spec.text.encode()).hexdigest() if design.spec.text else "",
@@ -75,9 +76,9 @@ def write_design_report(design: Design, path: str | Path, command: str = "") -> 
 
 
 def format_headline(design: Design) -> str:
-    """Return the finding in one line."""
+    """Return the result in one line."""
     if not design.feasible:
-        return "No muscle of this catalogue does all of it"
+        return "No muscle of this catalogue meets all requirements"
     choice = str(design.choice)
     under = " under pressure" if design.spec.entries.minimise == "diameter" else ""
     return f"{capitalise_sentence(choice)}: {design.spec.entries.minimise} {format_objective(design)}{under}"
@@ -93,80 +94,100 @@ def format_answer(design: Design) -> list[str]:
         ][:3]
         return [
             f"The nearest choice is {design.choice}.",
-            f"Any one of these would do: {'; '.join(sufficient)}."
+            f"Relaxing one of these requirements is sufficient: {'; '.join(sufficient)}."
             if sufficient
-            else f"No one requirement, given up alone, is enough. {figures.format_shortfall_title(design)}.",
+            else f"{capitalise_sentence(format_joint_conflict(design))}."
+            f" {figures.format_shortfall_title(design)}.",
         ]
-    n = design.numbers
-    first_sentence = (
-        f"At rest {format_quantity(n['rest_length'], 'mm')} long, threads of"
-        f" {format_quantity(n['thread_length'], 'mm')} in"
-        f" {n['turns']:.3g} turns ({math.degrees(n['braid_angle']):.1f}° from the circumference) over a"
-        f" bladder of {format_quantity(n['diameter'], 'mm')} outside and"
-        f" {format_quantity(n['wall'], 'mm', 3)} wall; at"
-        f" {format_quantity(n['pressure'], 'kPa')} it widens to"
-        f" {format_quantity(design.output('widest'), 'mm')} at most."
-    )
+    dimensions, angle = design.numbers, math.degrees(design.numbers["braid_angle"])
+    lengths = {name: format_quantity(dimensions[name], "mm") for name in ("rest_length", "thread_length")}
+    sentences = [
+        f"The rest length is {lengths['rest_length']}.",
+        f"Each thread has a length of {lengths['thread_length']} and {dimensions['turns']:.3g} turns"
+        f" (braid angle {angle:.1f}° from the circumference).",
+        f"The bladder has an outer diameter of {format_quantity(dimensions['diameter'], 'mm')}"
+        f" and a wall of {format_quantity(dimensions['wall'], 'mm', 3)}.",
+        f"At {format_quantity(dimensions['pressure'], 'kPa')} the largest outer diameter is"
+        f" {format_quantity(design.output('widest'), 'mm')}.",
+    ]
     target = design.spec.entries.probability
     probability_text = f"{design.probability:.2f}"
     if design.misses_probability:
-        certainty = (
-            f"No choice holds with the probability of {target:g} that is wanted; this does with"
-            f" {probability_text}."
-        )
-    else:
-        certainty = (
-            f"Everything holds together with probability {probability_text} over other draws of"
-            f" all that is not known"
-        )
-        no_target_text = (
-            "; none was wanted, so it sits on its bounds: `probability = 0.9` in the spec buys room."
-        )
-        certainty += f", where {target:g} is wanted." if target else no_target_text
-    return [first_sentence, certainty]
+        return [
+            " ".join(sentences),
+            f"No choice meets all requirements with the required probability of {target:g}."
+            f" This one reaches {probability_text}.",
+        ]
+    advice = (
+        f"The required probability is {target:g}."
+        if target
+        else "For a design with a margin, state a probability in the spec, such as `probability = 0.9`."
+    )
+    return [
+        " ".join(sentences),
+        f"The muscle meets all requirements with probability {probability_text}, given the uncertainty of"
+        f" materials and dimensions. {advice}",
+    ]
 
 
 def _format_front(design: Design) -> str:
     if design.front is None:
         return ""
     if len(design.front.values) < 2:
-        return f"The least {design.front.first} is also the least {design.front.second}."
+        return f"The muscle of minimum {design.front.first} also has the minimum {design.front.second}."
     return ""
 
 
 def _list_muscle_rows(design: Design) -> list[list[str]]:
-    n, choice = design.numbers, design.choice
+    dimensions, choice = design.numbers, design.choice
     rows = [
-        ["rest length", format_quantity(n["rest_length"], "mm"), "between the fittings"],
-        ["thread length", format_quantity(n["thread_length"], "mm"), "of one unloaded thread"],
-        ["turns", f"{n['turns']:.4g}", "of one thread"],
-        ["braid angle", f"{math.degrees(n['braid_angle']):.2f} deg", "from the circumference, at rest"],
+        ["rest length", format_quantity(dimensions["rest_length"], "mm"), "between the fittings"],
+        ["thread length", format_quantity(dimensions["thread_length"], "mm"), "of one unloaded thread"],
+        ["turns", f"{dimensions['turns']:.4g}", "of one thread"],
+        [
+            "braid angle",
+            f"{math.degrees(dimensions['braid_angle']):.2f} deg",
+            "from the circumference, at rest",
+        ],
         ["threads", f"{choice.threads} of {format_quantity(choice.diameter, 'mm')}", choice.thread.about],
-        ["bladder outside", format_quantity(n["diameter"], "mm"), f"at rest; {choice.bladder.about}"],
-        ["wall", format_quantity(n["wall"], "mm", 3), "of the unstretched bladder"],
+        [
+            "bladder outer diameter",
+            format_quantity(dimensions["diameter"], "mm"),
+            f"at rest; {choice.bladder.about}",
+        ],
+        ["bladder wall", format_quantity(dimensions["wall"], "mm", 3), "unstretched"],
         [
             "working pressure",
-            format_quantity(n["pressure"], "kPa"),
-            f"supply {format_quantity(design.spec.supply, 'kPa')}",
+            format_quantity(dimensions["pressure"], "kPa"),
+            f"supply pressure {format_quantity(design.spec.supply, 'kPa')}",
         ],
         ["muscles in parallel", str(choice.parallel), ""],
-        ["widest", format_quantity(design.output("widest"), "mm"), "outside of one, under pressure"],
+        [
+            "largest diameter",
+            format_quantity(design.output("widest"), "mm"),
+            "outer, of one muscle, under pressure",
+        ],
         [
             "mass",
             format_quantity(design.output("mass"), "g", 3),
-            "threads and rubber of all, without fittings",
+            "threads and rubber of all muscles, without fittings",
         ],
-        ["air", format_quantity(design.output("air"), "L", 3), "a stroke of all, at ambient pressure"],
+        [
+            "air",
+            format_quantity(design.output("air"), "L", 3),
+            "per stroke of all muscles, at ambient pressure",
+        ],
     ]
     if any(kind.price for kind in (choice.thread, choice.bladder)):
-        rows.append(["material", f"{design.output('cost'):.3g}", "in the currency of the spec's prices"])
+        rows.append(["material cost", f"{design.output('cost'):.3g}", "in the currency of the spec's prices"])
     return rows
 
 
 def _build_margin_row(design: Design, requirement) -> list[str]:
     margin = float(requirement.compute_margins(design.outputs).min())
     probability = design.requirement_probabilities.get(requirement.key)
-    margin_text = "binds" if abs(margin) < TIGHT_MARGIN else format_margin(margin, requirement)
+    is_active = abs(margin) < TIGHT_MARGIN
+    margin_text = "exactly met" if is_active else format_margin(margin, requirement).removeprefix("margin ")
     probability_cell = [] if probability is None else [f"{probability:.2f}"]
     return [
         requirement.description,
@@ -179,8 +200,8 @@ def _build_margin_row(design: Design, requirement) -> list[str]:
 def _format_margins_caption(design: Design) -> str:
     """Return the caption of the table of requirements."""
     if not design.requirement_probabilities:
-        return "Room that the nearest muscle has to each requirement"
-    return "Room to each requirement, and the probability that it holds over what is not known"
+        return "Margin of the nearest muscle to each requirement"
+    return "Margin to each requirement, and the probability that it holds under all uncertainties"
 
 
 def _build_price_row(design: Design, price) -> list[str]:
@@ -210,15 +231,15 @@ def _build_cost_row(cost, design: Design) -> list[str]:
 def _format_choices_caption(design: Design) -> str:
     """Return the caption of the table of choices."""
     shown_value = (
-        f"the least {design.spec.entries.minimise} of each" if design.feasible else "how far each is short"
+        f"minimum {design.spec.entries.minimise}" if design.feasible else "shortfall of the requirements"
     )
-    head = f"The best choices of the catalogue, all properties at their typical values: {shown_value}"
+    head = f"Best choices of the catalogue at typical material properties: {shown_value}"
     target = design.spec.entries.probability
     if not design.feasible or not target or design.misses_probability:
         return head
     return (
-        f"{head}. To hold with probability {target:g} a muscle takes more: of those that do, the chosen one"
-        f" has the least, {format_objective(design)}"
+        f"{head}. A margin for the probability of {target:g} increases it. Among the choices that reach this"
+        f" probability, the chosen one has the minimum, {format_objective(design)}"
     )
 
 
@@ -227,5 +248,5 @@ def _build_choice_row(result, design: Design) -> list[str]:
     is_chosen = result.problem.choice == design.choice
     mark = ("chosen" if design.feasible else "nearest") if is_chosen else ""
     if result.optimum is None:
-        return [str(result.problem.choice), f"short by {100 * (1 - math.exp(-result.violation)):.2g} %", mark]
+        return [str(result.problem.choice), f"{100 * (1 - math.exp(-result.violation)):.2g} % short", mark]
     return [str(result.problem.choice), format_quantity(math.exp(result.optimum.log_objective), unit), mark]

@@ -3,31 +3,44 @@
 from __future__ import annotations
 
 from pamjax.records.shipped_tables import read_sidecar
-from pamjax.sizing.io import build_receipt
+from pamjax.sizing.io import TOLERANCE_LABEL, build_receipt
 from pamjax.sizing.result import Design
 from pamjax.units import format_quantity
 
-#: Units in which a person reads how exactly something is built.
+#: Units of manufacturing tolerances in reports.
 TOLERANCE_UNITS = {"rest_length": "mm", "thread_length": "mm", "turns": "1", "wall": "mm"}
+
+
+#: Headings of the sections of a receipt.
+SECTION_HEADINGS = {
+    "assumed": "Assumptions",
+    "calibrated": "Calibrated properties",
+    "not known": "Uncertain properties",
+    "sensitive to": "Sensitivities",
+    "searched": "Search",
+}
 
 
 def build_page_receipt(design: Design) -> dict[str, list[str]]:
     """Return the lines of the receipt by heading."""
     choice, sections = design.choice, build_receipt(design)
-    kinds = (("threads", choice.thread), ("bladders", choice.bladder))
-    for _, kind in kinds:
-        # A program reads keys; a person reads the sources below.
-        sections["assumed"] = [line.removesuffix(f", sources {kind.source}") for line in sections["assumed"]]
-    sections["not known"] = [line for line in sections["not known"] if not line.startswith("how exactly")]
+    materials = (("threads", choice.thread), ("bladders", choice.bladder))
+    for _, material in materials:
+        # Remove the keys of the sources, because the page lists the sources in full.
+        sections["assumed"] = [
+            line.removesuffix(f", sources {material.source}") for line in sections["assumed"]
+        ]
+    sections["not known"] = [line for line in sections["not known"] if not line.startswith(TOLERANCE_LABEL)]
     tolerance_text = _format_tolerances(design)
     if tolerance_text:
-        sections["not known"].append(f"how exactly it is built, one standard deviation: {tolerance_text}")
+        sections["not known"].append(f"{TOLERANCE_LABEL}{tolerance_text} (one standard deviation)")
     else:
-        sections["assumed"].append("it is built exactly as drawn: the spec states no [tolerance]")
-    sections["sources of the materials"] = [
-        line for table, kind in kinds for line in _list_sources(table, kind.name, kind.source)
+        sections["assumed"].append("no manufacturing errors: the spec states no [tolerance]")
+    page_sections = {SECTION_HEADINGS[key]: lines for key, lines in sections.items()}
+    page_sections["Sources of the material data"] = [
+        line for table, material in materials for line in _list_sources(table, material.name, material.source)
     ]
-    return {name: lines for name, lines in sections.items() if lines}
+    return {heading: lines for heading, lines in page_sections.items() if lines}
 
 
 def _format_tolerances(design: Design) -> str:
@@ -41,8 +54,8 @@ def _format_tolerances(design: Design) -> str:
 
 
 def _list_sources(table: str, name: str, keys: str) -> list[str]:
-    """Return the sources of a material as printed in its table; a material of the spec has none."""
+    """Return the sources of a material from its table, or that the spec states its properties."""
     if keys == "stated":
-        return [f"{name}: as the spec states it"]
+        return [f"{name}: stated in the spec"]
     source_texts = read_sidecar(f"materials/{table}")["sources"]
     return [f"{name}: {source_texts.get(key, key)}" for key in keys.split(";")]

@@ -1,4 +1,4 @@
-"""`pamjax inverse`: a fitted muscle is commanded, with how sure it is, and exported."""
+"""`pamjax inverse`: commands for a fitted muscle, their uncertainty, and export of a table."""
 
 import json
 
@@ -14,7 +14,7 @@ from pamjax.infer.fitting.load import load_muscle
 from pamjax.units import compute_si_factor, format_quantity
 
 
-def test_a_fitted_muscle_is_commanded_with_its_doubt(fitted, capsys):
+def test_command_of_a_fitted_muscle_has_an_uncertainty(fitted, capsys):
     words = [str(fitted / "fit.json"), "--force", "300 N", "--length", "180 mm"]
     assert main(["inverse", *words, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -25,10 +25,10 @@ def test_a_fitted_muscle_is_commanded_with_its_doubt(fitted, capsys):
     assert main(["inverse", *words]) == 0
     said = capsys.readouterr().out
     assert " ± " in said
-    assert "for a newton more" in said
+    assert " kPa per N" in said
 
 
-def test_doubt_is_that_of_draws_from_the_covariance(fitted):
+def test_uncertainty_agrees_with_draws_from_the_covariance(fitted):
     document = json.loads((fitted / "fit.json").read_text())
     names = document["correlation"]["names"]
     sd = np.array([document["parameters"][n]["sd"] for n in names])
@@ -46,11 +46,11 @@ def test_doubt_is_that_of_draws_from_the_covariance(fitted):
         }
         forces.append(float(assemble(case["muscle"]["law"], numbers)(300e3, 0.18).force))
     told = compute_force_sd(fitted / "fit.json", np.array([300e3]), np.array([0.18]))[0]
-    # A hundred and twenty draws know a standard deviation to 6.5 %.
+    # An sd from 120 draws has a standard error of 6.5 %.
     assert np.std(forces) / 0.2 == pytest.approx(told, rel=0.25)
 
 
-def test_what_a_diagnosis_left_over_is_part_of_the_doubt(fitted, tmp_path, capsys):
+def test_uncertainty_includes_the_unexplained_misfit(fitted, tmp_path, capsys):
     (tmp_path / "model.json").write_text((fitted / "fit.json").read_text())
     words = [str(tmp_path / "model.json"), "--force", "300 N", "--length", "180 mm"]
 
@@ -65,29 +65,29 @@ def test_what_a_diagnosis_left_over_is_part_of_the_doubt(fitted, tmp_path, capsy
     assert (alone["force_missed"], both["force_missed"]) == (0.0, 4.0)
     assert both["sd"] == pytest.approx(np.hypot(alone["sd"], 4.0 * both["by_force"]))
     assert main(["inverse", *words]) == 0
-    assert "the muscle misses 4 N of held-out blocks beyond noise" in capsys.readouterr().out
+    assert "for a force error of 4 N beyond noise on held-out blocks" in capsys.readouterr().out
 
 
-def test_what_cannot_be_met_is_an_answer(fitted, capsys):
+def test_infeasible_command_is_reported_with_its_limit(fitted, capsys):
     assert main(["inverse", str(fitted / "fit.json"), "--force", "9 kN", "--pressure", "400 kPa"]) == 0
     told = capsys.readouterr().out
     loaded = load_muscle(fitted / "fit.json")
     long = loaded.calibrated_range["length"][1]
     most = float(loaded.muscle(400e3, long).force)
     assert (
-        f"more force than the {format_quantity(most, 'N')} at the longest length,"
+        f"the force is above the maximum of {format_quantity(most, 'N')}, at the longest length,"
         f" {format_quantity(long, 'mm')}" in told
     )
     short = loaded.calibrated_range["length"][0]
     assert main(["inverse", str(fitted / "fit.json"), "--force", "300 N", "--length", "100 mm"]) == 0
     told = capsys.readouterr().out
     assert (
-        f"a length of 100 mm is outside {format_quantity(short, 'mm')} to {format_quantity(long, 'mm')}"
+        f"the length 100 mm is outside {format_quantity(short, 'mm')} to {format_quantity(long, 'mm')}"
         in told
     )
     assert f", at {format_quantity(short, 'mm')}" in told
     assert main(["inverse", str(fitted / "fit.json"), "--force", "-50 N", "--length", "180 mm"]) == 0
-    assert "less force than the 0 N at the lowest pressure, 0 kPa" in capsys.readouterr().out
+    assert "the force is below the minimum of 0 N, at the lowest pressure, 0 kPa" in capsys.readouterr().out
     words = ["--force", "9 kN", "--length", "180 mm", "--json"]
     assert main(["inverse", str(fitted / "fit.json"), *words]) == 0
     document = json.loads(capsys.readouterr().out)
@@ -96,9 +96,9 @@ def test_what_cannot_be_met_is_an_answer(fitted, capsys):
     assert document["there"] == pytest.approx(float(loaded.muscle(document["value"], 0.18).force))
 
 
-def test_an_export_says_how_far_it_is_off(fitted, tmp_path, capsys):
+def test_export_reports_its_interpolation_error(fitted, tmp_path, capsys):
     assert main(["inverse", str(fitted / "fit.json"), "--export", str(tmp_path)]) == 0
-    assert "off by less than pressure" in capsys.readouterr().out
+    assert "; error below pressure" in capsys.readouterr().out
     robot = Controller(tmp_path / "controller.npz")
     pressure, status = robot.pressure(300.0, 0.18)
     assert status == 0
@@ -106,7 +106,7 @@ def test_an_export_says_how_far_it_is_off(fitted, tmp_path, capsys):
     assert float(force) == pytest.approx(300.0, rel=1e-3)
 
 
-def test_a_muscle_calibrated_at_one_length_is_commanded_at_others(fitted, tmp_path, capsys):
+def test_muscle_calibrated_at_one_length_accepts_other_lengths(fitted, tmp_path, capsys):
     document = json.loads((fitted / "fit.json").read_text())
     ((_, one),) = document["cases"].items()
     one["calibrated"]["length"] = {"low": 0.2, "high": 0.2}
@@ -117,18 +117,20 @@ def test_a_muscle_calibrated_at_one_length_is_commanded_at_others(fitted, tmp_pa
     found = json.loads(capsys.readouterr().out)
     assert found["limit"] == "OK"
     (beyond,) = (one for one in found["beyond"] if "length" in one)
-    assert beyond == "extrapolated: length 180 mm, calibrated at 200 mm; no ± counts it"
+    assert beyond == (
+        "extrapolation: length 180 mm, calibrated at 200 mm; the ± excludes the error of extrapolation"
+    )
 
 
 @pytest.mark.parametrize("words", [[], ["--force", "3 N"], ["--force", "3 N", "--export", "x"]])
-def test_half_a_wish_is_refused(fitted, capsys, words):
+def test_incomplete_target_is_refused(fitted, capsys, words):
     assert main(["inverse", str(fitted / "fit.json"), *words]) == 2
     assert "`--force` with `--length` or with `--pressure`" in capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")
 def drawn(fitted, tmp_path_factory):
-    """Write a posterior.nc that is the fit's own normal distribution, so many times as wide."""
+    """Write a posterior.nc with the normal distribution of the fit, scaled by a factor."""
     document = json.loads((fitted / "fit.json").read_text())
     names = document["correlation"]["names"]
     ((case, one),) = document["cases"].items()
@@ -136,7 +138,7 @@ def drawn(fitted, tmp_path_factory):
     told = [document["parameters"][n] for n in names]
     sd = np.array([t["sd"] * compute_si_factor(t["unit"]) for t in told])
     raw = np.random.default_rng(5).standard_normal((DRAW_COUNT, sd.size))
-    # Exactly of mean nothing and covariance one: what is left of a difference is no chance.
+    # Mean zero and unit covariance exactly: the remaining difference is not random.
     raw -= raw.mean(axis=0)
     unit = raw @ np.linalg.inv(np.linalg.cholesky(np.cov(raw.T))).T
     steps = unit @ np.linalg.cholesky(np.array(document["correlation"]["matrix"]) + 1e-9 * np.eye(sd.size)).T
@@ -155,7 +157,7 @@ def drawn(fitted, tmp_path_factory):
 
 
 @pytest.mark.parametrize("words", [["--length", "180 mm"], ["--pressure", "300 kPa"]])
-def test_draws_of_a_normal_posterior_say_what_its_covariance_says(fitted, drawn, capsys, words):
+def test_normal_posterior_agrees_with_the_covariance(fitted, drawn, capsys, words):
     force = float(load_muscle(fitted / "fit.json").muscle(300e3, 0.18).force)
     words = ["inverse", str(fitted / "fit.json"), "--force", f"{force:.3f} N", *words, "--json"]
 
@@ -165,7 +167,7 @@ def test_draws_of_a_normal_posterior_say_what_its_covariance_says(fitted, drawn,
 
     straight = told()
     near, far = (told("--posterior", str(drawn(wide))) for wide in (0.2, 0.4))
-    # What is left is curvature.
+    # The remaining difference is curvature.
     assert near["sd"] / 0.2 == pytest.approx(straight["sd"], rel=5e-3)
     assert far["sd"] / near["sd"] == pytest.approx(2.0, rel=5e-3)
     assert near["value"] == pytest.approx(straight["value"], rel=1e-4)
@@ -174,32 +176,32 @@ def test_draws_of_a_normal_posterior_say_what_its_covariance_says(fitted, drawn,
     assert width == pytest.approx(2 * 1.645 * near["sd"], rel=0.15)
 
 
-def test_draws_say_how_likely_a_wish_can_be_met(fitted, drawn, capsys):
+def test_draws_give_the_probability_of_a_feasible_command(fitted, drawn, capsys):
     muscle = load_muscle(fitted / "fit.json").muscle
     top = load_muscle(fitted / "fit.json").calibrated_range["pressure"][1]
     most = float(muscle(top, 0.18).force)
     words = ["inverse", str(fitted / "fit.json"), "--force", f"{most:.9g} N", "--length", "180 mm"]
     assert main([*words, "--posterior", str(drawn(1.0)), "--json"]) == 0
-    # The most that the middle of the draws can do is too much for half of them.
+    # The largest force of the median draw is infeasible for half of the draws.
     assert json.loads(capsys.readouterr().out)["draws"]["met"] == pytest.approx(0.5, abs=0.1)
 
 
 @pytest.mark.parametrize(
     ("other", "told"),
     [
-        ({"law": "toe"}, "belongs to its own model (elastic here); got toe"),
+        ({"law": "toe"}, "must have the model of the muscle (elastic); got toe"),
         ({"mechanisms": '["braid_friction"]'}, "got elastic + braid_friction"),
-        ({"checksum": '{"other": "0"}'}, "belongs to the recording that it was drawn for; got other"),
+        ({"checksum": '{"other": "0"}'}, "must come from the recording of the muscle; got other"),
     ],
 )
-def test_a_posterior_of_another_muscle_is_refused(fitted, drawn, capsys, other, told):
+def test_posterior_of_another_muscle_is_refused(fitted, drawn, capsys, other, told):
     words = ["inverse", str(fitted / "fit.json"), "--force", "300 N", "--length", "180 mm"]
     assert main([*words, "--posterior", str(drawn(1.0, **other))]) == 2
     assert told in capsys.readouterr().err
 
 
 def rubbed(fitted, folder):
-    """The fitted muscle with friction, as a diagnosis writes it."""
+    """Return the fitted muscle with friction, as a diagnosis writes it."""
     document = json.loads((fitted / "fit.json").read_text())
     ((_, one),) = document["cases"].items()
     one["muscle"]["mechanisms"] = ["braid_friction", "force_offset"]
@@ -209,7 +211,7 @@ def rubbed(fitted, folder):
 
 
 @pytest.mark.slow
-def test_what_a_command_leaves_out_is_said_beside_the_doubt(fitted, tmp_path, capsys):
+def test_neglected_effects_are_reported_with_the_uncertainty(fitted, tmp_path, capsys):
     words = ["inverse", str(rubbed(fitted, tmp_path)), "--force", "300 N", "--length", "180 mm"]
     assert main([*words, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -218,19 +220,19 @@ def test_what_a_command_leaves_out_is_said_beside_the_doubt(fitted, tmp_path, ca
     assert found["friction_command"] == pytest.approx(found["friction_force"] * found["by_force"])
     assert main(words) == 0
     said = capsys.readouterr().out
+    assert f", and up to ± {format_quantity(found['friction_command'], 'kPa', 2)} by friction" in said
     assert (
-        f", and up to {format_quantity(found['friction_command'], 'kPa', 2)} to either side by friction"
+        f"adds up to {format_quantity(found['friction_force'], 'N', 2)} to the force after lengthening"
         in said
     )
-    assert f"force up to {format_quantity(found['friction_force'], 'N', 2)} more after lengthening" in said
-    assert "left out, as for true sensors and a rigid rig: force_offset" in said
+    assert "neglected, because sensors are assumed exact and the rig rigid: force_offset" in said
 
 
-def test_an_answer_tells_how_the_stiffness_changes(fitted, capsys):
+def test_command_reports_the_slopes_of_the_stiffness(fitted, capsys):
     words = ["inverse", str(fitted / "fit.json"), "--force", "300 N", "--length", "180 mm"]
     assert main([*words, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert main(words) == 0
     said = capsys.readouterr().out
-    assert f"{found['stiffness_by_pressure']:+.4g} N/mm for a kPa more" in said
-    assert "left out" not in said
+    assert f"{found['stiffness_by_pressure']:+.4g} N/mm per kPa" in said
+    assert "neglected" not in said

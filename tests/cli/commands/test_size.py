@@ -1,4 +1,4 @@
-"""`pamjax size`: its files, its note, an answer also where nothing fits, one sentence for a bad spec."""
+"""`pamjax size`: files, text report, result of an infeasible spec, and message for an invalid spec."""
 
 import json
 
@@ -28,46 +28,46 @@ kinds = "latex"
 
 
 @pytest.mark.slow
-def test_a_muscle_is_chosen_and_can_be_simulated(tmp_path, capsys):
+def test_chosen_muscle_can_be_simulated(tmp_path, capsys):
     (tmp_path / "spec.toml").write_text(SPEC.format(force="200 N"))
     out = tmp_path / "out"
     assert main(["size", str(tmp_path / "spec.toml"), "--out", str(out), "--starts", "2"]) == 0
     note = capsys.readouterr().out
     assert note.startswith("small: ")
     assert len(note.splitlines()) < 25
-    told = json.loads((out / "design.json").read_text())
-    assert told["feasible"]
+    document = json.loads((out / "design.json").read_text())
+    assert document["feasible"]
     page = Page((out / "report.html").read_text("utf-8"))
     assert sum(tag == "svg" for tag, _ in page.elements) >= 4
     assert {"chart.png", "prices.png"} <= {path.name for path in out.iterdir()}
     assert "--starts 2" in (out / "report.html").read_text("utf-8")
     assert main(["simulate", str(out / "muscle"), "--out", str(tmp_path / "stated")]) == 0
-    assert "the rubber of [bladder] takes no part" in capsys.readouterr().err
+    assert "the rubber of [bladder] is neglected" in capsys.readouterr().err
     assert main(["simulate", str(out / "model.json"), "--out", str(tmp_path / "whole")]) == 0
     assert "rubber" not in capsys.readouterr().err
-    contracted = f"{950 * told['muscle']['rest_length']:.6f} mm"
+    contracted = f"{950 * document['muscle']['rest_length']:.6f} mm"
     wish = ["inverse", str(out / "model.json"), "--length", contracted, "--json"]
     assert main([*wish, "--force", "150 N"]) == 0
     assert json.loads(capsys.readouterr().out)["limit"] == "OK"
-    # For no more than the supply was it sized.
+    # The design is valid up to the supply pressure.
     assert main([*wish, "--force", "1 kN"]) == 0
     refused = json.loads(capsys.readouterr().out)
     assert refused["limit"] == "TOO_STRONG"
     assert refused["value"] == pytest.approx(500e3)
     assert main(["inverse", str(out / "design.json"), "--force", "1 N", "--length", "180 mm"]) == 2
-    assert "Name the model.json beside it" in capsys.readouterr().err
+    assert "Use the model.json in the same folder" in capsys.readouterr().err
 
     (tmp_path / "spec.toml").write_text(SPEC.format(force="200 kN"))
     assert main(["size", str(tmp_path / "spec.toml"), "--out", str(tmp_path / "no"), "--starts", "2"]) == 0
-    assert "no muscle of this catalogue does all of it" in capsys.readouterr().out
+    assert "no muscle of this catalogue meets all requirements" in capsys.readouterr().out
     assert not (tmp_path / "no" / "model.json").exists()
     assert json.loads((tmp_path / "no" / "design.json").read_text())["would_have_to_give"]
 
 
-def test_a_bad_spec_is_told_in_a_sentence(tmp_path, capsys):
+def test_invalid_spec_gives_one_error_line(tmp_path, capsys):
     (tmp_path / "spec.toml").write_text(SPEC.format(force="200 kg"))
     assert main(["size", str(tmp_path / "spec.toml"), "--out", str(tmp_path / "out")]) == 2
-    said = capsys.readouterr()
-    (line,) = said.err.splitlines()
+    printed = capsys.readouterr()
+    (line,) = printed.err.splitlines()
     assert "a force must have a unit of force; got 'kg' in [force] at_least of spec.toml" in line
     assert not (tmp_path / "out").exists()

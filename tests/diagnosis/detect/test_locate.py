@@ -1,4 +1,4 @@
-"""What a box says of a departure that changes sign, and which part of the misfit it counts."""
+"""Regions of a misfit: texts for misfits that change sign, and the part of the misfit in a region."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -6,8 +6,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.detect.locate import Box, _divide_shares, _extremes, _format_box, _parts, _Region
+from pamjax.diagnosis.detect.locate import (
+    Box,
+    _divide_shares,
+    _format_box,
+    _format_extremes,
+    _split_box,
+    _UnsharedBox,
+)
 from pamjax.diagnosis.detect.regions import LENGTHENING, SHORTENING, RecordingAxes
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 
 PRESSURE = np.array([138e3, 276e3, 414e3, 552e3, 689e3])
 
@@ -15,36 +23,48 @@ PRESSURE = np.array([138e3, 276e3, 414e3, 552e3, 689e3])
 def said(off):
     at = RecordingAxes(PRESSURE, np.zeros(5), np.arange(5.0), np.zeros(5, int))
     ends = (138e3, 689e3), (0.0, 0.0)
-    return _format_box("diameter", "both", *ends, np.array(off) * 1e-3, np.ones(5, bool), at, np.zeros(5))
+    return _format_box(
+        DEFAULT_SETTINGS, "diameter", "both", *ends, np.array(off) * 1e-3, np.ones(5, bool), at, np.zeros(5)
+    )
 
 
-def test_a_diameter_that_grows_with_pressure_is_told_so():
+def test_trend_of_the_diameter_with_pressure_is_reported():
     assert said([-0.47, -0.2, 0.0, 0.23, 0.42]) == (
-        "Between 138 and 689 kPa, diameter grows with pressure against the baseline,"
+        "Between 138 and 689 kPa, diameter relative to the baseline increases with pressure,"
         " from about 0.47 mm lower to about 0.42 mm higher."
     )
 
 
-def test_without_a_trend_it_departs_either_way():
-    assert "either way" in said([0.4, -0.4, 0.4, -0.4, 0.1])
+def test_misfit_without_trend_has_both_signs():
+    assert "higher or lower" in said([0.4, -0.4, 0.4, -0.4, 0.1])
 
 
-def test_a_departure_along_pressure_is_not_told_as_one_of_direction():
-    """Both ways the same but for a little, whose sign is that of chance."""
+def test_misfit_along_pressure_is_not_reported_by_direction():
+    """Both directions have almost the same misfit; the sign of their difference is random."""
     way = np.tile([SHORTENING, LENGTHENING], 20)
     pressure = np.repeat(np.linspace(1e5, 4e5, 20), 2)
     at = RecordingAxes(pressure, np.zeros(40), np.arange(40.0), way)
 
     def told(by_way):
         off = np.linspace(-6, 6, 20).repeat(2) + np.where(way == LENGTHENING, by_way, -by_way)
-        return _format_box("force", "both", (1e5, 4e5), (0.0, 0.0), off, np.ones(40, bool), at, np.zeros(40))
+        return _format_box(
+            DEFAULT_SETTINGS,
+            "force",
+            "both",
+            (1e5, 4e5),
+            (0.0, 0.0),
+            off,
+            np.ones(40, bool),
+            at,
+            np.zeros(40),
+        )
 
-    assert "force grows with pressure against the baseline, from about 5.7 N lower" in told(0.1)
-    assert "while the muscle lengthens and" in told(9.0)
+    assert "force relative to the baseline increases with pressure, from about 5.7 N lower" in told(0.1)
+    assert "than the baseline while the muscle lengthens and" in told(9.0)
 
 
 def at_lengths(means, noise=2.0, way=0):
-    """What is said of a hose that was inflated at four lengths, with a mean departure in N at each."""
+    """Return the text for a hose that was inflated at four lengths, with a mean misfit at each, N."""
     rng, many = np.random.default_rng(0), 200
     pressure = np.tile(np.linspace(368e3, 624e3, many), len(means))
     contraction = np.repeat([0.0, 0.04, 0.08, 0.12][: len(means)], many)
@@ -52,33 +72,36 @@ def at_lengths(means, noise=2.0, way=0):
     at = RecordingAxes(pressure, contraction, np.arange(float(n)), np.full(n, way))
     off = np.repeat(means, many) + noise * rng.standard_normal(n)
     ends, direction = ((368e3, 624e3), (0.0, 0.12)), {0: "both", SHORTENING: "shortening"}[way]
-    return _format_box("force", direction, *ends, off, np.ones(n, bool), at, np.full(n, noise))
+    return _format_box(
+        DEFAULT_SETTINGS, "force", direction, *ends, off, np.ones(n, bool), at, np.full(n, noise)
+    )
 
 
 PLACE = "Between 368 and 624 kPa, 0 to 12 % contracted, force"
 
 
-def test_a_departure_with_the_other_sign_at_one_length_is_given_as_a_trend():
+def test_sign_change_along_length_is_reported_as_a_trend():
     assert at_lengths([74.0, -26.0, -78.0, -104.0]) == (
-        f"{PLACE} falls with contraction against the baseline, from about 74 N higher to about 104 N lower."
+        f"{PLACE} relative to the baseline decreases with contraction,"
+        " from about 74 N higher to about 104 N lower."
     )
 
 
 @pytest.mark.parametrize(("way", "end"), [(0, "."), (SHORTENING, " while the muscle shortens.")])
-def test_without_a_trend_the_extremes_of_its_parts_are_given(way, end):
+def test_misfit_without_trend_is_reported_by_its_extremes(way, end):
     said = at_lengths([-26.0, 74.0, -104.0, -78.0], way=way)
     assert said == (
         f"{PLACE} is between about 104 N lower (near 8 % contracted) and about 74 N higher"
-        f" (near 4 % contracted) than the baseline says{end}"
+        f" (near 4 % contracted) than the baseline{end}"
     )
 
 
-def test_a_part_with_the_other_sign_by_noise_alone_changes_nothing():
-    assert at_lengths([-100.0, -100.0, -80.0, 1.0]) == f"{PLACE} is about 81 N lower than the baseline says."
+def test_sign_change_within_noise_is_ignored():
+    assert at_lengths([-100.0, -100.0, -80.0, 1.0]) == f"{PLACE} is about 81 N lower than the baseline."
 
 
-def test_a_departure_of_one_direction_must_hold_in_all_its_parts():
-    """Friction of one sign at three lengths, and of the other at the fourth."""
+def test_misfit_by_direction_must_have_one_sign_at_all_lengths():
+    """Friction of one sign at three lengths, and of the other sign at the fourth."""
     way = np.tile([SHORTENING, LENGTHENING], 400)
     contraction = np.repeat([0.0, 0.04, 0.08, 0.12], 200)
     at = RecordingAxes(np.full(800, 4e5), contraction, np.arange(800.0), way)
@@ -86,22 +109,26 @@ def test_a_departure_of_one_direction_must_hold_in_all_its_parts():
     def told(last):
         off = way * np.where(contraction == 0.12, last, 20.0) + 0.5
         ends = (4e5, 4e5), (0.0, 0.12)
-        return _format_box("force", "both", *ends, off, np.ones(800, bool), at, np.ones(800))
+        return _format_box(
+            DEFAULT_SETTINGS, "force", "both", *ends, off, np.ones(800, bool), at, np.ones(800)
+        )
 
-    assert "while the muscle lengthens and" in told(10.0)
-    assert "either way" in told(-10.0)
+    assert "than the baseline while the muscle lengthens and" in told(10.0)
+    assert "higher or lower" in told(-10.0)
 
 
-def test_boxes_do_not_count_the_same_misfit_twice():
-    """Two names in the same rows, one with three times the squared effect; a third reaches farther."""
+def test_regions_do_not_count_the_same_misfit_twice():
+    """Two mechanisms in the same rows, one with three times the squared effect; a third covers more rows."""
     standard = np.array([5.0] * 40 + [3.0] * 40 + [0.1] * 20)
-    found: Any = SimpleNamespace(measured=np.stack([np.zeros(100), np.full(100, np.nan)]), n=100)
+    found: Any = SimpleNamespace(
+        settings=DEFAULT_SETTINGS, measured=np.stack([np.zeros(100), np.full(100, np.nan)]), n=100
+    )
     model: Any = SimpleNamespace(noise=SimpleNamespace(channels=(SimpleNamespace(sd=np.ones(100)), None)))
     rows = np.arange(100)
 
     def region(inside, weight):
         box = Box("force", "both", (0.0, 1.0), (0.0, 1.0), (0.0, 1.0), 0.0, f"{weight}")
-        return _Region(box, inside, weight * inside)
+        return _UnsharedBox(box, inside, weight * inside)
 
     residual = np.stack([standard, np.zeros(100)])
     boxes = _divide_shares(
@@ -114,11 +141,11 @@ def test_boxes_do_not_count_the_same_misfit_twice():
     assert [box.share for box in boxes] == sorted(shares.values(), reverse=True)
 
 
-def test_extremes_in_different_directions_are_given_so():
+def test_extremes_of_different_directions_are_reported_with_their_direction():
     way = np.repeat([SHORTENING, LENGTHENING], 100)
     at = RecordingAxes(np.full(200, 4e5), np.full(200, 0.1), np.arange(200.0), way)
     off = np.where(way == SHORTENING, -10.0, 50.0)
-    parts = _parts(np.ones(200, bool), at)
-    assert _extremes(off, parts, at, 1.0, "N") == (
+    parts = _split_box(DEFAULT_SETTINGS, np.ones(200, bool), at)
+    assert _format_extremes(DEFAULT_SETTINGS, off, parts, at, 1.0, "N") == (
         "between about 10 N lower (shortening) and about 50 N higher (lengthening)"
     )

@@ -1,4 +1,4 @@
-"""One p-value for the largest of many correlated directions."""
+"""The global p-value of the largest of many correlated directions."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -16,11 +16,12 @@ from pamjax.diagnosis.detect.significance import (
 )
 from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.noise.uncertainty import NORMAL_NODES, NoiseUncertainty, estimate_noise_uncertainty
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.infer.noise.ar1_filter import Ar1Noise
 
 
 def doubt(much):
-    """That ln(standard deviation) of each of some directions is known to so much, (k,)."""
+    """Return a noise uncertainty: the sd of ln(standard deviation) of each direction, (k,)."""
     by = np.exp(2 * np.outer(much, NORMAL_NODES))[:, None]
     return NoiseUncertainty(np.zeros(len(much)), by)
 
@@ -30,28 +31,28 @@ def sure(many):
 
 
 def directions(many, size, seed=0):
-    """Unit directions that are correlated: neighbours overlap."""
+    """Return unit directions with correlated neighbours."""
     rng = np.random.default_rng(seed)
     raw = np.cumsum(rng.standard_normal((many, size)), axis=0)
     return raw / np.linalg.norm(raw, axis=1, keepdims=True)
 
 
 @pytest.mark.slow
-def test_p_values_are_uniform_where_nothing_is():
+def test_p_values_are_uniform_without_an_effect():
     rows = directions(40, 300)
     rng = np.random.default_rng(1)
     largest = np.abs(rows @ rng.standard_normal((300, 400))).max(axis=0)
     p = np.array([_estimate_tail_probability(rows @ rows.T, x, sure(40), seed=2) for x in largest])
-    # Kolmogorov and Smirnov's distance of 400 uniform numbers is above 0.0815 in one of a hundred.
+    # The Kolmogorov-Smirnov distance of 400 uniform values exceeds 0.0815 with probability 0.01.
     assert np.max(np.abs(np.sort(p) - (np.arange(400) + 0.5) / 400)) < 0.0815
 
 
 @pytest.mark.slow
-def test_p_values_are_uniform_where_most_directions_have_one_sign():
+def test_p_values_are_uniform_for_one_sided_directions():
     rows, either = directions(40, 300), np.arange(40) < 4
     rng = np.random.default_rng(3)
     largest = _compute_deviation(rng.standard_normal((150, 300)) @ rows.T, either).max(axis=1)
-    # The distance of 150 uniform numbers is above 0.133 in one of a hundred.
+    # The distance of 150 uniform values exceeds 0.133 with probability 0.01.
     p = np.array(
         [_estimate_tail_probability(rows @ rows.T, x, sure(40), seed=2, is_two_sided=either) for x in largest]
     )
@@ -60,43 +61,43 @@ def test_p_values_are_uniform_where_most_directions_have_one_sign():
     assert np.max(np.abs(np.sort(both) - (np.arange(150) + 0.5) / 150)) > 0.133
 
 
-def test_the_tail_beyond_the_draws_goes_on_where_they_end():
+def test_tail_continues_the_distribution_of_the_draws():
     rows = directions(40, 300)
     gram = rows @ rows.T
     chances = [_estimate_tail_probability(gram, x, sure(40), seed=2) for x in np.linspace(3.0, 6.0, 13)]
     steps = np.diff(np.log(chances))
     assert np.all(steps < 0)
-    # Nowhere does it jump: each step is steeper than the last, and by little.
+    # No jump: each step is slightly steeper than the previous one.
     assert np.all(np.abs(np.diff(steps)) < 1.0)
 
 
-def test_a_single_direction_has_the_chance_of_one():
+def test_single_direction_has_the_normal_p_value():
     assert _estimate_tail_probability(np.eye(1), 1.96, sure(1), seed=0) == pytest.approx(0.05, abs=0.01)
     assert _estimate_tail_probability(np.eye(1), 5.0, sure(1), seed=0) == pytest.approx(5.7e-7, rel=0.5)
 
 
 def seen(deviation, much):
-    """The chance of the largest of five deviations whose noise is in doubt."""
+    """Return the p-value of the largest of five deviations with uncertain noise."""
     five = doubt(np.full(5, much))
     return _estimate_tail_probability(np.eye(5), deviation / _compute_sd_bound(five)[0], five, seed=0)
 
 
-def test_doubt_about_the_noise_makes_large_deviations_less_surprising():
+def test_noise_uncertainty_increases_the_p_value():
     assert seen(4.0, 0.2) > 3 * seen(4.0, 0.0)
 
 
-def test_a_deviation_of_known_noise_is_not_hidden_by_one_of_doubtful_noise(monkeypatch):
-    """Thirty directions, one of them in doubt: a sure one counts about as if that were not there."""
+def test_uncertain_noise_of_one_direction_hardly_affects_the_others(monkeypatch):
+    """Thirty directions, one with uncertain noise; the others have about the same p-values as without it."""
     one = doubt(np.r_[0.6, np.zeros(29)])
     known = _estimate_tail_probability(np.eye(30), 4.2, sure(30), seed=0)
     assert known < _estimate_tail_probability(np.eye(30), 4.2, one, seed=0) < 4 * known
-    # Able to fail: undivided, the doubtful one hides it.
+    # Negative control: without scaling, the uncertain direction hides it.
     monkeypatch.setattr(under_test, "_compute_sd_bound", lambda doubt: np.ones(30))
     assert _estimate_tail_probability(np.eye(30), 4.2, one, seed=0) > 10 * known
 
 
-def test_the_tail_of_doubtful_noise_has_the_closed_form():
-    """One direction whose ln(sd) is normal: the chance is an integral over it, far beyond any draw."""
+def test_tail_of_uncertain_noise_has_the_closed_form():
+    """One direction with normal ln(sd): the p-value is an integral over it, far beyond all draws."""
     much, far = 0.3, 6.0
     scale = np.linspace(-4, 4, 4001)
     want = 2 * np.trapezoid(norm.sf(far / np.exp(much * scale)) * norm.pdf(scale), scale)
@@ -105,13 +106,13 @@ def test_the_tail_of_doubtful_noise_has_the_closed_form():
     assert _estimate_tail_probability(
         np.eye(1), far / _compute_sd_bound(one)[0], one, seed=0
     ) == pytest.approx(want, rel=0.02)
-    # Able to fail: what is known has no such tail.
+    # Negative control: known noise has no such tail.
     assert _estimate_tail_probability(np.eye(1), far, sure(1), seed=0) < 1e-2 * want
 
 
 @pytest.mark.parametrize("alike", [0.0, 0.99])
-def test_the_tail_of_many_doubtful_directions_is_that_of_drawing_them(alike):
-    """Two hundred, all of one doubtful noise, none or nearly all the same; half have one sign."""
+def test_tail_of_many_uncertain_directions_agrees_with_simulation(alike):
+    """Two hundred directions of one uncertain noise, independent or nearly identical; half one-sided."""
     many, much, far = 200, 0.5, 9.0
     gram = np.full((many, many), alike) + (1 - alike) * np.eye(many)
     either = np.arange(many) < 100
@@ -128,7 +129,7 @@ def test_the_tail_of_many_doubtful_directions_is_that_of_drawing_them(alike):
     assert _estimate_tail_probability(
         gram, far / _compute_sd_bound(every)[0], every, is_two_sided=either
     ) == pytest.approx(want, abs=4 * error)
-    # Able to fail: as many independent ones of known noise have another tail.
+    # Negative control: independent directions of known noise have another tail.
     assert (
         abs(
             _estimate_tail_probability(
@@ -140,21 +141,21 @@ def test_the_tail_of_many_doubtful_directions_is_that_of_drawing_them(alike):
     )
 
 
-def test_a_noise_that_a_table_tells_is_shared_by_all_directions():
-    """Drawn: fifty directions over one square of three degrees of freedom."""
+def test_noise_estimate_of_a_table_is_shared_by_all_directions():
+    """Simulation: fifty directions divided by one mean square with three degrees of freedom."""
     rng, freedom, far = np.random.default_rng(5), 3.0, 12.0
     drawn = np.abs(rng.standard_normal((200_000, 50))).max(axis=1)
     want = np.mean(drawn / np.sqrt(rng.chisquare(freedom, drawn.size) / freedom) > far)
     assert _estimate_tail_probability(np.eye(50), far, sure(50), freedom) == pytest.approx(want, rel=0.05)
-    # Able to fail: fifty of a square each reach as far many times as often.
+    # Negative control: with one mean square for each of the fifty, this deviation is far more frequent.
     assert 1 - (1 - 2 * t.sf(far, freedom)) ** 50 > 2 * want
 
 
-def test_where_nothing_can_be_looked_along_nothing_is_found():
+def test_without_directions_nothing_is_significant():
     assert _estimate_tail_probability(np.eye(0), 0.0, sure(0)) == 1.0
 
 
-def test_both_ends_of_a_doubt_stretch():
+def test_correlation_errors_of_both_signs_are_considered():
     """A fast direction has more noise for a smaller correlation."""
     fast = NoiseUncertainty(np.zeros(1), np.exp(-2 * 0.3 * NORMAL_NODES)[None, None])
     assert _compute_sd_bound(fast) == pytest.approx([np.exp(0.6)])
@@ -164,21 +165,21 @@ def test_both_ends_of_a_doubt_stretch():
     assert _compute_sd_bound(NoiseUncertainty(np.zeros(1), slow_and_fast)) == pytest.approx([np.exp(0.6)])
 
 
-def test_noise_found_from_few_squares_makes_a_deviation_less_surprising():
-    """One direction under Student's noise: the closed form."""
+def test_noise_estimate_of_few_rows_increases_the_p_value():
+    """One direction with Student's t noise: the closed form."""
     gram = np.eye(1)
     for deviation, freedom in ((3.0, 3.0), (25.0, 3.0), (25.0, 2.0)):
         want = 2 * t.sf(deviation, freedom)
         assert _estimate_tail_probability(gram, deviation, sure(1), freedom, 0) == pytest.approx(
             want, rel=0.25
         )
-    # Able to fail: known noise calls the same deviation impossible.
+    # Negative control: with known noise this deviation is practically impossible.
     assert _estimate_tail_probability(gram, 25.0, sure(1), np.inf, 0) < 1e-100
 
 
 @pytest.mark.parametrize("freedom", [np.inf, 3.0])
 @pytest.mark.parametrize("much", [0.3, 2.0])
-def test_no_deviation_is_lost_to_a_tail_too_small_for_a_number(much, freedom):
+def test_underflow_of_the_tail_loses_no_deviation(much, freedom):
     chances = [
         _estimate_tail_probability(np.eye(5), x, doubt(np.full(5, much)), freedom, 0) for x in (1e4, 1e6, 1e8)
     ]
@@ -187,8 +188,8 @@ def test_no_deviation_is_lost_to_a_tail_too_small_for_a_number(much, freedom):
     assert chances[2] < 1e-6
 
 
-def test_the_deviation_that_was_seen_is_divided_as_the_draws_are(monkeypatch):
-    """Four standard deviations along a slow direction of a channel whose own noise is a fifth."""
+def test_observed_deviation_is_scaled_like_the_draws(monkeypatch):
+    """A deviation of 4 sd along a slow direction of a channel; its sensor noise is a fifth of its noise."""
     n = 700
     slow = np.ones((1, n)) / np.sqrt(n)
     colour = Ar1Noise(np.ones(n), 0.2, 0.0, True, rho_from_differences=0.4)
@@ -197,13 +198,13 @@ def test_the_deviation_that_was_seen_is_divided_as_the_draws_are(monkeypatch):
     at: Any = SimpleNamespace(residual=4.0 * slow[0], jacobian=np.zeros((n, 1)), prior_sd=np.ones(1))
     monkeypatch.setattr(under_test, "compute_region_shifts", lambda found, white: slow)
     monkeypatch.setattr(under_test, "_find_largest_mean_square", lambda found, white, at: (1.0, -np.inf))
-    found: Any = None
+    found: Any = SimpleNamespace(settings=DEFAULT_SETTINGS)
     judged = compute_significance(found, white, at, [])
-    stretch = _compute_sd_bound(estimate_noise_uncertainty(white, slow))[0]
+    stretch = _compute_sd_bound(estimate_noise_uncertainty(white, slow, DEFAULT_SETTINGS))[0]
     assert stretch > 1.3
     assert judged.largest_deviation == pytest.approx(4.0 / stretch)
-    # Able to fail: undivided, it would be as rare as one that is larger by that factor.
+    # Negative control: without scaling, its p-value is that of a deviation larger by this factor.
     assert (
-        _estimate_tail_probability(np.eye(1), 4.0, estimate_noise_uncertainty(white, slow))
+        _estimate_tail_probability(np.eye(1), 4.0, estimate_noise_uncertainty(white, slow, DEFAULT_SETTINGS))
         < 0.5 * judged.p_value
     )

@@ -1,4 +1,4 @@
-"""Promised power is what simulated experiments show, and what only one protocol tells apart is sent there."""
+"""The predicted power of a protocol agrees with simulated experiments, and ties get the right protocol."""
 
 import numpy as np
 import pytest
@@ -17,21 +17,22 @@ from pamjax.diagnosis.next_experiment.experiment import (
 from pamjax.diagnosis.next_experiment.power import LinearisedModel, compute_power
 from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed
 from pamjax.diagnosis.refit.candidate_fit import fit_candidate, switch_on_candidate
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.planning.discriminate import fit_baseline
 from tests.agreement import SOLVED, agree
 
 
 def linear(rng, rows=60):
-    """Two models of a line recording that fit it alike, and a new protocol on which they differ."""
+    """Return two models that fit a recording of a line equally well, and a protocol that separates them."""
     make = lambda n, k: rng.standard_normal((n, k))  # noqa: E731
     first = 0.1 * make(40, 3), 0.1 * make(40, 2)
-    # B's numbers are known so far from the first recording and from priors of width 2.
+    # The first recording and priors with sd 2 determine the parameters of B.
     new = 0.15 * make(rows, 3), 0.15 * make(rows, 2)
     return first, new, np.full(3, 2.0), np.full(2, 2.0)
 
 
 def least(delta, new, known):
-    """χ² left of δ after numbers moved freely against what is known of them, by stacked least squares."""
+    """Return the χ² of δ after a refit of the parameters with their priors, by stacked least squares."""
     root = np.linalg.cholesky(known).T
     stacked, wanted = np.concatenate([new, root]), np.concatenate([delta, np.zeros(len(root))])
     move = np.linalg.lstsq(stacked, wanted, rcond=None)[0]
@@ -42,7 +43,7 @@ def side(first, new, prior):
     return LinearisedModel(new.T, first.T @ first + np.diag(1 / prior**2))
 
 
-def test_what_a_refit_takes_up_is_least_squares():
+def test_refit_agrees_with_least_squares():
     rng = np.random.default_rng(2)
     (first, _), (new, _), prior, _ = linear(rng)
     delta = rng.standard_normal(len(new)) + new @ np.array([3.0, -2.0, 2.0])
@@ -51,7 +52,7 @@ def test_what_a_refit_takes_up_is_least_squares():
     assert one.compute_refit_chi2(delta) < 0.99 * delta @ delta
 
 
-def test_numbers_are_drawn_as_uncertain_as_they_are():
+def test_parameters_are_drawn_from_their_posterior():
     rng = np.random.default_rng(4)
     (first, _), (new, _), prior, _ = linear(rng)
     one = side(first, new, prior)
@@ -61,34 +62,34 @@ def test_numbers_are_drawn_as_uncertain_as_they_are():
 
 
 def simulated(a_by, b_by, delta, known_a, known_b, rng, draws=4000):
-    """Chance that A is chosen where it is true, with the limit set where B is; both refitted each time."""
+    """Return the rate at which a true A is chosen, with the limit from a true B; both models are refitted."""
     gains = []
     for truth, by, known in ((delta, a_by, known_a), (0 * delta, b_by, known_b)):
         gain = []
         for _ in range(draws):
-            # The first recording knows the true numbers only so far.
+            # The first recording determines the true parameters with this uncertainty.
             off = np.linalg.solve(np.linalg.cholesky(known).T, rng.standard_normal(len(known)))
             seen = truth + by @ off + rng.standard_normal(delta.size)
-            # Predictions: A's is δ + its moves, B's is 0 + its moves.
+            # Predictions: A gives δ + its changes, B gives 0 + its changes.
             gain.append(least(seen, b_by, known_b) - least(seen - delta, a_by, known_a))
         gains.append(np.array(gain))
     return float(np.mean(gains[0] > np.quantile(gains[1], 0.95)))
 
 
 @pytest.mark.parametrize("size", [0.05, 0.15, 0.3])
-def test_promised_power_is_what_simulated_experiments_show(size):
+def test_predicted_power_agrees_with_simulated_experiments(size):
     rng = np.random.default_rng(5)
     (first_a, first_b), (new_a, new_b), prior_a, prior_b = linear(rng)
     delta = size * rng.standard_normal(60) + 0.7 * (new_b.sum(axis=1) - new_a.sum(axis=1))
     a, b = side(first_a, new_a, prior_a), side(first_b, new_b, prior_b)
     shown = simulated(new_a, new_b, delta, a.information, b.information, rng, draws=1500)
     assert abs(compute_power(delta, a, b) - shown) < 0.05
-    # What a refit takes up matters: numbers that cannot move promise something else.
+    # Negative control: with fixed parameters the predicted power is different.
     sure = LinearisedModel(a.jacobian, 1e9 * a.information), LinearisedModel(b.jacobian, 1e9 * b.information)
     assert size > 0.1 or abs(compute_power(delta, *sure) - shown) > 0.05
 
 
-def test_power_has_its_ends():
+def test_power_has_its_limits():
     rng = np.random.default_rng(6)
     (first_a, first_b), (new_a, new_b), prior_a, prior_b = linear(rng)
     a, b = side(first_a, new_a, prior_a), side(first_b, new_b, prior_b)
@@ -96,14 +97,17 @@ def test_power_has_its_ends():
     assert compute_power(np.full(60, 30.0), a, b) == 1.0
 
 
-def test_the_cheapest_that_is_enough_is_chosen_and_else_the_most_powerful():
+def test_cheapest_sufficient_protocol_is_chosen_else_the_most_powerful():
     offer = [Experiment(n, ("a", "b"), p, m) for n, p, m in (("x", 0.95, 9), ("y", 0.99, 20), ("z", 0.5, 1))]
-    assert choose_experiment(offer).protocol == "x"
-    assert choose_experiment([*offer[2:], Experiment("w", ("a", "b"), 0.6, 90)]).protocol == "w"
+    assert choose_experiment(offer, DEFAULT_SETTINGS).protocol == "x"
+    assert (
+        choose_experiment([*offer[2:], Experiment("w", ("a", "b"), 0.6, 90)], DEFAULT_SETTINGS).protocol
+        == "w"
+    )
 
 
 def tied(name, rival):
-    """A recording with concealed physics, refitted with its name and with a rival in its place."""
+    """Return a recording with a concealed effect, refitted with its mechanism and with a rival."""
     envelope = inject_effects(1, np.random.default_rng(3), only=name, smallest=3.0, largest=4.0)
     found = build_library_problem(envelope.case)
     used = np.ones(found.n, bool)
@@ -120,7 +124,7 @@ def tied(name, rival):
 
 
 @pytest.mark.slow
-def test_a_form_that_sticks_at_its_limit_does_not_stand_for_its_mechanism():
+def test_form_at_its_limit_does_not_represent_its_mechanism():
     envelope = inject_effects(1, np.random.default_rng(2), only="braid_locking", smallest=0.5, largest=2.0)
     found = build_library_problem(envelope.case)
     baseline, offered = (
@@ -129,18 +133,18 @@ def test_a_form_that_sticks_at_its_limit_does_not_stand_for_its_mechanism():
     )
     true = np.array([envelope.true_values[name] for name in found.names])
     best = float(np.sum(baseline.noise.whiten(found.measured - found.predict(true)) ** 2))
-    # As good as the truth, by the χ² of a few numbers that the truth has not fitted.
-    assert fit_best_candidate(found, baseline, offered).estimate.cost < best + 10
-    # Able to fail: there is something to be found.
-    assert baseline.estimate.cost > best + 100
+    # As good as the true model, up to the χ² of its few fitted parameters.
+    assert fit_best_candidate(found, baseline, offered).estimate.chi2_with_priors < best + 10
+    # Negative control: there is an effect to detect.
+    assert baseline.estimate.chi2_with_priors > best + 100
 
 
 @pytest.mark.slow
-def test_what_only_one_protocol_tells_apart_is_sent_there():
+def test_protocol_that_alone_separates_a_tie_is_recommended():
     gains = {e.id: e.power for e in tied("force_gain", "pressure_gain")}
     assert gains.pop("X10") > 0.99
     assert max(gains.values()) < 0.15
-    # In the same compiled program: a zero and a dead band, which venting tells apart at once.
-    best = choose_experiment(tied("pressure_offset", "contact_pressure"))
+    # In the same program: an offset and a dead band, which a vented muscle separates immediately.
+    best = choose_experiment(tied("pressure_offset", "contact_pressure"), DEFAULT_SETTINGS)
     assert (best.id, best.power) == ("X1", pytest.approx(1.0, abs=0.01))
     assert best.minutes < 5

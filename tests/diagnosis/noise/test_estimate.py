@@ -1,15 +1,16 @@
-"""The noise is read off neighbouring samples, and the filter makes it white."""
+"""Estimates of noise and autocorrelation from neighbouring samples, and whitening."""
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from pamjax.diagnosis.noise.estimate import NoiseModel, _build_channel_noise, _compute_roughness
+from pamjax.diagnosis.noise.estimate import NoiseModel, _build_channel_noise, _compute_half_mean_square
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.infer.noise.ar1_filter import Ar1Noise, compute_correlation_error
 
 
 def sample(shared, correlation, n=20000, seed=0):
-    """Noise of unit variance, of which a share repeats itself."""
+    """Return AR(1) noise of unit variance."""
     rng = np.random.default_rng(seed)
     own = lfilter([1.0], [1.0, -correlation], rng.standard_normal(n) * np.sqrt(1 - correlation**2))
     return np.sqrt(shared) * own + np.sqrt(1 - shared) * rng.standard_normal(n)
@@ -23,19 +24,19 @@ def whitening(colour, n):
 @pytest.mark.parametrize(
     ("shared", "correlation"), [(1.0, 0.0), (1.0, 0.5), (1.0, 0.9), (0.6, 0.9), (0.5, 0.7)]
 )
-def test_the_filter_leaves_white_noise_of_unit_variance(shared, correlation):
+def test_filter_gives_white_noise_of_unit_variance(shared, correlation):
     noise = sample(shared, correlation)
     white = whitening(Ar1Noise(np.ones(noise.size), shared, correlation, True), noise.size)
     left = white.whiten(np.stack([noise, noise]))[100:]
     assert np.var(left) == pytest.approx(1.0, abs=0.04)
     for lag in (1, 2, 5, 20):
         assert abs(np.mean(left[lag:] * left[:-lag])) < 4 / np.sqrt(left.size)
-    # A slow sum is white too: what a wrong correlation would show first.
+    # A slow sum is also white; it is most sensitive to a wrong correlation.
     sums = left[: left.size // 100 * 100].reshape(-1, 100).sum(axis=1) / 10
     assert np.var(sums) == pytest.approx(1.0, abs=0.35)
 
 
-def test_a_wrong_correlation_shows():
+def test_wrong_correlation_is_detected():
     noise = sample(1.0, 0.9)
     left = whitening(Ar1Noise(np.ones(noise.size), 1.0, 0.5, True), noise.size).whiten(
         np.stack([noise, noise])
@@ -45,18 +46,24 @@ def test_a_wrong_correlation_shows():
 
 
 @pytest.mark.parametrize(("shared", "correlation"), [(1.0, 0.0), (0.7, 0.6), (0.9, 0.9)])
-def test_correlation_is_read_off_neighbours_whatever_the_misfit(shared, correlation):
+def test_correlation_estimate_is_independent_of_misfit(shared, correlation):
     n = 4000
     slow = 20 * np.sin(np.arange(n) / 300)
     residual = sample(shared, correlation, n, seed=3) + slow
     found = _build_channel_noise(
-        residual, np.array([shared]), np.full(n, 1 - shared), np.arange(n), np.zeros(n), True
+        residual,
+        np.array([shared]),
+        np.full(n, 1 - shared),
+        np.arange(n),
+        np.zeros(n),
+        True,
+        settings=DEFAULT_SETTINGS,
     )
     assert found.ar1_fraction == pytest.approx(shared)
     assert found.correlation == pytest.approx(correlation, abs=0.06)
 
 
-def test_no_product_reaches_across_a_gap():
+def test_correlation_ignores_gaps():
     colour = Ar1Noise(np.ones(8), 1.0, 0.9, True)
     white = NoiseModel(
         (colour, None), (np.arange(8), np.arange(0)), (np.array([[0, 4], [4, 8]]), np.zeros((0, 2), int))
@@ -68,11 +75,11 @@ def test_no_product_reaches_across_a_gap():
 
 @pytest.mark.parametrize("shared", [1.0, 0.6])
 @pytest.mark.parametrize("correlation", [0.0, 0.5, 0.95])
-def test_a_correlation_is_as_uncertain_as_it_says(shared, correlation):
+def test_correlation_has_its_stated_uncertainty(shared, correlation):
     n, found = 700, []
     for seed in range(300):
         noise = sample(shared, correlation, n + 300, seed)[300:]
-        rough = _compute_roughness(noise, np.ones(n), np.arange(n), np.ones(n))
+        rough = _compute_half_mean_square(noise, np.ones(n), np.arange(n), np.ones(n), DEFAULT_SETTINGS)
         found.append(1 - (rough - (1 - shared)) / shared)
-    # 300 draws know a standard deviation to 4 %.
+    # An sd from 300 draws has a standard error of 4 %.
     assert np.std(found) == pytest.approx(compute_correlation_error(shared, correlation, n), rel=0.15)

@@ -1,4 +1,4 @@
-"""Noise of what was set, passed on by a memory: the χ² it leaves is known in closed form for a delay."""
+"""Input noise that a memory smooths: the remaining χ² is known in closed form for a delay."""
 
 import dataclasses
 from types import SimpleNamespace
@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from pamjax.diagnosis.noise.estimate import NoiseModel
-from pamjax.diagnosis.noise.input_noise import MAX_CHI2_CREDIT_SHARE, compute_input_noise_chi2
+from pamjax.diagnosis.noise.input_noise import compute_input_noise_chi2
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
 from pamjax.infer.noise.ar1_filter import Ar1Noise
 from pamjax.model.muscle import MuscleReading
 from tests.agreement import ROUNDING, agree
@@ -20,14 +21,14 @@ ROWS, NOISE, STIFF, SD = 400, 0.3, 5.0, 2.0
 
 
 class Set(eqx.Module):
-    """What was set."""
+    """Settings of an artificial recording."""
 
     pressure: jax.Array
     length: jax.Array
 
 
 class Spring(eqx.Module):
-    """A bare muscle that is a spring."""
+    """A bare muscle with the force of a spring."""
 
     rows: Set
 
@@ -37,13 +38,14 @@ class Spring(eqx.Module):
 
 @dataclasses.dataclass(frozen=True)
 class Delayed:
-    """A problem whose force is late by a share of a sample, interpolated in a straight line."""
+    """A problem whose force is delayed by a fraction of a sample, with linear interpolation."""
 
     dataset: Spring
     reduced_dataset: Spring
     case: SimpleNamespace
     meanings: tuple = (SimpleNamespace(neutral=0.0),)
     n: int = ROWS
+    settings: DiagnosisSettings = DEFAULT_SETTINGS
 
     def active(self, values):
         return {"channel_lag"} if values[0] else set()
@@ -69,8 +71,8 @@ def weights(correlation=0.0):
 
 
 @pytest.mark.parametrize("late", [0.2, 0.5, 1.0])
-def test_a_delay_between_samples_leaves_what_averaging_two_leaves(late):
-    # w² + (1 − w)² of the variance is left: a half at half a sample, all of it at a whole one.
+def test_fractional_delay_averages_noise_of_two_samples(late):
+    # The remaining variance is w² + (1 − w)²: a half at half a sample, all of it at a full sample.
     share = late**2 + (1 - late) ** 2 - 1
     whole = ROWS * (STIFF * NOISE / SD) ** 2
     agree(
@@ -81,28 +83,29 @@ def test_a_delay_between_samples_leaves_what_averaging_two_leaves(late):
     )
 
 
-def test_without_a_memory_or_noise_of_what_was_set_nothing_is_passed_on():
+def test_no_input_noise_without_memory_or_noise_of_settings():
     assert compute_input_noise_chi2(spring(), weights().whiten, np.array([0.0])) == 0.0
     assert compute_input_noise_chi2(spring(noise=None), weights().whiten, np.array([0.5])) == 0.0
 
 
-def test_under_correlated_weights_the_mean_over_noise_comes_out():
+def test_correlated_weights_agree_with_the_mean_over_simulations():
     found, white = spring(), weights(correlation=0.7)
     rng, values = np.random.default_rng(3), np.array([0.5])
     noise = NOISE * STIFF * rng.standard_normal((4000, ROWS))
     force = np.stack([noise, np.zeros_like(noise)], axis=1)
     late = 0.5 * (force + np.roll(force, 1, axis=2))
     each = np.sum(white.whiten(late) ** 2, axis=1) - np.sum(white.whiten(force) ** 2, axis=1)
-    # Far neighbours are left in the four draws, by chance: a few percent.
+    # Random correlations of distant samples in the four draws: a few percent.
     assert compute_input_noise_chi2(found, white.whiten, values) == pytest.approx(each.mean(), rel=0.1)
-    # Able to fail: weights that knew no correlation would say much less.
+    # Negative control: weights without correlation give a much smaller value.
     assert abs(compute_input_noise_chi2(found, weights().whiten, values)) < 0.8 * abs(each.mean())
 
 
-def test_a_model_that_makes_very_much_of_noise_is_not_forgiven_all_of_it():
-    # Early by a sample, in a straight line: four times the variance more, on four hundred samples.
+def test_correction_for_input_noise_is_limited():
+    # Linear extrapolation by one sample: four times the variance more, on four hundred samples.
     share = (2.0**2 + 1.0 - 1) * (STIFF * NOISE / SD) ** 2
-    assert share > MAX_CHI2_CREDIT_SHARE
+    assert share > DEFAULT_SETTINGS.max_input_noise_chi2_share
     assert (
-        compute_input_noise_chi2(spring(), weights().whiten, np.array([-1.0])) == MAX_CHI2_CREDIT_SHARE * ROWS
+        compute_input_noise_chi2(spring(), weights().whiten, np.array([-1.0]))
+        == DEFAULT_SETTINGS.max_input_noise_chi2_share * ROWS
     )

@@ -1,4 +1,4 @@
-"""A lag is drawn towards half a sample, where it averages noise most, unless that is taken off."""
+"""Errors in variables: without a correction, an estimated lag is biased to half a sample."""
 
 import dataclasses
 from types import SimpleNamespace
@@ -17,7 +17,7 @@ LATE, MANY = 0.12, 60
 
 @dataclasses.dataclass(frozen=True)
 class Measured(Delayed):
-    """The late spring as a recording: its length was written with noise, and its force is too."""
+    """The delayed spring as a recording with noise of length and force."""
 
     measured: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((2, ROWS)))
     is_logarithmic: np.ndarray = dataclasses.field(default_factory=lambda: np.array([False]))
@@ -35,7 +35,7 @@ class Measured(Delayed):
 
 def recording(seed: int) -> Measured:
     rng = np.random.default_rng(seed)
-    # A stroke steep enough that a lag is seen at all: a few sd of noise from sample to sample.
+    # A stroke that is steep enough to show a lag: a few sd of noise per sample.
     true = 3.0 * np.sin(np.linspace(0, 20 * np.pi, ROWS))
     late = (1 - LATE) * true + LATE * np.roll(true, 1)
     written = Spring(Set(jnp.ones(ROWS), jnp.asarray(true + NOISE * rng.standard_normal(ROWS))))
@@ -48,23 +48,25 @@ def recording(seed: int) -> Measured:
 
 
 @pytest.mark.parametrize("own", [False, True])
-def test_a_lag_of_noisy_lengths_comes_out_as_it_is(own):
-    # Be it one of the library's numbers or one of the lab's own, which begin away from their limits.
+def test_lag_is_estimated_without_bias(own):
+    # For parameters of the library, and for baseline parameters, which start away from their limits.
     raw, freed = [], []
     for seed in range(MANY):
         found = dataclasses.replace(recording(seed), is_baseline=np.array([own]))
         at = fit_parameters(found, weights(), [0], np.array([0.5]))
         end, of_noise = correct_input_noise_bias(found, weights(), at)
-        assert end.cost - of_noise <= at.cost - compute_input_noise_chi2(found, weights().whiten, at.values)
+        assert end.chi2_with_priors - of_noise <= at.chi2_with_priors - compute_input_noise_chi2(
+            found, weights().whiten, at.values
+        )
         raw.append(at.values[0])
         freed.append(end.values[0])
     error = np.std(freed) / np.sqrt(MANY)
     assert abs(np.mean(freed) - LATE) < 3 * error
-    # Able to fail: the plain minimum is far off towards a half.
+    # Negative control: the uncorrected minimum is strongly biased towards one half.
     assert np.mean(raw) - LATE > 5 * error
 
 
-def test_what_does_not_average_is_left_where_it_is():
+def test_model_without_memory_is_not_corrected():
     found = recording(0)
     still = dataclasses.replace(
         found,
@@ -79,7 +81,7 @@ def test_what_does_not_average_is_left_where_it_is():
     assert correct_input_noise_bias(still, weights(), at) == (at, 0.0)
 
 
-def test_noise_that_comes_once_more_pulls_as_far_as_it_did_before():
+def test_correction_agrees_with_a_second_addition_of_noise():
     raw, pull = [], []
     for seed in range(MANY):
         found = recording(seed)

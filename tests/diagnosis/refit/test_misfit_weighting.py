@@ -1,4 +1,4 @@
-"""A model that is wrong by something smooth does not overrule what the lab measured."""
+"""Misfit weighting: a smooth misfit does not change well-measured parameters."""
 
 import math
 from types import SimpleNamespace
@@ -15,13 +15,14 @@ from pamjax.diagnosis.refit.misfit_weighting import (
     fit_with_misfit_weight,
     reweight_by_misfit,
 )
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.infer.noise.ar1_filter import Ar1Noise
 
 ROWS = 2000
 
 
 def line(smooth):
-    """Readings of a x + b, with unit noise and something smooth that the line cannot say; a is believed."""
+    """Return readings of a x + b with unit noise and a smooth misfit; a has a prior."""
     rng = np.random.default_rng(6)
     x = np.linspace(-1, 1, ROWS)
     design = np.stack([x, np.ones(ROWS)])
@@ -33,6 +34,7 @@ def line(smooth):
         return shown, np.stack([np.stack([design[k], np.zeros(ROWS)]) for k in places])
 
     found = SimpleNamespace(
+        settings=DEFAULT_SETTINGS,
         start=np.array([3.0, 0.0]),
         prior_sd=np.array([0.3, np.inf]),
         low=np.full(2, -50.0),
@@ -50,21 +52,21 @@ def line(smooth):
     return found, CandidateFit((), white, fit_parameters(found, white, [0, 1], np.array([3.0, 0.0])))
 
 
-def test_what_was_believed_is_kept_where_the_model_is_wrong():
+def test_prior_is_kept_if_the_model_is_wrong():
     found, model = line(smooth=60.0)
     a, kept = model.estimate.values[0], reweight_by_misfit(found, model).estimate.values[0]
-    # Weighed by noise alone, two thousand rows move the slope by tens of its sd.
+    # Negative control: weighted by noise only, two thousand rows shift the slope by tens of sd.
     assert abs(a - 3.0) > 20 * 0.3
     assert abs(kept - 3.0) < abs(a - 3.0) / 2
     assert reweight_by_misfit(found, model).estimate.covariance[0, 0] > 5**2 * model.estimate.covariance[0, 0]
 
 
-def test_a_model_that_leaves_noise_stays_as_it_is():
+def test_model_without_misfit_is_unchanged():
     found, model = line(smooth=0.0)
     assert reweight_by_misfit(found, model) is model
 
 
-def test_a_refit_is_weighed_by_what_is_left_where_it_begins(monkeypatch):
+def test_weights_follow_from_the_residuals_at_the_start(monkeypatch):
     found, model = line(smooth=60.0)
     settled = []
     monkeypatch.setattr(under_test, "estimate_noise", lambda *_: model.noise)
@@ -72,9 +74,9 @@ def test_a_refit_is_weighed_by_what_is_left_where_it_begins(monkeypatch):
     kept = fit_with_misfit_weight(found, np.ones(ROWS, bool), (), np.array([3.0, 2.0]))
     assert not settled
     assert kept.noise.weight < 0.5
-    # Settled under the noise alone, the slope went tens of its sd away.
+    # Weighted by noise only, the slope is tens of sd away.
     assert abs(kept.estimate.values[0] - 3.0) < abs(model.estimate.values[0] - 3.0) / 2
-    # A model that is wrong only where it begins is settled by the recording's noise.
+    # A model that is wrong only at its start values gets the weights of the noise.
     found, model = line(smooth=0.0)
     fit_with_misfit_weight(found, np.ones(ROWS, bool), (), np.array([-3.0, 20.0]))
     fit_with_misfit_weight(found, np.ones(ROWS, bool), (), model.estimate.values)
@@ -82,7 +84,7 @@ def test_a_refit_is_weighed_by_what_is_left_where_it_begins(monkeypatch):
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.8])
-def test_samples_that_repeat_each_other_are_counted_once(rho):
+def test_correlated_samples_count_once(rho):
     rng = np.random.default_rng(1)
     noise = rng.standard_normal(20000)
     for k in range(1, noise.size):

@@ -1,4 +1,4 @@
-"""Numbers are told with what other models as good say of them."""
+"""Model averaging: estimates and sd include other models that fit equally well."""
 
 import dataclasses
 from types import SimpleNamespace
@@ -14,6 +14,7 @@ from pamjax.diagnosis.refit.least_squares import fit_parameters
 from pamjax.diagnosis.select import model_averaging as under_test
 from pamjax.diagnosis.select.model_averaging import average_models
 from pamjax.diagnosis.select.selection import NamedMechanism
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.infer.noise.ar1_filter import Ar1Noise
 
 ROWS = 400
@@ -23,7 +24,7 @@ NAMES = ("level", "wave.much", "wave.turn")
 
 
 def recording(tilt) -> Any:
-    """Rows of level + much (turn² X + tilt turn X²): with no tilt, a turn and its negative are alike."""
+    """Return rows of level + much (turn² X + tilt turn X²); without tilt, ± turn are equivalent."""
 
     def slopes(values, places):
         level, much, turn = values
@@ -34,6 +35,7 @@ def recording(tilt) -> Any:
         )
 
     found = SimpleNamespace(
+        settings=DEFAULT_SETTINGS,
         names=NAMES,
         index=NAMES.index,
         n=ROWS,
@@ -72,32 +74,32 @@ def two_forms(monkeypatch):
     )
 
 
-def test_two_minima_as_good_are_both_in_the_standard_deviation():
+def test_sd_includes_two_equal_minima():
     found = recording(tilt=0.0)
     model = fitted(found, 1.0)
     told = average_models(found, model, ())
     turn = told.estimate.values[2]
     assert turn == pytest.approx(1.2, abs=0.2)
-    # Half a chance of being 2.4 away.
+    # With probability 1/2, the difference is 2.4.
     assert told.sd(2) == pytest.approx(np.sqrt(0.5) * 2 * turn, rel=0.05)
     assert model.sd(2) < 0.2
-    # What both agree about is known as before.
+    # Parameters on which both agree keep their sd.
     assert told.sd(0) == pytest.approx(model.sd(0), rel=0.05)
 
 
-def test_the_better_minimum_is_gone_to_and_the_worse_one_forgotten():
+def test_better_minimum_replaces_the_worse():
     found = recording(tilt=0.9)
     wrong = fitted(found, -1.0)
     assert wrong.estimate.values[2] < 0
     told = average_models(found, wrong, ())
     right = fitted(found, 1.0)
-    assert told.estimate.cost < wrong.estimate.cost - 10
+    assert told.estimate.chi2_with_priors < wrong.estimate.chi2_with_priors - 10
     assert told.estimate.values == pytest.approx(right.estimate.values, rel=1e-2)
     assert told.sd(2) == pytest.approx(right.sd(2), rel=0.1)
 
 
-def test_what_a_tie_would_move_is_in_the_standard_deviation():
-    """In its form the wave is lower and the level higher; half a chance of that is half of it squared."""
+def test_sd_includes_the_shift_of_a_tie():
+    """The other form has a lower wave and a higher level. With weight 1/2 the variance is half the square."""
     found = recording(tilt=0.9)
     model = fitted(found, 1.0)
     other = Candidate("other", ("wave.turn",))
@@ -111,8 +113,8 @@ def test_what_a_tie_would_move_is_in_the_standard_deviation():
     )
     assert abs(by) > 5 * model.sd(0)
     assert told.sd(0) == pytest.approx(np.hypot(model.sd(0), np.sqrt(0.5) * by), rel=0.02)
-    # Of the name's own numbers it says nothing.
+    # The parameters of the mechanism itself do not change.
     assert told.sd(1) == pytest.approx(model.sd(1))
-    # A name that is not in the model any more moves nothing.
+    # A mechanism that was removed from the model has no effect.
     gone = dataclasses.replace(tie, id="gone")
     assert average_models(found, model, (gone,)).sd(0) == pytest.approx(model.sd(0), rel=0.1)

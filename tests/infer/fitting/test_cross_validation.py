@@ -1,4 +1,4 @@
-"""Held out means whole blocks, predicted by a fit that never saw them."""
+"""Cross-validation holds out complete blocks, which the fit does not use."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -15,7 +15,7 @@ from tests.infer.made import made
 
 @pytest.fixture(scope="module")
 def problem():
-    """The plain case in its space, solved, and its blocks."""
+    """Return the standard case: dataset, parameter space, solution and blocks."""
     case = made()
     at, (rename,) = build_joint_space([case], "elastic", ())
     members = (build_dataset(case, "elastic", at, rename),)
@@ -35,7 +35,7 @@ def unseen(problem, members):
 
 
 def wild(one, rows):
-    """The member with its measurements multiplied in some rows."""
+    """Return the dataset with scaled measurements in some rows."""
     mask = np.zeros(one.rows.force.size, dtype=bool)
     mask[: rows.size] = rows
     return eqx.tree_at(
@@ -45,7 +45,7 @@ def wild(one, rows):
     )
 
 
-def test_blocks_are_whole_and_each_is_held_out_once(problem):
+def test_each_block_is_held_out_once(problem):
     found = problem[-1]
     deal, _ = unseen(problem, problem[2])
     assert np.all(np.sum(deal, axis=0) == (found.label >= 0))
@@ -54,37 +54,37 @@ def test_blocks_are_whole_and_each_is_held_out_once(problem):
         assert np.array_equal(fold, np.isin(found.label, held))
 
 
-def test_what_was_held_out_was_not_seen(problem):
+def test_held_out_rows_do_not_affect_the_fit(problem):
     deal, honest = unseen(problem, problem[2])
     for fold in deal:
         _, disturbed = unseen(problem, (wild(problem[2][0], fold),))
         for channel in honest:
             np.testing.assert_array_equal(disturbed[channel][fold], honest[channel][fold])
-            # The control: the other fold's fit did see them.
+            # Control: the fit of the other fold used them.
             seen = ~fold & np.isfinite(honest[channel])
             assert np.max(np.abs(disturbed[channel][seen] / honest[channel][seen] - 1)) > 0.1
 
 
-def test_without_leaves_rows_out_of_sight(problem):
+def test_masked_rows_have_no_effect(problem):
     one, n = problem[2][0], problem[0].recording.n
     out = np.arange(n) < 10
     assert float(exclude_rows(one, out).rows.training_mask.sum()) == n - 10
     assert exclude_rows(one, None) is one
 
 
-def test_the_score_is_that_of_the_unseen_predictions():
+def test_score_uses_held_out_predictions():
     fitted = fit(made(), starts=1, fold_count=2)
     (one,) = fitted.cases
     for channel, value in one.held_out.rmse.items():
         off = getattr(one.case.recording, channel) - one.held_out_prediction[channel]
         assert value == pytest.approx(np.sqrt(np.nanmean(off**2)))
-        # Simulated by the model itself, an unseen isobar is predicted nearly to the noise.
+        # The model simulated the data: the error on a held-out isobar is almost the noise.
         assert 0.95 * one.rmse[channel] < value < 1.3 * one.rmse[channel]
     assert one.held_out.kind == "isobars"
     assert sorted(name for fold in one.held_out.folds for name in fold) == sorted(set(one.block))
 
 
-def test_one_block_is_never_held_out(problem):
+def test_single_block_is_not_held_out(problem):
     case, at, members, solution, found = problem
     single = type(found)(np.zeros_like(found.label), ("all",), "isobars")
     deals, predictions = cross_validate([case], members, [single], at, solution, "square", 2, 0)

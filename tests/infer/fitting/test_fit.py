@@ -1,4 +1,4 @@
-"""A fit finds what a simulated muscle was made of, and says how well it knows."""
+"""Fits recover the parameters of simulated muscles, and report correct standard deviations."""
 
 import dataclasses
 
@@ -23,7 +23,7 @@ EXACT = Sensors()
 
 @pytest.fixture(scope="module")
 def found():
-    """The plain case, fitted."""
+    """Return the fit of the standard case."""
     return fit(made(), **QUICK)
 
 
@@ -33,7 +33,7 @@ def in_space(case, law="elastic"):
 
 
 @pytest.mark.parametrize("law", ["inelastic", "elastic", "toe", "exponential-toe", "recruitment-toe"])
-def test_without_noise_nothing_is_left_at_the_truth(law):
+def test_noise_free_residuals_vanish_at_the_true_parameters(law):
     at, members = in_space(made(law, bench=EXACT, off=(0, 0, 0)), law)
     values = jnp.array([TRUE[n] for n in at.names])
     assert members[0].rows.force_weight.sum() > 0
@@ -53,7 +53,7 @@ def test_without_noise_nothing_is_left_at_the_truth(law):
         pytest.param("recruitment-toe", ("force", "diameter"), marks=pytest.mark.slow),
     ],
 )
-def test_the_truth_is_found_again(law, channels):
+def test_true_parameters_are_recovered(law, channels):
     fitted = fit(made(law, seed=3, channels=channels), law, **QUICK)
     off = sds_off(fitted)
     assert fitted.converged
@@ -61,18 +61,18 @@ def test_the_truth_is_found_again(law, channels):
     assert max(map(abs, off.values())) < RECOVERED, off
 
 
-def test_it_was_not_there_before(found):
-    # A negative control: the stated numbers, with the sds of the fit, lie far away.
+def test_stated_values_differ_from_the_truth(found):
+    # Negative control: the stated values differ from the truth by many sd of the fit.
     moved = [abs(e.prior - TRUE[n]) / e.sd for n, e in found.estimates.items()]
     assert min(moved) > 2 * RECOVERED
 
 
-def test_a_rest_length_that_only_counts_contraction_is_no_number_of_a_fit():
+def test_rest_length_without_effect_is_not_fitted():
     at, _ = in_space(made(rest_length=MeasuredValue(TRUE["muscle.rest_length"], 1e-3)))
     assert at.names == ("muscle.thread_length", "muscle.turns", "thread.modulus")
 
 
-def test_same_seed_same_answer(found):
+def test_same_seed_gives_the_same_result(found):
     again = fit(made(), **QUICK)
     assert {n: e.value for n, e in again.estimates.items()} == {
         n: e.value for n, e in found.estimates.items()
@@ -80,7 +80,7 @@ def test_same_seed_same_answer(found):
     assert str(again) == str(found)
 
 
-def test_every_start_ends_there(found):
+def test_all_starts_agree(found):
     several = fit(made(), starts=4, fold_count=2, seed=5)
     assert several.agreeing_starts == several.starts == 4
     for name, e in several.estimates.items():
@@ -88,7 +88,7 @@ def test_every_start_ends_there(found):
 
 
 def closed_form(length, turns, modulus, pressure, at):
-    """Force and diameter of linear threads in NumPy, from the closed form alone."""
+    """Return force and diameter with linear threads by the closed form in NumPy."""
     stiffness = modulus * TRUE["muscle.threads"] * TRUE["muscle.thread_area"]
     thread = length / (1 - pressure * at * length / (2 * np.pi * turns**2 * stiffness))
     return (
@@ -97,7 +97,7 @@ def closed_form(length, turns, modulus, pressure, at):
     )
 
 
-def test_lmfit_says_the_same(found):
+def test_fit_agrees_with_lmfit(found):
     (one,) = found.datasets
     rows = one.rows
     trust = np.asarray(one.channel_weights)
@@ -122,13 +122,13 @@ def test_lmfit_says_the_same(found):
     oracle = lmfit.minimize(misfit, start, scale_covar=False, xtol=1e-12, ftol=1e-12)
     for mine, theirs in zip(found.estimates.values(), oracle.params.values(), strict=True):
         assert abs(mine.value - theirs.value) < 1e-4 * mine.sd
-        # The oracle's derivatives are finite differences.
+        # The reference uses finite differences.
         agree(mine.sd, theirs.stderr, 1e-3)
     agree(found.correlation[0, 1], oracle.params["length"].correl["turns"], 1e-3)
 
 
 @pytest.mark.slow
-def test_two_specimens_know_their_modulus_better_together():
+def test_joint_fit_reduces_the_sd_of_the_modulus():
     cases = [made(name=n, seed=k, off=(0.7, -0.6 * k, 1.0)) for k, n in enumerate(("left", "right"))]
     together = fit(cases, None, ["thread.modulus"], **QUICK)
     assert list(together.estimates) == [
@@ -149,22 +149,22 @@ def test_two_specimens_know_their_modulus_better_together():
     ("cases", "arguments", "text"),
     [
         ([], {}, "a fit needs at least one case; got none."),
-        ([made()], {"law": "tow"}, "'tow' is no thread law. Did you mean `toe`?"),
+        ([made()], {"law": "tow"}, "unknown thread law 'tow'. Did you mean `toe`?"),
         (
             [made()],
             {"share": ["thread.moduls"]},
-            "no case can move 'thread.moduls', so it cannot be shared. Did you mean `thread.modulus`?",
+            "'thread.moduls' is not a free parameter, so it cannot be shared. Did you mean `thread.modulus`?",
         ),
-        ([made(), made()], {}, "cases that are fitted together need names of their own; got 'made' twice."),
+        ([made(), made()], {}, "cases that are fitted together need different names; got 'made' twice."),
         (
             [made(name="a"), made(name="b", off=(0, 0, 0))],
             {"share": ["thread.modulus"]},
-            r"a shared number \(thread.modulus\) must be stated alike; got another value or sd in b/",
+            r"a shared parameter \(thread.modulus\) must have one prior; got another value or sd in b/",
         ),
         (
             [made(name="a"), made(name="b", turns=MeasuredValue(1.09))],
             {"share": ["muscle.turns"]},
-            r"a shared number \(muscle.turns\) must be stated alike; got no sd, or no such number",
+            r"a shared parameter \(muscle.turns\) must have one prior; got no sd, or no such parameter",
         ),
         (
             [made(baseline="inelastic"), made(name="b")],
@@ -181,45 +181,45 @@ def test_two_specimens_know_their_modulus_better_together():
         ([made()], {"seed": -1}, "`seed` must be at least 0; got -1."),
     ],
 )
-def test_what_cannot_be_fitted_is_told(cases, arguments, text):
+def test_invalid_fit_is_refused(cases, arguments, text):
     with pytest.raises(BadInput, match=text):
         fit(cases, **arguments)
 
 
-def test_a_muscle_without_a_number_to_move_is_told():
+def test_muscle_without_free_parameters_is_refused():
     known = {name: MeasuredValue(TRUE[f"muscle.{name}"]) for name in ("thread_length", "turns")}
-    with pytest.raises(BadInput, match="a fit needs a number that may move; got every number stated without"):
+    with pytest.raises(BadInput, match="a fit needs a free parameter; got every value stated without"):
         fit(made(**known), "inelastic")
 
 
 def with_wrong_forces(case):
-    """The case with 2 % of its forces twice as large as they are."""
+    """Return the case with 2 % of its forces doubled."""
     force = case.recording.force.copy()
     wrong = np.random.default_rng(2).choice(case.recording.n, case.recording.n // 50, replace=False)
     force[wrong] *= 2
     return dataclasses.replace(case, recording=dataclasses.replace(case.recording, force=force))
 
 
-def test_a_soft_loss_resists_wrong_samples_where_a_square_one_does_not(found):
+def test_soft_loss_is_robust_to_outliers(found):
     moved = {}
     for loss in ("square", "soft"):
         fitted = fit(with_wrong_forces(made()), loss=loss, **QUICK)
         moved[loss] = max(abs(fitted.estimates[n].value - e.value) / e.sd for n, e in found.estimates.items())
         if loss == "soft":
             assert max(map(abs, sds_off(fitted).values())) < RECOVERED
-            # Its sds are not frightened by them either.
+            # Outliers do not affect its sd either.
             assert all(fitted.estimates[n].sd < 2 * e.sd for n, e in found.estimates.items())
     assert moved["soft"] < 1.5
     assert moved["square"] > 4
 
 
-def test_soft_residual_is_a_square_near_and_a_line_far():
+def test_soft_loss_is_quadratic_near_zero_and_linear_far_away():
     r = np.array([-1e3, -1e-3, 0.0, 1e-3, 1e3])
     agree(soften_residual(jnp.asarray(r)) ** 2, 2 * (np.sqrt(1 + r**2) - 1), 1e-9, scale=1e-6)
     assert np.all(np.sign(soften_residual(jnp.asarray(r))) == np.sign(r))
 
 
-def test_errors_of_the_ruler_are_found_and_what_has_no_sd_stays():
+def test_ruler_errors_are_estimated_and_parameters_without_sd_are_fixed():
     ruler = dataclasses.replace(SENSORS, length=1e-3, length_per_setting=True)
     case = made(plan=RAMPS, bench=ruler, sensors=ruler, seed=4, turns=MeasuredValue(TRUE["muscle.turns"]))
     fitted = fit(case, **QUICK)
@@ -230,18 +230,18 @@ def test_errors_of_the_ruler_are_found_and_what_has_no_sd_stays():
     errors = [fitted.estimates[f"length_error.{k + 1}"] for k in range(5)]
     assert max(abs(e.value - x) / e.sd for e, x in zip(errors, true - written, strict=True)) < RECOVERED
     assert max(map(abs, sds_off(fitted).values())) < RECOVERED
-    assert "5 length settings off by" in str(fitted)
+    assert "5 length settings have errors of" in str(fitted)
 
 
 def with_slack(case):
-    """The case with what its load cell shows where the model would push: nothing."""
+    """Return the case with zero force wherever the model would push."""
     recording = case.recording
     force = np.where(np.isnan(recording.force), 0.5 * np.sin(np.arange(recording.n)), recording.force)
     return dataclasses.replace(case, recording=dataclasses.replace(recording, force=force))
 
 
-def test_slack_rows_do_not_drag():
-    # A long thread pulls no more after a sixth of contraction.
+def test_slack_rows_do_not_bias_the_fit():
+    # With a long thread, the force is zero above a contraction of a sixth.
     case = with_slack(made(true={"muscle.thread_length": 0.34}, thread_length=MeasuredValue(0.3405, 0.8e-3)))
     at, members = in_space(case)
     (one,) = members
@@ -249,14 +249,14 @@ def test_slack_rows_do_not_drag():
     true = TRUE | {"muscle.thread_length": 0.34}
     fitted = fit(case, **QUICK)
     assert max(map(abs, sds_off(fitted, true).values())) < RECOVERED
-    # Taken at their word they would.
+    # Negative control: with full weight they would.
     blind = eqx.tree_at(lambda m: m.rows.is_slack, one, jnp.zeros_like(one.rows.is_slack))
     dragged = at.to_named_values(solve_least_squares((blind,), at, jnp.zeros(at.size)).u)
     assert abs(float(dragged["muscle.turns"]) - 1.09) > 10 * fitted.estimates["muscle.turns"].sd
 
 
-def test_a_number_at_its_limit_has_no_sd_and_says_so():
-    # A bench that shows half the diameter: no number of turns within its limits explains that.
+def test_parameter_at_its_limit_has_no_sd():
+    # A bench that records half the diameter: no number of turns within its limits explains it.
     case = made(turns=MeasuredValue(199.0, 500.0), off=(0, 0, 0))
     recording = dataclasses.replace(
         case.recording, diameter=case.recording.diameter / 1e3, force=np.full(case.recording.n, np.nan)
@@ -269,23 +269,23 @@ def test_a_number_at_its_limit_has_no_sd_and_says_so():
     assert "AT A LIMIT (0.05 to 200)" in str(fitted)
 
 
-def test_a_number_that_nothing_holds_says_so():
-    # Without pressure no thread is pulled: its stiffness could be anything.
+def test_undetermined_parameter_is_reported():
+    # Without pressure the threads have no load: their stiffness is not determined.
     case = made(modulus=None, off=(0, 0, 0))
     recording = dataclasses.replace(case.recording, pressure=0.0 * case.recording.pressure)
     fitted = fit(dataclasses.replace(case, recording=recording), "elastic", **QUICK)
     stiffness = fitted.estimates["thread.stiffness"]
     assert stiffness.shrinkage < 0.5
-    assert "hardly determined; before anywhere between its limits" in str(fitted)
+    assert "weakly determined; uniform prior" in str(fitted)
     assert np.isfinite(fitted.correlation).all()
 
 
-def test_what_contradicts_its_measurement_is_told():
+def test_conflict_with_a_prior_is_reported():
     fitted = fit(made(off=(0, 5.0, 0)), **QUICK)
-    assert "moved -5.0 sd, AGAINST ITS MEASUREMENT" in str(fitted)
+    assert "shift -5.0 sd, CONTRADICTS ITS PRIOR" in str(fitted)
 
 
-def test_padding_and_held_out_rows_leave_no_trace():
+def test_padding_and_held_out_rows_have_no_effect():
     at, (one,) = in_space(made())
     n = made().recording.n
     assert one.rows.training_mask.shape == (256,)
@@ -294,8 +294,8 @@ def test_padding_and_held_out_rows_leave_no_trace():
     agree(everything[n:256], 0.0, ROUNDING, scale=1.0)
 
 
-def test_a_sd_is_the_curvature_of_the_misfit(found):
-    # Half the squared residual rises by a half at one sd, the other numbers following.
+def test_sd_agrees_with_the_curvature_of_the_misfit(found):
+    # Half the sum of squares increases by 1/2 at one sd, with the other parameters refitted.
     k = list(SD).index("thread.modulus")
     e = found.estimates["thread.modulus"]
 

@@ -1,4 +1,4 @@
-"""What a recording could determine is said in words, and the words are true."""
+"""Identifiability of the parameters of a recording, and its text."""
 
 import re
 
@@ -25,16 +25,16 @@ TABLE = Protocol(
 DIAMETERS = {"plan": TABLE, "channels": ("diameter",), "bench": Sensors(diameter=2e-5)}
 
 
-def test_a_whole_recording_determines_everything():
+def test_complete_recording_determines_all_parameters():
     found, said = check_identifiability(made())
     assert all(d.determined for d in found)
     assert said == [
         "This recording can determine `muscle.thread_length`, `muscle.turns` and `thread.modulus`, "
-        "if the model lacks nothing."
+        "if the model is right."
     ]
 
 
-def test_diameters_at_one_length_cannot_tell_turns():
+def test_diameters_at_one_length_do_not_determine_turns():
     found, said = check_identifiability(made(**DIAMETERS))
     assert {d.name: d.determined for d in found} == {
         "muscle.thread_length": True,
@@ -43,23 +43,23 @@ def test_diameters_at_one_length_cannot_tell_turns():
     }
     assert (
         said[-1]
-        == "The recording says little about `muscle.turns`: the stated sd will still speak after a fit."
+        == "This recording does not determine `muscle.turns`: its sd after a fit is about the stated sd."
     )
 
 
 @pytest.mark.slow
-def test_a_fit_then_leaves_turns_to_the_prior():
+def test_fit_then_returns_the_prior_of_the_turns():
     fitted = fit(made(**DIAMETERS), starts=1)
     turns = fitted.estimates["muscle.turns"]
     assert turns.shrinkage < 0.1
-    assert "mostly the prior's" in str(fitted)
+    assert "mostly from the prior" in str(fitted)
 
 
-def test_forces_at_one_length_know_turns_only_with_something_else():
-    # F = P (3 L² − B²) / (4 π N²): one factor on the pressure, and two numbers in it.
+def test_forces_at_one_length_determine_turns_only_in_combination():
+    # F = P (3 L² − B²) / (4 π N²): one factor of the pressure, with two parameters.
     case = made(plan=TABLE, channels=("force",), off=(0, 0, 0))
     _, said = check_identifiability(case, "inelastic")
-    (sentence,) = (s for s in said if "only together" in s)
+    (sentence,) = (s for s in said if "only in combination" in s)
     moves = dict(re.findall(r"`([\w.]+)` ([+-]?[\d.e-]+)", sentence))
     assert set(moves) == {"muscle.thread_length", "muscle.turns"}
 
@@ -75,18 +75,18 @@ def test_forces_at_one_length_know_turns_only_with_something_else():
     assert together < 0.1 * abs(force(turns=turns) - force())
 
 
-def test_an_expected_sd_is_that_of_the_fit():
-    # Nothing was fitted, yet the sensors say how well it will be.
+def test_expected_sd_agrees_with_the_fit():
+    # Without a fit, the sensor noise gives the expected sd.
     case = made(off=(0, 0, 0))
     fitted = fit(case, starts=1, fold_count=2)
     for d in check_identifiability(case)[0]:
         assert d.expected_sd == pytest.approx(fitted.estimates[d.name].sd, rel=0.25)
 
 
-def test_an_inspection_prints_and_counts():
+def test_summary_counts_rows_and_parameters():
     case = made()
     seen = CaseSummary(case, *check_identifiability(case))
-    assert "4 isobars to hold out in turn" in str(seen)
+    assert "4 isobars for cross-validation" in str(seen)
     document = seen.as_dict()
     assert document["numbers"]["thread.modulus"]["unit"] == "GPa"
     assert document["numbers"]["thread.modulus"]["sd_before"] == pytest.approx(8.0)

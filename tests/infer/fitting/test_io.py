@@ -1,7 +1,8 @@
-"""A fit on disk: complete, without NaN, and the same muscle when it is read again."""
+"""A fit on disk: complete, without NaN, and unchanged after reading."""
 
 import json
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
@@ -37,7 +38,7 @@ length = "0.02 mm"
 
 @pytest.fixture(scope="module")
 def fitted(tmp_path_factory):
-    """A case on disk, fitted."""
+    """Return a case on disk and its fit."""
     folder = tmp_path_factory.mktemp("cases") / "hose"
     write_case(folder, made().recording, MUSCLE)
     return fit(read_case(folder), starts=1, fold_count=2)
@@ -54,7 +55,7 @@ def no_constant(name):
     raise AssertionError(f"{name} is no JSON")
 
 
-def test_the_document_is_complete(fitted, written):
+def test_document_is_complete(fitted, written):
     document = json.loads((written / "fit.json").read_text("utf-8"), parse_constant=no_constant)
     assert document == json.loads(json.dumps(build_fit_document(fitted)))
     assert document["schema"] == FIT_SCHEMA == "pamjax.fit/1"
@@ -77,7 +78,7 @@ def test_the_document_is_complete(fitted, written):
     assert case["calibrated"]["pressure"]["high"] == pytest.approx(690e3, rel=0.01)
 
 
-def test_the_muscle_read_again_is_the_same(fitted, written):
+def test_saved_muscle_is_unchanged_after_reading(fitted, written):
     loaded = load_muscle(written / "fit.json")
     (one,) = fitted.cases
     reading = predict(loaded.muscle, one.case.recording.pressure, one.case.recording.length)
@@ -87,7 +88,21 @@ def test_the_muscle_read_again_is_the_same(fitted, written):
     assert loaded.text == MUSCLE
 
 
-def test_every_row_is_kept_with_its_unit(fitted, written):
+def test_loaded_muscle_predicts_as_its_muscle(written):
+    loaded = load_muscle(written / "fit.json")
+    pressure, length = jnp.array([1e5, 3e5]), jnp.array([0.19, 0.18])
+    agree(predict(loaded, pressure, length).force, predict(loaded.muscle, pressure, length).force, ROUNDING)
+
+
+def test_prediction_of_a_loaded_muscle_with_mechanisms_is_refused(written):
+    loaded = load_muscle(written / "fit.json", settings={"force_offset.offset": 3.0})
+    with pytest.raises(
+        BadInput, match="`predict` needs a muscle without mechanisms; got braid_elasticity, force_offset"
+    ):
+        predict(loaded, jnp.array([3e5]), jnp.array([0.18]))
+
+
+def test_every_row_is_saved_with_its_unit(fitted, written):
     (one,) = fitted.cases
     with xr.open_dataset(written / "fit.nc", engine="h5netcdf") as data:
         assert data.sizes == {"row": one.case.recording.n}
@@ -105,12 +120,15 @@ def test_every_row_is_kept_with_its_unit(fitted, written):
         ("{", "a calibrated muscle is a fit.json; got"),
         ("[]", "a calibrated muscle is a file of schema pamjax.fit/1; got no object in fit.json."),
         ("{}", "a calibrated muscle is a file of schema pamjax.fit/1; got no schema in fit.json."),
-        ('{"schema": "pamjax.fit/1"}', "a fit.json must be whole; got no 'cases' in fit.json."),
-        ('{"schema": "pamjax.fit/1", "cases": {"a": {}}}', "a fit.json must be whole; got no 'muscle'"),
-        ('{"schema": "pamjax.fit/1", "cases": {}}', "a fit.json must be whole; got no 'case' in fit.json."),
+        ('{"schema": "pamjax.fit/1"}', "a fit.json must be complete; got no 'cases' in fit.json."),
+        ('{"schema": "pamjax.fit/1", "cases": {"a": {}}}', "a fit.json must be complete; got no 'muscle'"),
+        (
+            '{"schema": "pamjax.fit/1", "cases": {}}',
+            "a fit.json must be complete; got no 'case' in fit.json.",
+        ),
     ],
 )
-def test_what_is_no_fit_is_told(tmp_path, text, told):
+def test_invalid_fit_file_is_refused(tmp_path, text, told):
     (tmp_path / "fit.json").write_text(text)
     with pytest.raises(BadInput, match=told):
         load_muscle(tmp_path / "fit.json")
@@ -119,22 +137,22 @@ def test_what_is_no_fit_is_told(tmp_path, text, told):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        ({"case": "pipe"}, "'pipe' is no case of fit.json. Known are `hose`."),
-        ({"law": "toe"}, "a calibrated muscle keeps the law it was fitted with; got toe in fit.json."),
-        ({"settings": {"thread.modulus": 1e9}}, "only numbers of mechanisms can be set here"),
+        ({"case": "pipe"}, "unknown case 'pipe' in fit.json. Valid names are `hose`."),
+        ({"law": "toe"}, "the thread law of a calibrated muscle cannot be changed; got toe in fit.json."),
+        ({"settings": {"thread.modulus": 1e9}}, "only parameters of mechanisms can be set here"),
     ],
 )
-def test_what_a_fit_does_not_have_is_told(written, arguments, told):
+def test_missing_case_of_a_fit_is_refused(written, arguments, told):
     with pytest.raises(BadInput, match=told):
         load_muscle(written / "fit.json", **arguments)
 
 
-def test_a_case_folder_has_no_cases(fitted):
-    with pytest.raises(BadInput, match=r"`--case` names a case of a fit\.json"):
+def test_case_folder_is_refused_as_a_fit(fitted):
+    with pytest.raises(BadInput, match=r"`--case` needs a fit\.json"):
         load_muscle(fitted.cases[0].case.folder, case="a")
 
 
-def test_an_interrupted_save_leaves_nothing_half(fitted, tmp_path, monkeypatch):
+def test_interrupted_save_leaves_no_partial_file(fitted, tmp_path, monkeypatch):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 

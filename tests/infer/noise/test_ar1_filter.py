@@ -1,4 +1,4 @@
-"""The filter of a channel's noise, against its covariance written out."""
+"""The AR(1) filter of a channel agrees with its covariance matrix."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from pamjax.infer.noise.ar1_filter import Ar1Noise
 
 
 def _root(shared, correlation, n):
-    """Lower Cholesky factor of the covariance of n unit samples."""
+    """Return the lower Cholesky factor of the covariance of n samples of unit variance."""
     covariance = shared * correlation ** np.arange(n)
     covariance[0] = 1.0
     return cholesky(toeplitz(covariance), lower=True)
@@ -18,7 +18,7 @@ def _root(shared, correlation, n):
 @pytest.mark.parametrize(
     ("shared", "correlation"), [(1.0, 0.9), (0.6, 0.5), (0.5, 0.95), (0.1, 0.98), (0.02, 0.9)]
 )
-def test_a_run_is_filtered_as_its_covariance_has_it(shared, correlation, n):
+def test_filter_agrees_with_the_covariance(shared, correlation, n):
     colour, root = Ar1Noise(np.ones(n), shared, correlation, True), _root(shared, correlation, n)
     run = np.random.default_rng(n).standard_normal((3, n))
     expected = solve_triangular(root, run.T, lower=True).T
@@ -26,12 +26,12 @@ def test_a_run_is_filtered_as_its_covariance_has_it(shared, correlation, n):
     assert colour.sum_log_sd(n) == pytest.approx(np.log(np.diag(root)).sum(), abs=2e-3 * (1 + n / 800))
 
 
-def test_a_slow_shift_of_a_short_run_counts_for_what_it_is():
+def test_slow_shift_of_a_short_run_has_its_correct_weight():
     n, shared, correlation = 40, 0.3, 0.97
     shift = Ar1Noise(np.ones(n), shared, correlation, True).whiten(np.ones(n))
     by_covariance = solve_triangular(_root(shared, correlation, n), np.ones(n), lower=True)
     assert np.sum(shift**2) == pytest.approx(np.sum(by_covariance**2), rel=1e-3)
-    # Able to fail: the steady filter alone, from the second sample on, takes it for a good deal more.
+    # Negative control: the stationary filter from the second sample gives a much larger weight.
     theta, left = Ar1Noise(np.ones(n), shared, correlation, True).filter
     steady, last = [1.0], 1.0
     for _ in range(n - 1):
@@ -40,7 +40,7 @@ def test_a_slow_shift_of_a_short_run_counts_for_what_it_is():
     assert np.sum(np.square(steady)) > 1.1 * np.sum(by_covariance**2)
 
 
-def test_noise_without_memory_is_left_as_it_is():
+def test_uncorrelated_noise_is_unchanged():
     run = np.arange(5.0)
     for colour in (Ar1Noise(np.ones(5), 1.0, 0.0, True), Ar1Noise(np.ones(5), 0.0, 0.9, True)):
         np.testing.assert_array_equal(colour.whiten(run), run)

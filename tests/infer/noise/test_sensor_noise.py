@@ -1,4 +1,4 @@
-"""Noise: what it is worth, how it is carried through the model, and that it widens what a fit says."""
+"""Noise: its autocorrelation time, propagation through the model, and effect on the sd of a fit."""
 
 import dataclasses
 
@@ -24,7 +24,7 @@ ONE_RUN = np.arange(20_000) == 0
 
 
 def worth(lag_one):
-    """1 + 2 Σ ρ_k of an exponential correlation."""
+    """Return 1 + 2 Σ ρ_k of an exponential correlation."""
     return (1 + lag_one) / (1 - lag_one)
 
 
@@ -39,7 +39,7 @@ def test_inflation_of_known_noise(lag_one):
     agree(np.mean(found), worth(lag_one), 4 * scatter / np.sqrt(8))
 
 
-def test_what_a_fit_absorbs_is_given_back():
+def test_autocorrelation_time_is_corrected_for_the_fit():
     given_back, not_given = [], []
     for k in range(200):
         noise = draw_ar1_noise(np.random.default_rng(k), 400, 0.9)
@@ -51,20 +51,20 @@ def test_what_a_fit_absorbs_is_given_back():
     assert np.mean(not_given) < 0.75 * 19
 
 
-def test_no_recording_is_worth_less_than_a_sample():
+def test_effective_number_of_rows_is_at_least_one():
     for k in range(50):
         noise = draw_ar1_noise(np.random.default_rng(k), 200, 0.99)
         assert 1 <= estimate_autocorrelation_time(noise, ONE_RUN[:200], 5) <= 200
 
 
-def test_blanks_are_left_out():
+def test_blank_cells_are_ignored():
     noise = draw_ar1_noise(np.random.default_rng(0), 20_000, 0.9)
     noise[::3] = np.nan
     assert np.isfinite(estimate_autocorrelation_time(noise, ONE_RUN))
 
 
-def test_nothing_reaches_across_a_gap():
-    # Each run stands a little higher than the one before; within a run the noise is white.
+def test_correlation_ignores_gaps():
+    # The mean increases from run to run; within a run the noise is white.
     rng = np.random.default_rng(1)
     starts = np.arange(4000) % 2 == 0
     steps = np.repeat(rng.choice([-1.0, 1.0], 2000), 2)
@@ -72,12 +72,12 @@ def test_nothing_reaches_across_a_gap():
     assert estimate_autocorrelation_time(rng.standard_normal(4000), starts) < 1.2
 
 
-def test_single_readings_and_short_tables_are_taken_as_independent():
+def test_single_readings_and_short_tables_count_as_independent():
     assert estimate_autocorrelation_time(np.ones(100), np.ones(100, dtype=bool)) == 1.0
     assert estimate_autocorrelation_time(np.ones(29), np.arange(29) == 0) == 1.0
 
 
-def test_correlation_time_is_that_of_the_noise():
+def test_correlation_time_is_recovered():
     case = made()
     there = np.ones(case.recording.n, dtype=bool)
     agree(compute_correlation_time(worth(np.exp(-1 / 7.0)), case.recording, there), 7.0, 1e-9)
@@ -85,7 +85,7 @@ def test_correlation_time_is_that_of_the_noise():
     assert compute_correlation_time(9.0, dataclasses.replace(case.recording, time=None), there) == 0.0
 
 
-def test_noise_of_pressure_and_length_is_carried_through_the_model():
+def test_noise_of_pressure_and_length_is_propagated():
     case = made(off=(0, 0, 0))
     at, (rename,) = build_joint_space([case], "elastic", ())
     one = build_dataset(case, "elastic", at, rename)
@@ -104,7 +104,7 @@ def test_noise_of_pressure_and_length_is_carried_through_the_model():
 
 
 def widening(lag_one):
-    """Standard deviations of a fit to correlated noise over those of a fit to white noise."""
+    """Return the sd of a fit to correlated noise, relative to a fit to white noise."""
     bench = dataclasses.replace(SENSORS, pressure=None, length=None)
     white, coloured_ = (
         fit(made(bench=bench, sensors=bench, lag_one=r), starts=1, fold_count=2) for r in (0.0, lag_one)
@@ -112,16 +112,16 @@ def widening(lag_one):
     return np.mean([coloured_.estimates[n].sd / e.sd for n, e in white.estimates.items()])
 
 
-def test_correlated_noise_widens_what_a_fit_says():
+def test_correlated_noise_increases_the_sd():
     assert widening(0.8) == pytest.approx(np.sqrt(worth(0.8)), rel=0.35)
 
 
-def test_without_inflation_it_would_not(monkeypatch):
+def test_sd_without_correction_is_too_small(monkeypatch):
     monkeypatch.setattr(pamjax.infer.fitting.reweight, "estimate_autocorrelation_time", lambda *_: 1.0)
     assert widening(0.8) < 0.65 * np.sqrt(worth(0.8))
 
 
-def test_a_sensor_that_is_not_given_is_found():
+def test_noise_of_an_unstated_sensor_is_estimated():
     found = fit(made(sensors=dataclasses.replace(SENSORS, force=None, diameter=None)), starts=1, fold_count=2)
     given = fit(made(), starts=1, fold_count=2)
     for channel, noise in found.cases[0].noise.items():
@@ -129,9 +129,9 @@ def test_a_sensor_that_is_not_given_is_found():
         assert noise.sd == pytest.approx(given.cases[0].noise[channel].sd, rel=0.2)
 
 
-def test_a_misfit_beyond_the_sensors_noise_counts_as_noise():
+def test_misfit_above_the_sensor_noise_counts_as_noise():
     bench = dataclasses.replace(SENSORS, force=20.0, diameter=0.5e-3)
     sure, unsure = fit(made(), starts=1, fold_count=2), fit(made(bench=bench), starts=1, fold_count=2)
     assert unsure.cases[0].noise["diameter"].excess == pytest.approx(10, rel=0.2)
-    assert "the model misses something" in str(unsure)
+    assert "the model lacks a mechanism" in str(unsure)
     assert unsure.estimates["thread.modulus"].sd > 4 * sure.estimates["thread.modulus"].sd

@@ -1,4 +1,4 @@
-"""What a recording tells of the noise of a sensor of which nothing was stated."""
+"""Noise of a sensor that is not stated, estimated from the recording."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def squares(values):
 
 
 @pytest.mark.parametrize("k", [0, 25, 46])
-def test_mean_squares_and_their_errors_are_those_of_simulated_noise(k):
+def test_mean_squares_and_their_sd_agree_with_simulations(k):
     rng = np.random.default_rng(k)
     drawn = np.array([squares(repeating(rng, CORRELATION_GRID[k], N)) for _ in range(3000)])
     mean, covariance = _compute_expected_squares(k)
@@ -34,7 +34,7 @@ def test_mean_squares_and_their_errors_are_those_of_simulated_noise(k):
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
 @pytest.mark.parametrize("misfit", [0.0, 5.0])
-def test_size_and_memory_are_found_beside_a_misfit_that_bends(rho, misfit):
+def test_size_and_correlation_are_estimated_with_a_curved_misfit(rho, misfit):
     rng, slow = np.random.default_rng(1), misfit * np.sin(2 * np.pi * np.arange(N) / 85)
     taken = np.array(
         [
@@ -49,8 +49,8 @@ def test_size_and_memory_are_found_beside_a_misfit_that_bends(rho, misfit):
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
-def test_what_it_might_be_holds_what_it_is(rho):
-    """Of the power of slow noise, beside other noise that is known to a tenth."""
+def test_possible_noise_includes_the_true_noise(rho):
+    """Power of slow noise, with other noise that is known to 10 %."""
     rng, below, far_below = np.random.default_rng(2), [], []
     for _ in range(100):
         values = repeating(rng, rho, N) + rng.standard_normal(N)
@@ -62,22 +62,22 @@ def test_what_it_might_be_holds_what_it_is(rho):
         assert found.probability.sum() == pytest.approx(1.0)
         below.append(found.probability[slow < (1 + rho) / (1 - rho)].sum())
         far_below.append(found.probability[slow < 4 * (1 + rho) / (1 - rho)].sum())
-    # It is hardly ever beyond all that it might be: this is what noise is told from a misfit by.
+    # It is hardly ever outside its possible range: this separates noise from misfit.
     assert np.mean(np.array(below) > 0.99) < 0.06
     assert np.mean(np.array(below) < 0.01) < 0.06
-    # Of a correlation of 0.9 too little is believed: beyond nine tenths in 31 of 100, where 10 are meant.
-    # Able to fail: noise of twice the rms would be far more often.
+    # A correlation of 0.9 is underestimated: above the 90 % limit in 31 of 100 cases instead of 10.
+    # Negative control: noise of twice the rms is outside far more often.
     assert np.mean(np.array(below) > 0.9) < 0.4
     assert np.mean(np.array(far_below) > 0.9) > 0.6
 
 
-def test_differences_stay_within_their_run():
+def test_differences_do_not_cross_gaps():
     runs, values = np.repeat([0, 1], 50), np.r_[np.zeros(50), np.full(50, 1e3)]
     assert all(not d.any() for d in compute_second_differences(values, runs))
     assert compute_second_differences(values, np.zeros(100))[0].any()
 
 
-def test_slow_noise_may_be_there_beside_white_noise_of_which_nothing_was_stated():
+def test_slow_noise_is_possible_with_unstated_white_noise():
     rng, beyond = np.random.default_rng(3), {True: [], False: []}
     for _ in range(40):
         values = squares(repeating(rng, 0.9, N) + rng.standard_normal(N))
@@ -88,11 +88,11 @@ def test_slow_noise_may_be_there_beside_white_noise_of_which_nothing_was_stated(
             slow = found.candidates[:, 1] * (1 + found.candidates[:, 0]) / (1 - found.candidates[:, 0])
             told.append(found.probability[slow < 19].sum() > 0.99)
     assert np.mean(beyond[True]) < 0.15
-    # Able to fail: without room for white noise next to nothing is believed to repeat itself.
+    # Negative control: without white noise in the model, almost no correlation is estimated.
     assert np.mean(beyond[False]) > 0.8
 
 
-def test_a_recording_without_noise_breaks_nothing():
+def test_recording_without_noise_is_accepted():
     found = estimate_unknown_noise(
         DifferenceStatistics(
             np.zeros(DIFFERENCE_LAGS.size),

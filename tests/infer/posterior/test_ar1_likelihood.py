@@ -1,4 +1,4 @@
-"""The likelihood of correlated noise against the Gaussian it is, written out as a matrix."""
+"""The likelihood of AR(1) noise agrees with the Gaussian of its covariance matrix."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -21,7 +21,7 @@ def stream():
 
 
 def by_matrix(misfit, sd, memory):
-    """Correlation memory^(samples apart) within a run, none between runs."""
+    """Return the log-density with correlation memory^(lag) within a run, and none between runs."""
     there = THERE > 0
     order = np.cumsum(there)
     apart = np.abs(order[:, None] - order[None])
@@ -32,20 +32,20 @@ def by_matrix(misfit, sd, memory):
 
 
 @pytest.mark.parametrize("memory", [-0.3, 0.0, 0.8])
-def test_it_is_the_gaussian_of_its_covariance(memory):
+def test_likelihood_agrees_with_the_gaussian(memory):
     misfit = np.random.default_rng(1).normal(size=8) * THERE
     found = stream().compute_log_density(jnp.asarray(misfit), jnp.array([1.3, memory])).sum()
     agree(found, by_matrix(misfit, 1.3, memory), ROUNDING)
 
 
-def test_another_memory_is_another_density():
+def test_likelihood_depends_on_the_correlation():
     misfit = np.random.default_rng(1).normal(size=8) * THERE
     found = float(stream().compute_log_density(jnp.asarray(misfit), jnp.array([1.3, 0.5])).sum())
     assert abs(found - by_matrix(misfit, 1.3, 0.6)) > 0.01
 
 
-def test_the_information_is_the_curvature_on_average():
-    # 4000 samples of the noise itself, without carried noise: the mean curvature is the information.
+def test_information_is_the_mean_curvature():
+    # 4000 samples of sensor noise without input noise: the mean curvature is the information.
     n, sd, memory = 4000, 2.0, 0.7
     random = np.random.default_rng(3)
     s = np.zeros(n)

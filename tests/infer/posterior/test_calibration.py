@@ -1,4 +1,4 @@
-"""Are the posterior's widths true? Small; `python -m tests.benchmarks.calibration` is the whole of it."""
+"""Short simulation-based calibration; `python -m tests.benchmarks.calibration` is the complete one."""
 
 import numpy as np
 import pytest
@@ -11,9 +11,9 @@ COUNT = 40
 
 
 def distances(bench, change=lambda density: density):
-    """How far the truth lies from the top of each posterior, as a probability: uniform if it is right.
+    """Return the probability of the distance of each truth from the mode: uniform if correct.
 
-    A recording of 250 rows knows the muscle's three numbers so well that their posterior is a Gaussian.
+    With 250 rows the posterior of the three muscle parameters is nearly Gaussian.
     """
     found = []
     for k in range(COUNT):
@@ -28,8 +28,8 @@ def distances(bench, change=lambda density: density):
 
 
 @pytest.mark.slow
-def test_the_truth_lies_where_it_should_and_a_wrong_likelihood_is_caught():
+def test_posterior_is_calibrated_and_a_wrong_likelihood_is_detected():
     bench = Bench("elastic", COUNT)
     assert kstest(distances(bench), "uniform").pvalue > 0.01
-    # Half the noise of a sample is that of the one before: taken for white, intervals are too narrow.
+    # Lag-one correlation 0.5: if the noise is treated as white, intervals are too narrow.
     assert kstest(distances(bench, believing_white), "uniform").pvalue < 1e-3

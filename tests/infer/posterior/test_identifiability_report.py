@@ -1,4 +1,4 @@
-"""Two ridges are told in words: n E A, and thread length against modulus from diameters alone."""
+"""Report of two ridges: n E A, and thread length with modulus from diameters."""
 
 from types import SimpleNamespace
 
@@ -38,7 +38,7 @@ UNKNOWN = '{value = "251.2 mm", sd = "0.8 mm"}'
 
 
 def case(folder, pressures, **said):
-    """Diameters of 85 GPa and 251.3 mm, by the closed form."""
+    """Return diameters for 85 GPa and 251.3 mm by the closed form."""
     folder.mkdir()
     (folder / "muscle.toml").write_text(MUSCLE.format(**said))
     rest, thread, turns = 0.235744, 0.2513, 1.09
@@ -56,7 +56,7 @@ def verdicts(case):
 
 
 @pytest.mark.slow
-def test_only_the_product_of_modulus_and_area_acts(tmp_path):
+def test_only_the_product_of_modulus_and_area_is_determined(tmp_path):
     area = '{value = "0.0858 mm^2", sd = "0.03 mm^2"}'
     found = verdicts(case(tmp_path / "a", (138, 276, 414, 552, 689), area=area, length=KNOWN))
     for name in ("thread.modulus", "muscle.thread_area"):
@@ -68,17 +68,17 @@ def test_only_the_product_of_modulus_and_area_acts(tmp_path):
 
 
 @pytest.mark.slow
-def test_longer_threads_look_like_softer_ones_at_one_pressure(tmp_path):
+def test_length_and_modulus_are_confounded_at_one_pressure(tmp_path):
     found = verdicts(case(tmp_path / "b", (680, 684, 689), area='"0.0858 mm^2"', length=UNKNOWN))
     said = found["thread.modulus"]
     assert said.kind == "only in combination"
-    assert "go unnoticed together" in said.detail
-    # A longer thread goes with a stiffer one.
+    assert "is not detectable" in said.detail
+    # A longer thread is compensated by a higher stiffness.
     assert said.detail.count("+") == 2
 
 
 @pytest.mark.slow
-def test_five_diameters_tell_length_and_modulus_but_not_turns():
+def test_five_diameters_determine_length_and_modulus_but_not_turns():
     kinds = {name: v.kind for name, v in drawn().verdicts.items()}
     assert kinds == {
         "muscle.thread_length": "determined",
@@ -87,7 +87,7 @@ def test_five_diameters_tell_length_and_modulus_but_not_turns():
     }
 
 
-def test_a_profile_of_a_parabola_ends_where_least_squares_says():
+def test_profile_of_a_parabola_agrees_with_least_squares():
     # Two sd to each side, where the posterior is nearly Gaussian.
     along = drawn().verdicts["muscle.thread_length"].profile
     e = drawn().fit.estimates["muscle.thread_length"]
@@ -98,7 +98,7 @@ def test_a_profile_of_a_parabola_ends_where_least_squares_says():
 @pytest.mark.parametrize(
     ("draws", "kind"),
     [
-        # Where a number's range is wide, a value that is known well is not at a limit for being small.
+        # In a wide range, a small value with a small sd is not at its limit.
         (lambda rng: np.abs(rng.normal(0.12, 0.018, 4000)), "determined"),
         (lambda rng: np.abs(rng.normal(0.0, 0.018, 4000)), "at a limit"),
         (lambda rng: rng.exponential(0.1, 4000), "at a limit"),
@@ -107,7 +107,7 @@ def test_a_profile_of_a_parabola_ends_where_least_squares_says():
         (lambda rng: 5 * np.sqrt(rng.uniform(0, 1, 4000)), "determined"),
     ],
 )
-def test_a_number_is_at_a_limit_if_its_draws_pile_up_there(draws, kind):
+def test_parameter_is_at_a_limit_if_its_draws_accumulate_there(draws, kind):
     told = ParameterSummary(
         low=0.0,
         high=5.0,
@@ -117,13 +117,13 @@ def test_a_number_is_at_a_limit_if_its_draws_pile_up_there(draws, kind):
         prior_sd=5 / np.sqrt(12),
         determined_alone=True,
     )
-    # The profile says determined; the draws say whether a limit comes first.
+    # The profile reports a determined parameter; the draws show whether it is at a limit.
     along = LikelihoodProfile(values=np.arange(3.0), rise=np.zeros(3), low=0.05, high=0.2)
     assert _classify_parameter(told, draws(np.random.default_rng(2)), along)[0] == kind
 
 
-def test_a_profile_is_followed_where_a_wide_range_begins_close_by(monkeypatch):
-    """0.13 ± 0.05 N in a range of 500 N: hardly off its limit, and known on both sides."""
+def test_profile_works_near_the_limit_of_a_wide_range(monkeypatch):
+    """0.13 ± 0.05 N in a range of 500 N: near its limit, and bounded on both sides."""
     about = find_meaning("braid_friction.constant")
     at = build_space([FreeParameter("braid_friction.constant", about, 0.13, np.inf)])
     top = at.to_point({"braid_friction.constant": 0.13})
@@ -140,21 +140,21 @@ def test_a_profile_is_followed_where_a_wide_range_begins_close_by(monkeypatch):
     assert found.high == pytest.approx(0.23, abs=0.01)
 
 
-def test_a_product_is_written_as_one():
+def test_ridge_of_a_product_is_reported_as_a_product():
     assert _format_product(["a", "b"], np.array([1.0, -1.02])) == "a / b"
     assert _format_product(["a", "b", "c"], np.array([1.0, 0.5, 0.95])) == "a × b^0.5 × c"
 
 
-def test_a_verdict_compares_with_what_was_told():
-    # Five diameters know the modulus to 4 GPa, as well as they who say so.
+def test_report_compares_with_the_stated_values():
+    # Five diameters determine the modulus to 4 GPa, as the other computations do.
     told = {"thread.modulus": {"value": 84e9, "sd": 3e9}}
     found = pamjax.sample(fitted(), priors=told, ess=200, rhat=1.1, seed=1).verdicts["thread.modulus"]
     assert found.kind == "not determined"
     assert drawn().verdicts["thread.modulus"].kind == "determined"
 
 
-def test_a_profile_believes_what_was_told_of_the_others():
-    # With the turns known, the length that five diameters tell is known much better.
+def test_profile_uses_the_priors_of_the_other_parameters():
+    # With known turns, five diameters determine the length much better.
     told = {"muscle.turns": {"value": 1.09, "sd": 1e-5}}
     post = pamjax.sample(fitted(), priors=told, ess=200, rhat=1.1, seed=1)
     loose, held = (p.verdicts["muscle.thread_length"].profile for p in (drawn(), post))

@@ -1,4 +1,4 @@
-"""A posterior on disk is read by ArviZ, with units, blocks and what it belongs to; and its figures."""
+"""A posterior on disk: readable by ArviZ, with units, blocks and checksums; its figures."""
 
 import json
 import warnings
@@ -11,14 +11,8 @@ import xarray as xr
 from pamjax.infer.posterior.identifiability_report import COMBINATION_KIND
 from pamjax.infer.posterior.io import save_posterior
 from pamjax.infer.posterior.predictive import sample_prior
-from pamjax.view.figures.posterior import (
-    find_ridges,
-    plot_band,
-    plot_corner,
-    plot_profiles,
-    plot_ridges,
-    save_posterior_figures,
-)
+from pamjax.view.figures.posterior import find_ridges, plot_corner, plot_ridges, save_posterior_figures
+from pamjax.view.figures.posterior_checks import plot_band, plot_profiles
 from tests.agreement import ROUNDING, SAMPLED, agree
 from tests.infer.posterior.test_sample import drawn
 
@@ -35,7 +29,7 @@ def written(tmp_path_factory):
     return folder
 
 
-def test_every_group_is_there_with_what_it_belongs_to(written):
+def test_file_has_all_groups_and_attributes(written):
     with xr.open_datatree(written / "posterior.nc", engine="h5netcdf") as tree:
         assert set(tree) == GROUPS
         assert json.loads(tree.attrs["checksum"]) == {
@@ -48,7 +42,7 @@ def test_every_group_is_there_with_what_it_belongs_to(written):
         assert tree["posterior_predictive"]["diameter"].shape == (1, 100, 5)
 
 
-def test_arviz_reads_it(written):
+def test_arviz_reads_the_file(written):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         import arviz
@@ -56,15 +50,15 @@ def test_arviz_reads_it(written):
         read = arviz.from_netcdf(written / "posterior.nc")
         found = arviz.summary(read, var_names=["thread.modulus"], fmt="long", kind="diagnostics")
         ess = arviz.ess(read.posterior)["thread.modulus"].item()
-    # Before ArviZ 1.0 a method that gives names; from then on paths, the root's among them.
+    # Before ArviZ 1.0 a method that returns names; later a property with paths, including the root.
     names = read.groups() if callable(read.groups) else read.groups
     assert {name.strip("/") for name in names} - {""} == GROUPS
     assert found is not None
-    # Its own count of effective samples is of the same size as ours.
+    # The effective sample size of ArviZ agrees approximately.
     assert 0.7 < ess / drawn().convergence.ess[2] < 1.4
 
 
-def test_blocks_add_up_to_the_likelihood(written):
+def test_likelihood_is_the_sum_over_blocks(written):
     post = drawn()
     with xr.open_datatree(written / "posterior.nc", engine="h5netcdf") as tree:
         blocks = tree["log_likelihood"]["blocks"]
@@ -76,7 +70,7 @@ def test_blocks_add_up_to_the_likelihood(written):
         agree(sums[0, k], float(post.density.compute_log_likelihood(at.to_point(value))), 1e-6)
 
 
-def test_the_prior_is_what_was_believed():
+def test_prior_group_agrees_with_the_priors():
     draws = sample_prior(drawn().density, 20_000, 0)
     error = 20e9 / np.sqrt(20_000)
     assert abs(draws[:, 2].mean() - 112e9) < SAMPLED * error
@@ -86,7 +80,7 @@ def test_the_prior_is_what_was_believed():
     assert abs(share.mean() - 0.5) < SAMPLED * np.sqrt(1 / 12 / 20_000)
 
 
-def test_an_interrupted_save_leaves_nothing_half(tmp_path, monkeypatch):
+def test_interrupted_save_leaves_no_partial_file(tmp_path, monkeypatch):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
@@ -96,12 +90,12 @@ def test_an_interrupted_save_leaves_nothing_half(tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["posterior.json"]
 
 
-def test_figures_show_every_number():
+def test_figures_show_every_parameter():
     corner = plot_corner(drawn())
     assert sum(axes.axison for axes in corner.axes) == 10
-    assert "move together most (correlation +0.9" in corner.get_suptitle()
+    assert corner.get_suptitle().startswith("Strongest correlation: +0.9")
     (panel,) = (axes for axes in plot_band(drawn()).axes)
-    assert "of samples in the band that is to hold 90 %" in panel.get_title("left").replace("\n", " ")
+    assert "of rows in the 90 % prediction band" in panel.get_title("left").replace("\n", " ")
     points = [line for line in panel.lines if line.get_gid() == "measured"]
     assert sum(line.get_xdata().size for line in points) == 5
     lines = [
@@ -111,7 +105,7 @@ def test_figures_show_every_number():
     assert all(line.get_ydata().min() == 0 for line in lines)
 
 
-def test_a_ridge_stands_on_what_was_believed():
+def test_figure_of_a_ridge_shows_the_priors():
     post = drawn()
     assert find_ridges(post) == []
     loose = {
@@ -121,7 +115,7 @@ def test_a_ridge_stands_on_what_was_believed():
     told = replace(post)
     vars(told)["verdicts"] = loose
     assert find_ridges(told) == [(0, 1)]
-    # The partner need not be told as a combination itself.
+    # The second parameter need not be reported as a combination itself.
     vars(told)["verdicts"] = loose | {"muscle.turns": post.verdicts["muscle.turns"]}
     assert find_ridges(told) == [(0, 1)]
     (panel,) = plot_ridges(told).axes

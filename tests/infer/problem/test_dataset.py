@@ -1,4 +1,4 @@
-"""What a case says of its recording reaches the model."""
+"""Options and rows of a case in its dataset."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ def history_of(case):
     return build_dataset(case, "elastic", at, rename).history
 
 
-def test_memory_goes_on_or_begins_anew_as_is_stated_for_each_recording():
+def test_memory_continues_or_restarts_as_stated_for_each_recording():
     case = made("elastic")
     late = case.recording.time + 600.0 * (np.arange(case.recording.n) >= 100)
     case = replace(case, recording=replace(case.recording, time=late))
@@ -33,8 +33,8 @@ def test_memory_goes_on_or_begins_anew_as_is_stated_for_each_recording():
     assert anew.settled
 
 
-def test_a_sample_is_not_called_slack_for_its_own_noise():
-    """Straight ramps to 300 N at five lengths: kept samples beside the threshold are as often low as high."""
+def test_noise_does_not_bias_the_detection_of_slack_rows():
+    """Linear ramps to 300 N at five lengths: rows near the threshold have no bias of their noise."""
     rng = np.random.default_rng(4)
     up = np.tile(np.linspace(-0.05, 1.0, 400), 5)
     noise = rng.normal(0.0, 4.0, up.size)
@@ -55,8 +55,8 @@ def test_a_sample_is_not_called_slack_for_its_own_noise():
     assert abs(off) < 2.0
 
 
-def test_a_sample_far_below_its_neighbours_is_slack():
-    """A hose that straightens at once: the sample before it pulls is among others that pull already."""
+def test_sample_far_below_its_neighbours_is_slack():
+    """A hose becomes taut suddenly: the sample before is among samples with a force."""
     force = np.tile(np.r_[np.zeros(30), np.full(70, 600.0)], 5)
     recording = Recording.from_arrays(
         pressure=6e5 * np.tile(np.linspace(0.0, 1.0, 100), 5),
@@ -72,8 +72,8 @@ def test_a_sample_far_below_its_neighbours_is_slack():
     assert not find_slack_samples(replace(case, entry=unstated))[32::100].any()
 
 
-def test_a_diameter_without_pressure_is_not_held_against_a_model():
-    """Ramps at fixed lengths, from a pressure that a sensor with 1 kPa of noise cannot tell from none."""
+def test_diameter_without_pressure_is_ignored():
+    """Ramps at fixed lengths start at a pressure within the sensor noise of 1 kPa."""
     up = np.tile(np.linspace(0.0, 1.0, 101), 5)
     recording = Recording.from_arrays(
         pressure=6e5 * up,
@@ -94,8 +94,8 @@ def test_a_diameter_without_pressure_is_not_held_against_a_model():
     assert find_informative_samples(replace(case, recording=strokes), "diameter").all()
 
 
-def test_the_zero_of_a_load_cell_shows_where_the_muscle_is_slack():
-    # A long thread pulls no more after a sixth of contraction.
+def test_offset_of_the_load_cell_is_estimated_from_slack_rows():
+    # With a long thread, the force is zero above a contraction of a sixth.
     case = made(true={"muscle.thread_length": 0.34}, thread_length=MeasuredValue(0.3405, 0.8e-3))
     force = np.where(np.isnan(case.recording.force), 0.0, case.recording.force) - 20.0
     case = replace(case, recording=replace(case.recording, force=force))
@@ -109,5 +109,5 @@ def test_the_zero_of_a_load_cell_shows_where_the_muscle_is_slack():
     )
     loose = np.asarray(one.rows.is_slack) & (pushes < -30.0)
     assert loose.sum() > 20
-    # It reads what it reads with nothing on it: not what a pushing muscle would do, and not nothing.
+    # The load cell reads its offset without load: neither a negative force nor zero.
     np.testing.assert_allclose(shown[loose], -20.0)

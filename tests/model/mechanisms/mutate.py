@@ -1,18 +1,18 @@
-"""Flip each sign in the mechanisms, one at a time, and list the flips that no test notices.
+"""Change each sign in the mechanisms, one at a time, and list the changes that no test detects.
 
 Run it from the root of a checkout, for all mechanisms or for one file:
 
     python -m tests.model.mechanisms.mutate
     python -m tests.model.mechanisms.mutate --only force_drift.py
 
-A mutant is a mechanism with one plus for a minus, one minus for a plus, or one minus sign removed; with
-`--more` also with one product for a quotient, one quotient for a product, or one comparison reversed.
+A mutant is a mechanism with one plus changed to a minus, one minus to a plus, or one minus sign removed. With
+`--more` also with one product changed to a quotient, one quotient to a product, or one comparison reversed.
 The mutants are written to a temporary copy of the package and of the tests, never to the checkout.
 
-Each mutant is tested in a process of its own, until the first failure: by the file of its mechanism, by the
-battery's tests of its mechanism, then by the other files here that import it. Tests that are marked slow run
-with `--slow` only. Compiled programs are shared by the mutants, as their keys are the programs themselves.
-The command exits with 1 where a mutant survives that is not in `EQUIVALENT`.
+Each mutant is tested in a new process until the first failure: by the tests of its mechanism, by the common
+tests of all mechanisms, then by the other files of this folder that import it. Slow tests run only with
+`--slow`. The mutants share compiled programs, whose keys are the programs themselves.
+The exit code is 1 if a mutant survives that is not in `EQUIVALENT`.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ MORE = {
     ast.GtE: ast.LtE,
 }
 
-#: Mutants that no test can notice, by file and mutation, and why.
+#: Mutants that no test can detect, by file and mutation, with the reason.
 EQUIVALENT = {
     (
         "thread_slip.py",
@@ -61,9 +61,9 @@ class Mutant:
     """One changed operator.
 
     Attributes:
-        line: of the operator's expression.
-        mutation: the expression before and after.
-        source: of the whole changed file.
+        line: line of the expression.
+        mutation: the expression before and after the change.
+        source: the complete changed file.
     """
 
     line: int
@@ -72,7 +72,7 @@ class Mutant:
 
 
 def mutants(source: str, more: bool = False) -> Iterator[Mutant]:
-    """Yield every mutant of a source text, in the order of its lines."""
+    """Yield all mutants of a source text, in the order of its lines."""
     swaps = SIGNS | MORE if more else SIGNS
     tree = ast.parse(source)
     nodes: list[Any] = [node for node in ast.walk(tree) if type(_operator(node)) in swaps]
@@ -106,8 +106,8 @@ def copied(folder: Path) -> Path:
 
 
 def failure(tree: Path, options: list[str]) -> str | None:
-    """Return the first test that fails in a tree, or None where all pass."""
-    # A flip leaves the length of a file as it is, so that a stale file of bytecode would be taken for fresh.
+    """Return the first failing test in a copy, or None if all pass."""
+    # A mutation keeps the size of a file, so that an outdated bytecode file would count as current.
     environment = {
         **os.environ,
         "PYTHONPATH": str(tree),
@@ -133,7 +133,7 @@ def failure(tree: Path, options: list[str]) -> str | None:
         )
     except subprocess.TimeoutExpired:
         return f"longer than {PATIENCE} s"
-    # 5: no test was chosen.
+    # Exit code 5: no test was selected.
     if done.returncode in (0, 5):
         return None
     found = re.search(r"^(?:FAILED|ERROR) (?:\S*/)?(\S+)", done.stdout, re.MULTILINE)
@@ -141,7 +141,7 @@ def failure(tree: Path, options: list[str]) -> str | None:
 
 
 def stages(tree: Path, mechanism: str, slow: bool = False) -> Iterator[list[str]]:
-    """Yield the options of pytest for the tests of a mechanism, the nearest first."""
+    """Yield the pytest options for the tests of a mechanism, its own tests first."""
     chosen = [] if slow else ["-m", "not slow"]
     own, battery = TESTS / f"test_{mechanism}.py", TESTS / "test_battery.py"
     yield [str(own), *chosen]
@@ -152,7 +152,7 @@ def stages(tree: Path, mechanism: str, slow: bool = False) -> Iterator[list[str]
 
 
 def judge(tree: Path, name: str, more: bool, slow: bool) -> Iterator[tuple[Mutant, str]]:
-    """Yield every mutant of a file and its verdict: killed, equivalent, or SURVIVED."""
+    """Yield each mutant of a file with its result: killed, equivalent, or SURVIVED."""
     path, mechanism = tree / SOURCES / name, name.removesuffix(".py")
     original, trusted = path.read_text(), set()
 
@@ -180,7 +180,7 @@ def judge(tree: Path, name: str, more: bool, slow: bool) -> Iterator[tuple[Mutan
 
 
 def main() -> int:
-    """Print the table of mutants; return 1 where one survived, else 0."""
+    """Print the table of mutants; return 1 if one survived, else 0."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--only", metavar="FILE", help="one file of pamjax/model/mechanisms")
     parser.add_argument("--more", action="store_true", help="also products, quotients and comparisons")

@@ -1,4 +1,4 @@
-"""What the tests of rubber share: the article's muscle around a tube of latex, strokes, closed walks."""
+"""Shared parts of the rubber tests: the article's muscle with a latex tube, strokes, and closed paths."""
 
 import numpy as np
 from hypothesis import strategies as st
@@ -32,27 +32,27 @@ def shown(mechanisms, pressure, length, past=None):
 
 
 def added(mechanism, pressure, length, past=None):
-    """Force that a mechanism adds to the bare braid, N."""
+    """Return the force that a mechanism adds to the bare braid, N."""
     with_it, bare = shown([mechanism], pressure, length, past), shown([], pressure, length)
     return np.asarray(with_it.force - bare.force)
 
 
 def strokes(contraction, cycles=3, rate=1e-3, step=2.0):
-    """Time (s) and length (m) of strokes from rest to a contraction and back."""
+    """Return time (s) and length (m) of strokes from rest to a contraction and back."""
     half = REST * contraction / rate
     time = np.arange(0, 2 * half * cycles, step)
     phase = time % (2 * half)
     return time, REST - rate * np.minimum(phase, 2 * half - phase)
 
 
-#: Corners of a walk: stretches along and around, and the time to get there, s.
+#: Corners of a path: axial and hoop stretches, and the duration, s.
 WALKS = st.lists(
     st.tuples(st.floats(0.6, 1.1), st.floats(0.8, 2.4), st.floats(0.1, 300)), min_size=2, max_size=8
 )
 
 
 def returning(walk, fine=400):
-    """Time (s) and stretches along a walk that returns to where it began."""
+    """Return time (s) and stretches along a closed path."""
     corners = np.array([(1.0, 1.15), *((z, c) for z, c, _ in walk), (1.0, 1.15)])
     times = np.cumsum([0.0, *(t for *_, t in walk), 1.0])
     time = np.linspace(0, times[-1], fine)

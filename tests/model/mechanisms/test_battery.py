@@ -1,4 +1,4 @@
-"""What every mechanism has to stand, and one that does not."""
+"""Common tests of all mechanisms, and a wrong mechanism that they must reject."""
 
 import importlib
 from functools import cache, cached_property
@@ -14,11 +14,11 @@ from pamjax.model.bench import record_bench
 from pamjax.model.history import build_time_history
 from pamjax.model.mechanism import (
     AbstractMemory,
-    AbstractRig,
+    AbstractRigCompliance,
     AbstractSensor,
     AbstractShape,
-    AbstractStore,
-    AbstractYielding,
+    AbstractStoredEnergy,
+    AbstractThreadCompliance,
 )
 from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
 from pamjax.model.mechanisms.braid_friction import BraidFriction
@@ -31,13 +31,13 @@ EVERY = MECHANISMS + ALTERNATIVES
 
 every = pytest.mark.parametrize("kind", EVERY, ids=lambda kind: kind.id)
 
-CONSERVATIVE = (AbstractYielding, AbstractStore, AbstractShape, AbstractRig)
+CONSERVATIVE = (AbstractThreadCompliance, AbstractStoredEnergy, AbstractShape, AbstractRigCompliance)
 
-#: Force of the muscle, N, and its diameter, m: what an error is small against.
+#: Force of the muscle, N, and its diameter, m: scales of the permitted errors.
 SCALE = np.array([5e3, 0.03])[:, None]
 
 
-#: The words that a diagnosis may use; an id keeps its meaning for ever.
+#: Ids of the mechanisms; the meaning of an id never changes.
 WORDS = {
     *("braid_elasticity", "thread_crimp", "thread_slip", "bladder_elasticity", "contact_pressure"),
     *("viscoelastic_creep", "mullins_softening", "diameter_offset", "end_taper", "braid_friction"),
@@ -47,7 +47,7 @@ WORDS = {
 
 
 class Program:
-    """One bench with every mechanism, compiled once; a test sets the numbers of one of them."""
+    """A compiled bench with every mechanism; a test sets the parameters of one of them."""
 
     def __init__(self):
         self.bench, self.at = full(*(kind() for kind in ALTERNATIVES)), strokes()
@@ -67,7 +67,7 @@ class Program:
         return x
 
     def shown(self, *several):
-        """Force and diameter with the numbers of each; always four, which is one program."""
+        """Return force and diameter for four sets of parameters; the fixed number gives one program."""
         filled = [self.numbers(found) for found in several] + [self.neutral] * (4 - len(several))
         return np.asarray(self.row_count(np.stack(filled)))[: len(several)]
 
@@ -88,7 +88,7 @@ def program():
 
 @pytest.mark.slow
 @every
-def test_every_state_within_the_limits_has_a_number(kind):
+def test_outputs_are_finite_within_the_limits(kind):
     p, rng = program(), np.random.default_rng(1)
     for _ in range(3):
         found = [anywhere(p.bench, kind, rng) for _ in range(4)]
@@ -97,7 +97,7 @@ def test_every_state_within_the_limits_has_a_number(kind):
 
 @pytest.mark.slow
 @every
-def test_derivatives_are_those_of_differences(kind):
+def test_derivatives_agree_with_differences(kind):
     p = program()
     found = usual(p.bench, kind)
     exact = np.asarray(p.slopes(p.numbers(found))[0])
@@ -121,14 +121,14 @@ def test_forward_and_reverse_mode_agree(kind):
 
 @pytest.mark.slow
 @every
-def test_compiled_and_mapped_agree(kind):
+def test_compiled_and_vectorised_results_agree(kind):
     p = program()
     found = usual(p.bench, kind)
     agree(p.shown(found)[0], p.slopes(p.numbers(found))[1], SOLVED, SCALE)
 
 
 @pytest.mark.slow
-def test_compiled_and_plain_agree():
+def test_compiled_and_uncompiled_results_agree():
     p = program()
     found = {k: v for kind in EVERY for k, v in usual(p.bench, kind, 2e-3).items()}
     agree(p.plain(p.numbers(found)), p.shown(found)[0], SOLVED, SCALE)
@@ -136,7 +136,7 @@ def test_compiled_and_plain_agree():
 
 @pytest.mark.slow
 @every
-def test_the_neutral_value_gives_the_bare_bench_whatever_the_rest(kind):
+def test_neutral_value_removes_the_mechanism(kind):
     p = program()
     found = anywhere(p.bench, kind, np.random.default_rng(3))
     found |= {path: meaning.neutral for path, meaning, _ in own(p.bench, kind) if meaning.neutral is not None}
@@ -146,7 +146,7 @@ def test_the_neutral_value_gives_the_bare_bench_whatever_the_rest(kind):
 
 @pytest.mark.slow
 @every
-def test_the_signature_at_the_neutral_value_is_there(kind):
+def test_derivative_at_the_neutral_value_is_not_zero(kind):
     p = program()
     for path, meaning, _ in own(p.bench, kind):
         signature = p.at_neutral[:, :, p.names.index(path)] / SCALE
@@ -156,7 +156,7 @@ def test_the_signature_at_the_neutral_value_is_there(kind):
 
 
 @every
-def test_it_says_what_it_is(kind):
+def test_mechanism_has_a_complete_description(kind):
     about = kind.about
     assert all(
         (about.title, about.equation, about.signature, about.leaves_out, about.experiment, about.source)
@@ -180,18 +180,18 @@ def test_it_says_what_it_is(kind):
         assert meaning.about
 
 
-def test_alternatives_are_never_beside_what_they_stand_for():
+def test_alternatives_exclude_each_other():
     for kind in ALTERNATIVES:
         assert any(frozenset({kind.id, other}) in EXCLUSIVE_PAIRS for other in WORDS), kind.id
 
 
-def test_what_is_the_same_twice_is_known():
+def test_exclusive_pairs_are_valid():
     assert all(
         len(pair) == 2 and pair <= set(list_mechanisms()) and why for pair, why in EXCLUSIVE_PAIRS.items()
     )
 
 
-# The potential: force and volume belong together.
+# The potential: force and volume are consistent.
 
 
 @cache
@@ -215,7 +215,7 @@ def conservative():
 
 
 def maxwell(numbers):
-    """∂F/∂P at a length, −∂V/∂L at a pressure, and where the threads are taut, over the muscle's range."""
+    """Return ∂F/∂P at a length, −∂V/∂L at a pressure, and the taut states, over the range of the muscle."""
     _, model, names, slopes = conservative()
     x = np.array([float(v) for v in list_values(model).values()])
     x[[names.index(name) for name in numbers]] = list(numbers.values())
@@ -227,7 +227,7 @@ def maxwell(numbers):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [k for k in EVERY if issubclass(k, CONSERVATIVE)], ids=lambda k: k.id)
-def test_force_follows_pressure_as_volume_follows_length(kind):
+def test_maxwell_relation_holds_for_each_mechanism(kind):
     force, volume, there = maxwell(usual(conservative()[1], kind))
     assert np.mean(there) > 0.5
     agree(force[there], volume[there], 1e-7, 1e-3)
@@ -236,7 +236,7 @@ def test_force_follows_pressure_as_volume_follows_length(kind):
 @pytest.mark.slow
 @given(seed=st.integers(0, 10**6))
 @settings(max_examples=20)
-def test_force_and_volume_belong_together_in_every_combination(seed):
+def test_maxwell_relation_holds_for_combinations(seed):
     rng = np.random.default_rng(seed)
     kinds, model, *_ = conservative()
     chosen = [kind for kind in kinds if rng.uniform() < 0.5]
@@ -245,11 +245,11 @@ def test_force_and_volume_belong_together_in_every_combination(seed):
     agree(force[there], volume[there], 1e-7, 1e-3)
 
 
-# Loss: no closed path gives work back.
+# Dissipation: no closed path gains work.
 
 
 def path(seed, rows=400):
-    """A smooth closed path of pressure and length that begins and ends in the relaxed state."""
+    """Return a smooth closed path of pressure and length that starts and ends in the relaxed state."""
     rng, s = np.random.default_rng(seed), np.linspace(0, 1, rows)
 
     def wave():
@@ -265,14 +265,14 @@ def path(seed, rows=400):
 
 
 def work(shown, bare, pressure, length):
-    """∮ F dL − V dP of what a mechanism adds to a conservative muscle, J."""
+    """Return ∮ F dL − V dP of the contribution of a mechanism to a conservative muscle, J."""
 
     def mean(x):
         x = np.asarray(x)
         return 0.5 * (x[1:] + x[:-1])
 
-    added = mean(shown.past.force - bare.past.force) * np.diff(length)
-    return np.sum(added - mean(shown.past.state.volume - bare.past.state.volume) * np.diff(pressure))
+    added = mean(shown.states.force - bare.states.force) * np.diff(length)
+    return np.sum(added - mean(shown.states.state.volume - bare.states.state.volume) * np.diff(pressure))
 
 
 MEMORIES = [kind for kind in MECHANISMS if issubclass(kind, AbstractMemory)]
@@ -280,7 +280,7 @@ MEMORIES = [kind for kind in MECHANISMS if issubclass(kind, AbstractMemory)]
 
 @cache
 def remembering(*kinds):
-    """A bench with elastic threads and memories, compiled as a function of the memories' numbers."""
+    """Return a compiled bench with elastic threads and memories, as a function of their parameters."""
     model = bench(BraidElasticity(1e-6), *(kind() for kind in kinds))
     names = [name for kind in kinds for name, *_ in own(model, kind)]
     past = build_time_history(np.linspace(0, 60.0, 400), np.arange(400) == 0)
@@ -292,30 +292,30 @@ def check_that_work_is_lost(kind, kinds, seed, share):
     model, names, shown = remembering(*kinds)
     numbers = {k: float(v) for k, v in list_values(model).items() if k in names}
     bare = shown(np.array(list(numbers.values())), *path(seed))
-    # A relaxing force does not say what relaxes: where pressure moves it may give work back.
+    # Relaxation of the total force has no material model: it may gain work under changing pressure.
     relaxed = {k: 0.0 for k in names if k.endswith((".start", ".give", "creep.force"))}
     numbers |= usual(model, kind, share) | relaxed
     found = shown(np.array(list(numbers.values())), *path(seed))
     lost = work(found, bare, *path(seed))
-    moved = np.sum(np.abs(np.diff(path(seed)[1]) * (found.past.force - bare.past.force)[1:]))
+    moved = np.sum(np.abs(np.diff(path(seed)[1]) * (found.states.force - bare.states.force)[1:]))
     assert lost > -1e-3 * moved, f"{kind.id} gives {-lost:.3g} J back, of {moved:.3g} J that went to and fro"
 
 
 @pytest.mark.parametrize("kind", MEMORIES, ids=lambda kind: kind.id)
 @given(seed=st.integers(0, 10**6), share=st.floats(1e-3, 0.03))
 @settings(max_examples=15)
-def test_memory_gives_no_work_back(kind, seed, share):
+def test_memory_dissipates_energy(kind, seed, share):
     check_that_work_is_lost(kind, tuple(MEMORIES), seed, share)
 
 
 class Backwards(BraidFriction):
-    """Wrong: friction that pulls the way it goes."""
+    """A wrong mechanism: friction in the direction of motion."""
 
     def stresses(self, history, strains, past):
         return -super().stresses(history, strains, past)
 
 
-def test_the_battery_rejects_a_friction_that_drives():
+def test_energy_test_rejects_friction_in_the_direction_of_motion():
     def any_of_three():
         for seed in range(3):
             check_that_work_is_lost(Backwards, (Backwards,), seed, 0.01)
@@ -324,11 +324,11 @@ def test_the_battery_rejects_a_friction_that_drives():
         any_of_three()
 
 
-def test_sensors_take_no_part_in_the_muscle():
+def test_sensor_errors_do_not_affect_the_muscle():
     p = program()
     sensors = [kind for kind in MECHANISMS if issubclass(kind, AbstractSensor)]
-    readers = [kind for kind in sensors if kind.undo is AbstractSensor.undo]
+    readers = [kind for kind in sensors if kind.to_true_inputs is AbstractSensor.to_true_inputs]
     assert len(readers) >= 4
     model = bench(*(kind() for kind in readers))
     numbers = {k: v for kind in readers for k, v in usual(model, kind).items()}
-    agree(record_bench(replace_values(model, numbers), *p.at).past.force, p.bare[0], ROUNDING)
+    agree(record_bench(replace_values(model, numbers), *p.at).states.force, p.bare[0], ROUNDING)

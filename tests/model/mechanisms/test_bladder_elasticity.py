@@ -1,4 +1,4 @@
-"""The elastic wall against a thick tube, and contact lost."""
+"""The elastic wall agrees with a thick tube, and loses contact at low pressure."""
 
 import jax
 import jax.numpy as jnp
@@ -28,9 +28,9 @@ from tests.model.mechanisms.rubber import (
 )
 from tests.model.mechanisms.triangle import tube
 
-#: The middle of the wall stands for a thick wall.
+#: Relative error of a thick wall that is represented by its middle radius.
 MIDDLE = 2e-3
-#: Next to nothing: what holds a slack muscle without rubber, relative to force and diameter.
+#: Small regularisation of a slack muscle without rubber, relative to force and diameter.
 HELD = 2e-3
 
 
@@ -38,7 +38,7 @@ jitted = jax.jit(lambda bench, pressure, length, past: bench(pressure, length, p
 
 
 def thick(mooney, radius, length, size=SIZE):
-    """Energy of a thick tube per modulus, by quadrature through its wall, m³."""
+    """Return the energy of a thick tube / modulus, by quadrature through its wall, m³."""
     inner = size["inner_diameter"] / 2
     outer, axial = inner + size["thickness"], length / size["length"]
     bore = radius**2 - (outer**2 - inner**2) / axial
@@ -62,7 +62,7 @@ def of_middle(mooney, size=SIZE):
 
 @pytest.mark.parametrize("mooney", [0.0, 0.4, 1.0])
 @pytest.mark.parametrize("contraction", [0.0, 0.05, 0.15, 0.36])
-def test_middle_of_the_wall_stands_for_a_thick_tube(mooney, contraction):
+def test_middle_radius_approximates_a_thick_tube(mooney, contraction):
     length = REST * (1 - contraction)
     rubber = of_middle(mooney)
 
@@ -74,7 +74,7 @@ def test_middle_of_the_wall_stands_for_a_thick_tube(mooney, contraction):
     agree(force, difference(exact, length, 1e-4), MIDDLE)
 
 
-def test_outer_radius_would_not_stand_for_a_thick_tube():
+def test_outer_radius_does_not_approximate_a_thick_tube():
     rubber, length = of_middle(0.0), 0.9 * REST
     state = cylinder(length)
     outer = state.radius / (SIZE["inner_diameter"] / 2 + SIZE["thickness"])
@@ -95,7 +95,7 @@ def test_thin_wall_has_the_forces_of_a_membrane(mooney):
     around = 2 * (c10 + c01 * z**2) * (c**2 - r**2)
     tangent = length / (2 * np.pi * TURNS * radius)
     volume = np.pi * 1e-5 * 22e-3 * REST
-    # A wall of a two-thousandth of the radius.
+    # The wall is 1/2000 of the radius.
     agree(force, volume / length * (along - around * tangent**2), 2e-3)
 
 
@@ -137,7 +137,7 @@ def test_a_braid_too_narrow_for_the_rubber_stays_finite():
     assert jnp.all(jnp.isfinite(curves))
 
 
-def test_rubber_costs_the_same_force_at_every_pressure():
+def test_force_of_the_rubber_is_independent_of_pressure():
     length = np.full(4, 0.85 * REST)
     pressure = np.array([1e5, 2e5, 4e5, 6.9e5])
     with_it = shown([BladderElasticity(LATEX, **SIZE)], pressure, length).force
@@ -147,12 +147,12 @@ def test_rubber_costs_the_same_force_at_every_pressure():
     agree(with_none - shown([], pressure, length).force, jnp.zeros(4), to=1e-3, scale=1.0)
 
 
-# --- contact lost
+# --- loss of contact
 
 
 @jax.jit
 def works(rubber, pressure, length, thread):
-    """Slopes of the potential without threads, by length and by thread, N."""
+    """Return the derivatives of the potential without threads, by length and by thread length, N."""
 
     def potential(at, thread):
         state = cylinder(at, thread)
@@ -162,7 +162,7 @@ def works(rubber, pressure, length, thread):
 
 
 def stands_off(rubber, pressure, length, compliance):
-    """Force, diameter and load by complementarity: a free tube, or one pressed on threads."""
+    """Return force, diameter and load by complementarity: a free tube, or one in contact with threads."""
     thread = THREAD
     if works(rubber, pressure, length, THREAD)[1] <= 0:
         for _ in range(20):
@@ -175,17 +175,17 @@ def stands_off(rubber, pressure, length, compliance):
 
 
 @pytest.mark.parametrize(("modulus", "mooney"), [(LATEX, 0.0), (1.5e6, 0.4), (0.1e6, 0.1)])
-def test_contact_is_lost_where_rubber_takes_all_pressure(modulus, mooney):
+def test_contact_is_lost_if_the_rubber_carries_the_pressure(modulus, mooney):
     rubber, random = BladderElasticity(modulus, mooney, **SIZE), np.random.default_rng(3)
     pressure = random.uniform(0, 130e3, 24) * modulus / LATEX
     pressure[0] = 0.0
     length = REST * (1 - random.uniform(0, 0.37, 24))
     seen = shown([BraidElasticity(1 / STIFFNESS), rubber], pressure, length)
     want = np.array([stands_off(rubber, p, x, 1 / STIFFNESS) for p, x in zip(pressure, length, strict=True)])
-    slack = np.asarray(seen.past.load) == 0
+    slack = np.asarray(seen.states.load) == 0
     assert 4 < slack.sum() < 20
     assert np.all(np.asarray(seen.status) == int(Status.OK))
-    agree(seen.past.load[~slack], want[~slack, 2], SOLVED, scale=1.0)
+    agree(seen.states.load[~slack], want[~slack, 2], SOLVED, scale=1.0)
     agree(seen.force, want[:, 0], HELD, scale=100.0)
     agree(seen.diameter, want[:, 1], HELD)
 
@@ -194,13 +194,13 @@ def test_contact_is_lost_where_rubber_takes_all_pressure(modulus, mooney):
 def test_pressure_at_which_contact_is_lost(contraction, threshold):
     rubber, length = BladderElasticity(LATEX, **SIZE), REST * (1 - contraction)
     pressure = threshold + np.array([-300.0, 300.0])
-    load = shown([rubber], pressure, [length, length]).past.load
+    load = shown([rubber], pressure, [length, length]).states.load
     assert load[0] == 0 < load[1]
 
 
-def test_balance_is_solved_wherever_a_recording_goes():
+def test_equilibrium_is_solved_over_the_range_of_recordings():
     random, n = np.random.default_rng(0), 4000
-    # Further out a stiff wall no longer fits the braid, and the status says so.
+    # At longer lengths a stiff wall does not fit the braid, and the status reports it.
     pressure, length = random.uniform(-3e3, 7e5, n), REST * (1 - random.uniform(-0.02, 0.45, n))
     pressure[: n // 2] = random.uniform(-3e3, 1.5e5, n // 2)
     for modulus, mooney in ((LATEX, 0.0), (3e6, 1.0), (1e3, 0.5), (0.0, 0.0)):
@@ -212,7 +212,7 @@ def test_balance_is_solved_wherever_a_recording_goes():
         assert jnp.all(jnp.isfinite(seen.force) & jnp.isfinite(seen.diameter))
 
 
-def test_suction_closes_no_braid_without_rubber():
+def test_suction_does_not_close_a_braid_without_rubber():
     pressure, length = np.array([-2e3, -1.0, 0.0, 1.0, 2e5]), np.full(5, 0.9 * REST)
     seen = shown([BraidElasticity(1 / STIFFNESS), BladderElasticity()], pressure, length)
     muscle = predict(Muscle(REST, THREAD, TURNS, LinearThread(STIFFNESS)), pressure, length)
@@ -220,12 +220,12 @@ def test_suction_closes_no_braid_without_rubber():
     agree(seen.diameter, muscle.diameter, SOLVED)
 
 
-def test_what_pressure_does_to_force_length_does_to_volume():
-    # Maxwell's identity, with the bladder standing off (but for what holds it there), and pressing.
+def test_maxwell_relation_holds():
+    # Maxwell's relation, without contact (up to the regularisation) and with contact.
     muscle = bench(BraidElasticity(1e-6), BladderElasticity(LATEX, 0.2, **SIZE))
 
     def both(pressure, length):
-        past = muscle(pressure[None], length[None], clock(1)).past
+        past = muscle(pressure[None], length[None], clock(1)).states
         return past.force[0], past.state.volume[0]
 
     slopes = jax.jit(jax.jacfwd(both, (0, 1)))
@@ -234,12 +234,12 @@ def test_what_pressure_does_to_force_length_does_to_volume():
         agree(by_pressure, -by_length, to)
 
 
-# --- one number at a time
+# --- one parameter at a time
 
 
 @pytest.mark.parametrize("mooney", [0.0, 0.25, 1.0])
-def test_energy_of_a_wall_worked_out_by_hand(mooney):
-    # A tube of 16 mm bore and 2 mm wall at half its 0.2 m, its middle widened by 1.5: (R + Ri) = 27 mm and
+def test_energy_of_a_wall_agrees_with_a_hand_calculation(mooney):
+    # A tube of 16 mm bore and 2 mm wall at half of 0.2 m, its middle widened by 1.5: (R + Ri) = 27 mm and
     # R² − Ri² = t (d + t) / λz = 72 mm², so R − Ri = 72/27 mm. Stretches 1/2, 3/2 and 4/3:
     # I1 − 3 = 1/4 + 9/4 + 16/9 − 3 = 23/18, I2 − 3 = 4 + 4/9 + 9/16 − 3 = 289/144, V = π t (d + t) l.
     rubber = BladderElasticity(0.4e6, mooney, inner_diameter=16e-3, thickness=2e-3, length=0.2)

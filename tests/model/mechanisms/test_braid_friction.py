@@ -1,4 +1,4 @@
-"""Friction of threads: its strength, what rubs, and the four stops, one number at a time."""
+"""Friction of threads: strength, sliding angle, and the four elements, one parameter at a time."""
 
 import math
 
@@ -42,8 +42,8 @@ def test_strength_grows_with_powers_of_length_and_radius(numbers, share):
 
 
 def test_strength_grows_with_a_power_of_pressure():
-    # P (P/Pr)^(m−1): eight times the pressure is four times the strength at m = 2/3, none under suction;
-    # below 1 kPa it is in proportion to pressure, with the factor that the power has at 1 kPa.
+    # P (P/Pr)^(m−1): eightfold pressure gives fourfold strength at m = 2/3, and suction gives none;
+    # below 1 kPa it is proportional to pressure, with the factor of the power at 1 kPa.
     agree(strength(2400e3, exponent=2 / 3), 4 * FULL, ROUNDING)
     agree(strength(300e3, exponent=2 / 3), FULL, ROUNDING)
     agree(strength(-1e5), 0.0, ROUNDING, 1.0)
@@ -51,18 +51,18 @@ def test_strength_grows_with_a_power_of_pressure():
 
 
 def test_strength_of_a_straight_muscle_is_finite():
-    # No power of a cosine below a thousandth is asked for.
+    # Cosines below a thousandth are clipped.
     agree(strength(length=0.25, girth=-1.0), FULL * 0.25 / 0.2 * 1000, ROUNDING)
 
 
-# What rubs.
+# The sliding coordinate.
 
 
 def rubbing(pressure=0.0, **numbers):
     return BraidFriction(**numbers).strains(state(0.2), pressure)[0]
 
 
-def test_what_rubs_is_the_sine_or_the_angle_less_what_gives():
+def test_sliding_coordinate_is_the_sine_or_the_angle_less_the_elastic_part():
     # (1 − h) sin θ + h θ − γ P / B, with θ = arcsin 0.8.
     angle = math.asin(0.8)
     agree(rubbing(), 0.8, ROUNDING)
@@ -71,11 +71,11 @@ def test_what_rubs_is_the_sine_or_the_angle_less_what_gives():
     agree(rubbing(5e5, give=2e-9), 0.8 - 2e-9 * 5e5 / THREAD, ROUNDING)
 
 
-# The stops. With h = 0 a stress over B is a force, and what moves is the length itself.
+# The friction elements. With h = 0, stress / B is a force, and the sliding coordinate is the length.
 
 
 def force(friction, moves, pressure=300e3):
-    """Return the force (N) after moves of the length (m) one after the other from 0.2 m."""
+    """Return the force (N) after successive changes of the length (m) from 0.2 m."""
     length = 0.2 + np.concatenate([[0.0], np.cumsum(moves)])
     went = past(length, pressure)
     strains = friction.strains(went.state, went.pressure).T
@@ -87,21 +87,21 @@ def force(friction, moves, pressure=300e3):
 @pytest.mark.parametrize(
     ("spread", "mean"),
     [
-        # A move of 1.5 mm over distances of 4 mm × [1 − w (3/4, 2/4, 1/4, 0)], each share one at most.
+        # A move of 1.5 mm over distances of 4 mm × [1 − w (3/4, 2/4, 1/4, 0)], each fraction at most one.
         (0.0, 1.5 / 4),
         (0.5, (1.5 / 2.5 + 1.5 / 3.0 + 1.5 / 3.5 + 1.5 / 4.0) / 4),
         (1.0, (1 + 1.5 / 2.0 + 1.5 / 3.0 + 1.5 / 4.0) / 4),
     ],
 )
-def test_elements_give_way_one_after_the_other(spread, mean, way):
-    """Section E: lengthening pulls harder; 5 N of Coulomb friction."""
+def test_elements_slide_one_after_the_other(spread, mean, way):
+    """Section E: lengthening increases the force; 5 N of Coulomb friction."""
     friction = BraidFriction(constant=5.0, presliding=4e-3, spread=spread)
     agree(force(friction, [way * 1.5e-3]), [0.0, way * 5 * mean], SOLVED, 1.0)
     agree(force(friction, [way * 9e-3])[-1], way * 5.0, ROUNDING)
 
 
-def test_a_coefficient_pulls_with_its_strength():
-    # The stiffness is that at 300 kPa and sin θ = 1, (2/3) r Pr B / N over 4 mm; the limit that at 600 kPa.
+def test_coefficient_gives_its_friction_force():
+    # Stiffness at 300 kPa and sin θ = 1: (2/3) r Pr B / N over 4 mm; limit at 600 kPa.
     friction = BraidFriction(0.2, presliding=4e-3, spread=0.0)
     stiff = 0.2 * 2 / 3 * 0.5e-3 * 300e3 * THREAD / TURNS / 4e-3
     agree(force(friction, [1e-3], 600e3)[-1], stiff * 1e-3, SOLVED)
@@ -109,24 +109,24 @@ def test_a_coefficient_pulls_with_its_strength():
     agree(force(friction, [-20e-3], 600e3)[-1], -0.2 * 2 * FULL * 0.18 / 0.2, SOLVED)
 
 
-def test_both_frictions_add_up():
+def test_frictions_are_additive():
     friction = BraidFriction(0.2, 5.0, presliding=1e-3)
     agree(force(friction, [20e-3])[-1], 5 + 0.2 * FULL * 0.22 / 0.2, SOLVED)
 
 
 @pytest.mark.parametrize("start", [-0.5, 1.0])
-def test_elements_start_dragged(start):
-    # s (Fc + μ S) in the first sample; one is full by lengthening.
+def test_elements_start_in_the_sliding_state(start):
+    # s (Fc + μ S) in the first sample; s = 1 is full sliding by lengthening.
     friction = BraidFriction(0.2, 5.0, start=start)
     agree(force(friction, []), [start * (5 + 0.2 * FULL)], ROUNDING)
 
 
-def test_a_full_drag_is_that_of_both_frictions():
+def test_full_sliding_force_includes_both_frictions():
     friction = BraidFriction(0.2, 5.0)
     agree(friction.full_sliding_stress(past(0.2, 300e3)), [[(5 + 0.2 * FULL) * THREAD]], ROUNDING)
 
 
-def test_a_turning_braid_pulls_harder_towards_rest():
+def test_friction_of_rotation_increases_towards_rest():
     # With h = 1 the stress is a moment on θ: F = Fc B ∂θ/∂L = Fc / cos θ; the elements are full here.
     friction = BraidFriction(constant=5.0, presliding=1e-6, angle=1.0)
     agree(force(friction, [1e-3])[-1], 5.0, ROUNDING)
@@ -134,7 +134,7 @@ def test_a_turning_braid_pulls_harder_towards_rest():
     agree(5 * THREAD * np.diff(there) / 2e-6, [5 / 0.6], 1e-6)
 
 
-def test_a_rise_of_pressure_moves_as_a_shortening_does():
+def test_pressure_increase_acts_like_shortening():
     # γ dP = 1e-8 m/Pa × 100 kPa = 1 mm of 4 mm.
     friction = BraidFriction(constant=5.0, presliding=4e-3, spread=0.0, give=1e-8)
     agree(force(friction, [0.0], np.array([3e5, 4e5]))[-1], -5 / 4, SOLVED)

@@ -1,4 +1,4 @@
-"""Threads that jam at either end of the stroke."""
+"""Contact of neighbouring threads at both ends of the stroke."""
 
 from functools import cache
 
@@ -21,15 +21,15 @@ N = 144
 
 @cache
 def added(pressure, stiffness, width):
-    """Force that jamming adds at the angles above, N, and the change of diameter, m."""
+    """Return the locking force at the angles above, N, and the change of diameter, m."""
     level = np.full(ANGLE.size, pressure)
     jammed = record_bench(bench(BraidLocking(stiffness, width)), level, AT, STILL)
     free = record_bench(bench(BraidLocking(0.0, width)), level, AT, STILL)
     return np.asarray(jammed.force - free.force), np.asarray(jammed.diameter - free.diameter)
 
 
-def test_jammed_threads_push_apart_as_a_spring_in_their_spacing():
-    """F = −k ⟨w − s⟩ 2 cos 2θ / (n N cos θ) of one pair of threads, k their stiffness in newtons a metre."""
+def test_locked_threads_act_as_a_spring_in_their_spacing():
+    """F = −k ⟨w − s⟩ 2 cos 2θ / (n N cos θ) of one pair of threads with stiffness k, N/m."""
     width, stiffness = 1.4e-3, 3e5
     spacing = THREAD / (N * TURNS) * np.sin(2 * ANGLE)
     pair = stiffness * THREAD**3 / (4 * np.pi * TURNS**2) / width**2
@@ -41,7 +41,7 @@ def test_jammed_threads_push_apart_as_a_spring_in_their_spacing():
     assert np.all(np.abs(found[spacing - width > 0.15e-3]) < 1e-3)
 
 
-def test_the_jammed_end_pulls_and_the_contracted_one_pushes():
+def test_locking_pulls_at_the_long_end_and_pushes_at_the_short_end():
     force, diameter = added(4e5, 3e5, N * 1.6e-3)
     assert np.all(force[np.radians(50) < ANGLE] > 1.0)
     assert np.all(force[np.radians(40) > ANGLE] < -1.0)
@@ -51,7 +51,7 @@ def test_the_jammed_end_pulls_and_the_contracted_one_pushes():
 
 @pytest.mark.parametrize(("contraction", "spacing"), [(0.0, "1.04"), (0.2465, "1.60")])
 def test_spacing_of_the_kevlar_muscle(contraction, spacing):
-    """Read from the energy, whose square root is straight in the spacing; 45° is the widest there is."""
+    """From the energy, whose square root is linear in the spacing; the largest spacing is at 45°."""
     width = 0.4
     state = Cylinder()(np.array(LENGTH * (1 - contraction)), np.array(THREAD), np.array(TURNS))
     energy = float(BraidLocking(1.0, width).energy(state))
@@ -64,7 +64,7 @@ def test_spacing_of_the_kevlar_muscle(contraction, spacing):
     # S = 2 L √(B² − L²) / (B N): 2 × 0.2 × 0.15 / 0.3125 and 2 × 0.24 × 0.07 / 0.3125 m, none when straight.
     [(0.2, 0.192), (0.24, 0.10752), (0.26, 0.0)],
 )
-def test_energy_of_jammed_threads_worked_out_by_hand(length, spacing):
+def test_energy_of_locked_threads_agrees_with_a_hand_calculation(length, spacing):
     # W = K B³ / (8πN²) ⟨c⟩² with c = 1 − S/w and ⟨c⟩ = [c + √(c² + 0.01²)] / 2.
     closer = 1 - spacing / 0.24
     rounded = 0.5 * (closer + np.sqrt(closer**2 + 1e-4))
@@ -72,7 +72,7 @@ def test_energy_of_jammed_threads_worked_out_by_hand(length, spacing):
     agree(found, 0.2e6 * 0.25**3 / (8 * np.pi * 1.25**2) * rounded**2, ROUNDING)
 
 
-def test_threads_that_do_not_touch_store_next_to_nothing():
+def test_separate_threads_store_almost_no_energy():
     # S = 0.192 m of threads 0.1 m wide: c = −0.92, of which the rounded corner leaves 1e-4 / (4 × 0.92).
     found = BraidLocking(0.2e6, 0.1).energy(triangle.state(0.2))
     agree(found, 0.2e6 * 0.25**3 / (8 * np.pi * 1.25**2) * (1e-4 / (4 * 0.92)) ** 2, 1e-3)

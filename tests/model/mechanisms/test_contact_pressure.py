@@ -1,4 +1,4 @@
-"""A dead band: pressure that is spent before the braid is pressed."""
+"""A dead band: the pressure that the bladder takes before it touches the braid."""
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +11,7 @@ from tests.model.mechanisms.rubber import REST, bench, clock, shown
 from tests.model.mechanisms.triangle import past
 
 
-def test_dead_band_shifts_pressure_above_it_and_leaves_none_below():
+def test_dead_band_reduces_the_pressure():
     pressure, length = np.array([0.0, 5e3, 60e3, 200e3, 690e3]), np.full(5, 0.9 * REST)
     force = shown([ContactPressure(30e3)], pressure, length).force
     free = shown([], np.maximum(pressure - 30e3, 0.0), length).force
@@ -20,7 +20,7 @@ def test_dead_band_shifts_pressure_above_it_and_leaves_none_below():
     assert force[0] == 0
 
 
-def test_dead_band_begins_as_the_slope_of_pressure():
+def test_derivative_of_the_dead_band_is_the_slope_in_pressure():
     pressure, length = jnp.array([5e3, 2e5, 6e5]), jnp.full(3, 0.9 * REST)
     of_band = jax.jit(jax.jacfwd(lambda p: bench(ContactPressure(p))(pressure, length, clock(3)).force))(0.0)
     by_pressure = jax.jit(jax.jacfwd(lambda p: bench()(pressure + p, length, clock(3)).force))(0.0)
@@ -39,20 +39,20 @@ def test_pressure_that_reaches_the_braid(ratio):
 
 
 @pytest.mark.parametrize("pressure", [-5e3, 0.0, 1e-4])
-def test_no_pressure_is_spent_where_there_is_none(pressure):
+def test_dead_band_has_no_effect_without_pressure(pressure):
     assert float(inside(pressure, threshold=32e3)) == pressure
 
 
 @pytest.mark.parametrize(
     ("length", "fill", "share"),
     [
-        # 1 − (c / cos θ)⁴ with cos θ = 0.6 and 0.8; a tube as wide as it was made or narrower counts as wider
+        # 1 − (c / cos θ)⁴ with cos θ = 0.6 and 0.8; a tube of its unstretched width or less counts as wider
         # by a thousandth.
         (0.20, 0.3, 1 - 1 / 16),
         (0.15, 0.4, 1 - 1 / 16),
         (0.24, 0.5, 1 - (500 / 501) ** 4),
     ],
 )
-def test_the_threshold_is_lower_where_the_braid_is_narrow(length, fill, share):
-    # At 100 times the threshold the knee is gone.
+def test_threshold_is_lower_for_a_narrow_braid(length, fill, share):
+    # At 100 times the threshold the rounding of the corner is negligible.
     agree(inside(3.2e6, length, threshold=32e3, fill=fill), 3.2e6 - 32e3 * share, ROUNDING)

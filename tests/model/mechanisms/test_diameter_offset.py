@@ -1,4 +1,4 @@
-"""A diameter that is read from outside: wider by the braid, and by less where pressure flattens its yarns."""
+"""An outer diameter: larger than the braid by an offset, which decreases under pressure."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -21,18 +21,18 @@ def seen(*numbers):
     return np.asarray(found.diameter), np.asarray(found.force)
 
 
-def test_outer_diameter_is_wider_by_the_offset_alone():
+def test_outer_diameter_is_larger_by_the_offset():
     (outer, force), (bare, same) = seen(0.6e-3), seen()
     agree(outer - bare, 0.6e-3, 1e-10)
     agree(force, same, ROUNDING)
 
 
-def test_yarns_flatten_by_half_at_the_half_pressure_and_not_under_suction():
+def test_yarns_are_half_compressed_at_the_half_pressure():
     (outer, force), (bare, same) = seen(0.6e-3, 0.1e-3, 1e5), seen()
     flatter = 0.1e-3 * np.array([0.0, 0.0, 1 / 3, 1 / 2, 4 / 5, 7 / 8])
     agree(outer - bare, 0.6e-3 - flatter, 1e-10)
     agree(force, same, ROUNDING)
-    # In proportion to pressure it would be another law.
+    # Proportionality to pressure would be another law.
     with pytest.raises(AssertionError):
         agree(outer - bare, 0.6e-3 - 0.1e-3 * PRESSURE.clip(0) / 8e5, 1e-3)
 
@@ -41,6 +41,6 @@ def test_recorded_diameter_is_the_true_one_plus_the_offset_less_the_compaction()
     # D + d − c P / (P + Ph) = 30 + 0.6 − 0.1 × (3/4, 0, 0) mm at P = 3 Ph, 0 and under suction.
     pressure = np.array([6e5, 0.0, -1e4])
     sensor, went = DiameterOffset(0.6e-3, 0.1e-3, 2e5), past(np.full(3, 0.2), pressure)
-    force, diameter = sensor.read(jnp.full(3, 100.0), jnp.full(3, 0.03), went, None)
+    force, diameter = sensor.to_recorded_outputs(jnp.full(3, 100.0), jnp.full(3, 0.03), went, None)
     agree(diameter, [30.525e-3, 30.6e-3, 30.6e-3], ROUNDING)
     agree(force, 100.0, ROUNDING)

@@ -1,4 +1,4 @@
-"""Friction, damping, slip and a narrow line: closed forms, memory, and no work for nothing."""
+"""Friction, damping, slip and a narrow line: closed forms, memory, and dissipation."""
 
 from functools import cache
 
@@ -28,12 +28,12 @@ LEVEL = np.full(ROWS, PRESSURE)
 
 
 def stroke(*turns):
-    """Lengths over these multiples of the rest length, in straight lines."""
+    """Return lengths through these multiples of the rest length, in straight lines."""
     return LENGTH * np.interp(np.linspace(0, len(turns) - 1, ROWS), np.arange(len(turns)), turns)
 
 
 def added(mechanism, pressure, length, past=ONE_RUN):
-    """Force that a mechanism adds to the bare muscle, N."""
+    """Return the force that a mechanism adds to the bare muscle, N."""
     with_it, without = (
         record_bench(bench(mechanism), pressure, length, past),
         record_bench(bench(), pressure, length, past),
@@ -41,18 +41,18 @@ def added(mechanism, pressure, length, past=ONE_RUN):
     return np.asarray(with_it.force - without.force)
 
 
-# Friction: how strong.
+# Friction: strength.
 
 
-def test_full_friction_is_that_of_turning_crossings():
+def test_full_friction_agrees_with_rotating_crossings():
     length = stroke(0.8, 1.0, 0.8)
     force = added(BraidFriction(0.2, presliding=1e-6), LEVEL, length)
     full = 2 / 3 * 0.2 * PATCH_RADIUS * PRESSURE * length / TURNS
     agree(force[1:], (np.sign(np.diff(length)) * full[1:]), SOLVED, 10.0)
 
 
-def test_work_of_full_friction_is_that_of_the_torques():
-    """Σ over n² N / 2 crossings of the torque (2/3) μ r p times the turn of 2θ, p all presses of P π R L."""
+def test_work_of_full_friction_agrees_with_the_torques():
+    """Σ over n² N / 2 crossings of the torque (2/3) μ r p times the rotation 2θ; the p sum to P π R L."""
     length = LENGTH * np.linspace(0.85, 0.95, ROWS)
     angle, radius = np.arcsin(length / THREAD), np.sqrt(THREAD**2 - length**2) / (2 * np.pi * TURNS)
     torque = 2 / 3 * 0.2 * PATCH_RADIUS * PRESSURE * np.pi * radius * length
@@ -60,12 +60,12 @@ def test_work_of_full_friction_is_that_of_the_torques():
     agree(np.trapezoid(force[1:], length[1:]), np.trapezoid(torque[1:], 2 * angle[1:]), 1e-5)
 
 
-def test_friction_on_the_lateral_area_is_in_proportion_to_it():
+def test_friction_on_the_lateral_area_is_proportional_to_it():
     length = stroke(0.7, 1.0)
     force = added(BraidFriction(0.2, girth=1.0, presliding=1e-6), LEVEL, length)
     area = length * np.sqrt(THREAD**2 - length**2)
     agree(force[1:] / force[-1], area[1:] / area[-1], SOLVED)
-    # Able to fail: at crossings that turn it grows with the length alone.
+    # Negative control: for rotating crossings it depends on the length only.
     assert np.ptp(length / area) > 0.5 * np.max(length / area)
 
 
@@ -86,27 +86,27 @@ def test_constant_friction_is_the_same_at_every_pressure():
         agree(force[[100, 300]], [5.0, -5.0], SOLVED)
 
 
-def test_friction_has_no_rate():
+def test_friction_is_independent_of_speed():
     length, slow = stroke(0.9, 1.0, 0.85), build_time_history(37 * TIME, np.arange(ROWS) == 0)
     friction = BraidFriction(0.2, 3.0)
     agree(added(friction, LEVEL, length, slow), added(friction, LEVEL, length), ROUNDING, PRESSURE / 100)
 
 
-# Friction: what it remembers. Distances are those of threads that keep their length, so dL = B d sin θ.
+# Friction: memory. Distances refer to threads of constant length, so dL = B d sin θ.
 
 
-def test_a_branch_is_the_virgin_curve_twice_as_large():
-    """Masing's rule, at a strength that stays."""
+def test_branch_is_twice_the_initial_curve():
+    """Masing's rule, at a constant strength."""
     friction, out, back = BraidFriction(0.0, 5.0, presliding=4e-3), 3.1e-3, np.linspace(0, 6.2e-3, ROWS)
     virgin = added(friction, LEVEL, LENGTH * 0.9 + np.linspace(0, out, ROWS))
     halves = np.interp(back / 2, np.linspace(0, out, ROWS), virgin)
-    # One row to the turning point, and then back from it.
+    # One row at the turning point, then the return.
     length = np.r_[LENGTH * 0.9, LENGTH * 0.9 + out - back[:-1]]
     branch = added(friction, LEVEL, length)[1:]
     agree(branch, virgin[-1] - 2 * halves[:-1], 1e-3, 5.0)
 
 
-def test_a_closed_inner_loop_is_forgotten():
+def test_closed_inner_loop_leaves_no_memory():
     friction, at = BraidFriction(0.1, 4.0, presliding=4e-3), LENGTH * 0.9
     with_loop = at + 1e-3 * np.interp(np.linspace(0, 5, ROWS), range(6), [0, 2, 1.2, 2, 3, 0.5])
     without = at + 1e-3 * np.interp(np.linspace(0, 5, ROWS), [0, 2, 3, 4, 5], [0, 2, 2, 3, 0.5])
@@ -114,19 +114,19 @@ def test_a_closed_inner_loop_is_forgotten():
     agree(added(friction, LEVEL, with_loop)[later], added(friction, LEVEL, without)[later], SOLVED, 10.0)
 
 
-def test_friction_is_full_after_the_presliding_distance_and_not_before():
+def test_friction_is_full_after_the_presliding_distance():
     force = added(BraidFriction(0.0, 5.0, presliding=2e-3), LEVEL, LENGTH * 0.9 + np.linspace(0, 4e-3, ROWS))
     assert force[ROWS // 2 - 2] < 5.0
     agree(force[ROWS // 2 + 1 :], 5.0, SOLVED)
 
 
 @pytest.mark.parametrize("start", [-1.0, 0.5])
-def test_it_may_have_been_dragged_before(start):
+def test_friction_may_start_in_the_sliding_state(start):
     force = added(BraidFriction(0.2, 5.0, start=start), LEVEL, np.full(ROWS, LENGTH))
     agree(force, start * (5.0 + 2 / 3 * 0.2 * PATCH_RADIUS * PRESSURE * LENGTH / TURNS), SOLVED)
 
 
-def test_a_gap_is_no_forgetting_unless_stated():
+def test_memory_continues_across_a_gap_unless_stated():
     starts = np.isin(np.arange(ROWS), [0, ROWS // 2])
     length = stroke(0.9, 1.0, 1.0)
     assert np.all(added(BraidFriction(0.2), LEVEL, length, build_time_history(TIME, starts))[ROWS // 2 :] > 9)
@@ -135,7 +135,7 @@ def test_a_gap_is_no_forgetting_unless_stated():
     )
 
 
-def test_pressure_alone_moves_what_gives():
+def test_pressure_moves_elastic_crossings():
     pressure = PRESSURE * np.interp(np.arange(ROWS), [0, 200, 400], [0.2, 1, 0.2])
     still = np.full(ROWS, LENGTH)
     assert not np.any(added(BraidFriction(0.2), pressure, still))
@@ -145,7 +145,7 @@ def test_pressure_alone_moves_what_gives():
     agree(loop[220:], full[220:], SOLVED)
 
 
-def test_stretching_threads_drag_at_a_fixed_length():
+def test_stretch_of_threads_causes_friction_at_fixed_length():
     pressure = PRESSURE * np.interp(np.arange(ROWS), [0, 200, 400], [0.2, 1, 0.2])
     still, threads = np.full(ROWS, LENGTH), BraidElasticity(1e-6)
     rubbed = record_bench(bench(threads, BraidFriction(0.2, presliding=1e-4)), pressure, still, ONE_RUN)
@@ -173,20 +173,20 @@ def rubbing(threads):
     exponent=st.floats(0.5, 1.0),
 )
 @settings(max_examples=40)
-def test_no_path_of_pressure_and_length_gives_work(seed, share, presliding, give, exponent):
-    """∫ q du from a relaxed state, for a strength that changes all the time."""
+def test_no_path_of_pressure_and_length_gains_work(seed, share, presliding, give, exponent):
+    """∫ q du from a relaxed state, for a varying strength."""
     pressure, length = path(seed, ROWS)
     friction = BraidFriction(1.0 - share, 20 * share, exponent, presliding=presliding, give=give)
     rubbed, bare = rubbing(())(friction, pressure, length)
     force = np.asarray(rubbed.force - bare.force)
-    # ∮ F dL − V dP, where the stress also moves the volume force × give.
+    # ∮ F dL − V dP, where the stress also changes the volume by force × compliance.
     lost = np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(length - give * pressure))
     assert lost > -1e-4 * np.sum(np.abs(force[1:] * np.diff(length - give * pressure)))
     assert lost > 0
 
 
-def test_pressure_pumps_nothing_out_of_a_dragged_element():
-    """Drag at a low pressure, raise it, go back: a stiffness in proportion to pressure would drive."""
+def test_pressure_gains_no_energy_from_a_sliding_element():
+    """Slide at low pressure, raise it, return: a stiffness proportional to pressure would gain work."""
     s = np.linspace(0, 4, ROWS)
     length = LENGTH * 0.9 + 4e-4 * np.interp(s, range(5), [0, 1, 1, 0, 0])
     pressure = 1e5 * np.interp(s, range(5), [1, 1, 7, 7, 1])
@@ -199,7 +199,7 @@ def test_pressure_pumps_nothing_out_of_a_dragged_element():
 # Damping.
 
 
-def test_damping_is_in_proportion_to_speed():
+def test_damping_is_proportional_to_speed():
     length = stroke(0.9, 1.0, 0.9)
     speed = 0.1 * LENGTH / (TIME[-1] / 2)
     force = added(ViscousDamping(2e3), LEVEL, length)
@@ -208,7 +208,7 @@ def test_damping_is_in_proportion_to_speed():
     agree(faster, 3 * force, 1e-9, 1.0)
 
 
-def test_damping_knows_no_gap_and_no_static_map():
+def test_damping_is_zero_at_gaps_and_in_static_maps():
     length = np.where(np.arange(ROWS) < 200, 0.9, 1.0) * LENGTH
     past = build_time_history(TIME, np.isin(np.arange(ROWS), [0, 200]))
     agree(added(ViscousDamping(1e5), LEVEL, length, past), 0.0, ROUNDING, PRESSURE)
@@ -220,10 +220,10 @@ def test_damping_knows_no_gap_and_no_static_map():
 
 
 def slipped(mechanism, pressure, length, past=ONE_RUN):
-    return np.asarray(record_bench(bench(mechanism), pressure, length, past).past.state.thread) / THREAD - 1
+    return np.asarray(record_bench(bench(mechanism), pressure, length, past).states.state.thread) / THREAD - 1
 
 
-def test_bedding_in_follows_the_largest_load_so_far():
+def test_bedding_in_depends_on_the_largest_load():
     pressure = PRESSURE * np.interp(np.arange(ROWS), [0, 100, 200, 300, 399], [0.1, 0.6, 0.0, 1.0, 0.0])
     still = np.full(ROWS, LENGTH)
     strain = slipped(ThreadSlip(2e-3, 1500.0), pressure, still)
@@ -232,7 +232,7 @@ def test_bedding_in_follows_the_largest_load_so_far():
     assert np.all(np.diff(strain) > -1e-15)
 
 
-def test_a_slip_happens_once_and_stays():
+def test_slip_occurs_once_and_is_permanent():
     starts = np.isin(np.arange(ROWS), [0, 150, 300])
     strain = slipped(
         ThreadSlip(step=1e-3, when=70.0, during=3.0),
@@ -244,21 +244,23 @@ def test_a_slip_happens_once_and_stays():
     agree(strain[[0, -1]], [0, 1e-3], 1e-8, 1e-3)
 
 
-def test_nothing_is_bedded_in_in_a_static_map():
+def test_static_map_has_no_bedding_in():
     past = build_time_history(None, np.arange(ROWS) == 0)
     agree(slipped(ThreadSlip(2e-3, step=1e-3, when=0.0), LEVEL, stroke(1, 0.8), past), 0.0, ROUNDING, 1.0)
 
 
 @given(seed=st.integers(0, 10**6))
 @settings(max_examples=15)
-def test_a_slip_under_load_loses_work(seed):
-    """∮ F dL + P dV = ∫ T dB over a path that closes in length and pressure, though not in volume."""
+def test_slip_under_load_dissipates_work(seed):
+    """∮ F dL + P dV = ∫ T dB over a path that closes in length and pressure, but not in volume."""
     pressure, length = path(seed, ROWS)
     found = losing()(ThreadSlip(2e-3, 1500.0, 1e-3, 40.0, 5.0), pressure, length)
-    mean = [0.5 * (x[1:] + x[:-1]) for x in map(np.asarray, (found.past.force, pressure, found.past.load))]
-    lost = np.sum(mean[0] * np.diff(length) + mean[1] * np.diff(found.past.state.volume))
+    mean = [
+        0.5 * (x[1:] + x[:-1]) for x in map(np.asarray, (found.states.force, pressure, found.states.load))
+    ]
+    lost = np.sum(mean[0] * np.diff(length) + mean[1] * np.diff(found.states.state.volume))
     assert lost > 0
-    agree(lost, np.sum(mean[2] * np.diff(found.past.state.thread)), 2e-2)
+    agree(lost, np.sum(mean[2] * np.diff(found.states.state.thread)), 2e-2)
 
 
 @cache
@@ -269,7 +271,7 @@ def losing():
 # The line.
 
 
-def test_a_narrow_line_costs_the_square_of_the_volume_slope():
+def test_pressure_drop_is_quadratic_in_the_volume_slope():
     length = stroke(0.98, 0.94)
     slope = (3 * length**2 - THREAD**2) / (4 * np.pi * TURNS**2)
     speed = np.diff(length)[0] / 0.5
@@ -277,18 +279,18 @@ def test_a_narrow_line_costs_the_square_of_the_volume_slope():
     agree(force[5:-5], (2e8 * slope**2 * speed)[5:-5], 2e-3)
 
 
-def test_a_narrow_line_costs_nothing_where_volume_is_largest():
+def test_pressure_drop_vanishes_at_the_largest_volume():
     length = THREAD / np.sqrt(3) * (1 + 1e-4 * np.linspace(-1, 1, ROWS))
     agree(added(PressureDrop(2e8), LEVEL, length), 0.0, 1e-5, 1.0)
 
 
 @given(seed=st.integers(0, 10**6))
 @settings(max_examples=15)
-def test_a_narrow_line_loses_work(seed):
-    """∮ F dL + P dV, with the pressure at the gauge, is what the flow costs."""
+def test_narrow_line_dissipates_work(seed):
+    """∮ F dL + P dV with the gauge pressure is the loss of the flow."""
     pressure, length = path(seed, ROWS)
     found = losing()(PressureDrop(2e9), pressure, length)
-    force, volume = np.asarray(found.force), np.asarray(found.past.state.volume)
+    force, volume = np.asarray(found.force), np.asarray(found.states.state.volume)
     lost = np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(length))
     lost += np.sum(0.5 * (pressure[1:] + pressure[:-1]) * np.diff(volume))
     agree(lost, np.sum(2e9 * np.diff(volume) ** 2 / 0.5), 2e-2)
@@ -297,10 +299,10 @@ def test_a_narrow_line_loses_work(seed):
 # The rig.
 
 
-def test_a_rig_shortens_the_muscle_by_its_force():
+def test_rig_compliance_shortens_the_muscle():
     length = stroke(1.0, 0.7)
     found = record_bench(bench(RigCompliance(2e-7)), LEVEL, length, ONE_RUN)
-    agree(found.past.state.length, length - 2e-7 * found.force, SOLVED)
+    agree(found.states.state.length, length - 2e-7 * found.force, SOLVED)
     agree(
         found.force,
         record_bench(bench(), LEVEL, jnp.asarray(length - 2e-7 * found.force), ONE_RUN).force,

@@ -1,4 +1,4 @@
-"""Cones and Tondu's factor: their closed forms, and how far they are from the net of the ends."""
+"""Cones and Tondu's factor: their closed forms, and their difference from the net of the ends."""
 
 import jax
 import numpy as np
@@ -30,15 +30,15 @@ def shown(mechanism):
 
 
 @pytest.mark.parametrize("fitting", [0.011, RADIUS[0], 0.0135])
-def test_cones_take_the_force_and_diameter_of_their_closed_form(fitting):
-    """Narrower than the muscle, as wide, and wider: no corner anywhere."""
+def test_force_and_diameter_of_cones_have_the_closed_form(fitting):
+    """Fittings narrower than the muscle, equal, and wider: a smooth function."""
     force, mean = shown(EndCones(0.3, fitting))
     agree(force, FORCE - 0.3 * PRESSURE * (RADIUS - fitting) * AT / (np.pi * TURNS**2), SOLVED)
     agree(mean, 2 * RADIUS - 0.6 * (RADIUS - fitting) ** 2 / AT, ROUNDING)
 
 
-def test_cones_take_the_volume_of_frusta():
-    """Against slices: a cylinder between two frusta, added up along the axis."""
+def test_volume_of_cones_agrees_with_frusta():
+    """Reference: slices of a cylinder between two frusta, summed along the axis."""
     state = Cylinder()(AT[5], THREAD, TURNS)
     high, fitting = 0.8 * (RADIUS[5] - 0.012), 0.012
     z = np.linspace(0, high, 2001)
@@ -53,28 +53,28 @@ def test_cones_take_the_volume_of_frusta():
         agree(EndCones(0.8, 0.0121).shape(state).volume, whole, 1e-7)
 
 
-def test_tondu_s_factor_is_the_force_at_k_times_the_contraction():
+def test_tondu_factor_gives_the_force_at_k_times_the_contraction():
     force, wide = shown(ContractionFactor(0.05, LENGTH))
     counted = LENGTH * (1 - 1.05 * CONTRACTION)
     agree(force, np.asarray(braid.gaylord_force(PRESSURE, counted, THREAD, TURNS)), SOLVED, 1e3)
     agree(wide, 2 * RADIUS, ROUNDING)
-    # A factor on the force, which is another law, is told apart.
+    # A factor on the force, which is another law, differs.
     with pytest.raises(AssertionError):
         agree(force, FORCE * force[1] / FORCE[1], SOLVED, 1e3)
 
 
 def best(share, of):
-    """What is left of a loss of force when a shape takes as much of it as it can, N rms."""
+    """Return the rms residual of a force loss after the best fit of a shape, N."""
     return np.sqrt(np.mean((of - share * (share @ of) / (share @ share)) ** 2))
 
 
 @pytest.mark.slow
-def test_the_net_fits_a_net_of_rings_and_neither_alternative_comes_near():
-    """To 7 % of a noise of 5 N, without a number of its own; the alternatives with their best one."""
+def test_net_fits_a_net_of_rings_better_than_the_alternatives():
+    """The net: within 7 % of a noise of 5 N, no parameter. The alternatives: with their best parameter."""
     noise, fitting = 5.0, RADIUS[0]
     slope = jax.jit(jax.grad(lambda z: solve_net(z, THREAD, TURNS, fitting).volume))
     at = LENGTH * (1 - np.array([0.02, 0.05, 0.1, 0.15, 0.2, 0.3]))
-    # Rings are asked for a length at a force; the force is the net's, so that the lengths are nearly these.
+    # Rings give a length for a force; with the force of the net, the lengths nearly agree with these.
     force = np.array([-PRESSURE * float(slope(z)) for z in at])
     found = [[rings(f, fitting, count)[0] for f in force] for count in (100, 200)]
     length = np.array(found[1]) + (np.array(found[1]) - np.array(found[0])) / 3
@@ -87,7 +87,7 @@ def test_the_net_fits_a_net_of_rings_and_neither_alternative_comes_near():
     assert best(length * (LENGTH - length), lost) > 10 * noise
 
 
-def test_ends_are_not_taken_twice():
-    with pytest.raises(BadInput, match="both stand for the same loss of force at the ends"):
+def test_end_effects_exclude_each_other():
+    with pytest.raises(BadInput, match="both describe the same force loss at the ends"):
         check_exclusive_pairs(["end_cones", "end_taper"])
     check_exclusive_pairs(["end_cones", "bladder_elasticity"])

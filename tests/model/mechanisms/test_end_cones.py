@@ -1,4 +1,4 @@
-"""Cones at the ends: the volume and the mean diameter that they take."""
+"""Cones at the ends: their reduction of volume and of mean diameter."""
 
 import math
 
@@ -12,7 +12,7 @@ from tests.model.mechanisms.triangle import state
 WIDE, FITTING = 0.15 / (2 * math.pi * 1.25), 0.012
 
 
-def test_cones_take_volume_and_mean_diameter():
+def test_cones_reduce_volume_and_mean_diameter():
     # κ (R − Rf) high, twice: V −= (2π/3) κ (R − Rf)² (2R + Rf), D −= 2 κ (R − Rf)² / L.
     at = state(0.2)
     found = EndCones(0.5, FITTING).shape(at)
@@ -23,7 +23,7 @@ def test_cones_take_volume_and_mean_diameter():
         agree(getattr(found, name), getattr(at, name), ROUNDING)
 
 
-def test_cones_take_force():
+def test_cones_reduce_the_force():
     """Section D3: ΔF = −κ P (R − Rf) L / (πN²)."""
     cones = EndCones(0.5, FITTING)
     slope = jax.grad(lambda length: cones.shape(state(length)).volume - state(length).volume)(0.2)

@@ -1,4 +1,4 @@
-"""Tapered ends: the net against a net of rings, its table, and what is known of the paper's muscle."""
+"""Tapered ends: the net agrees with a net of rings, its table, and known values of the paper's muscle."""
 
 from functools import cache
 
@@ -29,7 +29,7 @@ STILL = build_time_history(None, np.arange(CONTRACTION.size) == 0)
 
 @cache
 def net_at(length, fitting):
-    """Force at the paper's pressure (N), mean and mid diameter (m) of the net."""
+    """Return force (N), mean and middle diameter (m) of the net at the paper's pressure."""
     if not hasattr(net_at, "compiled"):
         net_at.compiled = jax.jit(
             lambda at, rf: (
@@ -42,15 +42,15 @@ def net_at(length, fitting):
 
 
 def rings(force, fitting, count):
-    """Half a net of rings, each a pin-jointed turn further, pulled by a force: the largest P V + F L.
+    """Return length, mean and middle diameter (m) of half a net of rings under a force.
 
-    Nothing of `net.py` is in it: no first integral, no quadrature, no long muscle. Returns length, mean
-    and mid diameter, m.
+    The rings are pin-jointed and maximise P V + F L. The function uses nothing of `net.py`: no first
+    integral, no quadrature, no long muscle.
     """
     part, turn, pull = THREAD / 2 / count, np.pi * TURNS / count, force / PRESSURE
 
     def rise(r):
-        # The search may step beyond what a thread reaches, and comes back.
+        # The search may leave the range of a thread temporarily.
         return np.sqrt(np.maximum(part**2 - np.diff(r) ** 2 - r[:-1] * r[1:] * turn**2, 1e-30))
 
     def potential(scaled):
@@ -75,7 +75,7 @@ def rings(force, fitting, count):
 
 @pytest.mark.parametrize("fitting", [REST, 0.0111])
 @pytest.mark.parametrize("contraction", [0.02, 0.05, 0.15, 0.3])
-def test_net_is_that_of_rings(contraction, fitting):
+def test_net_agrees_with_rings(contraction, fitting):
     force, *_ = net_at(LENGTH * (1 - contraction), fitting)
     coarse, fine = (rings(force, fitting, count) for count in (100, 200))
     length, mean, mid = fine + (fine - coarse) / 3
@@ -94,31 +94,31 @@ def shown(share, radius=REST):
 
 @pytest.mark.slow
 def test_force_and_diameters_of_the_paper_s_muscle():
-    """−467 N at a contraction of 0.15; at 0.2 the middle is wider than a cylinder, and the mean narrower."""
+    """−467 N at contraction 0.15. At 0.2 the middle is wider than a cylinder, and the mean is narrower."""
     tapered, cylinder = shown(1.0), shown(0.0)
     agree(cylinder.force, GAYLORD, 1e-12)
     assert abs(float(tapered.force[4] - cylinder.force[4]) + 466.6) < 0.1
     assert abs(1e3 * float(tapered.diameter[5]) - 46.15) < 0.05
-    assert abs(2e3 * float(tapered.past.state.radius[5]) - 50.92) < 0.05
+    assert abs(2e3 * float(tapered.states.state.radius[5]) - 50.92) < 0.05
     assert np.all(np.diff(np.asarray(tapered.force)) < 0)
 
 
-def test_fittings_as_wide_as_the_muscle_take_nothing_away_at_rest():
+def test_fittings_of_the_muscle_diameter_have_no_effect_at_rest():
     force, mean, mid = net_at(LENGTH, REST)
     assert abs(force - PRESSURE * (3 * LENGTH**2 - THREAD**2) / (4 * np.pi * TURNS**2)) < 0.1
     assert abs(mean - 2 * REST) < 1e-8
     assert abs(mid - 2 * REST) < 1e-8
 
 
-def test_the_share_is_straight_in_force():
+def test_force_is_linear_in_the_share():
     half, full, none = (np.asarray(shown(s).force) for s in (0.5, 1.0, 0.0))
     agree(half, 0.5 * (full + none), 1e-9, 1e3)
 
 
-def test_narrower_fittings_take_force_at_rest():
-    """Section D1: −194 N on fittings of 11.1 mm, and nothing on those as wide as the muscle."""
+def test_narrow_fittings_reduce_the_force_at_rest():
+    """Section D1: −194 N with fittings of 11.1 mm, and none with fittings of the muscle's diameter."""
     gaylord = PRESSURE * (3 * LENGTH**2 - THREAD**2) / (4 * np.pi * TURNS**2)
-    # A radius printed to 0.1 mm is off by 0.05 mm at most, which is 6 N here.
+    # A radius printed to 0.1 mm has an error of at most 0.05 mm, which is 6 N here.
     for radius, lost, within in ((0.0111, -194.0, 6.0), (REST, 0.0, 0.1)):
         found = record_bench(bench(EndTaper(1.0, radius)), np.full(8, PRESSURE), np.full(8, LENGTH), STILL)
         assert abs(float(found.force[0]) - gaylord - lost) < within
@@ -126,7 +126,7 @@ def test_narrower_fittings_take_force_at_rest():
 
 @jax.jit
 def slopes(length, thread):
-    """∂V/∂L at a thread length, m², by the table of a thread at rest and of the net itself."""
+    """Return ∂V/∂L at a thread length, m², from the table of a thread at rest and from the net itself."""
     table = tabulate_net(THREAD, TURNS, 0.0121)
 
     def by_table(z):
@@ -137,14 +137,14 @@ def slopes(length, thread):
 
 
 @pytest.mark.parametrize("stretched", [1.0, 1.1, 1.3])
-def test_table_is_the_net(stretched):
+def test_table_agrees_with_the_net(stretched):
     thread = THREAD * stretched
     found, exact = slopes(jnp.linspace(0.6, 0.93, 12) * thread, thread)
     assert np.max(np.abs(found - exact)) * PRESSURE < 0.1
 
 
 @pytest.mark.slow
-def test_threads_that_stretch_by_hundredths_are_looked_up_where_they_end():
+def test_stretched_threads_use_the_correct_table_entry():
     compliance, fitting = 6e-6, 0.0121
     slopes_of = jax.jit(jax.grad(lambda z, b: solve_net(z, b, TURNS, fitting).volume, argnums=(0, 1)))
 
@@ -164,7 +164,7 @@ def test_threads_that_stretch_by_hundredths_are_looked_up_where_they_end():
     assert np.max(np.abs(found - unstretched)) > 20.0
 
 
-def test_beyond_its_ends_the_table_goes_over_into_a_cylinder():
+def test_table_continues_as_a_cylinder():
     length = THREAD * jnp.linspace(0.2, 1.01, 12)
     found, _ = slopes(length, THREAD)
     cylinder = (THREAD**2 - 3 * length**2) / (4 * np.pi * TURNS**2)
@@ -172,12 +172,12 @@ def test_beyond_its_ends_the_table_goes_over_into_a_cylinder():
     assert abs(float(found[0] - cylinder[0])) * PRESSURE < 1.0
 
 
-def test_a_share_of_what_the_net_has_more_than_a_cylinder_is_added():
-    # Of a net with 8 ml less, a mean radius 2 mm less and a middle 1 mm wider, a quarter: the mean diameter
-    # loses twice a quarter of 2 mm.
+def test_share_scales_the_difference_between_net_and_cylinder():
+    # A quarter of a net with 8 ml less volume, 2 mm less mean radius, 1 mm wider middle: the mean diameter
+    # decreases by twice a quarter of 2 mm.
     taper = EndTaper(0.25, 0.0121, lambda length, thread: Net(-8e-6, -2e-3, 1e-3))
     at = triangle.state(0.2)
-    found = taper.near(0.2, triangle.THREAD).shape(at)
+    found = taper.expand_at(0.2, triangle.THREAD).shape(at)
     agree(found.volume - at.volume, -2e-6, ROUNDING, 1e-3)
     agree(found.diameter - at.diameter, -1e-3, ROUNDING, 1e-1)
     agree(found.radius - at.radius, 0.25e-3, ROUNDING, 1e-1)
@@ -187,22 +187,26 @@ def test_a_share_of_what_the_net_has_more_than_a_cylinder_is_added():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("prepare", [False, True])
-def test_the_middle_is_wider_than_a_cylinder_and_the_mean_narrower(prepare):
-    """Section D1, a contraction of 0.2: 51 mm wide in the middle, 48.5 as a cylinder, 46.2 in the mean."""
+def test_middle_is_wider_than_a_cylinder_and_mean_is_narrower(prepare):
+    """Section D1, contraction 0.2: middle 51 mm, cylinder 48.5 mm, mean 46.2 mm."""
     taper, at = EndTaper(1.0, REST), Cylinder()(jnp.asarray(0.8 * LENGTH), THREAD, TURNS)
-    found = jax.jit(lambda at: (taper.prepared(THREAD, TURNS).held() if prepare else taper).shape(at))(at)
+
+    def compute_shape(state):
+        return (taper.prepare(THREAD, TURNS).stop_gradients() if prepare else taper).shape(state)
+
+    found = jax.jit(compute_shape)(at)
     assert abs(2e3 * float(found.radius) - 51.0) < 0.1
     assert abs(2e3 * float(at.radius) - 48.5) < 0.05
     assert abs(1e3 * float(found.diameter) - 46.2) < 0.1
     assert 0.9 < float(found.volume / at.volume) < 0.98
 
 
-def test_the_net_is_that_of_the_braid_and_of_the_fittings(monkeypatch):
+def test_net_depends_on_braid_and_fittings(monkeypatch):
     asked = []
     monkeypatch.setattr(
         end_taper, "tabulate_net", lambda *of: asked.append(of) or (lambda *at: Net(-8e-6, 0, 0))
     )
-    EndTaper(1.0, 0.0121).prepared(0.3, 1.5)
+    EndTaper(1.0, 0.0121).prepare(0.3, 1.5)
     found = EndTaper(1.0, 0.0121).shape(triangle.state(0.2))
     agree(np.array(asked, float), [[0.3, 1.5, 0.0121], [triangle.THREAD, triangle.TURNS, 0.0121]], ROUNDING)
     agree(found.volume - triangle.state(0.2).volume, -8e-6, ROUNDING, 1e-3)

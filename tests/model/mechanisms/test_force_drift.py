@@ -1,4 +1,4 @@
-"""A zero of the load cell that wanders, recorded minus true."""
+"""Drift of the load cell's zero, recorded minus true."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -9,8 +9,8 @@ from tests.model.mechanisms.triangle import one_run
 
 
 def drifted(**numbers):
-    """Return the recorded force of a muscle that pulls with 100 N, at 0, 2 and 10 s of the recording."""
-    force, diameter = ForceDrift(**numbers).read(
+    """Return the recorded force of a muscle with 100 N, at 0, 2 and 10 s of the recording."""
+    force, diameter = ForceDrift(**numbers).to_recorded_outputs(
         jnp.full(3, 100.0), jnp.full(3, 0.03), None, one_run([40.0, 42.0, 50.0])
     )
     agree(diameter, 0.03, ROUNDING)

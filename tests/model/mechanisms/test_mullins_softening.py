@@ -1,4 +1,4 @@
-"""Softening: only virgin stretch is stiffer, and no closed path gains from it."""
+"""Softening: only the first stretch is stiffer, and no closed path gains energy."""
 
 import math
 
@@ -18,7 +18,7 @@ from tests.agreement import ROUNDING, SOLVED, agree
 from tests.model.mechanisms.rubber import REST, SIZE, WALKS, returning, shown
 from tests.model.mechanisms.triangle import one_run, static_map, tube
 
-#: Rows of a walk: a twentieth of the narrowest width from one to the next, along its longest piece.
+#: Rows of a path: steps of a twentieth of the smallest width along its longest part.
 FINE = 20_000
 
 NARROW, WIDE = (getattr(list_field_meanings(MullinsSoftening)["width"], end) for end in ("low", "high"))
@@ -26,7 +26,7 @@ NARROW, WIDE = (getattr(list_field_meanings(MullinsSoftening)["width"], end) for
 stresses = jax.jit(lambda m, strains, past: m.stresses(past, strains, None))
 
 
-def test_only_virgin_stretch_meets_the_extra_stiffness():
+def test_only_the_first_stretch_has_the_extra_stiffness():
     half = np.linspace(0, 1, 60)
     length = REST * (1 - np.concatenate([0.2 * half, 0.2 * half[::-1], 0.3 * half, 0.3 * half[::-1]]))
     lost = np.asarray(
@@ -42,7 +42,7 @@ def test_only_virgin_stretch_meets_the_extra_stiffness():
     assert np.all(np.abs(lost[180:][length[180:] > 0.75 * REST]) < 1e-3)
 
 
-def test_softening_outlasts_a_gap_and_has_no_place_in_a_static_map():
+def test_softening_continues_across_a_gap_and_is_absent_in_a_static_map():
     length = REST * np.array([1.0, 0.8, 1.0, 0.9, 0.8])
     soft, starts = [MullinsSoftening(0.1e6, 0.05, **SIZE)], np.array([1, 0, 0, 1, 0], bool)
     still = shown([], 4e5, length).force
@@ -56,7 +56,7 @@ def test_softening_outlasts_a_gap_and_has_no_place_in_a_static_map():
 
 
 def gained(walk, width, law=lambda stress: stress):
-    """Work that comes back on a closed walk, over all that went to and fro."""
+    """Return the net work of a closed path / total work."""
     time, path = returning(walk, FINE)
     along, around = path[:, :1], path[:, 1:]
     energy = along**2 + around**2 + (along * around) ** -2 - 3
@@ -70,20 +70,20 @@ def gained(walk, width, law=lambda stress: stress):
 
 @settings(max_examples=30)
 @given(WALKS, st.floats(NARROW, WIDE))
-def test_softening_only_loses_energy(walk, width):
-    # The rule of trapezoids is off by the square of a step.
+def test_softening_dissipates_energy(walk, width):
+    # The error of the trapezoidal rule is quadratic in the step.
     assert gained(walk, width) < 1e-3
 
 
 @pytest.mark.parametrize("width", [NARROW, WIDE])
-def test_a_rubber_that_hardens_would_gain(width):
+def test_hardening_would_gain_energy(width):
     there_and_back = [(0.8, 2.0, 10.0)]
     assert gained(there_and_back, width) < -0.1
     assert gained(there_and_back, width, lambda stress: stress.max() - stress) > 0.1
 
 
-def test_softening_worked_out_by_hand():
-    # η = 1 − erf[(m − e) / (w m)] of virgin, half and full returns of the largest energy, and virgin again.
+def test_softening_agrees_with_a_hand_calculation():
+    # η = 1 − erf[(m − e) / (w m)] at first stretch, half and full largest energy, and a new largest energy.
     rubber, volume = MullinsSoftening(2e6, 0.5, **SIZE), math.pi * 1.5875e-3 * 20.6125e-3 * REST
     energy = 1e6 * volume * np.array([[1.0], [2.0], [1.5], [0.0], [4.0]])
     left = [1.0, 1.0, math.erfc(0.5), math.erfc(2.0), 1.0]
@@ -92,7 +92,7 @@ def test_softening_worked_out_by_hand():
     agree(stresses(rubber, energy, static_map(5)), 0.0, ROUNDING, 1.0)
 
 
-def test_a_wall_that_was_hardly_stretched_softens_over_its_least_energy():
+def test_softening_of_a_small_stretch_uses_the_minimum_energy():
     # A millionth of the rubber's volume is added to the width w m: (m − e) / (w m + V/10⁶) = 2 / (1 + 1).
     rubber, volume = MullinsSoftening(2e6, 0.5, **SIZE), math.pi * 1.5875e-3 * 20.6125e-3 * REST
     energy = 1e-6 * volume * np.array([[0.0], [2.0], [0.0]])
@@ -100,8 +100,8 @@ def test_a_wall_that_was_hardly_stretched_softens_over_its_least_energy():
     agree(found[:, 0], 2e6 * np.array([1.0, 1.0, math.erfc(1.0)]), SOLVED)
 
 
-def test_energy_that_softens_worked_out_by_hand():
-    # As in the test of the elastic bladder: stretches 1/2, 3/2, 4/3, so that e = V (I1 − 3) / 2 = V × 23/36.
+def test_softening_energy_agrees_with_a_hand_calculation():
+    # As in the test of the elastic bladder: stretches 1/2, 3/2, 4/3, thus e = V (I1 − 3) / 2 = V × 23/36.
     rubber = MullinsSoftening(1.0, 0.5, inner_diameter=16e-3, thickness=2e-3, length=0.2)
     found = rubber.strains(tube(0.1, 0.5 * (27 + 72 / 27) * 1e-3), 0.0)
     agree(found, [math.pi * 2e-3 * 18e-3 * 0.2 * 23 / 36], ROUNDING)

@@ -1,4 +1,4 @@
-"""The command that flips signs: what it flips, and that a test which fails anyway kills nothing."""
+"""The mutation command: its changes, and the refusal of tests that fail without a change."""
 
 import pytest
 
@@ -17,7 +17,7 @@ def mutations(**options):
     return [(mutant.line, mutant.mutation) for mutant in mutate.mutants(SOURCE, **options)]
 
 
-def test_every_sign_is_flipped_and_nothing_else():
+def test_every_sign_is_changed_and_nothing_else():
     whole = "a * (a - b) + (a if a < b else b)"
     assert mutations() == [
         (2, "-1.0 -> +1.0"),
@@ -26,24 +26,24 @@ def test_every_sign_is_flipped_and_nothing_else():
     ]
 
 
-def test_more_are_products_and_comparisons():
+def test_more_option_changes_products_and_comparisons():
     more = [mutation for mutation in mutations(more=True) if mutation not in mutations()]
     assert more == [(6, "a * (a - b) -> a / (a - b)"), (6, "a < b -> a > b")]
 
 
-def test_a_mutant_differs_by_its_one_operator():
+def test_mutant_differs_by_one_operator():
     found = []
     for mutant in mutate.mutants(SOURCE):
         scope = {}
         exec(mutant.source, scope)
         found.append((scope["LOW"], scope["law"](3.0, 5.0)))
-    # Unchanged, LOW is −1 and the law gives 3 (3 − 5) + 3 = −3.
+    # Without a change, LOW is −1 and the law gives 3 (3 − 5) + 3 = −3.
     assert found == [(1.0, -3.0), (-1.0, -9.0), (-1.0, 27.0)]
 
 
 @pytest.fixture
 def tree(tmp_path):
-    """A tree with one mechanism and its test."""
+    """Return a folder with one mechanism and its test."""
     for folder in (mutate.SOURCES, mutate.TESTS):
         (tmp_path / folder).mkdir(parents=True)
     for package in (mutate.SOURCES, *mutate.SOURCES.parents[:2]):
@@ -63,18 +63,18 @@ def judged(tree, test):
 
 
 @pytest.mark.slow
-def test_a_mutant_is_killed_by_a_test_that_notices_and_survives_others(tree):
+def test_mutant_is_killed_only_by_a_test_that_detects_it(tree):
     assert judged(tree, "law(3, 5) == -2") == ["killed by test_law.py::test_law"]
     assert judged(tree, "law(3, 0) == 3") == ["SURVIVED"]
 
 
 @pytest.mark.slow
-def test_a_test_that_fails_anyway_is_refused(tree):
+def test_failing_test_is_refused(tree):
     with pytest.raises(SystemExit, match="test_law fails without a mutation"):
         judged(tree, "law(3, 5) == 2")
 
 
-def test_every_equivalent_mutant_is_there():
+def test_listed_equivalent_mutants_exist():
     for name, mutation in mutate.EQUIVALENT:
         source = (mutate.ROOT / mutate.SOURCES / name).read_text()
         assert mutation in [mutant.mutation for mutant in mutate.mutants(source, more=True)]

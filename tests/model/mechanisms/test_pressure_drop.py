@@ -1,4 +1,4 @@
-"""A narrow line: flow into the muscle costs pressure."""
+"""A narrow line: the flow into the muscle reduces the pressure."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -9,8 +9,8 @@ from tests.agreement import SOLVED, agree
 from tests.model.mechanisms.triangle import one_run, past
 
 
-def test_pressure_inside_is_lower_while_the_muscle_fills():
-    # P − Z dV/dt with Z = 1e9 Pa s/m³: 2 ml/s into the muscle cost 2 kPa, and out of it add 2 kPa.
+def test_inner_pressure_is_lower_during_filling():
+    # P − Z dV/dt with Z = 1e9 Pa s/m³: ±2 ml/s changes the pressure by ∓2 kPa.
     time = np.arange(9.0)
     for flow, inside in ((2e-6, 98e3), (-2e-6, 102e3)):
         filling = eqx.tree_at(

@@ -1,4 +1,4 @@
-"""A rig that gives way: by how much the muscle is shorter than recorded."""
+"""Compliance of the rig: the muscle is shorter than recorded."""
 
 import math
 
@@ -6,13 +6,13 @@ from pamjax.model.mechanisms.rig_compliance import RigCompliance
 from tests.agreement import ROUNDING, agree
 
 
-def test_a_spring_gives_way_in_proportion_to_force():
+def test_rig_displacement_is_proportional_to_force():
     # c F = 2e-7 m/N × 3000 N; a muscle that pushes lengthens the frame.
     agree(RigCompliance(2e-7).deflection(3000.0), 0.6e-3, ROUNDING)
     agree(RigCompliance(2e-7).deflection(-100.0), -0.02e-3, ROUNDING)
 
 
-def test_a_seat_gives_way_until_it_sits_and_only_under_a_pull():
+def test_seat_closes_under_a_positive_force():
     # s [1 − e^(−F/Fs)] = 3 s / 4 at F = Fs ln 4.
     rig = RigCompliance(0.0, 2e-3, 50.0)
     agree(rig.deflection(50 * math.log(4)), 1.5e-3, ROUNDING)

@@ -1,4 +1,4 @@
-"""Bedding-in and one slip: threads that are longer for good."""
+"""Bedding-in and one slip: permanent increases of the thread length."""
 
 import math
 
@@ -15,13 +15,13 @@ def bedded(slip, when):
     return compiled(slip.extension, when, past(np.full(LOAD.size, 0.2), 0.0, load=LOAD))
 
 
-def test_threads_are_longer_by_the_bedding_in_of_the_largest_load_so_far():
+def test_bedding_in_increases_the_thread_length():
     # e [1 − e^(−Tmax/Tc)] with Tmax / Tc = ln 1, ln 2, ln 2, ln 4, ln 4.
     found = bedded(ThreadSlip(4e-3, 500.0), one_run(np.arange(5.0)))
     agree(found, np.array([0.0, 2e-3, 2e-3, 3e-3, 3e-3]), ROUNDING, 1e-3)
 
 
-def test_threads_are_longer_by_the_slip_around_its_time():
+def test_slip_increases_the_thread_length_at_its_time():
     # a / [1 + e^(−(t − t0)/w)] = a/4, a/2, 3a/4 at t0 − w ln 3, t0, t0 + w ln 3.
     time = 70 + 3 * math.log(3) * np.array([-1.0, 0.0, 1.0])
     slip = ThreadSlip(step=4e-3, when=70.0, during=3.0)
@@ -29,8 +29,8 @@ def test_threads_are_longer_by_the_slip_around_its_time():
     agree(found, np.array([1e-3, 2e-3, 3e-3]), ROUNDING)
 
 
-def test_both_add_up_and_a_static_map_has_neither():
+def test_slip_and_bedding_in_add_up_and_are_absent_in_a_static_map():
     slip = ThreadSlip(4e-3, 500.0, step=2e-3, when=2.0, during=0.1)
-    # At t0 half of the slip is there, and half of the bedding-in.
+    # At t0 the slip and the bedding-in are half complete.
     agree(bedded(slip, one_run(np.arange(5.0)))[2], 1e-3 + 2e-3, ROUNDING)
     agree(bedded(slip, static_map(5)), 0.0, ROUNDING, 1e-3)

@@ -1,4 +1,4 @@
-"""Relaxation: between nothing and a spring, from both sides, and never a gain."""
+"""Relaxation: its limits (no stress, a spring), holds from both directions, and dissipation."""
 
 import math
 
@@ -31,19 +31,19 @@ from tests.model.mechanisms.triangle import compiled, one_run, tube
 
 @jax.jit
 def relaxing(rubber, stretches, past):
-    """Stress on the stretches of the wall, of a muscle without a force."""
+    """Return the stress on the wall of a muscle without force."""
     nothing = jnp.zeros(stretches.shape[0])
     bare = Past(None, nothing, nothing, nothing)
     return rubber.stresses(past, jnp.column_stack([stretches, nothing]), bare)[:, :2]
 
 
-def test_fast_relaxation_leaves_nothing_and_slow_one_a_spring():
+def test_fast_relaxation_gives_no_stress_and_slow_relaxation_a_spring():
     _, length = strokes(0.3, cycles=1)
     still = shown([], 4e5, length).force
     fast = ViscoelasticCreep(LATEX, 0.5, 1e-5, 1e-5, **SIZE)
     agree(shown([fast], 4e5, length).force, still, to=1e-3, scale=1.0)
 
-    # One more wall, less the stress with which it began.
+    # The stress of a second wall, less its initial stress.
     slow = ViscoelasticCreep(LATEX, 0.5, 1e12, 1e12, **SIZE)
     of_wall = jax.grad(lambda x: BladderElasticity(LATEX, **SIZE).energy(cylinder(x)))
     axial, hoop, radial = wall.stretch(slow, cylinder(length[0]))
@@ -60,7 +60,7 @@ def test_fast_relaxation_leaves_nothing_and_slow_one_a_spring():
     agree(shown([slow], 4e5, length).force - still, want, to=1e-9, scale=1000.0)
 
 
-def test_holds_end_on_the_resting_curve_from_both_sides():
+def test_holds_approach_the_equilibrium_curve_from_both_sides():
     rubber = ViscoelasticCreep(0.08e6, 0.5, 5.0, 40.0, **SIZE)
     time = np.concatenate([np.arange(0, 400, 4.0), np.arange(400, 4000, 40.0)])
     shortened = np.interp(time, [0, 50, 4000], [REST, 0.85 * REST, 0.85 * REST])
@@ -79,7 +79,7 @@ def test_holds_end_on_the_resting_curve_from_both_sides():
     assert abs(up[-1]) + abs(down[-1]) < 1e-6
 
 
-def test_uneven_steps_tell_the_same_of_a_straight_stretch():
+def test_uneven_time_steps_agree_for_linear_stretch():
     rubber = ViscoelasticCreep(1.0, 0.3, 4.0, 90.0, **SIZE)
     fine = np.linspace(0, 100, 2001)
     stretches = np.stack([1 - 0.3 * fine / 100, 1.2 + 0.6 * fine / 100], axis=1)
@@ -90,7 +90,7 @@ def test_uneven_steps_tell_the_same_of_a_straight_stretch():
         past = build_time_history(fine[rows], fine[rows] == 0)
         return relaxing(rubber, jnp.asarray(stretches[rows]), past)
 
-    # Stress is straight in time, not stretch: the steps matter by their curvature only.
+    # Stress is linear in time, not stretch: the step size matters only through the curvature.
     agree(stress(coarse)[-1], stress(np.arange(2001))[-1], 1e-5)
 
 
@@ -105,7 +105,7 @@ def test_loop_of_a_relaxing_bladder(pressure, contraction, loop):
     assert abs((up - down) - loop) < 0.5
 
 
-def test_memory_pulls_no_bladder_off_a_braid_without_rubber():
+def test_relaxation_has_no_effect_without_rubber():
     _, length = strokes(0.3, cycles=1)
     seen = shown([ViscoelasticCreep(0.1e6, **SIZE)], 0.0, length)
     agree(seen.diameter, jax.vmap(cylinder)(jnp.asarray(length)).diameter, SOLVED)
@@ -114,16 +114,16 @@ def test_memory_pulls_no_bladder_off_a_braid_without_rubber():
 
 @settings(max_examples=30)
 @given(WALKS)
-def test_relaxation_only_loses_energy(walk):
+def test_relaxation_dissipates_energy(walk):
     time, path = returning(walk)
     rubber = ViscoelasticCreep(1e6, 0.4, 8.0, 60.0, **SIZE)
     stress = np.asarray(relaxing(rubber, jnp.asarray(path), build_time_history(time, time == 0)))
     done = 0.5 * (stress[1:] + stress[:-1]) * np.diff(path, axis=0)
-    # The rule of trapezoids is off by the square of a step.
+    # The error of the trapezoidal rule is quadratic in the step.
     assert done.sum() > -1e-3 * np.abs(done).sum()
 
 
-#: Shares 1/4 and 3/4 with times of 10 and 20 s, of a straight change over 10 s that is then held for 10 s:
+#: Shares 1/4 and 3/4 with times of 10 and 20 s; a linear change over 10 s, then a hold of 10 s:
 #: g (1 − e^(−x)) / x with x = 10/10 and 10/20, and each times e^(−x) after the hold.
 RAMPED = 0.25 * (1 - math.exp(-1)) + 0.75 * (1 - math.exp(-0.5)) / 0.5
 HELD = 0.25 * (1 - math.exp(-1)) * math.exp(-1) + 0.75 * (1 - math.exp(-0.5)) / 0.5 * math.exp(-0.5)
@@ -138,7 +138,7 @@ def after(rubber, strains, force):
 
 @pytest.mark.parametrize("step", [100.0, -100.0])
 def test_a_share_of_the_force_relaxes(step):
-    # The stress on the length is a force in the direction of the change: f × ΔF × the above.
+    # The stress along the length is a force in the direction of the change: f × ΔF × the above.
     rubber = ViscoelasticCreep(0.0, 0.25, 10.0, 20.0, 0.1, **SIZE)
     found = after(rubber, [[1.0, 1.0, 0.2]] * 3, [500.0, 500.0 + step, 500.0 + step])
     agree(found[:, 2], 0.1 * step * np.array([0.0, RAMPED, HELD]), ROUNDING, 1.0)

@@ -1,4 +1,4 @@
-"""A damper: force along the motion, with its speed, its pressure and its power."""
+"""A damper: force along the motion; effects of its speed, pressure and exponent."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +12,7 @@ TIME = np.arange(9.0)
 
 
 def damped(damper, speed, pressure=1e5):
-    """Return the stress on the length at a constant speed (m/s): a force, N."""
+    """Return the stress along the length at a constant speed (m/s): a force, N."""
     length = 0.2 + speed * TIME
     went = past(length, pressure)
     strains = damper.strains(went.state, went.pressure).T
@@ -21,12 +21,12 @@ def damped(damper, speed, pressure=1e5):
 
 
 @pytest.mark.parametrize("speed", [1e-3, -1e-3])
-def test_a_coefficient_pulls_against_the_motion(speed):
-    """Section E6: 2 kN s/m is 2 N more at 1 mm/s while the muscle lengthens, and 2 N less on the way back."""
+def test_damping_acts_against_the_motion(speed):
+    """Section E6: 2 kN s/m gives 2 N more at 1 mm/s during lengthening, and 2 N less during shortening."""
     agree(damped(ViscousDamping(2e3), speed), 2e3 * speed, SOLVED)
 
 
-def test_pressure_adds_to_the_coefficient_and_suction_does_not():
+def test_positive_pressure_increases_the_coefficient():
     # (c + b P) v = (1000 + 0.02 × 100 000) N s/m × 1 mm/s = 3 N; without pressure 1 N.
     damper = ViscousDamping(1e3, pressed=0.02)
     agree(damped(damper, 1e-3), 3.0, SOLVED)
@@ -36,15 +36,15 @@ def test_pressure_adds_to_the_coefficient_and_suction_does_not():
 @pytest.mark.parametrize(
     ("power", "speed", "force"), [(0.5, 4e-3, 4.0), (2.0, 4e-3, 32.0), (2.0, -4e-3, -32.0)]
 )
-def test_a_power_bends_the_law_around_a_millimetre_a_second(power, speed, force):
+def test_exponent_changes_the_law_around_one_millimetre_per_second(power, speed, force):
     # c v |v/v1|^(m−1) = 2e3 × 4e-3 × 4^(m−1): 8/2 and 8 × 4 newtons, but for the corner at 0.02 mm/s,
-    # which takes the ratio of (v² + 0.02²) / (1 + 0.02²) to this power, a thousandth at most.
+    # where the ratio is (v² + 0.02²) / (1 + 0.02²): a difference of a thousandth at most.
     agree(damped(ViscousDamping(2e3, power=power), speed), force, 1e-3)
     corner = ((16 + 4e-4) / (1 + 4e-4)) ** (0.5 * (power - 1))
     agree(damped(ViscousDamping(2e3, power=power), speed), 2e3 * speed * corner, SOLVED)
 
 
-def test_a_muscle_that_rests_is_not_damped():
+def test_damping_is_zero_at_rest():
     # Rounded at rest: c v [(v² + s²) / (v1² + s²)]^((m−1)/2) with v = s = 0.02 mm/s, v1 = 1 mm/s, m = 1/2.
     agree(damped(ViscousDamping(2e3, power=0.2), 0.0), 0.0, SOLVED, 1.0)
     slow = 2e3 * 2e-5 * (2 * 4e-10 / (1e-6 + 4e-10)) ** -0.25

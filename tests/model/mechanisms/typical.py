@@ -1,4 +1,4 @@
-"""What the tests of mechanisms share: the Kevlar muscle, strokes, numbers of the usual size."""
+"""Shared parts of the mechanism tests: the Kevlar muscle, strokes, and typical parameters."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -17,7 +17,7 @@ def bench(*mechanisms, thread_length=THREAD):
 
 
 def strokes(rows=300, top=0.15):
-    """Two strokes at each of three pressures, with a hold in the second, at 0.5 to 1 mm/s: two runs."""
+    """Return two strokes at each of three pressures, with a hold in the second, 0.5 to 1 mm/s: two runs."""
     t = np.cumsum(1.0 + 0.3 * np.sin(np.arange(rows))) * 240 / rows
     phase = np.arange(rows) / rows * 6
     x = np.abs(phase % 1 - 0.5)
@@ -31,18 +31,18 @@ def strokes(rows=300, top=0.15):
 
 
 def full(*besides):
-    """A bench with every mechanism at its neutral value."""
+    """Return a bench with every mechanism at its neutral value."""
     return bench(*(kind() for kind in MECHANISMS), *besides)
 
 
 def own(model, kind):
-    """The numbers of one mechanism: path, meaning, value."""
+    """Return the parameters of one mechanism: path, meaning, value."""
     now = list_values(model)
     return [(p, m, float(now[p])) for p, m in list_meanings(model).items() if p.startswith(f"{kind.id}.")]
 
 
 def usual(model, kind, share=0.02):
-    """Numbers of one mechanism by path: what has an effect at a small share of its range, the rest inside."""
+    """Return typical parameters of one mechanism by path: amplitudes at a small fraction of their range."""
     found = {}
     for path, meaning, now in own(model, kind):
         if meaning.neutral is not None:
@@ -55,7 +55,7 @@ def usual(model, kind, share=0.02):
 
 
 def anywhere(model, kind, rng):
-    """Numbers of one mechanism by path, anywhere between their limits."""
+    """Return random parameters of one mechanism by path, within their limits."""
     found = {}
     for path, meaning, _ in own(model, kind):
         low, high = meaning.low, meaning.high

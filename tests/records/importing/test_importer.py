@@ -1,4 +1,4 @@
-"""A rig's files become a case: what went in comes out, in the right unit, order and place."""
+"""Import of rig files: rows, units, order and clocks of the resulting case."""
 
 import shutil
 from pathlib import Path
@@ -31,7 +31,7 @@ LF = 4.4482216152605
 
 
 def raw(seed, seconds=3.0):
-    """(n, 4) a test as the hose's bench wrote it: force, pressure, uneven time in whole ms, valve."""
+    """Return a test in the layout of the hose bench, (n, 4): force, pressure, time in whole ms, valve."""
     rng = np.random.default_rng(seed)
     time = np.cumsum(np.r_[0.0, rng.choice([0.001, 0.002], int(seconds / 0.0015))])
     pressure = 8.18 + 600 * np.sin(np.pi * time / seconds) ** 2 + 0.765 * rng.integers(-1, 2, time.size)
@@ -41,38 +41,38 @@ def raw(seed, seconds=3.0):
 
 @pytest.fixture
 def hose(tmp_path):
-    """The hose's folder with files of the same layout and other numbers in them."""
+    """Return a copy of the hose folder whose files have other values."""
     shutil.copy(HOSE, tmp_path)
     (tmp_path / "muscle.toml").write_text(MUSCLE)
     for k, name in enumerate(TESTS):
         np.savetxt(tmp_path / f"{name}.csv", raw(k), delimiter=",", fmt="%.5g")
-    # Beside them lie files that no test is made of.
+    # This file belongs to no test.
     np.savetxt(tmp_path / "10mm_15cm_Unkink_Offset.csv", raw(99), delimiter=",", fmt="%.5g")
     return tmp_path
 
 
-def by_hand(folder):
-    """What the hose's case must be, one block after another."""
-    begun, rows = 0.0, []
+def compute_expected(folder):
+    """Return the expected case of the hose, block by block."""
+    start_time, rows = 0.0, []
     for number, (name, length) in enumerate(zip(TESTS, LENGTHS, strict=True), 1):
         force, pressure, time, _ = np.loadtxt(folder / f"{name}.csv", delimiter=",").T
-        here = []
+        test_rows = []
         for low in np.arange(0, time[-1] + 0.05, 0.05):
-            there = (time >= low - 1e-9) & (time < low + 0.05 - 1e-9)
-            if there.any():
-                medians = [np.median(values[there]) for values in (time, pressure, force)]
-                here.append([begun + medians[0], *medians[1:], length, number])
-        rows += here
-        begun = here[-1][0] + 1.0
+            in_block = (time >= low - 1e-9) & (time < low + 0.05 - 1e-9)
+            if in_block.any():
+                medians = [np.median(values[in_block]) for values in (time, pressure, force)]
+                test_rows.append([start_time + medians[0], *medians[1:], length, number])
+        rows += test_rows
+        start_time = test_rows[-1][0] + 1.0
     return np.array(rows).T
 
 
-def test_the_hoses_layout(hose):
-    made = import_case(hose / HOSE.name, hose / "case")
-    recording = made.case.recording
-    time, pressure, force, length, cycle = by_hand(hose)
-    assert made.tests == tuple(f"{name}.csv" for name in TESTS)
-    assert made.samples == sum(len(raw(k)) for k in range(12))
+def test_layout_of_the_hose_bench(hose):
+    result = import_case(hose / HOSE.name, hose / "case")
+    recording = result.case.recording
+    time, pressure, force, length, cycle = compute_expected(hose)
+    assert result.tests == tuple(f"{name}.csv" for name in TESTS)
+    assert result.samples == sum(len(raw(k)) for k in range(12))
     for got, wanted, digits in (
         (recording.time, time, 1e-4),
         (recording.pressure, pressure * 1e3, 0.1),
@@ -81,34 +81,34 @@ def test_the_hoses_layout(hose):
     ):
         np.testing.assert_allclose(got, wanted, rtol=0, atol=0.51 * digits)
     np.testing.assert_array_equal(recording.cycle, cycle)
-    # The rig was moved between tests, and the case knows it.
+    # The rig was moved between tests: each test is a continuous part.
     assert recording.starts.sum() == 12
 
 
-@pytest.mark.skipif(not PUBLISHED.is_dir(), reason="no hose recordings beside the project")
-def test_a_hoses_recording_goes_in_and_comes_out(hose):
-    """Each row of the published case, written as one block of raw samples, is that row again."""
+@pytest.mark.skipif(not PUBLISHED.is_dir(), reason="no hose recordings next to the project")
+def test_published_hose_case_is_unchanged_by_import(hose):
+    """Each row of the published case becomes one block of raw samples, and the import returns this row."""
     known = read_case(PUBLISHED).recording
     for number, name in enumerate(TESTS, 1):
         rows = np.flatnonzero(known.cycle == number)
-        begun = known.time[rows[0] - 1] + 1.0 if number > 1 else 0.0
-        time = (known.time[rows] - begun).round(3)
+        start_time = known.time[rows[0] - 1] + 1.0 if number > 1 else 0.0
+        time = (known.time[rows] - start_time).round(3)
         block = np.floor(time / 0.05 + 1e-9)
         table = np.column_stack([known.force[rows], known.pressure[rows] / 1e3, time, np.ones(rows.size)])
-        # Three samples a row: the median is the one in the middle, and the first of a test is at zero.
+        # Three samples per row: the median is the middle one, and the first sample of a test is at 0 s.
         before = 0.9 * (time - 0.05 * block)
         before[0] = time[0]
         after = 0.9 * (0.05 * (block + 1) - time)
         samples = [table + np.outer(shift, [0, 0, 1, 0]) for shift in (-before, 0 * time, after)]
         raw_rows = np.stack(samples, axis=1).reshape(-1, 4)
         np.savetxt(hose / f"{name}.csv", raw_rows, delimiter=",", fmt="%.6f")
-    made = import_case(hose / HOSE.name, hose / "case").case.recording
-    assert made.n == known.n
-    np.testing.assert_allclose(made.force, known.force, atol=1e-3)
-    np.testing.assert_allclose(made.pressure, known.pressure, atol=1.0)
-    np.testing.assert_allclose(made.time, known.time, atol=2e-3)
-    np.testing.assert_array_equal(made.length, known.length)
-    np.testing.assert_array_equal(made.cycle, known.cycle)
+    imported = import_case(hose / HOSE.name, hose / "case").case.recording
+    assert imported.n == known.n
+    np.testing.assert_allclose(imported.force, known.force, atol=1e-3)
+    np.testing.assert_allclose(imported.pressure, known.pressure, atol=1.0)
+    np.testing.assert_allclose(imported.time, known.time, atol=2e-3)
+    np.testing.assert_array_equal(imported.length, known.length)
+    np.testing.assert_array_equal(imported.cycle, known.cycle)
 
 
 RIG = """\
@@ -126,7 +126,7 @@ file = {file}
 
 @pytest.fixture
 def rig(tmp_path):
-    """Write a TOML and a file beside the muscle, import, and return the recording."""
+    """Write a TOML file and a data file next to the muscle, import them, and return the recording."""
 
     def _rig(
         text="",
@@ -141,8 +141,8 @@ def rig(tmp_path):
     ):
         (tmp_path / "muscle.toml").write_text(MUSCLE)
         (tmp_path / name).write_text(text)
-        said = RIG.format(files=files, columns=columns, more=more, file=file, length=length)
-        (tmp_path / "rig.toml").write_text(said.replace("muscle.toml", muscle))
+        spec = RIG.format(files=files, columns=columns, more=more, file=file, length=length)
+        (tmp_path / "rig.toml").write_text(spec.replace("muscle.toml", muscle))
         return import_case(tmp_path / "rig.toml", tmp_path / "case").case.recording
 
     return _rig
@@ -170,30 +170,30 @@ def test_volts_decimal_commas_and_lines_above(rig):
 
 
 @pytest.mark.parametrize(("separator", "mark"), [(",", ","), (";", ";"), ("tab", "\t"), ("space", " ")])
-def test_a_cell_that_does_not_close_its_quotation_mark_is_refused(rig, separator, mark):
+def test_unclosed_quotation_mark_is_refused(rig, separator, mark):
     rows = 'P,other,Load\n10,x,5\n20,y,11\n30,"loose,12\n40,z,13\n'.replace(",", mark)
     columns = PLAIN.replace('"Load [lbf]"', '{column = "Load", unit = "lbf"}')
     with pytest.raises(BadInput) as error:
         rig(rows, columns=columns, files=f'separator = "{separator}"')
     assert str(error.value).startswith(
-        "a quoted cell must end with a quotation mark in its own row; got '\"loose"
+        "a quoted cell must end with a quotation mark in the same row; got '\"loose"
     )
-    assert "in column `other`, row 4 of run.csv. Close the quotation mark or take it out" in str(error.value)
+    assert "in column `other`, row 4 of run.csv. Close or remove the quotation mark" in str(error.value)
 
 
-def test_quotation_marks_that_are_closed_or_above_the_table_do_no_harm(rig):
+def test_closed_quotation_marks_are_accepted(rig):
     text = 'tube: 3/8"\n"Peter\nP,other,Load [lbf]\n10,"x, y",5\n20,"a ""b""",11\n'
     got = rig(text, columns=PLAIN, files="skip = 2")
     np.testing.assert_allclose(got.force, [5 * LF, 11 * LF], atol=1e-4)
 
 
-def test_a_rate_stands_for_a_clock(rig):
+def test_sampling_rate_replaces_a_clock(rig):
     text = "P,Load [lbf]\n" + "\n".join(f"{10 * (k % 7) + 10},{5 * (k % 7) + 5}" for k in range(20))
     got = rig(text, columns=PLAIN, files='rate = "500 Hz"')
     np.testing.assert_allclose(got.time, np.arange(20) / 500, atol=1e-9)
 
 
-def test_the_zero_is_read_where_it_is_known(rig):
+def test_tare_is_subtracted(rig):
     text = "t,P,Load [lbf]\n" + "\n".join(f"{k},{3 + 20 * (k > 3)},{7 + 10 * (k > 3)}" for k in range(8))
     tare = '[tare]\nend = "3 s"\nforce = "0 N"\npressure = "0 psi"'
     columns = PLAIN + '\ntime = {column = "t", unit = "s"}'
@@ -203,33 +203,35 @@ def test_the_zero_is_read_where_it_is_known(rig):
 
 
 @pytest.mark.parametrize("more", ['force = "0 N"', ""])
-def test_a_tare_without_duration_takes_no_row_away(rig, more):
+def test_tare_without_duration_removes_no_row(rig, more):
     text = "t,P,Load [lbf]\n" + "\n".join(f"{k},{1 + 20 * k},{2 + 10 * k}" for k in range(4))
     columns = PLAIN + '\ntime = {column = "t", unit = "s"}'
     got = rig(text, columns=columns, more=f'[tare]\nend = "0 s"\n{more}')
     np.testing.assert_allclose(got.force / LF, 10 * np.arange(4) + (0 if more else 2), atol=1e-4)
 
 
-def test_a_way_becomes_a_length(rig, tmp_path):
-    """A sensor of the way reads up while the muscle shortens, from a zero of its own, with a cell blank."""
-    way = np.linspace(0, 20, 9)
-    rows = [f"{k},{40 + 2 * k},{50 if k < 3 else ''},{12.35 + x}" for k, x in enumerate([0, 0, 0, *way])]
+def test_displacement_is_converted_to_length(rig, tmp_path):
+    """A displacement sensor increases during shortening, has its own zero, and has one blank cell."""
+    displacement = np.linspace(0, 20, 9)
+    rows = [
+        f"{k},{40 + 2 * k},{50 if k < 3 else ''},{12.35 + x}" for k, x in enumerate([0, 0, 0, *displacement])
+    ]
     columns = PLAIN + '\ntime = {column = "t", unit = "s"}'
     columns += '\nlength = {column = "way", unit = "mm", scale = -1}'
     text = "t,P,Load [lbf],way\n" + "\n".join([*rows, "12,66,200,32.35"])
     got = rig(text, columns=columns, length="", more='[tare]\nend = "2 s"\nlength = "130 mm"')
-    np.testing.assert_allclose(got.length, 0.13 - 1e-3 * np.r_[way, 20], atol=1e-6)
+    np.testing.assert_allclose(got.length, 0.13 - 1e-3 * np.r_[displacement, 20], atol=1e-6)
     (tmp_path / "case" / "recording.csv").unlink()
     (tmp_path / "case" / "muscle.toml").unlink()
-    said = str(import_case(tmp_path / "rig.toml", tmp_path / "case"))
-    assert "from 1 test with 10 samples" in said
-    assert "tare: length read -12.35 mm to -12.35 mm where it is 130 mm" in said
-    assert "9 rows without force" in said
-    with pytest.raises(BadInput, match="with a `scale` of -1 and the rest length as"):
+    report = str(import_case(tmp_path / "rig.toml", tmp_path / "case"))
+    assert "from 1 test with 10 samples" in report
+    assert "tare: length reading -12.35 mm to -12.35 mm, true value 130 mm" in report
+    assert "9 rows without force" in report
+    with pytest.raises(BadInput, match="with a `scale` of -1 and the rest length in"):
         rig(text, columns=columns.replace(", scale = -1", ""), length="")
 
 
-def test_a_file_for_each_channel_on_clocks_of_their_own(rig, tmp_path):
+def test_one_file_per_channel_with_separate_clocks(rig, tmp_path):
     fast, slow = np.arange(0, 2.0, 0.002), np.arange(0, 2.0, 0.1)
     np.savetxt(tmp_path / "a_p.csv", np.column_stack([slow, 100 + 10 * slow]), delimiter=",")
     force = "\n".join(f"{t:.3f},{20 * t:.4f}" for t in fast)
@@ -268,7 +270,7 @@ def test_a_mat_file(rig, tmp_path, matrix):
     np.testing.assert_allclose([got.time, got.pressure / 1e3, got.force], [time, pressure, force], atol=1e-4)
 
 
-def test_a_mat_file_of_the_new_kind(rig, tmp_path):
+def test_a_mat_file_of_version_7_3(rig, tmp_path):
     import h5py
 
     with h5py.File(tmp_path / "run.mat", "w") as file:
@@ -279,27 +281,27 @@ def test_a_mat_file_of_the_new_kind(rig, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         (
             {"text": "P,Load [lbf]\n1,2\n3,much\n"},
-            "must hold numbers or blanks; got 'much' in row 3 of run.csv.",
+            "must contain only numbers or blanks; got 'much' in row 3 of run.csv.",
         ),
         (
             {"text": "P,Load\n1,2\n"},
-            "run.csv must have a column `Load [lbf]`; got none. Known are `P`, `Load`.",
+            "run.csv must have a column `Load [lbf]`; got none. Valid names are `P`, `Load`.",
         ),
         ({"text": "P;Load [lbf]\n1;2\n"}, "must be separated by ','. Write separator = \";\" in [files]."),
         (
             {"text": "P,Load [lbf]\n1,2,3,4\n"},
             "run.csv must be a table; got rows with more cells than the header",
         ),
-        ({"text": "P,Load [lbf]\n"}, "run.csv must hold rows of numbers"),
+        ({"text": "P,Load [lbf]\n"}, "run.csv must contain rows of numbers"),
         ({"columns": PLAIN + "\nlenght = 3"}, "Did you mean `length`?"),
         ({"columns": PLAIN.replace("psi", "mm")}, "a pressure must have a unit of pressure; got 'mm'"),
         (
             {"columns": 'force = {column = 9, unit = "N"}\npressure = "P [psi]"'},
-            "must have a column 9; got 2.",
+            "must have a column 9; got 2 columns.",
         ),
         (
             {"length": ""},
@@ -307,21 +309,21 @@ def test_a_mat_file_of_the_new_kind(rig, tmp_path):
         ),
         ({"length": 'pressure = "1 bar"'}, "stated for the test; got both in test 1"),
         ({"length": 'lenght = "1 mm"'}, "Did you mean `length`?"),
-        ({"file": '"nothing*.csv"'}, "got nothing that is called nothing*.csv"),
+        ({"file": '"nothing*.csv"'}, "got no match for nothing*.csv"),
         (
             {"muscle": "mine.toml"},
-            "path of a muscle.toml; got mine.toml in rig.toml. `pamjax new`",
+            "path of a muscle.toml; got mine.toml in rig.toml. Check the path, or create one with",
         ),
         ({"files": "header = maybe"}, "rig.toml must be TOML"),
         (
             {"files": 'separator = "|"'},
-            """`separator` is ",", ";", "tab" or "space"; got '|' in [files] of rig""",
+            """`separator` must be ",", ";", "tab" or "space"; got '|' in [files] of rig""",
         ),
         ({"files": "skip = -1"}, "`skip` must be at least 0; got -1 in [files] of rig.toml."),
-        ({"files": "header = 3"}, "`header` is true or false; got 3 in [files] of rig.toml."),
+        ({"files": "header = 3"}, "`header` must be true or false; got 3 in [files] of rig.toml."),
         (
             {"files": "seperator = 3"},
-            "`seperator` is no entry ([files] of rig.toml). Did you mean `separator`",
+            "unknown entry `seperator` ([files] of rig.toml). Did you mean `separator`",
         ),
         (
             {"columns": PLAIN.replace('"P"', "0")},
@@ -329,16 +331,19 @@ def test_a_mat_file_of_the_new_kind(rig, tmp_path):
         ),
         (
             {"columns": 'force = {unit = "N"}'},
-            "`column` must be stated ([columns] of rig.toml). It says which",
+            "`column` must be stated ([columns] of rig.toml). Write the header or the number",
         ),
         (
             {"length": "interval = 3"},
-            "`interval` is no entry ([[tests]] of rig.toml). Known are `file`, `length`",
+            "unknown entry `interval` ([[tests]] of rig.toml). Valid names are `file`, `length`",
         ),
-        ({"file": "3"}, "`file` is a text in quotes; got 3 in [[tests]] of rig.toml."),
-        ({"more": '[tare]\nforce = "0 N"'}, "`end` must be stated ([tare] of rig.toml). It says how long"),
+        ({"file": "3"}, "`file` must be a text in quotes; got 3 in [[tests]] of rig.toml."),
+        (
+            {"more": '[tare]\nforce = "0 N"'},
+            "`end` must be stated ([tare] of rig.toml). Write the end of the tare interval.",
+        ),
         ({"files": 'rate = "500 N"'}, "[files] rate"),
-        ({"more": '[tare]\nend = "1 s"\nforce = "0 N"'}, "[tare] needs a clock"),
+        ({"more": '[tare]\nend = "1 s"\nforce = "0 N"'}, "[tare] needs the time of each row"),
         (
             {"length": 'length = "2 m"'},
             "was not written: the longest `length` must be near the rest length (132 mm)",
@@ -346,27 +351,27 @@ def test_a_mat_file_of_the_new_kind(rig, tmp_path):
     ],
     ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
 )
-def test_what_cannot_be_used_is_told_and_writes_nothing(rig, tmp_path, change, told):
-    said = {"text": "P,Load [lbf]\n10,5\n20,11\n", "columns": PLAIN} | change
+def test_invalid_import_is_refused_and_writes_nothing(rig, tmp_path, change, message):
+    options = {"text": "P,Load [lbf]\n10,5\n20,11\n", "columns": PLAIN} | change
     with pytest.raises(BadInput) as error:
-        rig(**said)
-    assert told in str(error.value)
+        rig(**options)
+    assert message in str(error.value)
     assert "\n" not in str(error.value)
     assert not (tmp_path / "case").exists()
 
 
-def test_a_clock_that_runs_back_is_told_by_its_row(hose):
+def test_decreasing_time_is_reported_with_its_row(hose):
     lines = (hose / f"{TESTS[4]}.csv").read_text().splitlines()
     lines[100], lines[101] = lines[101], lines[100]
     (hose / f"{TESTS[4]}.csv").write_text("\n".join(lines))
-    with pytest.raises(BadInput, match=rf"row 102 of {TESTS[4]}.csv. One file is one test"):
+    with pytest.raises(BadInput, match=rf"row 102 of {TESTS[4]}.csv. A file must contain one test"):
         import_case(hose / HOSE.name, hose / "case")
 
 
-def test_the_word(hose, capsys):
+def test_import_command(hose, capsys):
     assert main(["import", str(hose / HOSE.name), "--out", str(hose / "case")]) == 0
-    said = capsys.readouterr().out
-    assert "from 12 tests with" in said
-    assert f"then: pamjax check {hose / 'case'}" in said
+    output = capsys.readouterr().out
+    assert "from 12 tests with" in output
+    assert f"next: pamjax check {hose / 'case'}" in output
     assert main(["import", str(hose / HOSE.name), "--out", str(hose / "case")]) == 2
     assert "needs an empty folder" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""muscle.toml: the two braid forms, the ways to state stiffness, and a sentence for each mistake."""
+"""muscle.toml: both forms of the braid, all forms of the stiffness, and error messages."""
 
 import math
 
@@ -29,7 +29,7 @@ def read(text):
     return read_muscle_toml(text.encode())
 
 
-def told(text):
+def read_error(text):
     with pytest.raises(BadInput) as error:
         read(text)
     return str(error.value)
@@ -59,13 +59,13 @@ def test_the_two_forms_of_the_braid_determine_each_other():
     assert 2 * radius == pytest.approx(0.0118, rel=1e-12)
 
 
-def test_dotted_tables_say_the_same():
+def test_dotted_tables_are_equivalent():
     dotted = MUSCLE.replace('thread_length = {value = "214 mm", sd = "0.5 mm"}\n', "")
     dotted += '[muscle.thread_length]\nvalue = "214 mm"\nsd = "0.5 mm"\n'
     assert read(dotted) == read(MUSCLE)
 
 
-def test_byte_order_mark_and_windows_line_ends():
+def test_byte_order_mark_and_windows_line_ends_are_accepted():
     assert read("\ufeff" + MUSCLE.replace("\n", "\r\n")) == read(MUSCLE)
 
 
@@ -78,7 +78,7 @@ def test_byte_order_mark_and_windows_line_ends():
         ("", '[baseline]\nmodel = "elastic"\n', "elastic"),
     ],
 )
-def test_the_baseline_is_what_the_lab_believes(thread, stated, expected):
+def test_baseline_table_defines_the_baseline_model(thread, stated, expected):
     assert read(MUSCLE + thread + stated).baseline == expected
 
 
@@ -94,21 +94,21 @@ def test_bladder_sensors_and_columns():
     assert entry.columns == {"force": "Load (lbf)"}
 
 
-def test_one_length_is_the_rest_length_too():
+def test_single_length_is_also_the_rest_length():
     entry = read(MUSCLE.replace("rest_length", "length"))
     assert entry.length == pytest.approx(0.2, rel=1e-12)
     assert entry.rest_length == MeasuredValue(pytest.approx(0.2, rel=1e-12))
 
 
-def test_a_mapping_will_do():
-    said = {"muscle": {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.2}}
-    assert parse_muscle_toml(said).braid == (pytest.approx(0.214, rel=1e-12), 1.2)
+def test_mapping_is_accepted():
+    document = {"muscle": {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.2}}
+    assert parse_muscle_toml(document).braid == (pytest.approx(0.214, rel=1e-12), 1.2)
 
 
-def test_text_that_is_no_toml():
-    assert told("[muscle]\nname = Kevlar\n") == (
-        "muscle.toml must be TOML; got invalid value (at line 2, column 8). A text stands in double quotes, "
-        "a table in [brackets]."
+def test_invalid_toml_is_refused():
+    assert read_error("[muscle]\nname = Kevlar\n") == (
+        "muscle.toml must be TOML; got invalid value (at line 2, column 8). Write a text in double quotes, "
+        "and a table name in [brackets]."
     )
 
 
@@ -118,13 +118,13 @@ def test_text_that_is_no_toml():
         (
             "turns",
             "truns",
-            "`truns` is no entry ([muscle] of muscle.toml). Did you mean `turns`?",
+            "unknown entry `truns` ([muscle] of muscle.toml). Did you mean `turns`?",
         ),
-        ("[muscle]", "[muscel]", "muscle.toml must have a table [muscle]. It says what the muscle is."),
+        ("[muscle]", "[muscel]", "muscle.toml must have a table [muscle]. It describes the muscle."),
         (
             "[muscle]",
             "[therad]\n[muscle]",
-            "[therad] is no table of muscle.toml. Did you mean `thread`?",
+            "unknown table [therad] in muscle.toml. Did you mean `thread`?",
         ),
         (
             "rest_length",
@@ -132,7 +132,7 @@ def test_text_that_is_no_toml():
             "[muscle] must state `rest_length`; got none in muscle.toml. Write the length between the "
             'fittings at rest: rest_length = "235 mm".',
         ),
-        ("turns", "# ", f"{BRAID} `thread_length` in muscle.toml. Add what is missing."),
+        ("turns", "# ", f"{BRAID} `thread_length` in muscle.toml. Add the missing entry."),
         (
             "turns = 1.2",
             'diameter = "20 mm"',
@@ -142,7 +142,7 @@ def test_text_that_is_no_toml():
             "turns = 1.2",
             'turns = 1.2\ndiameter = "20 mm"\nbraid_angle = "69 deg"',
             f"{BRAID} `thread_length` and `turns` and `braid_angle` and `diameter` in muscle.toml. Remove "
-            "one pair: each follows from the other.",
+            "one pair; the other one is sufficient.",
         ),
         (
             "1.2",
@@ -152,7 +152,7 @@ def test_text_that_is_no_toml():
         (
             "1.2",
             '"1.2 mm"',
-            "this number has no unit; got 'mm' in [muscle] turns of muscle.toml. Leave the unit out.",
+            "a dimensionless value has no unit; got 'mm' in [muscle] turns of muscle.toml. Remove the unit.",
         ),
         (
             '"200 mm"',
@@ -180,44 +180,44 @@ def test_text_that_is_no_toml():
         (
             '"0.5 mm"',
             '"-0.5 mm"',
-            "`sd` must not be negative; got -0.5 mm in [muscle] thread_length of muscle.toml. It is one "
+            "`sd` must not be negative; got -0.5 mm in [muscle] thread_length of muscle.toml. Write one "
             "standard deviation.",
         ),
         (
             "sd =",
             "std =",
-            "`std` is no entry here ([muscle] thread_length of muscle.toml). Did you mean `sd`?",
+            "unknown entry `std` ([muscle] thread_length of muscle.toml). Did you mean `sd`?",
         ),
         (
             'value = "214 mm", ',
             "",
-            "a quantity must have a `value`; got `sd` in [muscle] thread_length of muscle.toml. Write value "
-            "= and sd =.",
+            "a quantity must have a `value`; got `sd` in [muscle] thread_length of muscle.toml. Write "
+            "{value = ..., sd = ...}.",
         ),
         (
             "1.2",
             "1.2\nthreads = 14.5",
             "`[muscle] threads` must be a positive whole number; got 14.5 in muscle.toml. Write it without "
-            "quotes and unit.",
+            "quotes and without a unit.",
         ),
         (
             "1.2",
             '1.2\n[thread]\nmodulus = "3 GPa"',
             "`modulus` needs `threads` and `thread_area` in [muscle]; got no `threads` and no `thread_area` "
-            "in muscle.toml. Add what is missing, or state that of all threads together: [thread] stiffness "
+            "in muscle.toml. Add them, or state the stiffness of all threads together: [thread] stiffness "
             '= "1.4 MN".',
         ),
         (
             "1.2",
             '1.2\n[thread]\nmodulus = "3 GPa"\nstiffness = "1 MN"',
-            "[thread] must state `modulus` or `stiffness`; got both in muscle.toml. Keep one: the stiffness "
-            "is threads x area x modulus.",
+            "[thread] must state `modulus` or `stiffness`; got both in muscle.toml. Remove one: the "
+            "stiffness is threads x area x modulus.",
         ),
         (
             "1.2",
             '1.2\n[sensors]\nforce = "0 N"',
-            "`[sensors] force` must be positive; got 0 N in muscle.toml. It is one standard deviation; leave "
-            "it out to have it estimated.",
+            "`[sensors] force` must be positive; got 0 N in muscle.toml. Write one standard deviation, or "
+            "remove the entry: pamjax then estimates it.",
         ),
         (
             "1.2",
@@ -228,7 +228,7 @@ def test_text_that_is_no_toml():
         (
             "1.2",
             '1.2\n[sensors]\nforce = {sd = "1 N", per = "setting"}',
-            "`per` is no entry here ([sensors] force of muscle.toml). Known are `sd`.",
+            "unknown entry `per` ([sensors] force of muscle.toml). Valid names are `sd`.",
         ),
         (
             "1.2",
@@ -239,7 +239,7 @@ def test_text_that_is_no_toml():
         (
             "1.2",
             '1.2\n[columns]\nforces = "F [N]"',
-            "`forces` is no column of a recording ([columns] of muscle.toml). Did you mean `force`?",
+            "unknown channel `forces` ([columns] of muscle.toml). Did you mean `force`?",
         ),
         (
             "1.2",
@@ -248,13 +248,13 @@ def test_text_that_is_no_toml():
         ),
     ],
 )
-def test_a_mistake_is_told(old, new, text):
-    assert told(MUSCLE.replace(old, new)) == text
+def test_invalid_entry_is_refused(old, new, text):
+    assert read_error(MUSCLE.replace(old, new)) == text
 
 
 @pytest.mark.parametrize("angle", ["90 deg", "95 deg"])
-def test_the_braid_angle_is_no_right_angle(angle):
-    assert told(ANGLED.replace("61.4 deg", angle)) == (
-        f"`[muscle] braid_angle` must lie between 0 and 90 deg; got {angle} in muscle.toml. It is measured "
+def test_right_braid_angle_is_refused(angle):
+    assert read_error(ANGLED.replace("61.4 deg", angle)) == (
+        f"`[muscle] braid_angle` must be between 0 and 90 deg; got {angle} in muscle.toml. Measure it "
         "from the circumference."
     )

@@ -1,4 +1,4 @@
-"""recording.csv: units, blanks, and a sentence for each way to be wrong."""
+"""recording.csv: units, blank cells, and error messages."""
 
 import numpy as np
 import pytest
@@ -12,13 +12,13 @@ FIRST = HEADER.strip().split(",")
 LISTED = ", ".join(f"`{title}`" for title in FIRST)
 
 
-def told(path, **more):
+def read_error(path, **options):
     with pytest.raises(BadInput) as error:
-        read_table(path, **more)
+        read_table(path, **options)
     return str(error.value)
 
 
-def test_si_and_blanks(write):
+def test_values_are_converted_to_si_and_blanks_to_nan(write):
     recording = read_table(write(ROWS))
     assert recording.pressure.tolist() == [100e3, 101e3, 102e3]
     assert recording.length == pytest.approx([0.2, 0.199, 0.198], rel=1e-12)
@@ -40,24 +40,22 @@ def test_si_and_blanks(write):
         ("time [s],pressure [psig],length [mm],force [N]", "2,10,200,3", (2.0, 68947.57, 0.2, 3.0)),
     ],
 )
-def test_any_unit_of_the_right_dimension(write, header, row, expected):
+def test_any_unit_of_the_right_dimension_is_accepted(write, header, row, expected):
     recording = read_table(write(row, header + "\n"))
-    found = (recording.time, recording.pressure, recording.length, recording.force)
-    assert [float(values[0]) for values in found] == pytest.approx(expected, rel=1e-6)
+    first_row = (recording.time, recording.pressure, recording.length, recording.force)
+    assert [float(values[0]) for values in first_row] == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize("mapped", ["Load (lbf)", "Load"])
-def test_a_lab_names_its_headers(write, mapped):
+def test_headers_of_a_lab_are_mapped(write, mapped):
     path = write("100,200,3\n", "P_in [kPa],length [mm],Load (lbf)\n")
     recording = read_table(path, columns={"force": mapped, "pressure": "P_in [kPa]"})
     assert recording.force[0] == pytest.approx(3 * 4.4482216, rel=1e-7)
 
 
-def test_a_mapped_header_takes_the_place_of_the_usual_one(write):
+def test_mapped_header_replaces_the_standard_one(write):
     path = write("100,200,3,4\n", "pressure [kPa],length [mm],force [N],cell 2 [N]\n")
-    with pytest.warns(
-        InputWarning, match="column `force \\[N\\]` of recording.csv is none that pamjax knows"
-    ):
+    with pytest.warns(InputWarning, match="unknown column `force \\[N\\]` in recording.csv: ignored"):
         recording = read_table(path, columns={"force": "cell 2 [N]"})
     assert recording.force.tolist() == [4.0]
 
@@ -69,74 +67,74 @@ def test_static_map_at_one_length(write):
     assert recording.length.tolist() == [0.2, 0.2]
 
 
-def test_what_spreadsheets_add_does_no_harm(write):
+def test_additions_of_spreadsheets_are_accepted(write):
     text = "\ufeff# from the bench\r\n" + HEADER.replace("\n", ",,\r\n") + ROWS.replace("\n", ",,\r\n")
-    recording = read_table(write(whole=text + "\r\n,,,,,,,\r\n\r\n"))
+    recording = read_table(write(text=text + "\r\n,,,,,,,\r\n\r\n"))
     assert recording.row.tolist() == [3, 4, 5]
 
 
-def test_a_small_zero_error_of_the_gauge_is_no_mistake(write):
+def test_small_negative_pressure_is_accepted(write):
     assert read_table(write(ROWS + "3,-4.9,200,1,,1\n")).pressure[-1] == -4900.0
 
 
-def test_unknown_columns_are_kept_out_aloud(write):
+def test_unknown_columns_are_ignored_with_a_warning(write):
     path = write(ROWS.replace("\n", ",warm\n"), HEADER.replace("\n", ",mood\n"))
-    with pytest.warns(InputWarning) as seen:
+    with pytest.warns(InputWarning) as caught:
         read_table(path)
-    text = "column `mood` of recording.csv is none that pamjax knows, and was kept out."
-    assert [str(one.message) for one in seen] == [text]
+    text = "unknown column `mood` in recording.csv: ignored."
+    assert [str(warning.message) for warning in caught] == [text]
 
 
-def test_no_file(tmp_path):
+def test_missing_file_is_refused(tmp_path):
     path = tmp_path / "recording.csv"
-    assert told(path) == f"there is no file {path}. Check its path."
+    assert read_error(path) == f"the file {path} does not exist. Check the path."
 
 
-QUOTE = "a quoted cell must end with a quotation mark in its own row; got"
-CLOSE = "Close the quotation mark or take it out; inside a quoted cell write two for one."
+QUOTE = "a quoted cell must end with a quotation mark in the same row; got"
+CLOSE = "Close or remove the quotation mark; inside a quoted cell, double it."
 
 
 @pytest.mark.parametrize("row", [0, 1, 2])
-def test_a_cell_that_does_not_close_its_quotation_mark_is_refused(write, row):
+def test_unclosed_quotation_mark_is_refused(write, row):
     rows = [f"{line},warm" for line in ROWS.splitlines()]
     rows[row] = rows[row].replace("warm", '"loose, and more')
-    text = told(write("\n".join(rows), HEADER.replace("\n", ",mood\n")))
+    text = read_error(write("\n".join(rows), HEADER.replace("\n", ",mood\n")))
     assert text == f"{QUOTE} '\"loose, and more' in column `mood`, row {row + 2} of recording.csv. {CLOSE}"
 
 
 def test_a_quoted_cell_that_spans_rows_is_refused(write):
-    text = told(write('0,100,200,400,20,1,"warm\nand dry"\n', HEADER.replace("\n", ",mood\n")))
+    text = read_error(write('0,100,200,400,20,1,"warm\nand dry"\n', HEADER.replace("\n", ",mood\n")))
     assert text == f"{QUOTE} '\"warm' in column `mood`, row 2 of recording.csv. {CLOSE}"
 
 
-def test_a_quotation_mark_left_open_in_the_header_is_refused(write):
-    text = told(write(ROWS, HEADER.replace(",diameter", ',"diameter')))
+def test_unclosed_quotation_mark_in_the_header_is_refused(write):
+    text = read_error(write(ROWS, HEADER.replace(",diameter", ',"diameter')))
     assert f"{QUOTE} '\"diameter [mm],cycle' in" in text
     assert "row 1 of recording.csv" in text
 
 
 @pytest.mark.filterwarnings("ignore::pamjax.errors.InputWarning")
 @pytest.mark.parametrize("mood", ['"warm, dry"', '"a ""warm"" day"', '3/8" tube', '""', '"#"'])
-def test_quotation_marks_that_are_closed_or_amid_a_cell_do_no_harm(write, mood):
+def test_closed_quotation_marks_are_accepted(write, mood):
     rows = ROWS.replace("\n", f",{mood}\n")
     recording = read_table(write('# a comment, "open\n' + HEADER.replace("\n", ",mood\n") + rows, ""))
     assert recording.row.tolist() == [3, 4, 5]
     assert recording.length == pytest.approx([0.2, 0.199, 0.198], rel=1e-12)
 
 
-WHOLE = "recording.csv must hold a recording; got"
+NO_ROWS = "recording.csv must contain a recording; got"
 CELL = "`length` must be a finite number or blank; got"
-BLANK = "Leave a cell that was not measured blank."
+BLANK = "Leave the cell blank if it was not measured."
 
 
 @pytest.mark.parametrize(
     ("rows", "text"),
     [
-        ("", f"{WHOLE} a header and no row below it."),
+        ("", f"{NO_ROWS} a header without rows. Write one row for each sample."),
         (
             "0,100,2x,4,,1\n",
-            f"{CELL} '2x' in column `length [mm]`, row 2 of recording.csv. Write a bare number, "
-            "its unit in the header; leave a cell that was not measured blank.",
+            f"{CELL} '2x' in column `length [mm]`, row 2 of recording.csv. Write a number "
+            f"here and the unit in the header. {BLANK}",
         ),
         ("0,100,NaN,4,,1\n", f"{CELL} 'NaN' in column `length [mm]`, row 2 of recording.csv. {BLANK}"),
         ("0,100,-inf,4,,1\n", f"{CELL} '-inf' in column `length [mm]`, row 2 of recording.csv. {BLANK}"),
@@ -148,69 +146,68 @@ BLANK = "Leave a cell that was not measured blank."
         (
             ROWS + "3,100,200,400,20,1,7\n",
             "each row must have as many cells as the header (6); got 7 cells in "
-            "row 5 of recording.csv. If the numbers have decimal commas, write points: 0.5, not 0,5.",
+            "row 5 of recording.csv. Replace decimal commas by points: 0.5, not 0,5.",
         ),
         (
             ROWS + "3,100,200\n",
             "each row must have as many cells as the header (6); got 3 cells in row 5 of "
-            "recording.csv. A cell that was not measured keeps its comma.",
+            "recording.csv. Write a comma also for a blank cell.",
         ),
         (
             ROWS + "3,-5.1,200,4,,1\n",
-            "`pressure` is gauge pressure and must not be below the vent's zero error "
-            "(-5 kPa); got -5.1 kPa in row 5 of recording.csv. Check its sign, "
-            "and that its gauge reads zero at "
-            "atmosphere.",
+            "`pressure` must be gauge pressure, and not below the permitted zero error "
+            "(-5 kPa); got -5.1 kPa in row 5 of recording.csv. Check its sign. "
+            "The sensor must read zero at atmospheric pressure.",
         ),
         (
             ROWS + "3,100,0,4,,1\n",
-            "`length` must be positive; got 0 mm in row 5 of recording.csv. Leave a cell "
-            "that was not measured blank; check the sign and zero of the others.",
+            "`length` must be positive; got 0 mm in row 5 of recording.csv. Leave the cell "
+            "blank if it was not measured. Otherwise check its sign and zero.",
         ),
         (
             ROWS + "3,100,200,4,-20,1\n",
             "`diameter` must be positive; got -20 mm in row 5 of recording.csv. Leave "
-            "a cell that was not measured blank; check the sign and zero of the others.",
+            "the cell blank if it was not measured. Otherwise check its sign and zero.",
         ),
         (
             ROWS + "2,100,200,4,,1\n",
-            "`time` must grow from row to row; got 2 s again in row 5 of recording.csv. "
-            "Give it enough digits.",
+            "`time` must increase from row to row; got 2 s twice in row 5 of recording.csv. "
+            "Write more digits.",
         ),
         (
             ROWS + "1.5,100,200,4,,1\n",
-            "`time` must grow from row to row; got 1.5 s after 2 s in row 5 of "
-            "recording.csv. Sort the rows, and let a new test go on where the last ended.",
+            "`time` must increase from row to row; got 1.5 s after 2 s in row 5 of "
+            "recording.csv. Sort the rows. Continue the time of a new test after the last one.",
         ),
         (
             ROWS + ",100,200,4,,1\n",
-            "`time` must stand in every row; got a blank in row 5 of recording.csv. Fill "
-            "it in, or leave the column out where order means nothing.",
+            "`time` must have a value in every row; got a blank in row 5 of recording.csv. Add "
+            "the value, or remove the column if the order of rows has no meaning.",
         ),
         (
             ROWS + "3,100,200,4,,1.5\n",
-            "`cycle` must be a whole number, 0 or more; got 1.5 in row 5 of "
+            "`cycle` must be a whole number of at least 0; got 1.5 in row 5 of "
             "recording.csv. Number the strokes 1, 2, 3.",
         ),
         (
             ROWS + "3,100,200,4,,\n",
-            "`cycle` must be a whole number, 0 or more; got a blank in row 5 of "
+            "`cycle` must be a whole number of at least 0; got a blank in row 5 of "
             "recording.csv. Number the strokes 1, 2, 3.",
         ),
         (
             "0,100,200,,,1\n",
-            "at least one row must have a force or a diameter beside its pressure and length; "
-            "got none in recording.csv. Check which columns are blank.",
+            "at least one row must have pressure, length, and force or diameter; "
+            "got none in recording.csv. Check for blank columns.",
         ),
         (
             "0,,200,4,,1\n",
-            "at least one row must have a pressure and a length; got none in recording.csv. Check "
-            "which columns are blank.",
+            "at least one row must have pressure and length; got none in recording.csv. Check "
+            "for blank columns.",
         ),
     ],
 )
-def test_a_bad_row_is_told(write, rows, text):
-    assert told(write(rows)) == text
+def test_invalid_row_is_refused(write, rows, text):
+    assert read_error(write(rows)) == text
 
 
 @pytest.mark.parametrize(
@@ -221,7 +218,7 @@ def test_a_bad_row_is_told(write, rows, text):
             "P (bar)",
             "a recording must have a column `pressure [kPa]`; got "
             f"{LISTED.replace('pressure [kPa]', 'P (bar)')} in recording.csv. "
-            f"Is it `P (bar)`? Then map it in "
+            f"If it is `P (bar)`, map it in "
             'muscle.toml: [columns] pressure = "P (bar)".',
         ),
         (
@@ -229,23 +226,23 @@ def test_a_bad_row_is_told(write, rows, text):
             "lenght [mm]",
             "a recording must have a column `length [mm]`; got "
             f"{LISTED.replace('length', 'lenght')} in recording.csv. "
-            f"Is it `lenght [mm]`? Then map it in muscle.toml: "
+            f"If it is `lenght [mm]`, map it in muscle.toml: "
             '[columns] length = "lenght [mm]". '
-            "For one fixed length, state `length` in [muscle] of muscle.toml.",
+            "For a fixed length, state `length` in [muscle] of muscle.toml.",
         ),
         (
             "force [N],diameter [mm]",
             "a,b",
             "a recording must have a column `force [N]`; got `time [s]`, "
             "`pressure [kPa]`, `length [mm]`, `a`, `b`, `cycle` in "
-            "recording.csv. Rename its header, or map it in "
-            "muscle.toml under [columns] as `force`. A recording has force, diameter, or both.",
+            "recording.csv. Rename its header, or map it as `force` in "
+            "[columns] of muscle.toml. A recording must have force, diameter, or both.",
         ),
         (
             "time [s]",
             "Force (lbf)",
-            "`force` must be one column; got `Force (lbf)` and `force [N]` in "
-            "recording.csv. Keep one, or map the right one in [columns].",
+            "only one column can be `force`; got `Force (lbf)` and `force [N]` in "
+            "recording.csv. Remove one, or map the correct one in [columns] of muscle.toml.",
         ),
         (
             "[N]",
@@ -262,51 +259,48 @@ def test_a_bad_row_is_told(write, rows, text):
         (
             "[N]",
             "[Nuton]",
-            "'Nuton' is no unit that pamjax knows (column `force [Nuton]` of recording.csv). "
-            "A force is written as N, kN or lbf.",
+            "unknown unit 'Nuton' (column `force [Nuton]` of recording.csv). Write a force in N, kN or lbf.",
         ),
         (
             "[kPa]",
             "[psia]",
             "`pressure` must be gauge pressure; got 'psia' in column `pressure [psia]` of "
-            "recording.csv. Subtract the atmosphere's and write the unit without the `a`.",
+            "recording.csv. Subtract the atmospheric pressure, and write the unit without the `a`.",
         ),
         (
             "cycle",
             "cycle [s]",
-            "`cycle` is a whole number without a unit; got 's' in column `cycle [s]` of "
-            "recording.csv. Leave the unit out.",
+            "`cycle` must be a whole number without a unit; got 's' in column `cycle [s]` of "
+            "recording.csv. Remove the unit.",
         ),
     ],
 )
-def test_a_bad_header_is_told(write, old, new, text):
-    assert told(write(ROWS, HEADER.replace(old, new))) == text
+def test_invalid_header_is_refused(write, old, new, text):
+    assert read_error(write(ROWS, HEADER.replace(old, new))) == text
 
 
-def test_a_mapping_that_finds_nothing_is_told(write):
+def test_mapping_of_a_missing_column_is_refused(write):
     text = "`[columns] force` must be a header of recording.csv; got `forse [N]`. Did you mean `force [N]`?"
-    assert told(write(ROWS), columns={"force": "forse [N]"}) == text
-    text = "`forces` is no column of a recording ([columns]). Did you mean `force`?"
-    assert told(write(ROWS), columns={"forces": "force [N]"}) == text
+    assert read_error(write(ROWS), columns={"force": "forse [N]"}) == text
+    text = "unknown channel `forces` ([columns]). Did you mean `force`?"
+    assert read_error(write(ROWS), columns={"forces": "force [N]"}) == text
 
 
 COMMAS = "the cells of recording.csv must be separated by commas; got"
-SAVE = (
-    "Save it with commas between the cells and points in the numbers, or import it as it is: `pamjax import`."
-)
+SAVE = "Save it with commas between cells and with decimal points, or use `pamjax import`."
 
 
 @pytest.mark.parametrize(
-    ("whole", "text"),
+    ("content", "text"),
     [
-        ("", f"{WHOLE} an empty file. Write a header and a row a sample."),
-        ("\r\n\n", f"{WHOLE} an empty file. Write a header and a row a sample."),
-        ((HEADER + ROWS).replace(",", ";"), f"{COMMAS} semicolons in its header. {SAVE}"),
+        ("", f"{NO_ROWS} an empty file. Write a header, and one row for each sample."),
+        ("\r\n\n", f"{NO_ROWS} an empty file. Write a header, and one row for each sample."),
+        ((HEADER + ROWS).replace(",", ";"), f"{COMMAS} semicolons in the header. {SAVE}"),
         (
             (HEADER + ROWS).replace(",", ";").replace("101", "101,5"),
-            f"{COMMAS} semicolons in its header. {SAVE}",
+            f"{COMMAS} semicolons in the header. {SAVE}",
         ),
-        ((HEADER + ROWS).replace(",", "\t"), f"{COMMAS} tabs in its header. {SAVE}"),
+        ((HEADER + ROWS).replace(",", "\t"), f"{COMMAS} tabs in the header. {SAVE}"),
         (
             HEADER.encode() + b"0,100,200,\xb5,,1\n",
             "recording.csv must be UTF-8 text; got the byte 0xb5 in line 2. Save it as UTF-8.",
@@ -314,5 +308,5 @@ SAVE = (
         (b"PK\x03\x04\x00", "recording.csv must be plain text; got a binary file. Save it as UTF-8 text."),
     ],
 )
-def test_a_file_that_is_no_such_table_is_told(write, whole, text):
-    assert told(write(whole=whole)) == text
+def test_file_of_another_format_is_refused(write, content, text):
+    assert read_error(write(text=content)) == text

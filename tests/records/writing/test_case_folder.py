@@ -1,4 +1,4 @@
-"""What is written is read again, to what a sensor could tell."""
+"""A written case is the same after reading, within the sensor resolution."""
 
 import dataclasses
 
@@ -13,7 +13,7 @@ from pamjax.records.writing.case_folder import COLUMN_DECIMALS, write_case
 from pamjax.units import compute_si_factor
 
 MUSCLE = """\
-# a comment stays
+# a comment
 [muscle]
 rest_length = "200 mm"
 thread_length = {value = "214 mm", sd = "0.5 mm"}
@@ -34,7 +34,7 @@ RECORDING = Recording.from_arrays(
 )
 
 
-def test_a_recording_comes_back(tmp_path):
+def test_recording_is_unchanged_after_writing_and_reading(tmp_path):
     write_case(tmp_path / "new", RECORDING, MUSCLE)
     again = read_case(tmp_path / "new").recording
     units = {"time": "s", "pressure": "kPa", "length": "mm", "force": "N", "diameter": "mm"}
@@ -45,29 +45,29 @@ def test_a_recording_comes_back(tmp_path):
     np.testing.assert_array_equal(again.row, RECORDING.row)
 
 
-def test_what_was_not_measured_has_no_column(tmp_path):
+def test_unmeasured_channel_has_no_column(tmp_path):
     bare = dataclasses.replace(RECORDING, time=None, diameter=np.full(N, np.nan))
     write_case(tmp_path / "new", bare, MUSCLE)
     header = (tmp_path / "new" / "recording.csv").read_text().splitlines()[0]
     assert header == "pressure [kPa],length [mm],force [N],cycle"
 
 
-def test_foreign_headers_are_dropped_and_comments_stay(tmp_path):
+def test_mapped_headers_are_removed_and_comments_are_kept(tmp_path):
     write_case(tmp_path / "new", RECORDING, MUSCLE)
     text = (tmp_path / "new" / "muscle.toml").read_text()
     assert "columns" not in text
-    assert text.startswith("# a comment stays\n")
+    assert text.startswith("# a comment\n")
 
 
-def test_an_empty_folder_is_taken_a_full_one_refused(tmp_path):
+def test_only_an_empty_folder_is_accepted(tmp_path):
     write_case(tmp_path / "empty", RECORDING, MUSCLE)
     before = (tmp_path / "empty" / "recording.csv").read_bytes()
-    with pytest.raises(BadInput, match=r"a new case needs an empty folder; got .*empty, which is not\."):
+    with pytest.raises(BadInput, match=r"a new case needs an empty folder; got .*empty, which has files\."):
         write_case(tmp_path / "empty", RECORDING.select(np.arange(N) < 5), MUSCLE)
     assert (tmp_path / "empty" / "recording.csv").read_bytes() == before
 
 
-def test_a_text_that_is_no_toml_leaves_no_folder(tmp_path):
+def test_invalid_toml_creates_no_folder(tmp_path):
     with pytest.raises(tomlkit.exceptions.ParseError):
         write_case(tmp_path / "new", RECORDING, "[muscle\n")
     assert list(tmp_path.iterdir()) == []

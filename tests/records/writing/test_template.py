@@ -1,4 +1,4 @@
-"""The folder that `pamjax new` writes reads as it stands, and nothing is overwritten."""
+"""The folder that `pamjax new` writes is a valid case, and no file is overwritten."""
 
 import re
 import tomllib
@@ -12,7 +12,7 @@ from pamjax.records.reading.schema import BaselineTable, BladderTable, MuscleTab
 from pamjax.records.writing.template import write_template
 
 
-def test_the_template_reads_as_it_stands(tmp_path):
+def test_template_is_a_valid_case(tmp_path):
     files = write_template(tmp_path / "new")
     assert [path.name for path in files] == ["recording.csv", "muscle.toml"]
     case = read_case(tmp_path / "new")
@@ -21,10 +21,10 @@ def test_the_template_reads_as_it_stands(tmp_path):
     assert case.entry.baseline == "elastic"
 
 
-def test_it_says_that_it_is_an_example(tmp_path):
+def test_template_is_marked_as_an_example(tmp_path):
     recording, muscle = write_template(tmp_path / "new")
-    assert "EXAMPLE ROWS: put your own in their place" in recording.read_text()
-    assert "ALL NUMBERS BELOW ARE EXAMPLES" in muscle.read_text()
+    assert "EXAMPLE ROWS: replace them with your measurements" in recording.read_text()
+    assert "ALL VALUES BELOW ARE EXAMPLES" in muscle.read_text()
 
 
 def test_every_entry_is_explained(tmp_path):
@@ -34,30 +34,29 @@ def test_every_entry_is_explained(tmp_path):
             assert re.search(rf"^(# )?{name} = ", text, re.MULTILINE), f"[{table.__name__}] {name}"
 
 
-def test_the_other_form_of_the_braid_is_the_same_braid(tmp_path):
+def test_both_forms_of_the_braid_agree(tmp_path):
     text = write_template(tmp_path / "new")[1].read_text()
-    counted = read_muscle_toml(text.encode())
+    entry = read_muscle_toml(text.encode())
     other = re.sub(r"^(thread_length|turns) =", r"# \1 =", text, flags=re.MULTILINE)
     other = re.sub(r"^# (braid_angle|diameter) = {", r"\1 = {", other, flags=re.MULTILINE)
     assert "braid_angle" in tomllib.loads(other)["muscle"]
-    assert read_muscle_toml(other.encode()).braid == pytest.approx(counted.braid, rel=5e-3)
+    assert read_muscle_toml(other.encode()).braid == pytest.approx(entry.braid, rel=5e-3)
 
 
 @pytest.mark.parametrize("name", ["recording.csv", "muscle.toml"])
 def test_nothing_is_overwritten(tmp_path, name):
     (tmp_path / name).write_text("mine")
-    with pytest.raises(BadInput) as told:
+    with pytest.raises(BadInput) as error:
         write_template(tmp_path)
     assert (
-        str(told.value)
-        == f"{tmp_path / name} is there already, and is not overwritten. Choose another folder."
+        str(error.value) == f"{tmp_path / name} already exists and is not overwritten. Choose another folder."
     )
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
-def test_a_file_is_no_folder(tmp_path):
+def test_file_is_refused_as_a_folder(tmp_path):
     path = tmp_path / "new"
     path.write_text("mine")
-    with pytest.raises(BadInput) as told:
+    with pytest.raises(BadInput) as error:
         write_template(path)
-    assert str(told.value) == f"a case is a folder; got the file {path}. Choose another name."
+    assert str(error.value) == f"a case must be a folder; got the file {path}. Choose another name."

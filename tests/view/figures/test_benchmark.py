@@ -1,4 +1,4 @@
-"""Figures of a proof show what the trials hold."""
+"""Figures of a benchmark show the results of its trials."""
 
 import numpy as np
 import pytest
@@ -15,19 +15,21 @@ def trials():
 
 
 def test_every_p_value_is_a_point(trials):
-    some = [uniform(task) for task in build_tasks({"nothing": 50}, (0.0, 0.9), stage="score")]
-    made = plot_null(some)
-    points = [line for panel in made.axes for line in panel.get_lines() if line.get_gid() == "p-values"]
+    null_trials = [uniform(task) for task in build_tasks({"nothing": 50}, (0.0, 0.9), stage="score")]
+    figure = plot_null(null_trials)
+    points = [line for panel in figure.axes for line in panel.get_lines() if line.get_gid() == "p-values"]
     assert [len(line.get_xdata()) for line in points] == [50, 50]
-    assert np.allclose(np.sort([t.p_value for t in some if t.correlation == 0.9]), points[1].get_ydata())
+    assert np.allclose(
+        np.sort([t.p_value for t in null_trials if t.correlation == 0.9]), points[1].get_ydata()
+    )
 
 
-def test_a_proof_has_six_panels_and_titles_that_are_findings(trials):
-    made = plot_proof(trials)
-    assert len(made.axes) == 6
-    real = [t for t in trials if t.kind in ("single", "pair", "triple")]
-    share = np.mean([hit for t in real for hit in t.effects_found])
-    assert f"{share:.0%} of" in made.axes[0].get_title("left")
+def test_figure_has_six_panels_whose_titles_state_results(trials):
+    figure = plot_proof(trials)
+    assert len(figure.axes) == 6
+    effect_trials = [t for t in trials if t.kind in ("single", "pair", "triple")]
+    share = np.mean([hit for t in effect_trials for hit in t.effects_found])
+    assert f"{share:.0%} of" in figure.axes[0].get_title("left")
 
 
 def test_no_figure_without_trials(trials):

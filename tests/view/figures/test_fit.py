@@ -1,4 +1,4 @@
-"""Figures of a fit by what they hold: points, lines, units, band, finding; every kind of recording."""
+"""Figures of a fit: points, lines, units, noise band and titles for every kind of recording."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -33,7 +33,7 @@ SD = {"force": 2.0, "diameter": 5e-5}
 
 
 def fitted(pressure, length, time=None, channels=("force", "diameter"), miss=0.0, given=True):
-    """What a fit of the true muscle says, on a recording that misses by `miss` times the noise."""
+    """Return the fit of the true muscle to a recording with an offset of `miss` times the noise."""
     draw = np.random.default_rng(5).normal(size=len(pressure))
     draw = (draw - draw.mean()) / draw.std()
     reading = predict(MUSCLE, jnp.asarray(pressure), jnp.asarray(length))
@@ -42,7 +42,7 @@ def fitted(pressure, length, time=None, channels=("force", "diameter"), miss=0.0
     measured = {c: prediction[c] + SD[c] * (miss + draw) for c in channels}
     entry = parse_muscle_toml({"muscle": {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.2}})
     recording = Recording.from_arrays(pressure=pressure, length=length, time=time, **measured)
-    found = find_blocks(recording)
+    blocks = find_blocks(recording)
     rmse = {c: float(np.sqrt(np.mean((measured[c] - prediction[c]) ** 2))) for c in channels}
     return CaseFit(
         case=Case("bench", Path(), entry, recording, ""),
@@ -50,18 +50,18 @@ def fitted(pressure, length, time=None, channels=("force", "diameter"), miss=0.0
         muscle=MUSCLE,
         prediction=prediction,
         held_out_prediction={c: 1.01 * prediction[c] for c in prediction},
-        block=[found.names[k] if k >= 0 else "" for k in found.label],
+        block=[blocks.names[k] if k >= 0 else "" for k in blocks.label],
         rmse=rmse,
         noise={
             c: ChannelNoise(SD[c], given, rmse[c] / SD[c] if given else 1.0, 1.0, 0.0, n) for c in channels
         },
-        held_out=HeldOutScore(found.kind, (), {c: 1.5 * rmse[c] for c in channels}),
+        held_out=HeldOutScore(blocks.kind, (), {c: 1.5 * rmse[c] for c in channels}),
         failed_rows={},
     )
 
 
 def strokes(**more):
-    """Four isobars, each stroked three times."""
+    """Return four isobars with three strokes each."""
     phase = np.linspace(0, 6 * np.pi, 400)
     length = np.tile(0.19 + 0.01 * np.cos(phase), 4)
     pressure = np.repeat([1e5, 2e5, 3e5, 4e5], 400)
@@ -69,25 +69,25 @@ def strokes(**more):
 
 
 def lengths(**more):
-    """Three lengths, at each of which the pressure climbs and falls."""
+    """Return pressure ramps at three lengths."""
     ramp = np.concatenate([np.linspace(2e4, 4e5, 200), np.linspace(4e5, 2e4, 200)])
     return fitted(np.tile(ramp, 3), np.repeat([0.18, 0.19, 0.2], 400), np.arange(1200.0), ("force",), **more)
 
 
 def holds(**more):
-    """Pressure and length set in turns and held."""
+    """Return holds of pressure and length."""
     pressure = np.repeat([1e5, 3e5, 3e5, 2e5, 2e5, 1e5], 100)
     length = np.repeat([0.2, 0.2, 0.18, 0.18, 0.19, 0.19], 100)
     return fitted(pressure, length, np.arange(600.0), **more)
 
 
 def table(**more):
-    """Five readings of a diameter at one length."""
+    """Return five measurements of the diameter at one length."""
     return fitted(np.linspace(1e5, 7e5, 5), np.full(5, 0.2), None, ("diameter",), **more)
 
 
-def drawn(figure, kind):
-    """The lines of a kind, panel by panel."""
+def select_lines(figure, kind):
+    """Return the lines of a kind for each panel."""
     return [
         [line for line in panel.lines if str(line.get_gid()).split()[0] == kind] for panel in panels(figure)
     ]
@@ -97,12 +97,12 @@ def panels(figure):
     return [axes for axes in figure.axes if axes.get_label() != "<colorbar>"]
 
 
-def keys(figure):
+def list_legend_texts(figure):
     return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
 
 
 @pytest.mark.parametrize(
-    ("one", "xlabel", "groups", "channels"),
+    ("case_fit", "xlabel", "groups", "channels"),
     [
         (strokes(), "contraction [%]", 4, ["force [N]", "diameter [mm]"]),
         (lengths(), "pressure [kPa]", 3, ["force [N]"]),
@@ -111,45 +111,45 @@ def keys(figure):
     ],
     ids=["strokes", "lengths", "holds", "table"],
 )
-def test_measured_points_lie_beside_a_line_for_each_setting(one, xlabel, groups, channels):
-    figure = plot_prediction(one)
+def test_each_setting_has_points_and_a_line(case_fit, xlabel, groups, channels):
+    figure = plot_prediction(case_fit)
     assert [panel.get_ylabel() for panel in panels(figure)] == channels
     assert {panel.get_xlabel() for panel in panels(figure)} == {xlabel}
-    assert [len(lines) for lines in drawn(figure, "measured")] == [groups] * len(channels)
-    assert len({line.get_color() for line in drawn(figure, "model")[0]}) == groups
-    assert keys(figure)[:2] == ["measured", "fitted muscle"]
-    assert all(line.get_linestyle() == "None" for line in drawn(figure, "measured")[0])
+    assert [len(lines) for lines in select_lines(figure, "measured")] == [groups] * len(channels)
+    assert len({line.get_color() for line in select_lines(figure, "model")[0]}) == groups
+    assert list_legend_texts(figure)[:2] == ["measured", "fitted model"]
+    assert all(line.get_linestyle() == "None" for line in select_lines(figure, "measured")[0])
 
 
-def test_settings_are_named_with_their_unit():
-    assert keys(plot_prediction(lengths()))[2:] == ["200 mm", "190 mm", "180 mm"]
+def test_settings_have_units():
+    assert list_legend_texts(plot_prediction(lengths()))[2:] == ["200 mm", "190 mm", "180 mm"]
     (bar,) = (axes for axes in plot_prediction(strokes()).axes if axes.get_label() == "<colorbar>")
     assert bar.get_ylabel() == "pressure [kPa]"
     assert [tick.get_text() for tick in bar.get_yticklabels()] == ["100", "200", "300", "400"]
 
 
 def test_the_line_is_the_prediction():
-    one = lengths()
-    line = drawn(plot_prediction(one), "model")[0][-1]
+    case_fit = lengths()
+    line = select_lines(plot_prediction(case_fit), "model")[0][-1]
     x, y = line.get_data()
     at_rest = predict(MUSCLE, jnp.asarray(x) * 1e3, jnp.full(len(x), 0.2)).force
     np.testing.assert_allclose(y, at_rest, rtol=1e-9)
 
 
 @pytest.mark.parametrize(
-    ("one", "finding"),
+    ("case_fit", "title"),
     [
-        (lengths(miss=30.0), "Force is missed by 60 N rms,\n30 times its noise"),
-        (lengths(), "Force is met to 2 N rms;\nits noise is 2 N"),
-        (lengths(given=False), "Force is missed by 2 N rms,\n0.12 % of its largest value"),
+        (lengths(miss=30.0), "RMS error of force: 60 N\n(30 times the noise)"),
+        (lengths(), "RMS error of force: 2 N\n(noise 2 N)"),
+        (lengths(given=False), "RMS error of force: 2 N\n(0.12 % of the largest value)"),
     ],
-    ids=["missed", "met", "noise unknown"],
+    ids=["misfit", "good fit", "unknown noise"],
 )
-def test_the_title_is_the_finding(one, finding):
-    assert panels(plot_prediction(one))[0].get_title("left") == finding
+def test_title_states_the_result(case_fit, title):
+    assert panels(plot_prediction(case_fit))[0].get_title("left") == title
 
 
-def test_a_cloud_is_thinned_and_keeps_its_outline():
+def test_many_points_are_thinned_but_keep_their_outline():
     x, y = np.random.default_rng(0).normal(size=(2, 20_000))
     x[7] = np.nan
     kept = thin_points(x, y)
@@ -160,7 +160,7 @@ def test_a_cloud_is_thinned_and_keeps_its_outline():
     assert thin_points(np.zeros(3), np.zeros(3)).tolist() == [0]
 
 
-def test_residuals_stand_beside_the_noise_band():
+def test_residuals_are_drawn_with_the_noise_band():
     figure = plot_residual(strokes(miss=30.0))
     assert [panel.get_xlabel() for panel in panels(figure)[3:]] == [
         "contraction [%]",
@@ -170,52 +170,54 @@ def test_residuals_stand_beside_the_noise_band():
     assert panels(figure)[0].get_ylabel() == "force: measured − model [N]"
     (band,) = (patch for patch in panels(figure)[0].patches if patch.get_gid() == "noise")
     assert [band.get_y(), band.get_height()] == [-4.0, 8.0]
-    assert "± 2 sd of its noise" in keys(figure)
-    assert figure.get_suptitle().splitlines()[0].startswith("Force: 100 % of samples outside")
-    points = np.concatenate([line.get_ydata() for line in drawn(figure, "residual")[0]])
+    assert "± 2 sd of noise" in list_legend_texts(figure)
+    assert figure.get_suptitle().splitlines()[0].startswith("Force: 100 % of rows are outside")
+    points = np.concatenate([line.get_ydata() for line in select_lines(figure, "residual")[0]])
     assert np.median(points) == pytest.approx(60.0, abs=1.0)
 
 
-def test_a_good_fit_has_one_sample_in_twenty_outside():
+def test_five_percent_of_the_residuals_are_outside_the_band():
     title = plot_residual(lengths()).get_suptitle()
     assert title in {
-        f"Force: {k} % of samples outside ± 2 sd of its noise, where 5 % belong" for k in (4, 5, 6)
+        f"Force: {k} % of rows are outside ± 2 sd of the noise (expected: 5 %)" for k in (4, 5, 6)
     }
 
 
-def test_without_a_stated_noise_the_worst_miss_is_told():
+def test_without_stated_noise_the_largest_residual_is_reported():
     figure = plot_residual(table(given=False))
-    assert figure.get_suptitle().startswith("Diameter: missed most at ")
+    assert figure.get_suptitle().startswith("Diameter: largest residual ")
     assert figure.get_suptitle().endswith(" mm")
-    assert "± 2 sd of noise, or of the residual where none was stated" in keys(figure)
+    assert "± 2 sd of noise (of the residual if no noise is stated)" in list_legend_texts(figure)
 
 
-def test_each_block_is_scored_seen_and_unseen():
-    one = lengths()
-    figure = plot_held_out(one)
+def test_each_block_has_a_training_and_a_held_out_score():
+    case_fit = lengths()
+    figure = plot_held_out(case_fit)
     (panel,) = panels(figure)
     assert [tick.get_text() for tick in panel.get_yticklabels()] == [
         "length 180 mm",
         "length 190 mm",
         "length 200 mm",
     ]
-    seen, unseen = (drawn(figure, kind)[0][0].get_xdata() for kind in ("seen", "unseen"))
-    at_rest = np.isclose(one.case.recording.length, 0.2)
-    misfit = (one.case.recording.force - one.prediction["force"])[at_rest]
-    assert seen[2] == pytest.approx(np.sqrt(np.mean(misfit**2)))
-    assert (unseen > seen).all()
-    # No mark is cut at an edge.
-    assert panel.get_xlim() == (0, pytest.approx(1.08 * max(unseen)))
-    assert panel.get_xlabel() == "rmse of force [N]"
+    fitted_rmse, held_out_rmse = (
+        select_lines(figure, kind)[0][0].get_xdata() for kind in ("fitted", "held-out")
+    )
+    at_rest = np.isclose(case_fit.case.recording.length, 0.2)
+    misfit = (case_fit.case.recording.force - case_fit.prediction["force"])[at_rest]
+    assert fitted_rmse[2] == pytest.approx(np.sqrt(np.mean(misfit**2)))
+    assert (held_out_rmse > fitted_rmse).all()
+    # No marker is cut at an edge.
+    assert panel.get_xlim() == (0, pytest.approx(1.08 * max(held_out_rmse)))
+    assert panel.get_xlabel() == "RMS error of force [N]"
     title = panel.get_title("left").splitlines()
-    assert title == ["Held-out lengths: force missed by 3 N,", "50 % more than where seen (2 N)"]
+    assert title == ["Held-out lengths: RMS error of force 3 N,", "50 % more than in the fit (2 N)"]
 
 
-def test_nothing_held_out_is_refused():
-    one = table()
-    object.__setattr__(one, "held_out", None)
-    with pytest.raises(BadInput, match="needs blocks that were held out; got one block in bench"):
-        plot_held_out(one)
+def test_fit_without_held_out_blocks_is_refused():
+    case_fit = table()
+    object.__setattr__(case_fit, "held_out", None)
+    with pytest.raises(BadInput, match="needs held-out blocks; got one block in bench"):
+        plot_held_out(case_fit)
 
 
 def estimates():
@@ -228,36 +230,36 @@ def estimates():
     }
 
 
-def test_estimates_stand_on_the_scale_of_their_prior():
+def test_estimates_are_drawn_on_the_scale_of_their_priors():
     figure = plot_prior(SimpleNamespace(estimates=estimates()))
     (panel,) = panels(figure)
-    # A number without a prior has no place on its scale.
+    # A parameter without a prior is not drawn.
     assert [tick.get_text() for tick in panel.get_yticklabels()] == list(estimates())[:2]
     (bar,) = panel.containers
     assert bar.lines[0].get_xdata()[0] == pytest.approx(0.4)
-    assert len(drawn(figure, "undetermined")[0]) == 1
-    words = [text.get_text() for text in panel.texts]
-    assert words == ["214.20 ± 0.10 mm", "199.9 mm"]
-    assert figure.get_suptitle().startswith("The recording halves the uncertainty of 1 of 2 numbers that had")
-    assert figure.get_suptitle().endswith("muscle.thread_length moved farthest, +0.4 sd of its prior")
-    assert keys(figure) == ["prior ± 1 sd", "estimate ± 1 sd", "at a limit, or not determined"]
+    assert len(select_lines(figure, "undetermined")[0]) == 1
+    texts = [text.get_text() for text in panel.texts]
+    assert texts == ["214.20 ± 0.10 mm", "199.9 mm"]
+    assert figure.get_suptitle().startswith("The recording at least halves the sd of 1 of 2 parameters with")
+    assert figure.get_suptitle().endswith("largest shift: muscle.thread_length, +0.4 sd of its prior")
+    assert list_legend_texts(figure) == ["prior ± 1 sd", "estimate ± 1 sd", "at a limit or not determined"]
 
 
-def test_what_stays_at_its_prior_has_not_moved():
+def test_estimate_equal_to_its_prior_has_no_shift():
     still = {name: replace(e, value=e.prior - 0.04 * e.prior_sd) for name, e in list(estimates().items())[:2]}
-    says = plot_prior(SimpleNamespace(estimates=still)).get_suptitle()
-    assert says.endswith(" of 2 numbers;\nnone moved from its prior")
-    assert "0.0" not in says
+    title = plot_prior(SimpleNamespace(estimates=still)).get_suptitle()
+    assert title.endswith(" of 2 parameters;\nno estimate differs from its prior")
+    assert "0.0" not in title
 
 
 @pytest.mark.parametrize("narrow", [False, True])
-def test_a_title_stays_on_its_figure(narrow):
+def test_title_fits_its_figure(narrow):
     figure = plot_prior(SimpleNamespace(estimates=estimates()), narrow)
     figure.draw_without_rendering()
     assert figure._suptitle.get_window_extent().x1 <= figure.bbox.x1
 
 
-def test_without_a_prior_there_is_no_figure_of_it(tmp_path):
+def test_fit_without_priors_has_no_figure_of_priors(tmp_path):
     (tmp_path / "prior.png").write_text("of an earlier fit")
     free = {name: replace(e, prior_sd=np.inf) for name, e in estimates().items()}
     assert plot_prior(SimpleNamespace(estimates=free)) is None
@@ -266,13 +268,13 @@ def test_without_a_prior_there_is_no_figure_of_it(tmp_path):
 
 
 def test_rows_between_settings_are_not_drawn():
-    one = strokes()
-    moving = one.case.recording.pressure
+    case_fit = strokes()
+    moving = case_fit.case.recording.pressure
     moving[10:20] = np.linspace(2.2e5, 2.8e5, 10)
-    assert (build_layout(one.case).group[10:20] == -1).sum() >= 5
+    assert (build_layout(case_fit.case).group[10:20] == -1).sum() >= 5
 
 
-def test_figures_are_saved_and_no_setting_stays(tmp_path):
+def test_saving_figures_changes_no_settings(tmp_path):
     before = matplotlib.rcParams["font.size"]
     written = save_fit_figures(SimpleNamespace(estimates=estimates(), cases=(table(),)), tmp_path)
     names = ["prior.png", "prediction.png", "residual.png", "held-out.png"]

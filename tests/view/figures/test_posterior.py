@@ -1,22 +1,23 @@
-"""Figures of a posterior on a phone: as narrow as its screen, letters that can be read, nothing cut."""
+"""Figures of a posterior on a phone: narrow, with readable text that fits."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from pamjax.view.figures.posterior import MAX_NARROW_PANELS, plot_corner, plot_profiles, plot_traces
+from pamjax.view.figures.posterior import MAX_NARROW_PANELS, plot_corner
+from pamjax.view.figures.posterior_checks import plot_profiles, plot_traces
 from pamjax.view.theme import SINGLE_COLUMN
 
 NAMES = tuple(f"braid_friction.number_{k}" for k in range(6))
 
 
 def posterior():
-    """Six numbers, of which the last two move together."""
+    """Return a posterior of six parameters, of which the last two are correlated."""
     draws = np.random.default_rng(2).normal(size=(300, 8, 6))
     draws[..., 4] = draws[..., 5] + 0.1 * draws[..., 4]
     flat = draws.reshape(-1, 6)
-    along = SimpleNamespace(values=np.linspace(-2, 2, 7), rise=np.linspace(-2, 2, 7) ** 2)
+    profile = SimpleNamespace(values=np.linspace(-2, 2, 7), rise=np.linspace(-2, 2, 7) ** 2)
     return SimpleNamespace(
         names=NAMES,
         fit=SimpleNamespace(estimates=dict.fromkeys(NAMES)),
@@ -25,15 +26,15 @@ def posterior():
         flat=flat,
         draws=draws,
         correlation=np.corrcoef(flat.T),
-        verdicts={name: SimpleNamespace(kind="not determined", profile=along) for name in NAMES},
+        verdicts={name: SimpleNamespace(kind="not determined", profile=profile) for name in NAMES},
         convergence=SimpleNamespace(rhat=np.full(6, 1.01), ess=np.full(6, 400.0)),
         converged=True,
     )
 
 
-@pytest.mark.parametrize("draw", [plot_corner, plot_profiles, plot_traces])
-def test_a_phone_has_a_figure_of_its_own(draw):
-    wide, narrow = (draw(posterior(), n) for n in (False, True))
+@pytest.mark.parametrize("plot", [plot_corner, plot_profiles, plot_traces])
+def test_narrow_screen_has_its_own_figure(plot):
+    wide, narrow = (plot(posterior(), n) for n in (False, True))
     assert wide.get_figwidth() > 1.8 * SINGLE_COLUMN
     assert narrow.get_figwidth() == SINGLE_COLUMN
     narrow.draw_without_rendering()
@@ -48,9 +49,9 @@ def test_a_phone_has_a_figure_of_its_own(draw):
     assert min(sizes) >= 6
 
 
-def test_a_phone_s_corner_holds_what_moves_together_most():
+def test_narrow_corner_plot_shows_the_most_correlated_parameters():
     figure = plot_corner(posterior(), narrow=True)
     assert len(figure.axes) == MAX_NARROW_PANELS**2
-    below = [panel.get_xlabel() for panel in figure.axes[-MAX_NARROW_PANELS:]]
-    assert below[-2:] == ["braid_friction.\nnumber_4 [mm]", "braid_friction.\nnumber_5 [mm]"]
-    assert " ".join(figure.get_suptitle().split()).endswith("; 4 of 6 numbers")
+    labels = [panel.get_xlabel() for panel in figure.axes[-MAX_NARROW_PANELS:]]
+    assert labels[-2:] == ["braid_friction.\nnumber_4 [mm]", "braid_friction.\nnumber_5 [mm]"]
+    assert " ".join(figure.get_suptitle().split()).endswith("; 4 of 6 parameters")

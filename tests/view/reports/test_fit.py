@@ -1,4 +1,4 @@
-"""The first words of a fit's report: every channel with its noise, names of programs as they are."""
+"""The summary of a fit's report: every channel with its noise, parameter names unchanged."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -22,30 +22,32 @@ def fit(*cases):
     )
 
 
-def test_every_channel_is_named_with_its_noise():
+def test_summary_has_every_channel_with_its_noise():
     assert format_agreement(fit(strokes())) == (
-        "Force is met to 2 N (noise 2 N) and diameter to 0.05 mm (noise 0.05 mm);"
-        " isobars that the fit never saw are missed by 3 N and 0.075 mm."
+        "The RMS error of the fit is 2 N for force (noise 2 N) and 0.05 mm for diameter (noise 0.05 mm)."
+        " The RMS error of held-out isobars is 3 N for force and 0.075 mm for diameter."
     )
     assert format_agreement(fit(lengths(), lengths())).startswith(
-        "In bench, the worst of 2, force is met to 2 N (noise 2 N);"
+        "bench, the worst of 2 fits, has an RMS error of 2 N for force (noise 2 N)."
     )
-    assert "(the residual's own noise 2 N)" in format_agreement(fit(lengths(given=False)))
+    assert "(estimated noise 2 N)" in format_agreement(fit(lengths(given=False)))
 
 
-def test_noise_tells_what_the_lab_states_of_it():
-    one = strokes()
-    entry = replace(one.case.entry, sensors=Sensors(force=1.2, diameter=5e-5))
-    one = replace(one, case=replace(one.case, entry=entry))
-    assert [_build_score_row(one, channel)[3] for channel in ("force", "diameter")] == [
-        "2 N, its sensor's 1.2 N",
+def test_noise_is_compared_with_the_stated_noise():
+    case_fit = strokes()
+    entry = replace(case_fit.case.entry, sensors=Sensors(force=1.2, diameter=5e-5))
+    case_fit = replace(case_fit, case=replace(case_fit.case, entry=entry))
+    assert [_build_score_row(case_fit, channel)[3] for channel in ("force", "diameter")] == [
+        "2 N, 1.2 N stated",
         "0.05 mm, stated",
     ]
-    said = list(_list_assumptions(fit(one)))
-    assert any(line.startswith("Noise of force is 2 N a sample: 1.2 N as the lab states it") for line in said)
-    assert "Noise of diameter is 0.05 mm a sample, as the lab states it." in said
+    sentences = list(_list_assumptions(fit(case_fit)))
+    assert any(
+        line.startswith("Noise of force is 2 N per row. Stated in muscle.toml: 1.2 N") for line in sentences
+    )
+    assert "Noise of diameter is 0.05 mm per row, as stated in muscle.toml." in sentences
 
 
-def test_a_name_is_no_word_to_begin_with_a_capital():
-    assert capitalise_sentence("muscle.turns and thread.modulus move together").startswith("muscle.turns")
-    assert capitalise_sentence("no two numbers are correlated above 0.8").startswith("No two")
+def test_names_are_not_capitalised():
+    assert capitalise_sentence("muscle.turns and thread.modulus are correlated").startswith("muscle.turns")
+    assert capitalise_sentence("no correlation is above 0.8").startswith("No corr")

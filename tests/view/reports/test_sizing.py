@@ -1,4 +1,4 @@
-"""The report of a sizing: which width is which, what a table's numbers are, and by how much nothing fits."""
+"""The report of a sizing: diameters at rest and under pressure, tables, and the shortfall if infeasible."""
 
 import re
 from functools import cache
@@ -37,7 +37,7 @@ pytestmark = pytest.mark.slow
 
 @cache
 def sized(hard):
-    """A design that keeps all, wanted with a probability, or one that cannot."""
+    """Return a feasible design with a required probability, or an infeasible one if `hard`."""
     return pamjax.size(HARD if hard else SPEC | {"probability": 0.9}, margins=False, starts=2)
 
 
@@ -47,60 +47,60 @@ def page(hard):
         return Page(write_design_report(sized(hard), Path(folder) / "report.html").read_text("utf-8"))
 
 
-def test_a_width_says_whether_it_is_at_rest_or_under_pressure():
+def test_each_diameter_is_labelled_at_rest_or_under_pressure():
     design = sized(False)
     widest, bladder = (f"{1e3 * x:.4g} mm" for x in (design.output("widest"), design.numbers["diameter"]))
     assert widest != bladder
     assert format_headline(design).endswith(f"diameter {widest} under pressure")
-    assert f"a bladder of {bladder} outside" in format_answer(design)[0]
-    assert f"widens to {widest} at most" in format_answer(design)[0]
+    assert f"outer diameter of {bladder}" in format_answer(design)[0]
+    assert f"largest outer diameter is {widest}" in format_answer(design)[0]
 
 
-def test_other_choices_are_marked_and_told_as_what_they_are():
-    rows = page(False).table(["choice", "at typical values"])
+def test_table_of_choices_marks_the_chosen_and_the_nearest():
+    rows = page(False).table(["choice", "at typical properties"])
     assert [mark for _, mark in rows.values()].count("chosen") == 1
     typical, _ = rows[str(sized(False).choice)]
     assert float(typical.split()[0]) < 1e3 * sized(False).objective
-    assert "To hold with probability 0.9 a muscle takes more" in page(False).text
-    assert page(True).table(["choice", "at typical values"])[str(sized(True).choice)][1] == "nearest"
+    assert "A margin for the probability of 0.9 increases it." in page(False).text
+    assert page(True).table(["choice", "at typical properties"])[str(sized(True).choice)][1] == "nearest"
 
 
-def test_a_column_without_a_number_is_not_shown():
-    assert len(page(False).table(["requirement", "room"])["work at 600 kPa at most"]) == 3
-    rows = page(True).table(["requirement", "room"])
+def test_table_of_requirements_has_no_empty_column():
+    assert len(page(False).table(["requirement", "margin"])["working pressure at most 600 kPa"]) == 3
+    rows = page(True).table(["requirement", "margin"])
     assert {len(row) for row in rows.values()} == {2}
-    assert rows["pull 5000 N at 20 %"][1] == "the spec"
-    assert rows["rubber stretched to 1/2 of its break"][1] == "pamjax"
+    assert rows["force at least 5000 N at 20 % contraction"][1] == "the spec"
+    assert rows["safety factor at least 2 for rubber elongation"][1] == "pamjax"
 
 
-def test_a_receipt_names_its_sources_and_what_is_not_known():
+def test_receipt_lists_sources_and_tolerances():
     for hard in (False, True):
-        assert not re.search(r"sources \w+;|taken as exact", page(hard).text)
+        assert not re.search(r"sources \w+;|assumed exact", page(hard).text)
         assert "Tension Technology International" in page(hard).text
-    assert "how exactly it is built, one standard deviation: turns ± 0.005" in page(False).text
-    assert "it is built exactly as drawn: the spec states no [tolerance]" in page(True).text
+    assert "manufacturing tolerances: turns ± 0.005 (one standard deviation)" in page(False).text
+    assert "no manufacturing errors: the spec states no [tolerance]" in page(True).text
 
 
-def test_what_is_out_of_reach_is_told_by_how_much():
+def test_infeasible_design_reports_the_shortfall():
     design = sized(True)
     force = design.output("force", 1)
-    says = f"{format_amount(force, 'N')}, {format_amount(5000 - force, 'N')} short"
-    assert all(give.relaxed_bound is None for give in design.relaxations)
-    assert f"pull 5000 N at 20 %: the nearest muscle has {says}" in str(design)
-    assert "No one requirement, given up alone, is enough" in page(True).text
-    assert says in plot_chart(design).axes[0].get_title("left")
+    shortfall = f"{format_amount(force, 'N')}, {format_amount(5000 - force, 'N')} too low"
+    assert all(relaxation.relaxed_bound is None for relaxation in design.relaxations)
+    assert f"force at least 5000 N at 20 % contraction: the nearest muscle has {shortfall}" in str(design)
+    assert "Removing one requirement alone is not sufficient" in page(True).text
+    assert shortfall in plot_chart(design).axes[0].get_title("left")
 
 
-def test_a_working_point_beyond_the_supply_lies_on_a_line():
+def test_operating_point_above_the_supply_has_an_isobar():
     design = sized(True)
     assert design.numbers["pressure"] > 1.1 * design.spec.supply
     figure = plot_chart(design)
-    (own,) = (line for line in figure.axes[0].lines if line.get_gid() == "working")
-    (there,) = (line for line in figure.axes[0].lines if line.get_gid() == "there")
-    x, y = there.get_data()
-    assert np.interp(x[0], *own.get_data()) == pytest.approx(y[0], rel=5e-3)
-    assert any("beyond the supply" in text.get_text() for text in figure.legends[0].get_texts())
+    (isobar,) = (line for line in figure.axes[0].lines if line.get_gid() == "working")
+    (points,) = (line for line in figure.axes[0].lines if line.get_gid() == "available")
+    x, y = points.get_data()
+    assert np.interp(x[0], *isobar.get_data()) == pytest.approx(y[0], rel=5e-3)
+    assert any("above the supply pressure" in text.get_text() for text in figure.legends[0].get_texts())
 
 
-def test_a_price_is_what_easier_saves():
-    assert re.search(r"” made 1 % easier saves \S+ % of diameter", plot_prices(sized(False)).get_suptitle())
+def test_title_reports_the_saving_of_a_relaxation():
+    assert re.search(r"” by 1 % reduces diameter by \S+ %", plot_prices(sized(False)).get_suptitle())

@@ -1,0 +1,1 @@
+"""Choice of mechanisms by evidence, with form errors."""

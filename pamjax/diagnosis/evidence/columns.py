@@ -1,0 +1,129 @@
+"""Columns of the linear model: form errors of mechanisms, and physics that no mechanism describes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pamjax.diagnosis.evidence.coordinates import Coordinates
+from pamjax.diagnosis.library.candidates import Candidate
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.noise.estimate import NoiseModel
+from pamjax.diagnosis.refit.candidate_fit import switch_off_candidate
+from pamjax.infer.problem.dataset import CHANNELS
+from pamjax.model.form_error import FormError
+from pamjax.model.registry import list_mechanisms
+
+#: Highest degrees of unknown smooth physics in pressure and length, and their sum.
+MAX_DEGREE, MAX_TOTAL_DEGREE = 4, 6
+#: Local bumps over the stroke, and their width as a share of it.
+BUMP_COUNT, BUMP_WIDTH = 16, 0.04
+#: Periods over the stroke, and over the recording.
+STROKE_HARMONICS, TIME_HARMONICS = range(3, 9), range(1, 17)
+
+
+def get_form_error(candidate: Candidate) -> FormError:
+    """Return where the equation of a candidate may be inexact."""
+    return list_mechanisms()[candidate.id].form_error
+
+
+def compute_effect_of(problem: LibraryProblem, values: np.ndarray, candidate: Candidate) -> np.ndarray:
+    """Return what a candidate changes in the prediction, SI, (2, n); zero where a state has no answer."""
+    return np.nan_to_num(
+        problem.predict(values) - problem.predict(switch_off_candidate(problem, values, candidate))
+    )
+
+
+def build_form_columns(
+    problem: LibraryProblem, coordinates: Coordinates, values: np.ndarray, candidate: Candidate
+) -> np.ndarray:
+    """Return the columns of a candidate's form error, SI, (r, 2, n), each of the rms of the effect / √r."""
+    form_error = get_form_error(candidate)
+    if not (form_error.terms or form_error.alternatives):
+        return np.zeros((0, len(CHANNELS), problem.n))
+    effect = compute_effect_of(problem, values, candidate)
+    factors = [coordinates.evaluate_term(term) for term in form_error.parse()]
+    factors = [factor for factor in factors if factor.any()]
+    if form_error.is_additive:
+        size = np.sqrt(np.mean(effect**2, axis=1))[:, None]
+        # Slow courses are likelier than fast ones.
+        columns = [size * factor / np.sqrt(k + 1) for k, factor in enumerate(factors)]
+    else:
+        columns = [effect * factor for factor in factors]
+    columns += [
+        _remove_parallel(_compute_alternative(problem, values, candidate, alternative), effect)
+        for alternative in form_error.alternatives
+    ]
+    if not columns:
+        return np.zeros((0, len(CHANNELS), problem.n))
+    return _equalise(np.stack(columns), effect, form_error.is_additive) / np.sqrt(len(columns))
+
+
+def build_generic_columns(problem: LibraryProblem, coordinates: Coordinates) -> np.ndarray:
+    """Return columns of smooth, local and periodic physics, (g, 2, n), dimensionless, one channel each."""
+    c = coordinates
+    smooth = [
+        c.evaluate_power("pressure", i) * c.evaluate_power("length", k)
+        for i in range(MAX_DEGREE + 1)
+        for k in range(MAX_DEGREE + 1)
+        if i + k <= MAX_TOTAL_DEGREE
+    ]
+    hysteretic = [
+        c.direction * c.evaluate_power("pressure", i) * c.evaluate_power("length", k)
+        for i in range(3)
+        for k in range(3)
+    ]
+    stroke = (c.length + 1) / 2
+    bumps = [np.exp(-0.5 * ((stroke - centre) / BUMP_WIDTH) ** 2) for centre in np.linspace(0, 1, BUMP_COUNT)]
+    periodic = [f(2 * np.pi * k * stroke) for k in STROKE_HARMONICS for f in (np.cos, np.sin)]
+    slow = [] if c.time is None else [c.evaluate_power("time", k) for k in TIME_HARMONICS]
+    slow_pressure = [course * c.pressure for course in slow[:4]]
+    by_channel = (smooth + hysteretic + bumps + periodic + slow + slow_pressure, smooth + slow[:4])
+    zero = np.zeros(problem.n)
+    return np.stack(
+        [np.stack([f, zero]) for f in by_channel[0]] + [np.stack([zero, f]) for f in by_channel[1]]
+    )
+
+
+def whiten_generic_columns(noise: NoiseModel, columns: np.ndarray) -> np.ndarray:
+    """Return whitened generic columns, (g, size), together of unit variance per sample."""
+    sd = np.ones((len(CHANNELS), 1))
+    for c, channel in enumerate(noise.channels):
+        if channel is not None and noise.rows[c].size:
+            sd[c] = float(np.mean(channel.sd[noise.rows[c]]))
+    white = np.nan_to_num(noise.whiten(columns * sd))
+    rms = np.sqrt(np.mean(white**2, axis=1))
+    shown = rms > 1e-9
+    return white[shown] / rms[shown][:, None] / np.sqrt(max(shown.sum(), 1))
+
+
+def _compute_alternative(
+    problem: LibraryProblem, values: np.ndarray, candidate: Candidate, factors: dict[str, float]
+) -> np.ndarray:
+    changed = values.copy()
+    for name, factor in factors.items():
+        k = problem.index(f"{candidate.id}.{name}")
+        changed[k] = np.clip(changed[k] * factor, problem.low[k], problem.high[k])
+    return compute_effect_of(problem, changed, candidate)
+
+
+def _remove_parallel(column: np.ndarray, effect: np.ndarray) -> np.ndarray:
+    """Return a column without its part that is proportional to the effect, channel by channel."""
+    square = np.sum(effect**2, axis=1, keepdims=True)
+    share = np.sum(column * effect, axis=1, keepdims=True) / np.where(square > 0, square, 1.0)
+    return column - share * effect
+
+
+def _equalise(columns: np.ndarray, effect: np.ndarray, is_additive: bool) -> np.ndarray:
+    """Return columns scaled to the rms of the effect; an additive course keeps its own."""
+    if is_additive:
+        return columns * np.sqrt(2)
+    scale = np.where(np.mean(effect**2, axis=1) > 0, np.mean(effect**2, axis=1), np.inf)
+    size = np.sqrt(np.mean(columns**2 / scale[:, None], axis=(1, 2)) * 2 / np.isfinite(scale).sum().clip(1))
+    return columns / np.where(size > 1e-9, size, np.inf)[:, None, None]
+
+
+def stack_whitened(noise: NoiseModel, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Return blocks of columns, (r, 2, n) each, whitened, (r, size) each."""
+    return [np.nan_to_num(noise.whiten(block)) if len(block) else block[:, 0, :0] for block in blocks]

@@ -1,0 +1,65 @@
+"""The variables of a recording on which form errors and unknown physics may depend, scaled to order one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import eval_legendre
+
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+
+#: Speed at which half of full friction is reached is far below this share of the median speed: it only keeps
+#: holds from counting as motion.
+HOLD_SPEED_SHARE = 0.5
+
+#: Smallest speed over the median speed whose logarithm is taken.
+MIN_SPEED_RATIO = 1e-2
+
+
+@dataclass(frozen=True, eq=False)
+class Coordinates:
+    """Scaled variables of each row, (n,); `time` is None without a time column."""
+
+    pressure: np.ndarray
+    length: np.ndarray
+    direction: np.ndarray
+    speed: np.ndarray
+    time: np.ndarray | None
+
+    @classmethod
+    def from_problem(cls, problem: LibraryProblem) -> Coordinates:
+        """Return the coordinates of a recording."""
+        recording = problem.case.recording
+        compared = np.asarray(np.isfinite(problem.measured).any(axis=0))
+        rate = np.asarray(problem.dataset.history.rate(problem.dataset.rows.length))[: problem.n]
+        rate = np.where(np.isfinite(rate), rate, 0.0)
+        moving = np.abs(rate[rate != 0])
+        typical = float(np.median(moving)) if moving.size else 1.0
+        speed = np.log10(np.abs(rate) / typical + MIN_SPEED_RATIO)
+        time = recording.time
+        return cls(
+            pressure=_scale(recording.pressure, compared),
+            length=_scale(recording.length, compared),
+            direction=np.tanh(rate / (HOLD_SPEED_SHARE * typical)),
+            speed=speed - speed[compared].mean(),
+            time=None if time is None else (time - time[0]) / max(float(np.ptp(time)), 1e-9),
+        )
+
+    def evaluate_power(self, variable: str, degree: int) -> np.ndarray:
+        """Return one factor of a term, (n,); a course in time is zero where no time is recorded."""
+        if variable == "time":
+            return np.zeros(self.pressure.size) if self.time is None else np.cos(np.pi * degree * self.time)
+        values = getattr(self, variable)
+        return (
+            eval_legendre(degree, values) if variable in ("pressure", "length") else np.power(values, degree)
+        )
+
+    def evaluate_term(self, factors: list[tuple[str, int]]) -> np.ndarray:
+        """Return the product of some factors, (n,)."""
+        return np.prod(np.stack([self.evaluate_power(*factor) for factor in factors]), axis=0)
+
+
+def _scale(values: np.ndarray, compared: np.ndarray) -> np.ndarray:
+    low, high = float(np.min(values[compared])), float(np.max(values[compared]))
+    return np.clip(2 * (values - low) / max(high - low, 1e-12) - 1, -1.0, 1.0)

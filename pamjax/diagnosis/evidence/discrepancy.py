@@ -1,0 +1,71 @@
+"""A noise model with form errors: they are correlated deviations of known shape and unknown size.
+
+With whitened columns Φ, already multiplied by their standard deviations, the covariance of the whitened
+residual is C = I + Φ Φᵀ. From the singular values s and left vectors U of Φ,
+
+    C^(−1/2) v = v − U diag(1 − 1/√(1 + s²)) Uᵀ v,      ln det C = Σ ln(1 + s²).
+
+Source: matrix inversion lemma; generalised least squares.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pamjax.diagnosis.noise.estimate import NoiseModel
+
+#: Singular value below which a column has no effect.
+MIN_SINGULAR_VALUE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class DiscrepancyNoise(NoiseModel):
+    """Noise of a recording plus the form errors of a model.
+
+    Attributes:
+        vectors: (size, r) orthonormal shapes of the form errors, whitened.
+        shrinkage: (r,) share by which each is reduced.
+    """
+
+    vectors: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    shrinkage: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    def whiten(self, values: np.ndarray) -> np.ndarray:
+        """Return values whitened by noise and form errors, (…, size); NaN stays NaN."""
+        white = super().whiten(values)
+        if not self.shrinkage.size:
+            return white
+        missing = ~np.isfinite(white)
+        known = np.where(missing, 0.0, white)
+        out = known - ((known @ self.vectors) * self.shrinkage) @ self.vectors.T
+        return np.where(missing, np.nan, out)
+
+    def restrict_to_rows(self, mask: np.ndarray) -> NoiseModel:
+        """Return the same noise model for the rows of a mask, (n,), only."""
+        restricted = super().restrict_to_rows(mask)
+        kept = np.concatenate([mask[rows] for rows in self.rows])
+        s = np.sqrt(1 / (1 - self.shrinkage) ** 2 - 1)
+        plain = NoiseModel(restricted.channels, restricted.rows, restricted.runs, restricted.weight)
+        return add_discrepancy(plain, (self.vectors[kept] * s).T) if s.size else restricted
+
+    @property
+    def log_determinant(self) -> float:
+        """Logarithm of the determinant of the covariance, SI."""
+        return super().log_determinant - 2 * float(np.sum(np.log1p(-self.shrinkage)))
+
+
+def add_discrepancy(noise: NoiseModel, columns: np.ndarray) -> DiscrepancyNoise:
+    """Return the noise model with form errors.
+
+    Args:
+        noise: noise of the recording.
+        columns: (r, size) whitened columns, multiplied by their standard deviations.
+    """
+    fields = {"channels": noise.channels, "rows": noise.rows, "runs": noise.runs, "weight": noise.weight}
+    if not len(columns):
+        return DiscrepancyNoise(**fields)
+    vectors, s, _ = np.linalg.svd(columns.T, full_matrices=False)
+    kept = s > MIN_SINGULAR_VALUE
+    return DiscrepancyNoise(**fields, vectors=vectors[:, kept], shrinkage=1 - 1 / np.sqrt(1 + s[kept] ** 2))

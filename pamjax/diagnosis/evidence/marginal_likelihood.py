@@ -1,0 +1,183 @@
+"""Evidence of a model: its likelihood with all parameters integrated out (Laplace's approximation).
+
+At the estimate x̂ the whitened residual r is linear in everything that is not known:
+
+    r = J (x − x̂) + Σ_m Φ_m c_m + G g + e,      e ~ N(0, I),
+    c_m ~ N(0, ε_m² I),   g ~ N(0, γ² I),   x ~ N(m, Λ⁻¹) with a finite prior, else of unit information,
+
+J the Jacobian, Φ_m the columns of the form error of mechanism m at its estimated amplitude, G generic
+physics. With all columns X and their prior variances D,
+
+    ln Z = −½ (rᵀr − bᵀ (D⁻¹ + XᵀX)⁻¹ b) − ½ ln det(I + D^½ XᵀX D^½),      b = Xᵀ r.
+
+The form shares ε_m and the size γ are summed over their possible values. A parameter that switches a
+mechanism on has a prior as wide as one sample determines it, or as its own estimate if that is larger; in the
+quadratic form it is free.
+Source: R. Kass & A. Raftery, J. Am. Stat. Assoc. 90, 773 (1995).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise, product
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.special import logsumexp
+
+from pamjax.diagnosis.evidence.settings import EvidenceSettings
+
+#: Relative size of the term that keeps a Cholesky factor positive.
+JITTER = 1e-10
+
+#: Most mechanisms with a form error for which all combinations of shares are summed.
+MAX_ENUMERATED = 2
+
+
+@dataclass(frozen=True, eq=False)
+class LinearModel:
+    """A model linearised at its estimate; all columns whitened.
+
+    Attributes:
+        residual: (size,) whitened residual.
+        jacobian: (k, size) derivatives of the prediction by the coordinates of the free parameters.
+        prior_offset: (k,) prior mean minus estimate in these coordinates, over the prior sd; zero without.
+        prior_sd: (k,) sd of the priors; infinite without.
+        is_amplitude: (k,) whether a parameter switches a mechanism on.
+        amplitude: (k,) distance of the estimate from its neutral value, in coordinates.
+        forms: by mechanism, (r, size) columns of its form error at a share of one.
+        generic: (g, size) columns of generic physics at a size of one.
+    """
+
+    residual: np.ndarray
+    jacobian: np.ndarray
+    prior_offset: np.ndarray
+    prior_sd: np.ndarray
+    is_amplitude: np.ndarray
+    amplitude: np.ndarray
+    forms: Sequence[np.ndarray]
+    generic: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Evidence of a model without and with generic physics.
+
+    Attributes:
+        without_generic: ln Z times the prior probabilities, without generic physics.
+        with_generic: the same with it.
+        form_shares: most probable share of each mechanism's form error.
+        form_coefficients: by mechanism, posterior means of the coefficients without generic physics.
+    """
+
+    without_generic: float
+    with_generic: float
+    form_shares: tuple[float, ...]
+    form_coefficients: list[np.ndarray] = field(default_factory=list)
+
+    @property
+    def total(self) -> float:
+        """ln Z with generic physics present or absent."""
+        return float(np.logaddexp(self.without_generic, self.with_generic))
+
+
+def compute_evidence(model: LinearModel, mechanism_count: int, settings: EvidenceSettings) -> Evidence:
+    """Return the evidence of a model.
+
+    Args:
+        model: the model at its estimate.
+        mechanism_count: number of its mechanisms.
+        settings: prior probabilities.
+    """
+    gram = _Gram(model)
+    shares, log_weights = _enumerate_shares(gram, settings)
+    log_z = np.array([gram.compute_log_z(share, 0.0)[0] for share in shares]) + log_weights
+    best = int(np.argmax(log_z))
+    with_generic = _log_sum_exp(
+        [gram.compute_log_z(shares[best], size)[0] for size in settings.generic_sizes]
+    ) - math.log(len(settings.generic_sizes))
+    prior = mechanism_count * np.log(settings.mechanism_probability)
+    return Evidence(
+        without_generic=_log_sum_exp(log_z) + prior + np.log1p(-settings.generic_probability),
+        with_generic=with_generic + float(log_weights[best]) + prior + math.log(settings.generic_probability),
+        form_shares=shares[best],
+        form_coefficients=gram.compute_log_z(shares[best], 0.0)[1],
+    )
+
+
+def _log_sum_exp(values: Sequence[float] | np.ndarray) -> float:
+    return float(np.asarray(logsumexp(values)))
+
+
+def _enumerate_shares(gram: _Gram, settings: EvidenceSettings) -> tuple[list[tuple[float, ...]], np.ndarray]:
+    """Return combinations of form shares and their log prior probabilities; the likely ones if many."""
+    log_weight = dict(zip(settings.form_shares, np.log(settings.form_share_probabilities), strict=True))
+    options = [settings.form_shares if size else (0.0,) for size in gram.form_sizes]
+
+    def weigh(shares: tuple[float, ...]) -> float:
+        return float(sum(log_weight[s] for s, size in zip(shares, gram.form_sizes, strict=True) if size))
+
+    if sum(len(option) > 1 for option in options) <= MAX_ENUMERATED:
+        combinations = list(product(*options))
+    else:
+        best = tuple(option[len(option) // 2] for option in options)
+        for k, option in enumerate(options):
+            trials = [(*best[:k], share, *best[k + 1 :]) for share in option]
+            best = max(trials, key=lambda shares: gram.compute_log_z(shares, 0.0)[0] + weigh(shares))
+        combinations = [
+            (*best[:k], share, *best[k + 1 :]) for k, option in enumerate(options) for share in option
+        ]
+        combinations = list(dict.fromkeys(combinations))
+    return combinations, np.array([weigh(shares) for shares in combinations])
+
+
+class _Gram:
+    """Products of all columns, from which the evidence of any prior variances follows."""
+
+    def __init__(self, model: LinearModel) -> None:
+        self.parameter_count = len(model.jacobian)
+        self.form_sizes = [len(block) for block in model.forms]
+        columns = np.concatenate([model.jacobian, *model.forms, model.generic])
+        self.gram = columns @ columns.T
+        self.projection = columns @ model.residual
+        has_prior = np.isfinite(model.prior_sd)
+        prior_sd = np.where(has_prior, model.prior_sd, 1.0)
+        precision = np.where(has_prior, 1 / prior_sd, 0.0)
+        k = self.parameter_count
+        self.gram[np.arange(k), np.arange(k)] += precision**2
+        self.projection[:k] += precision * model.prior_offset
+        self.square = float(model.residual @ model.residual + model.prior_offset @ model.prior_offset)
+        information = np.maximum(np.einsum("ij,ij->i", model.jacobian, model.jacobian), 1e-300)
+        unit = model.residual.size / information
+        wide = np.maximum(unit, model.amplitude**2)
+        self.parameter_variance = np.where(
+            model.is_amplitude, wide, np.where(has_prior, prior_sd**2, 1e6 * unit)
+        )
+        # A finite prior is part of the products already.
+        self.identity = np.where(has_prior, 0.0, 1.0)
+
+    def compute_log_z(self, shares: Sequence[float], generic_size: float) -> tuple[float, list[np.ndarray]]:
+        """Return ln Z for form shares and a size of generic physics, and the forms' coefficients."""
+        k, generic = self.parameter_count, len(self.gram) - self.parameter_count - sum(self.form_sizes)
+        forms = [np.full(size, share**2) for size, share in zip(self.form_sizes, shares, strict=True)]
+        variance = np.concatenate([self.parameter_variance, *forms, np.full(generic, generic_size**2)])
+        used = np.flatnonzero(variance > 0)
+        root = np.sqrt(variance[used])
+        scaled = self.gram[np.ix_(used, used)] * np.outer(root, root)
+        is_parameter = used < k
+        identity = np.ones(used.size)
+        identity[is_parameter] = self.identity[used[is_parameter]]
+        occam = scaled + np.diag(np.maximum(identity, 1e-12))
+        # In the quadratic form a parameter without a prior is free.
+        quadratic = scaled + np.diag(np.where(is_parameter, 1e-12, 1.0))
+        quadratic += np.diag(JITTER * np.diag(quadratic))
+        factor = cho_factor(quadratic, lower=True)
+        b = self.projection[used] * root
+        solution = cho_solve(factor, b)
+        log_z = -0.5 * (self.square - float(b @ solution)) - 0.5 * float(np.linalg.slogdet(occam)[1])
+        coefficients = np.zeros(variance.size)
+        coefficients[used] = solution * root
+        bounds = k + np.cumsum([0, *self.form_sizes])
+        return log_z, [coefficients[a:b] for a, b in pairwise(bounds)]

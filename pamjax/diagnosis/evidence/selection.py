@@ -1,0 +1,140 @@
+"""The choice by evidence as the selection that a diagnosis reports."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pamjax.diagnosis.crossval.gain import compute_rmse
+from pamjax.diagnosis.detect.score_test import compute_score_directions
+from pamjax.diagnosis.evidence.search import EvidenceFit, EvidenceSearch
+from pamjax.diagnosis.evidence.settings import EvidenceSettings
+from pamjax.diagnosis.evidence.summary import EvidenceName, summarise
+from pamjax.diagnosis.library.candidates import Candidate
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.noise.estimate import estimate_noise
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit, get_free_indices, switch_off_candidate
+from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.diagnosis.select.selection import NamedMechanism, Selection
+from pamjax.progress import Progress, ignore_progress
+
+#: Increase of the held-out error by a mechanism from which it is not named.
+MAX_HELD_OUT_RATIO = 1.01
+
+
+def select_by_evidence(
+    problem: LibraryProblem,
+    training_rows: np.ndarray,
+    progress: Progress = ignore_progress,
+    settings: EvidenceSettings | None = None,
+) -> tuple[Selection, float]:
+    """Return the mechanisms with the largest evidence, and the probability of unexplained physics.
+
+    Args:
+        problem: the recording and the library.
+        training_rows: (n,) mask of the rows in use; the others decide whether a mechanism predicts better.
+        progress: called with what is being done and the share done.
+        settings: prior probabilities and thresholds.
+    """
+    settings = settings or EvidenceSettings(established_probability=problem.settings.established_probability)
+    baseline = fit_baseline(problem, training_rows, problem.neutral)
+    search = EvidenceSearch(problem, baseline.noise, baseline.estimate.values, settings)
+    directions = compute_score_directions(problem, baseline.noise, baseline.estimate, search.candidates)
+    summary = summarise(search.run(progress), settings)
+    names = {name.id: name for name in summary.names}
+    fit = _restrict(search, summary.best, names)
+    for id in _find_harmful(search, fit, ~training_rows):
+        names.pop(id)
+        fit = _restrict(search, fit, names)
+    return (
+        Selection(
+            baseline,
+            to_candidate_fit(fit),
+            tuple(_describe(search, fit, name) for name in summary.names if name.id in names),
+            tuple(directions),
+        ),
+        summary.unexplained_probability,
+    )
+
+
+def fit_with_form_errors(
+    problem: LibraryProblem, rows: np.ndarray, mechanisms: Sequence[Candidate], values: np.ndarray
+) -> CandidateFit:
+    """Return the baseline with some mechanisms and their form errors, refitted to some rows (n,)."""
+    neutral = values
+    for candidate in mechanisms:
+        neutral = switch_off_candidate(problem, neutral, candidate)
+    baseline = fit_baseline(problem, rows, neutral)
+    search = EvidenceSearch(problem, baseline.noise, baseline.estimate.values, EvidenceSettings())
+    return to_candidate_fit(search.refit(mechanisms, values))
+
+
+def fit_baseline(problem: LibraryProblem, rows: np.ndarray, values: np.ndarray) -> CandidateFit:
+    """Return the baseline refitted to some rows (n,), with the noise that neighbouring samples show."""
+    free = get_free_indices(problem, ())
+    for _ in range(2):
+        noise = estimate_noise(problem, values, rows, free_scale=True)
+        estimate = fit_parameters(problem, noise, free, values)
+        values = estimate.values
+    return CandidateFit((), noise, estimate)
+
+
+def to_candidate_fit(fit: EvidenceFit) -> CandidateFit:
+    """Return a set of mechanisms as the fit that tests and reports take."""
+    return CandidateFit(fit.mechanisms, fit.noise, fit.estimate)
+
+
+def _restrict(search: EvidenceSearch, fit: EvidenceFit, names: dict[str, EvidenceName]) -> EvidenceFit:
+    """Return the set with the named mechanisms only."""
+    kept = tuple(candidate for candidate in fit.mechanisms if candidate.id in names)
+    if len(kept) == len(fit.mechanisms):
+        return fit
+    known = search.fits.get(frozenset(names))
+    if known is not None:
+        return known
+    values = fit.values
+    for candidate in fit.mechanisms:
+        if candidate not in kept:
+            values = switch_off_candidate(search.problem, values, candidate)
+    return search.refit(kept, values)
+
+
+def _find_harmful(search: EvidenceSearch, fit: EvidenceFit, held_out_rows: np.ndarray) -> list[str]:
+    """Return the mechanisms that make the prediction of held-out rows worse."""
+    problem = search.problem
+    if not held_out_rows.any() or not fit.mechanisms:
+        return []
+    whole = _compute_error(search, fit, held_out_rows)
+    harmful = []
+    for candidate in fit.mechanisms:
+        remaining = tuple(other for other in fit.mechanisms if other is not candidate)
+        reduced = search.fits.get(frozenset(other.id for other in remaining)) or search.refit(
+            remaining, switch_off_candidate(problem, fit.values, candidate)
+        )
+        if whole > MAX_HELD_OUT_RATIO * _compute_error(search, reduced, held_out_rows):
+            harmful.append(candidate.id)
+    return harmful
+
+
+def _compute_error(search: EvidenceSearch, fit: EvidenceFit, rows: np.ndarray) -> float:
+    """Return the rms error over the noise on some rows, both channels together."""
+    rmse = compute_rmse(search.problem, search.problem.predict(fit.values), rows)
+    sds = [float(np.mean(channel.sd)) if channel is not None else np.inf for channel in search.noise.channels]
+    ratios = [rmse[name] / sd for name, sd in zip(("force", "diameter"), sds, strict=True) if name in rmse]
+    return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 0.0
+
+
+def _describe(search: EvidenceSearch, fit: EvidenceFit, name: EvidenceName) -> NamedMechanism:
+    others = fit.ids - {name.id}
+
+    def lose(ids: frozenset[str]) -> float:
+        other = search.fits.get(ids)
+        return float("inf") if other is None else 2 * (fit.evidence.total - other.evidence.total)
+
+    rivals = {
+        next(iter(other.ids - others)): lose(other.ids)
+        for other in search.fits.values()
+        if other.ids > others and len(other.ids) == len(fit.ids) and name.id not in other.ids
+    }
+    return NamedMechanism(name.id, name.probability, name.indistinguishable, lose(others), rivals)

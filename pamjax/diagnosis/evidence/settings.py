@@ -1,0 +1,33 @@
+"""Settings of the choice by evidence: what is assumed before a recording is looked at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class EvidenceSettings:
+    """Assumptions of a choice by evidence.
+
+    Attributes:
+        form_shares: possible sizes of a form error, as a share of the textbook effect (rms) ...
+        form_share_probabilities: ... and their prior probabilities.
+        mechanism_probability: prior probability of each mechanism.
+        generic_probability: prior probability of physics that no mechanism describes.
+        generic_sizes: possible sizes of this physics, in standard deviations of the noise of a sample.
+        max_form_share: an effect whose form error is larger than this share is not its mechanism.
+        established_probability: probability from which a mechanism is named.
+        tie_probability_ratio: alternatives with at least this share of the probability are
+            indistinguishable.
+        max_mechanisms: largest number of mechanisms in a model.
+    """
+
+    form_shares: tuple[float, ...] = (0.0, 0.1, 0.2, 0.4)
+    form_share_probabilities: tuple[float, ...] = (0.25, 0.3, 0.3, 0.15)
+    mechanism_probability: float = 0.05
+    generic_probability: float = 0.1
+    generic_sizes: tuple[float, ...] = (0.3, 1.0, 3.0, 10.0)
+    max_form_share: float = 0.5
+    established_probability: float = 0.5
+    tie_probability_ratio: float = 0.1
+    max_mechanisms: int = 4

@@ -1,0 +1,59 @@
+"""Where the equation of a mechanism may be inexact.
+
+Real effects follow textbook equations to some 10 to 40 %. The difference is smooth and proportional to the
+effect. A mechanism declares the variables in which it may differ:
+
+    effect = textbook effect · (1 + Σ c_j φ_j),     φ_j products of Legendre polynomials of the variables,
+
+or, for an effect that is a course in time (`is_additive`), rms(effect) · Σ c_j cos(πkt/T) in addition.
+
+    pressure, length   scaled to −1 … 1 over the recording
+    direction          −1 while the muscle shortens, 1 while it lengthens, 0 at a hold
+    speed              decimal logarithm of the speed over its median
+    time               scaled to 0 … 1; its power k is cos(πkt)
+
+Source: discrepancy as a multiplicative Gaussian process, M. Kennedy & A. O'Hagan, J. R. Stat. Soc. B 63, 425
+(2001); J. Brynjarsdóttir & A. O'Hagan, Inverse Problems 30, 114007 (2014).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+VARIABLES = ("pressure", "length", "direction", "speed", "time")
+
+
+@dataclass(frozen=True)
+class FormError:
+    """The terms of a form error.
+
+    Attributes:
+        terms: products as "pressure length^2".
+        is_additive: whether the terms are added to the effect instead of multiplied with it.
+        alternatives: factors on shape parameters; the effect at these values, as far as it is not
+            proportional to the effect itself, is a further term each.
+    """
+
+    terms: tuple[str, ...] = ()
+    is_additive: bool = False
+    alternatives: tuple[dict[str, float], ...] = ()
+
+    def parse(self) -> list[list[tuple[str, int]]]:
+        """Return the factors (variable, degree) of each term.
+
+        >>> FormError(("pressure length^2",)).parse()
+        [[('pressure', 1), ('length', 2)]]
+        """
+        return [
+            [(name, int(degree or 1)) for name, _, degree in (word.partition("^") for word in term.split())]
+            for term in self.terms
+        ]
+
+
+def list_powers(variable: str, degree: int) -> tuple[str, ...]:
+    """Return the terms of one variable up to a degree.
+
+    >>> list_powers("length", 3)
+    ('length', 'length^2', 'length^3')
+    """
+    return tuple(variable if k == 1 else f"{variable}^{k}" for k in range(1, degree + 1))

@@ -1,0 +1,111 @@
+"""Diagnose small recordings: with injected mechanisms, with effects outside the library, with noise only.
+
+A mechanism that acts alone has an effect of three noise standard deviations, the smallest of the simulation
+study. The noise of neighbouring samples has a correlation of 0.5.
+"""
+
+from dataclasses import replace
+
+import pytest
+
+from pamjax import DiagnosisSettings, diagnose
+from pamjax.model.registry import MECHANISMS
+from tests.diagnosis.bank import (
+    UNMODELLED_FORCES,
+    BankRecording,
+    check_identified,
+    diagnose_bank,
+    list_certain_errors,
+    simulate_bank,
+)
+
+pytestmark = pytest.mark.slow
+
+#: The most mechanisms that one recording may leave indistinguishable from an injected one.
+MAX_TIES = 2
+
+#: Recordings with several mechanisms by a name for the test.
+SEVERAL = {
+    "slip_and_lag": BankRecording(2, seed=0, smallest=4.0, largest=25.0),
+    "stretch_and_softening": BankRecording(2, seed=1, smallest=4.0, largest=25.0),
+    "gain_and_locking": BankRecording(2, seed=2, smallest=4.0, largest=25.0),
+    "drop_and_softening": BankRecording(2, seed=3, smallest=4.0, largest=25.0),
+    "rubber_and_compliance": BankRecording(2, seed=4, smallest=4.0, largest=25.0),
+    "gain_and_locking_and_softening": BankRecording(3, seed=5, smallest=4.0, largest=25.0),
+}
+
+
+#: Recordings with settings under which a diagnosis loses a mechanism.
+TOO_STRICT = {
+    "detection": (BankRecording(1, only="pressure_gain"), {"detection_p_value": 1e-30}),
+    "inclusion": (BankRecording(1, only="force_drift"), {"false_inclusion_probability": 1e-300}),
+    "number_of_mechanisms": (SEVERAL["gain_and_locking"], {"max_mechanisms": 1}),
+}
+
+
+@pytest.mark.parametrize("id", [kind.id for kind in MECHANISMS])
+def test_an_injected_mechanism_is_named(id):
+    diagnosis = diagnose_bank(BankRecording(1, only=id))
+    check_identified(diagnosis, [id])
+    (mechanism,) = diagnosis.named_mechanisms
+    assert len(mechanism.indistinguishable) <= MAX_TIES
+
+
+@pytest.mark.parametrize("name", SEVERAL)
+def test_mechanisms_that_act_together_are_named(name):
+    check_identified(diagnose_bank(SEVERAL[name]), simulate_bank(SEVERAL[name]).effect_ids)
+
+
+@pytest.mark.parametrize("name", UNMODELLED_FORCES)
+def test_an_effect_outside_the_library_is_unexplained(name):
+    diagnosis = diagnose_bank(BankRecording(seed=0, unmodelled=name))
+    assert diagnosis.detected
+    assert diagnosis.unexplained
+    assert list_certain_errors(diagnosis, ()) == []
+
+
+def test_mechanisms_that_left_out_blocks_contradict_are_in_a_note():
+    diagnosis = diagnose_bank(BankRecording(seed=0, unmodelled="obstacle"))
+    noted = {kind.id for kind in MECHANISMS if any(f"`{kind.id}`" in note for note in diagnosis.notes)}
+    assert noted
+    assert not noted & {mechanism.id for mechanism in diagnosis.named_mechanisms}
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.5, 0.9, 0.97])
+def test_noise_alone_is_no_mismatch(correlation):
+    diagnosis = diagnose_bank(BankRecording(seed=0, correlation=correlation))
+    assert not diagnosis.detected
+    assert diagnosis.named_mechanisms == ()
+    assert not diagnosis.unexplained
+
+
+@pytest.mark.parametrize("rule", TOO_STRICT)
+def test_a_rule_that_loses_a_mechanism_fails_the_check(rule):
+    definition, changes = TOO_STRICT[rule]
+    ground_truth = simulate_bank(definition)
+    diagnosis = diagnose(ground_truth.case, settings=DiagnosisSettings(**changes))
+    with pytest.raises(AssertionError):
+        check_identified(diagnosis, ground_truth.effect_ids)
+
+
+def test_the_check_rejects_a_diagnosis_that_loses_a_mechanism():
+    definition = SEVERAL["gain_and_locking"]
+    diagnosis, injected = diagnose_bank(definition), simulate_bank(definition).effect_ids
+    for kept in diagnosis.named_mechanisms:
+        lost = replace(diagnosis, selection=replace(diagnosis.selection, named_mechanisms=(kept,)))
+        with pytest.raises(AssertionError):
+            check_identified(lost, injected)
+
+
+def test_the_check_rejects_a_certain_error_and_a_mechanism_of_low_probability():
+    definition = BankRecording(1, only="force_offset")
+    diagnosis = diagnose_bank(definition)
+    with pytest.raises(AssertionError):
+        check_identified(diagnosis, ["braid_friction"])
+    (mechanism,) = diagnosis.named_mechanisms
+    unlikely = replace(
+        diagnosis,
+        selection=replace(diagnosis.selection, named_mechanisms=(replace(mechanism, probability=0.4),)),
+    )
+    with pytest.raises(AssertionError):
+        check_identified(unlikely, ["force_offset"])

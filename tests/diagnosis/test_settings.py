@@ -1,0 +1,241 @@
+"""Check the settings of a diagnosis: their limits, their descriptions, and that each step uses them."""
+
+import ast
+import dataclasses
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pamjax
+from pamjax.diagnosis.crossval.cross_validated import reduce_certainty
+from pamjax.diagnosis.crossval.explained_fraction import _compute_explained_share
+from pamjax.diagnosis.crossval.gain import select_held_out_rows
+from pamjax.diagnosis.detect.locate import _find_direction
+from pamjax.diagnosis.detect.regions import RecordingAxes, split_into_regions
+from pamjax.diagnosis.detect.residual_test import is_residual_large, is_residual_significant
+from pamjax.diagnosis.detect.significance import Significance
+from pamjax.diagnosis.library.library_problem import _compute_limits
+from pamjax.diagnosis.next_experiment.experiment import Experiment, choose_experiment
+from pamjax.diagnosis.noise.estimate import _build_channel_noise
+from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit
+from pamjax.diagnosis.select.search import MechanismSearch
+from pamjax.diagnosis.select.selection import NamedMechanism, Selection
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings, describe_settings
+from pamjax.errors import BadInput
+from pamjax.progress import ignore_progress
+from pamjax.records.blocks import Blocks
+from pamjax.records.simulate import draw_ar1_noise
+from tests.view import made_up
+
+NAMES = [setting.name for setting in dataclasses.fields(DiagnosisSettings)]
+
+#: The thresholds on which the results in docs/validation.md depend.
+DEFAULTS = {
+    "max_noise_correlation": 0.98, "min_correlation_se": 2.0, "sensor_variance_sd_share": 0.1,
+    "min_samples_for_correlation": 30, "min_near_step_share": 0.9, "max_input_noise_chi2_share": 0.1,
+    "max_prior_deviation_sd": 3.0, "max_stiffness_factor": 5.0, "min_presliding_noise_ratio": 10.0,
+    "fitted_size_sd_share": 0.1, "slip_time_count": 24, "min_speed_ratio_for_power": 1.5,
+    "max_stated_chi2": 12.0, "max_refit_evaluations": 40, "start_limit_distance_share": 0.15,
+    "at_limit_range_share": 1e-3, "min_input_noise_chi2_share": 0.02, "max_correction_steps": 6,
+    "min_misfit_mean_square": 1.5, "misfit_weighting_rounds": 2, "correlation_sweeps": 2,
+    "min_correlation_change": 0.005, "detection_p_value": 0.01, "mean_square_level_share": 0.05,
+    "significance_draws": 10000, "min_unexplained_rms": 0.3, "min_unexplained_rms_share": 0.15,
+    "ranges_per_axis": 5, "time_ranges": 20, "min_samples_in_region": 12, "min_speed_share": 0.05,
+    "min_speed_noise_sd": 4.5, "false_inclusion_probability": 1e-4, "min_excess_share": 0.2,
+    "min_rms_share": 0.1, "complete_excess_share": 0.95, "min_small_rms_share": 0.025,
+    "min_effect_rms": 0.25, "min_direction_chi2_share": 0.5, "shortlist_length": 6,
+    "final_refit_count": 2, "rough_evaluations": 7, "strained_prior_sd": 2.5, "max_mechanisms": 4,
+    "tie_chi2": 12.0, "tie_excess_share": 0.1, "rivals_refitted": 5, "comparison_excess_chi2": 8.0,
+    "rough_chi2_margin": 36.0, "established_probability": 0.5, "restart_pair_count": 3,
+    "second_candidate_count": 3, "pairs_refitted": 3, "pair_swap_rounds": 2, "max_rough_chi2_share": 0.2,
+    "max_noise_chi2_sd": 2.0, "same_pair_chi2_share": 1e-3, "min_joint_excess_share": 2 / 3,
+    "min_single_excess_share": 0.1, "false_addition_probability": 0.01, "min_prior_p_value": 0.01,
+    "min_extreme_amplitude_share": 0.25, "max_starting_candidates": 9, "alternative_fit_evaluations": 10,
+    "max_alternative_chi2": 20.0, "min_chi2_improvement": 0.5, "distance_chi2_tolerance": 4.0,
+    "min_explained_fraction": 5 / 6, "min_blocks_for_cross_validation": 3, "min_information_share": 0.05,
+    "unexplained_certainty_share": 0.5, "held_out_interval": 5, "min_blocks_for_hold_out": 3,
+    "box_low_quantile": 0.05, "box_high_quantile": 0.95, "min_direction_share": 0.15,
+    "min_moving_misfit_share": 0.5, "min_box_rms_ratio": 0.5, "min_channel_excess_share": 0.2,
+    "max_boxes": 5, "smoothing_rows": 7, "min_one_sided_ratio": 0.4, "min_trend_correlation": 0.9,
+    "trend_end_share": 0.1, "ranges_per_box": 5, "min_part_share": 0.02, "min_part_distance_share": 0.2,
+    "false_alarm_rate": 0.05, "sufficient_power": 0.9, "power_draws": 4000,
+    "rival_candidates_refitted": 3, "max_rivals_per_mechanism": 2, "max_rival_pairs": 4,
+}  # fmt: skip
+
+
+def test_the_defaults_are_those_of_the_validation():
+    assert dataclasses.asdict(DEFAULT_SETTINGS) == DEFAULTS
+
+
+def test_every_setting_has_a_description():
+    settings = list(describe_settings())
+    assert [setting.name for setting in settings] == NAMES
+    for setting in settings:
+        assert all((setting.unit, setting.meaning, setting.larger))
+        assert setting.name in (DiagnosisSettings.__doc__ or "")
+    assert {setting.group for setting in settings} == {
+        "noise", "library", "refit", "detect", "select", "crossval", "report", "next experiment",
+    }  # fmt: skip
+
+
+def test_every_setting_is_used():
+    """A setting without a reader in the package would promise an effect that it does not have."""
+    home = Path(pamjax.__file__).parent / "diagnosis"
+    read = {
+        node.attr
+        for path in home.rglob("*.py")
+        if path.name != "settings.py"
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.Attribute)
+    }
+    assert sorted(set(NAMES) - read) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        (
+            "detection_p_value",
+            2.0,
+            "`detection_p_value` of DiagnosisSettings must be a number between 1e-300 and 1; got 2.0.",
+        ),
+        (
+            "max_mechanisms",
+            2.5,
+            "`max_mechanisms` of DiagnosisSettings must be an integer between 0 and 20; got 2.5.",
+        ),
+        (
+            "tie_chi2",
+            "12",
+            "`tie_chi2` of DiagnosisSettings must be a number between 0 and 1e+06; got '12'.",
+        ),
+        (
+            "tie_chi2",
+            float("nan"),
+            "`tie_chi2` of DiagnosisSettings must be a number between 0 and 1e+06; got nan.",
+        ),
+    ],
+)
+def test_a_bad_value_is_refused_in_one_sentence(name, value, message):
+    with pytest.raises(BadInput) as error:
+        DiagnosisSettings(**{name: value})
+    assert str(error.value) == message
+
+
+def test_settings_are_public_and_frozen():
+    assert pamjax.DiagnosisSettings is DiagnosisSettings
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        DEFAULT_SETTINGS.tie_chi2 = 1.0  # type: ignore[misc]
+
+
+def estimate_correlation(settings):
+    residual = draw_ar1_noise(np.random.default_rng(1), 2000, 0.6)
+    noise = _build_channel_noise(
+        residual, np.array([1.0]), np.zeros(2000), np.arange(2000), np.zeros(2000), True, settings=settings
+    )
+    return round(noise.correlation, 1)
+
+
+def compute_upper_limit(settings):
+    inputs = np.array([1.0]), np.array([0.1]), np.array([True])
+    _, high = _compute_limits(["muscle.turns"], [SimpleNamespace(low=0.0, high=9.0)], *inputs, settings)
+    return float(high[0])
+
+
+def count_parameters_at_limit(settings):
+    problem: Any = SimpleNamespace(
+        settings=settings, low=np.zeros(1), high=np.ones(1), is_logarithmic=np.zeros(1, bool)
+    )
+    estimate: Any = SimpleNamespace(free=(0,), values=np.array([0.99]))
+    return find_parameters_at_limit(problem, estimate).size
+
+
+FAINT = Significance(p_value=0.005, largest_deviation=4.0, direction_count=100, mean_square=1.2)
+
+
+def is_worthwhile(settings):
+    """A mechanism that explains a half of a misfit of one standard deviation."""
+    baseline: Any = SimpleNamespace(
+        corrected_chi2=2000.0, excess_chi2=1000.0, noise=SimpleNamespace(size=1000)
+    )
+    extended: Any = SimpleNamespace(
+        corrected_chi2=1500.0, mechanisms=(SimpleNamespace(free_parameters=("a.much",)),)
+    )
+    problem: Any = SimpleNamespace(settings=settings)
+    search = MechanismSearch(problem, np.ones(1, bool), baseline, (), ignore_progress)
+    return search.is_worthwhile(baseline, extended, small=False)
+
+
+def is_pair_worthwhile(settings):
+    problem: Any = SimpleNamespace(settings=settings)
+    baseline: Any = SimpleNamespace(excess_chi2=1000.0)
+    fit: Any = SimpleNamespace(excess_chi2=30.0, full_bic=0.0)
+    other: Any = SimpleNamespace(excess_chi2=1000.0, full_bic=1.0)
+    return MechanismSearch(problem, np.ones(1, bool), baseline, (), ignore_progress).is_complete(fit, other)
+
+
+def reduce_probability(settings):
+    empty: Any = None
+    selection = Selection(empty, empty, (NamedMechanism("end_taper", 0.9, (), 1.0),), ())
+    return round(reduce_certainty(selection, settings).named_mechanisms[0].probability, 3)
+
+
+def count_held_out(settings):
+    blocks = Blocks(np.arange(12), tuple("abcdefghijkl"), "isobars")
+    return int(select_held_out_rows(blocks, settings).sum())
+
+
+def count_regions(settings):
+    axes = RecordingAxes(np.linspace(0, 1, 50), np.zeros(50), np.arange(50.0), np.zeros(50, int))
+    return len(split_into_regions(axes, settings))
+
+
+OFFER = [Experiment("short", ("a", "b"), 0.8, 5.0), Experiment("long", ("a", "b"), 0.95, 60.0)]
+
+
+@pytest.mark.parametrize(
+    ("step", "changes", "before", "after"),
+    [
+        (estimate_correlation, {"max_noise_correlation": 0.3}, 0.6, 0.3),
+        (estimate_correlation, {"min_samples_for_correlation": 5000}, 0.6, 0.0),
+        (compute_upper_limit, {"max_prior_deviation_sd": 1.0}, 1.3, 1.1),
+        (count_parameters_at_limit, {"at_limit_range_share": 0.02}, 0, 1),
+        (count_regions, {"time_ranges": 10}, 5 + 1 + 20 + 5, 5 + 1 + 10 + 5),
+        (lambda s: is_residual_large(FAINT, FAINT, s), {"min_unexplained_rms": 0.5}, True, False),
+        (lambda s: is_residual_significant(FAINT, FAINT, s), {"detection_p_value": 1e-3}, True, False),
+        (is_worthwhile, {"min_excess_share": 0.6}, True, False),
+        (is_worthwhile, {"min_effect_rms": 0.8}, True, False),
+        (is_pair_worthwhile, {"complete_excess_share": 0.99}, True, False),
+        (reduce_probability, {"unexplained_certainty_share": 1.0}, 0.7, 0.9),
+        (count_held_out, {"held_out_interval": 3}, 2, 3),
+        (
+            lambda s: _compute_explained_share(5.0, 10.0, 100.0, s.min_information_share),
+            {"min_information_share": 0.2},
+            0.5,
+            1.0,
+        ),
+        (
+            lambda s: _find_direction(s, np.array([-1, 1]), np.array([0.2, 1.0])),
+            {"min_direction_share": 0.3},
+            "both",
+            "lengthening",
+        ),
+        (lambda s: choose_experiment(OFFER, s).protocol, {"sufficient_power": 0.75}, "long", "short"),
+    ],
+)
+def test_a_changed_setting_changes_its_step(step, changes, before, after):
+    assert step(DEFAULT_SETTINGS) == before
+    assert step(DiagnosisSettings(**changes)) == after
+
+
+def test_a_result_keeps_its_settings_and_applies_them():
+    diagnosis = made_up.diagnosis()
+    assert diagnosis.settings is DEFAULT_SETTINGS
+    assert [mechanism.id for mechanism in diagnosis.established_mechanisms] == ["braid_friction"]
+    problem: Any = diagnosis.problem
+    problem.settings = DiagnosisSettings(established_probability=0.99, detection_p_value=1e-50)
+    assert diagnosis.established_mechanisms == ()
+    assert not diagnosis.detected
