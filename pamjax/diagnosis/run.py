@@ -187,7 +187,7 @@ def _choose_by_evidence(
     problem: LibraryProblem, blocks_of_case: Blocks, held_out_rows: np.ndarray, seed: int, progress: Progress
 ) -> _Choice:
     """Choose the set of mechanisms with the largest evidence; form errors are part of each model."""
-    selection, unexplained_probability = select_by_evidence(problem, ~held_out_rows, progress)
+    selection, unexplained_probability = select_by_evidence(problem, blocks_of_case, ~held_out_rows, progress)
     progress("testing", 0.85)
     mismatch = _test_baseline(problem, selection, seed)
     detected = mismatch.p_value < problem.settings.detection_p_value

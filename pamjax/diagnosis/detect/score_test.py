@@ -121,22 +121,29 @@ class _ResidualAtLimits:
 
 
 def compute_score_directions(
-    problem: LibraryProblem, noise: NoiseModel, estimate: MapEstimate, candidates: Sequence[Candidate]
+    problem: LibraryProblem,
+    noise: NoiseModel,
+    estimate: MapEstimate,
+    candidates: Sequence[Candidate],
+    jacobians: dict[int, np.ndarray] | None = None,
 ) -> list[ScoreDirection]:
-    """Return the score direction of each candidate at a refit, with the χ² that it explains."""
+    """Return the score direction of each candidate at a refit, with the χ² that it explains.
+
+    `jacobians` are those of `compute_candidate_jacobians`, if they are known.
+    """
     projection = NuisanceProjection(estimate)
     residual = _ResidualAtLimits(problem, estimate, projection)
-    jacobians = _compute_jacobians(problem, estimate, candidates)
+    jacobians = jacobians or compute_candidate_jacobians(problem, estimate, candidates)
     return [
         _build_score_direction(problem, noise, estimate, candidate, jacobians[k], projection, residual)
         for k, candidate in enumerate(candidates)
     ]
 
 
-def _compute_jacobians(
+def compute_candidate_jacobians(
     problem: LibraryProblem, estimate: MapEstimate, candidates: Sequence[Candidate]
 ) -> dict[int, np.ndarray]:
-    """Return the derivative of the prediction by each candidate's amplitudes, (k, 2, n), in few sweeps."""
+    """Return the derivative of the prediction by each candidate's amplitudes, (k, 2, n), by position."""
 
     def compute_at_point(group: list[int]) -> dict[int, np.ndarray]:
         values = estimate.values.copy()

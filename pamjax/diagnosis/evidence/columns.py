@@ -43,6 +43,27 @@ def build_form_columns(
     if not (form_error.terms or form_error.alternatives):
         return np.zeros((0, len(CHANNELS), problem.n))
     effect = compute_effect_of(problem, values, candidate)
+    alternatives = [
+        _remove_parallel(_compute_alternative(problem, values, candidate, alternative), effect)
+        for alternative in form_error.alternatives
+    ]
+    return build_columns_of_effect(form_error, coordinates, effect, alternatives)
+
+
+def build_columns_of_effect(
+    form_error: FormError,
+    coordinates: Coordinates,
+    effect: np.ndarray,
+    alternatives: Sequence[np.ndarray] = (),
+) -> np.ndarray:
+    """Return the columns of the form error of an effect, (2, n), SI; (r, 2, n), each of its rms / √r.
+
+    Args:
+        form_error: the terms.
+        coordinates: their variables.
+        effect: change of the prediction by the mechanism.
+        alternatives: changes of the effect by other shapes, (2, n) each.
+    """
     factors = [coordinates.evaluate_term(term) for term in form_error.parse()]
     factors = [factor for factor in factors if factor.any()]
     if form_error.is_additive:
@@ -51,12 +72,9 @@ def build_form_columns(
         columns = [size * factor / np.sqrt(k + 1) for k, factor in enumerate(factors)]
     else:
         columns = [effect * factor for factor in factors]
-    columns += [
-        _remove_parallel(_compute_alternative(problem, values, candidate, alternative), effect)
-        for alternative in form_error.alternatives
-    ]
+    columns += alternatives
     if not columns:
-        return np.zeros((0, len(CHANNELS), problem.n))
+        return np.zeros((0, *effect.shape))
     return _equalise(np.stack(columns), effect, form_error.is_additive) / np.sqrt(len(columns))
 
 

@@ -6,7 +6,7 @@ At the estimate x̂ the whitened residual r is linear in everything that is not 
     c_m ~ N(0, ε_m² I),   g ~ N(0, γ² I),   x ~ N(m, Λ⁻¹) with a finite prior, else of unit information,
 
 J the Jacobian, Φ_m the columns of the form error of mechanism m at its estimated amplitude, G generic
-physics. With all columns X and their prior variances D,
+physics. In place of G g, a model can have one template H h of unit information (`templates.py`). With all columns X and their prior variances D,
 
     ln Z = −½ (rᵀr − bᵀ (D⁻¹ + XᵀX)⁻¹ b) − ½ ln det(I + D^½ XᵀX D^½),      b = Xᵀ r.
 
@@ -49,6 +49,8 @@ class LinearModel:
         amplitude: (k,) distance of the estimate from its neutral value, in coordinates.
         forms: by mechanism, (r, size) columns of its form error at a share of one.
         generic: (g, size) columns of generic physics at a size of one.
+        templates: by template, (k, size) columns of any size.
+        template_shares: share of each template in their prior probability.
     """
 
     residual: np.ndarray
@@ -59,28 +61,45 @@ class LinearModel:
     amplitude: np.ndarray
     forms: Sequence[np.ndarray]
     generic: np.ndarray
+    templates: Sequence[np.ndarray] = ()
+    template_shares: Sequence[float] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Evidence of a model without and with generic physics.
+    """Evidence of a model alone, with generic physics, and with each template.
 
     Attributes:
-        without_generic: ln Z times the prior probabilities, without generic physics.
-        with_generic: the same with it.
+        alone: ln Z times the prior probabilities, with nothing outside the library.
+        with_generic: the same with generic physics.
+        with_templates: (t,) the same with each template.
         form_shares: most probable share of each mechanism's form error.
         form_coefficients: by mechanism, posterior means of the coefficients without generic physics.
     """
 
-    without_generic: float
+    alone: float
     with_generic: float
+    with_templates: np.ndarray
     form_shares: tuple[float, ...]
     form_coefficients: list[np.ndarray] = field(default_factory=list)
 
     @property
     def total(self) -> float:
-        """ln Z with generic physics present or absent."""
-        return float(np.logaddexp(self.without_generic, self.with_generic))
+        """ln Z with physics outside the library present or absent."""
+        return _log_sum_exp([self.alone, self.with_generic, *self.with_templates])
+
+    @property
+    def outside_probability(self) -> float:
+        """Probability, given the mechanisms, of physics outside the library."""
+        return 1 - float(np.exp(self.alone - self.total))
+
+    @property
+    def best_template(self) -> int | None:
+        """Index of the template that is more probable than its absence; None without."""
+        if not len(self.with_templates):
+            return None
+        best = int(np.argmax(self.with_templates))
+        return best if self.with_templates[best] > max(self.alone, self.with_generic) else None
 
 
 def compute_evidence(model: LinearModel, mechanism_count: int, settings: EvidenceSettings) -> Evidence:
@@ -98,10 +117,18 @@ def compute_evidence(model: LinearModel, mechanism_count: int, settings: Evidenc
     with_generic = _log_sum_exp(
         [gram.compute_log_z(shares[best], size)[0] for size in settings.generic_sizes]
     ) - math.log(len(settings.generic_sizes))
+    with_templates = np.array(
+        [
+            gram.compute_log_z(shares[best], 0.0, k)[0] + math.log(share * settings.template_probability)
+            for k, share in enumerate(model.template_shares)
+        ]
+    )
     prior = mechanism_count * np.log(settings.mechanism_probability)
+    absent = 1 - settings.generic_probability - settings.template_probability
     return Evidence(
-        without_generic=_log_sum_exp(log_z) + prior + np.log1p(-settings.generic_probability),
+        alone=_log_sum_exp(log_z) + prior + math.log(absent),
         with_generic=with_generic + float(log_weights[best]) + prior + math.log(settings.generic_probability),
+        with_templates=with_templates + float(log_weights[best]) + prior,
         form_shares=shares[best],
         form_coefficients=gram.compute_log_z(shares[best], 0.0)[1],
     )
@@ -139,7 +166,10 @@ class _Gram:
     def __init__(self, model: LinearModel) -> None:
         self.parameter_count = len(model.jacobian)
         self.form_sizes = [len(block) for block in model.forms]
-        columns = np.concatenate([model.jacobian, *model.forms, model.generic])
+        self.generic_size = len(model.generic)
+        self.template_sizes = [len(block) for block in model.templates]
+        columns = np.concatenate([model.jacobian, *model.forms, model.generic, *model.templates])
+        size = model.residual.size
         self.gram = columns @ columns.T
         self.projection = columns @ model.residual
         has_prior = np.isfinite(model.prior_sd)
@@ -155,23 +185,36 @@ class _Gram:
         self.parameter_variance = np.where(
             model.is_amplitude, wide, np.where(has_prior, prior_sd**2, 1e6 * unit)
         )
+        # A template is free, with a prior as wide as one sample determines it.
+        template = np.concatenate([np.zeros((0, size)), *model.templates])
+        self.template_variance = size / np.maximum(np.einsum("ij,ij->i", template, template), 1e-300)
         # A finite prior is part of the products already.
         self.identity = np.where(has_prior, 0.0, 1.0)
 
-    def compute_log_z(self, shares: Sequence[float], generic_size: float) -> tuple[float, list[np.ndarray]]:
-        """Return ln Z for form shares and a size of generic physics, and the forms' coefficients."""
-        k, generic = self.parameter_count, len(self.gram) - self.parameter_count - sum(self.form_sizes)
+    def compute_log_z(
+        self, shares: Sequence[float], generic_size: float, template: int | None = None
+    ) -> tuple[float, list[np.ndarray]]:
+        """Return ln Z for form shares, a size of generic physics and a template; and the forms' coefficients."""
+        k = self.parameter_count
         forms = [np.full(size, share**2) for size, share in zip(self.form_sizes, shares, strict=True)]
-        variance = np.concatenate([self.parameter_variance, *forms, np.full(generic, generic_size**2)])
+        variance = np.concatenate(
+            [self.parameter_variance, *forms, np.full(self.generic_size, generic_size**2)]
+        )
         used = np.flatnonzero(variance > 0)
+        is_free = used < k
+        if template is not None:
+            begin = sum(self.template_sizes[:template])
+            own = np.arange(begin, begin + self.template_sizes[template])
+            used = np.concatenate([used, variance.size + own])
+            is_free = np.concatenate([is_free, np.ones(own.size, dtype=bool)])
+            variance = np.concatenate([variance, self.template_variance])
         root = np.sqrt(variance[used])
         scaled = self.gram[np.ix_(used, used)] * np.outer(root, root)
-        is_parameter = used < k
         identity = np.ones(used.size)
-        identity[is_parameter] = self.identity[used[is_parameter]]
+        identity[used < k] = self.identity[used[used < k]]
         occam = scaled + np.diag(np.maximum(identity, 1e-12))
         # In the quadratic form a parameter without a prior is free.
-        quadratic = scaled + np.diag(np.where(is_parameter, 1e-12, 1.0))
+        quadratic = scaled + np.diag(np.where(is_free, 1e-12, 1.0))
         quadratic += np.diag(JITTER * np.diag(quadratic))
         factor = cho_factor(quadratic, lower=True)
         b = self.projection[used] * root

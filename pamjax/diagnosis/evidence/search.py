@@ -1,9 +1,8 @@
 """Search of the sets of mechanisms with the largest evidence.
 
-It begins with the baseline alone. The sets with the largest evidence are extended by the mechanisms whose
-score is largest, and reduced by each of their own. Every trial is refitted with the form errors of its
-mechanisms.
-The search ends when the best sets have been extended and nothing better appears.
+It begins with the baseline alone. At the best sets, linear algebra proposes additions of one or two
+mechanisms (`proposals.py`). The most promising are refitted in full, with their form errors, and so is each set without
+one of its mechanisms. The search ends when no proposal promises more than the best set.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamjax.diagnosis.detect.score_test import ScoreDirection, compute_score_directions
+from pamjax.compile.parallel import parallel_map
 from pamjax.diagnosis.evidence.columns import (
     build_form_columns,
     build_generic_columns,
@@ -24,7 +23,9 @@ from pamjax.diagnosis.evidence.columns import (
 from pamjax.diagnosis.evidence.coordinates import Coordinates
 from pamjax.diagnosis.evidence.discrepancy import DiscrepancyNoise, add_discrepancy
 from pamjax.diagnosis.evidence.marginal_likelihood import Evidence, LinearModel, compute_evidence
+from pamjax.diagnosis.evidence.proposals import Proposal, propose_additions
 from pamjax.diagnosis.evidence.settings import EvidenceSettings
+from pamjax.diagnosis.evidence.templates import Template
 from pamjax.diagnosis.library.candidates import Candidate, build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.estimate import NoiseModel
@@ -36,17 +37,18 @@ from pamjax.diagnosis.refit.least_squares import (
     fit_parameters,
     transform_to_coordinates,
 )
-from pamjax.model.registry import EXCLUSIVE_PAIRS
 from pamjax.progress import Progress, ignore_progress
 
-#: Sets that are extended side by side, mechanisms tried in each, and sets extended in all.
-BEAM_WIDTH, TRIAL_COUNT, MAX_EXTENSIONS = 2, 6, 7
+#: Sets whose additions are proposed, and refits of proposals at each.
+MAX_CENTRES, REFITS_PER_CENTRE = 5, 4
+#: A proposal is refitted if it promises this share of the best gain, or a total within this of the best set.
+MIN_GAIN_SHARE, MAX_SHORTFALL = 0.6, 8.0
 #: Evaluations of a refit, and refits of a trial: a form error changes with its mechanism.
 REFIT_EVALUATIONS, REFIT_ROUNDS = 8, 2
-#: Reduction of χ² below which a mechanism is not tried.
-MIN_SCORE = 6.0
 #: Standardised residual of a state without an answer.
 FAILED_RESIDUAL = 30.0
+#: Prior sd of a template in a refit, in sizes that one sample determines: free, and finite.
+TEMPLATE_SD = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +58,7 @@ class EvidenceFit:
     Attributes:
         mechanisms: the candidates in the set.
         estimate: the estimated parameters.
-        noise: noise with the form errors at their most probable sizes.
+        noise: noise with the form errors at their most probable sizes, and with the best template.
         evidence: of the set.
         form_ratios: rms of the estimated form error over the rms of the effect, by mechanism.
     """
@@ -81,7 +83,12 @@ class EvidenceSearch:
     """The search over one recording."""
 
     def __init__(
-        self, problem: LibraryProblem, noise: NoiseModel, values: np.ndarray, settings: EvidenceSettings
+        self,
+        problem: LibraryProblem,
+        noise: NoiseModel,
+        values: np.ndarray,
+        settings: EvidenceSettings,
+        templates: Sequence[Template] = (),
     ) -> None:
         """Begin at the baseline.
 
@@ -90,26 +97,29 @@ class EvidenceSearch:
             noise: noise of the recording; the same for all sets.
             values: (p,) estimate of the baseline, SI.
             settings: prior probabilities.
+            templates: effects outside the library that compete with the mechanisms.
         """
         self.problem, self.noise, self.settings = problem, noise, settings
         self.coordinates = Coordinates.from_problem(problem)
         self.candidates = build_candidates(problem)
         self.generic = whiten_generic_columns(noise, build_generic_columns(problem, self.coordinates))
+        self.templates = templates
+        self.template_columns = stack_whitened(noise, [template.columns for template in templates])
         self.fits: dict[frozenset[str], EvidenceFit] = {}
+        self.family_count = len({template.id for template in templates})
         self._register(self.refit((), values))
 
     def run(self, progress: Progress = ignore_progress) -> list[EvidenceFit]:
         """Return all sets that were tried, largest evidence first."""
-        extended: set[frozenset[str]] = set()
-        while len(extended) < MAX_EXTENSIONS:
-            leading = [fit for fit in self.rank()[:BEAM_WIDTH] if fit.ids not in extended]
-            if not leading:
+        expanded: set[frozenset[str]] = set()
+        while len(expanded) < MAX_CENTRES:
+            centre = self.rank()[0]
+            if centre.ids in expanded:
                 break
-            for fit in leading:
-                progress("selecting mechanisms", 0.1 + 0.6 * len(extended) / MAX_EXTENSIONS)
-                extended.add(fit.ids)
-                self._extend(fit)
-                self._reduce(fit)
+            progress("selecting mechanisms", 0.1 + 0.7 * len(expanded) / MAX_CENTRES)
+            expanded.add(centre.ids)
+            self._extend(centre)
+            self._reduce(self.rank()[0])
         return self.rank()
 
     def rank(self) -> list[EvidenceFit]:
@@ -129,52 +139,53 @@ class EvidenceSearch:
         assert fit is not None
         return fit
 
-    def _extend(self, fit: EvidenceFit) -> None:
-        if len(fit.mechanisms) >= self.settings.max_mechanisms:
-            return
-        for direction in self._list_promising(fit):
-            starts = [fit.values] if fit.mechanisms else [fit.values, self.problem.neutral]
-            for start in starts:
-                values = switch_on_candidate(self.problem, start, direction.candidate, direction.amplitudes)
-                self._register(self.refit((*fit.mechanisms, direction.candidate), values, fit.noise))
+    def _extend(self, centre: EvidenceFit) -> None:
+        """Refit the most promising additions to a set."""
+        proposals = self._list_promising(centre)
+
+        def refit_proposal(proposal: Proposal) -> EvidenceFit:
+            values = centre.values
+            for candidate, amplitudes in proposal.additions:
+                values = switch_on_candidate(self.problem, values, candidate, amplitudes)
+            added = tuple(candidate for candidate, _ in proposal.additions)
+            return self.refit((*centre.mechanisms, *added), values, centre.noise)
+
+        for fit in parallel_map(refit_proposal, proposals):
+            self._register(fit)
+
+    def _list_promising(self, centre: EvidenceFit) -> list[Proposal]:
+        """Return the best proposal of each set that has not been refitted, most promising first."""
+        proposals = propose_additions(
+            self.problem, centre.noise, centre.estimate, centre.ids, self.candidates, self.coordinates,
+            self.settings,
+        )  # fmt: skip
+        shortfall = self.rank()[0].evidence.total - centre.evidence.total
+        best_gain = max((proposal.gain for proposal in proposals), default=0.0)
+        limit = max(min(MIN_GAIN_SHARE * best_gain, best_gain - MAX_SHORTFALL), shortfall - MAX_SHORTFALL)
+        listed: dict[frozenset[str], Proposal] = {}
+        for proposal in proposals:
+            ids = centre.ids | proposal.ids
+            if proposal.gain > limit and ids not in self.fits:
+                listed.setdefault(ids, proposal)
+        return list(listed.values())[:REFITS_PER_CENTRE]
 
     def _reduce(self, fit: EvidenceFit) -> None:
+        """Refit a set without each of its mechanisms."""
         if len(fit.mechanisms) < 2:
             return
-        for candidate in fit.mechanisms:
+
+        def refit_without(candidate: Candidate) -> EvidenceFit:
             remaining = tuple(other for other in fit.mechanisms if other is not candidate)
-            self._register(self.refit(remaining, switch_off_candidate(self.problem, fit.values, candidate)))
+            return self.refit(remaining, switch_off_candidate(self.problem, fit.values, candidate), fit.noise)
+
+        unknown = [candidate for candidate in fit.mechanisms if fit.ids - {candidate.id} not in self.fits]
+        for reduced in parallel_map(refit_without, unknown):
+            self._register(reduced)
 
     def _register(self, fit: EvidenceFit) -> None:
         known = self.fits.get(fit.ids)
         if known is None or fit.evidence.total > known.evidence.total:
             self.fits[fit.ids] = fit
-
-    def _list_promising(self, fit: EvidenceFit) -> list[ScoreDirection]:
-        """Return the best form with each set of free parameters, of the most promising mechanisms."""
-        barred = {
-            *fit.ids,
-            *(id for pair in EXCLUSIVE_PAIRS if pair & fit.ids for id in pair),
-        }
-        candidates = [candidate for candidate in self.candidates if candidate.id not in barred]
-        directions = compute_score_directions(self.problem, fit.noise, fit.estimate, candidates)
-        best: dict[tuple[str, ...], ScoreDirection] = {}
-        for direction in directions:
-            key = direction.candidate.free_parameters
-            if key not in best or direction.chi2_reduction > best[key].chi2_reduction:
-                best[key] = direction
-        score: dict[str, float] = {}
-        for direction in best.values():
-            id = direction.candidate.id
-            score[id] = max(score.get(id, 0.0), direction.chi2_reduction)
-        count = TRIAL_COUNT if fit.mechanisms else TRIAL_COUNT + 2
-        leading = sorted((id for id in score if score[id] > MIN_SCORE), key=lambda id: -score[id])[:count]
-        return [
-            direction
-            for direction in best.values()
-            if direction.candidate.id in leading
-            and direction.chi2_reduction > 0.5 * score[direction.candidate.id]
-        ]
 
     def _evaluate(
         self, mechanisms: tuple[Candidate, ...], free: list[int], values: np.ndarray
@@ -187,6 +198,8 @@ class EvidenceSearch:
         model = self._linearise(free, values, forms)
         evidence = compute_evidence(model, len(mechanisms), self.settings)
         sized = [block * share for block, share in zip(forms, evidence.form_shares, strict=True)]
+        if (best := evidence.best_template) is not None:
+            sized.append(_free_columns(self.template_columns[best]))
         with_forms = add_discrepancy(noise, np.concatenate([np.zeros((0, noise.size)), *sized]))
         ratios = {
             candidate.id: _compute_rms(coefficients @ block)
@@ -221,7 +234,15 @@ class EvidenceSearch:
             amplitude=np.where(is_amplitude, (values - problem.neutral)[free], 0.0),
             forms=forms,
             generic=self.generic,
+            templates=self.template_columns,
+            template_shares=[template.share / self.family_count for template in self.templates],
         )
+
+
+def _free_columns(columns: np.ndarray) -> np.ndarray:
+    """Return columns scaled to a prior that leaves them free."""
+    information = np.maximum(np.einsum("ij,ij->i", columns, columns), 1e-300)
+    return columns * (TEMPLATE_SD * np.sqrt(columns.shape[1] / information))[:, None]
 
 
 def _compute_rms(values: np.ndarray) -> float:

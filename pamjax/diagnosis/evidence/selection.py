@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import jax.numpy as jnp
 import numpy as np
 
 from pamjax.diagnosis.crossval.gain import compute_rmse
@@ -11,13 +12,16 @@ from pamjax.diagnosis.detect.score_test import compute_score_directions
 from pamjax.diagnosis.evidence.search import EvidenceFit, EvidenceSearch
 from pamjax.diagnosis.evidence.settings import EvidenceSettings
 from pamjax.diagnosis.evidence.summary import EvidenceName, summarise
+from pamjax.diagnosis.evidence.templates import TemplateContext, build_templates
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.estimate import estimate_noise
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, get_free_indices, switch_off_candidate
 from pamjax.diagnosis.refit.least_squares import fit_parameters
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
+from pamjax.infer.noise.sensor_noise import compute_sensitivities
 from pamjax.progress import Progress, ignore_progress
+from pamjax.records.blocks import Blocks
 
 #: Increase of the held-out error by a mechanism from which it is not named.
 MAX_HELD_OUT_RATIO = 1.01
@@ -25,6 +29,7 @@ MAX_HELD_OUT_RATIO = 1.01
 
 def select_by_evidence(
     problem: LibraryProblem,
+    blocks: Blocks,
     training_rows: np.ndarray,
     progress: Progress = ignore_progress,
     settings: EvidenceSettings | None = None,
@@ -33,13 +38,15 @@ def select_by_evidence(
 
     Args:
         problem: the recording and the library.
+        blocks: its isobars, holds or cycles.
         training_rows: (n,) mask of the rows in use; the others decide whether a mechanism predicts better.
         progress: called with what is being done and the share done.
         settings: prior probabilities and thresholds.
     """
     settings = settings or EvidenceSettings(established_probability=problem.settings.established_probability)
     baseline = fit_baseline(problem, training_rows, problem.neutral)
-    search = EvidenceSearch(problem, baseline.noise, baseline.estimate.values, settings)
+    templates = build_templates(build_template_context(problem, blocks, baseline))
+    search = EvidenceSearch(problem, baseline.noise, baseline.estimate.values, settings, templates)
     directions = compute_score_directions(problem, baseline.noise, baseline.estimate, search.candidates)
     summary = summarise(search.run(progress), settings)
     names = {name.id: name for name in summary.names}
@@ -78,6 +85,20 @@ def fit_baseline(problem: LibraryProblem, rows: np.ndarray, values: np.ndarray) 
         estimate = fit_parameters(problem, noise, free, values)
         values = estimate.values
     return CandidateFit((), noise, estimate)
+
+
+def build_template_context(
+    problem: LibraryProblem, blocks: Blocks, baseline: CandidateFit
+) -> TemplateContext:
+    """Return what the templates depend on, at the estimate of the baseline."""
+    values = baseline.estimate.values
+    prediction = problem.predict(values)
+    by_pressure, by_length = (
+        np.nan_to_num(np.asarray(s)[0, : problem.n])
+        for s in compute_sensitivities(problem.dataset, jnp.asarray(values))
+    )
+    residual = np.nan_to_num(problem.measured[0] - prediction[0])
+    return TemplateContext(problem, blocks, prediction, residual, by_pressure, by_length)
 
 
 def to_candidate_fit(fit: EvidenceFit) -> CandidateFit:

@@ -14,6 +14,7 @@ class EvidenceSettings:
         form_share_probabilities: ... and their prior probabilities.
         mechanism_probability: prior probability of each mechanism.
         generic_probability: prior probability of physics that no mechanism describes.
+        template_probability: prior probability of an effect that resembles one of the templates.
         generic_sizes: possible sizes of this physics, in standard deviations of the noise of a sample.
         max_form_share: an effect whose form error is larger than this share is not its mechanism.
         established_probability: probability from which a mechanism is named.
@@ -26,6 +27,7 @@ class EvidenceSettings:
     form_share_probabilities: tuple[float, ...] = (0.25, 0.3, 0.3, 0.15)
     mechanism_probability: float = 0.05
     generic_probability: float = 0.1
+    template_probability: float = 0.1
     generic_sizes: tuple[float, ...] = (0.3, 1.0, 3.0, 10.0)
     max_form_share: float = 0.5
     established_probability: float = 0.5

@@ -53,10 +53,7 @@ def summarise(fits: Sequence[EvidenceFit], settings: EvidenceSettings) -> Eviden
     """
     total = float(np.asarray(logsumexp([fit.evidence.total for fit in fits])))
     weights = np.exp([fit.evidence.total - total for fit in fits])
-    generic = [
-        weight * np.exp(fit.evidence.with_generic - fit.evidence.total)
-        for fit, weight in zip(fits, weights, strict=True)
-    ]
+    outside = [weight * fit.evidence.outside_probability for fit, weight in zip(fits, weights, strict=True)]
     best = fits[0]
     names, rejected = [], 0.0
     for candidate in best.mechanisms:
@@ -71,7 +68,7 @@ def summarise(fits: Sequence[EvidenceFit], settings: EvidenceSettings) -> Eviden
     return EvidenceSummary(
         best=best,
         names=tuple(sorted(names, key=lambda name: -name.probability)),
-        unexplained_probability=float(max(sum(generic), rejected)),
+        unexplained_probability=float(max(sum(outside), rejected)),
     )
 
 

@@ -86,7 +86,9 @@ class BraidFriction(AbstractMemory):
         (
             *list_powers("pressure", 2), *list_powers("length", 2), "pressure length", "direction",
             "direction pressure", "direction length", "speed",
-        )
+        ),
+        # The course after a reversal may be faster or slower.
+        alternatives=({"presliding": 0.3}, {"presliding": 3.0}),
     )  # fmt: skip
 
     coefficient: Scalar = parameter(

@@ -1,0 +1,226 @@
+"""Templates of effects outside the library: what a recording looks like if one of them is present.
+
+A template is not physics of the muscle. It has a known shape and an unknown size, and it competes with the
+mechanisms on equal terms. A recording that prefers one is reported as "unexplained: like ...".
+
+A new template is one function that yields its variants, and one entry in `TEMPLATES`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.records.blocks import Blocks
+
+#: Number of moments, contractions and force levels at which a template may begin.
+MOMENT_COUNT, CONTRACTION_COUNT, LEVEL_COUNT = 96, 24, 10
+#: Periods over the stroke of a ripple.
+RIPPLE_PERIODS = np.arange(4.0, 20.5, 0.5)
+#: Number of equal successive readings from which a channel counts as stuck.
+MIN_STUCK_READINGS = 3
+#: Number of frequencies of an interference that are tried, of those with the largest amplitude.
+FREQUENCY_COUNT = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Template:
+    """An effect outside the library at one place.
+
+    Attributes:
+        id: family of the effect.
+        says: description with its place, to follow "like".
+        columns: (k, 2, n) shapes in force (N) and diameter (m), of any size.
+        share: share of this place in the prior probability of the family.
+    """
+
+    id: str
+    says: str
+    columns: np.ndarray
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
+class TemplateContext:
+    """What a template may depend on.
+
+    Attributes:
+        problem: the recording.
+        blocks: its isobars, holds or cycles.
+        prediction: (2, n) force and diameter of the baseline, SI.
+        residual: (n,) force residual of the baseline, N; zero where none was measured.
+        by_pressure, by_length: (n,) derivatives of the force, N/Pa and N/m.
+    """
+
+    problem: LibraryProblem
+    blocks: Blocks
+    prediction: np.ndarray
+    residual: np.ndarray
+    by_pressure: np.ndarray
+    by_length: np.ndarray
+
+    @property
+    def contraction(self) -> np.ndarray:
+        """(n,) 1 − L/L₀."""
+        case = self.problem.case
+        return 1 - case.recording.length / case.entry.rest_length.value
+
+    @property
+    def time(self) -> np.ndarray | None:
+        """(n,) time since the first sample, s."""
+        time = self.problem.case.recording.time
+        return None if time is None else time - time[0]
+
+
+def build_templates(context: TemplateContext) -> list[Template]:
+    """Return every template at every place; those that the recording cannot show are left out."""
+    out = []
+    for id, build in TEMPLATES.items():
+        variants = [
+            (says, np.stack([_fill_channels(column) for column in columns]))
+            for says, columns in build(context)
+        ]
+        variants = [(says, columns) for says, columns in variants if np.abs(columns).sum() > 0]
+        out += [Template(id, says, columns, 1 / len(variants)) for says, columns in variants]
+    return out
+
+
+def _fill_channels(column: np.ndarray) -> np.ndarray:
+    """Return a (2, n) column from the effect on force, (n,), or on both channels."""
+    column = np.nan_to_num(column)
+    return column if column.ndim == 2 else np.stack([column, np.zeros_like(column)])
+
+
+Variants = Iterator[tuple[str, list[np.ndarray]]]
+
+
+def _list_moments(time: np.ndarray) -> list[tuple[float, np.ndarray]]:
+    """Return moments, s, and for each the mask of the rows after it."""
+    steps = np.linspace(0, time.size, MOMENT_COUNT + 2)[1:-1].astype(int)
+    return [(float(time[k]), np.arange(time.size) >= k) for k in np.unique(steps)]
+
+
+def _list_contractions(context: TemplateContext) -> np.ndarray:
+    low, high = np.quantile(context.contraction, (0.0, 1.0))
+    return np.linspace(low, high, CONTRACTION_COUNT + 2)[1:-1]
+
+
+def build_zero_steps(context: TemplateContext) -> Variants:
+    """Yield a step of the force zero at one moment."""
+    if context.time is not None:
+        for moment, after in _list_moments(context.time):
+            yield f"a step of the force zero after {moment:.0f} s", [after.astype(float)]
+
+
+def build_thread_breaks(context: TemplateContext) -> Variants:
+    """Yield a loss of a share of the force from one moment."""
+    if context.time is not None:
+        for moment, after in _list_moments(context.time):
+            yield f"broken threads after {moment:.0f} s", [after * context.prediction[0]]
+
+
+def build_stops(context: TemplateContext) -> Variants:
+    """Yield an elastic stop that the muscle touches beyond a contraction, at either end of the stroke."""
+    for x in _list_contractions(context):
+        yield f"a stop beyond {x:.1%} contraction", [np.maximum(context.contraction - x, 0)]
+        yield f"a stop below {x:.1%} contraction", [np.maximum(x - context.contraction, 0)]
+
+
+def build_buckling(context: TemplateContext) -> Variants:
+    """Yield a force beyond a contraction that acts at high or at low pressure: the muscle bends sideways."""
+    pressure = context.problem.case.recording.pressure
+    highest = max(float(np.nanmax(pressure)), 1e-9)
+    for x in _list_contractions(context):
+        beyond = np.maximum(context.contraction - x, 0)
+        says = f"bending beyond {x:.1%} contraction"
+        yield f"{says} at high pressure", [pressure / highest * beyond]
+        yield f"{says} at low pressure", [np.maximum(1 - pressure / (0.5 * highest), 0) * beyond]
+
+
+def build_clipping(context: TemplateContext) -> Variants:
+    """Yield a load cell that does not read above a force."""
+    force = context.prediction[0]
+    known = force[np.isfinite(force)]
+    if known.size:
+        for level in np.quantile(known, np.linspace(0.5, 0.98, LEVEL_COUNT)):
+            yield f"a load cell that clips at {level:.0f} N", [-np.maximum(force - level, 0)]
+
+
+def build_length_ripples(context: TemplateContext) -> Variants:
+    """Yield a force that is periodic in length, of one size or in proportion to the force."""
+    length = context.problem.case.recording.length
+    stroke = float(np.ptp(length))
+    if stroke > 0:
+        for k in RIPPLE_PERIODS:
+            phase = 2 * np.pi * k * (length - length.min()) / stroke
+            says = f"a force with a period of {1e3 * stroke / k:.2g} mm in length"
+            yield says, [np.cos(phase), np.sin(phase)]
+            yield (
+                f"{says}, proportional to the force",
+                [context.prediction[0] * f(phase) for f in (np.cos, np.sin)],
+            )
+
+
+def build_interference(context: TemplateContext) -> Variants:
+    """Yield a periodic disturbance of the force, or of the pressure, at the frequencies that stand out."""
+    if context.time is None:
+        return
+    time, duration = context.time, max(float(np.ptp(context.time)), 1e-9)
+    step = float(np.median(np.diff(time)))
+    if not step > 0:
+        return
+    even = np.arange(0, duration, step)
+    spectrum = np.abs(np.fft.rfft(np.interp(even, time, context.residual)))
+    frequencies = np.fft.rfftfreq(even.size, step)
+    # Slow courses are drifts: a disturbance has at least ten periods.
+    spectrum[:10] = 0
+    for k in np.argsort(-spectrum)[:FREQUENCY_COUNT]:
+        phase = 2 * np.pi * frequencies[k] * time
+        pair = [np.cos(phase), np.sin(phase)]
+        says = f"a disturbance with a period of {1 / frequencies[k]:.2g} s"
+        yield f"{says} in force", pair
+        yield f"{says} in pressure", [context.by_pressure * f for f in pair]
+
+
+def build_single_blocks(context: TemplateContext) -> Variants:
+    """Yield one block that differs from all others, by a force or by a shift of length."""
+    label = context.blocks.label
+    for k, name in enumerate(context.blocks.names):
+        inside = (label == k).astype(float)
+        yield f"{name} alone, with another force zero", [inside]
+        yield f"{name} alone, with another length", [inside * context.by_length]
+
+
+def build_stuck_lengths(context: TemplateContext) -> Variants:
+    """Yield a length channel that repeats its reading while the muscle moves on."""
+    length = context.problem.case.recording.length
+    stuck = _find_repeated_readings(length)
+    if stuck.any() and not stuck.all():
+        rows = np.arange(length.size)
+        moved = np.interp(rows, rows[~stuck], length[~stuck]) - length
+        yield "a length channel that repeats its reading", [context.by_length * moved]
+
+
+def _find_repeated_readings(values: np.ndarray) -> np.ndarray:
+    """Return the rows, (n,), that repeat the reading before them, in runs of `MIN_STUCK_READINGS` or more."""
+    number = np.cumsum(np.diff(values, prepend=np.nan) != 0)
+    sizes = np.bincount(number)[number]
+    first = np.diff(number, prepend=0) != 0
+    return (sizes >= MIN_STUCK_READINGS) & ~first
+
+
+#: Templates by family.
+TEMPLATES: dict[str, Callable[[TemplateContext], Variants]] = {
+    "zero_step": build_zero_steps,
+    "thread_break": build_thread_breaks,
+    "stop": build_stops,
+    "buckling": build_buckling,
+    "clipping": build_clipping,
+    "length_ripple": build_length_ripples,
+    "interference": build_interference,
+    "single_block": build_single_blocks,
+    "stuck_length": build_stuck_lengths,
+}
