@@ -366,6 +366,13 @@ def _build_force_drift(scales: _RecordingScales) -> list[Candidate]:
     return [
         Candidate("force_drift", ("force_drift.rate",)),
         Candidate("force_drift", ("force_drift.rate", "force_drift.bend")),
+    ] + [
+        Candidate(
+            "force_drift",
+            ("force_drift.rate", "force_drift.warmup"),
+            {"force_drift.warmup_time": max(share * scales.duration, 2.0)},
+        )
+        for share in (0.05, 0.2, 0.6)
     ]
 
 
