@@ -359,6 +359,14 @@ def _build_braid_locking(scales: _RecordingScales) -> list[Candidate]:
             {"braid_locking.width": share * scales.thread_width},
         )
         for share in (0.9, 1.1, 1.4, 1.9)
+    ] + [
+        # A steeper contact begins earlier.
+        Candidate(
+            "braid_locking",
+            ("braid_locking.stiffness",),
+            {"braid_locking.width": share * scales.thread_width, "braid_locking.exponent": 2.0},
+        )
+        for share in (1.2, 1.7)
     ]
 
 
