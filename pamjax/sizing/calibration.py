@@ -29,10 +29,11 @@ from pamjax.sizing.schema import Calibration
 #: Transferred mechanisms besides threads and rubber, with the transferred parameters of each.
 TRANSFERABLE_NUMBERS = {
     "thread_crimp": ("crimp", "load"),
-    "braid_locking": ("stiffness",),
+    "braid_locking": ("stiffness", "exponent"),
     "end_taper": ("share", "radius"),
     "braid_friction": (
         "coefficient", "constant", "exponent", "reach", "girth", "presliding", "angle", "spread", "give",
+        "weakening", "weakening_speed", "asymmetry",
     ),
 }  # fmt: skip
 
