@@ -183,6 +183,8 @@ def _transfer_mechanisms(muscle: Bench, area: float, file: str, sources: list[st
             sources.append(
                 f"shear modulus of the rubber {float(mechanism.modulus) / 1e6:.3g} MPa from {file}"
             )
+            if float(mechanism.stiffening) > 0:
+                sources.append("not transferred: stiffening of the rubber at large stretch")
         elif mechanism.id in TRANSFERABLE_NUMBERS:
             ids.append(mechanism.id)
             numbers |= {

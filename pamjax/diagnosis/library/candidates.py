@@ -237,6 +237,13 @@ def _build_bladder_elasticity(scales: _RecordingScales) -> list[Candidate]:
         )
         for share in (0.05, 0.6)
         for bore in (fits, 1.1 * fits)
+    ] + [
+        Candidate(
+            "bladder_elasticity",
+            (f"{name}modulus",),
+            {f"{name}stiffening": 0.05, f"{name}inner_diameter": bore},
+        )
+        for bore in (fits, 1.1 * fits)
     ]
 
 
