@@ -309,6 +309,18 @@ def _build_viscoelastic_creep(scales: _RecordingScales) -> list[Candidate]:
         for short, long in pairs
         for share in (0.1, 0.5, 0.9)
         for amplitude in ("modulus", "force")
+    ] + [
+        # Relaxation with the logarithm of time, over three decades.
+        Candidate(
+            "viscoelastic_creep",
+            (f"{name}{amplitude}",),
+            {
+                f"{name}spectrum": 0.8,
+                f"{name}time_short": float(np.clip(3 * scales.step, 0.1, 50.0)),
+                f"{name}time_long": float(np.clip(3e3 * scales.step, 12.0, 9e3)),
+            },
+        )
+        for amplitude in ("modulus", "force")
     ]
 
 
