@@ -33,6 +33,7 @@ class Meaning:
         about: description, one line.
         source: source of the limits.
         neutral: value at which the parameter has no effect, SI, or None.
+        is_refinement: whether `fit` keeps the parameter at its default. A diagnosis may estimate it.
     """
 
     unit: str
@@ -43,6 +44,7 @@ class Meaning:
     about: str
     source: str
     neutral: float | None = None
+    is_refinement: bool = False
 
 
 def convert_scalar(value: Any) -> Array:
@@ -60,6 +62,7 @@ def parameter(
     scale: str = "linear",
     show: str = "",
     neutral: float | None = None,
+    is_refinement: bool = False,
     **default: Any,
 ) -> Any:
     """Return an equinox field that declares a parameter and carries its `Meaning`.
@@ -69,7 +72,7 @@ def parameter(
     >>> list_meanings(Spring(2.0))["rate"].unit
     'N/m'
     """
-    meaning = Meaning(unit, show or unit, low, high, scale, about, source, neutral)
+    meaning = Meaning(unit, show or unit, low, high, scale, about, source, neutral, is_refinement)
     return eqx.field(converter=convert_scalar, metadata={"meaning": meaning}, **default)
 
 

@@ -115,24 +115,25 @@ def apply_stop_operator(
     width: Rows,
     restart: Bool[Array, " n"],
     start: Rows | float = 0.0,
+    low: Rows | None = None,
 ) -> Rows:
-    """Return the states of s ← clip(s + stiffness · displacement, −width, width); `start` at every restart.
+    """Return the states of s ← clip(s + stiffness · displacement, low, width); `start` at every restart.
 
-    This is the stop operator, the element of rate-independent friction: an elastic deflection that slips
-    at its width. Compositions of maps s → clip(s + a, low, high) have the same form: the shifts add, and the
-    limits of the first are shifted and clipped by the second.
+    The limit `low` is −width unless it is given. This is the stop operator, the element of rate-independent
+    friction: an elastic deflection that slips at its limits. Compositions of maps s → clip(s + a, low, high)
+    have the same form: the shifts add, and the limits of the first are shifted and clipped by the second.
     """
-    width, start = jnp.broadcast_arrays(width, jnp.asarray(start))
-    return _apply_stop_operator(displacements, stiffness, width, start, restart)
+    high, low, start = jnp.broadcast_arrays(width, -width if low is None else low, jnp.asarray(start))
+    return _apply_stop_operator(displacements, stiffness, low, high, start, restart)
 
 
 @jax.custom_jvp
 def _apply_stop_operator(
-    displacements: Array, stiffness: Array, width: Array, start: Array, restart: Array
+    displacements: Array, stiffness: Array, low: Array, high: Array, start: Array, restart: Array
 ) -> Array:
-    restarts = _broadcast_flags(restart, width)
-    shift = jnp.where(restarts, start, stiffness * _broadcast_flags(displacements, width))
-    low, high = jnp.where(restarts, start, -width), jnp.where(restarts, start, width)
+    restarts = _broadcast_flags(restart, high)
+    shift = jnp.where(restarts, start, stiffness * _broadcast_flags(displacements, high))
+    low, high = jnp.where(restarts, start, low), jnp.where(restarts, start, high)
 
     def join(first, second):
         (a1, l1, h1), (a2, l2, h2) = first, second
@@ -144,21 +145,22 @@ def _apply_stop_operator(
 
 @_apply_stop_operator.defjvp
 def _apply_stop_operator_jvp(primals, tangents):
-    """Return state and tangent: since its last slip a stop follows the signal, and at the slip the width.
+    """Return state and tangent: since its last slip a stop follows the signal, and at the slip its limit.
 
     It is computed by a sum and one index per row, which is much faster than the recurrence.
     """
-    displacements, stiffness, width, _, restart = primals
-    displacements_dot, stiffness_dot, width_dot, start_dot, _ = tangents
-    s, restarts = _apply_stop_operator(*primals), _broadcast_flags(restart, width)
-    slips = jnp.abs(s) >= width
+    displacements, stiffness, low, high, _, restart = primals
+    displacements_dot, stiffness_dot, low_dot, high_dot, start_dot, _ = tangents
+    s, restarts = _apply_stop_operator(*primals), _broadcast_flags(restart, high)
+    slips = (s >= high) | (s <= low)
+    limit_dot = jnp.where(s > 0, high_dot, jnp.where(s < 0, low_dot, 0.0))
 
     def path(displacements):
-        return _broadcast_flags(compose_maps(jnp.add, displacements), width)
+        return _broadcast_flags(compose_maps(jnp.add, displacements), high)
 
     total = stiffness * path(displacements_dot) + stiffness_dot * path(displacements)
     # A stop that has not slipped yet depends on its start; without a restart it starts at zero.
-    offset = jnp.where(restarts, start_dot, jnp.where(slips, jnp.sign(s) * width_dot, 0.0)) - total
+    offset = jnp.where(restarts, start_dot, jnp.where(slips, limit_dot, 0.0)) - total
     return s, total + _carry_last(offset, restarts | slips)
 
 

@@ -29,10 +29,11 @@ from pamjax.sizing.schema import Calibration
 #: Transferred mechanisms besides threads and rubber, with the transferred parameters of each.
 TRANSFERABLE_NUMBERS = {
     "thread_crimp": ("crimp", "load"),
-    "braid_locking": ("stiffness",),
+    "braid_locking": ("stiffness", "exponent"),
     "end_taper": ("share", "radius"),
     "braid_friction": (
         "coefficient", "constant", "exponent", "reach", "girth", "presliding", "angle", "spread", "give",
+        "weakening", "weakening_speed", "asymmetry",
     ),
 }  # fmt: skip
 
@@ -182,6 +183,8 @@ def _transfer_mechanisms(muscle: Bench, area: float, file: str, sources: list[st
             sources.append(
                 f"shear modulus of the rubber {float(mechanism.modulus) / 1e6:.3g} MPa from {file}"
             )
+            if float(mechanism.stiffening) > 0:
+                sources.append("not transferred: stiffening of the rubber at large stretch")
         elif mechanism.id in TRANSFERABLE_NUMBERS:
             ids.append(mechanism.id)
             numbers |= {

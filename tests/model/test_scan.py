@@ -60,6 +60,20 @@ def test_stop_operator_agrees_with_a_loop(n, start):
     agree(stopped, drag(moved[:, 0], width, restart, start), ROUNDING, 1.0)
 
 
+def test_stop_operator_may_have_another_limit_on_each_side():
+    moved, width, restart = given(300)
+    restart[0] = True
+
+    def step(s, m, w):
+        return np.clip(s + np.array([2.0, 0.7]) * m, -0.3 * w, w)
+
+    expected = loop(step, lambda m, w: 0.2 * w, restart, moved[:, :1], width)
+    stopped = stops(moved[:, 0], jnp.array([2.0, 0.7]), width, restart, 0.2 * width, -0.3 * width)
+    agree(stopped, expected, ROUNDING, 1.0)
+    assert np.min(expected / width) < -0.29
+    assert np.max(expected / width) > 0.99
+
+
 def test_stop_operator_starts_at_zero():
     moved, width, _ = given(40)
     stopped = stops(moved[:, 0], jnp.array([2.0, 0.7]), 9 * width, np.zeros(40, bool))
@@ -80,10 +94,11 @@ def recurrences(restart):
         "running_max": lambda a, b: running_max(a, restart),
         "relax": lambda a, b: relax(a, b, restart),
         "stops": lambda a, b: stops(a[:, 0], jnp.array([2.0, 0.7]), b, restart, 0.3 * b),
+        "uneven": lambda a, b: stops(a[:, 0], jnp.array([2.0, 0.7]), b, restart, 0.3 * b, -0.4 * b),
     }
 
 
-@pytest.mark.parametrize("name", ["running_max", "relax", "stops"])
+@pytest.mark.parametrize("name", ["running_max", "relax", "stops", "uneven"])
 def test_tangents_agree_with_differences_and_reverse_mode(name):
     a, b, restart = given(200)
     rng = np.random.default_rng(5)

@@ -179,6 +179,8 @@ def _format_meaning(meaning) -> Iterator[str]:
     yield f"  source    {meaning.source}"
     if meaning.neutral is not None:
         yield f"  neutral   {meaning.neutral / scale:g}: the value without effect"
+    if meaning.is_refinement:
+        yield "  in a fit  fixed at its default; `diagnose` may estimate it"
 
 
 def _explain_mechanism(kind) -> Iterator[str]:

@@ -170,21 +170,29 @@ def _group_candidates(
 ) -> list[list[int]]:
     """Return groups of candidates whose derivatives are computed at one point.
 
-    The shape parameters of a mechanism that is switched off do not influence the other candidates.
+    The shape parameters of a mechanism that is switched off do not influence the candidates of others.
     """
-    single_groups, points, active_ids = [], [], problem.active(estimate.values)
+    single_groups, groups, active_ids = [], [], problem.active(estimate.values)
     for k, candidate in enumerate(candidates):
-        shape = _get_reference_shape(candidate)
-        if candidate.id == COSTLIEST_MECHANISM or (shape and candidate.id in active_ids):
+        has_shape = bool(_get_reference_shape(candidate))
+        if candidate.id == COSTLIEST_MECHANISM or (has_shape and candidate.id in active_ids):
             single_groups.append([k])
             continue
-        fits = (p for p in points if all(p[1].get(name, value) == value for name, value in shape.items()))
-        group, shapes = next(fits, ([], {}))
+        fits = (g for g in groups if all(_can_share_point(candidates[other], candidate) for other in g))
+        group = next(fits, [])
         if not group:
-            points.append((group, shapes))
+            groups.append(group)
         group.append(k)
-        shapes.update(shape)
-    return single_groups + [group for group, _ in points]
+    return single_groups + groups
+
+
+def _can_share_point(first: Candidate, second: Candidate) -> bool:
+    """Return whether the shape of neither candidate changes the derivatives of the other."""
+    if first.id != second.id:
+        return True
+    one, other = _get_reference_shape(first), _get_reference_shape(second)
+    agrees = all(one[name] == other[name] for name in one.keys() & other.keys())
+    return one == other or (agrees and not set(first.amplitudes) & set(second.amplitudes))
 
 
 def _get_reference_shape(candidate: Candidate) -> dict[str, float]:

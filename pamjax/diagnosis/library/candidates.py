@@ -121,6 +121,7 @@ class _RecordingScales:
         rest_length: rest length, m.
         isometric: whether fewer than 20 % of the steps change the length.
         speed_ratio: ratio of fast to slow strokes.
+        speed: geometric mean of the speeds of fast and slow strokes, m/s.
         settings: thresholds of the diagnosis.
     """
 
@@ -140,6 +141,7 @@ class _RecordingScales:
     rest_length: float
     isometric: bool
     speed_ratio: float
+    speed: float
     settings: DiagnosisSettings
 
     @classmethod
@@ -151,6 +153,7 @@ class _RecordingScales:
         thread, turns = problem.case.entry.braid
         load = float(np.nanmax(np.abs(pressure * length))) * thread / (2 * np.pi * turns**2)
         jumps = np.abs(np.diff(length))
+        speed_ratio, speed = _compute_speeds(problem)
         return cls(
             start_time=float(time[0]),
             duration=max(float(np.ptp(time)), 1.0),
@@ -169,22 +172,26 @@ class _RecordingScales:
                 np.sqrt(max(1 - (problem.case.entry.rest_length.value / thread) ** 2, 1e-3))
             ),
             isometric=bool(np.mean(jumps > 1e-3 * np.ptp(length)) < 0.2) if length.size > 1 else True,
-            speed_ratio=_compute_speed_ratio(problem),
+            speed_ratio=speed_ratio,
+            speed=speed,
             settings=problem.settings,
         )
 
 
-def _compute_speed_ratio(problem: LibraryProblem) -> float:
-    """Return the ratio of the 90 % to the 10 % quantile of speed, by distance, corrected for rate noise."""
+def _compute_speeds(problem: LibraryProblem) -> tuple[float, float]:
+    """Return ratio and geometric mean, m/s, of the 90 % and the 10 % quantiles of speed, by distance.
+
+    The ratio is corrected for the noise of the rate.
+    """
     history = problem.dataset.history
     speed = np.sort(np.abs(np.asarray(history.rate(problem.dataset.rows.length)))[: problem.n])
     distance = np.cumsum(speed)
     if not distance[-1] > 0:
-        return 1.0
+        return 1.0, 1e-3
     slow, fast = speed[np.searchsorted(distance, distance[-1] * np.array([0.1, 0.9]))]
     weights = np.median(np.linalg.norm(np.asarray(history.rate_weights)[: problem.n], axis=1))
     noise = NORMAL_QUANTILE_90 * (problem.case.entry.sensors.length or 0.0) * float(weights)
-    return float((fast - noise) / (slow + noise))
+    return float((fast - noise) / (slow + noise)), float(np.sqrt(slow * fast))
 
 
 def _compute_fitting_bore(problem: LibraryProblem) -> float:
@@ -230,6 +237,13 @@ def _build_bladder_elasticity(scales: _RecordingScales) -> list[Candidate]:
         )
         for share in (0.05, 0.6)
         for bore in (fits, 1.1 * fits)
+    ] + [
+        Candidate(
+            "bladder_elasticity",
+            (f"{name}modulus",),
+            {f"{name}stiffening": 0.05, f"{name}inner_diameter": bore},
+        )
+        for bore in (fits, 1.1 * fits)
     ]
 
 
@@ -245,6 +259,22 @@ def _build_braid_friction(scales: _RecordingScales) -> list[Candidate]:
         for share in (0.004, 0.015, 0.06)
         for angle in (0.1, 0.9)
     ]
+    if scales.speed_ratio >= scales.settings.min_speed_ratio_for_power:
+        # At one speed the data do not determine how the strength depends on it.
+        out += [
+            Candidate(
+                "braid_friction",
+                amplitudes,
+                {
+                    "braid_friction.presliding": 0.015 * scales.stroke,
+                    "braid_friction.angle": angle,
+                    "braid_friction.weakening": 0.3,
+                    "braid_friction.weakening_speed": float(np.clip(scales.speed, 1e-5, 0.3)),
+                    **usual,
+                },
+            )
+            for angle in (0.1, 0.9)
+        ]
     if scales.isometric:
         # At a fixed length, pressure changes move the braid by a few per mille of its length.
         out += [
@@ -278,6 +308,18 @@ def _build_viscoelastic_creep(scales: _RecordingScales) -> list[Candidate]:
         )
         for short, long in pairs
         for share in (0.1, 0.5, 0.9)
+        for amplitude in ("modulus", "force")
+    ] + [
+        # Relaxation with the logarithm of time, over three decades.
+        Candidate(
+            "viscoelastic_creep",
+            (f"{name}{amplitude}",),
+            {
+                f"{name}spectrum": 0.8,
+                f"{name}time_short": float(np.clip(3 * scales.step, 0.1, 50.0)),
+                f"{name}time_long": float(np.clip(3e3 * scales.step, 12.0, 9e3)),
+            },
+        )
         for amplitude in ("modulus", "force")
     ]
 
@@ -359,6 +401,14 @@ def _build_braid_locking(scales: _RecordingScales) -> list[Candidate]:
             {"braid_locking.width": share * scales.thread_width},
         )
         for share in (0.9, 1.1, 1.4, 1.9)
+    ] + [
+        # A steeper contact begins earlier.
+        Candidate(
+            "braid_locking",
+            ("braid_locking.stiffness",),
+            {"braid_locking.width": share * scales.thread_width, "braid_locking.exponent": 2.0},
+        )
+        for share in (1.2, 1.7)
     ]
 
 
@@ -366,6 +416,13 @@ def _build_force_drift(scales: _RecordingScales) -> list[Candidate]:
     return [
         Candidate("force_drift", ("force_drift.rate",)),
         Candidate("force_drift", ("force_drift.rate", "force_drift.bend")),
+    ] + [
+        Candidate(
+            "force_drift",
+            ("force_drift.rate", "force_drift.warmup"),
+            {"force_drift.warmup_time": max(share * scales.duration, 2.0)},
+        )
+        for share in (0.05, 0.2, 0.6)
     ]
 
 

@@ -255,6 +255,10 @@ def build_library_problem(case: Case, settings: DiagnosisSettings = DEFAULT_SETT
         k = names.index("thread_slip.when")
         low[k], high[k] = recording.time[0], max(recording.time[-1], recording.time[0] + 1)
         start[k] = np.clip(start[k], low[k], high[k])
+        # A warm-up much slower than the recording is a straight line.
+        k = names.index("force_drift.warmup_time")
+        high[k] = max(min(high[k], 3 * float(np.ptp(recording.time))), 2 * low[k])
+        start[k] = np.clip(start[k], low[k], high[k])
     index_by_name = {n: i for i, n in enumerate(names)}
     dataset = Dataset(
         law=law,

@@ -95,7 +95,7 @@ def collect_mechanism_values(entry: MuscleToml, ids: Sequence[str]) -> dict[str,
     return {
         name: stated[name.rpartition(".")[2]]
         if name.rpartition(".")[2] in TUBE_SIZES
-        else stated.get(name, MeasuredValue(_choose_start_value(find_meaning(name), kind, field), math.inf))
+        else stated.get(name) or _choose_start_value(find_meaning(name), kind, field)
         for name, (kind, field) in list_mechanism_parameters(ids).items()
     }
 
@@ -128,15 +128,18 @@ def _read_bladder_modulus(entry: MuscleToml) -> dict[str, MeasuredValue]:
     return {"bladder_elasticity.modulus": MeasuredValue(young.value / 3, young.sd / 3)}
 
 
-def _choose_start_value(meaning: Meaning, kind: type, field: str) -> float:
-    """Return the starting value of a parameter without a stated value: its default, inside its bounds."""
+def _choose_start_value(meaning: Meaning, kind: type, field: str) -> MeasuredValue:
+    """Return the starting value of a parameter without a stated value: its default, inside its bounds.
+
+    A refinement has its default as a fixed value.
+    """
     default = float(getattr(kind(), field))
+    if meaning.is_refinement:
+        return MeasuredValue(default)
+    if meaning.scale == "log":
+        return MeasuredValue(default, math.inf)
     margin = 0.05 * (meaning.high - meaning.low)
-    return (
-        min(max(default, meaning.low + margin), meaning.high - margin)
-        if meaning.scale == "linear"
-        else default
-    )
+    return MeasuredValue(min(max(default, meaning.low + margin), meaning.high - margin), math.inf)
 
 
 def _has_no_effect(name: str, entry: MuscleToml) -> bool:

@@ -14,12 +14,13 @@ from pamjax.parameter import Scalar, parameter
 
 
 class BladderElasticity(AbstractStoredEnergy):
-    """An incompressible rubber tube with a Mooney-Rivlin energy, which is neo-Hookean for m = 0:
+    """An incompressible rubber tube with a Mooney-Rivlin energy, which is neo-Hookean for m = k = 0:
 
-        W = V μ/2 [(1 − m) (I1 − 3) + m (I2 − 3)]
+        W = V μ/2 [(1 − m) (I1 − 3) + m (I2 − 3) + k (I1 − 3)²]
 
         μ       modulus   Pa   shear modulus at small strain, a third of Young's modulus
         m       mooney    1    share of the second invariant: C10 = μ (1 − m) / 2, C01 = μ m / 2
+        k       stiffening 1   Yeoh's second coefficient over the first, C20 / C10 for m = 0
         V                 m³   volume of the rubber, π t (d + t) l
         I1, I2            1    invariants of the stretches of the wall (`wall.py`)
 
@@ -27,26 +28,30 @@ class BladderElasticity(AbstractStoredEnergy):
     carries the pressure σc t / R, and only the excess loads the threads. Below this pressure the bladder has
     no contact with the braid.
 
-    Neutral: μ = 0. What it leaves out: strain stiffening at very large stretch, relaxation, softening,
-    temperature, compressibility of the wall.
+    With k the rubber stiffens at large stretch. A rubber with Gent's limit J has k = 1 / (2 J) to first
+    order.
+
+    Neutral: μ = 0. What it leaves out: the initial softening of filled rubber and the limit of its stretch,
+    relaxation, softening by the first stretch, temperature, compressibility of the wall.
     Source: Klute & Hannaford, J. Dyn. Syst. Meas. Control 122, 386 (2000), for Mooney-Rivlin; Kothera et
-    al., J. Mech. Des. 131, 091010 (2009); the mid-surface form derived here.
+    al., J. Mech. Des. 131, 091010 (2009); Yeoh, Rubber Chem. Technol. 66, 754 (1993); the mid-surface form
+    derived here.
     """
 
     id: ClassVar[str] = "bladder_elasticity"
     about: ClassVar[Description] = Description(
         title="elasticity of the rubber bladder",
-        equation="W = V mu/2 [(1 - m)(I1 - 3) + m (I2 - 3)];   F = (V/L)(s_z - s_c tan^2 theta)",
+        equation="W = V mu/2 [(1 - m)(I1 - 3) + m (I2 - 3) + k (I1 - 3)^2]\nF = (V/L)(s_z - s_c tan^2 theta)",
         signature="The force loss is the same in newtons at every pressure, and largest at 10 % contraction."
         " Free contraction decreases, most at low pressure. Below a threshold pressure, which increases with"
         " contraction, the force is zero and the diameter is that of the free tube. There is no hysteresis,"
         " and no dependence on speed.",
-        leaves_out="stiffening at very large stretch, relaxation, softening, temperature",
+        leaves_out="the limit of stretch, relaxation, softening, temperature",
         confusable=("contact_pressure", "pressure_offset", "force_offset", "end_taper"),
         experiment="Record a stroke without pressure, in which only the bladder acts. Or record strokes at"
         " two pressures: the force loss by rubber is the same in newtons, that by tapered ends increases"
         " with pressure.",
-        source="Klute & Hannaford 2000; Kothera et al. 2009; mid-surface form derived here",
+        source="Klute & Hannaford 2000; Kothera et al. 2009; Yeoh 1993; mid-surface form derived here",
     )
     form_error: ClassVar[FormError] = FormError((*list_powers("length", 4), "pressure"))
 
@@ -62,7 +67,15 @@ class BladderElasticity(AbstractStoredEnergy):
     thickness: Scalar = wall.declare_thickness()
     length: Scalar = wall.declare_length()
 
+    stiffening: Scalar = parameter(
+        "1", low=0.0, high=0.5, is_refinement=True,
+        about="Yeoh's stiffening, C20 / C10 of a neo-Hookean rubber",
+        source="0.005 to 0.05 for gum rubber, from a limit of I1 - 3 between 100 and 10; more if filled",
+        default=0.0,
+    )  # fmt: skip
+
     def energy(self, state: State) -> Array:
         stretch = wall.stretch(self, state)
         first, second = wall.first_invariant(stretch), wall.second_invariant(stretch)
-        return 0.5 * self.modulus * wall.rubber_volume(self) * (first + self.mooney * (second - first))
+        invariants = first + self.mooney * (second - first) + self.stiffening * first**2
+        return 0.5 * self.modulus * wall.rubber_volume(self) * invariants

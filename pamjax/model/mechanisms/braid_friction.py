@@ -36,10 +36,11 @@ class BraidFriction(AbstractMemory):
     has a constant strength, the other a strength that increases with pressure.
 
         force  q = Fc mean(y) + μ mean(z)
-        y  <-  clip(y + du / x,       −1, 1)              x = d [1 − w (3/4, 2/4, 1/4, 0)]
-        z  <-  clip(z + Sr du / x,    −S, S)
+        y  <-  clip(y + du / x,       −(1 − a) g, (1 + a) g)        x = d [1 − w (3/4, 2/4, 1/4, 0)]
+        z  <-  clip(z + Sr du / x,    −(1 − a) g S, (1 + a) g S)    g = 1 − c [1 − exp(−(v/vs)²)]
         S  =  (2/3) r L/N · P (P/Pr)^(m−1) (sin θ)^(p−1) (cos θ)^k,      Sr = (2/3) r B/N · Pr
         du =  B d[(1 − h) sin θ + h θ − γ P / B],   sin θ = L / B;  du = dL for a stiff thread and h = 0
+        v  =  du/dt
 
         Fc  constant     N      Coulomb force that does not depend on pressure
         μ   coefficient  1      friction coefficient between threads, contact patches of radius r = 0.5 mm
@@ -51,6 +52,9 @@ class BraidFriction(AbstractMemory):
         w   spread       1      difference between the elements: 0 all slip together, 1 one after the other
         γ   give         m/Pa   displacement in the braid for a change of pressure alone
         s   start        1      deflection of the elements before the first sample, −1 to 1
+        c   weakening    1      share of the strength that is lost at high speed (Stribeck)
+        vs  weakening_speed m/s speed at which 63 % of this share are lost
+        a   asymmetry    1      strength for lengthening 1 + a, for shortening 1 − a
 
     Derivation of S: the two thread families press on each other with the force P π R L in total. A crossing
     turns by d(2θ) = 2 dL / (2πRN) against a torque (2/3) μ r per newton. The work for dL is therefore
@@ -62,25 +66,30 @@ class BraidFriction(AbstractMemory):
     With `give` the stress also changes the volume, −∂(q u)/∂P = q γ. The integral ∮ (F dL − V dP) includes
     this change.
 
-    Neutral: Fc = μ = 0. For d → 0 it is Coulomb friction. What it leaves out: friction that decreases with
-    speed (Stribeck), loops that are wider in one direction.
+    This holds at any speed and asymmetry, because the limits of an element include zero. While all elements
+    slip, asymmetry adds a S in both directions. This resembles an error of the length.
+
+    Neutral: Fc = μ = 0. For d → 0 it is Coulomb friction. What it leaves out: changes of friction by wear,
+    by temperature, or by time at rest.
     Source: the stop operator of Prandtl and Ishlinskii; strength derived here; Davis & Caldwell, Int. J.
     Robot. Res. 25, 359, 2006 (patches); Tondu & Lopez, IEEE Control Syst. 20(2), 15, 2000 (area); Vo-Minh
-    et al., IEEE/ASME Trans. Mechatron. 16, 177, 2011 (Maxwell slip in a muscle).
+    et al., IEEE/ASME Trans. Mechatron. 16, 177, 2011 (Maxwell slip in a muscle); Armstrong-Hélouvry, Dupont &
+    Canudas de Wit, Automatica 30, 1083, 1994 (Stribeck, with this exponent of two).
     """
 
     id: ClassVar[str] = "braid_friction"
     about: ClassVar[Description] = Description(
         title="friction between braid threads",
-        equation="F = F0 + Fc mean(y) + mu mean(z),  stops |y| <= 1, |z| <= (2/3) r P L/N cos(angle)^k",
+        equation="F = F0 + Fc mean(y) + mu mean(z),  stops -(1 - a) g <= y, z/S <= (1 + a) g\n"
+        "S = (2/3) r P L/N cos(angle)^k,   g = 1 - c (1 - e^(-(v/vs)^2))",
         signature="Force is higher while the muscle lengthens and lower while it shortens, by the same"
         " amount at every speed. After a reversal it changes from one to the other within the presliding"
         " distance.",
-        leaves_out="friction that decreases with speed, loops that are wider in one direction",
+        leaves_out="wear, temperature, time at rest",
         confusable=("viscous_damping", "channel_lag", "viscoelastic_creep", "pressure_drop"),
         experiment="Repeat the stroke three times as fast: the loop of friction does not change. Record a"
         " hold: friction remains, the effect of a delay disappears immediately, and rubber relaxes.",
-        source="derived here; Davis & Caldwell 2006; Vo-Minh et al. 2011",
+        source="derived here; Davis & Caldwell 2006; Vo-Minh et al. 2011; Armstrong-Helouvry et al. 1994",
     )
     form_error: ClassVar[FormError] = FormError(
         (
@@ -138,6 +147,22 @@ class BraidFriction(AbstractMemory):
         source="the full range", default=0.0,
     )  # fmt: skip
 
+    weakening: Scalar = parameter(
+        "1", low=0.0, high=0.95, is_refinement=True, about="share of the strength that is lost at high speed",
+        source="0.15 to 0.85 in Tondu & Lopez 2000; 0 is Coulomb friction", default=0.0,
+    )  # fmt: skip
+    weakening_speed: Scalar = parameter(
+        "m/s", show="mm/s", low=1e-6, high=1.0, scale="log", is_refinement=True,
+        about="speed at which 63 % of this share are lost",
+        source="0.1 m/s in Tondu & Lopez 2000; less for threads that creep", default=1e-2,
+    )  # fmt: skip
+    asymmetry: Scalar = parameter(
+        "1", low=-0.9, high=0.9, is_refinement=True,
+        about="relative excess of the strength while the muscle lengthens",
+        source="loops of muscles are often wider on one side; at 1 one direction has no friction",
+        default=0.0,
+    )  # fmt: skip
+
     def strains(self, state: State, pressure: Scalar) -> Float[Array, "1 ..."]:
         braid_angle = jnp.arctan2(state.length, 2 * jnp.pi * state.turns * state.radius)
         sliding = (1 - self.angle) * state.length / state.thread + self.angle * braid_angle
@@ -150,21 +175,29 @@ class BraidFriction(AbstractMemory):
         arm = state.length * (state.length / state.thread) ** (self.reach - 1) * angle_cosine**self.girth
         return 2 / 3 * PATCH_RADIUS * jnp.maximum(pressure, 0.0) * power * arm / state.turns
 
+    def speed_factor(self, speed: Array) -> Array:
+        """Return the strength at a speed, m/s, over that at rest."""
+        return 1 + self.weakening * jnp.expm1(-((speed / self.weakening_speed) ** 2))
+
     def full_sliding_stress(self, past: Past) -> Float[Array, "1 ..."]:
-        """Return the stress after a lengthening in which every element slips; stress × strain is in J."""
-        width = self.strength(past.pressure, past.state)
-        return ((self.constant + self.coefficient * width) * past.state.thread)[None]
+        """Return the largest stress in which every element slips, slowly; stress × strain is in J."""
+        width = (1 + jnp.abs(self.asymmetry)) * (
+            self.constant + self.coefficient * self.strength(past.pressure, past.state)
+        )
+        return (width * past.state.thread)[None]
 
     def stresses(self, history: History, strains: Float[Array, "n 1"], past: Past) -> Float[Array, "n 1"]:
         state, shares = past.state, 1 + self.spread * (jnp.asarray(ELEMENT_SHARES) - 1)
         displacements = history.increments(strains[:, 0]) * state.thread / self.presliding
-        width = self.strength(past.pressure, state)
+        factor = self.speed_factor(history.rate(strains[:, 0]) * state.thread)
         # One reference for the recording, so that the stiffness is the same at every pressure.
         reference = 2 / 3 * PATCH_RADIUS * PRESLIDING_PRESSURE * state.thread[0] / state.turns[0]
         # Two columns, constant and proportional to pressure, with four elements each.
-        widths = jnp.stack([jnp.ones_like(width), width], axis=1)[:, :, None] * jnp.ones_like(shares)
+        widths = jnp.stack([factor, factor * self.strength(past.pressure, state)], axis=1)
+        widths = widths[:, :, None] * jnp.ones_like(shares)
         stiffness = jnp.stack([jnp.ones_like(reference), reference])[:, None] / shares
-        start = self.start * widths
-        stops = scan.apply_stop_operator(displacements, stiffness, widths, history.restart, start)
+        high, low = (1 + self.asymmetry) * widths, -(1 - self.asymmetry) * widths
+        start = self.start * jnp.where(self.start > 0, high, -low)
+        stops = scan.apply_stop_operator(displacements, stiffness, high, history.restart, start, low)
         force = jnp.mean(stops, axis=2) @ jnp.stack([self.constant, self.coefficient])
         return (force * state.thread)[:, None]

@@ -16,31 +16,38 @@ from pamjax.parameter import Scalar, parameter
 #: Share of a thread's width over which contact begins: threads are not exactly round or equally wide.
 CONTACT_ROUNDING = 0.01
 
+#: Smallest overlap, over the width: less than the rounded corner has at any possible spacing.
+MIN_OVERLAP = 1e-12
+
 
 class BraidLocking(AbstractStoredEnergy):
     """Threads press on each other where their spacing is less than their width, at either end of the stroke:
 
-        W = ½ K V° ⟨1 − S/w⟩²,   S = (B/N) sin 2θ,   sin θ = L/B
+        W = K V° ⟨1 − S/w⟩^(m+1) / (m + 1),   S = (B/N) sin 2θ,   sin θ = L/B
 
         S   spacing      m    of neighbouring threads, times the number n of threads
         w   width        m    of one thread, times the number n of threads
         K   stiffness    Pa   of the jammed braid
+        m   exponent     1    power of the overlap in the force
         V°               m³   B³/(4πN²), so that K does not depend on the size of the muscle
         ⟨ ⟩                   positive part, with a corner that is rounded over 0.01
 
     S is largest at 45°, and equal at θ and 90° − θ. The force at a constant thread length,
-    −K V° ⟨1 − S/w⟩ 2 cos 2θ / (w N cos θ), pulls where θ > 45° and pushes where θ < 45°.
+    −K V° ⟨1 − S/w⟩^m 2 cos 2θ / (w N cos θ), pulls where θ > 45° and pushes where θ < 45°.
+    The exponent is 1 for threads that touch along a line, 3/2 for round patches, and about 3 for bundles of
+    fibres that are compacted. The rounded overlap is positive, so that force and derivatives are finite.
     Only the total width of all threads is identifiable, not their number.
 
     Neutral: K = 0. What it leaves out: increased friction of jammed threads, permanent flattening of threads,
     the smaller radius near the fittings, where threads at large angles meet first.
-    Source: spacing derived here; jamming after Davis & Caldwell, Int. J. Robot. Res. 25, 359 (2006).
+    Source: spacing derived here; jamming after Davis & Caldwell, Int. J. Robot. Res. 25, 359 (2006); exponent
+    after Hertz and van Wyk, J. Text. Inst. 37, T285 (1946).
     """
 
     id: ClassVar[str] = "braid_locking"
     about: ClassVar[Description] = Description(
         title="jamming of the threads at a stroke end",
-        equation="W = K/2 B^3/(4 pi N^2) <1 - S/w>^2,   S = (B/N) sin(2 theta)",
+        equation="W = K/(m + 1) B^3/(4 pi N^2) <1 - S/w>^(m+1),   S = (B/N) sin(2 theta)",
         signature="An additional force acts only beyond a sharp limit at an end of the stroke. It is steep,"
         " and the same in newtons at every pressure. It pulls in the stretched muscle, and pushes near full"
         " contraction. The diameter is not affected.",
@@ -48,7 +55,7 @@ class BraidLocking(AbstractStoredEnergy):
         confusable=("bladder_elasticity", "force_offset", "length_offset"),
         experiment="Record a stroke without pressure. The force by jamming has a corner, that by rubber has"
         " none.",
-        source="Davis & Caldwell 2006; spacing and energy derived here",
+        source="Davis & Caldwell 2006; van Wyk 1946 (exponent); spacing and energy derived here",
     )
     form_error: ClassVar[FormError] = FormError((*list_powers("length", 4), "pressure", "pressure length"))
 
@@ -62,6 +69,11 @@ class BraidLocking(AbstractStoredEnergy):
         source="from some tens of threads of 0.05 mm to some hundreds of 2 mm or more", default=0.158,
     )  # fmt: skip
 
+    exponent: Scalar = parameter(
+        "1", low=0.5, high=4.0, is_refinement=True, about="exponent of the overlap in the force",
+        source="1 for contact along a line, 3/2 for round patches, 3 for compacted fibres", default=1.0,
+    )  # fmt: skip
+
     def energy(self, state: State) -> Array:
         length, thread, turns = state.length, state.thread, state.turns
         squared = braid.radius_squared(length, thread, turns)
@@ -70,4 +82,7 @@ class BraidLocking(AbstractStoredEnergy):
         spacing = jnp.where(is_valid, 2 * length * circumference / (thread * turns), 0.0)
         overlap = 1 - spacing / self.width
         overlap = 0.5 * (overlap + jnp.sqrt(overlap**2 + CONTACT_ROUNDING**2))
-        return self.stiffness * thread**3 / (8 * jnp.pi * turns**2) * overlap**2
+        # Far from contact, rounding may cancel the overlap: the power of zero has no derivative.
+        overlap = jnp.maximum(overlap, MIN_OVERLAP)
+        power = self.exponent + 1
+        return self.stiffness * thread**3 / (4 * jnp.pi * turns**2) * overlap**power / power

@@ -11,6 +11,10 @@ from pamjax.infer.problem.dataset import (
     find_informative_samples,
     find_slack_samples,
 )
+from pamjax.infer.problem.priors import collect_mechanism_values, list_free_parameters
+from pamjax.model.assembly import list_mechanism_parameters
+from pamjax.model.parameters import find_meaning
+from pamjax.model.registry import MECHANISMS
 from pamjax.records.blocks import find_blocks
 from pamjax.records.reading.quantity import MeasuredValue
 from pamjax.records.recording import Recording
@@ -31,6 +35,17 @@ def test_memory_continues_or_restarts_as_stated_for_each_recording():
     assert np.flatnonzero(anew.restart).tolist() == [0, 100]
     assert not carried.settled
     assert anew.settled
+
+
+def test_refinements_of_a_mechanism_are_not_fitted_unless_a_diagnosis_asks():
+    case, ids = made("elastic"), [kind.id for kind in MECHANISMS]
+    free = {parameter.name for parameter in list_free_parameters(case, "elastic", ids)}
+    assert {"force_drift.rate", "braid_locking.width"} <= free
+    stated = collect_mechanism_values(case.entry, ids)
+    for name, (kind, field) in list_mechanism_parameters(ids).items():
+        if find_meaning(name).is_refinement:
+            assert name not in free
+            assert stated[name] == MeasuredValue(float(getattr(kind(), field)))
 
 
 def test_noise_does_not_bias_the_detection_of_slack_rows():

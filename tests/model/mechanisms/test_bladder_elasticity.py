@@ -247,3 +247,38 @@ def test_energy_of_a_wall_agrees_with_a_hand_calculation(mooney):
     volume = np.pi * 2e-3 * 18e-3 * 0.2
     found = rubber.energy(tube(0.1, 0.5 * (27 + 72 / 27) * 1e-3))
     agree(found, 0.5 * 0.4e6 * volume * (of_first + of_second), ROUNDING)
+
+
+def test_stiffening_adds_the_square_of_the_first_invariant():
+    # The same wall: k (I1 − 3)² with I1 − 3 = 23/18 and k = 0.3, neo-Hookean and Mooney-Rivlin.
+    volume = np.pi * 2e-3 * 18e-3 * 0.2
+    for mooney, linear in ((0.0, 23 / 18), (1.0, 289 / 144)):
+        rubber = BladderElasticity(0.4e6, mooney, 16e-3, 2e-3, 0.2, stiffening=0.3)
+        found = rubber.energy(tube(0.1, 0.5 * (27 + 72 / 27) * 1e-3))
+        agree(found, 0.5 * 0.4e6 * volume * (linear + 0.3 * (23 / 18) ** 2), ROUNDING)
+
+
+def test_stiffening_acts_like_the_limit_of_gent_at_moderate_stretch():
+    """−J/2 ln(1 − (I1 − 3)/J) is ½ [(I1 − 3) + (I1 − 3)² / (2 J)] up to the third power of (I1 − 3) / J."""
+    limit, length = 60.0, 0.75 * REST
+    rubber = BladderElasticity(LATEX, **SIZE, stiffening=1 / (2 * limit))
+
+    def gent(length):
+        first = wall.first_invariant(wall.stretch(rubber, cylinder(length)))
+        return -0.5 * LATEX * wall.rubber_volume(rubber) * limit * jnp.log1p(-first / limit)
+
+    force, soft = (
+        jax.grad(lambda x, r=r: r.energy(cylinder(x)))(length)
+        for r in (rubber, BladderElasticity(LATEX, **SIZE))
+    )
+    agree(force, jax.grad(gent)(length), 5e-3)
+    assert difference(gent, length, 1e-4) < 1.02 * soft < 0
+
+
+def test_derivatives_by_stiffening_are_finite_in_the_unstretched_wall():
+    def energy(x):
+        return BladderElasticity(LATEX, 0.2, x[1], 2e-3, 0.2, x[0]).energy(tube(0.2, 10e-3))
+
+    at = jnp.array([0.0, 16e-3])
+    assert np.all(np.isfinite(jax.hessian(energy)(at)))
+    agree(jax.grad(energy)(at)[0], 0.0, ROUNDING, 1.0)

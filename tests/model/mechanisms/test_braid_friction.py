@@ -2,11 +2,13 @@
 
 import math
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from pamjax.model.mechanisms.braid_friction import BraidFriction
+from pamjax.parameter import list_values, replace_values
 from tests.agreement import ROUNDING, SOLVED, agree, printed
 from tests.model.mechanisms.triangle import THREAD, TURNS, compiled, one_run, past, state
 
@@ -138,3 +140,67 @@ def test_pressure_increase_acts_like_shortening():
     # γ dP = 1e-8 m/Pa × 100 kPa = 1 mm of 4 mm.
     friction = BraidFriction(constant=5.0, presliding=4e-3, spread=0.0, give=1e-8)
     agree(force(friction, [0.0], np.array([3e5, 4e5]))[-1], -5 / 4, SOLVED)
+
+
+# The direction and the speed.
+
+
+@pytest.mark.parametrize(("move", "share"), [(20e-3, 1.4), (-20e-3, -0.6)])
+def test_asymmetric_friction_is_stronger_in_one_direction(move, share):
+    # Limits of (1 + a) and (1 − a) with a = 0.4: 5 N are 7 N after lengthening and 3 N after shortening.
+    friction = BraidFriction(0.2, 5.0, presliding=1e-3, asymmetry=0.4)
+    agree(force(friction, [move])[-1], share * (5 + 0.2 * FULL * (0.2 + move) / 0.2), SOLVED)
+    # The presliding stiffness is the same on both sides: 0.1 mm of 1 mm gives 0.5 N.
+    even = BraidFriction(constant=5.0, presliding=1e-3, spread=0.0, asymmetry=0.4)
+    agree(force(even, [np.sign(move) * 1e-4])[-1], np.sign(move) * 0.5, SOLVED)
+
+
+@pytest.mark.parametrize(("start", "share"), [(0.5, 0.5 * 1.4), (-1.0, -0.6)])
+def test_start_of_asymmetric_friction_is_a_share_of_its_side(start, share):
+    friction = BraidFriction(0.2, 5.0, start=start, asymmetry=0.4)
+    agree(force(friction, []), [share * (5 + 0.2 * FULL)], ROUNDING)
+
+
+@pytest.mark.parametrize("asymmetry", [0.4, -0.4])
+def test_largest_sliding_force_is_that_of_the_stronger_side(asymmetry):
+    friction = BraidFriction(0.2, 5.0, asymmetry=asymmetry)
+    agree(friction.full_sliding_stress(past(0.2, 300e3)), [[1.4 * (5 + 0.2 * FULL) * THREAD]], ROUNDING)
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize(
+    ("speed", "share"),
+    # 1 − c (1 − exp(−(v/vs)²)) with c = 0.6, v = 2 mm/s and vs = v, v / 10 and 100 v.
+    [(2e-3, 1 - 0.6 * (1 - math.exp(-1))), (2e-4, 0.4), (0.2, 1 - 0.6e-4)],
+)
+def test_friction_becomes_weaker_with_speed(speed, share, way):
+    friction = BraidFriction(0.2, 5.0, presliding=1e-4, weakening=0.6, weakening_speed=speed)
+    slid = force(friction, [way * 2e-3] * 6)
+    full = 5 + 0.2 * FULL * (0.2 + way * 2e-3 * np.arange(7)) / 0.2
+    agree(slid[3], way * share * full[3], 1e-8)
+
+
+def test_friction_of_a_hold_has_no_weakening():
+    # Slides 2 mm/s, then holds: the elements keep their deflection, which is that of sliding.
+    friction = BraidFriction(constant=5.0, presliding=1e-4, weakening=0.6, weakening_speed=2e-4)
+    slid = force(friction, [2e-3] * 8 + [0.0] * 8)
+    agree(friction.speed_factor(jnp.zeros(())), 1.0, ROUNDING)
+    agree(slid[5], 0.4 * 5, SOLVED)
+    assert np.all(slid[9:] >= 0.4 * 5 - 1e-9)
+    agree(slid[-1], slid[12], SOLVED)
+
+
+def test_derivatives_are_finite_at_rest_and_at_a_reversal():
+    friction = BraidFriction(0.2, 5.0, presliding=1e-3, weakening=0.3, weakening_speed=1e-3, asymmetry=0.2)
+    names = list(list_values(friction))
+    length = 0.2 + 1e-3 * np.array([0, 0, 0, 1, 2, 3, 2, 1, 0, 0, 0.0])
+    went = past(length, 300e3)
+
+    def stress(x):
+        moved = replace_values(friction, dict(zip(names, x, strict=True)))
+        strains = moved.strains(went.state, went.pressure).T
+        return moved.stresses(one_run(np.arange(length.size)), strains, went)[:, 0]
+
+    at = jnp.asarray([float(v) for v in list_values(friction).values()])
+    assert np.all(np.isfinite(jax.jit(jax.jacfwd(stress))(at)))
+    assert np.all(np.isfinite(jax.jit(jax.jacrev(stress))(at)))

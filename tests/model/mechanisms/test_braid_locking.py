@@ -2,6 +2,8 @@
 
 from functools import cache
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -70,6 +72,42 @@ def test_energy_of_locked_threads_agrees_with_a_hand_calculation(length, spacing
     rounded = 0.5 * (closer + np.sqrt(closer**2 + 1e-4))
     found = BraidLocking(0.2e6, 0.24).energy(triangle.state(length))
     agree(found, 0.2e6 * 0.25**3 / (8 * np.pi * 1.25**2) * rounded**2, ROUNDING)
+
+
+@pytest.mark.parametrize(("exponent", "share"), [(0.5, 2 / 3), (1.5, 2 / 5), (3.0, 1 / 4)])
+def test_exponent_changes_the_power_of_the_overlap(exponent, share):
+    # W = K B³ / (4πN²) ⟨c⟩^(m+1) / (m + 1) with S = 0.192 m of threads 0.24 m wide: c = 1/5.
+    rounded = 0.5 * (0.2 + np.sqrt(0.04 + 1e-4))
+    found = BraidLocking(0.2e6, 0.24, exponent).energy(triangle.state(0.2))
+    agree(found, share * 0.2e6 * 0.25**3 / (4 * np.pi * 1.25**2) * rounded ** (exponent + 1), ROUNDING)
+
+
+def test_force_grows_with_a_power_of_the_overlap():
+    # dW/dL at constant thread length: −K V° ⟨c⟩^m d⟨c⟩/dc · dS/dL / w with
+    # dS/dL = 2 (B² − 2 L²) / (B N √(B² − L²)), where the root is 0.15 m at 0.2 m.
+    def force(exponent):
+        return jax.grad(lambda x: jnp.sum(BraidLocking(0.2e6, 0.24, exponent).energy(triangle.state(x))))(0.2)
+
+    slope = 2 * (0.25**2 - 2 * 0.2**2) / (0.25 * 1.25 * 0.15)
+    root = np.sqrt(0.04 + 1e-4)
+    rounded, steepness = 0.5 * (0.2 + root), 0.5 * (1 + 0.2 / root)
+    size = 0.2e6 * 0.25**3 / (4 * np.pi * 1.25**2)
+    for exponent in (0.5, 1.0, 2.5):
+        agree(force(exponent), -size * rounded**exponent * steepness * slope / 0.24, 1e-9)
+    assert force(1.0) > force(2.5) > 0
+
+
+@pytest.mark.parametrize("width", [0.192, 0.1, 1e-3, 1e-9])
+@pytest.mark.parametrize("exponent", [0.5, 1.0, 3.0])
+def test_derivatives_are_finite_without_overlap(width, exponent):
+    """At the first contact, far from it, and where rounding cancels the overlap."""
+
+    def energy(x):
+        return BraidLocking(x[0], x[1], x[2]).energy(triangle.state(x[3]))
+
+    at = jnp.array([0.2e6, width, exponent, 0.2])
+    assert np.all(np.isfinite(jax.grad(energy)(at)))
+    assert np.all(np.isfinite(jax.hessian(energy)(at)))
 
 
 def test_separate_threads_store_almost_no_energy():

@@ -171,12 +171,19 @@ def rubbing(threads):
     presliding=st.floats(1e-4, 2e-2),
     give=st.floats(0.0, 2e-8),
     exponent=st.floats(0.5, 1.0),
+    weakening=st.floats(0.0, 0.9),
+    asymmetry=st.floats(-0.8, 0.8),
 )
 @settings(max_examples=40)
-def test_no_path_of_pressure_and_length_gains_work(seed, share, presliding, give, exponent):
+def test_no_path_of_pressure_and_length_gains_work(
+    seed, share, presliding, give, exponent, weakening, asymmetry
+):
     """∫ q du from a relaxed state, for a varying strength."""
     pressure, length = path(seed, ROWS)
-    friction = BraidFriction(1.0 - share, 20 * share, exponent, presliding=presliding, give=give)
+    friction = BraidFriction(
+        1.0 - share, 20 * share, exponent, presliding=presliding, give=give, weakening=weakening,
+        weakening_speed=5e-4, asymmetry=asymmetry,
+    )  # fmt: skip
     rubbed, bare = rubbing(())(friction, pressure, length)
     force = np.asarray(rubbed.force - bare.force)
     # ∮ F dL − V dP, where the stress also changes the volume by force × compliance.

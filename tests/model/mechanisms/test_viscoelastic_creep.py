@@ -162,3 +162,70 @@ def test_strains_are_the_stretches_of_the_wall_and_the_length():
     rubber = ViscoelasticCreep(1.0, inner_diameter=16e-3, thickness=2e-3, length=0.2)
     found = rubber.strains(tube(0.1, 0.5 * (27 + 72 / 27) * 1e-3), 0.0)
     agree(found, [0.5, 1.5, 0.1], ROUNDING)
+
+
+# The spectrum between the two times.
+
+
+def test_default_spectrum_has_two_branches():
+    times, shares = ViscoelasticCreep(1.0, 0.25, 2.0, 54.0).list_branches()
+    agree(times, [2.0, 6.0, 18.0, 54.0], ROUNDING)
+    assert shares.tolist() == [0.25, 0.0, 0.0, 0.75]
+
+
+def test_weights_of_a_power_law_have_a_constant_ratio():
+    # g : 1 − g = 8 : 1, so that successive weights differ by a factor of two: 8, 4, 2, 1 of 15.
+    spectrum = ViscoelasticCreep(1.0, 8 / 9, 1.0, 1000.0, spectrum=1.0)
+    agree(spectrum.list_branches()[1], np.array([8, 4, 2, 1]) / 15, ROUNDING)
+    half = ViscoelasticCreep(1.0, 8 / 9, 1.0, 1000.0, spectrum=0.5)
+    agree(half.list_branches()[1], [0.5 * (8 / 9 + 8 / 15), 2 / 15, 1 / 15, 0.5 * (1 / 9 + 1 / 15)], ROUNDING)
+
+
+def test_power_law_relaxes_the_force():
+    # Equal weights of a quarter with times of 1, 10, 100 and 1000 s: after a step during 10 s, and a hold.
+    rubber = ViscoelasticCreep(0.0, 0.5, 1.0, 1000.0, 0.1, **SIZE, spectrum=1.0)
+    found = after(rubber, [[1.0, 1.0, 0.2]] * 3, [500.0, 600.0, 600.0])
+    ratio = 10.0 / np.array([1.0, 10.0, 100.0, 1000.0])
+    ramped = (1 - np.exp(-ratio)) / ratio / 4
+    agree(found[1:, 2], [10 * ramped.sum(), 10 * ramped @ np.exp(-ratio)], ROUNDING)
+
+
+@pytest.mark.parametrize("order", [0.0, 0.15, 0.3])
+def test_four_branches_approximate_a_fractional_element(order):
+    """A continuous spectrum τ^(−α) between the outer half-steps gives t^(−α) between them."""
+    g = 1 / (1 + 1000.0**-order)
+    times, shares = (
+        np.asarray(x) for x in ViscoelasticCreep(1.0, g, 1.0, 1000.0, spectrum=1.0).list_branches()
+    )
+    fine = np.geomspace(10**-0.5, 10**3.5, 4001)
+    weights = fine**-order
+    t = np.geomspace(1.0, 1000.0, 60)
+    found = np.exp(-t[:, None] / times) @ shares
+    agree(found, np.exp(-t[:, None] / fine) @ (weights / weights.sum()), 0.04, 1.0)
+    if order:
+        # Gamma function: the integral of τ^(−α−1) e^(−t/τ) dτ from 0 to infinity is Γ(α) t^(−α).
+        wide = np.geomspace(1e-9, 1e60, 40001)
+        decay = np.exp(-np.array([1.0, 100.0])[:, None] / wide) @ wide**-order
+        agree(decay[1] / decay[0], 100.0**-order, 1e-6)
+
+
+def test_derivatives_by_the_spectrum_are_finite_at_its_limits():
+    for share in (0.0, 0.5, 1.0):
+        for spectrum in (0.0, 1.0):
+
+            def branches(x):
+                times, shares = ViscoelasticCreep(1.0, *x[:3], spectrum=x[3]).list_branches()
+                return jnp.concatenate([times, shares])
+
+            slopes = jax.jacfwd(branches)(jnp.array([share, 10.0, 200.0, spectrum]))
+            assert np.all(np.isfinite(slopes))
+
+
+@settings(max_examples=15)
+@given(WALKS)
+def test_power_law_dissipates_energy(walk):
+    time, path = returning(walk)
+    rubber = ViscoelasticCreep(1e6, 0.7, 2.0, 300.0, **SIZE, spectrum=1.0)
+    stress = np.asarray(relaxing(rubber, jnp.asarray(path), build_time_history(time, time == 0)))
+    done = 0.5 * (stress[1:] + stress[:-1]) * np.diff(path, axis=0)
+    assert done.sum() > -2e-3 * np.abs(done).sum()
