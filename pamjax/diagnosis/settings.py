@@ -74,7 +74,7 @@ class DiagnosisSettings:
         "favours models that amplify input noise")
 
     # Library: limits of the parameters, and the candidates.
-    max_prior_deviation_sd: float = _library(3.0, "sd of the prior", 0.1, 100.0,
+    max_prior_deviation_sd: float = _library(8.0, "sd of the prior", 0.1, 100.0,
         "Limit the distance of a baseline parameter from its stated value to this",
         "the baseline absorbs more misfit")
     max_stiffness_factor: float = _library(5.0, "1", 1.01, 1e3,

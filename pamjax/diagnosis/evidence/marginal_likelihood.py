@@ -6,7 +6,8 @@ At the estimate x̂ the whitened residual r is linear in everything that is not 
     c_m ~ N(0, ε_m² I),   g ~ N(0, γ² I),   x ~ N(m, Λ⁻¹) with a finite prior, else of unit information,
 
 J the Jacobian, Φ_m the columns of the form error of mechanism m at its estimated amplitude, G generic
-physics. In place of G g, a model can have one template H h of unit information (`templates.py`). With all columns X and their prior variances D,
+physics. In place of G g, a model can have one template H h of unit information (`templates.py`).
+With all columns X and their prior variances D,
 
     ln Z = −½ (rᵀr − bᵀ (D⁻¹ + XᵀX)⁻¹ b) − ½ ln det(I + D^½ XᵀX D^½),      b = Xᵀ r.
 
@@ -73,13 +74,16 @@ class Evidence:
         alone: ln Z times the prior probabilities, with nothing outside the library.
         with_generic: the same with generic physics.
         with_templates: (t,) the same with each template.
+        generic_size: most probable size of generic physics.
         form_shares: most probable share of each mechanism's form error.
-        form_coefficients: by mechanism, posterior means of the coefficients without generic physics.
+        form_coefficients: by mechanism, posterior means of the coefficients, with what is most probable
+            outside the library.
     """
 
     alone: float
     with_generic: float
     with_templates: np.ndarray
+    generic_size: float
     form_shares: tuple[float, ...]
     form_coefficients: list[np.ndarray] = field(default_factory=list)
 
@@ -95,11 +99,13 @@ class Evidence:
 
     @property
     def best_template(self) -> int | None:
-        """Index of the template that is more probable than its absence; None without."""
-        if not len(self.with_templates):
-            return None
-        best = int(np.argmax(self.with_templates))
-        return best if self.with_templates[best] > max(self.alone, self.with_generic) else None
+        """Index of the template, if one is more probable than its absence and than generic physics."""
+        return _find_best_template(self.alone, self.with_generic, self.with_templates)
+
+    @property
+    def prefers_generic(self) -> bool:
+        """Whether generic physics is more probable than its absence and than each template."""
+        return self.best_template is None and self.with_generic > self.alone
 
 
 def compute_evidence(model: LinearModel, mechanism_count: int, settings: EvidenceSettings) -> Evidence:
@@ -113,25 +119,42 @@ def compute_evidence(model: LinearModel, mechanism_count: int, settings: Evidenc
     gram = _Gram(model)
     shares, log_weights = _enumerate_shares(gram, settings)
     log_z = np.array([gram.compute_log_z(share, 0.0)[0] for share in shares]) + log_weights
-    best = int(np.argmax(log_z))
-    with_generic = _log_sum_exp(
-        [gram.compute_log_z(shares[best], size)[0] for size in settings.generic_sizes]
-    ) - math.log(len(settings.generic_sizes))
+    prior = mechanism_count * math.log(settings.mechanism_probability)
+    absent = 1 - settings.generic_probability - settings.template_probability
+    alone = _log_sum_exp(log_z) + prior + math.log(absent)
+    best = shares[int(np.argmax(log_z))]
+    offset = float(log_weights[int(np.argmax(log_z))]) + prior
+    by_size = np.array([gram.compute_log_z(best, size)[0] for size in settings.generic_sizes])
+    with_generic = (
+        _log_sum_exp(by_size)
+        - math.log(len(settings.generic_sizes))
+        + offset
+        + math.log(settings.generic_probability)
+    )
     with_templates = np.array(
         [
-            gram.compute_log_z(shares[best], 0.0, k)[0] + math.log(share * settings.template_probability)
+            gram.compute_log_z(best, 0.0, k)[0] + math.log(share * settings.template_probability)
             for k, share in enumerate(model.template_shares)
         ]
     )
-    prior = mechanism_count * np.log(settings.mechanism_probability)
-    absent = 1 - settings.generic_probability - settings.template_probability
+    generic_size = settings.generic_sizes[int(np.argmax(by_size))]
+    template = _find_best_template(alone, with_generic, with_templates + offset)
+    present = generic_size if template is None and with_generic > alone else 0.0
     return Evidence(
-        alone=_log_sum_exp(log_z) + prior + math.log(absent),
-        with_generic=with_generic + float(log_weights[best]) + prior + math.log(settings.generic_probability),
-        with_templates=with_templates + float(log_weights[best]) + prior,
-        form_shares=shares[best],
-        form_coefficients=gram.compute_log_z(shares[best], 0.0)[1],
+        alone=alone,
+        with_generic=with_generic,
+        with_templates=with_templates + offset,
+        generic_size=generic_size,
+        form_shares=best,
+        form_coefficients=gram.compute_log_z(best, present, template)[1],
     )
+
+
+def _find_best_template(alone: float, with_generic: float, with_templates: np.ndarray) -> int | None:
+    if not len(with_templates):
+        return None
+    best = int(np.argmax(with_templates))
+    return best if with_templates[best] > max(alone, with_generic) else None
 
 
 def _log_sum_exp(values: Sequence[float] | np.ndarray) -> float:
@@ -194,7 +217,10 @@ class _Gram:
     def compute_log_z(
         self, shares: Sequence[float], generic_size: float, template: int | None = None
     ) -> tuple[float, list[np.ndarray]]:
-        """Return ln Z for form shares, a size of generic physics and a template; and the forms' coefficients."""
+        """Return ln Z for form shares, a size of generic physics and a template.
+
+        The second result has the coefficients of the form errors by mechanism.
+        """
         k = self.parameter_count
         forms = [np.full(size, share**2) for size, share in zip(self.form_sizes, shares, strict=True)]
         variance = np.concatenate(

@@ -1,8 +1,9 @@
 """Search of the sets of mechanisms with the largest evidence.
 
 It begins with the baseline alone. At the best sets, linear algebra proposes additions of one or two
-mechanisms (`proposals.py`). The most promising are refitted in full, with their form errors, and so is each set without
-one of its mechanisms. The search ends when no proposal promises more than the best set.
+mechanisms (`proposals.py`). The most promising are refitted in full, with their form errors, and so is each
+set without one of its mechanisms. Sets are the best if physics outside the library may be present, or if it
+is absent. The search ends when these have been extended.
 """
 
 from __future__ import annotations
@@ -37,14 +38,15 @@ from pamjax.diagnosis.refit.least_squares import (
     fit_parameters,
     transform_to_coordinates,
 )
+from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.progress import Progress, ignore_progress
 
 #: Sets whose additions are proposed, and refits of proposals at each.
-MAX_CENTRES, REFITS_PER_CENTRE = 5, 4
+MAX_CENTRES, REFITS_PER_CENTRE = 7, 4
 #: A proposal is refitted if it promises this share of the best gain, or a total within this of the best set.
 MIN_GAIN_SHARE, MAX_SHORTFALL = 0.6, 8.0
-#: Evaluations of a refit, and refits of a trial: a form error changes with its mechanism.
-REFIT_EVALUATIONS, REFIT_ROUNDS = 8, 2
+#: Evaluations of each refit of a trial; it is repeated, because a form error changes with its mechanism.
+REFIT_EVALUATIONS = (20, 8)
 #: Standardised residual of a state without an answer.
 FAILED_RESIDUAL = 30.0
 #: Prior sd of a template in a refit, in sizes that one sample determines: free, and finite.
@@ -58,20 +60,30 @@ class EvidenceFit:
     Attributes:
         mechanisms: the candidates in the set.
         estimate: the estimated parameters.
-        noise: noise with the form errors at their most probable sizes, and with the best template.
+        noise: noise with the form errors at their most probable sizes, and with what is most probable outside
+            the library.
+        form_noise: the same without physics outside the library.
         evidence: of the set.
         form_ratios: rms of the estimated form error over the rms of the effect, by mechanism.
+        form_prediction: (2, n) estimated form errors of all mechanisms, SI.
     """
 
     mechanisms: tuple[Candidate, ...]
     estimate: MapEstimate
     noise: DiscrepancyNoise
+    form_noise: DiscrepancyNoise
     evidence: Evidence
     form_ratios: dict[str, float]
+    form_prediction: np.ndarray
 
     @property
     def ids(self) -> frozenset[str]:
         return frozenset(candidate.id for candidate in self.mechanisms)
+
+    @property
+    def overdispersion(self) -> float:
+        """Mean square of the whitened residual, at least 1: differences of ln Z count that much less."""
+        return max(self.estimate.chi2 / max(self.estimate.residual.size, 1), 1.0)
 
     @property
     def values(self) -> np.ndarray:
@@ -113,8 +125,9 @@ class EvidenceSearch:
         """Return all sets that were tried, largest evidence first."""
         expanded: set[frozenset[str]] = set()
         while len(expanded) < MAX_CENTRES:
-            centre = self.rank()[0]
-            if centre.ids in expanded:
+            leading = (self.rank()[0], max(self.fits.values(), key=lambda fit: fit.evidence.alone))
+            centre = next((fit for fit in leading if fit.ids not in expanded), None)
+            if centre is None:
                 break
             progress("selecting mechanisms", 0.1 + 0.7 * len(expanded) / MAX_CENTRES)
             expanded.add(centre.ids)
@@ -131,9 +144,9 @@ class EvidenceSearch:
     ) -> EvidenceFit:
         """Return a set refitted from starting values (p,), SI, with the form errors at its estimate."""
         free, fit = get_free_indices(self.problem, mechanisms), None
-        for _ in range(REFIT_ROUNDS if mechanisms else 1):
+        for evaluations in REFIT_EVALUATIONS if mechanisms else REFIT_EVALUATIONS[:1]:
             noise = noise or self.noise
-            values = fit_parameters(self.problem, noise, free, values, REFIT_EVALUATIONS).values
+            values = fit_parameters(self.problem, noise, free, values, evaluations).values
             fit = self._evaluate(tuple(mechanisms), free, values)
             noise = fit.noise
         assert fit is not None
@@ -191,29 +204,41 @@ class EvidenceSearch:
         self, mechanisms: tuple[Candidate, ...], free: list[int], values: np.ndarray
     ) -> EvidenceFit:
         problem, noise = self.problem, self.noise
-        forms = stack_whitened(
-            noise, [build_form_columns(problem, self.coordinates, values, m) for m in mechanisms]
+        columns = [build_form_columns(problem, self.coordinates, values, m) for m in mechanisms]
+        forms = [
+            white if white.shape[1] else np.zeros((0, noise.size)) for white in stack_whitened(noise, columns)
+        ]
+        evidence = compute_evidence(self._linearise(free, values, forms), len(mechanisms), self.settings)
+        sized = [np.zeros((0, noise.size))]
+        sized += [block * share for block, share in zip(forms, evidence.form_shares, strict=True)]
+        with_outside = add_discrepancy(noise, np.concatenate([*sized, self._size_outside(evidence)]))
+        coefficients = evidence.form_coefficients
+        predictions = [
+            np.einsum("r,rcn->cn", c, block) for c, block in zip(coefficients, columns, strict=True)
+        ]
+        return EvidenceFit(
+            mechanisms=mechanisms,
+            estimate=evaluate_estimate(problem, with_outside, free, values),
+            noise=with_outside,
+            form_noise=add_discrepancy(noise, np.concatenate(sized)),
+            evidence=evidence,
+            form_ratios={
+                m.id: self._compute_form_ratio(values, m, c @ white)
+                for m, c, white in zip(mechanisms, coefficients, forms, strict=True)
+                if len(white)
+            },
+            form_prediction=np.sum([np.zeros((len(CHANNELS), problem.n)), *predictions], axis=0),
         )
-        forms = [block if block.shape[1] else np.zeros((0, noise.size)) for block in forms]
-        model = self._linearise(free, values, forms)
-        evidence = compute_evidence(model, len(mechanisms), self.settings)
-        sized = [block * share for block, share in zip(forms, evidence.form_shares, strict=True)]
-        if (best := evidence.best_template) is not None:
-            sized.append(_free_columns(self.template_columns[best]))
-        with_forms = add_discrepancy(noise, np.concatenate([np.zeros((0, noise.size)), *sized]))
-        ratios = {
-            candidate.id: _compute_rms(coefficients @ block)
-            / max(
-                _compute_rms(np.nan_to_num(noise.whiten(compute_effect_of(problem, values, candidate)))),
-                1e-12,
-            )
-            for candidate, block, coefficients in zip(
-                mechanisms, forms, evidence.form_coefficients, strict=True
-            )
-            if len(block)
-        }
-        estimate = evaluate_estimate(problem, with_forms, free, values)
-        return EvidenceFit(mechanisms, estimate, with_forms, evidence, ratios)
+
+    def _size_outside(self, evidence: Evidence) -> np.ndarray:
+        """Return the columns of what is most probable outside the library, times their prior sd."""
+        if (template := evidence.best_template) is not None:
+            return _free_columns(self.template_columns[template])
+        return self.generic * (evidence.generic_size if evidence.prefers_generic else 0.0)
+
+    def _compute_form_ratio(self, values: np.ndarray, candidate: Candidate, form: np.ndarray) -> float:
+        effect = np.nan_to_num(self.noise.whiten(compute_effect_of(self.problem, values, candidate)))
+        return _compute_rms(form) / max(_compute_rms(effect), 1e-12)
 
     def _linearise(self, free: list[int], values: np.ndarray, forms: list[np.ndarray]) -> LinearModel:
         problem, noise = self.problem, self.noise

@@ -17,7 +17,7 @@ from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.estimate import estimate_noise
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, get_free_indices, switch_off_candidate
-from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.diagnosis.refit.least_squares import evaluate_estimate, fit_parameters
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
 from pamjax.infer.noise.sensor_noise import compute_sensitivities
 from pamjax.progress import Progress, ignore_progress
@@ -57,7 +57,7 @@ def select_by_evidence(
     return (
         Selection(
             baseline,
-            to_candidate_fit(fit),
+            to_tested_fit(problem, fit),
             tuple(_describe(search, fit, name) for name in summary.names if name.id in names),
             tuple(directions),
         ),
@@ -102,8 +102,14 @@ def build_template_context(
 
 
 def to_candidate_fit(fit: EvidenceFit) -> CandidateFit:
-    """Return a set of mechanisms as the fit that tests and reports take."""
-    return CandidateFit(fit.mechanisms, fit.noise, fit.estimate)
+    """Return a set of mechanisms as the fit that reports take."""
+    return CandidateFit(fit.mechanisms, fit.noise, fit.estimate, form_prediction=fit.form_prediction)
+
+
+def to_tested_fit(problem: LibraryProblem, fit: EvidenceFit) -> CandidateFit:
+    """Return a set of mechanisms as the fit whose residual is tested: nothing outside the library is assumed."""
+    estimate = evaluate_estimate(problem, fit.form_noise, fit.estimate.free, fit.values)
+    return CandidateFit(fit.mechanisms, fit.form_noise, estimate, form_prediction=fit.form_prediction)
 
 
 def _restrict(search: EvidenceSearch, fit: EvidenceFit, names: dict[str, EvidenceName]) -> EvidenceFit:
@@ -140,7 +146,8 @@ def _find_harmful(search: EvidenceSearch, fit: EvidenceFit, held_out_rows: np.nd
 
 def _compute_error(search: EvidenceSearch, fit: EvidenceFit, rows: np.ndarray) -> float:
     """Return the rms error over the noise on some rows, both channels together."""
-    rmse = compute_rmse(search.problem, search.problem.predict(fit.values), rows)
+    prediction = search.problem.predict(fit.values) + fit.form_prediction
+    rmse = compute_rmse(search.problem, prediction, rows)
     sds = [float(np.mean(channel.sd)) if channel is not None else np.inf for channel in search.noise.channels]
     ratios = [rmse[name] / sd for name, sd in zip(("force", "diameter"), sds, strict=True) if name in rmse]
     return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 0.0

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import softmax
 
 from pamjax.diagnosis.evidence.search import EvidenceFit
 from pamjax.diagnosis.evidence.settings import EvidenceSettings
@@ -51,10 +51,10 @@ def summarise(fits: Sequence[EvidenceFit], settings: EvidenceSettings) -> Eviden
         fits: all sets that were tried, largest evidence first.
         settings: thresholds.
     """
-    total = float(np.asarray(logsumexp([fit.evidence.total for fit in fits])))
-    weights = np.exp([fit.evidence.total - total for fit in fits])
-    outside = [weight * fit.evidence.outside_probability for fit, weight in zip(fits, weights, strict=True)]
     best = fits[0]
+    log_weights = np.array([fit.evidence.total for fit in fits]) / best.overdispersion
+    weights = softmax(log_weights)
+    outside = [weight * fit.evidence.outside_probability for fit, weight in zip(fits, weights, strict=True)]
     names, rejected = [], 0.0
     for candidate in best.mechanisms:
         ties = _find_ties(fits, best, candidate.id, settings)
@@ -76,7 +76,7 @@ def _find_ties(
     fits: Sequence[EvidenceFit], best: EvidenceFit, id: str, settings: EvidenceSettings
 ) -> tuple[str, ...]:
     """Return the ids that can replace one of the best set at little loss of evidence."""
-    limit = best.evidence.total + np.log(settings.tie_probability_ratio)
+    limit = best.evidence.total + best.overdispersion * np.log(settings.tie_probability_ratio)
     others = best.ids - {id}
     return tuple(
         next(iter(fit.ids - others))

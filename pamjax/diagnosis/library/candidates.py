@@ -426,7 +426,15 @@ def _build_force_drift(scales: _RecordingScales) -> list[Candidate]:
     ]
 
 
+def _build_channel_lag(scales: _RecordingScales) -> list[Candidate]:
+    return [
+        Candidate("channel_lag", ("channel_lag.lag",)),
+        Candidate("channel_lag", ("channel_lag.lag",), {"channel_lag.smoothing": 0.5}),
+    ]
+
+
 _CANDIDATE_BUILDERS = {
+    "channel_lag": _build_channel_lag,
     "braid_elasticity": _build_braid_elasticity,
     "thread_crimp": _build_thread_crimp,
     "bladder_elasticity": _build_bladder_elasticity,

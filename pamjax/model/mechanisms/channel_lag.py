@@ -4,29 +4,40 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import jax.numpy as jnp
+
 from pamjax.model.history import History
 from pamjax.model.mechanism import AbstractSensor, Description, Past, Samples
+from pamjax.model.scan import relax_states
 from pamjax.parameter import Scalar, parameter
+
+#: Time constant below which a filter has no effect, s.
+MIN_TIME_CONSTANT = 1e-6
 
 
 class ChannelLag(AbstractSensor):
-    """A time delay: F_recorded(t) = F(t − d), interpolated between the samples of a run.
+    """A time delay, followed by a low-pass filter:
 
-        d  lag  s  delay of the force; negative if the other channels are late
+        τ dF_recorded/dt = F(t − d + τ) − F_recorded,   τ = s max(d, 0)
+
+        d  lag        s  delay of the force; negative if the other channels are late
+        s  smoothing  1  share of the delay that is due to a filter of first order
+
+    The filter is exact for a force that is linear between samples. At the start of a run it is in equilibrium.
 
     Samples of other runs are not used: before the start of a run, the force has its first value.
-    Neutral: d = 0, exactly. What it leaves out: a filter (its delay is its time constant, and it rounds
-    corners), a delay of diameter. Source: by definition; interpolation as in `History.delay`.
+    Neutral: d = 0, exactly. What it leaves out: filters of higher order, a delay of diameter.
+    Source: by definition; interpolation as in `History.delay`.
     """
 
     id: ClassVar[str] = "channel_lag"
     about: ClassVar[Description] = Description(
         title="time delay between force and the other channels",
-        equation="F_recorded(t) = F(t - d)",
+        equation="tau dF_recorded/dt = F(t - d + tau) - F_recorded,   tau = s max(d, 0)",
         signature="If force is late, the loop has the opposite sense of a friction loop. Its width is"
         " proportional to speed and pressure, and largest at mid-stroke. In a hold the effect disappears"
         " immediately.",
-        leaves_out="filters that round corners, a delay of diameter",
+        leaves_out="filters of higher order, a delay of diameter",
         confusable=("braid_friction", "viscous_damping", "pressure_drop"),
         experiment="Repeat the stroke three times as fast. Record a hold, in which the effect of a delay"
         " disappears immediately.",
@@ -39,7 +50,19 @@ class ChannelLag(AbstractSensor):
         source="filters and data loggers, usually one second at most", default=0.0,
     )  # fmt: skip
 
+    smoothing: Scalar = parameter(
+        "1", low=0.0, high=1.0, about="share of the delay that is due to a low-pass filter",
+        source="0 for a delay in the data logger, 1 for an analogue filter", default=0.0,
+    )  # fmt: skip
+
     def to_recorded_outputs(
         self, force: Samples, diameter: Samples, past: Past, history: History
     ) -> tuple[Samples, Samples]:
-        return history.delay(force, self.lag), diameter
+        time_constant = self.smoothing * jnp.maximum(self.lag, 0.0)
+        delayed = history.delay(force, self.lag - time_constant)
+        # Deviation e of the filter from its input, with a linear input over each step of h time constants:
+        # e ← e exp(−h) + ΔF (1 − exp(−h)) / h.
+        steps = history.increments(history.time) / jnp.maximum(time_constant, MIN_TIME_CONSTANT)
+        passed = -jnp.expm1(-steps) / jnp.where(steps > 0, steps, 1.0)
+        deviation = relax_states(history.increments(delayed) * passed, jnp.exp(-steps), history.restart)
+        return delayed - jnp.where(time_constant > MIN_TIME_CONSTANT, deviation, 0.0), diameter
