@@ -64,7 +64,9 @@ def build_columns_of_effect(
         effect: change of the prediction by the mechanism.
         alternatives: changes of the effect by other shapes, (2, n) each.
     """
-    factors = [coordinates.evaluate_term(term) for term in form_error.parse()]
+    # Most mechanisms act on force; diameter decides only if the force does not change.
+    local = coordinates.rescale(effect[0] if effect[0].any() else effect[1])
+    factors = [local.evaluate_term(term) for term in form_error.parse()]
     factors = [factor for factor in factors if factor.any()]
     if form_error.is_additive:
         size = np.sqrt(np.mean(effect**2, axis=1))[:, None]

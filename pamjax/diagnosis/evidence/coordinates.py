@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import eval_legendre
@@ -15,6 +15,9 @@ HOLD_SPEED_SHARE = 0.5
 
 #: Smallest speed over the median speed whose logarithm is taken.
 MIN_SPEED_RATIO = 1e-2
+
+#: Share of the largest effect from which a mechanism acts in a row.
+MIN_EFFECT_SHARE = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +48,14 @@ class Coordinates:
             speed=speed - speed[compared].mean(),
             time=None if time is None else (time - time[0]) / max(float(np.ptp(time)), 1e-9),
         )
+
+    def rescale(self, effect: np.ndarray) -> Coordinates:
+        """Return the coordinates with pressure and length scaled to the rows in which an effect (n,) acts."""
+        size = np.abs(effect)
+        acts = size > MIN_EFFECT_SHARE * size.max(initial=0.0)
+        if not acts.any():
+            return self
+        return replace(self, pressure=_scale(self.pressure, acts), length=_scale(self.length, acts))
 
     def evaluate_power(self, variable: str, degree: int) -> np.ndarray:
         """Return one factor of a term, (n,); a course in time is zero where no time is recorded."""

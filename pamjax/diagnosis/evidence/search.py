@@ -42,7 +42,7 @@ from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.progress import Progress, ignore_progress
 
 #: Sets whose additions are proposed, and refits of proposals at each.
-MAX_CENTRES, REFITS_PER_CENTRE = 7, 4
+MAX_CENTRES, REFITS_PER_CENTRE = 5, 4
 #: A proposal is refitted if it promises this share of the best gain, or a total within this of the best set.
 MIN_GAIN_SHARE, MAX_SHORTFALL = 0.6, 8.0
 #: Evaluations of each refit of a trial; it is repeated, because a form error changes with its mechanism.
@@ -79,6 +79,11 @@ class EvidenceFit:
     @property
     def ids(self) -> frozenset[str]:
         return frozenset(candidate.id for candidate in self.mechanisms)
+
+    @property
+    def prefers_outside(self) -> bool:
+        """Whether something outside the library is more probable than its absence."""
+        return self.evidence.best_template is not None or self.evidence.prefers_generic
 
     @property
     def overdispersion(self) -> float:
@@ -118,87 +123,114 @@ class EvidenceSearch:
         self.templates = templates
         self.template_columns = stack_whitened(noise, [template.columns for template in templates])
         self.fits: dict[frozenset[str], EvidenceFit] = {}
+        self.alone: dict[frozenset[str], EvidenceFit] = {}
         self.family_count = len({template.id for template in templates})
-        self._register(self.refit((), values))
+        self._register(self.refit((), values, outside=False))
 
     def run(self, progress: Progress = ignore_progress) -> list[EvidenceFit]:
         """Return all sets that were tried, largest evidence first."""
-        expanded: set[frozenset[str]] = set()
-        while len(expanded) < MAX_CENTRES:
-            leading = (self.rank()[0], max(self.fits.values(), key=lambda fit: fit.evidence.alone))
-            centre = next((fit for fit in leading if fit.ids not in expanded), None)
-            if centre is None:
-                break
-            progress("selecting mechanisms", 0.1 + 0.7 * len(expanded) / MAX_CENTRES)
-            expanded.add(centre.ids)
-            self._extend(centre)
-            self._reduce(self.rank()[0])
+        for k, outside in enumerate((False, True)):
+            expanded: set[frozenset[str]] = set()
+            for _ in range(MAX_CENTRES):
+                centre = self._get_leading(outside)
+                if centre.ids in expanded or (outside and not centre.prefers_outside):
+                    break
+                progress("selecting mechanisms", 0.1 + 0.35 * (k + len(expanded) / MAX_CENTRES))
+                expanded.add(centre.ids)
+                self._extend(centre, outside)
+                self._reduce(self._get_leading(outside), outside)
         return self.rank()
+
+    def _get_leading(self, outside: bool) -> EvidenceFit:
+        """Return the best set, with physics outside the library or without."""
+        return self.rank()[0] if outside else max(self.alone.values(), key=lambda fit: fit.evidence.alone)
 
     def rank(self) -> list[EvidenceFit]:
         """Return the sets tried so far, largest evidence first."""
         return sorted(self.fits.values(), key=lambda fit: -fit.evidence.total)
 
     def refit(
-        self, mechanisms: Sequence[Candidate], values: np.ndarray, noise: NoiseModel | None = None
+        self,
+        mechanisms: Sequence[Candidate],
+        values: np.ndarray,
+        noise: NoiseModel | None = None,
+        outside: bool = True,
     ) -> EvidenceFit:
-        """Return a set refitted from starting values (p,), SI, with the form errors at its estimate."""
+        """Return a set refitted from starting values (p,), SI, with the form errors at its estimate.
+
+        Args:
+            mechanisms: the candidates in the set.
+            values: (p,) starting values, SI.
+            noise: noise of the first refit; that of the recording if omitted.
+            outside: whether physics outside the library, if it is probable, is part of the noise.
+        """
         free, fit = get_free_indices(self.problem, mechanisms), None
         for evaluations in REFIT_EVALUATIONS if mechanisms else REFIT_EVALUATIONS[:1]:
             noise = noise or self.noise
             values = fit_parameters(self.problem, noise, free, values, evaluations).values
             fit = self._evaluate(tuple(mechanisms), free, values)
-            noise = fit.noise
+            noise = fit.noise if outside else fit.form_noise
         assert fit is not None
         return fit
 
-    def _extend(self, centre: EvidenceFit) -> None:
+    def _extend(self, centre: EvidenceFit, outside: bool) -> None:
         """Refit the most promising additions to a set."""
-        proposals = self._list_promising(centre)
+        noise = centre.noise if outside else centre.form_noise
 
         def refit_proposal(proposal: Proposal) -> EvidenceFit:
             values = centre.values
             for candidate, amplitudes in proposal.additions:
                 values = switch_on_candidate(self.problem, values, candidate, amplitudes)
             added = tuple(candidate for candidate, _ in proposal.additions)
-            return self.refit((*centre.mechanisms, *added), values, centre.noise)
+            return self.refit((*centre.mechanisms, *added), values, noise, outside)
 
-        for fit in parallel_map(refit_proposal, proposals):
+        for fit in parallel_map(refit_proposal, self._list_promising(centre, outside)):
             self._register(fit)
 
-    def _list_promising(self, centre: EvidenceFit) -> list[Proposal]:
+    def _list_promising(self, centre: EvidenceFit, outside: bool) -> list[Proposal]:
         """Return the best proposal of each set that has not been refitted, most promising first."""
+        noise = centre.noise if outside else centre.form_noise
         proposals = propose_additions(
-            self.problem, centre.noise, centre.estimate, centre.ids, self.candidates, self.coordinates,
+            self.problem,
+            noise,
+            evaluate_estimate(self.problem, noise, centre.estimate.free, centre.values),
+            centre.ids,
+            self.candidates,
+            self.coordinates,
             self.settings,
-        )  # fmt: skip
-        shortfall = self.rank()[0].evidence.total - centre.evidence.total
+        )
         best_gain = max((proposal.gain for proposal in proposals), default=0.0)
-        limit = max(min(MIN_GAIN_SHARE * best_gain, best_gain - MAX_SHORTFALL), shortfall - MAX_SHORTFALL)
+        limit = max(min(MIN_GAIN_SHARE * best_gain, best_gain - MAX_SHORTFALL), -MAX_SHORTFALL)
         listed: dict[frozenset[str], Proposal] = {}
+        known = self.fits if outside else self.alone
         for proposal in proposals:
             ids = centre.ids | proposal.ids
-            if proposal.gain > limit and ids not in self.fits:
+            if proposal.gain > limit and ids not in known:
                 listed.setdefault(ids, proposal)
         return list(listed.values())[:REFITS_PER_CENTRE]
 
-    def _reduce(self, fit: EvidenceFit) -> None:
+    def _reduce(self, fit: EvidenceFit, outside: bool) -> None:
         """Refit a set without each of its mechanisms."""
         if len(fit.mechanisms) < 2:
             return
+        noise = fit.noise if outside else fit.form_noise
 
         def refit_without(candidate: Candidate) -> EvidenceFit:
             remaining = tuple(other for other in fit.mechanisms if other is not candidate)
-            return self.refit(remaining, switch_off_candidate(self.problem, fit.values, candidate), fit.noise)
+            values = switch_off_candidate(self.problem, fit.values, candidate)
+            return self.refit(remaining, values, noise, outside)
 
-        unknown = [candidate for candidate in fit.mechanisms if fit.ids - {candidate.id} not in self.fits]
+        known = self.fits if outside else self.alone
+        unknown = [candidate for candidate in fit.mechanisms if fit.ids - {candidate.id} not in known]
         for reduced in parallel_map(refit_without, unknown):
             self._register(reduced)
 
     def _register(self, fit: EvidenceFit) -> None:
-        known = self.fits.get(fit.ids)
+        known, alone = self.fits.get(fit.ids), self.alone.get(fit.ids)
         if known is None or fit.evidence.total > known.evidence.total:
             self.fits[fit.ids] = fit
+        if alone is None or fit.evidence.alone > alone.evidence.alone:
+            self.alone[fit.ids] = fit
 
     def _evaluate(
         self, mechanisms: tuple[Candidate, ...], free: list[int], values: np.ndarray

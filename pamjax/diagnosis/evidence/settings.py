@@ -29,7 +29,7 @@ class EvidenceSettings:
     generic_probability: float = 0.1
     template_probability: float = 0.1
     generic_sizes: tuple[float, ...] = (0.3, 1.0, 3.0, 10.0)
-    max_form_share: float = 0.5
+    max_form_share: float = 1.0
     established_probability: float = 0.5
     tie_probability_ratio: float = 0.1
     max_mechanisms: int = 4
