@@ -104,7 +104,7 @@ def by_optimistix(pressure, length):
     def one(p, l):
         pull = braid.hoop_pull(p, l, B0, N)
         solver = optx.Newton(rtol=1e-9, atol=1e-12)
-        found = optx.root_find(toe_residual, solver, TOE.slack + pull / S, args=pull, throw=False)
+        found = optx.root_find(toe_residual, solver, TOE.slack_strain + pull / S, args=pull, throw=False)
         return braid.gaylord_force(p, l, B0 * (1 + found.value), N)
 
     return jax.vmap(one)(pressure, length)

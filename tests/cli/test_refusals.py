@@ -30,7 +30,8 @@ def refused(words, capsys):
     ("words", "message"),
     [
         (["check", "nowhere"], "got nowhere, which is not a folder. Check the path, or create a case with"),
-        (["fit"], "requires an argument"),
+        (["fit"], "`pamjax fit` needs `CASES`; got none. See `pamjax fit --help`."),
+        (["fit", "mine", "--law"], "`--law` needs a value; got none. See `pamjax fit --help`."),
         (["fti"], "unknown command `fti` of `pamjax`. Did you mean `fit`?"),
         (
             ["bogus"],

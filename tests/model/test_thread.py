@@ -70,7 +70,7 @@ def ends_in_a_line(law):
     far = jnp.asarray(3.0)
     agree(jax.grad(law.load)(far), law.stiffness, BY_DIFFERENCE)
     # A hyperbola approaches its asymptote as w²/ε, an exponential faster.
-    agree(law.load(far), law.stiffness * (far - law.slack), BY_DIFFERENCE)
+    agree(law.load(far), law.stiffness * (far - law.slack_strain), BY_DIFFERENCE)
 
 
 def energy_is_the_area(law):
@@ -174,8 +174,8 @@ def test_neutral_values_agree_with_the_declared_ones():
 def test_recruitment_becomes_linear_without_slack():
     # No single parameter of this law is neutral: a spread of slack around zero is still a toe.
     law = RecruitmentToe(S, crimp=0.0, spread=1e-5)
-    agree(law.load(jnp.asarray(0.02)), S * (0.02 - law.slack), ROUNDING)
-    assert float(law.slack) < 5e-6
+    agree(law.load(jnp.asarray(0.02)), S * (0.02 - law.slack_strain), ROUNDING)
+    assert float(law.slack_strain) < 5e-6
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -205,7 +205,7 @@ def laws(draw, kind):
 @eqx.filter_jit
 def everything(law, strain):
     by = jax.tree.leaves(eqx.filter_grad(lambda w: w.load(strain))(law))
-    return law.load(strain), law.energy(strain), jax.grad(law.load)(strain), law.slack, *by
+    return law.load(strain), law.energy(strain), jax.grad(law.load)(strain), law.slack_strain, *by
 
 
 @pytest.mark.parametrize("kind", KINDS)
