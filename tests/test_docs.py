@@ -16,8 +16,8 @@ FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.S | re.M)
 
 
 def blocks(page, language):
-    found = FENCE.findall((ROOT / page).read_text(encoding="utf-8"))
-    return [body for word, body in found if word == language]
+    fences = FENCE.findall((ROOT / page).read_text(encoding="utf-8"))
+    return [body for word, body in fences if word == language]
 
 
 @pytest.mark.slow
@@ -171,7 +171,7 @@ def test_commit_hashes_are_detected():
     assert hashes("at `c1ad8a2`, of 20261123 recordings, facade, 1234567") == ["c1ad8a2"]
 
 
-def quoted():
+def list_stored_numbers():
     """Yield (page, figures of a row, stored file) of each table row that links to stored figures."""
     for page in sorted(ROOT.glob("docs/*.md")):
         for row in re.findall(r"^\|(.*)\|$", page.read_text("utf-8"), re.M):
@@ -187,11 +187,11 @@ def is_kept(text, values):
 
 
 def test_figures_of_pages_agree_with_the_stored_files():
-    rows = list(quoted())
+    rows = list(list_stored_numbers())
     assert {file for _, _, file in rows} == set(ROOT.glob("docs/benchmarks/*.json"))
     for page, shown, file in rows:
         kept = json.loads(file.read_text("utf-8"))["figures"].values()
-        values = [one for value in kept for one in (value if isinstance(value, list) else [value])]
+        values = [entry for value in kept for entry in (value if isinstance(value, list) else [value])]
         numbers = re.findall(r"\d[\d,]*\.?\d*", shown)
         assert numbers, (page, file.name)
         for number in numbers:
