@@ -126,9 +126,16 @@ def test_table_of_import_entries_is_complete():
 
 
 FRONT = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"]
-READ = [*FRONT, *sorted(f"docs/{path.name}" for path in ROOT.glob("docs/*.md"))]
-#: Largest number of words of a sentence. The rule is 25; some sentences with a name or a reference need more.
-WORDS = 30
+READ = [
+    *FRONT,
+    *sorted(
+        path.relative_to(ROOT).as_posix()
+        for path in (*ROOT.glob("docs/*.md"), *ROOT.glob("fits/*/README.md"))
+    ),
+]
+NOTEBOOKS = sorted(path.relative_to(ROOT).as_posix() for path in ROOT.glob("notebooks/*.ipynb"))
+#: Largest number of words of a sentence.
+WORDS = 25
 #: Text other than prose: blocks of code, comments, equations, tables, indented code, quotations and headings.
 NO_PROSE = re.compile(
     r"```.*?```|<!--.*?-->|\$\$.*?\$\$|\|[^\n]*$|^ {4}[^\n]*$|^>[^\n]*$|^#+ [^\n]*$", re.S | re.M
@@ -146,6 +153,33 @@ def too_long(text):
 @pytest.mark.parametrize("page", READ)
 def test_sentences_of_pages_are_short(page):
     assert not too_long((ROOT / page).read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("page", NOTEBOOKS)
+def test_sentences_of_notebooks_are_short(page):
+    cells = json.loads((ROOT / page).read_text("utf-8"))["cells"]
+    text = "\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
+    assert not too_long(text)
+
+
+def list_scripts(text):
+    """Return the files of the scripts and modules in the commands of a page."""
+    modules = re.findall(r"python -m (tests\.[\w.]+\w)", text)
+    return [
+        *re.findall(r"python ((?:fits|tests)/\S+\.py)", text),
+        *(m.replace(".", "/") + ".py" for m in modules),
+    ]
+
+
+def test_scripts_in_the_commands_of_pages_exist():
+    scripts = {script for page in READ for script in list_scripts((ROOT / page).read_text("utf-8"))}
+    assert len(scripts) > 15
+    assert {script for script in scripts if not (ROOT / script).is_file()} == set()
+
+
+def test_scripts_of_commands_are_detected():
+    text = "`python -m tests.a.b 3`, python -m tests.c.\n\n    python fits/d.py X"
+    assert list_scripts(text) == ["fits/d.py", "tests/a/b.py", "tests/c.py"]
 
 
 def test_long_sentences_are_detected_in_prose_only():

@@ -124,7 +124,7 @@ class Softening(AbstractThread):
     stiffness: Scalar
 
     @property
-    def slack(self) -> Array:
+    def slack_strain(self) -> Array:
         return jnp.asarray(0.0)
 
     def load(self, strain: Scalar) -> Array:
