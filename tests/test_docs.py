@@ -164,7 +164,7 @@ def test_sentences_of_notebooks_are_short(page):
 
 def list_scripts(text):
     """Return the files of the scripts and modules in the commands of a page."""
-    modules = re.findall(r"python -m (tests\.[\w.]+\w)", text)
+    modules = re.findall(r"python -m (tests(?:\.\w+)+)", text)
     return [
         *re.findall(r"python ((?:fits|tests)/\S+\.py)", text),
         *(m.replace(".", "/") + ".py" for m in modules),
