@@ -1,18 +1,18 @@
-"""Compare: the fitted braid beside what a user would fit without pamjax, on the same rows and splits.
+"""Comparison of the fitted braid with empirical formulas, on the same rows and splits.
 
-Every model is told the same rows (force above a threshold share of full scale, so that a slack muscle
-decides nothing) and is asked for the same rows that it was not told: whole settings of length, or whole
-isobars where the length strokes.
+All models are fitted to the same rows and predict the same held-out rows. A held-out part is a whole length
+setting, or a whole isobar if the length varies. Rows with a force below a share of full scale are excluded,
+because the muscle may be slack.
 
-| split                   | fitted on                                 | asked for                           |
-|-------------------------|-------------------------------------------|-------------------------------------|
-| in sample               | all rows                                  | all rows                            |
-| inner lengths held out  | all but one length between the outer two  | that one; each in turn, rows pooled |
-| rest length held out    | all but the longest length                | that one                            |
+| split                   | training rows                             | test rows                            |
+|-------------------------|-------------------------------------------|--------------------------------------|
+| in sample               | all rows                                  | all rows                             |
+| inner lengths held out  | all but one length between the outer two  | this length, in turn; all pooled     |
+| rest length held out    | all but the longest length                | the longest length                   |
 
-The braid keeps the priors of its muscle.toml, weighed as in its fit; the rivals have none. Gaylord's law is
-the braid with inextensible threads, set free of them. An error of a length setting that was held out stays
-at its prior mean, zero.
+The braid has the priors of muscle.toml and the sample weights of its fit; the formulas have no priors.
+Gaylord's law is the braid with inextensible threads, without priors. The error of a held-out length setting
+has its prior mean, zero.
 """
 
 from __future__ import annotations
@@ -37,31 +37,31 @@ from pamjax.records.levels import assign_levels, find_levels
 #: Fewer settings than this leave no inner one.
 ENOUGH = 3
 
-#: Threads of the braid that are compared where no fits are handed over.
+#: Thread laws of the compared braids, if no fits are passed.
 THREADS = ("inelastic", "elastic")
 
-#: From the mask of the rows it is told: the force, N, at every row, and a remark ("" for none).
+#: Function from the mask of the training rows to the force, N, of every row, and a remark ("" for none).
 Model = Callable[[np.ndarray], tuple[np.ndarray, str]]
 
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """One question: the masks of rows, each predicted by a fit on all other rows.
+    """A split of the rows: masks of test rows, each predicted by a fit to its training rows.
 
     Attributes:
         name: as "rest length held out".
-        asked: (n,) masks; for "in sample" the rows asked for are told as well.
-        told: (n,) masks of the rows each fit sees, in the order of `asked`.
+        test_rows: (n,) masks; "in sample" they are also training rows.
+        training_rows: (n,) masks of the rows of each fit, in the order of `test_rows`.
     """
 
     name: str
-    asked: tuple[np.ndarray, ...]
-    told: tuple[np.ndarray, ...]
+    test_rows: tuple[np.ndarray, ...]
+    training_rows: tuple[np.ndarray, ...]
 
 
 @dataclass(frozen=True)
 class Score:
-    """How a model did on a split: rmse of force in N, None where it could not be fitted, and a remark."""
+    """Error of a model on a split: rmse of force, N (None if the fit is not possible), and a remark."""
 
     rmse: float | None
     remark: str = ""
@@ -69,12 +69,12 @@ class Score:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """How models did on the same rows; prints as a table.
+    """Errors of several models on the same rows; its text is a table.
 
     Attributes:
         case: name of the case.
-        rows: how many rows were compared.
-        threshold, full_scale: force below which a row was left out, and the largest force, N.
+        rows: number of compared rows.
+        threshold, full_scale: force below which a row is excluded, and the largest force, N.
         scores: by model, then by split.
     """
 
@@ -85,16 +85,16 @@ class Comparison:
     scores: dict[str, dict[str, Score]]
 
     def rmse(self, model: str, split: str) -> float:
-        """Rmse of force, N; NaN where the model could not be fitted."""
-        found = self.scores[model][split].rmse
-        return np.nan if found is None else found
+        """Return the rmse of force, N; NaN if the model cannot be fitted."""
+        value = self.scores[model][split].rmse
+        return np.nan if value is None else value
 
     def best(self, split: str) -> str:
-        """The model with the least rmse on a split."""
+        """Return the model with the smallest rmse on a split."""
         return min(self.scores, key=lambda model: np.nan_to_num(self.rmse(model, split), nan=np.inf))
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain numbers, for JSON; None where a model could not be fitted."""
+        """Return the comparison as a JSON document; None if a model cannot be fitted."""
         return {
             "case": self.case,
             "rows": self.rows,
@@ -112,18 +112,18 @@ class Comparison:
             "  " + " " * width + "".join(f"  {split:>{len(split)}}" for split in splits),
         ]
         for model, by_split in self.scores.items():
-            cells = (f"  {_cell(by_split[split]):>{len(split)}}" for split in splits)
+            cells = (f"  {_format_cell(by_split[split]):>{len(split)}}" for split in splits)
             lines.append(f"  {model:<{width}}" + "".join(cells))
         remarks = dict.fromkeys(v.remark for by_split in self.scores.values() for v in by_split.values())
         return "\n".join([*lines, *(f"  * {remark}" for remark in remarks if remark)])
 
 
 def compare(case: Case, fits: Sequence[Fit] = ()) -> Comparison:
-    """Score the braid and its rivals on one case, in sample and with whole settings held out.
+    """Return the errors of the braid and the formulas on one case, in sample and on held-out settings.
 
     Args:
-        case: with a measured force.
-        fits: of this case alone, one for each braid to compare; none fits the laws of `THREADS`.
+        case: a case with a measured force.
+        fits: fits of this case alone, one for each braid; without fits, the laws of `THREADS` are fitted.
 
     Raises:
         BadInput: if the case has no force.
@@ -131,32 +131,33 @@ def compare(case: Case, fits: Sequence[Fit] = ()) -> Comparison:
     recording = case.recording
     if "force" not in recording.channels:
         raise refuse("a comparison of forces needs a measured force", "none", f"{case.name}/recording.csv")
-    there = recording.usable & np.isfinite(recording.force)
-    full_scale = float(np.abs(recording.force[there]).max())
-    rows = there & (recording.force >= MAX_SLACK_FORCE_SHARE * full_scale)
+    measured_rows = recording.usable & np.isfinite(recording.force)
+    full_scale = float(np.abs(recording.force[measured_rows]).max())
+    rows = measured_rows & (recording.force >= MAX_SLACK_FORCE_SHARE * full_scale)
     fits = fits or [fit(case, law, starts=1) for law in THREADS]
-    models = {_name(one): _braid(one) for one in fits} | _rivals(case)
-    found = splits(case, rows)
+    models = {_name_braid(fitted): _build_braid(fitted) for fitted in fits} | _build_formulas(case)
+    case_splits = list_splits(case, rows)
     return Comparison(
         case=case.name,
         rows=int(rows.sum()),
         threshold=MAX_SLACK_FORCE_SHARE * full_scale,
         full_scale=full_scale,
         scores={
-            name: {split.name: _score(model, split, recording.force) for split in found}
+            name: {split.name: _compute_score(model, split, recording.force) for split in case_splits}
             for name, model in models.items()
         },
     )
 
 
-def splits(case: Case, rows: np.ndarray) -> list[Split]:
-    """The questions that a recording's settings allow: over lengths, or else over isobars.
+def list_splits(case: Case, rows: np.ndarray) -> list[Split]:
+    """Return the splits of a recording: by lengths, or by isobars if it has too few lengths.
 
     Args:
-        rows: (n,) the rows to compare on.
+        case: the case.
+        rows: (n,) mask of the compared rows.
     """
     recording = case.recording
-    found = [Split("in sample", (rows,), (rows,))]
+    all_splits = [Split("in sample", (rows,), (rows,))]
     for channel, inner, outer in (
         (recording.length, "inner lengths", "rest length"),
         (recording.pressure, "inner isobars", "highest isobar"),
@@ -167,38 +168,39 @@ def splits(case: Case, rows: np.ndarray) -> list[Split]:
         if len(settings) >= ENOUGH:
             between = tuple(label == k for k in settings[1:-1])
             last = label == settings[-1]
-            found.append(Split(f"{inner} held out", between, tuple(rows & ~out for out in between)))
-            found.append(Split(f"{outer} held out", (last,), (rows & ~last,)))
+            all_splits.append(Split(f"{inner} held out", between, tuple(rows & ~out for out in between)))
+            all_splits.append(Split(f"{outer} held out", (last,), (rows & ~last,)))
             break
-    return found
+    return all_splits
 
 
-def _name(fitted: Fit) -> str:
+def _name_braid(fitted: Fit) -> str:
     return ", ".join([f"braid, {fitted.law} threads", *fitted.mechanisms])
 
 
-def _braid(fitted: Fit) -> Model:
-    """The muscle under its priors, its samples weighed as in the fit; one program for all splits."""
-    (one,) = fitted.datasets
+def _build_braid(fitted: Fit) -> Model:
+    """Return the braid with its priors and the sample weights of the fit; one program for all splits."""
+    (dataset,) = fitted.datasets
 
-    def model(told: np.ndarray) -> tuple[np.ndarray, str]:
-        left = solve_least_squares((exclude_rows(one, ~told),), fitted.space, fitted.solution.u, fitted.loss)
-        force = np.asarray(predict_rows(one, fitted.space.to_values(left.u)).force)[: told.size]
-        return force, "" if left.converged else "the braid's fit did not converge"
+    def model(rows: np.ndarray) -> tuple[np.ndarray, str]:
+        training_data = exclude_rows(dataset, ~rows)
+        solution = solve_least_squares((training_data,), fitted.space, fitted.solution.u, fitted.loss)
+        force = np.asarray(predict_rows(dataset, fitted.space.to_values(solution.u)).force)[: rows.size]
+        return force, "" if solution.converged else "the braid's fit did not converge"
 
     return model
 
 
-def _rivals(case: Case) -> dict[str, Model]:
+def _build_formulas(case: Case) -> dict[str, Model]:
     pressure, length, force = case.recording.pressure, case.recording.length, case.recording.force
     contraction = 1 - length / case.entry.rest_length.value
 
-    def gaylord(threshold: bool, told: np.ndarray) -> tuple[np.ndarray, str]:
-        law = fit_gaylord(pressure[told], length[told], force[told], threshold=threshold)
+    def gaylord(threshold: bool, rows: np.ndarray) -> tuple[np.ndarray, str]:
+        law = fit_gaylord(pressure[rows], length[rows], force[rows], threshold=threshold)
         return law.force(pressure, length), ""
 
-    def sarosi(told: np.ndarray) -> tuple[np.ndarray, str]:
-        law = fit_sarosi(pressure[told], contraction[told], force[told])
+    def sarosi(rows: np.ndarray) -> tuple[np.ndarray, str]:
+        law = fit_sarosi(pressure[rows], contraction[rows], force[rows])
         remark = "Sárosi's exponent at an end of its range, a parabola or a step" if law.at_limit else ""
         return law.force(pressure, contraction), remark
 
@@ -209,20 +211,20 @@ def _rivals(case: Case) -> dict[str, Model]:
     }
 
 
-def _score(model: Model, split: Split, force: np.ndarray) -> Score:
+def _compute_score(model: Model, split: Split, force: np.ndarray) -> Score:
     misfit, remarks = [], []
-    for asked, told in zip(split.asked, split.told, strict=True):
+    for test_rows, training_rows in zip(split.test_rows, split.training_rows, strict=True):
         try:
-            predicted, remark = model(told)
+            predicted, remark = model(training_rows)
         except BadInput as error:
             return Score(None, str(error))
-        misfit.append((force - predicted)[asked])
+        misfit.append((force - predicted)[test_rows])
         remarks.append(remark)
     return Score(float(np.sqrt(np.mean(np.concatenate(misfit) ** 2))), max(remarks))
 
 
-def _cell(score: Score) -> str:
-    """Three digits, or a dash; a star where there is a remark."""
+def _format_cell(score: Score) -> str:
+    """Return an error with three digits, or a dash; a star if it has a remark."""
     star = "*" if score.remark else ""
     if score.rmse is None:
         return f"-{star}"

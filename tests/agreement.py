@@ -19,13 +19,13 @@ KEPT = 1e-5
 ZOOMED = 0.03
 
 
-def agree(got, want, to, scale=0.0):
+def agree(got, expected, to, scale=0.0):
     """Assert that every |got − want| is at most `to` times the larger of |want| and `scale`."""
-    got, want = np.asarray(got, float), np.asarray(want, float)
-    off = np.abs(got - want) / np.maximum(np.maximum(np.abs(want), scale), np.finfo(float).tiny)
-    assert got.shape == want.shape or got.shape == () or want.shape == ()
+    got, expected = np.asarray(got, float), np.asarray(expected, float)
+    error = np.abs(got - expected) / np.maximum(np.maximum(np.abs(expected), scale), np.finfo(float).tiny)
+    assert got.shape == expected.shape or got.shape == () or expected.shape == ()
     # Not `off > to`: a NaN must fail.
-    assert np.all(off <= to), f"off by {np.max(off):.3g}, allowed {to:.3g}: got {got}, want {want}"
+    assert np.all(error <= to), f"off by {np.max(error):.3g}, allowed {to:.3g}: got {got}, want {expected}"
 
 
 def printed(got, text):

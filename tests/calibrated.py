@@ -49,18 +49,20 @@ class Bench:
 
     def recording(self, k: int):
         """Return the log-density of recording k (same settings, other measurements), and its optimum."""
-        (one,), values = self.density.datasets, self.true[k]
+        (dataset,), values = self.density.datasets, self.true[k]
         nothing = eqx.tree_at(
-            lambda m: (m.rows.force, m.rows.diameter), one, (jnp.zeros_like(one.rows.force),) * 2
+            lambda m: (m.rows.force, m.rows.diameter), dataset, (jnp.zeros_like(dataset.rows.force),) * 2
         )
-        shown = [-np.asarray(channel) for channel in model(nothing, jnp.asarray(values))]
+        shown = [-np.asarray(channel) for channel in compute_residuals(nothing, jnp.asarray(values))]
         random = np.random.default_rng([self.seed, 3, k])
         for stream in self.density.likelihoods[0]:
             noise = self._noise(random, shown[stream.channel].size, values[stream.correlation_index])
             shown[stream.channel] += noise * values[stream.sd_index] * np.asarray(stream.measured)
         (member,) = self.fit.datasets
-        end = solve_least_squares((_measured(member, shown),), self.fit.space, jnp.zeros(self.fit.space.size))
-        density = dataclasses.replace(self.density, datasets=(_measured(one, shown),))
+        end = solve_least_squares(
+            (_replace_measurements(member, shown),), self.fit.space, jnp.zeros(self.fit.space.size)
+        )
+        density = dataclasses.replace(self.density, datasets=(_replace_measurements(dataset, shown),))
         at = density.space
         start = dict(zip(at.names, np.asarray(at.to_values(jnp.zeros(at.size))), strict=True))
         start |= dict(zip(self.fit.space.names, np.asarray(self.fit.space.to_values(end.u)), strict=True))
@@ -80,14 +82,14 @@ class Bench:
         return np.concatenate(runs)
 
 
-def _measured(one, shown):
+def _replace_measurements(dataset, values):
     """Return the dataset with other measurements."""
-    return eqx.tree_at(lambda m: (m.rows.force, m.rows.diameter), one, tuple(map(jnp.asarray, shown)))
+    return eqx.tree_at(lambda m: (m.rows.force, m.rows.diameter), dataset, tuple(map(jnp.asarray, values)))
 
 
 @eqx.filter_jit
-def model(one, values):
-    return one.compute_standardised_residuals(values)
+def compute_residuals(dataset, values):
+    return dataset.compute_standardised_residuals(values)
 
 
 def believing_white(density):

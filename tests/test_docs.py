@@ -16,8 +16,8 @@ FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.S | re.M)
 
 
 def blocks(page, language):
-    found = FENCE.findall((ROOT / page).read_text(encoding="utf-8"))
-    return [body for word, body in found if word == language]
+    fences = FENCE.findall((ROOT / page).read_text(encoding="utf-8"))
+    return [body for word, body in fences if word == language]
 
 
 @pytest.mark.slow
@@ -126,9 +126,16 @@ def test_table_of_import_entries_is_complete():
 
 
 FRONT = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"]
-READ = [*FRONT, *sorted(f"docs/{path.name}" for path in ROOT.glob("docs/*.md"))]
-#: Largest number of words of a sentence. The rule is 25; some sentences with a name or a reference need more.
-WORDS = 30
+READ = [
+    *FRONT,
+    *sorted(
+        path.relative_to(ROOT).as_posix()
+        for path in (*ROOT.glob("docs/*.md"), *ROOT.glob("fits/*/README.md"))
+    ),
+]
+NOTEBOOKS = sorted(path.relative_to(ROOT).as_posix() for path in ROOT.glob("notebooks/*.ipynb"))
+#: Largest number of words of a sentence.
+WORDS = 25
 #: Text other than prose: blocks of code, comments, equations, tables, indented code, quotations and headings.
 NO_PROSE = re.compile(
     r"```.*?```|<!--.*?-->|\$\$.*?\$\$|\|[^\n]*$|^ {4}[^\n]*$|^>[^\n]*$|^#+ [^\n]*$", re.S | re.M
@@ -146,6 +153,33 @@ def too_long(text):
 @pytest.mark.parametrize("page", READ)
 def test_sentences_of_pages_are_short(page):
     assert not too_long((ROOT / page).read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("page", NOTEBOOKS)
+def test_sentences_of_notebooks_are_short(page):
+    cells = json.loads((ROOT / page).read_text("utf-8"))["cells"]
+    text = "\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
+    assert not too_long(text)
+
+
+def list_scripts(text):
+    """Return the files of the scripts and modules in the commands of a page."""
+    modules = re.findall(r"python -m (tests(?:\.\w+)+)", text)
+    return [
+        *re.findall(r"python ((?:fits|tests)/\S+\.py)", text),
+        *(m.replace(".", "/") + ".py" for m in modules),
+    ]
+
+
+def test_scripts_in_the_commands_of_pages_exist():
+    scripts = {script for page in READ for script in list_scripts((ROOT / page).read_text("utf-8"))}
+    assert len(scripts) > 15
+    assert {script for script in scripts if not (ROOT / script).is_file()} == set()
+
+
+def test_scripts_of_commands_are_detected():
+    text = "`python -m tests.a.b 3`, python -m tests.c.\n\n    python fits/d.py X"
+    assert list_scripts(text) == ["fits/d.py", "tests/a/b.py", "tests/c.py"]
 
 
 def test_long_sentences_are_detected_in_prose_only():
@@ -171,7 +205,7 @@ def test_commit_hashes_are_detected():
     assert hashes("at `c1ad8a2`, of 20261123 recordings, facade, 1234567") == ["c1ad8a2"]
 
 
-def quoted():
+def list_stored_numbers():
     """Yield (page, figures of a row, stored file) of each table row that links to stored figures."""
     for page in sorted(ROOT.glob("docs/*.md")):
         for row in re.findall(r"^\|(.*)\|$", page.read_text("utf-8"), re.M):
@@ -187,11 +221,11 @@ def is_kept(text, values):
 
 
 def test_figures_of_pages_agree_with_the_stored_files():
-    rows = list(quoted())
+    rows = list(list_stored_numbers())
     assert {file for _, _, file in rows} == set(ROOT.glob("docs/benchmarks/*.json"))
     for page, shown, file in rows:
         kept = json.loads(file.read_text("utf-8"))["figures"].values()
-        values = [one for value in kept for one in (value if isinstance(value, list) else [value])]
+        values = [entry for value in kept for entry in (value if isinstance(value, list) else [value])]
         numbers = re.findall(r"\d[\d,]*\.?\d*", shown)
         assert numbers, (page, file.name)
         for number in numbers:

@@ -1,6 +1,7 @@
-"""Names of the package: each has one meaning, and each parameter names its object."""
+"""Names, docstrings and messages: each name states its object, each sentence can be read once."""
 
 import ast
+import re
 from collections import defaultdict
 from pathlib import Path
 
@@ -10,8 +11,31 @@ import pamjax
 
 HOME = Path(pamjax.__file__).parent
 TREES = {path: ast.parse(path.read_text("utf-8")) for path in sorted(HOME.rglob("*.py"))}
-#: Parameter names without a meaning.
-RIDDLES = {"found", "one", "told", "much"}
+TESTS = Path(__file__).parent
+#: Names of parameters, local variables and attributes without a meaning.
+RIDDLES = {"found", "one", "told", "much", "said", "asked"}
+#: Folders of the tests whose names are not checked yet.
+UNCHECKED_TESTS = ("benchmark/", "diagnosis/", "infer/", "model/mechanisms/")
+#: Rooms whose properties are not checked yet for the first word of their docstring.
+UNCHECKED_ROOMS = ("benchmark", "diagnosis")
+#: First words of a docstring that is not a summary of the result.
+NO_SUMMARY = {
+    "a",
+    "an",
+    "the",
+    "this",
+    "it",
+    "how",
+    "what",
+    "when",
+    "where",
+    "whether",
+    "which",
+    "who",
+    "why",
+}
+#: Largest number of words of a sentence in a message.
+MESSAGE_WORDS = 30
 #: Constants that each file format defines.
 SHARED_CONSTANTS = {"SCHEMA"}
 
@@ -28,6 +52,48 @@ def list_parameters(tree):
 
 def find_riddles(tree):
     return [f"{function}({name})" for function, name in list_parameters(tree) if name in RIDDLES]
+
+
+def find_assigned_riddles(tree):
+    """Return the meaningless names of variables and attributes, with their line."""
+    names = [(n.id, n.lineno) for n in ast.walk(tree) if isinstance(n, ast.Name) and _is_assigned(n)]
+    names += [(n.attr, n.lineno) for n in ast.walk(tree) if isinstance(n, ast.Attribute) and _is_assigned(n)]
+    return [f"{name}, line {line}" for name, line in names if name in RIDDLES]
+
+
+def _is_assigned(node):
+    return isinstance(node.ctx, ast.Store)
+
+
+def find_participles(tree):
+    """Return the functions and classes of a module whose name is one participle, such as `settled`."""
+    names = [n.name for n in tree.body if isinstance(n, ast.FunctionDef | ast.ClassDef)]
+    return [name for name in names if re.fullmatch(r"_?[A-Za-z][a-z]*[^e]ed", name)]
+
+
+def find_poor_docstrings(tree):
+    """Return the functions whose docstring does not begin with a summary of the result."""
+    functions = [n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef) and ast.get_docstring(n)]
+    return [n.name for n in functions if (ast.get_docstring(n) or "").split()[0].lower() in NO_SUMMARY]
+
+
+def list_messages(tree):
+    """Yield the text of each string, with `x` for each value; templates of several lines are left out."""
+    parts = {id(v) for n in ast.walk(tree) if isinstance(n, ast.JoinedStr) for v in n.values}
+    for node in ast.walk(tree):
+        text = ""
+        if isinstance(node, ast.JoinedStr):
+            text = "".join(str(v.value) if isinstance(v, ast.Constant) else "x" for v in node.values)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in parts:
+            text = node.value
+        if "\n" not in text:
+            yield text
+
+
+def find_long_messages(tree):
+    """Return the sentences of messages with more than `MESSAGE_WORDS` words."""
+    sentences = (s for text in list_messages(tree) for s in re.split(r"(?<=[.!?:;])\s", text))
+    return [sentence for sentence in sentences if len(sentence.split()) > MESSAGE_WORDS]
 
 
 def find_repeated(names):
@@ -57,6 +123,52 @@ def list_constants():
 @pytest.mark.parametrize("path", TREES, ids=lambda p: p.relative_to(HOME).as_posix())
 def test_parameters_have_meaningful_names(path):
     assert find_riddles(TREES[path]) == []
+
+
+@pytest.mark.parametrize("path", TREES, ids=lambda p: p.relative_to(HOME).as_posix())
+def test_variables_have_meaningful_names(path):
+    assert find_assigned_riddles(TREES[path]) == []
+
+
+@pytest.mark.parametrize("path", TREES, ids=lambda p: p.relative_to(HOME).as_posix())
+def test_functions_and_classes_are_no_participles(path):
+    assert find_participles(TREES[path]) == []
+
+
+def test_docstrings_begin_with_the_result():
+    checked = {p: t for p, t in TREES.items() if p.relative_to(HOME).parts[0] not in UNCHECKED_ROOMS}
+    assert {p.name: names for p, t in checked.items() if (names := find_poor_docstrings(t))} == {}
+
+
+def test_sentences_of_messages_are_short():
+    assert {p.name: long for p, tree in TREES.items() if (long := find_long_messages(tree))} == {}
+
+
+def test_names_of_the_tests_are_meaningful():
+    paths = [
+        p for p in TESTS.rglob("*.py") if not p.relative_to(TESTS).as_posix().startswith(UNCHECKED_TESTS)
+    ]
+    trees = {p.relative_to(TESTS).as_posix(): ast.parse(p.read_text("utf-8")) for p in paths}
+    assert len(trees) > 90
+    riddles = {name: find_riddles(tree) + find_assigned_riddles(tree) for name, tree in trees.items()}
+    assert {name: names for name, names in riddles.items() if names} == {}
+
+
+def test_poor_names_and_texts_are_detected():
+    module = """def settled(x): ...
+class Told: ...
+def need(): ...
+def f():
+    'How it is done.'
+    self.said = (found := 1)
+"""
+    tree = ast.parse(module)
+    assert find_participles(tree) == ["settled"]
+    assert find_poor_docstrings(tree) == ["f"]
+    assert find_assigned_riddles(tree) == ["found, line 6", "said, line 6"]
+    long = "word " * MESSAGE_WORDS
+    assert find_long_messages(ast.parse(f"refuse(f'{long}{{x}}. Short.')")) == [f"{long}x."]
+    assert find_long_messages(ast.parse(f"refuse('{long}')")) == []
 
 
 def test_meaningless_parameter_name_is_detected():

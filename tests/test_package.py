@@ -23,12 +23,12 @@ def wheel(tmp_path_factory):
     subprocess.run(words, check=True, capture_output=True, timeout=300)
     (sdist,) = folder.glob("*.tar.gz")
     assert sdist.stat().st_size < 20e6
-    (found,) = folder.glob("*.whl")
-    return found
+    (file,) = folder.glob("*.whl")
+    return file
 
 
 @pytest.fixture(scope="module")
-def installed(wheel, tmp_path_factory):
+def run_installed(wheel, tmp_path_factory):
     """Return a function that runs the installed `pamjax` in its own environment and folder.
 
     The dependencies are those of the test environment; pamjax comes from the wheel.
@@ -47,11 +47,11 @@ def installed(wheel, tmp_path_factory):
             [str(python), "-c", words[0]] if module else [str(Path(paths["scripts"]) / "pamjax"), *words]
         )
         environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"} | {"HOME": str(folder)}
-        done = subprocess.run(
+        process = subprocess.run(
             program, cwd=folder, env=environment, capture_output=True, text=True, timeout=300, check=False
         )
-        assert done.returncode == 0, done.stderr
-        return done.stdout
+        assert process.returncode == 0, process.stderr
+        return process.stdout
 
     _run.folder = folder
     return _run
@@ -69,19 +69,19 @@ def test_wheel_contains_types_data_and_templates(wheel):
 
 
 @pytest.mark.slow
-def test_installed_package_runs_without_a_checkout(installed):
-    where = installed("import pamjax; print(pamjax.__file__)", module=True)
-    assert str(installed.folder) in where
+def test_installed_package_runs_without_a_checkout(run_installed):
+    where = run_installed("import pamjax; print(pamjax.__file__)", module=True)
+    assert str(run_installed.folder) in where
     version = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["version"]
-    assert installed("--version").strip() == version
-    assert "diagnose" in installed("--help")
-    assert "unit      GPa" in installed("explain", "thread.modulus")
+    assert run_installed("--version").strip() == version
+    assert "diagnose" in run_installed("--help")
+    assert "unit      GPa" in run_installed("explain", "thread.modulus")
     shipped = "from pamjax.records.shipped_tables import list_shipped; print(len(list_shipped()))"
-    assert int(installed(shipped, module=True)) >= 6
-    installed("new", "mine")
-    said = json.loads(installed("fit", "mine", "--starts", "1", "--folds", "2", "--json"))
-    assert said["converged"]
-    assert (installed.folder / "out" / "fit.json").exists()
+    assert int(run_installed(shipped, module=True)) >= 6
+    run_installed("new", "mine")
+    document = json.loads(run_installed("fit", "mine", "--starts", "1", "--folds", "2", "--json"))
+    assert document["converged"]
+    assert (run_installed.folder / "out" / "fit.json").exists()
 
 
 def test_shell_completion_is_installed(tmp_path):

@@ -71,13 +71,13 @@ def test_replace_is_differentiable():
 
 def test_equal_values_stay_separate_parameters():
     """Parameters are identified by their path, not by their value."""
-    one = jnp.asarray(0.25)
-    muscle = Muscle(one, one, 1.0, LinearThread(1e6))
+    shared_value = jnp.asarray(0.25)
+    muscle = Muscle(shared_value, shared_value, 1.0, LinearThread(1e6))
     changed = replace_values(muscle, {"rest_length": 0.2})
     assert (float(changed.rest_length), float(changed.thread_length)) == (0.2, 0.25)
 
 
 def test_unknown_parameter_is_refused():
-    with pytest.raises(BadInput) as told:
+    with pytest.raises(BadInput) as error:
         replace_values(STRUT, {"spring.rat": 1.0})
-    assert str(told.value) == "this model has no parameter 'spring.rat'. Did you mean `spring.rate`?"
+    assert str(error.value) == "this model has no parameter 'spring.rat'. Did you mean `spring.rate`?"

@@ -41,7 +41,7 @@ MAX_MODULES = 20
 def list_imports(source, typing=True):
     """Yield (line, module) of all imports of a file; `typing` includes those under TYPE_CHECKING."""
     tree = ast.parse(source)
-    skipped = set() if typing else {id(node) for node in _typing_only(tree)}
+    skipped = set() if typing else {id(node) for node in _is_typing_only(tree)}
     for node in ast.walk(tree):
         if id(node) in skipped:
             continue
@@ -54,7 +54,7 @@ def list_imports(source, typing=True):
             yield node.lineno, "." * node.level
 
 
-def _typing_only(tree):
+def _is_typing_only(tree):
     for node in ast.walk(tree):
         if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
             for statement in node.body:
@@ -150,22 +150,22 @@ def test_folders_are_small():
     assert {folder: n for folder, n in counts.items() if n > MAX_MODULES} == {}
 
 
-def loaded_after(statement, package):
+def list_loaded_modules(statement, package):
     program = f"import sys; {statement}; print({package!r} in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    return done.stdout.strip() == "True"
+    process = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    return process.stdout.strip() == "True"
 
 
 def test_reading_loads_no_jax():
-    assert not loaded_after("import " + ", ".join(LIGHT), "jax")
+    assert not list_loaded_modules("import " + ", ".join(LIGHT), "jax")
 
 
 def test_no_room_but_view_loads_matplotlib():
     modules = (
         "pamjax.model.muscle, pamjax.infer.fitting.fit, pamjax.diagnosis.run, pamjax.baselines.empirical"
     )
-    assert not loaded_after(f"import {modules}", "matplotlib")
+    assert not list_loaded_modules(f"import {modules}", "matplotlib")
 
 
 def test_loaded_package_is_detected():
-    assert loaded_after("import pamjax.parameter", "jax")
+    assert list_loaded_modules("import pamjax.parameter", "jax")

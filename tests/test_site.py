@@ -46,7 +46,7 @@ def test_commands_of_a_page_give_the_shown_output(page, tmp_path, monkeypatch, c
             printed = capsys.readouterr().out or printed
         elif kind == "text":
             for line in text.splitlines():
-                assert any(_alike(line, other) for other in printed.splitlines()), (line, printed)
+                assert any(_is_similar(line, other) for other in printed.splitlines()), (line, printed)
         elif kind == "python":
             exec(compile(text, page, "exec"), names)
         else:
@@ -56,7 +56,7 @@ def test_commands_of_a_page_give_the_shown_output(page, tmp_path, monkeypatch, c
 NUMBER = re.compile(r"(?<![a-z])\d+\.?\d*(?:e[+-]\d+)?")
 
 
-def _alike(line, other, rel=0.05):
+def _is_similar(line, other, rel=0.05):
     """Return whether two lines have the same words, and numbers within the tolerance between machines."""
     if NUMBER.sub("#", line).split() != NUMBER.sub("#", other).split():
         return False
@@ -66,9 +66,9 @@ def _alike(line, other, rel=0.05):
 
 def test_lines_are_compared_by_words_and_numbers():
     line = "  force: rmse 6.78 N, its noise 2.51 N"
-    assert _alike(line, "force:   rmse 6.79 N, its noise 2.51 N")
-    assert not _alike(line, "  force: rmse 7.78 N, its noise 2.51 N")
-    assert not _alike(line, "  diameter: rmse 6.78 N, its noise 2.51 N")
+    assert _is_similar(line, "force:   rmse 6.79 N, its noise 2.51 N")
+    assert not _is_similar(line, "  force: rmse 7.78 N, its noise 2.51 N")
+    assert not _is_similar(line, "  diameter: rmse 6.78 N, its noise 2.51 N")
 
 
 def test_front_page_shows_output_of_other_pages():
@@ -100,8 +100,8 @@ def test_the_site_builds_without_a_warning(tmp_path):
         str(DOCS),
         str(tmp_path / "site"),
     ]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False, cwd=ROOT)
-    assert done.returncode == 0, done.stderr
+    process = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False, cwd=ROOT)
+    assert process.returncode == 0, process.stderr
     pages = {path.name for path in (tmp_path / "site").rglob("*.html")}
     assert {"index.html", "mechanisms.html", "commands.html", "reference.html"} <= pages
     assert {"validation.html", "performance.html", "glossary.html"} <= pages
@@ -115,5 +115,5 @@ def test_broken_link_fails_the_build(tmp_path):
     (tmp_path / "conf.py").write_text('extensions = ["myst_parser"]\n')
     (tmp_path / "index.md").write_text("# Home\n\n[nowhere](nowhere.md)\n")
     words = [sys.executable, "-m", "sphinx", "-W", "-q", "-b", "html", str(tmp_path), str(tmp_path / "site")]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode != 0
+    process = subprocess.run(words, capture_output=True, text=True, timeout=120, check=False)
+    assert process.returncode != 0

@@ -76,17 +76,17 @@ def test_quantities_are_parsed_and_formatted():
     ],
 )  # fmt: skip
 def test_invalid_unit_is_refused(text, kind, complaint):
-    with pytest.raises(BadInput) as told:
+    with pytest.raises(BadInput) as error:
         parse_quantity(text, kind, "muscle.toml")
-    assert str(told.value) == complaint
+    assert str(error.value) == complaint
 
 
 @pytest.mark.parametrize("text", ["5", " 5 ", "-5e3", "5 1"])
 def test_number_without_its_unit_is_refused(text):
-    with pytest.raises(BadInput) as told:
+    with pytest.raises(BadInput) as error:
         parse_number(text, "Pa", "--with")
     rule = "this value needs a unit; got " + repr(text.strip())
-    assert str(told.value) == f"{rule} in --with. Write one that converts to Pa after it."
+    assert str(error.value) == f"{rule} in --with. Write one that converts to Pa after it."
 
 
 def test_zero_and_dimensionless_numbers_need_no_unit():

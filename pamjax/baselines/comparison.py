@@ -171,15 +171,15 @@ def find_extrapolation_rows(problem: LibraryProblem) -> tuple[np.ndarray, str]:
     """Return the mask of the rows held out for extrapolation, (n,), and their description."""
     recording = problem.case.recording
     measured_rows = np.isfinite(problem.measured).any(axis=0)
-    for channel, what, end in ((recording.pressure, "kPa", max), (recording.length, "mm", min)):
+    for channel, unit, end in ((recording.pressure, "kPa", max), (recording.length, "mm", min)):
         label = np.where(
             measured_rows, assign_levels(channel, levels := find_levels(channel, recording.has_time)), -1
         )
         settings = np.unique(label[label >= 0])
         if settings.size >= MIN_SETTINGS_FOR_EXTRAPOLATION:
             last = end(settings.tolist())
-            kind = "the highest isobar" if what == "kPa" else "the most contracted length"
-            return label == last, f"{kind}, {format_quantity(float(levels[last]), what, 3)}"
+            kind = "the highest isobar" if unit == "kPa" else "the most contracted length"
+            return label == last, f"{kind}, {format_quantity(float(levels[last]), unit, 3)}"
     low, high = (
         np.nanquantile(recording.length[measured_rows], [0.0, 1.0]) if measured_rows.any() else (0.0, 0.0)
     )

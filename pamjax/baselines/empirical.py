@@ -143,7 +143,7 @@ def fit_gaylord(
     (slope, offset), _ = _fit_gaylord_coefficients(p - pressure_threshold, l, tension)
     if slope <= 0:
         raise refuse(
-            "the muscle must pull harder under pressure", "a force that does not", remedy="Check signs."
+            "`force` must increase with `pressure`", "a force that does not increase", remedy="Check signs."
         )
     thread = np.sqrt(l.max() ** 2 + 3 * offset / slope)
     return Gaylord(float(thread), float(np.sqrt(3 / (4 * np.pi * slope))), float(pressure_threshold))
@@ -207,8 +207,8 @@ def _minimise_on_grid(misfit: Callable[[float], float], grid: Vector) -> tuple[f
 
 def _find_local_minima(values: Vector) -> NDArray[np.intp]:
     """Return the indices of the local minima of a sequence, ends included."""
-    padded = np.concatenate([[np.inf], values, [np.inf]])
-    return np.flatnonzero((values <= padded[:-2]) & (values <= padded[2:]))
+    padded_values = np.concatenate([[np.inf], values, [np.inf]])
+    return np.flatnonzero((values <= padded_values[:-2]) & (values <= padded_values[2:]))
 
 
 def _fit_gaylord_coefficients(p: Vector, l: Vector, force: Vector) -> tuple[Vector, float]:
@@ -219,8 +219,8 @@ def _fit_gaylord_coefficients(p: Vector, l: Vector, force: Vector) -> tuple[Vect
     if not scale.all():
         rule = "`pressure` must differ from zero in some row"
         raise refuse(rule, "0 Pa in every row", remedy="Check its column.")
-    scaled, norm = nnls(design / scale, force)
-    return scaled / scale, float(norm**2)
+    scaled_coefficients, norm = nnls(design / scale, force)
+    return scaled_coefficients / scale, float(norm**2)
 
 
 def _fit_sarosi_coefficients(rate: float, p: Vector, k: Vector, force: Vector) -> tuple[Vector, float]:
@@ -230,10 +230,10 @@ def _fit_sarosi_coefficients(rate: float, p: Vector, k: Vector, force: Vector) -
     curve = np.exp(rate * (k - end))
     design = np.column_stack([p * curve, curve, k * p, p, np.ones_like(p)])
     scale = np.linalg.norm(design, axis=0)
-    scaled = np.linalg.lstsq(design / scale, force, rcond=None)[0]
-    misfit = force - (design / scale) @ scaled
+    scaled_coefficients = np.linalg.lstsq(design / scale, force, rcond=None)[0]
+    misfit = force - (design / scale) @ scaled_coefficients
     back = np.exp(-rate * end) * np.array([1, 1, 0, 0, 0]) + np.array([0, 0, 1, 1, 1])
-    return scaled / scale * back, float(misfit @ misfit)
+    return scaled_coefficients / scale * back, float(misfit @ misfit)
 
 
 def _drop_blank_rows(**columns: ArrayLike) -> list[Vector]:

@@ -46,8 +46,8 @@ def build_inputs(problem: LibraryProblem) -> np.ndarray:
     speeds = np.abs(rate)[direction != 0]
     if speeds.size and np.quantile(speeds, 0.9) > MIN_SPEED_RATIO_FOR_INPUT * np.quantile(speeds, 0.3):
         columns.append(np.arcsinh(np.abs(rate) / max(float(np.median(speeds)), 1e-300)))
-    kept = [c for c in columns if np.nanstd(c) > 0]
-    return np.stack([(c - np.nanmean(c)) / np.nanstd(c) for c in kept], axis=1)
+    varying_columns = [c for c in columns if np.nanstd(c) > 0]
+    return np.stack([(c - np.nanmean(c)) / np.nanstd(c) for c in varying_columns], axis=1)
 
 
 def _compute_rate_sign(rate: np.ndarray) -> np.ndarray:

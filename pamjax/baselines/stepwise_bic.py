@@ -59,11 +59,13 @@ def select_by_bic(problem: LibraryProblem, training_rows: np.ndarray) -> Stepwis
     estimate = fit_parameters(problem, noise, baseline_indices, estimate.values)
     mechanisms: list[Candidate] = []
     while len(mechanisms) < MAX_STEPWISE_MECHANISMS:
-        scored = compute_score_directions(problem, noise, estimate, candidates)
-        promising = shortlist_candidates(scored, [candidate.id for candidate in mechanisms], TRIALS_PER_STEP)
+        score_directions = compute_score_directions(problem, noise, estimate, candidates)
+        shortlist = shortlist_candidates(
+            score_directions, [candidate.id for candidate in mechanisms], TRIALS_PER_STEP
+        )
         trials = [
             (s.candidate, _fit_with_candidate(problem, noise, estimate, baseline_indices, mechanisms, s))
-            for s in promising
+            for s in shortlist
         ]
         candidate, best_estimate = min(trials, key=lambda pair: pair[1].chi2)
         if compute_bic(best_estimate.chi2, noise.size, len(best_estimate.free)) >= compute_bic(

@@ -23,8 +23,8 @@ DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPER
 
 app = App(
     name="pamjax",
-    help="Calibrate models of pneumatic artificial muscles, quantify their uncertainty, and find missing"
-    " physics.",
+    help="Calibrate models of pneumatic artificial muscles, quantify their uncertainty, and identify"
+    " missing physics.",
     version=lambda: version("pamjax"),
     help_format="plaintext",
     help_formatter=ParagraphFormatter(),
@@ -63,11 +63,11 @@ def main(arguments: list[str] | None = None) -> int:
     Returns:
         the exit code: 0 for success, 2 for bad input, 130 for an interruption.
     """
-    from pamjax.cli.screen import defer_interrupts, raise_interrupt, remember_command
+    from pamjax.cli.screen import defer_interrupts, raise_interrupt, store_command
 
     # Suppress XLA's warnings about slow compilation. Errors still raise exceptions.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
-    remember_command(sys.argv[1:] if arguments is None else arguments)
+    store_command(sys.argv[1:] if arguments is None else arguments)
     try:
         with defer_interrupts():
             app(arguments, exit_on_error=False, print_error=False, result_action="return_value")

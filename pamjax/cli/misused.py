@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import difflib
 
-from cyclopts import CycloptsError, UnknownCommandError, UnknownOptionError, UnusedCliTokensError
+from cyclopts import (
+    CycloptsError,
+    MissingArgumentError,
+    UnknownCommandError,
+    UnknownOptionError,
+    UnusedCliTokensError,
+)
 
 from pamjax.errors import compose_message, suggest_word
 
@@ -23,21 +29,25 @@ def format_usage_error(error: CycloptsError) -> str:
         tokens = " ".join(error.unused_tokens or ())
         rule = f"unexpected argument {tokens!r} of `{program}`"
         return compose_message(rule, remedy=f"See `{program} --help`.")
+    if isinstance(error, MissingArgumentError) and error.argument is not None:
+        name = f"`{error.argument.name}`"
+        rule = f"`{program}` needs {name}" if error.argument.required else f"{name} needs a value"
+        return compose_message(rule, "none", remedy=f"See `{program} --help`.")
     return str(error)
 
 
 def _format_unknown_command(token: str, error: CycloptsError) -> str:
     if token.startswith("-"):
         return compose_message(f"unknown option `{token}` of `pamjax`", remedy="See `pamjax --help`.")
-    known = [name for name in error.app or () if not name.startswith("-")]
-    return compose_message(f"unknown command `{token}` of `pamjax`", remedy=suggest_word(token, known))
+    valid_names = [name for name in error.app or () if not name.startswith("-")]
+    return compose_message(f"unknown command `{token}` of `pamjax`", remedy=suggest_word(token, valid_names))
 
 
 def _format_unknown_option(error: UnknownOptionError, program: str) -> str:
     token = error.token.keyword or error.token.value or ""
-    known = [
+    valid_options = [
         name for argument in error.argument_collection for name in argument.names if name.startswith("--")
     ]
-    close = difflib.get_close_matches(token.partition("=")[0], known, n=1, cutoff=MIN_SIMILARITY)
+    close = difflib.get_close_matches(token.partition("=")[0], valid_options, n=1, cutoff=MIN_SIMILARITY)
     remedy = f"Did you mean `{close[0]}`?" if close else f"See `{program} --help`."
     return compose_message(f"unknown option `{token}` of `{program}`", remedy=remedy)

@@ -25,7 +25,7 @@ _command_words: list[str] = []
 _interrupts: list[int] = []
 
 
-def remember_command(words: Sequence[str]) -> None:
+def store_command(words: Sequence[str]) -> None:
     """Store the arguments of a command."""
     _command_words[:] = words
 
@@ -59,14 +59,14 @@ def show_progress(quiet: bool = False) -> Iterator[Callable[[str, float], None]]
 def defer_interrupts() -> Iterator[None]:
     """Record interruptions: an exception raised inside a callback, for example of an import, gets lost."""
 
-    def remember(number: int, _: object) -> NoReturn:
+    def record_interrupt(number: int, _: object) -> NoReturn:
         _interrupts.append(number)
         raise KeyboardInterrupt
 
-    def ignore_interrupt(swallowed: sys.UnraisableHookArgs) -> None:
+    def ignore_interrupt(unraisable: sys.UnraisableHookArgs) -> None:
         # `raise_interrupt` raises it later; the default hook would print a traceback here.
-        if not isinstance(swallowed.exc_value, KeyboardInterrupt):
-            hook(swallowed)
+        if not isinstance(unraisable.exc_value, KeyboardInterrupt):
+            hook(unraisable)
 
     _interrupts.clear()
     hook = sys.unraisablehook
@@ -75,7 +75,7 @@ def defer_interrupts() -> Iterator[None]:
         before is signal.default_int_handler and threading.current_thread() is threading.main_thread()
     )
     if handles_interrupts:
-        signal.signal(signal.SIGINT, remember)
+        signal.signal(signal.SIGINT, record_interrupt)
         sys.unraisablehook = ignore_interrupt
     try:
         yield
@@ -91,7 +91,7 @@ def raise_interrupt() -> None:
         raise KeyboardInterrupt
 
 
-def check_writable(folder: Path, what: str = "`--out`") -> None:
+def check_writable(folder: Path, label: str = "`--out`") -> None:
     """Check that a folder can be created or written to.
 
     Raises:
@@ -104,7 +104,7 @@ def check_writable(folder: Path, what: str = "`--out`") -> None:
         existing_parent = existing_parent.parent
     if not existing_parent.is_dir() or not is_writable(existing_parent):
         raise refuse(
-            f"{what} must be a writable folder",
+            f"{label} must be a writable folder",
             f"{existing_parent}, which is not",
             remedy="Name another folder.",
         )

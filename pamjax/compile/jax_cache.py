@@ -29,20 +29,20 @@ def keep_compiled(folder: str | Path | None = None) -> Path | None:
     configured = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
     if configured:
         return Path(configured)
-    given, place = folder, ""
+    chosen_folder, place = folder, ""
     if folder is None:
-        given, place = os.environ.get("PAMJAX_CACHE_DIR"), "PAMJAX_CACHE_DIR"
-        folder = Path(given or _find_user_folder()) / "compiled"
+        chosen_folder, place = os.environ.get("PAMJAX_CACHE_DIR"), "PAMJAX_CACHE_DIR"
+        folder = Path(chosen_folder or _find_user_folder()) / "compiled"
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if not os.access(folder, os.W_OK):
             raise PermissionError(folder)
     except OSError as error:
-        if not given:
+        if not chosen_folder:
             return None
         rule = "the folder for compiled programs must be writable"
-        raise refuse(rule, f"{given}", place, "Choose another folder.") from error
+        raise refuse(rule, f"{chosen_folder}", place, "Choose another folder.") from error
     jax.config.update("jax_compilation_cache_dir", str(folder))
     # Also cache small programs: all small programs of a fit together compile longer than its largest one.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)

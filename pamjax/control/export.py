@@ -22,7 +22,7 @@ from pamjax.units import format_quantity
 CHEBYSHEV_DEGREES = (8, 12, 16, 24, 32, 48)
 
 #: Permitted interpolation error as a share of the output's range, and the outputs that must satisfy it.
-TARGET_ERROR, JUDGED_OUTPUTS = 1e-5, ("force", "stiffness", "pressure", "length")
+TARGET_ERROR, CHECKED_OUTPUTS = 1e-5, ("force", "stiffness", "pressure", "length")
 
 #: Number of random points at which the error is measured, and the ratio of stated to largest measured error.
 TEST_POINTS, ERROR_MARGIN = 20_000, 2.0
@@ -100,12 +100,16 @@ def export(
     }
     for name, values in rough_outputs.items():
         table[name], error[name] = _fit_rough(inverse, values, seed)
-    stated = {name: ERROR_MARGIN * value for name, value in error.items()}
+    stated_errors = {name: ERROR_MARGIN * value for name, value in error.items()}
     files = folder / "controller.npz", folder / "controller.py"
-    _write_table(files[0], table | {f"error_{name}": np.array(value) for name, value in stated.items()})
+    _write_table(
+        files[0], table | {f"error_{name}": np.array(value) for name, value in stated_errors.items()}
+    )
     with write_atomically(files[1]) as temporary:
         shutil.copyfile(standalone.__file__, temporary)
-    return ExportedController(files, inverse.pressures, inverse.lengths, degree, stated, ERROR_MARGIN * share)
+    return ExportedController(
+        files, inverse.pressures, inverse.lengths, degree, stated_errors, ERROR_MARGIN * share
+    )
 
 
 def narrow_range(inverse: Inverse) -> Inverse:
@@ -133,7 +137,7 @@ def narrow_range(inverse: Inverse) -> Inverse:
             break
     if best_share < 0.1:
         rule = "a controller needs a range of pressure and length in which pressure increases the force"
-        raise refuse(rule, "hardly any length", remedy="State a longer length, or a higher pressure.")
+        raise refuse(rule, "almost no such length", remedy="State a longer length, or a higher pressure.")
     return best
 
 
@@ -225,7 +229,7 @@ def _measure_errors(
     )
     pairs["length"] = controller.length(inverse.force(restricted_pressures, l)[0], restricted_pressures)[0], l
     errors = {name: float(np.max(np.abs(got - expected))) for name, (got, expected) in pairs.items()}
-    return errors, {name: errors[name] / float(np.ptp(pairs[name][1])) for name in JUDGED_OUTPUTS}
+    return errors, {name: errors[name] / float(np.ptp(pairs[name][1])) for name in CHECKED_OUTPUTS}
 
 
 def _compute_forward(inverse: Inverse, pressure: np.ndarray, length: np.ndarray) -> dict[str, np.ndarray]:
@@ -249,10 +253,15 @@ def _fit_rough(inverse: Inverse, function: ForceUncertainty, seed: int) -> tuple
     )
     coefficients = _fit_chebyshev(function(p, l).reshape(ROUGH_DEGREE + 1, ROUGH_DEGREE + 1), ROUGH_DEGREE)
     a, b = np.random.default_rng(seed).uniform(-1, 1, (2, ROUGH_TEST_POINTS))
-    fitted = np.einsum("ni,ij,nj->n", chebvander(a, ROUGH_DEGREE), coefficients, chebvander(b, ROUGH_DEGREE))
+    fitted_values = np.einsum(
+        "ni,ij,nj->n", chebvander(a, ROUGH_DEGREE), coefficients, chebvander(b, ROUGH_DEGREE)
+    )
     return coefficients, float(
         np.max(
-            np.abs(fitted - function(_map_to_range(a, inverse.pressures), _map_to_range(b, inverse.lengths)))
+            np.abs(
+                fitted_values
+                - function(_map_to_range(a, inverse.pressures), _map_to_range(b, inverse.lengths))
+            )
         )
     )
 

@@ -226,8 +226,10 @@ def _evaluate_force(muscle, pressure, length):
     def differentiate(by_pressure, by_length):
         return jax.jvp(force, (pressure, length), (by_pressure, by_length), has_aux=True)
 
-    value, slopes, balanced = jax.vmap(differentiate, out_axes=(None, 0, None))(jnp.eye(2)[0], jnp.eye(2)[1])
-    return value, slopes, balanced
+    value, slopes, has_equilibrium = jax.vmap(differentiate, out_axes=(None, 0, None))(
+        jnp.eye(2)[0], jnp.eye(2)[1]
+    )
+    return value, slopes, has_equilibrium
 
 
 @eqx.filter_jit
@@ -247,9 +249,9 @@ def solve_pressures(muscle, pressures, lengths, force, length) -> Command:
             jnp.stack([value, low, high, value]),
             jnp.stack([clipped_length, clipped_length, clipped_length, long]),
         )
-        forces, slopes, balanced = jax.vmap(lambda p, l: _evaluate_force(muscle, p, l))(*points)
+        forces, slopes, has_equilibrium = jax.vmap(lambda p, l: _evaluate_force(muscle, p, l))(*points)
         by_p, by_l = slopes[0]
-        pulls = balanced[0] & (by_p > MIN_PULL_SHARE * slopes[3, 0])
+        pulls = has_equilibrium[0] & (by_p > MIN_PULL_SHARE * slopes[3, 0])
         return Command(
             value,
             1 / by_p,
@@ -280,16 +282,16 @@ def solve_lengths(muscle, pressures, lengths, force, pressure) -> Command:
             jnp.stack([clipped_pressure, clipped_pressure, clipped_pressure]),
             jnp.stack([value, short, long]),
         )
-        forces, slopes, balanced = jax.vmap(lambda p, l: _evaluate_force(muscle, p, l))(*points)
+        forces, slopes, has_equilibrium = jax.vmap(lambda p, l: _evaluate_force(muscle, p, l))(*points)
         by_p, by_l = slopes[0]
-        status = _classify_status(wanted_force, forces[1], forces[2], inside, balanced[0] & (by_l > 0))
+        status = _classify_status(wanted_force, forces[1], forces[2], inside, has_equilibrium[0] & (by_l > 0))
         return Command(value, 1 / by_l, -by_p / by_l, by_l, status)
 
     return jax.vmap(solve_single)(force, pressure)
 
 
-def _classify_status(wanted_force, min_force, max_force, inside, balanced):
-    status = jnp.where(balanced, int(CommandLimit.OK), int(CommandLimit.NO_ANSWER))
+def _classify_status(wanted_force, min_force, max_force, inside, has_equilibrium):
+    status = jnp.where(has_equilibrium, int(CommandLimit.OK), int(CommandLimit.NO_ANSWER))
     tolerance = 1e-9 * (jnp.abs(min_force) + jnp.abs(max_force))
     status = jnp.where(wanted_force > max_force + tolerance, int(CommandLimit.TOO_STRONG), status)
     status = jnp.where(wanted_force < min_force - tolerance, int(CommandLimit.TOO_WEAK), status)

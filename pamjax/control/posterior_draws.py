@@ -175,7 +175,7 @@ def _match_case(attributes: dict[str, Any], loaded: LoadedMuscle, file: Path) ->
     if (law, sorted(ids)) != (loaded.law, sorted(loaded.mechanisms)):
         own_model = _format_model(loaded.law, loaded.mechanisms)
         rule = f"the posterior must have the model of the muscle ({own_model})"
-        raise refuse(rule, _format_model(str(law), ids), file.name, "Give the fit.json of the same model.")
+        raise refuse(rule, _format_model(str(law), ids), file.name, "Use the fit.json of the same model.")
     checksums = json.loads(attributes.get("checksum", "{}"))
     for name, checksum in checksums.items():
         if checksum == loaded.checksum:
@@ -185,7 +185,7 @@ def _match_case(attributes: dict[str, Any], loaded: LoadedMuscle, file: Path) ->
         rule,
         ", ".join(checksums) or "none",
         file.name,
-        "Give the case folder of the posterior, or a fit of it.",
+        "Use the case folder of the posterior, or a fit of this case.",
     )
 
 

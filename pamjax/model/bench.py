@@ -146,17 +146,20 @@ class Bench(eqx.Module):
         for line in self.find_mechanisms(AbstractPressureLoss):
             first_pass = eqx.tree_at(lambda p: p.pressure, first_pass, line.pressure(history, first_pass))
         zeros, memories = jnp.zeros_like(first_pass.pressure), self.find_mechanisms(AbstractMemory)
-        repeated_past, begin, row_count = first_pass, 0, history.row_count
+        repeated_past, first_row, row_count = first_pass, 0, history.row_count
         if history.settled:
             repeated_past = jax.tree.map(lambda x: jnp.concatenate([x, x]), first_pass)
-            history, begin = history.repeat(), zeros.size
+            history, first_row = history.repeat(), zeros.size
         extension = sum(
-            (slip.extension(history, repeated_past)[begin:] for slip in self.find_mechanisms(AbstractSlip)),
+            (
+                slip.extension(history, repeated_past)[first_row:]
+                for slip in self.find_mechanisms(AbstractSlip)
+            ),
             zeros,
         )
         strains = [memory.strains(repeated_past.state, repeated_past.pressure).T for memory in memories]
         stresses = [
-            m.stresses(history, strain, repeated_past)[begin:]
+            m.stresses(history, strain, repeated_past)[first_row:]
             for m, strain in zip(memories, strains, strict=True)
         ]
         memory_loads = (
@@ -178,11 +181,11 @@ class Bench(eqx.Module):
             memory_loads: force and pull on the threads by memories, N.
         """
         unloaded_thread = self.thread_length * (1 + extension)
-        balance, (x, true_length), solved = solve_balance(
+        balance, (x, true_length), is_solved = solve_balance(
             build_instant_balance(self, pressure, length, unloaded_thread, memory_loads)
         )
         thread = balance.thread_length(x, true_length)
-        status = jnp.where(solved, int(Status.OK), int(Status.NOT_CONVERGED))
+        status = jnp.where(is_solved, int(Status.OK), int(Status.NOT_CONVERGED))
         status = jnp.where(thread > true_length, status, int(Status.STRAIGHT))
         state = balance.bench.state(true_length, thread)
         past = Past(state, pressure, jnp.where(x < 0, 0.0, x), balance.force_and_pull(thread, true_length)[0])
@@ -219,10 +222,10 @@ class Bench(eqx.Module):
 
     def compute_memory_loads(self, past: Past, stresses: list[Float[Array, "... k"]]) -> Pair:
         """Return force and pull on the threads, N, by the stresses of all memories in their order."""
-        expanded = self.expand_at(past.state.length, past.state.thread)
+        expanded_bench = self.expand_at(past.state.length, past.state.thread)
 
         def work(length, thread):
-            state = expanded.state(length, thread)
+            state = expanded_bench.state(length, thread)
             strains = (m.strains(state, past.pressure) for m in self.find_mechanisms(AbstractMemory))
             return sum(
                 (jnp.sum(s.T * e, axis=0) for s, e in zip(stresses, strains, strict=True)), jnp.zeros(())
@@ -261,16 +264,18 @@ def _map_blocks(function, row_count: Array | None, *rows):
         return function(*rows)
 
     def split(x):
-        filled = jnp.concatenate([x, jnp.broadcast_to(x[-1:], (blocks * BLOCK_ROWS - n, *x.shape[1:]))])
-        return filled.reshape(blocks, BLOCK_ROWS, *x.shape[1:])
+        filled_rows = jnp.concatenate([x, jnp.broadcast_to(x[-1:], (blocks * BLOCK_ROWS - n, *x.shape[1:]))])
+        return filled_rows.reshape(blocks, BLOCK_ROWS, *x.shape[1:])
 
     split_rows = jax.tree.map(split, rows)
     if row_count is None:
         results = jax.lax.map(jax.checkpoint(lambda block: function(*block)), split_rows)
     else:
         results = _map_first_blocks(function, -(-row_count // BLOCK_ROWS), split_rows)
-    joined = jax.tree.map(lambda x: x.reshape(blocks * BLOCK_ROWS, *x.shape[2:])[:n], results)
-    return joined if row_count is None else jax.tree.map(lambda x: _repeat_last(x, row_count), joined)
+    joined_rows = jax.tree.map(lambda x: x.reshape(blocks * BLOCK_ROWS, *x.shape[2:])[:n], results)
+    return (
+        joined_rows if row_count is None else jax.tree.map(lambda x: _repeat_last(x, row_count), joined_rows)
+    )
 
 
 def _map_first_blocks(function, count: Array, split_rows):

@@ -120,9 +120,9 @@ class InstantBalance(eqx.Module):
         lower_limit = jnp.minimum(self.contact_pull, 0.0) - jnp.maximum(outward_pull, 0.0)
         return force, outward_pull + jnp.maximum(self.memory_loads[1], lower_limit)
 
-    def residual(self, unknown: Pair) -> Pair:
+    def residual(self, unknowns: Pair) -> Pair:
         """Return the residuals of both balances, N and m, at x (N) and a true length (m)."""
-        x, length = unknown
+        x, length = unknowns
         thread = self.thread_length(x, length)
         force, pull = self.force_and_pull(thread, length)
         load = jnp.where(x < 0, SLACK_HOLD_PRESSURE / SLACK_PRESSURE_SCALE, 1.0) * x
@@ -138,7 +138,7 @@ def build_instant_balance(
     bench: BalanceModel, pressure: Scalar, length: Scalar, unloaded_thread: Scalar, memory_loads: Pair
 ) -> InstantBalance:
     """Return the unsolved balance of a bench; see `InstantBalance`."""
-    stored, volume = compute_partial_derivatives(
+    energy_slopes, volume_slopes = compute_partial_derivatives(
         bench.expand_at(length, unloaded_thread).energy_and_volume, length, unloaded_thread
     )
     return InstantBalance(
@@ -147,7 +147,7 @@ def build_instant_balance(
         length,
         unloaded_thread,
         memory_loads,
-        inflating_pressure(pressure) * volume[1] - stored[1],
+        inflating_pressure(pressure) * volume_slopes[1] - energy_slopes[1],
     )
 
 
@@ -168,13 +168,17 @@ def solve_balance(instant_balance: InstantBalance) -> tuple[InstantBalance, Pair
         lambda x: without_gradients.expand_at(*x),
         (without_gradients.contact_pull + without_gradients.memory_loads[1], without_gradients.length),
     )
-    expanded = instant_balance.expand_at(*guess)
+    expanded_balance = instant_balance.expand_at(*guess)
     solution = materialize(
-        jax.lax.custom_root(lambda x: expanded.residual(x), guess, _newton_step, _solve_linear_pair)
+        jax.lax.custom_root(lambda x: expanded_balance.residual(x), guess, _newton_step, _solve_linear_pair)
     )
-    load_error, length_error = expanded.residual(solution)
-    solved = jnp.abs(load_error) < BALANCE_TOLERANCE * jnp.maximum(jnp.abs(solution[0]), 1.0)
-    return expanded, solution, solved & (jnp.abs(length_error) < BALANCE_TOLERANCE * instant_balance.length)
+    load_error, length_error = expanded_balance.residual(solution)
+    is_solved = jnp.abs(load_error) < BALANCE_TOLERANCE * jnp.maximum(jnp.abs(solution[0]), 1.0)
+    return (
+        expanded_balance,
+        solution,
+        is_solved & (jnp.abs(length_error) < BALANCE_TOLERANCE * instant_balance.length),
+    )
 
 
 def compute_partial_derivatives(function, a: Scalar, b: Scalar):
@@ -196,9 +200,9 @@ def _iterate_newton(balance_at, x: Pair) -> Pair:
         # Shapes are expanded at this step. Threads that stretch by 1 % widen a slender muscle by 10 %, so
         # that an expansion around unloaded threads is not sufficient.
         balance = balance_at(x)
-        updated = _newton_step(lambda x: balance.residual(x), x)
-        size = jnp.abs(updated[0] - x[0]) / jnp.maximum(jnp.abs(x[0]), 1.0), jnp.abs(updated[1] / x[1] - 1)
-        return updated, jnp.maximum(*size), count + 1
+        next_x = _newton_step(lambda x: balance.residual(x), x)
+        size = jnp.abs(next_x[0] - x[0]) / jnp.maximum(jnp.abs(x[0]), 1.0), jnp.abs(next_x[1] / x[1] - 1)
+        return next_x, jnp.maximum(*size), count + 1
 
     # Unrolled steps would compile for a minute.
     return jax.lax.while_loop(is_running, step, (x, jnp.ones_like(x[0]), 0))[0]

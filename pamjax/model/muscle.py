@@ -162,7 +162,7 @@ class MuscleHolder(Protocol):
 
     @property
     def muscle(self) -> Muscle | Bench:
-        """The muscle; a bench if it has mechanisms."""
+        """Return the muscle; a bench if it has mechanisms."""
         ...
 
 

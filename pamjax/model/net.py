@@ -94,10 +94,10 @@ def _solve_middle_sine(length: Scalar, edge: Scalar, nu: Scalar) -> Array:
     high = jnp.sqrt(1 - 0.1 * constants[1] ** 2)
 
     def compute_error_and_slope(sine):
-        below, here, above = jax.vmap(lambda s: scaled_length(s, *constants[1:]))(
+        below, length_at_sine, above = jax.vmap(lambda s: scaled_length(s, *constants[1:]))(
             sine + SINE_STEP * jnp.arange(-1.0, 2.0)
         )
-        return here - constants[0], jnp.maximum((above - below) / (2 * SINE_STEP), MIN_LENGTH_SLOPE)
+        return length_at_sine - constants[0], jnp.maximum((above - below) / (2 * SINE_STEP), MIN_LENGTH_SLOPE)
 
     def step(_, sine):
         error, slope = compute_error_and_slope(sine)
@@ -130,13 +130,13 @@ class _Profile:
         self.square = 1 - sine**2
         self.top = jnp.sqrt(self.square)
         self.edge = edge
-        self.half = 0.5 * (self.top - edge)
-        self.radius = edge + self.half * (1 + GAUSS_NODES)
+        self.half_range = 0.5 * (self.top - edge)
+        self.radius = edge + self.half_range * (1 + GAUSS_NODES)
         self.below = (self.top - self.radius) * (self.top + self.radius)
         self.covariance_root = jnp.sqrt((sine**2 + self.below) * (3 * sine**2 - self.below))
 
     def integrate_both_ends(self, integrand: Array) -> Array:
-        return 2 / self.nu * self.half * jnp.sum(GAUSS_WEIGHTS * integrand)
+        return 2 / self.nu * self.half_range * jnp.sum(GAUSS_WEIGHTS * integrand)
 
     def length(self) -> Array:
         """Return λ of a very long muscle."""
@@ -159,6 +159,6 @@ class _Profile:
         divisor = self.covariance_root * (
             jnp.sqrt(3.0) * self.top * squared + self.radius * self.covariance_root
         )
-        log = 2 * self.half * jnp.sum(GAUSS_WEIGHTS * regular / divisor)
+        log = 2 * self.half_range * jnp.sum(GAUSS_WEIGHTS * regular / divisor)
         at_edge = (self.top - self.edge) * (self.top + self.edge)
         return at_edge * jnp.exp(log), jnp.sqrt(3.0) * self.nu * self.top / self.sine

@@ -54,7 +54,7 @@ class NetTable(eqx.Module):
         turns: turns N of one thread.
         net_parameters: radius of the fittings in units of B0/ν, and ν.
         middle: middle of the range of x.
-        half: half of the range of x.
+        half_range: half of the range of x.
         coefficients: coefficients of the derivatives by x (first index) of volume, mean radius and mid radius
             (second), for powers of y − 1 (third) and of x scaled to −1 to 1 (last).
         parameter_slopes: derivatives of the coefficients by `net_parameters`; None if not needed.
@@ -64,7 +64,7 @@ class NetTable(eqx.Module):
     turns: Scalar
     net_parameters: Float[Array, " 2"]
     middle: Scalar
-    half: Scalar
+    half_range: Scalar
     coefficients: Float[Array, "o 3 j i"]
     parameter_slopes: Float[Array, "2 p 3 j i"] | None
 
@@ -95,7 +95,7 @@ class NetTable(eqx.Module):
 
     def scaled_width(self, length: Scalar, thread: Scalar) -> Array:
         """Return x scaled to −1 to 1, with a smooth limit at either end."""
-        x = (_relative_width(length, thread) - self.middle) / self.half
+        x = (_relative_width(length, thread) - self.middle) / self.half_range
         beyond = jnp.maximum(jnp.abs(x) - (1 - 2 * EDGE_MARGIN), 0.0) / (2 * EDGE_MARGIN)
         excess = beyond - beyond / jnp.sqrt(jnp.sqrt(1 + beyond**4))
         return x - 2 * EDGE_MARGIN * jnp.sign(x) * excess
@@ -188,9 +188,9 @@ def _monomials(x: Scalar, count: int) -> Array:
 
 def _relative_width(length: Scalar, thread: Scalar) -> Array:
     """Return √(1 − (L/B)²), zero for a straight muscle."""
-    squared = (thread - length) * (thread + length) / thread**2
-    is_valid = squared > 0
-    return jnp.where(is_valid, jnp.sqrt(jnp.where(is_valid, squared, 1.0)), 0.0)
+    width_squared = (thread - length) * (thread + length) / thread**2
+    is_valid = width_squared > 0
+    return jnp.where(is_valid, jnp.sqrt(jnp.where(is_valid, width_squared, 1.0)), 0.0)
 
 
 def tabulate_net(thread: Scalar, turns: Scalar, fitting: Scalar) -> NetTable:
@@ -207,13 +207,13 @@ def tabulate_net(thread: Scalar, turns: Scalar, fitting: Scalar) -> NetTable:
     parameter_slopes = jnp.stack(
         [_stack_derivatives(slopes, DERIVATIVE_ORDER - 1) for slopes in parameter_slopes]
     )
-    half = 0.5 * (MAX_WIDTH - low)
+    half_range = 0.5 * (MAX_WIDTH - low)
     return NetTable(
         thread,
         turns,
         net_parameters,
-        low + half,
-        half,
+        low + half_range,
+        half_range,
         _stack_derivatives(coefficients, DERIVATIVE_ORDER),
         parameter_slopes,
     )
@@ -251,11 +251,11 @@ def _fit_coefficients(net_parameters: Float[Array, " 2"]) -> Float[Array, "3 j i
 
 def _stack_derivatives(coefficients: Float[Array, "3 j i"], order: int) -> Float[Array, "o 3 j i"]:
     """Return the coefficients and those of the derivatives by x up to an order."""
-    stacked = [coefficients]
+    derivatives = [coefficients]
     for _ in range(order):
-        slope = stacked[-1][..., 1:] * np.arange(1, COEFFICIENT_COUNTS[0])
-        stacked.append(jnp.concatenate([slope, jnp.zeros_like(slope[..., :1])], axis=-1))
-    return jnp.stack(stacked)
+        slope = derivatives[-1][..., 1:] * np.arange(1, COEFFICIENT_COUNTS[0])
+        derivatives.append(jnp.concatenate([slope, jnp.zeros_like(slope[..., :1])], axis=-1))
+    return jnp.stack(derivatives)
 
 
 def _chebyshev_to_powers(size: int, low: float = 0.0, high: float = 2.0) -> np.ndarray:

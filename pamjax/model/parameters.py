@@ -84,12 +84,12 @@ def list_parameters() -> dict[str, Meaning]:
     >>> modulus.unit, modulus.show, modulus.low
     ('Pa', 'GPa', 300000000.0)
     """
-    named = {f"muscle.{name}": meaning for name, meaning in list_field_meanings(Muscle).items()}
+    meanings = {f"muscle.{name}": meaning for name, meaning in list_field_meanings(Muscle).items()}
     for law in THREAD_LAWS.values():
-        named |= {f"thread.{name}": meaning for name, meaning in list_field_meanings(law).items()}
+        meanings |= {f"thread.{name}": meaning for name, meaning in list_field_meanings(law).items()}
     for kind in list_mechanisms().values():
-        named |= {f"{kind.id}.{name}": meaning for name, meaning in list_field_meanings(kind).items()}
-    return named | _STATED_PARAMETERS
+        meanings |= {f"{kind.id}.{name}": meaning for name, meaning in list_field_meanings(kind).items()}
+    return meanings | _STATED_PARAMETERS
 
 
 def find_meaning(name: str, where: str = "") -> Meaning:

@@ -98,8 +98,8 @@ def order_mechanisms(ids: Iterable[str]) -> tuple[type[AbstractMechanism], ...]:
     Raises:
         BadInput: if an id is unknown.
     """
-    wanted = {find_mechanism(id) for id in ids}
-    return tuple(kind for kind in MECHANISMS + ALTERNATIVES if kind in wanted)
+    selected_kinds = {find_mechanism(id) for id in ids}
+    return tuple(kind for kind in MECHANISMS + ALTERNATIVES if kind in selected_kinds)
 
 
 def check_exclusive_pairs(ids: Iterable[str]) -> None:
@@ -108,9 +108,9 @@ def check_exclusive_pairs(ids: Iterable[str]) -> None:
     Raises:
         BadInput: if both mechanisms of such a pair are present.
     """
-    wanted = set(ids)
+    selected_ids = set(ids)
     for pair, reason in EXCLUSIVE_PAIRS.items():
-        if pair <= wanted:
+        if pair <= selected_ids:
             first, second = sorted(pair)
             rule = f"`{first}` and `{second}` exclude each other: {reason}"
             raise refuse(rule, remedy="Use only one of them.")

@@ -34,8 +34,8 @@ def compose_maps(join: Callable[[Map, Map], Map], maps: Map, size: int = 0) -> M
 
     def split(x):
         # Copies of the last row fill the last block. They are removed at the end.
-        filled = jnp.concatenate([x, jnp.broadcast_to(x[-1:], (blocks * size - n, *x.shape[1:]))])
-        return jnp.swapaxes(filled.reshape(blocks, size, *x.shape[1:]), 0, 1)
+        filled_rows = jnp.concatenate([x, jnp.broadcast_to(x[-1:], (blocks * size - n, *x.shape[1:]))])
+        return jnp.swapaxes(filled_rows.reshape(blocks, size, *x.shape[1:]), 0, 1)
 
     def compose_in_order(maps):
         first, others = jax.tree.map(lambda x: x[0], maps), jax.tree.map(lambda x: x[1:], maps)
@@ -52,8 +52,8 @@ def compose_maps(join: Callable[[Map, Map], Map], maps: Map, size: int = 0) -> M
     later = join(
         jax.tree.map(lambda x: x[None, :-1], block_ends), jax.tree.map(lambda x: x[:, 1:], within_blocks)
     )
-    joined = jax.tree.map(lambda x, y: jnp.concatenate([x[:, :1], y], axis=1), within_blocks, later)
-    return jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1).reshape(-1, *x.shape[2:])[:n], joined)
+    joined_maps = jax.tree.map(lambda x, y: jnp.concatenate([x[:, :1], y], axis=1), within_blocks, later)
+    return jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1).reshape(-1, *x.shape[2:])[:n], joined_maps)
 
 
 def running_max(values: Rows, restart: Bool[Array, " n"]) -> Rows:
@@ -168,8 +168,8 @@ def _carry_last(values: Array, is_new: Array) -> Array:
     """Return the value at the latest row that is new; zero before the first."""
     row = jnp.arange(len(values)).reshape(-1, *[1] * (values.ndim - 1))
     last = compose_maps(jnp.maximum, jnp.where(is_new, row, -1))
-    carried = jnp.take_along_axis(values, jnp.maximum(last, 0), axis=0)
-    return jnp.where(last >= 0, carried, 0.0)
+    carried_values = jnp.take_along_axis(values, jnp.maximum(last, 0), axis=0)
+    return jnp.where(last >= 0, carried_values, 0.0)
 
 
 def _broadcast_flags(flags: Bool[Array, " n"], values: Array) -> Array:

@@ -64,7 +64,7 @@ class AbstractThread(eqx.Module):
 
     @property
     @abc.abstractmethod
-    def slack(self) -> Array:
+    def slack_strain(self) -> Array:
         """Strain at which the straight line at the end of the curve, extrapolated back, has zero load."""
 
     @abc.abstractmethod
@@ -77,7 +77,7 @@ class AbstractThread(eqx.Module):
         This one is the balance of the straight line at the end of the curve. It is too large, so that
         Newton's method descends a convex curve without overshoot.
         """
-        return (pull + self.stiffness * self.slack) / (self.stiffness - pull)
+        return (pull + self.stiffness * self.slack_strain) / (self.stiffness - pull)
 
 
 class Inextensible(eqx.Module):
@@ -101,7 +101,7 @@ class LinearThread(AbstractThread):
     stiffness: Scalar = _declare_stiffness()
 
     @property
-    def slack(self) -> Array:
+    def slack_strain(self) -> Array:
         return jnp.asarray(0.0)
 
     def load(self, strain: Scalar) -> Array:
@@ -150,7 +150,7 @@ class SmoothToe(AbstractThread):
     )  # fmt: skip
 
     @property
-    def slack(self) -> Array:
+    def slack_strain(self) -> Array:
         return 0.5 * (1 - self.toe_ratio) * (self.crimp + jnp.hypot(self.crimp, self.width))
 
     def load(self, strain: Scalar) -> Array:
@@ -164,8 +164,10 @@ class SmoothToe(AbstractThread):
         def area(x):
             return 0.5 * (x * jnp.hypot(x, self.width) + self.width**2 * jnp.arcsinh(x / self.width))
 
-        rounded = area(strain - self.crimp) - area(-self.crimp) - strain * jnp.hypot(self.crimp, self.width)
-        toe = 0.5 * (0.5 * strain**2 + rounded)
+        rounding_energy = (
+            area(strain - self.crimp) - area(-self.crimp) - strain * jnp.hypot(self.crimp, self.width)
+        )
+        toe = 0.5 * (0.5 * strain**2 + rounding_energy)
         return self.stiffness * (0.5 * self.toe_ratio * strain**2 + (1 - self.toe_ratio) * toe)
 
     def initial_strain(self, pull: Scalar) -> Array:
@@ -203,7 +205,7 @@ class ExponentialToe(AbstractThread):
     )  # fmt: skip
 
     @property
-    def slack(self) -> Array:
+    def slack_strain(self) -> Array:
         return self.crimp + jnp.expm1(-self.curvature * self.crimp) / self.curvature
 
     def load(self, strain: Scalar) -> Array:
@@ -264,7 +266,7 @@ class RecruitmentToe(AbstractThread):
         return 0.5 * self.spread**2 * ((z**2 + 1) * share + z * density)
 
     @property
-    def slack(self) -> Array:
+    def slack_strain(self) -> Array:
         return self.crimp + self._recruited_strain(jnp.asarray(0.0))
 
     def load(self, strain: Scalar) -> Array:

@@ -81,7 +81,7 @@ class RigCapabilities:
     error_sds: dict[str, float] = field(default_factory=lambda: dict(DEFAULT_ERROR_SDS))
 
     @property
-    def assumed(self) -> dict[str, float]:
+    def assumed_sds(self) -> dict[str, float]:
         """Return the standard deviations of the rig's parameters, SI, with that of a set length."""
         return self.error_sds | ({f"{LENGTH_ERROR_PREFIX}each": self.setting} if self.setting else {})
 
@@ -128,14 +128,15 @@ def read_capabilities(
         BadInput: for an unknown entry, a wrong unit, or a rig without force and diameter.
     """
     sensors = entry.sensors
-    stated = {
+    stated_entries = {
         "force": sensors.force, "diameter": sensors.diameter,
         "gauge": sensors.pressure, "pressure": highest,
         "setting" if sensors.length_per_setting else "ruler": sensors.length,
     }  # fmt: skip
     absent_channels = dict.fromkeys({"force", "diameter"} - set(recorded))
     capabilities = replace(
-        RigCapabilities(), **absent_channels | {name: value for name, value in stated.items() if value}
+        RigCapabilities(),
+        **absent_channels | {name: value for name, value in stated_entries.items() if value},
     )
     rig_entries = (_read_rig_file(rig) if rig else {}) | {k: v for k, v in overrides.items() if v is not None}
     capabilities = replace(capabilities, setting=0.0) if "ruler" in rig_entries else capabilities

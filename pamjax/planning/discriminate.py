@@ -49,7 +49,7 @@ class Discrimination:
         chi2_difference: χ² of the second minus χ² of the first on the recording.
         testbed: rig and noise estimated from the recording, for the simulation of protocols.
         experiments: every protocol with its power.
-        chosen: the shortest protocol with sufficient power, else the most powerful one.
+        chosen_experiment: the shortest protocol with sufficient power, else the most powerful one.
         residual_tests: residual test of the fit with the first and with the second mechanism.
         neither_explains: whether the residuals of both are larger than noise and typical form errors.
     """
@@ -59,7 +59,7 @@ class Discrimination:
     chi2_difference: float
     testbed: SimulatedTestbed
     experiments: tuple[Experiment, ...]
-    chosen: Experiment
+    chosen_experiment: Experiment
     residual_tests: tuple[Significance, Significance]
     neither_explains: bool
 
@@ -83,7 +83,7 @@ class Discrimination:
                 id: {"p_value": residual_test.p_value, "rms_over_noise": math.sqrt(residual_test.mean_square)}
                 for id, residual_test in zip(self.ids, self.residual_tests, strict=True)
             },
-            "next_experiment": self.chosen.as_dict(),
+            "next_experiment": self.chosen_experiment.as_dict(),
             "menu": [
                 experiment.as_dict() | _describe_experiment(experiment) for experiment in self.experiments
             ],
@@ -94,9 +94,9 @@ class Discrimination:
         condition = "if one of them is present nevertheless" if self.neither_explains else "next experiment"
         lines = [
             f"{self.case.name}: {self.verdict}",
-            f"  {condition}: {self.chosen.protocol}",
-            f"  power {self.chosen.power:.2f} at a false-alarm rate of {alarm:.0%}"
-            + ("" if self.chosen.power >= wanted else f", below the wanted {wanted:g}"),
+            f"  {condition}: {self.chosen_experiment.protocol}",
+            f"  power {self.chosen_experiment.power:.2f} at a false-alarm rate of {alarm:.0%}"
+            + ("" if self.chosen_experiment.power >= wanted else f", below the wanted {wanted:g}"),
             "",
         ]
         return "\n".join(

@@ -153,8 +153,10 @@ class PriorInformation:
         scaled_slopes = np.nan_to_num(slopes) * self.scale[:, None, None]
         information = np.zeros((count, scaled_slopes.shape[0], scaled_slopes.shape[0]))
         for k in range(count):
-            labelled = scaled_slopes[:, :, label == k]
-            information[k] = np.einsum("icn,jcn,cn->ij", labelled, labelled, weight[:, label == k])
+            labelled_slopes = scaled_slopes[:, :, label == k]
+            information[k] = np.einsum(
+                "icn,jcn,cn->ij", labelled_slopes, labelled_slopes, weight[:, label == k]
+            )
         return information
 
     def _compute_error_slopes(
@@ -186,12 +188,12 @@ class PriorInformation:
         """Return the index of each run's set length; strokes have the index after the last length."""
         lengths = set_lengths(self.capabilities, self.entry.rest_length.value)
         return np.array(
-            [int(np.argmin(abs(lengths - r.length[0]))) if r.still else lengths.size for r in runs]
+            [int(np.argmin(abs(lengths - r.length[0]))) if r.has_fixed_length else lengths.size for r in runs]
         )
 
     def compute_run_information(self, runs: Sequence[PlannedRun], values: np.ndarray) -> np.ndarray:
         """Return the information of each run at given parameter values, (r, p, p)."""
-        thinned_runs = [run.thin(MAX_RUN_SAMPLES) for run in runs]
+        thinned_runs = [run.select_samples(MAX_RUN_SAMPLES) for run in runs]
         label = np.concatenate([np.full(run.pressure.size, k) for k, run in enumerate(thinned_runs)])
         information = np.zeros((len(runs), *self.matrix.shape))
         if label.size:
@@ -322,21 +324,26 @@ def _update_with_recording(prior_information: PriorInformation, case: Case) -> P
     As in a fit, a misfit increases the noise, and autocorrelation reduces the number of samples.
     """
     muscle_count = len(prior_information.muscle_indices)
-    shared = [n for n in prior_information.free_parameters if not is_length_error(n.name)]
+    shared_parameters = [n for n in prior_information.free_parameters if not is_length_error(n.name)]
     sd = case.entry.sensors.length if case.entry.sensors.length_per_setting else None
     setting = find_length_settings(case.recording) if sd else None
     errors = _build_length_errors(sd, int(setting.max()) + 1) if sd and setting is not None else []
-    fitted = build_space([*prior_information.free_parameters[:muscle_count], *errors])
-    dataset = build_dataset(case, prior_information.law, fitted, {})
-    solution = solve_least_squares((dataset,), fitted, jnp.zeros(fitted.size))
-    reweighted, _ = reweight_dataset(case, dataset, fitted, solution)
-    solution = solve_least_squares((reweighted,), fitted, fitted.move_inside_bounds(solution.u))
-    _, noise = reweight_dataset(case, reweighted, fitted, solution)
-    fitted_values = np.asarray(fitted.to_values(solution.u))
+    fitted_space = build_space([*prior_information.free_parameters[:muscle_count], *errors])
+    dataset = build_dataset(case, prior_information.law, fitted_space, {})
+    solution = solve_least_squares((dataset,), fitted_space, jnp.zeros(fitted_space.size))
+    reweighted_dataset, _ = reweight_dataset(case, dataset, fitted_space, solution)
+    solution = solve_least_squares(
+        (reweighted_dataset,), fitted_space, fitted_space.move_inside_bounds(solution.u)
+    )
+    _, noise = reweight_dataset(case, reweighted_dataset, fitted_space, solution)
+    fitted_values = np.asarray(fitted_space.to_values(solution.u))
     values = np.concatenate([fitted_values[:muscle_count], prior_information.mean[muscle_count:]])
     # Use the length errors of the recording instead of those of the planned runs.
     recorded = _build_from_priors(
-        prior_information.entry, prior_information.capabilities, prior_information.law, [*shared, *errors]
+        prior_information.entry,
+        prior_information.capabilities,
+        prior_information.law,
+        [*shared_parameters, *errors],
     )
     label, matrix = np.zeros(case.recording.n, dtype=int), recorded.matrix
     for channel, channel_noise in noise.items():
@@ -353,7 +360,9 @@ def _update_with_recording(prior_information: PriorInformation, case: Case) -> P
             / samples_per_independent
         )
     updated_matrix = prior_information.matrix.copy()
-    updated_matrix[: len(shared), : len(shared)] = _marginalise(matrix, len(shared))
+    updated_matrix[: len(shared_parameters), : len(shared_parameters)] = _marginalise(
+        matrix, len(shared_parameters)
+    )
     return replace(
         prior_information,
         mean=values,

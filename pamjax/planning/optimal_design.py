@@ -102,15 +102,15 @@ class RunMenu:
             self.budget if max_minutes is None else max_minutes,
         )
         while value > self.goal:
-            affordable = np.flatnonzero(
+            affordable_runs = np.flatnonzero(
                 ~self.once_only & (self.minutes <= minutes_limit - counts @ self.minutes + 1e-9)
             )
-            if not affordable.size:
+            if not affordable_runs.size:
                 break
-            trials = self.criterion(self.compute_information(counts) + self.run_matrices[affordable])
-            gains = np.log(value / trials) / (self.minutes[affordable] if max_minutes is None else 1.0)
+            trials = self.criterion(self.compute_information(counts) + self.run_matrices[affordable_runs])
+            gains = np.log(value / trials) / (self.minutes[affordable_runs] if max_minutes is None else 1.0)
             best = int(np.argmax(gains))
-            counts = counts + (np.arange(counts.size) == affordable[best])
+            counts = counts + (np.arange(counts.size) == affordable_runs[best])
             value = float(trials[best])
         return counts
 
@@ -121,7 +121,10 @@ class RunMenu:
             max_minutes = (
                 float(counts @ self.minutes) if self.compute_criterion(counts) <= self.goal else self.budget
             )
-            trials = [self._fill_greedily(reduced, max_minutes) for reduced in self._remove_runs(counts)]
+            trials = [
+                self._fill_greedily(reduced_counts, max_minutes)
+                for reduced_counts in self._remove_runs(counts)
+            ]
             best = min(trials, key=self.compute_criterion, default=counts)
             if self.compute_criterion(best) >= self.compute_criterion(counts) * (1 - MIN_GAIN):
                 break
@@ -130,11 +133,11 @@ class RunMenu:
 
     def _remove_runs(self, counts: np.ndarray) -> Iterator[np.ndarray]:
         """Yield the design without one or two of its runs."""
-        used = np.flatnonzero(counts * ~self.once_only)
-        for removed in chain(combinations(used, 1), combinations_with_replacement(used, 2)):
-            reduced = counts - np.bincount(removed, minlength=counts.size)
-            if reduced.min() >= 0:
-                yield reduced
+        used_runs = np.flatnonzero(counts * ~self.once_only)
+        for removed_runs in chain(combinations(used_runs, 1), combinations_with_replacement(used_runs, 2)):
+            reduced_counts = counts - np.bincount(removed_runs, minlength=counts.size)
+            if reduced_counts.min() >= 0:
+                yield reduced_counts
 
     def _drop_unneeded(self, counts: np.ndarray) -> np.ndarray:
         """Remove runs that the goal does not need, longest first."""
@@ -142,8 +145,8 @@ class RunMenu:
             return counts
         for k in np.argsort(-self.minutes):
             while counts[k]:
-                reduced = counts - (np.arange(counts.size) == k)
-                if self.compute_criterion(reduced) > self.goal:
+                reduced_counts = counts - (np.arange(counts.size) == k)
+                if self.compute_criterion(reduced_counts) > self.goal:
                     break
-                counts = reduced
+                counts = reduced_counts
         return counts

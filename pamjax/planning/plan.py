@@ -126,7 +126,7 @@ class Plan:
             "alone": {c: {"sd": sd / scale, "minutes": m} for c, (sd, m) in self.single_channel.items()},
             "ten_isobars_in_the_same_time": {"sd": self.isobars_sd / scale},
             "recording_missed_by": dict(self.prior.misfit_ratios),
-            "assumed": dict(self.prior.capabilities.assumed),
+            "assumed": dict(self.prior.capabilities.assumed_sds),
         }
 
     def __str__(self) -> str:

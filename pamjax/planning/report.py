@@ -32,7 +32,7 @@ def format_plan_note(plan: Plan) -> str:
     if plan.chosen_runs:
         lines += ["", *(f"  {line}" for line in format_alternatives(plan))]
     error_text = ", ".join(
-        f"{n} {format_quantity(sd, find_meaning(n).show, 2)}" for n, sd in capabilities.assumed.items()
+        f"{n} {format_quantity(sd, find_meaning(n).show, 2)}" for n, sd in capabilities.assumed_sds.items()
     )
     lines += ["", f"  rig: {format_rig(capabilities)}; it measures {' and '.join(capabilities.channels)}"]
     lines += [f"  assumed sd of the rig's errors: {error_text}", f"  limits: {format_neglected(plan)}"]
@@ -63,7 +63,7 @@ def format_misfit(plan: Plan) -> str:
 
 
 def format_neglected(plan: Plan) -> str:
-    """Return what a plan neglects."""
+    """Return the effects that a plan neglects."""
     independence = (
         "" if plan.prior.capabilities.correlation_time > 0 else "; samples are treated as independent"
     )
@@ -75,13 +75,13 @@ def format_plan_sentence(plan: Plan) -> str:
     """Return the duration and the expected precision; with a misfit, the warning first."""
     misfit = format_misfit(plan)
     return (
-        f"{misfit}; if the model were right, {_format_promise(plan, 'would')}"
+        f"{misfit}; if the model were right, {_format_expected_precision(plan, 'would')}"
         if misfit
-        else _format_promise(plan, "will")
+        else _format_expected_precision(plan, "will")
     )
 
 
-def _format_promise(plan: Plan, verb: str) -> str:
+def _format_expected_precision(plan: Plan, verb: str) -> str:
     cost = f"{format_minutes(plan.minutes)} and {plan.rows} rows"
     if plan.goal == "all":
         return f"{cost} for all parameters together"
@@ -155,10 +155,10 @@ def format_isobars(plan: Plan) -> str:
     if sd_ratio < LESS_SD_RATIO:
         # The isobars may have any duration; a plan has complete runs only.
         is_shortest = plan.target_sd and plan.reaches_goal
-        shortest = "; of complete runs, this plan is the shortest found" if is_shortest else ""
+        shortest_text = "; of complete runs, this plan is the shortest found" if is_shortest else ""
         return (
             f"ten isobars in the same time, on a rig fast enough for them, would determine {first} to"
-            f" {sd_text}, better than this plan (± {format_quantity(plan_sd, unit, 2)}){shortest}"
+            f" {sd_text}, better than this plan (± {format_quantity(plan_sd, unit, 2)}){shortest_text}"
         )
     return (
         f"ten isobars in the same time would determine {first} to {sd_text},"

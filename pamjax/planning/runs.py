@@ -45,11 +45,11 @@ class PlannedRun:
     is_repeatable: bool = True
 
     @property
-    def still(self) -> bool:
+    def has_fixed_length(self) -> bool:
         """Return whether the length is constant."""
         return self.length.size > 0 and float(np.ptp(self.length)) == 0.0
 
-    def thin(self, max_samples: int) -> PlannedRun:
+    def select_samples(self, max_samples: int) -> PlannedRun:
         """Return the run with at most `max_samples` samples, evenly selected."""
         n = self.pressure.size
         if n <= max_samples:

@@ -150,8 +150,8 @@ def _count_changes(label: np.ndarray) -> int:
 
 def _find_holds(at_pressure: np.ndarray, at_length: np.ndarray) -> Blocks | None:
     """Return the holds of constant pressure and length; the transition before a hold belongs to it."""
-    settled = (at_pressure >= 0) & (at_length >= 0)
-    pair = np.where(settled, at_pressure * (at_length.max() + 1) + at_length, -1)
+    is_settled = (at_pressure >= 0) & (at_length >= 0)
+    pair = np.where(is_settled, at_pressure * (at_length.max() + 1) + at_length, -1)
     label = np.empty(len(pair), dtype=int)
     count, first_row, previous_pair = -1, 0, None
     for first, last in _find_constant_runs(pair):

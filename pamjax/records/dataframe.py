@@ -62,13 +62,13 @@ def _convert_to_frame(table: Any) -> pd.DataFrame:
         remedy = "Convert the table to one of them."
         raise refuse("a table must be a pandas DataFrame or an xarray Dataset", got, remedy=remedy)
     frame = table.to_dataframe().reset_index()
-    known = [name for name in frame.columns if name in COLUMN_KINDS]
-    if not known:
+    known_names = [name for name in frame.columns if name in COLUMN_KINDS]
+    if not known_names:
         remedy = suggest_word("pressure", [str(name) for name in frame.columns])
         raise refuse(
             "a Dataset must have `pressure`, and `force` or `diameter`", "none of them", remedy=remedy
         )
-    units = {name: table[name].attrs.get("units", "") for name in known}
-    return frame[known].rename(
+    units = {name: table[name].attrs.get("units", "") for name in known_names}
+    return frame[known_names].rename(
         columns={n: f"{n} [{u}]" if u and n != "cycle" else n for n, u in units.items()}
     )

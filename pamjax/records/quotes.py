@@ -12,7 +12,7 @@ from pamjax.errors import refuse
 MAX_CELL_CHARACTERS = 30
 
 
-def lines_of(text: str) -> list[str]:
+def split_lines(text: str) -> list[str]:
     """Return the lines of a text, each with its own line ending."""
     return list(io.StringIO(text, newline=""))
 
@@ -36,17 +36,17 @@ def check_quotes(
         BadInput: with column and row.
     """
     for row, line in enumerate(lines, 1):
-        opened = _find_open_cell(line.rstrip("\r\n"), separator, skip_spaces) if '"' in line else None
-        if opened is None:
+        open_cell = _find_open_cell(line.rstrip("\r\n"), separator, skip_spaces) if '"' in line else None
+        if open_cell is None:
             continue
-        index, cell = opened
+        index, cell = open_cell
         titles = _split_cells([header], separator, skip_spaces)[0] if row > 1 and header.strip() else []
         title = titles[index].strip() if index < len(titles) else ""
         column = f"column `{title}`" if title else f"column {index + 1}"
-        shown = cell if len(cell) <= MAX_CELL_CHARACTERS else f"{cell[:MAX_CELL_CHARACTERS]}…"
+        shown_text = cell if len(cell) <= MAX_CELL_CHARACTERS else f"{cell[:MAX_CELL_CHARACTERS]}…"
         raise refuse(
             "a quoted cell must end with a quotation mark in the same row",
-            f"'\"{shown}'",
+            f"'\"{shown_text}'",
             f"{column}, row {row} of {file}",
             "Close or remove the quotation mark; inside a quoted cell, double it.",
         )

@@ -311,10 +311,12 @@ def evaluate_many(
         x = np.broadcast_to(x, (k, *x.shape[1:]))
         return np.concatenate([x, np.broadcast_to(x[-1:], (rows - k, *x.shape[1:]))])
 
-    padded, points = jax.tree.map(pad, (c, build, dict(numbers))), _convert_to_arrays(points)
+    padded_inputs, points = jax.tree.map(pad, (c, build, dict(numbers))), _convert_to_arrays(points)
     batches = [
         _compute_batch(
-            *jax.tree.map(lambda x, start=start: x[start : start + BATCH_SIZE], padded), points, ids=ids
+            *jax.tree.map(lambda x, start=start: x[start : start + BATCH_SIZE], padded_inputs),
+            points,
+            ids=ids,
         )
         for start in range(0, rows, BATCH_SIZE)
     ]

@@ -125,8 +125,8 @@ def search_choices(
             extra_starts = np.concatenate(
                 [result.optimum.z[None], starts_by_problem[id(result.problem)][1:starts]]
             )
-            refined = _search_choice(result.problem, extra_starts, method)
-            results[position] = refined if refined.optimum is not None else result
+            refined_result = _search_choice(result.problem, extra_starts, method)
+            results[position] = refined_result if refined_result.optimum is not None else result
     results.sort(key=_rank_result)
     return results, max(0, len(order) - MAX_SEARCHED_CHOICES)
 
@@ -167,5 +167,7 @@ def _search_choice(
                 best, best_start = optimum, optimum.z
             if len(objectives) >= stop_after:
                 break
-    agreeing = sum(abs(value - best.log_objective) < 1e-4 for value in objectives) if best is not None else 0
-    return ChoiceResult(problem, best, best_start, float(least_violation), agreeing, len(starts))
+    agreeing_count = (
+        sum(abs(value - best.log_objective) < 1e-4 for value in objectives) if best is not None else 0
+    )
+    return ChoiceResult(problem, best, best_start, float(least_violation), agreeing_count, len(starts))

@@ -68,15 +68,15 @@ class Relaxation:
 def format_shortfall(requirement: Requirement, y: np.ndarray) -> str:
     """Return the value of a violated requirement and its difference from the bound, with units."""
     worst = int(np.argmin(requirement.compute_margins(y)))
-    reached, bound = float(y[requirement.rows[worst]]), requirement.bounds[worst]
+    reached_value, bound = float(y[requirement.rows[worst]]), requirement.bounds[worst]
     if requirement.is_safety_factor:
-        difference = f"{format_amount(1 / bound - 1 / reached, '1')} too low"
-        return f"a factor of {format_amount(1 / reached, '1')}, {difference}"
+        difference = f"{format_amount(1 / bound - 1 / reached_value, '1')} too low"
+        return f"a factor of {format_amount(1 / reached_value, '1')}, {difference}"
     difference = (
-        f"{format_amount(abs(reached - bound), requirement.unit)}"
+        f"{format_amount(abs(reached_value - bound), requirement.unit)}"
         f" {'too low' if requirement.sense > 0 else 'too high'}"
     )
-    return f"{format_amount(reached + requirement.fitting_length, requirement.unit)}, {difference}"
+    return f"{format_amount(reached_value + requirement.fitting_length, requirement.unit)}, {difference}"
 
 
 def format_amount(amount: float, unit: str) -> str:
@@ -162,13 +162,13 @@ def _estimate_contraction(
     """Return the contraction at which the force suffices, by linear extrapolation of the force."""
     point = requirement.rows[0] - POINT_OUTPUTS.index("force") * POINT_COUNT
     points = problem.task.points
-    lowered = np.array(points.contraction, float)
-    lowered[point] -= 0.01
+    lower_contraction = np.array(points.contraction, float)
+    lower_contraction[point] -= 0.01
     y = evaluate_many(
         problem.to_coordinates(z)[None],
         problem.build,
         problem.numbers,
-        points._replace(contraction=lowered),
+        points._replace(contraction=lower_contraction),
         problem.ids,
     )
     row = locate_output("force", point)

@@ -71,8 +71,8 @@ def build_design_document(design: Design) -> dict[str, Any]:
         "searched": {
             "choices": len(design.results),
             "left_out": design.unsearched_count,
-            "agreeing": design.chosen.agreeing_count,
-            "starts": design.chosen.start_count,
+            "agreeing": design.chosen_result.agreeing_count,
+            "starts": design.chosen_result.start_count,
             "stationary": _get_stationarity(design),
         },
         "receipt": build_receipt(design),
@@ -88,7 +88,7 @@ def _finite_or_none(value: float) -> float | None:
 
 
 def _get_stationarity(design: Design) -> float | None:
-    optimum = design.chosen.optimum
+    optimum = design.chosen_result.optimum
     return None if optimum is None else optimum.stationarity
 
 
@@ -146,8 +146,10 @@ def _describe_front(design: Design) -> dict[str, Any] | None:
 def build_receipt(design: Design) -> dict[str, list[str]]:
     """Return the basis of the design as texts: assumptions, calibration, uncertainties and sensitivities."""
     choice, entries = design.choice, design.spec.entries
-    assumed = [requirement.description for requirement in design.task.requirements if not requirement.stated]
-    assumed += [
+    assumptions = [
+        requirement.description for requirement in design.task.requirements if not requirement.stated
+    ]
+    assumptions += [
         f"{choice.thread.name}: {choice.thread.about}, sources {choice.thread.source}",
         f"{choice.bladder.name}: {choice.bladder.about}, sources {choice.bladder.source}",
         "the bladder touches the braid at rest length and has the length of the muscle",
@@ -155,7 +157,7 @@ def build_receipt(design: Design) -> dict[str, list[str]]:
         "fittings have no mass and no price; air is for one isothermal stroke",
         "no creep, fatigue or temperature effects; the muscle is at rest or contracts slowly",
     ]
-    calibrated = list(design.transfer.sources) or [
+    calibration_texts = list(design.transfer.sources) or [
         "nothing: all properties are typical values with their ranges"
     ]
     uncertain = [f"thread strength {_format_range(choice.thread.strength, 'GPa')}"]
@@ -178,10 +180,15 @@ def build_receipt(design: Design) -> dict[str, list[str]]:
         if abs(share) > 1e-3
     ]
     sensitive += list(design.active_limits)
-    searched = [f"{len(design.results)} choices optimised, {design.unsearched_count} more only screened"]
-    searched.append("local searches from several starts do not prove a global optimum")
-    return {"assumed": assumed, "calibrated": calibrated, "not known": uncertain, "sensitive to": sensitive,
-            "searched": searched}  # fmt: skip
+    search_texts = [f"{len(design.results)} choices optimised, {design.unsearched_count} more only screened"]
+    search_texts.append("local searches from several starts do not prove a global optimum")
+    return {
+        "assumed": assumptions,
+        "calibrated": calibration_texts,
+        "not known": uncertain,
+        "sensitive to": sensitive,
+        "searched": search_texts,
+    }
 
 
 def _format_range(known_range, unit: str) -> str:

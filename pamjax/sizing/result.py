@@ -28,7 +28,7 @@ class Design:
     Attributes:
         spec, task, transfer: spec, its requirements, and the transferred properties of a calibration.
         results: all optimised choices, the best first.
-        chosen: the best choice; for an infeasible spec, the nearest candidate.
+        chosen_result: the best choice; for an infeasible spec, the nearest candidate.
         probability: probability that all requirements hold; NaN if infeasible.
         requirement_probabilities: probability of each requirement, by key.
         prices: sensitivity to each active requirement, the largest first.
@@ -46,7 +46,7 @@ class Design:
     task: SizingTask
     transfer: CalibrationTransfer
     results: tuple[ChoiceResult, ...]
-    chosen: ChoiceResult
+    chosen_result: ChoiceResult
     probability: float = math.nan
     requirement_probabilities: dict[str, float] = field(default_factory=dict)
     prices: tuple[ShadowPrice, ...] = ()
@@ -63,21 +63,25 @@ class Design:
     @property
     def feasible(self) -> bool:
         """Return whether a muscle that meets the spec was found."""
-        return self.chosen.optimum is not None
+        return self.chosen_result.optimum is not None
 
     @property
     def problem(self) -> SizingProblem:
-        return self.chosen.problem
+        return self.chosen_result.problem
 
     @property
     def choice(self) -> Choice:
         """Return the chosen thread, count, bladder and number of muscles."""
-        return self.chosen.problem.choice
+        return self.chosen_result.problem.choice
 
     @cached_property
     def z(self) -> np.ndarray:
         """Return the scaled coordinates of the chosen muscle, (free,)."""
-        return self.chosen.optimum.z if self.chosen.optimum is not None else self.chosen.start
+        return (
+            self.chosen_result.optimum.z
+            if self.chosen_result.optimum is not None
+            else self.chosen_result.start
+        )
 
     @cached_property
     def outputs(self) -> np.ndarray:

@@ -30,62 +30,73 @@ def _build_validator(read: Callable[[Any, EntryLocation], Any]) -> BeforeValidat
 
 
 def _validate_quantity(kind: str) -> BeforeValidator:
-    return _build_validator(lambda raw, spot: read_quantity(raw, kind, spot).value)
+    return _build_validator(lambda raw, location: read_quantity(raw, kind, location).value)
 
 
 def _validate_unit(unit: str) -> BeforeValidator:
     """Return a validator of a positive quantity in a unit; a number without unit is in SI."""
 
-    def read(raw: Any, spot: EntryLocation) -> float:
+    def read(raw: Any, location: EntryLocation) -> float:
         if isinstance(raw, bool) or not isinstance(raw, (int, float, str)):
             raise refuse(
-                "a quantity must be a number with a unit", f"{raw!r}", str(spot), f"Use the unit {unit}."
+                "a quantity must be a number with a unit", f"{raw!r}", str(location), f"Use the unit {unit}."
             )
-        value = parse_number(raw, unit, str(spot)) if isinstance(raw, str) else float(raw)
+        value = parse_number(raw, unit, str(location)) if isinstance(raw, str) else float(raw)
         if not value > 0:
-            raise refuse(f"`{spot.name}` must be positive", f"{raw}", spot.file, "Check its sign.")
+            raise refuse(f"`{location.name}` must be positive", f"{raw}", location.file, "Check its sign.")
         return value
 
     return _build_validator(read)
 
 
-def _read_share(raw: Any, spot: EntryLocation) -> float:
+def _read_share(raw: Any, location: EntryLocation) -> float:
     """Return a fraction that is written as 0.25 or "25 %"."""
     text = str(raw).strip()
     try:
         value = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
     except ValueError as error:
-        raise refuse("a fraction must be a number", f"{raw!r}", str(spot), "Write 0.25 or '25 %'.") from error
+        raise refuse(
+            "a fraction must be a number", f"{raw!r}", str(location), "Write 0.25 or '25 %'."
+        ) from error
     if isinstance(raw, bool) or not 0 <= value < 1:
         raise refuse(
-            f"`{spot.name}` must be at least 0 and below 1", f"{raw}", spot.file, "Write 0.25 or '25 %'."
+            f"`{location.name}` must be at least 0 and below 1",
+            f"{raw}",
+            location.file,
+            "Write 0.25 or '25 %'.",
         )
     return value
 
 
-def _read_factor(raw: Any, spot: EntryLocation) -> float:
+def _read_factor(raw: Any, location: EntryLocation) -> float:
     """Return a safety factor."""
-    value = read_quantity(raw, "count", spot).value
+    value = read_quantity(raw, "count", location).value
     if value < 1:
-        rule = f"the safety factor `{spot.name}` must be at least 1"
-        raise refuse(rule, f"{raw}", spot.file, "Write 1 for no safety margin.")
+        rule = f"the safety factor `{location.name}` must be at least 1"
+        raise refuse(rule, f"{raw}", location.file, "Write 1 for no safety margin.")
     return value
 
 
 def _validate_range(kind: str) -> BeforeValidator:
     """Return a validator of a lowest and a highest value; a single quantity fixes both."""
 
-    def read(raw: Any, spot: EntryLocation) -> tuple[float, float]:
+    def read(raw: Any, location: EntryLocation) -> tuple[float, float]:
         ends = raw if isinstance(raw, list) else [raw, raw]
         if len(ends) != 2:
             remedy = "Write one quantity, or [lowest, highest]."
             raise refuse(
-                f"`{spot.name}` must be a quantity or a pair of quantities", f"{raw}", spot.file, remedy
+                f"`{location.name}` must be a quantity or a pair of quantities",
+                f"{raw}",
+                location.file,
+                remedy,
             )
-        low, high = (read_quantity(end, kind, spot).value for end in ends)
+        low, high = (read_quantity(end, kind, location).value for end in ends)
         if low > high:
             raise refuse(
-                f"`{spot.name}` must have its lowest value first", f"{raw}", spot.file, "Swap the values."
+                f"`{location.name}` must have its lowest value first",
+                f"{raw}",
+                location.file,
+                "Swap the values.",
             )
         return low, high
 
@@ -93,13 +104,16 @@ def _validate_range(kind: str) -> BeforeValidator:
 
 
 def _validate_list(read: Callable[[Any, EntryLocation], Any]) -> BeforeValidator:
-    def read_items(raw: Any, spot: EntryLocation) -> tuple[Any, ...]:
+    def read_items(raw: Any, location: EntryLocation) -> tuple[Any, ...]:
         items = raw if isinstance(raw, list) else [raw]
         if not items:
             raise refuse(
-                f"`{spot.name}` must have at least one entry", "none", spot.file, "Remove it to permit all."
+                f"`{location.name}` must have at least one entry",
+                "none",
+                location.file,
+                "Remove it to permit all.",
             )
-        return tuple(read(item, spot) for item in items)
+        return tuple(read(item, location) for item in items)
 
     return _build_validator(read_items)
 
@@ -115,9 +129,9 @@ Density = Annotated[float, _validate_unit("kg/m^3")]
 Share = Annotated[float, _build_validator(_read_share)]
 Counts = Annotated[tuple[int, ...], _validate_list(read_count)]
 Lengths = Annotated[
-    tuple[float, ...], _validate_list(lambda raw, spot: read_quantity(raw, "length", spot).value)
+    tuple[float, ...], _validate_list(lambda raw, location: read_quantity(raw, "length", location).value)
 ]
-Names = Annotated[tuple[str, ...], _validate_list(lambda raw, spot: str(raw))]
+Names = Annotated[tuple[str, ...], _validate_list(lambda raw, location: str(raw))]
 
 
 class _SpecTable(BaseModel):

@@ -92,8 +92,8 @@ def compute_property_sensitivities(problem: SizingProblem, optimum: SearchResult
 def list_active_limits(problem: SizingProblem, optimum: SearchResult) -> list[str]:
     """Return the coordinates at a bound of their range, as text."""
     descriptions = []
-    for k, scaled in zip(problem.free_indices, optimum.z, strict=True):
-        if scaled < 1e-6 or scaled > 1 - 1e-6:
-            bound = "lower" if scaled < 0.5 else "upper"
+    for k, scaled_value in zip(problem.free_indices, optimum.z, strict=True):
+        if scaled_value < 1e-6 or scaled_value > 1 - 1e-6:
+            bound = "lower" if scaled_value < 0.5 else "upper"
             descriptions.append(f"{COORDINATES[k].replace('_', ' ')} at its {bound} limit")
     return descriptions

@@ -71,19 +71,23 @@ def size(
         )
     check_minimum("starts", starts, 1)
     check_minimum("seed", seed, 0)
-    parsed = read_spec(spec)
-    task = build_task(parsed)
+    parsed_spec = read_spec(spec)
+    task = build_task(parsed_spec)
     transfer = transfer_calibration(
-        parsed.entries.calibration, parsed.folder, parsed.file, parsed.threads, parsed.bladders
+        parsed_spec.entries.calibration,
+        parsed_spec.folder,
+        parsed_spec.file,
+        parsed_spec.threads,
+        parsed_spec.bladders,
     )
-    problems = [build_problem(parsed, task, choice, transfer) for choice in list_choices(parsed)]
+    problems = [build_problem(parsed_spec, task, choice, transfer) for choice in list_choices(parsed_spec)]
     results, unsearched_count = search_choices(
         problems, starts=starts, seed=seed, method=method, progress=progress
     )
     if results[0].optimum is None:
-        return _build_infeasible_design(parsed, task, transfer, results, unsearched_count, seed, method)
+        return _build_infeasible_design(parsed_spec, task, transfer, results, unsearched_count, seed, method)
     return _build_feasible_design(
-        parsed, task, transfer, results, unsearched_count, seed, method, margins, progress
+        parsed_spec, task, transfer, results, unsearched_count, seed, method, margins, progress
     )
 
 
@@ -159,9 +163,9 @@ def _assure_probability(
         draws = chance.draw_builds(
             result.problem, transfer, spec.entries.tolerance, chance.SEARCH_DRAWS, seed
         )
-        assured = chance.meet_probability(result, draws, target)
-        if assured is not None and assured.optimum is not None:
-            assured_results.append(assured)
+        assured_result = chance.meet_probability(result, draws, target)
+        if assured_result is not None and assured_result.optimum is not None:
+            assured_results.append(assured_result)
     assured_results.sort(
         key=lambda result: result.optimum.log_objective if result.optimum is not None else math.inf
     )

@@ -22,8 +22,8 @@ def format_signed(value: float, digits: int = 1) -> str:
 def capitalise_sentence(line: str) -> str:
     """Return a line with a capital first letter; a parameter name such as muscle.turns is not changed.
 
-    >>> capitalise_sentence("no two are alike"), capitalise_sentence("muscle.turns moves")
-    ('No two are alike', 'muscle.turns moves')
+    >>> capitalise_sentence("two values differ"), capitalise_sentence("muscle.turns increases")
+    ('Two values differ', 'muscle.turns increases')
     """
     first_word = line.split(" ", 1)[0]
     return line if "_" in first_word or "." in first_word[:-1] else f"{line[:1].upper()}{line[1:]}"
@@ -64,5 +64,5 @@ def format_noise(case: Case, channel: str, sd: float) -> str:
         return f"{head}, as stated in muscle.toml"
     return (
         f"{head}. Stated in muscle.toml: {format_channel_value(stated, channel)};"
-        f" the noise of pressure and length adds the difference"
+        f" the difference is due to the noise of pressure and length"
     )

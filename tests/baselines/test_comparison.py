@@ -48,13 +48,13 @@ def test_gaussian_process_interpolates_between_isobars(monkeypatch):
 
 
 def test_mechanisms_predict_better_than_the_process_and_the_process_better_than_the_baseline(monkeypatch):
-    one = diagnosis()
+    result = diagnosis()
     # An artificial diagnosis has no model to refit: its earlier prediction replaces the fit without the rows.
     monkeypatch.setattr(
         "pamjax.baselines.comparison._predict_without_rows",
-        lambda one, out: (one.gain.before, one.gain.after),
+        lambda result, out: (result.gain.before, result.gain.after),
     )
-    held = compare_models(one)
+    held = compare_models(result)
     first = held.splits[0]
     assert list(first.rmse) == [BASELINE_MODEL, SELECTED_MODEL, SAROSI_MODEL, GAUSSIAN_PROCESS_MODEL]
     force = {model: by["force"] for model, by in first.rmse.items()}
@@ -75,8 +75,8 @@ def test_mechanisms_predict_better_than_the_process_and_the_process_better_than_
 @pytest.mark.parametrize(("made", "words"), [({}, "isobar, 400 kPa"), ({"protocol": lengths}, "180 mm")])
 def test_extrapolation_rows_have_the_highest_pressure_or_the_shortest_length(made, words):
     prediction = diagnosis(**made).problem
-    out, said = find_extrapolation_rows(prediction)
-    assert words in said
+    rows, description = find_extrapolation_rows(prediction)
+    assert words in description
     recording = prediction.case.recording
     edge = recording.pressure == recording.pressure.max() if not made else recording.length < 0.185
-    assert np.array_equal(out, edge)
+    assert np.array_equal(rows, edge)

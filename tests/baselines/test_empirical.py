@@ -132,7 +132,7 @@ def test_too_few_rows_are_refused():
         fit_gaylord(constant_pressure[:3], length, force)
     with pytest.raises(BadInput, match="rows without blank values"):
         fit_gaylord(constant_pressure, length, force * np.nan)
-    with pytest.raises(BadInput, match="must pull harder under pressure"):
+    with pytest.raises(BadInput, match="must increase with `pressure`"):
         fit_gaylord(constant_pressure, length, np.full(12, -100.0))
     with pytest.raises(BadInput, match="`pressure` must differ from zero in some row"):
         fit_gaylord(constant_pressure * 0, length, force)

@@ -157,12 +157,12 @@ def warm(console: Console, rows: int, repeats: int = 15) -> dict[str, float]:
 def compiling(rows: int) -> None:
     """Print the compilation time of each program in a new process as JSON, s."""
     keep_compiled()
-    task, taken = Task(rows), {}
+    task, seconds = Task(rows), {}
     for name in ("slopes", "predict"):
         clock, busy = time.perf_counter(), time.process_time()
         getattr(task, name).lower(task.x, task.at).compile()
-        taken[name] = (time.perf_counter() - clock, time.process_time() - busy)
-    print(json.dumps(taken))
+        seconds[name] = (time.perf_counter() - clock, time.process_time() - busy)
+    print(json.dumps(seconds))
 
 
 def cold(console: Console, rows: int) -> dict[str, float]:
@@ -173,8 +173,8 @@ def cold(console: Console, rows: int) -> dict[str, float]:
         environment = os.environ | {"PAMJAX_CACHE_DIR": scratch}
         words = [sys.executable, "-m", "tests.benchmarks.bench", str(rows), "compiling"]
         for name in ("empty cache", "with the cache"):
-            said = subprocess.run(words, env=environment, check=True, capture_output=True, text=True).stdout
-            times = [t for k in titles for t in json.loads(said)[k]]
+            output = subprocess.run(words, env=environment, check=True, capture_output=True, text=True).stdout
+            times = [t for k in titles for t in json.loads(output)[k]]
             table.add_row(name, *(f"{t:.1f} s" for t in times))
             figures |= {f"compile, {name}, {c} [s]": t for c, t in zip(columns, times, strict=True)}
     console.print(table)

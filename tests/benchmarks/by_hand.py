@@ -171,10 +171,10 @@ class ByHand:
         keep = np.exp(-passed)[:, :, None]
         mean = np.where(passed > 0, -np.expm1(-passed) / np.where(passed > 0, passed, 1.0), 1.0)
         kicks = np.diff(elastic, axis=0, prepend=elastic[:1])[:, None, :] * (shares * mean)[:, :, None]
-        found = np.zeros_like(kicks)
+        stress = np.zeros_like(kicks)
         for i in range(1, len(kicks)):
-            found[i] = keep[i] * found[i - 1] + kicks[i]
-        return (self.of[f"{name}modulus"] * rubber * np.sum(found, axis=1)).T
+            stress[i] = keep[i] * stress[i - 1] + kicks[i]
+        return (self.of[f"{name}modulus"] * rubber * np.sum(stress, axis=1)).T
 
     def _rubbing(self, pressure, rubs, length, thread):
         name = "braid_friction."

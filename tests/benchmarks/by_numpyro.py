@@ -32,11 +32,11 @@ class ByNumpyro:
     """
 
     def __init__(self, density: PosteriorDensity) -> None:
-        (one,), (streams,) = density.datasets, density.likelihoods
-        n = int(one.rows.training_mask.sum())
+        (dataset,), (streams,) = density.datasets, density.likelihoods
+        n = int(dataset.rows.training_mask.sum())
         self.at = density.space
-        self.pressure, self.length = (a[:n] for a in (one.rows.pressure, one.rows.length))
-        self.measured = {"force": one.rows.force[:n], "diameter": one.rows.diameter[:n]}
+        self.pressure, self.length = (a[:n] for a in (dataset.rows.pressure, dataset.rows.length))
+        self.measured = {"force": dataset.rows.force[:n], "diameter": dataset.rows.diameter[:n]}
         self.there = {c: s.measured[:n] > 0 for c, s in zip(self.measured, streams, strict=True)}
         self.has_predecessor = {c: s.has_predecessor[:n] for c, s in zip(self.measured, streams, strict=True)}
         last = np.maximum(np.arange(n) - 1, 0)
@@ -92,8 +92,8 @@ class ByNumpyro:
 
         def call() -> np.ndarray:
             walk.run(jax.random.key(seed))
-            found = walk.get_samples()
-            return np.stack([np.asarray(found[name]) for name in self.at.names], axis=1)[:, None]
+            samples = walk.get_samples()
+            return np.stack([np.asarray(samples[name]) for name in self.at.names], axis=1)[:, None]
 
         return call
 

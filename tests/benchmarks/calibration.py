@@ -31,7 +31,7 @@ from pamjax.infer.posterior.log_density import temper_density
 from pamjax.infer.posterior.sample import PILOT_STEPS, refine_gaussian
 from pamjax.infer.posterior.sampler import concatenate_chunks, run_sampler
 from tests.benchmarks.keep import arguments, keep
-from tests.benchmarks.together import Desk, Seated
+from tests.benchmarks.together import JointEvaluator, JointSampler
 from tests.calibrated import Bench, believing_white
 
 DRAWS, BINS, CAUGHT = 99, 20, 0.01
@@ -39,24 +39,28 @@ LEVELS = (0.5, 0.8, 0.9, 0.95)
 #: Required effective sample size of each chain: 99 draws of it are then nearly independent.
 ESS, RHAT, LONGEST = 400.0, 1.05, 10_000
 #: Number of parallel recordings, and points of one request: half of the ensemble's 32 walkers.
-SEATS, POINTS = 16, 16
+CHAINS, POINTS = 16, 16
 
 
-def draws_of(bench: Bench, k: int, white: bool, desk: Desk, place: int) -> tuple[np.ndarray, float, float]:
+def draw_posterior(
+    bench: Bench, k: int, white: bool, evaluator: JointEvaluator, chain_index: int
+) -> tuple[np.ndarray, float, float]:
     """Return posterior draws of recording k, (DRAWS, p), and least ESS and largest split-R̂."""
     density, start = bench.recording(k)
     density = believing_white(density) if white else density
     ball = fit_laplace(density, start)
     if not white:
         density = temper_density(density, ball.centre, bench.fit)
-    with desk.seat(place, density):
-        ball = refine_gaussian(Seated(density, ball, PILOT_STEPS, desk=desk, place=place), k)
-        walk = Seated(density, ball, desk=desk, place=place)
+    with evaluator.register(chain_index, density):
+        ball = refine_gaussian(
+            JointSampler(density, ball, PILOT_STEPS, evaluator=evaluator, chain_index=chain_index), k
+        )
+        walk = JointSampler(density, ball, evaluator=evaluator, chain_index=chain_index)
         wanted = (ESS, RHAT, LONGEST)
-        chunks, found = run_sampler(walk, Checkpoint(None, {}), walk.draw_start(k), wanted, lambda *_: None)
+        chunks, chain = run_sampler(walk, Checkpoint(None, {}), walk.draw_start(k), wanted, lambda *_: None)
     x = discard_burn_in(concatenate_chunks(chunks, "x"))
     x = x.reshape(-1, x.shape[2])[np.linspace(0, x.shape[0] * x.shape[1] - 1, DRAWS).astype(int)]
-    return np.asarray(density.space.to_values(ball(jnp.asarray(x)))), found.ess.min(), found.rhat.max()
+    return np.asarray(density.space.to_values(ball(jnp.asarray(x)))), chain.ess.min(), chain.rhat.max()
 
 
 class Ledger:
@@ -89,14 +93,14 @@ def read_all(word: str, count: int, console: Console) -> tuple[tuple[str, ...], 
     for k in sorted(set(range(count)) - set(ledger.lines)):
         wanting.put(k)
     first = bench.recording(0)[0]
-    desk = Desk(believing_white(first) if white else first, SEATS, POINTS)
+    evaluator = JointEvaluator(believing_white(first) if white else first, CHAINS, POINTS)
     broken: list[Exception] = []
 
-    def work(place: int) -> None:
+    def work(chain_index: int) -> None:
         try:
             while not broken:
                 k = wanting.get_nowait()
-                values, ess, rhat = draws_of(bench, k, white, desk, place)
+                values, ess, rhat = draw_posterior(bench, k, white, evaluator, chain_index)
                 ledger.add(k, (values < bench.true[k]).sum(axis=0), ess, rhat)
                 if len(ledger.lines) % 25 == 0:
                     busy = time.process_time()
@@ -106,7 +110,7 @@ def read_all(word: str, count: int, console: Console) -> tuple[tuple[str, ...], 
         except Exception as error:
             broken.append(error)
 
-    threads = [threading.Thread(target=work, args=(k,), daemon=True) for k in range(SEATS)]
+    threads = [threading.Thread(target=work, args=(k,), daemon=True) for k in range(CHAINS)]
     for one in threads:
         one.start()
     for one in threads:
@@ -131,7 +135,7 @@ def covered(rank: np.ndarray, level: float) -> float:
 
 def report(console: Console, word: str, count: int) -> dict[str, float]:
     names, lines = read_all(word, count, console)
-    found = np.array([line["ranks"] for line in lines])
+    ranks = np.array([line["ranks"] for line in lines])
     short = sum(line["ess"] < ESS or line["rhat"] > RHAT for line in lines)
     title = "elastic, believing that samples are independent" if word == "white" else word
     table = Table(
@@ -141,11 +145,11 @@ def report(console: Console, word: str, count: int) -> dict[str, float]:
     tested = [k for k, name in enumerate(names) if not (word == "white" and name.endswith("_correlation"))]
     worst, at_90 = 1.0, []
     for k in tested:
-        p = p_value(found[:, k])
+        p = p_value(ranks[:, k])
         worst = min(worst, p)
-        bars = np.histogram(found[:, k], BINS, (0, DRAWS + 1))[0]
-        at_90.append(100 * covered(found[:, k], 0.9))
-        shares = (f"{100 * covered(found[:, k], level):.0f} %" for level in LEVELS)
+        bars = np.histogram(ranks[:, k], BINS, (0, DRAWS + 1))[0]
+        at_90.append(100 * covered(ranks[:, k], 0.9))
+        shares = (f"{100 * covered(ranks[:, k], level):.0f} %" for level in LEVELS)
         table.add_row(names[k], f"{p:.2g}", *shares, " ".join(map(str, bars)))
     console.print(table)
     caught = worst < CAUGHT / len(tested)

@@ -42,17 +42,17 @@ SAME = 0.01
 class Twin:
     """The residuals of a dataset in NumPy, without JAX."""
 
-    def __init__(self, law: str, one: Dataset, at: ParameterSpace) -> None:
-        self.law, self.names = law, at.names
-        self.log = np.array(at.log_scale)
+    def __init__(self, law: str, dataset: Dataset, space: ParameterSpace) -> None:
+        self.law, self.names = law, space.names
+        self.log = np.array(space.log_scale)
         self.low, self.high, self.mean, self.sd, self.origin, self.width = (
-            np.asarray(a) for a in (at.low, at.high, at.mean, at.sd, at.origin, at.width)
+            np.asarray(a) for a in (space.low, space.high, space.mean, space.sd, space.origin, space.width)
         )
-        rows, n = one.rows, int(one.rows.training_mask.sum())
+        rows, n = dataset.rows, int(dataset.rows.training_mask.sum())
         self.pressure, self.length, self.force, self.diameter = (
             np.asarray(a)[:n] for a in (rows.pressure, rows.length, rows.force, rows.diameter)
         )
-        trust = np.asarray(one.channel_weights)
+        trust = np.asarray(dataset.channel_weights)
         self.weights = (
             trust[0] * np.asarray(rows.force_weight)[:n],
             trust[1] * np.asarray(rows.diameter_weight)[:n],
@@ -121,8 +121,8 @@ def by_lmfit(twin: Twin, size: int) -> np.ndarray:
     def misfit(p):
         return twin(np.array([p[f"u{k}"].value for k in range(size)]))
 
-    found = lmfit.minimize(misfit, start, scale_covar=False, xtol=1e-9, ftol=1e-9)
-    return np.array([p.value for p in found.params.values()])
+    result = lmfit.minimize(misfit, start, scale_covar=False, xtol=1e-9, ftol=1e-9)
+    return np.array([p.value for p in result.params.values()])
 
 
 def by_scipy(twin: Twin, size: int, method: Literal["lm", "trf"]) -> np.ndarray:
@@ -145,23 +145,23 @@ def warm(console: Console, repeats: int = 9) -> dict[str, float]:
     table = Table("thread law", "rows", "pamjax", "SciPy lm", "SciPy trf", "lmfit", "SciPy's best / pamjax")
     figures = {}
     for law in ("elastic", "toe"):
-        members, at = problem(law)
-        twin, begin = Twin(law, members[0], at), jnp.zeros(at.size)
-        mine = solve_least_squares(members, at, begin)
+        members, space = problem(law)
+        twin, begin = Twin(law, members[0], space), jnp.zeros(space.size)
+        mine = solve_least_squares(members, space, begin)
         rivals = {
-            "SciPy lm": partial(by_scipy, twin, at.size, "lm"),
-            "SciPy trf": partial(by_scipy, twin, at.size, "trf"),
-            "lmfit": partial(by_lmfit, twin, at.size),
+            "SciPy lm": partial(by_scipy, twin, space.size, "lm"),
+            "SciPy trf": partial(by_scipy, twin, space.size, "trf"),
+            "lmfit": partial(by_lmfit, twin, space.size),
         }
         for name, call in rivals.items():
             _same_place(console, f"{law}, {name}", call(), mine)
-        own = milliseconds(lambda one=(members, at, begin): solve_least_squares(*one).u, repeats)
+        own = milliseconds(lambda one=(members, space, begin): solve_least_squares(*one).u, repeats)
         theirs = {name: milliseconds(call, repeats) for name, call in rivals.items()}
         best = min(theirs["SciPy lm"], theirs["SciPy trf"])
         times = (f"{time:.1f} ms" for time in (own, *theirs.values()))
         table.add_row(law, f"{int(members[0].rows.training_mask.sum())}", *times, f"{best / own:.1f}")
-        taken = {"pamjax": own} | theirs
-        figures |= {f"{law}, {name}, processor [ms]": time for name, time in taken.items()}
+        all_times = {"pamjax": own} | theirs
+        figures |= {f"{law}, {name}, processor [ms]": time for name, time in all_times.items()}
         figures[f"{law}, SciPy's best over pamjax"] = best / own
     console.print("One fit, warm, processor time:", table)
     return figures

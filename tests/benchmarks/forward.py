@@ -104,8 +104,8 @@ def by_optimistix(pressure, length):
     def one(p, l):
         pull = braid.hoop_pull(p, l, B0, N)
         solver = optx.Newton(rtol=1e-9, atol=1e-12)
-        found = optx.root_find(toe_residual, solver, TOE.slack + pull / S, args=pull, throw=False)
-        return braid.gaylord_force(p, l, B0 * (1 + found.value), N)
+        solution = optx.root_find(toe_residual, solver, TOE.slack_strain + pull / S, args=pull, throw=False)
+        return braid.gaylord_force(p, l, B0 * (1 + solution.value), N)
 
     return jax.vmap(one)(pressure, length)
 
@@ -122,12 +122,12 @@ def by_brentq(pressure, length):
 
 
 def by_roots(measured, pressure, length):
-    found = []
+    real_roots = []
     for f, p, l in zip(measured, pressure, length, strict=True):
         k, per_area = B0 / (l * S), p / (4 * np.pi * N**2)
         roots = np.roots([k * per_area, 0.0, k * (f - l**2 * per_area) - 1, B0])
-        found.append(min(z.real for z in roots if z.real > 0 and abs(z.imag) < 1e-9))
-    return found
+        real_roots.append(min(z.real for z in roots if z.real > 0 and abs(z.imag) < 1e-9))
+    return real_roots
 
 
 def measure(states: int) -> list[tuple[str, float, str]]:

@@ -88,7 +88,7 @@ def _processor() -> str:
 
 def _rounded(value: Any) -> Any:
     if isinstance(value, tuple | list):
-        return [_rounded(one) for one in value]
+        return [_rounded(item) for item in value]
     if isinstance(value, str | int):
         return value
     return float(f"{float(value):.{DIGITS}g}")

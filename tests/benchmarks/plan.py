@@ -8,7 +8,7 @@ offsets, gains and compliance of the rig, are drawn from the priors. The planned
 same duration, are simulated with noise. A least-squares fit with the same priors, without the approximations
 of the plan, estimates the parameters. Reported:
 
-promised    mean of (fitted sd / planned sd)², and rms of (estimate − truth) / planned sd: both 1 if correct
+predicted    mean of (fitted sd / planned sd)², and rms of (estimate − truth) / planned sd: both 1 if correct
 alike       without a plan: every muscle makes the same three runs, which tests the sd of the fit alone
 isobars     rms error after ten isobars / rms error after the plan, both relative to the planned sd
 """
@@ -106,18 +106,18 @@ slopes = jax.jit(jax.jacfwd(shown, argnums=3), static_argnames=("law", "names"))
 
 
 def outcome(
-    known: PriorInformation, done: list[PlannedRun], true: np.ndarray, rng: np.random.Generator
+    known: PriorInformation, runs: list[PlannedRun], true: np.ndarray, rng: np.random.Generator
 ) -> Outcome:
     """Simulate the runs of a muscle and fit them."""
     mean, sd, names = known.mean.copy(), known.scale.copy(), known.space.names
-    for run in done:
+    for run in runs:
         for name, reading in run.direct_sds.items():
             if name in names:
                 k = names.index(name)
                 weight = sd[k] ** -2 + reading**-2
                 seen = true[k] + reading * rng.standard_normal()
                 mean[k], sd[k] = (mean[k] * sd[k] ** -2 + seen * reading**-2) / weight, weight**-0.5
-    moving = [run for run in done if run.pressure.size]
+    moving = [run for run in runs if run.pressure.size]
     pressure, length = (np.concatenate([getattr(r, c) for r in moving]) for c in ("pressure", "length"))
     n, means, entry = pressure.size, known.capabilities, known.entry
     assert n <= ROWS
@@ -176,22 +176,22 @@ def alike(seed: int, minutes: float) -> Outcome:
     known = build_prior_information(*a_muscle(rng, minutes))
     offered = list_runs(known.capabilities, known.entry.rest_length.value)
     kinds = "ramp", "hold", "steel bar"
-    done = [next(run for run in offered if kind in run.description) for kind in kinds]
-    return outcome(known, done, a_truth(known, rng), rng)
+    runs = [next(run for run in offered if kind in run.description) for kind in kinds]
+    return outcome(known, runs, a_truth(known, rng), rng)
 
 
 def trial(seed: int, minutes: float) -> tuple[Plan, Outcome, Outcome]:
     """Return the plan of one muscle, its result, and the result of ten isobars."""
     rng = np.random.default_rng([20, seed])
     entry, means = a_muscle(rng, minutes)
-    found = plan(entry, means, GOAL, to="5 %")
+    result = plan(entry, means, GOAL, to="5 %")
     known = build_prior_information(entry, means)
     true = a_truth(known, rng)
-    planned = [run for count, run in found.chosen_runs for _ in range(count)]
+    planned = [run for count, run in result.chosen_runs for _ in range(count)]
     return (
-        found,
+        result,
         outcome(known, planned, true, rng),
-        outcome(known, in_minutes(known, found.minutes), true, rng),
+        outcome(known, in_minutes(known, result.minutes), true, rng),
     )
 
 
@@ -220,25 +220,25 @@ def rms(values: np.ndarray) -> float:
 
 def statistics(trials: list[tuple[Plan, Outcome, Outcome]]) -> dict[str, Any]:
     """Return the statistics of the plans, by label."""
-    promised = np.array([found.sd for found, _, _ in trials])
+    predicted = np.array([result.sd for result, _, _ in trials])
     true = np.array([p.true for _, p, _ in trials])
-    by_plan = np.array([(p.value - p.true) for _, p, _ in trials]) / promised
-    by_isobars = np.array([(i.value - i.true) for _, _, i in trials]) / promised
-    fitted = np.array([p.sd for _, p, _ in trials]) / promised
+    by_plan = np.array([(p.value - p.true) for _, p, _ in trials]) / predicted
+    by_isobars = np.array([(i.value - i.true) for _, _, i in trials]) / predicted
+    fitted = np.array([p.sd for _, p, _ in trials]) / predicted
     both = np.stack([by_plan, by_isobars], axis=1)
-    planned = np.array([found.isobars_sd / found.sd for found, _, _ in trials])
+    planned = np.array([result.isobars_sd / result.sd for result, _, _ in trials])
     figures = {
         "expected to reach the goal [%]": 100 * float(np.mean([f.reaches_goal for f, _, _ in trials])),
         "minutes of a plan, median": float(np.median([f.minutes for f, _, _ in trials])),
-        "fitted sd over promised sd, rms": interval(fitted, rms),
-        "error over promised sd, rms": interval(by_plan, rms),
-        "error over the true value, rms": interval(by_plan * promised / true, rms),
+        "fitted sd over predicted sd, rms": interval(fitted, rms),
+        "error over predicted sd, rms": interval(by_plan, rms),
+        "error over the true value, rms": interval(by_plan * predicted / true, rms),
         "error of ten isobars over plan's, rms": interval(both, lambda b: rms(b[:, 1]) / rms(b[:, 0])),
-        "the same as promised, median": float(np.median(planned)),
+        "the same as predicted, median": float(np.median(planned)),
     }
     for channel in ("force", "diameter"):
         alone = np.mean([f.single_channel[channel][0] <= f.target_sd * (1 + 1e-9) for f, _, _ in trials])
-        figures[f"{channel} alone is promised to be enough [%]"] = 100 * float(alone)
+        figures[f"{channel} alone is predicted to be enough [%]"] = 100 * float(alone)
     return figures
 
 
@@ -256,7 +256,7 @@ def main(muscles: int, minutes: float, how: str, file: Path | None = None) -> No
     keep_compiled()
     if how == "alike":
         ends = [alike(seed, minutes) for seed in range(muscles)]
-        errors = np.array([(one.value - one.true) / one.sd for one in ends])
+        errors = np.array([(estimate.value - estimate.true) / estimate.sd for estimate in ends])
         off = interval(errors, rms)
         print(f"{muscles} muscles, the same runs: error over fitted sd, rms {off}")
         keep(file, {"muscles": muscles, "error over fitted sd, rms": off})
@@ -264,9 +264,9 @@ def main(muscles: int, minutes: float, how: str, file: Path | None = None) -> No
     trials = []
     for seed in range(muscles):
         trials.append(trial(seed, minutes))
-        found, planned, usual = trials[-1]
+        result, planned, usual = trials[-1]
         print(
-            f"{seed:4d} {found.minutes:5.1f} min, GPa: promised {found.sd / 1e9:6.2f}, "
+            f"{seed:4d} {result.minutes:5.1f} min, GPa: predicted {result.sd / 1e9:6.2f}, "
             f"fitted {planned.sd / 1e9:6.2f}, error {(planned.value - planned.true) / 1e9:+7.2f}, "
             f"of isobars {(usual.value - usual.true) / 1e9:+7.2f}",
             flush=True,

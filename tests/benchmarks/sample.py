@@ -41,8 +41,8 @@ class ByNumpy:
     """The log-density in NumPy, without JAX, for one point at a time."""
 
     def __init__(self, density: PosteriorDensity) -> None:
-        (one,), self.likelihoods, self.at = density.datasets, density.likelihoods[0], density.space
-        self.twin = Twin("toe", one, density.space)
+        (dataset,), self.likelihoods, self.at = density.datasets, density.likelihoods[0], density.space
+        self.twin = Twin("toe", dataset, density.space)
         self.n = self.twin.pressure.size
         self.has_predecessor = [np.asarray(s.has_predecessor)[: self.n] for s in self.likelihoods]
         self.there = [np.asarray(s.measured)[: self.n] for s in self.likelihoods]
@@ -82,8 +82,8 @@ def timed(call: Callable[[], np.ndarray]) -> tuple[float, float, float]:
     begin = time.process_time()
     draws = call()
     busy = time.process_time() - begin
-    found = compute_convergence(draws)
-    return float(found.ess.min()), busy, float(found.rhat.max())
+    convergence = compute_convergence(draws)
+    return float(convergence.ess.min()), busy, float(convergence.rhat.max())
 
 
 def by_numpy(density: PosteriorDensity, ball: GaussianApproximation) -> np.ndarray:
@@ -101,14 +101,14 @@ def near(ball: GaussianApproximation) -> np.ndarray:
 
 
 def problem() -> tuple[object, PosteriorDensity, GaussianApproximation]:
-    found = fit(
+    result = fit(
         made("toe", plan=PAPER_PROTOCOL, seed=1, bench=BENCH, sensors=BENCH, lag_one=0.5),
         "toe",
         starts=1,
         fold_count=2,
     )
-    density, start = build_density(found)
-    return found, density, fit_laplace(density, start)
+    density, start = build_density(result)
+    return result, density, fit_laplace(density, start)
 
 
 def main() -> None:
@@ -116,15 +116,15 @@ def main() -> None:
     console = Console()
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
     console.print(f"{os.cpu_count()} cores, load {load:.1f} before this began")
-    found, density, ball = problem()
+    result, density, ball = problem()
     point = np.asarray(ball.centre)
     off = ByNumpy(density)(point) - float(compute_log_densities(density, jnp.asarray(point)[None])[0])
     console.print(
         f"{int(density.datasets[0].rows.training_mask.sum())} rows; NumPy's log-density is off by {off:.1e}"
     )
     rivals: dict[str, Callable[[], np.ndarray]] = {
-        "pamjax, emcee": lambda: sample(found, seed=2).draws,
-        "pamjax, nuts": lambda: sample(found, sampler="nuts", seed=2).draws,
+        "pamjax, emcee": lambda: sample(result, seed=2).draws,
+        "pamjax, nuts": lambda: sample(result, sampler="nuts", seed=2).draws,
         "emcee on NumPy": lambda: by_numpy(density, ball),
     }
     try:

@@ -25,28 +25,28 @@ SILENT = {
 }
 
 
-def p_value(asked: tuple[str, float, int]) -> float:
+def p_value(setting: tuple[str, float, int]) -> float:
     """Return the p-value of one recording with sensors of unstated noise."""
-    silent, correlation, number = asked
+    silent, correlation, number = setting
     case = draw_ground_truth(TrialTask("score", "nothing", correlation, number, SEED)).case
     sensors = dataclasses.replace(case.entry.sensors, **SILENT[silent])
     entry = dataclasses.replace(case.entry, sensors=sensors)
     return score_recording(dataclasses.replace(case, entry=entry), number).p_value
 
 
-def main(many: int = 200, file: Path | None = None) -> None:
+def main(count: int = 200, file: Path | None = None) -> None:
     kinds = [(silent, correlation) for silent in SILENT for correlation in (0.0, 0.5, 0.9)]
-    asked = [(*kind, number) for number in range(many) for kind in kinds]
+    settings = [(*kind, number) for number in range(count) for kind in kinds]
     with multiprocessing.get_context("spawn").Pool(2, keep_compiled) as pool:
-        found = np.array(pool.map(p_value, asked, chunksize=6)).reshape(many, len(kinds))
-    figures: dict[str, float] = {"recordings of each kind": many}
+        p_values = np.array(pool.map(p_value, settings, chunksize=6)).reshape(count, len(kinds))
+    figures: dict[str, float] = {"recordings of each kind": count}
     print(f"{'nothing is stated of':<20} noise  below 0.01, 0.05, 0.1, 0.5 and at most (95 %) below 0.01")
-    for (silent, correlation), values in zip(kinds, found.T, strict=True):
+    for (silent, correlation), values in zip(kinds, p_values.T, strict=True):
         shares = [
             float(np.mean(values < level)) for level in (DEFAULT_SETTINGS.detection_p_value, 0.05, 0.1, 0.5)
         ]
         alarms = int(np.sum(values < DEFAULT_SETTINGS.detection_p_value))
-        most = float(beta.ppf(0.95, alarms + 1, many - alarms))
+        most = float(beta.ppf(0.95, alarms + 1, count - alarms))
         print(f"{silent:<20} {correlation:<5}  " + ", ".join(f"{s:.3f}" for s in shares) + f"; {most:.3f}")
         about = f"{silent} not stated, correlation {correlation}"
         figures |= {f"{about}, alarms": alarms, f"{about}, upper limit [%]": 100 * most}

@@ -16,7 +16,7 @@ FITS = Path(__file__).parents[2] / "fits"
 SPEC, PAPER = FITS / "sizing" / "lift-2kN.toml", FITS / "chambers_wereley_2022"
 
 
-def refused(words, capsys):
+def read_error(words, capsys):
     """Return the only line on standard error."""
     assert main([str(word) for word in words]) == 2
     output = capsys.readouterr()
@@ -30,7 +30,8 @@ def refused(words, capsys):
     ("words", "message"),
     [
         (["check", "nowhere"], "got nowhere, which is not a folder. Check the path, or create a case with"),
-        (["fit"], "requires an argument"),
+        (["fit"], "`pamjax fit` needs `CASES`; got none. See `pamjax fit --help`."),
+        (["fit", "mine", "--law"], "`--law` needs a value; got none. See `pamjax fit --help`."),
         (["fti"], "unknown command `fti` of `pamjax`. Did you mean `fit`?"),
         (
             ["bogus"],
@@ -61,7 +62,7 @@ def refused(words, capsys):
 )
 def test_invalid_arguments(words, message, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert message in refused(words, capsys)
+    assert message in read_error(words, capsys)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -79,13 +80,15 @@ def test_invalid_arguments(words, message, capsys, tmp_path, monkeypatch):
     ],
 )
 def test_invalid_options_of_fit(words, message, bench, capsys, tmp_path):
-    assert message in refused(["fit", bench / "made", "--out", tmp_path / "out", *words], capsys)
+    assert message in read_error(["fit", bench / "made", "--out", tmp_path / "out", *words], capsys)
     assert not (tmp_path / "out").exists()
 
 
 def test_shared_parameter_must_exist_in_all_cases(bench, case, capsys, tmp_path):
     words = ["fit", bench / "made", case(), "--share", "muscle.rest_length", "--out", tmp_path / "out"]
-    assert "'muscle.rest_length' is not a free parameter, so it cannot be shared." in refused(words, capsys)
+    assert "'muscle.rest_length' is not a free parameter, so it cannot be shared." in read_error(
+        words, capsys
+    )
 
 
 @pytest.mark.parametrize(
@@ -101,7 +104,7 @@ def test_shared_parameter_must_exist_in_all_cases(bench, case, capsys, tmp_path)
 @pytest.mark.parametrize("word", ["check", "fit"])
 def test_invalid_files(word, change, message, case, capsys, tmp_path):
     out = ["--out", tmp_path / "out"] if word == "fit" else []
-    assert message in refused([word, case(**change), *out], capsys)
+    assert message in read_error([word, case(**change), *out], capsys)
     assert not (tmp_path / "out").exists()
 
 
@@ -109,7 +112,7 @@ def test_recording_without_rows(case, capsys):
     folder = case()
     table = folder / "recording.csv"
     table.write_text(table.read_text().splitlines()[0] + "\n")
-    assert "recording.csv" in refused(["check", folder], capsys)
+    assert "recording.csv" in read_error(["check", folder], capsys)
 
 
 def test_cell_without_a_number(case, capsys):
@@ -118,14 +121,14 @@ def test_cell_without_a_number(case, capsys):
     lines = table.read_text().splitlines()
     lines[4] = lines[4].replace(lines[4].split(",")[3], "many")
     table.write_text("\n".join(lines) + "\n")
-    line = refused(["check", folder], capsys)
+    line = read_error(["check", folder], capsys)
     assert "row 5" in line
     assert "many" in line
 
 
 def test_new_refuses_a_folder_with_files(tmp_path, capsys):
     (tmp_path / "notes.txt").write_text("mine")
-    assert "a new case needs an empty folder" in refused(["new", tmp_path], capsys)
+    assert "a new case needs an empty folder" in read_error(["new", tmp_path], capsys)
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
@@ -133,7 +136,7 @@ def test_new_refuses_a_folder_with_files(tmp_path, capsys):
 def test_fit_checks_its_output_folder_first(out, bench, tmp_path, capsys, monkeypatch):
     (tmp_path / "file").write_text("mine")
     monkeypatch.setattr(pamjax.infer.fitting.fit, "fit", None)
-    line = refused(["fit", bench / "made", "--out", tmp_path / out], capsys)
+    line = read_error(["fit", bench / "made", "--out", tmp_path / out], capsys)
     assert "`--out` must be a writable folder" in line
 
 
@@ -154,13 +157,15 @@ WRITES = {
 @pytest.mark.parametrize("word", WRITES)
 def test_folder_without_write_permission_gives_one_error_line(word, bench, capsys):
     words = [w.format(made=bench / "made", stated=bench / "stated") for w in WRITES[word]]
-    line = refused([*words, "/proc/pamjax"], capsys)
+    line = read_error([*words, "/proc/pamjax"], capsys)
     assert "must be a writable folder" in line or "must be writable" in line
 
 
 def test_disk_error_gives_one_error_line(bench, tmp_path, capsys):
     long = tmp_path / ("a" * 300)
-    assert "File name too long" in refused(["plan", bench / "stated" / "muscle.toml", "--out", long], capsys)
+    assert "File name too long" in read_error(
+        ["plan", bench / "stated" / "muscle.toml", "--out", long], capsys
+    )
 
 
 @pytest.mark.parametrize(
@@ -177,12 +182,12 @@ def test_disk_error_gives_one_error_line(bench, tmp_path, capsys):
 )
 def test_option_with_a_wrong_unit(goal, to, message, bench, tmp_path, capsys):
     words = ["plan", bench / "stated" / "muscle.toml", "--goal", goal, "--to", to, "--out", tmp_path]
-    assert message in refused(words, capsys)
+    assert message in read_error(words, capsys)
 
 
 def test_simulate_overwrites_no_file(bench, capsys):
     before = (bench / "made" / "recording.csv").read_bytes()
-    line = refused(["simulate", bench / "stated", bench / "plan.toml", "--out", bench / "made"], capsys)
+    line = read_error(["simulate", bench / "stated", bench / "plan.toml", "--out", bench / "made"], capsys)
     assert "a new case needs an empty folder" in line
     assert (bench / "made" / "recording.csv").read_bytes() == before
 
@@ -205,7 +210,7 @@ def test_simulate_overwrites_no_file(bench, capsys):
 )
 def test_invalid_options_of_simulate(words, message, bench, tmp_path, capsys):
     words = ["simulate", bench / "stated", bench / "plan.toml", "--out", tmp_path / "new", *words]
-    assert message in refused(words, capsys)
+    assert message in read_error(words, capsys)
     assert not (tmp_path / "new").exists()
 
 
@@ -219,26 +224,26 @@ def test_interrupted_command_leaves_no_file(bench, tmp_path, capsys, monkeypatch
     assert not (tmp_path / "out").exists()
 
 
-def loaded(*words):
+def list_loaded_modules(*words):
     """Return the modules that a command line loads, and its exit code."""
     code = (
         "import sys; from pamjax.cli.main import main; code = main(sys.argv[1:]);"
         "heavy = [m for m in ('jax', 'pandas', 'matplotlib', 'xarray') if m in sys.modules];"
         "print(code, *heavy, file=sys.stderr)"
     )
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", code, *words], capture_output=True, text=True, check=True, timeout=60
     )
-    return done.stderr.splitlines()[-1]
+    return process.stderr.splitlines()[-1]
 
 
 @pytest.mark.parametrize("words", [["--help"], [], ["fit", "--help"], ["--version"]])
 def test_help_loads_no_heavy_module(words):
-    assert loaded(*words) == "0"
+    assert list_loaded_modules(*words) == "0"
 
 
 def test_wrong_folder_is_refused_before_heavy_modules_load(tmp_path):
-    assert loaded("fit", str(tmp_path / "nowhere")).split() == ["2"]
+    assert list_loaded_modules("fit", str(tmp_path / "nowhere")).split() == ["2"]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="pipes")

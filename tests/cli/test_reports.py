@@ -18,14 +18,14 @@ MEASURE = "<script>document.title = `wide ${document.documentElement.scrollWidth
 
 
 @pytest.fixture(scope="session")
-def sampled(tmp_path_factory):
+def posterior_folder(tmp_path_factory):
     """Return the folder of `pamjax sample` for the five rows of the paper."""
     out = tmp_path_factory.mktemp("posterior")
     assert main(["sample", PAPER, "--out", str(out), "--ess", "60", "--rhat", "1.3", "--no-figures"]) == 0
     return out
 
 
-@pytest.fixture(params=["fitted", "sampled", "diagnosed", "planned"])
+@pytest.fixture(params=["fitted", "posterior_folder", "diagnosed", "planned"])
 def report(request):
     return request.getfixturevalue(request.param) / "report.html"
 
@@ -47,24 +47,24 @@ def test_report_is_offline_and_describes_each_figure(report):
     assert re.search(r"pamjax (fit|sample|diagnose|plan) ", page.text)
 
 
-def opened(report, script, width, folder):
+def open_in_browser(report, script, width, folder):
     """Return the title that a script sets at the end of a page, and the errors of the browser."""
     copy = folder / "report.html"
     copy.write_text(report.read_text("utf-8").replace("</body>", script), "utf-8")
     words = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--dump-dom"]
     words += [f"--window-size={width},900", f"--user-data-dir={folder / 'profile'}", copy.as_uri()]
-    done = subprocess.run([BROWSER, *words], capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == 0, done.stderr
-    title = re.search(r"<title>(.*?)</title>", done.stdout)
+    process = subprocess.run([BROWSER, *words], capture_output=True, text=True, timeout=120, check=False)
+    assert process.returncode == 0, process.stderr
+    title = re.search(r"<title>(.*?)</title>", process.stdout)
     assert title, "the page's end was not reached"
-    return title[1], [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+    return title[1], [line for line in process.stderr.splitlines() if "CONSOLE" in line]
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium")
 @pytest.mark.parametrize("width", [500, 1200])
 def test_report_opens_in_a_browser(report, width, tmp_path):
-    title, complaints = opened(report, MEASURE, width, tmp_path)
+    title, complaints = open_in_browser(report, MEASURE, width, tmp_path)
     assert complaints == []
     # No element is wider than the page: no horizontal scrolling.
     assert int(title.removeprefix("wide ")) <= width
@@ -86,9 +86,9 @@ def test_report_of_a_fit_agrees_with_its_json(fitted):
 
 
 @pytest.mark.slow
-def test_report_of_a_posterior_agrees_with_its_json(sampled):
-    page = Page((sampled / "report.html").read_text("utf-8"))
-    document = json.loads((sampled / "posterior.json").read_text())
+def test_report_of_a_posterior_agrees_with_its_json(posterior_folder):
+    page = Page((posterior_folder / "report.html").read_text("utf-8"))
+    document = json.loads((posterior_folder / "posterior.json").read_text())
     table = page.table(["parameter", "value"])
     assert set(document["parameters"]) <= set(table)
     for name, number in document["parameters"].items():
@@ -107,7 +107,7 @@ document.title = `seen ${seen(0)} ${seen(1)}`;
 @pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium")
 def test_isobar_can_be_selected(fitted, tmp_path):
-    title, _ = opened(fitted / "report.html", CHOOSE, 1200, tmp_path)
+    title, _ = open_in_browser(fitted / "report.html", CHOOSE, 1200, tmp_path)
     first, second = map(float, re.fullmatch(r"seen ([\d.]+) ([\d.]+)", title).groups())
     assert first < 0.1
     assert second == 1

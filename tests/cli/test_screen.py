@@ -9,13 +9,13 @@ from pamjax.cli.screen import defer_interrupts, print_written_files, show_progre
 
 
 @pytest.fixture(autouse=True)
-def heeded(interruptible):
+def defer(interruptible):
     with defer_interrupts():
         yield
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def swallowed():
+def raise_and_catch():
     """Raise and catch an interruption, as a callback during compilation does."""
     with contextlib.suppress(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
@@ -25,7 +25,7 @@ def test_caught_interruption_ends_the_next_step():
     steps = []
     with pytest.raises(KeyboardInterrupt), show_progress(quiet=True) as progress:  # noqa: PT012
         progress("one", 0.1)
-        swallowed()
+        raise_and_catch()
         steps.append("between")
         progress("two", 0.2)
         steps.append("after")
@@ -34,17 +34,17 @@ def test_caught_interruption_ends_the_next_step():
 
 def test_caught_interruption_ends_the_command_before_writing():
     with pytest.raises(KeyboardInterrupt), show_progress(quiet=True):
-        swallowed()
+        raise_and_catch()
 
 
 def test_interruption_before_the_first_step_ends_it():
-    swallowed()
+    raise_and_catch()
     with pytest.raises(KeyboardInterrupt), show_progress(quiet=True) as progress:
         progress("one", 0.1)
 
 
 def test_interruption_does_not_affect_the_next_command():
-    swallowed()
+    raise_and_catch()
     with defer_interrupts(), show_progress(quiet=True) as progress:
         progress("one", 0.1)
 

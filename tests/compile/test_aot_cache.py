@@ -26,7 +26,7 @@ class Scale(eqx.Module):
 
 
 @pytest.fixture
-def kept(tmp_path):
+def program_folder(tmp_path):
     """Store programs in a temporary folder."""
     before = jax.config.jax_compilation_cache_dir
     jax.config.update("jax_compilation_cache_dir", str(tmp_path))
@@ -34,98 +34,98 @@ def kept(tmp_path):
     jax.config.update("jax_compilation_cache_dir", before)
 
 
-def traces(arguments, home: str = "pamjax.made_up") -> int:
+def count_traces(arguments, home: str = "pamjax.made_up") -> int:
     """Return how often a function is traced in a process that has not used it."""
-    seen = []
+    traced = []
 
     def scaled(by, x):
-        seen.append(x)
+        traced.append(x)
         return by.factor * x
 
     scaled.__module__ = home
     program = load_or_compile(jax.jit(scaled), *arguments)
     agree(program(*jax.tree_util.tree_leaves(arguments)), arguments[0].factor * arguments[1], to=0.0)
-    return len(seen)
+    return len(traced)
 
 
-def asked(factor=2.0, name="a", rows=3):
+def build_arguments(factor=2.0, name="a", rows=3):
     return Scale(jnp.asarray(factor), name), jnp.arange(float(rows))
 
 
-def test_stored_program_is_reused(kept):
-    assert traces(asked()) == 1
-    assert traces(asked()) == 0
-    assert traces(asked(factor=3.0)) == 0
-    assert len(list(kept.glob("*.stablehlo"))) == 1
+def test_stored_program_is_reused(program_folder):
+    assert count_traces(build_arguments()) == 1
+    assert count_traces(build_arguments()) == 0
+    assert count_traces(build_arguments(factor=3.0)) == 0
+    assert len(list(program_folder.glob("*.stablehlo"))) == 1
 
 
-def test_shape_name_and_sources_are_part_of_the_key(kept, monkeypatch):
-    assert traces(asked()) == 1
-    assert traces(asked(rows=4)) == 1
-    assert traces(asked(name="b")) == 1
+def test_shape_name_and_sources_are_part_of_the_key(program_folder, monkeypatch):
+    assert count_traces(build_arguments()) == 1
+    assert count_traces(build_arguments(rows=4)) == 1
+    assert count_traces(build_arguments(name="b")) == 1
     monkeypatch.setattr(under_test, "_describe_tracer", lambda: "other sources")
-    assert traces(asked()) == 1
-    assert len(list(kept.glob("*.stablehlo"))) == 4
+    assert count_traces(build_arguments()) == 1
+    assert len(list(program_folder.glob("*.stablehlo"))) == 4
 
 
-def test_functions_of_other_packages_are_not_stored(kept):
-    assert traces(asked(), "mine") == traces(asked(), "mine") == 1
-    assert not kept.exists()
+def test_functions_of_other_packages_are_not_stored(program_folder):
+    assert count_traces(build_arguments(), "mine") == count_traces(build_arguments(), "mine") == 1
+    assert not program_folder.exists()
 
 
 @pytest.mark.parametrize("folder", [None, "gs://bucket/programs"])
-def test_without_a_folder_nothing_is_stored(kept, folder, monkeypatch):
-    monkeypatch.chdir(kept.parent)
+def test_without_a_folder_nothing_is_stored(program_folder, folder, monkeypatch):
+    monkeypatch.chdir(program_folder.parent)
     jax.config.update("jax_compilation_cache_dir", folder)
-    assert traces(asked()) == traces(asked()) == 1
+    assert count_traces(build_arguments()) == count_traces(build_arguments()) == 1
     assert not Path("gs:").exists()
 
 
-def test_changed_sources_prevent_storing(kept, monkeypatch):
+def test_changed_sources_prevent_storing(program_folder, monkeypatch):
     monkeypatch.setattr(pamjax, "IMPORT_TIME", 0.0)
-    assert traces(asked()) == traces(asked()) == 1
-    assert not kept.exists()
+    assert count_traces(build_arguments()) == count_traces(build_arguments()) == 1
+    assert not program_folder.exists()
 
 
-def test_foreign_mechanism_prevents_storing(kept, monkeypatch):
+def test_foreign_mechanism_prevents_storing(program_folder, monkeypatch):
     monkeypatch.setattr(under_test, "MECHANISMS", (Scale,))
-    assert traces(asked()) == traces(asked()) == 1
-    assert not kept.exists()
+    assert count_traces(build_arguments()) == count_traces(build_arguments()) == 1
+    assert not program_folder.exists()
 
 
 @pytest.mark.parametrize("whole", [b"", b"half a program" * 9])
-def test_truncated_file_is_written_again(kept, whole):
-    assert traces(asked()) == 1
-    (file,) = kept.glob("*.stablehlo")
+def test_truncated_file_is_written_again(program_folder, whole):
+    assert count_traces(build_arguments()) == 1
+    (file,) = program_folder.glob("*.stablehlo")
     file.write_bytes(whole)
-    assert traces(asked()) == 1
-    assert traces(asked()) == 0
+    assert count_traces(build_arguments()) == 1
+    assert count_traces(build_arguments()) == 0
 
 
-def test_folder_errors_disable_the_cache(kept, monkeypatch):
+def test_folder_errors_disable_the_cache(program_folder, monkeypatch):
     # A file in place of the folder: the folder cannot be created, locked or written to.
-    kept.write_text("mine")
-    assert traces(asked()) == traces(asked()) == 1
-    assert kept.read_text() == "mine"
+    program_folder.write_text("mine")
+    assert count_traces(build_arguments()) == count_traces(build_arguments()) == 1
+    assert program_folder.read_text() == "mine"
 
 
-def test_waiting_for_a_lock_has_a_time_limit(kept, monkeypatch):
-    assert traces(asked()) == 1
-    (file,) = kept.glob("*.stablehlo")
+def test_waiting_for_a_lock_has_a_time_limit(program_folder, monkeypatch):
+    assert count_traces(build_arguments()) == 1
+    (file,) = program_folder.glob("*.stablehlo")
     file.unlink()
     monkeypatch.setattr(under_test, "LOCK_TIMEOUT", 0.1)
     with FileLock(file.with_suffix(".lock")):
-        assert traces(asked()) == 1
+        assert count_traces(build_arguments()) == 1
 
 
 def test_key_depends_on_the_sources(tmp_path):
     """A process with a changed line in one file of the package has another key."""
-    told = "import sys, pamjax.compile.aot_cache as t; print(t._describe_tracer().splitlines()[-1])"
+    code = "import sys, pamjax.compile.aot_cache as t; print(t._describe_tracer().splitlines()[-1])"
 
     def of(root):
         environment = {**os.environ, "PYTHONPATH": str(root)}
         return subprocess.run(
-            [sys.executable, "-c", told],
+            [sys.executable, "-c", code],
             env=environment,
             cwd=root,
             capture_output=True,
@@ -142,7 +142,7 @@ def test_key_depends_on_the_sources(tmp_path):
     assert of(tmp_path) != same
 
 
-def test_parallel_processes_trace_once(kept):
+def test_parallel_processes_trace_once(program_folder):
     """Two processes request the same program, and one of them traces it."""
     asks = (
         "import sys, time, jax, pamjax.compile.aot_cache as t\n"
@@ -151,7 +151,7 @@ def test_parallel_processes_trace_once(kept):
         "slow.__module__ = 'pamjax.made_up'\n"
         "print(t.load_or_compile(jax.jit(slow), jax.numpy.ones(3))(jax.numpy.ones(3)).tolist())"
     )
-    asked = [sys.executable, "-c", asks, str(kept.parent)]
-    both = [subprocess.Popen(asked, stdout=subprocess.PIPE, text=True) for _ in range(2)]
-    told = sorted(one.communicate(timeout=120)[0].split("\n")[:-1] for one in both)
-    assert told == [["[2.0, 2.0, 2.0]"], ["traced", "[2.0, 2.0, 2.0]"]]
+    command = [sys.executable, "-c", asks, str(program_folder.parent)]
+    processes = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    outputs = sorted(process.communicate(timeout=120)[0].split("\n")[:-1] for process in processes)
+    assert outputs == [["[2.0, 2.0, 2.0]"], ["traced", "[2.0, 2.0, 2.0]"]]

@@ -19,9 +19,9 @@ def test_parallel_threads_compile_once():
         return x**2
 
     with ThreadPoolExecutor(4) as pool:
-        found = list(pool.map(lambda k: run_compiled(square, jnp.full(3, float(k))), range(8)))
+        values = list(pool.map(lambda k: run_compiled(square, jnp.full(3, float(k))), range(8)))
     assert traced == [(3,)]
-    agree(jnp.stack(found)[:, 0], [k**2 for k in range(8)], to=0.0)
+    agree(jnp.stack(values)[:, 0], [k**2 for k in range(8)], to=0.0)
     # Another shape is another program.
     run_compiled(square, jnp.ones(4))
     assert traced == [(3,), (4,)]

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from fits.comparison import compare, splits
+from fits.comparison import compare, list_splits
 from pamjax.baselines.empirical import fit_gaylord
 from pamjax.errors import BadInput
 from pamjax.infer.fitting.cross_validation import exclude_rows
@@ -28,7 +28,7 @@ BRAID, SAROSI = "braid, inelastic threads", "Sárosi"
 INNER, REST = "inner lengths held out", "rest length held out"
 
 
-def simulated(extra=0.0, pressure=PRESSURE, length=LENGTH):
+def simulate_case(extra=0.0, pressure=PRESSURE, length=LENGTH):
     """Return the force of a bare braid with noise and exact lengths, plus the force of a wall."""
     truth = predict(Muscle(0.200, 0.2142, 1.203), jnp.asarray(pressure), jnp.asarray(length)).force
     noise = np.random.default_rng(3).normal(0, NOISE, pressure.size)
@@ -53,62 +53,62 @@ def thick_wall(pressure, length):
 
 
 @pytest.fixture(scope="module")
-def bare():
-    case = simulated()
+def bare_comparison():
+    case = simulate_case()
     fitted = fit(case, "inelastic", starts=1)
     return fitted, compare(case, [fitted])
 
 
-def test_a_bare_braid_is_predicted_best_by_the_braid(bare):
-    _, found = bare
-    assert found.best(INNER) == found.best(REST) == BRAID
-    assert found.rmse(BRAID, INNER) < 1.5 * NOISE
-    assert found.rmse(BRAID, REST) < found.rmse("Gaylord, free threshold", REST)
-    assert found.rmse(SAROSI, REST) > 3 * NOISE
+def test_a_bare_braid_is_predicted_best_by_the_braid(bare_comparison):
+    _, comparison = bare_comparison
+    assert comparison.best(INNER) == comparison.best(REST) == BRAID
+    assert comparison.rmse(BRAID, INNER) < 1.5 * NOISE
+    assert comparison.rmse(BRAID, REST) < comparison.rmse("Gaylord, free threshold", REST)
+    assert comparison.rmse(SAROSI, REST) > 3 * NOISE
 
 
 def test_thick_wall_reverses_the_ranking():
-    case = simulated(thick_wall(PRESSURE, LENGTH))
-    found = compare(case, [fit(case, "inelastic", starts=1)])
-    assert found.best("in sample") == found.best(INNER) == SAROSI
-    assert found.rmse(BRAID, INNER) > 5 * found.rmse(SAROSI, INNER)
+    case = simulate_case(thick_wall(PRESSURE, LENGTH))
+    comparison = compare(case, [fit(case, "inelastic", starts=1)])
+    assert comparison.best("in sample") == comparison.best(INNER) == SAROSI
+    assert comparison.rmse(BRAID, INNER) > 5 * comparison.rmse(SAROSI, INNER)
 
 
-def test_rmse_agrees_with_a_separate_computation(bare):
-    fitted, found = bare
+def test_rmse_agrees_with_a_separate_computation(bare_comparison):
+    fitted, comparison = bare_comparison
     case = fitted.cases[0].case
     force = case.recording.force
     rows = force > 0.02 * force.max()
-    assert found.rows == rows.sum()
-    assert found.threshold == pytest.approx(0.02 * force.max())
+    assert comparison.rows == rows.sum()
+    assert comparison.threshold == pytest.approx(0.02 * force.max())
     misfit = []
     for length in LENGTHS[1:-1]:
-        told, asked = rows & (length != LENGTH), rows & (length == LENGTH)
-        law = fit_gaylord(PRESSURE[told], LENGTH[told], force[told])
-        misfit += list((force - law.force(PRESSURE, LENGTH))[asked])
-    assert found.rmse("Gaylord", INNER) == pytest.approx(np.sqrt(np.mean(np.square(misfit))))
+        training_rows, test_rows = rows & (length != LENGTH), rows & (length == LENGTH)
+        law = fit_gaylord(PRESSURE[training_rows], LENGTH[training_rows], force[training_rows])
+        misfit += list((force - law.force(PRESSURE, LENGTH))[test_rows])
+    assert comparison.rmse("Gaylord", INNER) == pytest.approx(np.sqrt(np.mean(np.square(misfit))))
 
 
-def test_held_out_length_does_not_affect_the_braid(bare):
-    fitted, found = bare
+def test_held_out_length_does_not_affect_the_braid(bare_comparison):
+    fitted, comparison = bare_comparison
     case = fitted.cases[0].case
-    asked = np.isclose(LENGTH, 0.2) & (case.recording.force > found.threshold)
+    test_rows = np.isclose(LENGTH, 0.2) & (case.recording.force > comparison.threshold)
     hidden = exclude_rows(
-        fitted.datasets[0], np.isclose(LENGTH, 0.2) | (case.recording.force < found.threshold)
+        fitted.datasets[0], np.isclose(LENGTH, 0.2) | (case.recording.force < comparison.threshold)
     )
     values = fitted.space.to_named_values(
         solve_least_squares((hidden,), fitted.space, jnp.zeros(fitted.space.size), "square").u
     )
     assert float(values["length_error.5"]) == pytest.approx(0.0, abs=1e-9)
     assert abs(float(values["length_error.3"])) > 1e-6
-    force = predict_rows(hidden, jnp.array(list(values.values()))).force[: asked.size]
-    by_hand = np.sqrt(np.mean((case.recording.force - np.asarray(force))[asked] ** 2))
-    assert found.rmse(BRAID, REST) == pytest.approx(float(by_hand), rel=1e-4)
+    force = predict_rows(hidden, jnp.array(list(values.values()))).force[: test_rows.size]
+    by_hand = np.sqrt(np.mean((case.recording.force - np.asarray(force))[test_rows] ** 2))
+    assert comparison.rmse(BRAID, REST) == pytest.approx(float(by_hand), rel=1e-4)
 
 
-def test_comparison_is_printed_as_a_table(bare):
-    _, found = bare
-    head, columns, *models = str(found).splitlines()
+def test_comparison_is_printed_as_a_table(bare_comparison):
+    _, comparison = bare_comparison
+    head, columns, *models = str(comparison).splitlines()
     assert head.startswith("simulated: rmse of force [N], ")
     assert columns.split("  ")[-3:] == ["in sample", INNER, REST]
     assert [line.split("  ")[1] for line in models[:4]] == [
@@ -117,34 +117,34 @@ def test_comparison_is_printed_as_a_table(bare):
         "Gaylord, free threshold",
         SAROSI,
     ]
-    numbers = json.loads(json.dumps(found.as_dict(), allow_nan=False))
-    assert numbers["rmse_N"][SAROSI][REST] == found.rmse(SAROSI, REST)
+    numbers = json.loads(json.dumps(comparison.as_dict(), allow_nan=False))
+    assert numbers["rmse_N"][SAROSI][REST] == comparison.rmse(SAROSI, REST)
 
 
 def test_failed_fit_reports_its_reason():
-    case = simulated(np.where(LENGTH > 0.187, 0.0, np.nan))
-    found = compare(case, [fit(case, "inelastic", starts=1)])
-    assert np.isnan(found.rmse(SAROSI, INNER))
-    assert "* this fit needs at least 3 different values of `contraction`; got 2" in str(found)
-    assert found.as_dict()["rmse_N"][SAROSI][INNER] is None
-    assert np.isfinite(found.rmse(BRAID, INNER))
+    case = simulate_case(np.where(LENGTH > 0.187, 0.0, np.nan))
+    comparison = compare(case, [fit(case, "inelastic", starts=1)])
+    assert np.isnan(comparison.rmse(SAROSI, INNER))
+    assert "* this fit needs at least 3 different values of `contraction`; got 2" in str(comparison)
+    assert comparison.as_dict()["rmse_N"][SAROSI][INNER] is None
+    assert np.isfinite(comparison.rmse(BRAID, INNER))
 
 
 def test_strokes_are_split_by_isobar():
     length = np.random.default_rng(1).uniform(0.18, 0.2, 160)
-    case = simulated(0.0, np.repeat([100e3, 200e3, 300e3, 400e3], 40), length)
-    found = splits(case, np.ones(160, dtype=bool))
-    assert [split.name for split in found] == [
+    case = simulate_case(0.0, np.repeat([100e3, 200e3, 300e3, 400e3], 40), length)
+    splits = list_splits(case, np.ones(160, dtype=bool))
+    assert [split.name for split in splits] == [
         "in sample",
         "inner isobars held out",
         "highest isobar held out",
     ]
-    assert [int(asked.sum()) for asked in found[1].asked] == [40, 40]
-    assert not (found[2].asked[0] & found[2].told[0]).any()
+    assert [int(rows.sum()) for rows in splits[1].test_rows] == [40, 40]
+    assert not (splits[2].test_rows[0] & splits[2].training_rows[0]).any()
 
 
 def test_a_case_without_force_is_refused():
-    case = simulated()
+    case = simulate_case()
     blank = Recording.from_arrays(pressure=PRESSURE, length=LENGTH, diameter=np.full(PRESSURE.size, 0.02))
     with pytest.raises(BadInput, match="a comparison of forces needs a measured force; got none"):
         compare(Case("blank", case.folder, case.entry, blank, ""))

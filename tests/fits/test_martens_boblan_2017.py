@@ -28,36 +28,36 @@ def scripts():
 
 
 @pytest.fixture(scope="module")
-def built(scripts):
+def build_files(scripts):
     return scripts["build"].build_files()
 
 
 @pytest.fixture(scope="module", params=["dmsp-10-250", "dmsp-20-300"])
-def scored(request):
+def scored_comparison(request):
     """Return the name of a map, and the scores of the inelastic braid and of the formulas."""
     case = read_case(FOLDER / request.param)
     return request.param, compare(case, [fit(case, "inelastic", starts=1)])
 
 
-def test_folders_agree_with_their_script(built):
+def test_folders_agree_with_their_script(build_files):
     committed = {
         p.relative_to(FOLDER).as_posix() for p in FOLDER.glob("*/*") if p.suffix in (".csv", ".toml")
     }
-    assert committed == set(built)
-    for path, text in built.items():
+    assert committed == set(build_files)
+    for path, text in build_files.items():
         assert (FOLDER / path).read_text(encoding="utf-8") == text, f"run build.py: {path} is out of date"
 
 
 @pytest.mark.parametrize(("name", "slack"), [("dmsp-10-250", 45), ("dmsp-20-300", 66)])
-def test_only_slack_cells_are_blank(built, name, slack):
+def test_only_slack_cells_are_blank(build_files, name, slack):
     printed = read_shipped(f"martens_boblan_2017/{name}")
-    recorded = pd.read_csv(StringIO(built[f"{name}/recording.csv"]))
+    recorded = pd.read_csv(StringIO(build_files[f"{name}/recording.csv"]))
     assert recorded["force [N]"].isna().sum() == slack
     pd.testing.assert_frame_equal(recorded.fillna(0.0), printed)
 
 
-def test_scores_are_unchanged(scored):
-    name, comparison = scored
+def test_scores_are_unchanged(scored_comparison):
+    name, comparison = scored_comparison
     for model in comparison.scores:
         for split, rmse in EXPECTED[name][model].items():
             # The digits of a diverged extrapolation far beyond full scale are not reproducible.
@@ -65,14 +65,14 @@ def test_scores_are_unchanged(scored):
                 assert comparison.rmse(model, split) == pytest.approx(rmse, rel=0.01), f"{model}, {split}"
 
 
-def test_formula_predicts_better_between_lengths(scored):
-    _, comparison = scored
+def test_formula_predicts_better_between_lengths(scored_comparison):
+    _, comparison = scored_comparison
     assert comparison.best("in sample") == comparison.best(INNER) == SAROSI
     assert comparison.rmse(INELASTIC, INNER) > 5 * comparison.rmse(SAROSI, INNER)
 
 
-def test_no_model_predicts_the_rest_length(scored):
-    _, comparison = scored
+def test_no_model_predicts_the_rest_length(scored_comparison):
+    _, comparison = scored_comparison
     assert min(comparison.rmse(model, REST) for model in comparison.scores) > 0.1 * comparison.full_scale
 
 

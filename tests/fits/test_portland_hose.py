@@ -47,7 +47,7 @@ def copy_rows(source, folder, every):
         pytest.param(HOSES / "hose-20mm-275", id="hose-20mm-275", marks=needs_hoses),
     ],
 )
-def scored(request, tmp_path_factory):
+def scored_comparison(request, tmp_path_factory):
     """Return a hose with inelastic threads and its fit, and the comparison with the formulas."""
     folder = request.param
     if folder.parent == HOSES:
@@ -57,27 +57,27 @@ def scored(request, tmp_path_factory):
     return result, compare(case, [result])
 
 
-def test_misfit_of_the_bare_braid_exceeds_the_noise(scored):
-    result, _ = scored
+def test_misfit_of_the_bare_braid_exceeds_the_noise(scored_comparison):
+    result, _ = scored_comparison
     assert result.cases[0].noise["force"].excess > 20
     assert "the model lacks a mechanism" in str(result)
 
 
-def test_formula_predicts_better_between_lengths(scored):
-    _, comparison = scored
+def test_formula_predicts_better_between_lengths(scored_comparison):
+    _, comparison = scored_comparison
     assert comparison.best("in sample") == comparison.best(INNER) == SAROSI
     assert comparison.rmse(BRAID, INNER) > 1.5 * comparison.rmse(SAROSI, INNER)
 
 
-def test_misfit_is_not_due_to_the_priors(scored):
+def test_misfit_is_not_due_to_the_priors(scored_comparison):
     """Gaylord's law is the same braid without priors; its misfit is also large."""
-    _, comparison = scored
+    _, comparison = scored_comparison
     assert comparison.rmse(BRAID, "in sample") > comparison.rmse(GAYLORD, "in sample")
     assert comparison.rmse(GAYLORD, "in sample") > 4 * comparison.rmse(SAROSI, "in sample")
 
 
-def test_comparison_ignores_slack_rows(scored):
-    result, comparison = scored
+def test_comparison_ignores_slack_rows(scored_comparison):
+    result, comparison = scored_comparison
     force = result.cases[0].case.recording.force
     assert comparison.rows == np.sum(force > comparison.threshold) < len(force)
 
@@ -122,11 +122,11 @@ def test_two_hoses_of_a_series_have_one_wall(folder, samples):
         names = ("hose-10mm-132", "hose-10mm-281")
         cases = [wall.read_hose(folder / name, samples) for name in names]
         separate = [wall.fit_wall([case], folds=2).estimates[wall.WALL[0]] for case in cases]
-        agreement = wall.average_values([(one.value, one.sd) for one in separate])
+        agreement = wall.average_values([(estimate.value, estimate.sd) for estimate in separate])
         assert agreement.p_value > 0.05
         shared = wall.fit_wall(cases, wall.WALL, folds=2).estimates[wall.WALL[0]]
-        assert min(one.value - 2 * one.sd for one in separate) < shared.value
-        assert shared.value < max(one.value + 2 * one.sd for one in separate)
+        assert min(estimate.value - 2 * estimate.sd for estimate in separate) < shared.value
+        assert shared.value < max(estimate.value + 2 * estimate.sd for estimate in separate)
         if folder == SIMULATED:
             assert abs(shared.value - simulation.WALL["modulus"]) < 4 * shared.sd
         # A different wall is detected.

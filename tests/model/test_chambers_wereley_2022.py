@@ -41,7 +41,7 @@ def test_self_consistent_table(row):
     modulus, *cells = row.split()
     soft, hard = at(REST, float(modulus) * KSI), at(REST)
     wider, pull = soft["diameter"] - hard["diameter"], soft["force"] - hard["force"]
-    found = [
+    rows = [
         1e3 * (soft["thread"] - B0),
         100 * soft["strain"],
         1e3 * wider,
@@ -52,7 +52,7 @@ def test_self_consistent_table(row):
         100 * pull / hard["force"],
         soft["load"] / THREADS,
     ]
-    for got, cell in zip(found, cells, strict=True):
+    for got, cell in zip(rows, cells, strict=True):
         printed(got, cell)
 
 

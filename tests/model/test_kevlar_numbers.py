@@ -130,8 +130,8 @@ def program():
 
     @jax.jit
     def shown(x, pressure, length, past):
-        seen = replace_values(model, dict(zip(names, x, strict=True)))(pressure, length, past)
-        return jnp.stack([seen.force, seen.diameter])
+        reading = replace_values(model, dict(zip(names, x, strict=True)))(pressure, length, past)
+        return jnp.stack([reading.force, reading.diameter])
 
     def run(numbers, pressure, length, time):
         n, first = len(length), np.arange(len(length)) == 0
@@ -165,8 +165,8 @@ def strokes(pressure):
     """Return time, s, and length, m, of three strokes to free contraction and back."""
     half = LENGTH * NEAR[pressure][1]
     time = np.arange(0, 2 * half * CYCLES / SPEED, 1.0)
-    gone = SPEED * time % (2 * half)
-    return time, LENGTH - np.minimum(gone, 2 * half - gone)
+    travelled = SPEED * time % (2 * half)
+    return time, LENGTH - np.minimum(travelled, 2 * half - travelled)
 
 
 def branches(numbers, pressure, cycle=CYCLES):
@@ -185,40 +185,40 @@ def widths(numbers, pressure):
     return np.interp(at, y[::-1], long[::-1]) - np.interp(at, x, short)
 
 
-def met(found, text):
+def assert_rounds(value, text):
     """Assert that the printed value is reached near its point, within half of its last digit."""
     if not text:
         return
     half = 0.5 * 10.0 ** -len(text.partition(".")[2])
-    low, high = np.min(found) - half, np.max(found) + half
+    low, high = np.min(value) - half, np.max(value) + half
     slip = 1e-9 * half
-    assert low - slip <= float(text) <= high + slip, f"got {found}, printed {text}"
+    assert low - slip <= float(text) <= high + slip, f"got {value}, printed {text}"
 
 
 @pytest.mark.parametrize("row", STATIC)
 def test_residuals_of_force_and_diameter(row):
-    one = STATIC[row]
+    row_values = STATIC[row]
     for k, pressure in enumerate((LOW, HIGH)):
-        force, diameter = places(one.numbers, pressure)
-        met(force[0], one.rest[k])
-        met(force[2], one.free[k])
-    for found, text in zip(diameter, one.diameter, strict=True):
-        met(found, text)
+        force, diameter = places(row_values.numbers, pressure)
+        assert_rounds(force[0], row_values.rest[k])
+        assert_rounds(force[2], row_values.free[k])
+    for value, text in zip(diameter, row_values.diameter, strict=True):
+        assert_rounds(value, text)
 
 
 @pytest.mark.parametrize("row", LOOPS)
 def test_widths_of_loops(row):
-    one = LOOPS[row]
-    for pressure, text in zip((LOW, HIGH), one.width, strict=True):
-        met(widths(one.numbers, pressure), text)
+    row_values = LOOPS[row]
+    for pressure, text in zip((LOW, HIGH), row_values.width, strict=True):
+        assert_rounds(widths(row_values.numbers, pressure), text)
 
 
 def test_wrong_values_are_rejected():
     """The comparison rejects threads that are 5 % too soft, and a loop that is 10 % too wide."""
     with pytest.raises(AssertionError):
-        met(places(elastic(76e9), HIGH)[0, 0], STATIC["A1 elastic threads, 80 GPa"].rest[1])
+        assert_rounds(places(elastic(76e9), HIGH)[0, 0], STATIC["A1 elastic threads, 80 GPa"].rest[1])
     with pytest.raises(AssertionError):
-        met(widths({"braid_friction.coefficient": 0.22} | RUBS, HIGH), LOOPS["E2 pivots"].width[1])
+        assert_rounds(widths({"braid_friction.coefficient": 0.22} | RUBS, HIGH), LOOPS["E2 pivots"].width[1])
 
 
 def test_a2_a_toe_of_recruited_filaments():
@@ -229,13 +229,16 @@ def test_a2_a_toe_of_recruited_filaments():
     for pressure, (rest, free) in printed.items():
         length = LENGTH * (1 - np.r_[NEAR["rest"], NEAR["middle"], NEAR[pressure]])
         less = bare(pressure, tuple(np.arange(9.0)), tuple(length))
-        seen = predict(Muscle(LENGTH, THREAD, TURNS, law), np.full(9, pressure), length)
-        force, diameter = (np.asarray(seen.force) - less[0], 1e3 * (np.asarray(seen.diameter) - less[1]))
-        met(force[:3], rest)
-        met(force[6:], free)
+        reading = predict(Muscle(LENGTH, THREAD, TURNS, law), np.full(9, pressure), length)
+        force, diameter = (
+            np.asarray(reading.force) - less[0],
+            1e3 * (np.asarray(reading.diameter) - less[1]),
+        )
+        assert_rounds(force[:3], rest)
+        assert_rounds(force[6:], free)
         agree(places(toe, pressure)[0].ravel(), force, 0.1)
     for k, text in enumerate(("1.25", "0.66", "0.42")):
-        met(diameter[3 * k : 3 * k + 3], text)
+        assert_rounds(diameter[3 * k : 3 * k + 3], text)
 
 
 def test_a6_four_broken_threads():
@@ -246,11 +249,11 @@ def test_a6_four_broken_threads():
     for pressure, rest, free in ((LOW, "-0.04", ""), (HIGH, "-0.9", "-0.6")):
         whole = places(elastic(80e9), pressure)
         force, diameter = places(elastic(80e9 * 140 / 144), pressure) - whole
-        met(force[0], rest)
-        met(force[2], free)
+        assert_rounds(force[0], rest)
+        assert_rounds(force[2], free)
         # To first order; the second order is a few percent of it.
         agree(force, whole[0] / 35, 0.03)
-    met(diameter[0], "0.03")
+    assert_rounds(diameter[0], "0.03")
 
 
 def test_b1_is_largest_at_a_tenth_of_contraction():
@@ -259,7 +262,7 @@ def test_b1_is_largest_at_a_tenth_of_contraction():
         STATIC["B1 latex"].numbers, HIGH, np.arange(36.0), LENGTH * (1 - contraction)
     )[0]  # fmt: skip
     assert 0.09 < contraction[np.argmin(force)] < 0.15
-    met(force[10], "-346")
+    assert_rounds(force[10], "-346")
 
 
 def test_b5_relaxes_towards_the_equilibrium_curve():
@@ -271,7 +274,7 @@ def test_b5_relaxes_towards_the_equilibrium_curve():
     numbers = LOOPS["B5 relaxation"].numbers
     for pressure, text in ((LOW, "-16"), (HIGH, "-12")):
         (x, short), _ = branches(numbers, pressure)
-        met(np.interp(NEAR[pressure], x, short), text)
+        assert_rounds(np.interp(NEAR[pressure], x, short), text)
     time, length = strokes(LOW)
     wait = np.arange(1, 150) * 5.0
     held = residual(
@@ -296,14 +299,14 @@ def test_b6_softening_is_twice_the_printed_value():
         force = residual(numbers, pressure, time, length)[0]
         rubber = residual(STATIC["B1 latex"].numbers, pressure, time, length)[0]
         agree(force[virgin], 0.25 * rubber[virgin], 1e-2, 1.0)
-        met(0.5 * force[virgin][-4:], text)
+        assert_rounds(0.5 * force[virgin][-4:], text)
         assert abs(force[-1]) < 0.5
 
 
 def test_b3_contact_is_lost_from_29_to_92_kpa():
     """Below this pressure a latex bladder carries all of it: the threads have no load, the braid no force."""
     for contractions, text in ((NEAR["rest"], "29"), ((0.356, 0.3575, 0.36), "92")):
-        found = []
+        pressures = []
         for contraction in contractions:
             length = LENGTH * (1 - contraction)
             radius = np.sqrt(THREAD**2 - length**2) / (2 * np.pi * TURNS)
@@ -314,15 +317,15 @@ def test_b3_contact_is_lost_from_29_to_92_kpa():
             rubber = np.pi * (outer**2 - inner**2) * LENGTH
             slope = (1 + radius / bore) / (inner + outer)
             stress = LATEX * (hoop - 1 / (axial**2 * hoop**3))
-            found.append(rubber * stress * slope / (2 * np.pi * radius * length) / 1e3)
+            pressures.append(rubber * stress * slope / (2 * np.pi * radius * length) / 1e3)
             numbers = STATIC["B1 latex"].numbers
             below, above = (
-                program()(numbers, 1e3 * (found[-1] + d), np.array([length]), np.zeros(1))[1, 0]
+                program()(numbers, 1e3 * (pressures[-1] + d), np.array([length]), np.zeros(1))[1, 0]
                 for d in (-1, 1)
             )
             agree(above, 2 * radius, ROUNDING)
             assert below < 2 * radius * (1 - 1e-4)
-        met(np.array(found), text)
+        assert_rounds(np.array(pressures), text)
 
 
 def test_e1_and_e2_have_half_a_loop_at_the_ends():
@@ -331,9 +334,9 @@ def test_e1_and_e2_have_half_a_loop_at_the_ends():
         ("E2 pivots", LOW, "2", "1.5"), ("E2 pivots", HIGH, "10", "6"),
     ):  # fmt: skip
         (x, short), (y, long) = branches(LOOPS[name].numbers, pressure)
-        met(np.interp(NEAR["rest"], y[::-1], long[::-1]), rest)
-        met(-np.interp(NEAR[pressure], x, short), free)
+        assert_rounds(np.interp(NEAR["rest"], y[::-1], long[::-1]), rest)
+        assert_rounds(-np.interp(NEAR[pressure], x, short), free)
 
 
 def test_g8_is_28_newtons_at_mid_stroke():
-    met(widths(LOOPS["G8 late by half a second"].numbers, HIGH) / 2, "-28")
+    assert_rounds(widths(LOOPS["G8 late by half a second"].numbers, HIGH) / 2, "-28")

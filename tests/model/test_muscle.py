@@ -113,8 +113,8 @@ def test_force_loss_is_pressure_times_the_added_area(muscle):
 def test_neutral_toe_agrees_with_the_closed_form():
     toe = dataclasses.replace(MUSCLES["elastic"], thread=SmoothToe(S, 1.0, 0.003, 1e-3))
     both = readings(toe, P, L), readings(MUSCLES["elastic"], P, L)
-    for got, want in zip(*map(jax.tree.leaves, both), strict=True):
-        agree(got, want, SOLVED)
+    for got, expected in zip(*map(jax.tree.leaves, both), strict=True):
+        agree(got, expected, SOLVED)
 
 
 def test_stiff_threads_agree_with_the_inelastic_braid():
@@ -198,9 +198,9 @@ def test_derivatives_against_differences(muscle):
     # The rest length only defines zero contraction; it does not affect the outputs.
     assert len(names) == len(by_number)
     for name, slope in zip(names, by_number, strict=True):
-        at = float(list_values(muscle)[name])
-        want = difference(lambda v: shows(replace_values(muscle, {name: v}), P, L), at, 5e-4 * at)  # noqa: B023
-        agree(slope, want, BY_DIFFERENCE, scale=size / at)
+        value = float(list_values(muscle)[name])
+        expected = difference(lambda v: shows(replace_values(muscle, {name: v}), P, L), value, 5e-4 * value)  # noqa: B023
+        agree(slope, expected, BY_DIFFERENCE, scale=size / value)
 
 
 def test_forward_and_reverse_agree():
@@ -304,9 +304,9 @@ def test_each_parameter_has_a_meaning():
 
 def test_inputs_are_broadcast_and_lists_must_have_equal_lengths():
     muscle = MUSCLES["elastic"]
-    every = predict(muscle, [3e5, 3e5], [0.2, 0.22])
-    for one in (predict(muscle, 3e5, [0.2, 0.22]), predict(muscle, [3e5], np.array([0.2, 0.22]))):
-        agree(one.force, every.force, ROUNDING)
+    expected = predict(muscle, [3e5, 3e5], [0.2, 0.22])
+    for reading in (predict(muscle, 3e5, [0.2, 0.22]), predict(muscle, [3e5], np.array([0.2, 0.22]))):
+        agree(reading.force, expected.force, ROUNDING)
     assert predict(muscle, 3e5, 0.2).force.shape == (1,)
     with pytest.raises(
         BadInput, match=r"must have equal lengths, or one must be a single number; got \(2,\) and \(3,\)"
@@ -317,11 +317,13 @@ def test_inputs_are_broadcast_and_lists_must_have_equal_lengths():
 def test_block_size_does_not_change_the_results():
     muscle, states = MUSCLES["elastic"], 4 * CACHE_BLOCK_STATES + 5
     p, l = np.linspace(0, 1e6, states), np.linspace(0.15, 0.2357, states)
-    for got, want in zip(*map(jax.tree.leaves, (predict(muscle, p, l), readings(muscle, p, l))), strict=True):
-        agree(got, want, ROUNDING, scale=1e-3)
+    for got, expected in zip(
+        *map(jax.tree.leaves, (predict(muscle, p, l), readings(muscle, p, l))), strict=True
+    ):
+        agree(got, expected, ROUNDING, scale=1e-3)
 
     def total(way):
         return eqx.filter_jit(eqx.filter_grad(lambda m: jnp.sum(way(m, p, l).force)))(muscle)
 
-    for got, want in zip(*map(jax.tree.leaves, (total(predict), total(readings))), strict=True):
-        agree(got, want, ROUNDING)
+    for got, expected in zip(*map(jax.tree.leaves, (total(predict), total(readings))), strict=True):
+        agree(got, expected, ROUNDING)

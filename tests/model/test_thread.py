@@ -70,7 +70,7 @@ def ends_in_a_line(law):
     far = jnp.asarray(3.0)
     agree(jax.grad(law.load)(far), law.stiffness, BY_DIFFERENCE)
     # A hyperbola approaches its asymptote as w²/ε, an exponential faster.
-    agree(law.load(far), law.stiffness * (far - law.slack), BY_DIFFERENCE)
+    agree(law.load(far), law.stiffness * (far - law.slack_strain), BY_DIFFERENCE)
 
 
 def energy_is_the_area(law):
@@ -94,12 +94,12 @@ def gradient_in_each_number(law):
 
     slopes = eqx.filter_jit(jax.jacfwd(both))({k: jnp.asarray(v) for k, v in list_values(law).items()})
     for name, meaning in list_meanings(law).items():
-        at = float(list_values(law)[name])
-        want = difference(lambda v: both({name: v}), at, 2e-4 * at)  # noqa: B023
+        value = float(list_values(law)[name])
+        expected = difference(lambda v: both({name: v}), value, 2e-4 * value)  # noqa: B023
         # The energy is a difference of areas up to the corner, which limits its precision.
         size = np.stack([STRAINS, np.maximum(STRAINS**2, 1e-5)])
-        agree(slopes[name], want, BY_DIFFERENCE, scale=S * size / at)
-        assert meaning.low <= at <= meaning.high
+        agree(slopes[name], expected, BY_DIFFERENCE, scale=S * size / value)
+        assert meaning.low <= value <= meaning.high
 
 
 BATTERY = [
@@ -124,7 +124,7 @@ class Softening(AbstractThread):
     stiffness: Scalar
 
     @property
-    def slack(self) -> Array:
+    def slack_strain(self) -> Array:
         return jnp.asarray(0.0)
 
     def load(self, strain: Scalar) -> Array:
@@ -174,8 +174,8 @@ def test_neutral_values_agree_with_the_declared_ones():
 def test_recruitment_becomes_linear_without_slack():
     # No single parameter of this law is neutral: a spread of slack around zero is still a toe.
     law = RecruitmentToe(S, crimp=0.0, spread=1e-5)
-    agree(law.load(jnp.asarray(0.02)), S * (0.02 - law.slack), ROUNDING)
-    assert float(law.slack) < 5e-6
+    agree(law.load(jnp.asarray(0.02)), S * (0.02 - law.slack_strain), ROUNDING)
+    assert float(law.slack_strain) < 5e-6
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -203,17 +203,17 @@ def laws(draw, kind):
 
 
 @eqx.filter_jit
-def everything(law, strain):
+def compute_all(law, strain):
     by = jax.tree.leaves(eqx.filter_grad(lambda w: w.load(strain))(law))
-    return law.load(strain), law.energy(strain), jax.grad(law.load)(strain), law.slack, *by
+    return law.load(strain), law.energy(strain), jax.grad(law.load)(strain), law.slack_strain, *by
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @given(data=st.data(), strain=st.sampled_from([0.0, 1e-12]) | st.floats(0, 0.1))
 def test_finite_over_the_declared_range(kind, data, strain):
     law = data.draw(laws(kind))
-    load, energy, slope, slack, *_ = found = everything(law, jnp.asarray(strain))
-    assert np.all(np.isfinite(found))
+    load, energy, slope, slack, *_ = values = compute_all(law, jnp.asarray(strain))
+    assert np.all(np.isfinite(values))
     # Rounding: a law with slack threads up to a sharp corner has about 1e-18 of its stiffness.
     assert load >= -1e-15 * law.stiffness
     assert energy >= -1e-15 * law.stiffness
@@ -316,9 +316,9 @@ def test_recruitment_agrees_with_bisection_over_the_declared_range():
 
     pulled = share > 0
     share, crimp, spread, strain, forward = (x[pulled] for x in (share, crimp, spread, strain, forward))
-    want = recruited_by_bisection(share, crimp, spread)
-    agree(strain, want, SOLVED, scale=spread)
-    agree(forward, (1 + want) / (ndtr((want - crimp) / spread) - share), SOLVED)
+    expected = recruited_by_bisection(share, crimp, spread)
+    agree(strain, expected, SOLVED, scale=spread)
+    agree(forward, (1 + expected) / (ndtr((expected - crimp) / spread) - share), SOLVED)
 
 
 def test_fewer_newton_steps_are_not_sufficient():

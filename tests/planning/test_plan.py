@@ -53,9 +53,9 @@ def test_information_agrees_with_finite_differences_through_the_rig(entry):
 
     slopes = np.stack([show(k) for k in range(values.size)])
     weight = 1 / np.array([known.capabilities.force, known.capabilities.diameter]) ** 2
-    want = np.einsum("icn,jcn,c->ij", slopes, slopes, weight)
-    root = np.sqrt(np.diag(want))
-    agree(got / np.outer(root, root), want / np.outer(root, root), 1e-5, scale=1.0)
+    expected = np.einsum("icn,jcn,c->ij", slopes, slopes, weight)
+    root = np.sqrt(np.diag(expected))
+    agree(got / np.outer(root, root), expected / np.outer(root, root), 1e-5, scale=1.0)
 
 
 @pytest.fixture(scope="module")
@@ -92,9 +92,9 @@ def test_ruler_error_is_shared_by_all_samples_of_a_length(by_ruler):
     covariance = np.diag(np.repeat([4.0, 1e-8], 3)) + np.outer(by_length, by_length) * np.equal.outer(
         same, same
     )
-    want = slopes @ np.linalg.solve(covariance, slopes.T)
-    root = np.sqrt(np.diag(want))
-    agree(got / np.outer(root, root), want / np.outer(root, root), 1e-4, scale=1.0)
+    expected = slopes @ np.linalg.solve(covariance, slopes.T)
+    root = np.sqrt(np.diag(expected))
+    agree(got / np.outer(root, root), expected / np.outer(root, root), 1e-4, scale=1.0)
 
 
 @pytest.mark.parametrize("goal", [None, "muscle.turns", "all"])
@@ -144,7 +144,8 @@ def test_information_is_proportional_to_the_sampling_rate(entry):
     means = RigCapabilities(pressure=690e3)
     slow, fast = (build_prior_information(entry, replace(means, rate=rate)) for rate in (1.0, 50.0))
     run_information = [
-        one.compute_run_information(list_runs(one.capabilities, 0.2357)[:6], one.mean) for one in (slow, fast)
+        prior.compute_run_information(list_runs(prior.capabilities, 0.2357)[:6], prior.mean)
+        for prior in (slow, fast)
     ]
     root = np.sqrt(np.einsum("rii->ri", run_information[0]) + 1e-300)
     unit = root[:, :, None] * root[:, None, :]
@@ -241,12 +242,17 @@ def test_minutes_are_formatted_consistently(entry, minutes):
     result = plan(entry, RigCapabilities(), to="30 GPa")
     ramp = next(run for run in list_runs(result.prior.capabilities, 0.2357) if "ramp" in run.description)
     alone = {"force": (5e9, minutes)}
-    one = replace(
+    run_plan = replace(
         result, chosen_runs=((1, replace(ramp, minutes=minutes)),), minutes=minutes, single_channel=alone
     )
     course = PrecisionCourse("thread.modulus", "GPa", np.array([0.0, minutes]), np.array([20.0, 5.0]))
-    figure = plot_precision(one, course)
-    for text in (str(one), format_headline(one), format_answer(one)[0], figure.axes[0].get_title("left")):
+    figure = plot_precision(run_plan, course)
+    for text in (
+        str(run_plan),
+        format_headline(run_plan),
+        format_answer(run_plan)[0],
+        figure.axes[0].get_title("left"),
+    ):
         assert f"{minutes:g} min" in text
         assert not set(re.findall(r"([\d.]+) min\b", text)) - {f"{minutes:g}"}
 

@@ -30,7 +30,7 @@ def compare_with_grid(design):
     """Return ln(objective) of the search and of the grid, and the grid's largest violation."""
     problem, entries = design.problem, design.spec.entries
     low, high, _ = compute_bounds(design.spec, design.task, design.choice)
-    value = design.chosen.optimum.log_objective
+    value = design.chosen_result.optimum.log_objective
     if entries.probability:
         # The grid has no chance constraints: compare it with the search without them.
         value = next(
@@ -70,7 +70,7 @@ def test_simulated_muscle_meets_the_requirements(design, tmp_path):
 
 @pytest.mark.slow
 def test_design_is_stationary_and_its_report_is_short(design):
-    assert design.chosen.optimum.stationarity < 1e-6
+    assert design.chosen_result.optimum.stationarity < 1e-6
     assert len(str(design).splitlines()) < 25
     assert design.spec.name in str(design)
     json.dumps(build_design_document(design), allow_nan=False)

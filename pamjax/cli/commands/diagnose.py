@@ -1,4 +1,4 @@
-"""`pamjax diagnose`: find the mechanisms that the model of a recording lacks."""
+"""`pamjax diagnose`: identify the mechanisms that the model of a recording lacks."""
 
 from __future__ import annotations
 

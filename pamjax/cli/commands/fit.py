@@ -42,7 +42,7 @@ def fit(
         out: output folder.
         loss: square (least squares) or soft (robust: limits the influence of outliers).
         starts: number of starting points of the minimiser.
-        folds: number of parts for cross-validation.
+        folds: number of folds of the cross-validation; the blocks are distributed over them.
         seed: random seed for the starting points and the cross-validation.
         figures: write the figures.
         report: write report.html for a web browser.
@@ -66,18 +66,18 @@ def fit(
             seed=seed,
             progress=progress,
         )
-    written = save(result, out)
+    paths = save(result, out)
     if figures:
         from pamjax.view.figures.fit import save_fit_figures
 
-        written += save_fit_figures(result, out)
+        paths += save_fit_figures(result, out)
     if report:
         from pamjax.view.reports.fit import write_fit_report
 
-        written.append(write_fit_report(result, out / REPORT_FILE, format_command()))
+        paths.append(write_fit_report(result, out / REPORT_FILE, format_command()))
     if json:
         print_json(build_fit_document(result))
     else:
         print_text(str(result))
         print_text(f"next: pamjax diagnose {shlex.join(map(str, cases))}")
-    print_written_files(written)
+    print_written_files(paths)

@@ -87,7 +87,7 @@ def inverse(
         from pamjax.control.export import export as write
 
         force_uncertainty = combine_force_sd(muscle, case, draws.compute_force_sd if draws else None)
-        written = write(muscle_inverse, export, force_sd=force_uncertainty, seed=seed)
+        exported_controller = write(muscle_inverse, export, force_sd=force_uncertainty, seed=seed)
         if not json:
-            print_text(str(written))
-        print_written_files(list(written.files))
+            print_text(str(exported_controller))
+        print_written_files(list(exported_controller.files))

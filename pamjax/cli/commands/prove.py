@@ -103,8 +103,8 @@ def prove(
 def _format_trials(trials: list) -> Iterator[str]:
     """Return concealed and named effects of the first twenty trials with effects."""
     for trial in [item for item in trials if item.kind != "nothing"][:20]:
-        named = ", ".join(trial.named) or ("unexplained" if trial.unexplained else "nothing")
-        yield f"  {trial.kind} {trial.number + 1}: {', '.join(trial.concealed)} -> {named}"
+        named_text = ", ".join(trial.named) or ("unexplained" if trial.unexplained else "nothing")
+        yield f"  {trial.kind} {trial.number + 1}: {', '.join(trial.concealed)} -> {named_text}"
 
 
 def _write_tables(out: Path, trials: list) -> list[Path]:

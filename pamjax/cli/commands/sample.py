@@ -77,14 +77,14 @@ def sample(
         )
         progress("profiles", 1.0)
         _ = post.verdicts
-    written = save_posterior(post, out)
+    paths = save_posterior(post, out)
     if figures:
         from pamjax.view.figures.posterior import save_posterior_figures
 
-        written += save_posterior_figures(post, out)
+        paths += save_posterior_figures(post, out)
     if report:
         from pamjax.view.reports.posterior import write_posterior_report
 
-        written.append(write_posterior_report(post, out / REPORT_FILE, format_command()))
+        paths.append(write_posterior_report(post, out / REPORT_FILE, format_command()))
     print_json(build_posterior_document(post)) if json else print_text(str(post))
-    print_written_files(written)
+    print_written_files(paths)

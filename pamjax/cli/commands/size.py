@@ -53,12 +53,12 @@ def size(
 
     with show_progress(quiet=json) as progress:
         design = choose(spec, starts=starts, method=method, seed=seed, progress=progress)
-    written = save_design(design, out)
+    paths = save_design(design, out)
     if report:
         from pamjax.view.figures.sizing import save_design_figures
         from pamjax.view.reports.sizing import write_design_report
 
-        written += save_design_figures(design, out)
-        written.append(write_design_report(design, out / REPORT_FILE, format_command()))
+        paths += save_design_figures(design, out)
+        paths.append(write_design_report(design, out / REPORT_FILE, format_command()))
     print_json(build_design_document(design)) if json else print_text(str(design))
-    print_written_files(written)
+    print_written_files(paths)

@@ -168,10 +168,10 @@ def _check_gauge(recording: Recording, entry: MuscleToml, file: str) -> list[str
         or pressure.min() < ATMOSPHERIC_PRESSURE - MAX_START_OFFSET
     ):
         return []
-    vented = abs(pressure.min() - ATMOSPHERIC_PRESSURE) < MAX_VENT_OFFSET
+    is_vented = abs(pressure.min() - ATMOSPHERIC_PRESSURE) < MAX_VENT_OFFSET
     remedy = "If the sensor measures absolute pressure, subtract the atmospheric pressure of 101 kPa."
     got = f"zero force at {format_quantity(zero_force_pressure, 'kPa', 3)}"
-    if not vented:
+    if not is_vented:
         return [f"`pressure` in {file} may be absolute: near the rest length, got {got}. {remedy}"]
     raise refuse("`pressure` must be gauge pressure", got, file, remedy)
 
@@ -184,14 +184,14 @@ def _compute_force_area(length: np.ndarray, entry: MuscleToml) -> np.ndarray:
 
 def _list_unit_errors(name: str, header: str) -> list[tuple[float, str]]:
     """Return the factor and description of each possible unit error of a column."""
-    confused = [
+    confused_units = [
         unit
         for unit in CONFUSED_UNITS[name]
         if not math.isclose(compute_si_factor(unit), compute_si_factor(header))
     ]
     return [
         (compute_si_factor(header) / compute_si_factor(unit), f"{name} in {unit} under a header of {header}")
-        for unit in confused
+        for unit in confused_units
     ]
 
 

@@ -206,6 +206,6 @@ def _translate_error(error: ValidationError, file: str) -> BadInput:
             "tests": TestTable,
             "columns": ChannelEntry,
         }.get(path[0], ImportSpec)
-        known = (ImportSpec if len(path) == 1 else table_class).model_fields
-        return refuse(f"unknown entry `{key}`", "", where, suggest_word(key, known))
+        valid_names = (ImportSpec if len(path) == 1 else table_class).model_fields
+        return refuse(f"unknown entry `{key}`", "", where, suggest_word(key, valid_names))
     return refuse(toml_errors.format_rule(first, key), toml_errors.format_input(first), where)

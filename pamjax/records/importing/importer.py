@@ -149,11 +149,11 @@ def _read_test(
     spec: ImportSpec, paths: dict[str, Path], test: TestTable
 ) -> tuple[dict[str, np.ndarray], dict[str, float]]:
     """Return the channels of one test, SI, tared, with time from 0; and the tare readings."""
-    opened = {channel: RigFile(path, spec.files) for channel, path in paths.items()}
+    rig_files = {channel: RigFile(path, spec.files) for channel, path in paths.items()}
     columns: dict[str, np.ndarray] = {}
     clock: np.ndarray | None = None
     for name in (name for name in CHANNEL_ORDER if name in spec.columns):
-        file = opened.get(name) or opened[""]
+        file = rig_files.get(name) or rig_files[""]
         values, time = _read_channel(spec, name, file), _read_clock(spec, file)
         clock = time if clock is None else clock
         first_channel = next(iter(columns.values()), values)
@@ -242,25 +242,25 @@ def _thin_columns(columns: dict[str, np.ndarray], block: float) -> dict[str, np.
 def _join_tests(pieces: Sequence[dict[str, np.ndarray]], spec: ImportSpec) -> Recording:
     """Return all tests as one recording, numbered in `cycle` if there is no such column."""
     gap = parse_quantity(spec.gap, "time", "`gap`")
-    timed = {"time" in piece for piece in pieces} == {True}
+    has_time = {"time" in piece for piece in pieces} == {True}
     if spec.median:
         block = parse_quantity(spec.median, "time", "`median`")
-        if not timed or block <= 0:
+        if not has_time or block <= 0:
             rule = "`median` must be a positive duration, and each row needs a time"
             raise refuse(rule, spec.median, "", "State the column of `time`, or the `rate` in [files].")
         pieces = [_thin_columns(piece, block) for piece in pieces]
     start_time = 0.0
     for number, piece in enumerate(pieces, 1):
         piece.setdefault("cycle", np.full(len(piece["pressure"]), float(number)))
-        if timed:
+        if has_time:
             piece["time"] = piece["time"] + start_time
             start_time = float(piece["time"][-1]) + gap
-    joined = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
+    joined_columns = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
     return Recording.from_arrays(
-        time=joined.get("time"),
-        pressure=joined["pressure"],
-        length=joined["length"],
-        force=joined.get("force"),
-        diameter=joined.get("diameter"),
-        cycle=joined["cycle"].astype(int),
+        time=joined_columns.get("time"),
+        pressure=joined_columns["pressure"],
+        length=joined_columns["length"],
+        force=joined_columns.get("force"),
+        diameter=joined_columns.get("diameter"),
+        cycle=joined_columns["cycle"].astype(int),
     )

@@ -15,7 +15,7 @@ import pandas as pd
 from pamjax.errors import refuse, suggest_word
 from pamjax.records.files import decode_text, read_bytes
 from pamjax.records.importing.import_spec import FilesTable
-from pamjax.records.quotes import check_quotes, lines_of
+from pamjax.records.quotes import check_quotes, split_lines
 from pamjax.records.reading.header import split_title
 
 _CELL_PATTERN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan", re.IGNORECASE)
@@ -83,7 +83,7 @@ class RigFile:
 
 def _read_csv(text: str, file_format: FilesTable, file: str) -> dict[str, Any]:
     # The lines above the table may contain any characters.
-    lines = ["\n" if k < file_format.skip else line for k, line in enumerate(lines_of(text))]
+    lines = ["\n" if k < file_format.skip else line for k, line in enumerate(split_lines(text))]
     mark = " " if file_format.separator == "space" else SEPARATORS[file_format.separator]
     header = "".join(lines[file_format.skip : file_format.skip + file_format.header])
     check_quotes(lines, file, mark, header, skip_spaces=True)

@@ -156,10 +156,10 @@ def _find_rest_length(muscle: MuscleTable, file: str) -> MeasuredValue:
 
 def _check_braid(muscle: MuscleTable, rest_length: MeasuredValue, file: str) -> None:
     """Refuse a braid that is incomplete, stated twice, or shorter than the muscle."""
-    counted = {"thread_length": muscle.thread_length, "turns": muscle.turns}
-    angled = {"braid_angle": muscle.braid_angle, "diameter": muscle.diameter}
-    stated_names = [name for name, value in (counted | angled).items() if value is not None]
-    if stated_names not in (list(counted), list(angled)):
+    turns_form = {"thread_length": muscle.thread_length, "turns": muscle.turns}
+    angle_form = {"braid_angle": muscle.braid_angle, "diameter": muscle.diameter}
+    stated_names = [name for name, value in (turns_form | angle_form).items() if value is not None]
+    if stated_names not in (list(turns_form), list(angle_form)):
         raise _build_braid_error(stated_names, file)
     thread = muscle.thread_length
     if thread is not None and rest_length.value >= thread.value:

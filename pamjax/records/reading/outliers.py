@@ -8,8 +8,8 @@ A cell is an outlier in two cases only:
   for at most `MAX_OUTLIER_RUN` consecutive samples.
 
 A staircase, a reversal or a jump between tests differs from one neighbour only. Drift and noise are small
-compared with the range. In seven hose recordings and 42 simulated ones, the most extreme good sample was 0.08
-of the range beyond both its neighbours (reversal of a fast stroke) and 0.5 of the range outside. The limits
+compared with the range. In seven hose recordings and 42 simulated ones, the most extreme good spike is 0.08
+of the range (reversal of a fast stroke). The most extreme good value is 0.5 of the range outside. The limits
 are three and eight times these values. Smaller deviations are kept: they may be noise or physics.
 """
 

@@ -116,11 +116,11 @@ def read_count(raw: Any, location: EntryLocation) -> int:
     return int(raw)
 
 
-def check_keys(raw: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
+def check_keys(raw: Mapping[str, Any], valid_keys: tuple[str, ...], where: str) -> None:
     """Refuse the first unknown key."""
     for key in raw:
-        if key not in known:
-            raise refuse(f"unknown entry `{key}`", where=where, remedy=suggest_word(key, known))
+        if key not in valid_keys:
+            raise refuse(f"unknown entry `{key}`", where=where, remedy=suggest_word(key, valid_keys))
 
 
 def _parse_number(raw: Any, kind: str, where: str) -> float:

@@ -190,8 +190,8 @@ def _build_unknown_error(path: list[str], where: str) -> BadInput:
         return refuse(
             f"unknown table [{path[0]}] in {where}", remedy=suggest_word(path[0], MuscleDocument.model_fields)
         )
-    known = _TABLE_CLASSES[path[0]].model_fields
-    return refuse(f"unknown entry `{path[1]}`", where=where, remedy=suggest_word(path[1], known))
+    valid_names = _TABLE_CLASSES[path[0]].model_fields
+    return refuse(f"unknown entry `{path[1]}`", where=where, remedy=suggest_word(path[1], valid_names))
 
 
 _TABLE_CLASSES: dict[str, type[_TomlTable]] = {

@@ -12,7 +12,7 @@ import numpy as np
 
 from pamjax.errors import BadInput, InputWarning, refuse
 from pamjax.records.files import decode_text, read_bytes
-from pamjax.records.quotes import check_quotes, lines_of
+from pamjax.records.quotes import check_quotes, split_lines
 from pamjax.records.reading.header import Column, find_columns
 from pamjax.records.reading.outliers import remove_outliers
 from pamjax.records.recording import Recording
@@ -56,7 +56,7 @@ def parse_table(
 ) -> tuple[Recording, list[str], dict[str, str]]:
     """Return the recording of a CSV file's bytes, the warnings, and the unit of each column."""
     header, lines, cells = _split_cells(decode_text(raw, file), file)
-    known_columns, unknown = find_columns(header, columns, file, default_length is not None)
+    known_columns, unknown_headers = find_columns(header, columns, file, default_length is not None)
     locate = _RowLocator(file, lines)
     values = {name: _parse_column(column, cells, locate) for name, column in known_columns.items()}
     recording = Recording.from_arrays(
@@ -75,7 +75,7 @@ def parse_table(
     recording = remove_outliers(recording, units)
     _check_gauge_pressure(recording.pressure, known_columns["pressure"], locate)
     _check_measured(recording, file)
-    notes = [f"unknown column `{title}` in {file}: ignored." for title in unknown]
+    notes = [f"unknown column `{title}` in {file}: ignored." for title in unknown_headers]
     return recording, notes + [f"{outlier}." for outlier in recording.outliers], units
 
 
@@ -94,7 +94,7 @@ class _RowLocator:
 def _split_cells(text: str, file: str) -> tuple[list[str], list[int], list[list[str]]]:
     """Return the header, line number of each row, and each row's cells, without comments and blank lines."""
     # A comment may contain any characters.
-    content = [line if not line.lstrip().startswith("#") else "\n" for line in lines_of(text)]
+    content = [line if not line.lstrip().startswith("#") else "\n" for line in split_lines(text)]
     titles = next((line for line in content if line.strip(" ,\t\r\n")), "")
     check_quotes(content, file, ",", titles)
     rows = list(enumerate(csv.reader(content), 1))

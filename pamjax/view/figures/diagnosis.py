@@ -1,13 +1,13 @@
 """Figures of a diagnosis: each answers one question in its title.
 
-| figure                 | question                                                                      |
-|------------------------|-------------------------------------------------------------------------------|
-| `plot_map`             | where does the baseline model not fit? (in `mismatch_map`)                    |
-| `plot_loops`           | do the predicted loops match the measured ones? (in `diagnosis_loops`)        |
-| `plot_left_out`        | do the identified mechanisms explain the residuals? (in `diagnosis_loops`)    |
-| `plot_held_out_scores` | is the error of held-out blocks as small as the noise?                        |
-| `plot_candidates`      | how much worse do other mechanisms fit in place of an identified one?         |
-| `plot_shifts`          | which baseline parameters were biased by the missing physics?                 |
+| figure                     | question                                                                  |
+|----------------------------|---------------------------------------------------------------------------|
+| `plot_map`                 | where does the baseline model not fit? (in `mismatch_map`)                |
+| `plot_loops`               | do the predicted loops match the measured ones? (in `diagnosis_loops`)    |
+| `plot_explained_residuals` | do the identified mechanisms explain the residuals? (in `diagnosis_loops`) |
+| `plot_held_out_scores`     | is the error of held-out blocks as small as the noise?                    |
+| `plot_candidates`          | how much worse do other mechanisms fit in place of an identified one?     |
+| `plot_shifts`              | which baseline parameters were biased by the missing physics?             |
 """
 
 from __future__ import annotations
@@ -211,5 +211,5 @@ def _format_three_digits(value: float) -> str:
     if not 1 <= abs(value) < 1e9:
         return f"{value:.3g}"
     decimals = max(0, 2 - math.floor(math.log10(abs(value)))) if abs(value) < 100 else 0
-    rounded = round(value, 2 - math.floor(math.log10(abs(value))))
-    return f"{rounded:,.{decimals}f}".replace(",", "\u2009")
+    rounded_value = round(value, 2 - math.floor(math.log10(abs(value))))
+    return f"{rounded_value:,.{decimals}f}".replace(",", "\u2009")

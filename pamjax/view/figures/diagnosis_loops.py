@@ -39,9 +39,9 @@ def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
         predictions.append(
             (f"with {', '.join(name.id for name in diagnosis.named_mechanisms)}", diagnosis.gain.after)
         )
-    stacked = narrow and len(predictions) > 1
+    is_stacked = narrow and len(predictions) > 1
     with apply_theme():
-        drawing = create_figure(SINGLE_COLUMN if narrow else DOUBLE_COLUMN, 5.6 if stacked else 3.4)
+        drawing = create_figure(SINGLE_COLUMN if narrow else DOUBLE_COLUMN, 5.6 if is_stacked else 3.4)
         shape = (len(predictions), 1) if narrow else (1, len(predictions))
         panels = list(drawing.subplots(*shape, sharex=True, sharey=True, squeeze=False).flat)
         for panel, (label, prediction) in zip(panels, predictions, strict=True):
@@ -113,7 +113,7 @@ def _plot_loops(
             panel.plot(row_layout.x[run], predicted[run], color=colour, lw=1.0, zorder=3, gid="predicted")
 
 
-def plot_left_out(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
+def plot_explained_residuals(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
     """Return residuals and the mechanisms' contribution, a panel per setting; None without a mechanism."""
     if not diagnosis.named_mechanisms:
         return None
@@ -167,7 +167,7 @@ def plot_left_out(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
             )
             panel.label_outer()
         drawing.suptitle(
-            textwrap.fill(format_resemblance(diagnosis, residual, correction), 48 if narrow else 104),
+            textwrap.fill(format_explained_share(diagnosis, residual, correction), 48 if narrow else 104),
             x=0.01,
             ha="left",
         )
@@ -179,7 +179,7 @@ def plot_left_out(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
     return drawing
 
 
-def format_resemblance(diagnosis: Diagnosis, residual: np.ndarray, correction: np.ndarray) -> str:
+def format_explained_share(diagnosis: Diagnosis, residual: np.ndarray, correction: np.ndarray) -> str:
     """Return the title: the share of the squared residuals that the mechanisms explain."""
     explained_fraction = 1 - np.nanmean((residual - correction) ** 2) / np.nanmean(residual**2)
     names = join_words([mechanism.id for mechanism in diagnosis.named_mechanisms])

@@ -106,14 +106,16 @@ def _plot_points_and_lines(panel: Axes, case_fit: CaseFit, row_layout: Layout, c
             )
 
 
-def create_panels(count: int, narrow: bool, height: float = 3.4, **shared: Any) -> tuple[Figure, list[Axes]]:
+def create_panels(
+    count: int, narrow: bool, height: float = 3.4, **subplot_options: Any
+) -> tuple[Figure, list[Axes]]:
     """Return a figure with panels side by side, or stacked if narrow."""
     if narrow:
         drawing = create_figure(SINGLE_COLUMN, 0.4 + 0.85 * height * count)
-        return drawing, list(drawing.subplots(count, 1, squeeze=False, **shared)[:, 0])
+        return drawing, list(drawing.subplots(count, 1, squeeze=False, **subplot_options)[:, 0])
     drawing = create_figure(DOUBLE_COLUMN if count > 1 else 4.8, height)
     separate_panels(drawing)
-    return drawing, list(drawing.subplots(1, count, squeeze=False, **shared)[0])
+    return drawing, list(drawing.subplots(1, count, squeeze=False, **subplot_options)[0])
 
 
 def _choose_point_style(measured_rows: np.ndarray) -> dict[str, Any]:
@@ -309,7 +311,7 @@ def plot_prior(fit: Fit, narrow: bool = False) -> Figure | None:
         low, high = panel.get_xlim()
         panel.set_xlim(min(low, -2.5), max(high, 2.5))
         panel.set(xlabel="estimate − prior [sd of the prior]")
-        title = format_learned(fit)
+        title = format_sd_reduction(fit)
         # Use the width of the figure, because the panel of a phone is too narrow.
         drawing.suptitle(textwrap.fill(title, 48) if narrow else title, x=0.01, ha="left", fontsize=8)
         handles = [
@@ -347,7 +349,7 @@ def _plot_estimate(panel: Axes, y: int, estimate: Estimate) -> None:
     panel.text(1.01, y, text, transform=panel.get_yaxis_transform(), va="center", fontsize=7)
 
 
-def format_learned(fit: Fit) -> str:
+def format_sd_reduction(fit: Fit) -> str:
     """Return the title: how many standard deviations the recording halves, and the largest shift."""
     estimates = select_with_prior(fit)
     determined_count = sum(estimate.shrinkage > 0.5 for estimate in estimates.values())
@@ -372,11 +374,11 @@ def save_fit_figures(fit: Fit, folder: Path) -> list[Path]:
     if prior_drawing is None:
         # Remove a figure of an earlier fit in this folder.
         (folder / "prior.png").unlink(missing_ok=True)
-    written = [save_png(prior_drawing, folder / "prior")] if prior_drawing is not None else []
+    paths = [save_png(prior_drawing, folder / "prior")] if prior_drawing is not None else []
     for case_fit in fit.cases:
         prefix = "" if len(fit.cases) == 1 else f"{case_fit.case.name}-"
-        written.append(save_png(plot_prediction(case_fit), folder / f"{prefix}prediction"))
-        written.append(save_png(plot_residual(case_fit), folder / f"{prefix}residual"))
+        paths.append(save_png(plot_prediction(case_fit), folder / f"{prefix}prediction"))
+        paths.append(save_png(plot_residual(case_fit), folder / f"{prefix}residual"))
         if case_fit.held_out is not None:
-            written.append(save_png(plot_held_out(case_fit), folder / f"{prefix}held-out"))
-    return written
+            paths.append(save_png(plot_held_out(case_fit), folder / f"{prefix}held-out"))
+    return paths

@@ -110,9 +110,9 @@ def plot_map(diagnosis: Diagnosis, channel: int | None = None, narrow: bool = Fa
     ]
     cells = [_compute_cell_means(x, y, np.where(rows, residual, np.nan)) for _, _, rows in panel_parts]
     colour_limit = max(2.0, float(np.nanquantile(np.abs(np.stack(cells)), COLOUR_QUANTILE)))
-    stacked = narrow and len(panel_parts) > 1
+    is_stacked = narrow and len(panel_parts) > 1
     with apply_theme():
-        drawing = create_figure(SINGLE_COLUMN if narrow else DOUBLE_COLUMN, 5.4 if stacked else 3.1)
+        drawing = create_figure(SINGLE_COLUMN if narrow else DOUBLE_COLUMN, 5.4 if is_stacked else 3.1)
         shape = (len(panel_parts), 1) if narrow else (1, len(panel_parts))
         panels = list(drawing.subplots(*shape, sharex=True, sharey=True, squeeze=False).flat)
         mesh = None
@@ -125,7 +125,7 @@ def plot_map(diagnosis: Diagnosis, channel: int | None = None, narrow: bool = Fa
             panel.label_outer()
         assert mesh is not None
         bar_position = (
-            {"location": "bottom", "aspect": 35, "shrink": 0.8} if stacked else {"aspect": 25, "pad": 0.02}
+            {"location": "bottom", "aspect": 35, "shrink": 0.8} if is_stacked else {"aspect": 25, "pad": 0.02}
         )
         bar = drawing.colorbar(mesh, ax=panels, **bar_position)
         bar.set_label(f"{CHANNELS[channel_index]}: measured − baseline [noise sd]")

@@ -139,6 +139,6 @@ def _format_command_title(plan: Plan, narrow: bool) -> str:
 
 def save_plan_figures(plan: Plan, course: PrecisionCourse, folder: Path) -> list[Path]:
     """Write the figures of a plan as PNG and return their paths."""
-    written = [save_png(plot_precision(plan, course), folder / "plan")]
+    paths = [save_png(plot_precision(plan, course), folder / "plan")]
     commands = plot_commands(plan)
-    return written + ([save_png(commands, folder / "schedule")] if commands else [])
+    return paths + ([save_png(commands, folder / "schedule")] if commands else [])

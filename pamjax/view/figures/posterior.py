@@ -236,8 +236,8 @@ def save_posterior_figures(post: Posterior, folder: Path) -> list[Path]:
     for name in {"profile", "ridge"} - set(plots):
         # Remove a figure of an earlier posterior in this folder.
         (folder / f"{name}.png").unlink(missing_ok=True)
-    written = [save_png(plot(post), folder / name) for name, plot in plots.items()]
+    paths = [save_png(plot(post), folder / name) for name, plot in plots.items()]
     for k, case_fit in enumerate(post.fit.cases):
         prefix = "" if len(post.fit.cases) == 1 else f"{case_fit.case.name}-"
-        written.append(save_png(plot_band(post, k), folder / f"{prefix}band"))
-    return written
+        paths.append(save_png(plot_band(post, k), folder / f"{prefix}band"))
+    return paths

@@ -115,10 +115,10 @@ def plot_band(post: Posterior, k: int = 0, narrow: bool = False) -> Figure:
         drawing, panels = create_panels(len(likelihoods), narrow)
         for panel, likelihood in zip(panels, likelihoods, strict=True):
             channel = CHANNELS[likelihood.channel]
-            simulated = add_noise(
+            simulated_values = add_noise(
                 case_fit, likelihood, smooth_predictions[channel], values, post.seed
             ) / compute_si_factor(DISPLAY_UNIT[channel])
-            _plot_channel_band(panel, case_fit, row_layout, channel, simulated)
+            _plot_channel_band(panel, case_fit, row_layout, channel, simulated_values)
             panel.set(xlabel=row_layout.xlabel, ylabel=f"{channel} [{DISPLAY_UNIT[channel]}]")
         add_key(
             drawing,
@@ -131,12 +131,14 @@ def plot_band(post: Posterior, k: int = 0, narrow: bool = False) -> Figure:
 
 
 def _plot_channel_band(
-    panel: Axes, case_fit: CaseFit, row_layout: Layout, channel: str, simulated: np.ndarray
+    panel: Axes, case_fit: CaseFit, row_layout: Layout, channel: str, simulated_values: np.ndarray
 ) -> None:
     measured = getattr(case_fit.case.recording, channel) / compute_si_factor(DISPLAY_UNIT[channel])
-    measured_rows = np.isfinite(measured) & np.all(np.isfinite(simulated), axis=0)
+    measured_rows = np.isfinite(measured) & np.all(np.isfinite(simulated_values), axis=0)
     low, high = np.full(measured_rows.size, np.nan), np.full(measured_rows.size, np.nan)
-    low[measured_rows], high[measured_rows] = np.quantile(simulated[:, measured_rows], (0.05, 0.95), axis=0)
+    low[measured_rows], high[measured_rows] = np.quantile(
+        simulated_values[:, measured_rows], (0.05, 0.95), axis=0
+    )
     drawn_rows = thin_points(
         np.where(row_layout.group >= 0, row_layout.x, np.nan), np.where(measured_rows, measured, np.nan)
     )

@@ -252,8 +252,8 @@ def _format_percent(values: np.ndarray) -> str:
 
 def save_design_figures(design: Design, folder: Path) -> list[Path]:
     """Write the figures of a design as PNG and return their paths."""
-    written = [save_png(plot_chart(design), folder / "chart")]
+    paths = [save_png(plot_chart(design), folder / "chart")]
     for name, drawing in (("prices", plot_prices(design)), ("front", plot_front(design))):
         if drawing is not None:
-            written.append(save_png(drawing, folder / name))
-    return written
+            paths.append(save_png(drawing, folder / name))
+    return paths

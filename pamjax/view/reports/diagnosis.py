@@ -20,7 +20,7 @@ from pamjax.model.registry import find_mechanism
 from pamjax.parameter import Meaning
 from pamjax.units import compute_si_factor, format_quantity
 from pamjax.view.figures import diagnosis as figures
-from pamjax.view.figures.diagnosis_loops import plot_left_out, plot_loops
+from pamjax.view.figures.diagnosis_loops import plot_explained_residuals, plot_loops
 from pamjax.view.figures.mismatch_map import list_other_channels, plot_map
 from pamjax.view.reports.page import Picture, build_picture, write_page
 from pamjax.view.wording import format_history, format_noise, format_signed, join_words
@@ -64,7 +64,7 @@ def write_diagnosis_report(
         ],
         mechanisms=[_describe_mechanism(diagnosis, k) for k in range(len(diagnosis.named_mechanisms))],
         loops=_draw_picture(diagnosis, partial(plot_loops, diagnosis), "loops"),
-        residuals=_draw_picture(diagnosis, partial(plot_left_out, diagnosis), "residuals"),
+        residuals=_draw_picture(diagnosis, partial(plot_explained_residuals, diagnosis), "residuals"),
         held_out=_draw_picture(diagnosis, partial(figures.plot_held_out_scores, diagnosis), "held-out"),
         scores=list(_list_scores(document)),
         comparison=_describe_comparison(comparison) if comparison and comparison.splits else None,

@@ -42,7 +42,7 @@ def plot_power(discrimination: Discrimination, narrow: bool = False) -> Figure:
         )
         panel = drawing.subplots()
         colours = [
-            OKABE_ITO["blue"] if experiment is discrimination.chosen else REFERENCE_COLOUR
+            OKABE_ITO["blue"] if experiment is discrimination.chosen_experiment else REFERENCE_COLOUR
             for experiment in rows
         ]
         panel.barh(range(len(rows)), [experiment.power for experiment in rows], color=colours, height=0.55)
@@ -57,9 +57,8 @@ def plot_power(discrimination: Discrimination, narrow: bool = False) -> Figure:
         panel.invert_yaxis()
         panel.set(xlim=(0, 1.15), xticks=(0, 0.5, sufficient_power, 1), xlabel="power")
         verb = "would have" if discrimination.neither_explains else "has"
-        panel.set_title(
-            f"{discrimination.chosen.id} {verb} a power of {_format_power(discrimination.chosen)}"
-        )
+        experiment = discrimination.chosen_experiment
+        panel.set_title(f"{experiment.id} {verb} a power of {_format_power(experiment)}")
     return drawing
 
 
@@ -106,21 +105,21 @@ def format_headline(discrimination: Discrimination) -> str:
     if discrimination.neither_explains:
         return f"Neither {' nor '.join(discrimination.ids)} explains this recording"
     sufficient_power = DEFAULT_SETTINGS.sufficient_power
-    if discrimination.chosen.power < sufficient_power:
+    if discrimination.chosen_experiment.power < sufficient_power:
         return f"No protocol distinguishes the mechanisms with a power of {sufficient_power:g}"
-    duration = _format_duration(discrimination.chosen)
+    duration = _format_duration(discrimination.chosen_experiment)
     return f"A protocol of {duration} distinguishes {' from '.join(discrimination.ids)}"
 
 
 def format_answer(discrimination: Discrimination) -> tuple[str, str]:
     """Return the protocol with its power, and the present verdict; a misfit of both comes first."""
-    is_sufficient = discrimination.chosen.power >= DEFAULT_SETTINGS.sufficient_power
+    is_sufficient = discrimination.chosen_experiment.power >= DEFAULT_SETTINGS.sufficient_power
     kind = "Recommended" if is_sufficient else "Most powerful"
-    protocol = _format_protocol(discrimination.chosen).partition(": ")[2]
-    protocol_text = f"protocol: {protocol} ({_format_duration(discrimination.chosen)})."
+    protocol = _format_protocol(discrimination.chosen_experiment).partition(": ")[2]
+    protocol_text = f"protocol: {protocol} ({_format_duration(discrimination.chosen_experiment)})."
     power_text = (
         f"If {discrimination.ids[0]} is present, the test selects it with probability"
-        f" {_format_power(discrimination.chosen)}."
+        f" {_format_power(discrimination.chosen_experiment)}."
     )
     if not discrimination.neither_explains:
         return f"{kind} {protocol_text} {power_text}", f"{capitalise_sentence(discrimination.verdict)}."

@@ -161,7 +161,7 @@ def format_estimates(estimates: dict[str, Estimate]) -> str:
     if names_at_limit:
         parts.append(f"At a limit: {join_words(_shorten_list(names_at_limit))}.")
     if undetermined:
-        parts.append(f"Mostly determined by the prior: {join_words(_shorten_list(undetermined))}.")
+        parts.append(f"Not determined: {join_words(_shorten_list(undetermined))}.")
     return " ".join(parts)
 
 
@@ -201,7 +201,7 @@ def _format_prior_caption(fit: Fit, estimates: dict[str, Estimate]) -> str:
     names_without_prior = [name for name in estimates if name not in figures.select_with_prior(fit)]
     text = "Each estimate relative to its prior."
     return (
-        f"{text} Only limits are given for {join_words(names_without_prior)}."
+        f"{text} Only limits are stated for {join_words(names_without_prior)}."
         if names_without_prior
         else text
     )

@@ -97,10 +97,10 @@ def render_svg(figure: Figure, name: str, alt: str) -> Markup:
 
 def _make_ids_unique(inner: str, name: str) -> str:
     """Return the SVG with a prefix on ids that are referenced; other ids become classes."""
-    used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', inner))
+    used_ids = set(re.findall(r'(?:href="#|url\(#)([^")]+)', inner))
 
     def rename_id(match: re.Match[str]) -> str:
-        return f'id="{name}-{match[1]}"' if match[1] in used else f'class="{match[1]}"'
+        return f'id="{name}-{match[1]}"' if match[1] in used_ids else f'class="{match[1]}"'
 
     inner = re.sub(r'\bid="([^"]*)"', rename_id, inner)
     return re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", inner).replace("xlink:href", "href")

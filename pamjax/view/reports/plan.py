@@ -52,7 +52,7 @@ def write_plan_report(
         expected_sds=[_build_expected_row(name, expected) for name, expected in plan.expected_sds.items()],
         alternatives=[f"{_capitalise(line)}." for line in format_alternatives(plan)],
         rig=_list_rig_rows(plan),
-        rig_errors=[_build_error_row(name, sd) for name, sd in plan.prior.capabilities.assumed.items()],
+        rig_errors=[_build_error_row(name, sd) for name, sd in plan.prior.capabilities.assumed_sds.items()],
         neglected=f"{_capitalise(format_neglected(plan))}.",
         checksum=checksum,
         command=command or "pamjax.plan(...)",
@@ -79,7 +79,7 @@ def format_answer(plan: Plan) -> list[str]:
     """Return the runs and their expected result; with a misfit, the warning first."""
     misfit = format_misfit(plan)
     if not misfit:
-        return list(_format_promise(plan))
+        return list(_format_expected_result(plan))
     precision = (
         f" would determine {plan.goal} {format_rough_precision(plan)}"
         if plan.goal != ALL_NUMBERS
@@ -99,9 +99,9 @@ def _format_runs(plan: Plan) -> str:
     return f"{_format_count(run_count, 'run')}{check_text} ({format_minutes(plan.minutes)}, {plan.rows} rows)"
 
 
-def _format_promise(plan: Plan) -> tuple[str, str]:
+def _format_expected_result(plan: Plan) -> tuple[str, str]:
     if plan.goal == ALL_NUMBERS:
-        return f"Make {_format_runs(plan)}.", f"{_capitalise(format_isobars(plan))}."
+        return f"Perform {_format_runs(plan)}.", f"{_capitalise(format_isobars(plan))}."
     if not plan.chosen_runs and plan.reaches_goal:
         return (
             "No measurement is needed.",
@@ -113,7 +113,7 @@ def _format_promise(plan: Plan) -> tuple[str, str]:
         if math.isfinite(expected.sd_before)
         else f"determines {plan.goal}"
     )
-    first_sentence = f"Make {_format_runs(plan)}. This {result} {format_precision(plan, plan.sd)}."
+    first_sentence = f"Perform {_format_runs(plan)}. This {result} {format_precision(plan, plan.sd)}."
     return first_sentence, f"{_capitalise('; '.join(format_single_channel(plan)) or format_isobars(plan))}."
 
 

@@ -17,15 +17,15 @@ from pamjax.units import compute_si_factor, format_quantity
 def test_command_of_a_fitted_muscle_has_an_uncertainty(fitted, capsys):
     words = [str(fitted / "fit.json"), "--force", "300 N", "--length", "180 mm"]
     assert main(["inverse", *words, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert (found["command"], found["limit"]) == ("pressure", "OK")
-    assert 0 < found["sd"] < 0.05 * found["value"]
+    document = json.loads(capsys.readouterr().out)
+    assert (document["command"], document["limit"]) == ("pressure", "OK")
+    assert 0 < document["sd"] < 0.05 * document["value"]
     muscle = load_muscle(fitted / "fit.json").muscle
-    assert float(muscle(found["value"], 0.18).force) == pytest.approx(300.0, rel=1e-9)
+    assert float(muscle(document["value"], 0.18).force) == pytest.approx(300.0, rel=1e-9)
     assert main(["inverse", *words]) == 0
-    said = capsys.readouterr().out
-    assert " ± " in said
-    assert " kPa per N" in said
+    printed = capsys.readouterr().out
+    assert " ± " in printed
+    assert " kPa per N" in printed
 
 
 def test_uncertainty_agrees_with_draws_from_the_covariance(fitted):
@@ -45,23 +45,23 @@ def test_uncertainty_agrees_with_draws_from_the_covariance(fitted):
             n: case["muscle"]["numbers"][n] + step for n, step in zip(names, moved, strict=True)
         }
         forces.append(float(assemble(case["muscle"]["law"], numbers)(300e3, 0.18).force))
-    told = compute_force_sd(fitted / "fit.json", np.array([300e3]), np.array([0.18]))[0]
+    computed_sd = compute_force_sd(fitted / "fit.json", np.array([300e3]), np.array([0.18]))[0]
     # An sd from 120 draws has a standard error of 6.5 %.
-    assert np.std(forces) / 0.2 == pytest.approx(told, rel=0.25)
+    assert np.std(forces) / 0.2 == pytest.approx(computed_sd, rel=0.25)
 
 
 def test_uncertainty_includes_the_unexplained_misfit(fitted, tmp_path, capsys):
     (tmp_path / "model.json").write_text((fitted / "fit.json").read_text())
     words = [str(tmp_path / "model.json"), "--force", "300 N", "--length", "180 mm"]
 
-    def told():
+    def run_inverse():
         assert main(["inverse", *words, "--json"]) == 0
         return json.loads(capsys.readouterr().out)
 
-    alone = told()
+    alone = run_inverse()
     left = {"improvement": {"held_out": {"force": {"rmse_after": 5.0}}}, "noise": {"force": {"sd": 3.0}}}
     (tmp_path / "diagnosis.json").write_text(json.dumps(left))
-    both = told()
+    both = run_inverse()
     assert (alone["force_missed"], both["force_missed"]) == (0.0, 4.0)
     assert both["sd"] == pytest.approx(np.hypot(alone["sd"], 4.0 * both["by_force"]))
     assert main(["inverse", *words]) == 0
@@ -70,22 +70,22 @@ def test_uncertainty_includes_the_unexplained_misfit(fitted, tmp_path, capsys):
 
 def test_infeasible_command_is_reported_with_its_limit(fitted, capsys):
     assert main(["inverse", str(fitted / "fit.json"), "--force", "9 kN", "--pressure", "400 kPa"]) == 0
-    told = capsys.readouterr().out
+    printed = capsys.readouterr().out
     loaded = load_muscle(fitted / "fit.json")
     long = loaded.calibrated_range["length"][1]
     most = float(loaded.muscle(400e3, long).force)
     assert (
         f"the force is above the maximum of {format_quantity(most, 'N')}, at the longest length,"
-        f" {format_quantity(long, 'mm')}" in told
+        f" {format_quantity(long, 'mm')}" in printed
     )
     short = loaded.calibrated_range["length"][0]
     assert main(["inverse", str(fitted / "fit.json"), "--force", "300 N", "--length", "100 mm"]) == 0
-    told = capsys.readouterr().out
+    printed = capsys.readouterr().out
     assert (
         f"the length 100 mm is outside {format_quantity(short, 'mm')} to {format_quantity(long, 'mm')}"
-        in told
+        in printed
     )
-    assert f", at {format_quantity(short, 'mm')}" in told
+    assert f", at {format_quantity(short, 'mm')}" in printed
     assert main(["inverse", str(fitted / "fit.json"), "--force", "-50 N", "--length", "180 mm"]) == 0
     assert "the force is below the minimum of 0 N, at the lowest pressure, 0 kPa" in capsys.readouterr().out
     words = ["--force", "9 kN", "--length", "180 mm", "--json"]
@@ -108,15 +108,15 @@ def test_export_reports_its_interpolation_error(fitted, tmp_path, capsys):
 
 def test_muscle_calibrated_at_one_length_accepts_other_lengths(fitted, tmp_path, capsys):
     document = json.loads((fitted / "fit.json").read_text())
-    ((_, one),) = document["cases"].items()
-    one["calibrated"]["length"] = {"low": 0.2, "high": 0.2}
+    ((_, case),) = document["cases"].items()
+    case["calibrated"]["length"] = {"low": 0.2, "high": 0.2}
     (tmp_path / "fit.json").write_text(json.dumps(document))
     assert (
         main(["inverse", str(tmp_path / "fit.json"), "--force", "300 N", "--length", "180 mm", "--json"]) == 0
     )
-    found = json.loads(capsys.readouterr().out)
-    assert found["limit"] == "OK"
-    (beyond,) = (one for one in found["beyond"] if "length" in one)
+    result = json.loads(capsys.readouterr().out)
+    assert result["limit"] == "OK"
+    (beyond,) = (case for case in result["beyond"] if "length" in case)
     assert beyond == (
         "extrapolation: length 180 mm, calibrated at 200 mm; the ± excludes the error of extrapolation"
     )
@@ -129,22 +129,26 @@ def test_incomplete_target_is_refused(fitted, capsys, words):
 
 
 @pytest.fixture(scope="module")
-def drawn(fitted, tmp_path_factory):
+def write_posterior(fitted, tmp_path_factory):
     """Write a posterior.nc with the normal distribution of the fit, scaled by a factor."""
     document = json.loads((fitted / "fit.json").read_text())
     names = document["correlation"]["names"]
-    ((case, one),) = document["cases"].items()
-    value = np.array([one["muscle"]["numbers"][n] for n in names])
-    told = [document["parameters"][n] for n in names]
-    sd = np.array([t["sd"] * compute_si_factor(t["unit"]) for t in told])
+    ((case, case_document),) = document["cases"].items()
+    value = np.array([case_document["muscle"]["numbers"][n] for n in names])
+    parameters = [document["parameters"][n] for n in names]
+    sd = np.array([t["sd"] * compute_si_factor(t["unit"]) for t in parameters])
     raw = np.random.default_rng(5).standard_normal((DRAW_COUNT, sd.size))
     # Mean zero and unit covariance exactly: the remaining difference is not random.
     raw -= raw.mean(axis=0)
     unit = raw @ np.linalg.inv(np.linalg.cholesky(np.cov(raw.T))).T
     steps = unit @ np.linalg.cholesky(np.array(document["correlation"]["matrix"]) + 1e-9 * np.eye(sd.size)).T
-    about = {"law": one["muscle"]["law"], "mechanisms": "[]", "checksum": json.dumps({case: one["checksum"]})}
+    about = {
+        "law": case_document["muscle"]["law"],
+        "mechanisms": "[]",
+        "checksum": json.dumps({case: case_document["checksum"]}),
+    }
 
-    def _drawn(wide, **other):
+    def write_draws(wide, **other):
         values = value + wide * steps * sd
         data = {n: (("chain", "draw"), values[None, :, k]) for k, n in enumerate(names)}
         tree = xr.DataTree.from_dict({"posterior": xr.Dataset(data)})
@@ -153,20 +157,20 @@ def drawn(fitted, tmp_path_factory):
         tree.to_netcdf(file, engine="h5netcdf")
         return file
 
-    return _drawn
+    return write_draws
 
 
 @pytest.mark.parametrize("words", [["--length", "180 mm"], ["--pressure", "300 kPa"]])
-def test_normal_posterior_agrees_with_the_covariance(fitted, drawn, capsys, words):
+def test_normal_posterior_agrees_with_the_covariance(fitted, write_posterior, capsys, words):
     force = float(load_muscle(fitted / "fit.json").muscle(300e3, 0.18).force)
     words = ["inverse", str(fitted / "fit.json"), "--force", f"{force:.3f} N", *words, "--json"]
 
-    def told(*more):
+    def run_inverse(*more):
         assert main([*words, *more]) == 0
         return json.loads(capsys.readouterr().out)
 
-    straight = told()
-    near, far = (told("--posterior", str(drawn(wide))) for wide in (0.2, 0.4))
+    straight = run_inverse()
+    near, far = (run_inverse("--posterior", str(write_posterior(wide))) for wide in (0.2, 0.4))
     # The remaining difference is curvature.
     assert near["sd"] / 0.2 == pytest.approx(straight["sd"], rel=5e-3)
     assert far["sd"] / near["sd"] == pytest.approx(2.0, rel=5e-3)
@@ -176,12 +180,12 @@ def test_normal_posterior_agrees_with_the_covariance(fitted, drawn, capsys, word
     assert width == pytest.approx(2 * 1.645 * near["sd"], rel=0.15)
 
 
-def test_draws_give_the_probability_of_a_feasible_command(fitted, drawn, capsys):
+def test_draws_give_the_probability_of_a_feasible_command(fitted, write_posterior, capsys):
     muscle = load_muscle(fitted / "fit.json").muscle
     top = load_muscle(fitted / "fit.json").calibrated_range["pressure"][1]
     most = float(muscle(top, 0.18).force)
     words = ["inverse", str(fitted / "fit.json"), "--force", f"{most:.9g} N", "--length", "180 mm"]
-    assert main([*words, "--posterior", str(drawn(1.0)), "--json"]) == 0
+    assert main([*words, "--posterior", str(write_posterior(1.0)), "--json"]) == 0
     # The largest force of the median draw is infeasible for half of the draws.
     assert json.loads(capsys.readouterr().out)["draws"]["met"] == pytest.approx(0.5, abs=0.1)
 
@@ -194,45 +198,45 @@ def test_draws_give_the_probability_of_a_feasible_command(fitted, drawn, capsys)
         ({"checksum": '{"other": "0"}'}, "must come from the recording of the muscle; got other"),
     ],
 )
-def test_posterior_of_another_muscle_is_refused(fitted, drawn, capsys, other, told):
+def test_posterior_of_another_muscle_is_refused(fitted, write_posterior, capsys, other, told):
     words = ["inverse", str(fitted / "fit.json"), "--force", "300 N", "--length", "180 mm"]
-    assert main([*words, "--posterior", str(drawn(1.0, **other))]) == 2
+    assert main([*words, "--posterior", str(write_posterior(1.0, **other))]) == 2
     assert told in capsys.readouterr().err
 
 
-def rubbed(fitted, folder):
+def add_friction(fitted, folder):
     """Return the fitted muscle with friction, as a diagnosis writes it."""
     document = json.loads((fitted / "fit.json").read_text())
-    ((_, one),) = document["cases"].items()
-    one["muscle"]["mechanisms"] = ["braid_friction", "force_offset"]
-    one["muscle"]["numbers"] |= {"braid_friction.coefficient": 0.3, "force_offset.offset": 1.0}
+    ((_, case_document),) = document["cases"].items()
+    case_document["muscle"]["mechanisms"] = ["braid_friction", "force_offset"]
+    case_document["muscle"]["numbers"] |= {"braid_friction.coefficient": 0.3, "force_offset.offset": 1.0}
     (folder / "model.json").write_text(json.dumps(document))
     return folder / "model.json"
 
 
 @pytest.mark.slow
 def test_neglected_effects_are_reported_with_the_uncertainty(fitted, tmp_path, capsys):
-    words = ["inverse", str(rubbed(fitted, tmp_path)), "--force", "300 N", "--length", "180 mm"]
+    words = ["inverse", str(add_friction(fitted, tmp_path)), "--force", "300 N", "--length", "180 mm"]
     assert main([*words, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["left_out"] == ["braid_friction", "force_offset"]
-    assert found["friction_force"] > 0
-    assert found["friction_command"] == pytest.approx(found["friction_force"] * found["by_force"])
+    document = json.loads(capsys.readouterr().out)
+    assert document["left_out"] == ["braid_friction", "force_offset"]
+    assert document["friction_force"] > 0
+    assert document["friction_command"] == pytest.approx(document["friction_force"] * document["by_force"])
     assert main(words) == 0
-    said = capsys.readouterr().out
-    assert f", and up to ± {format_quantity(found['friction_command'], 'kPa', 2)} by friction" in said
+    printed = capsys.readouterr().out
+    assert f", and up to ± {format_quantity(document['friction_command'], 'kPa', 2)} by friction" in printed
     assert (
-        f"adds up to {format_quantity(found['friction_force'], 'N', 2)} to the force after lengthening"
-        in said
+        f"adds up to {format_quantity(document['friction_force'], 'N', 2)} to the force after lengthening"
+        in printed
     )
-    assert "neglected, because sensors are assumed exact and the rig rigid: force_offset" in said
+    assert "neglected, because sensors are assumed exact and the rig rigid: force_offset" in printed
 
 
 def test_command_reports_the_slopes_of_the_stiffness(fitted, capsys):
     words = ["inverse", str(fitted / "fit.json"), "--force", "300 N", "--length", "180 mm"]
     assert main([*words, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    document = json.loads(capsys.readouterr().out)
     assert main(words) == 0
-    said = capsys.readouterr().out
-    assert f"{found['stiffness_by_pressure']:+.4g} N/mm per kPa" in said
-    assert "neglected" not in said
+    printed = capsys.readouterr().out
+    assert f"{document['stiffness_by_pressure']:+.4g} N/mm per kPa" in printed
+    assert "neglected" not in printed

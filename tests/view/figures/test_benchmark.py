@@ -28,7 +28,7 @@ def test_figure_has_six_panels_whose_titles_state_results(trials):
     figure = plot_proof(trials)
     assert len(figure.axes) == 6
     effect_trials = [t for t in trials if t.kind in ("single", "pair", "triple")]
-    share = np.mean([hit for t in effect_trials for hit in t.effects_found])
+    share = np.mean([is_named for t in effect_trials for is_named in t.effects_found])
     assert f"{share:.0%} of" in figure.axes[0].get_title("left")
 
 

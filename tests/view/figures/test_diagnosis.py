@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pamjax.view.figures.diagnosis import plot_candidates, plot_held_out_scores, plot_shifts
-from pamjax.view.figures.diagnosis_loops import plot_left_out, plot_loops
+from pamjax.view.figures.diagnosis_loops import plot_explained_residuals, plot_loops
 from pamjax.view.figures.mismatch_map import plot_map
 from tests.view.made_up import diagnosis, holds, lengths, strokes, table
 
@@ -72,7 +72,7 @@ def test_loops_are_drawn_before_and_after(protocol):
 
 
 def test_residual_figure_shows_the_contribution_of_the_mechanism():
-    figure = plot_left_out(diagnosis())
+    figure = plot_explained_residuals(diagnosis())
     assert [panel.get_title("left") for panel in panels(figure)] == [
         "100 kPa",
         "200 kPa",
@@ -80,7 +80,7 @@ def test_residual_figure_shows_the_contribution_of_the_mechanism():
         "400 kPa",
     ]
     assert figure.get_suptitle() == "braid_friction explains 99 % of the squared residuals of the baseline"
-    assert plot_left_out(diagnosis(named=False)) is None
+    assert plot_explained_residuals(diagnosis(named=False)) is None
 
 
 def test_scores_of_held_out_blocks_are_shown_with_their_noise():

@@ -32,7 +32,7 @@ MUSCLE = Muscle(0.200, 0.2142, 1.203)
 SD = {"force": 2.0, "diameter": 5e-5}
 
 
-def fitted(pressure, length, time=None, channels=("force", "diameter"), miss=0.0, given=True):
+def made_up_fit(pressure, length, time=None, channels=("force", "diameter"), miss=0.0, given=True):
     """Return the fit of the true muscle to a recording with an offset of `miss` times the noise."""
     draw = np.random.default_rng(5).normal(size=len(pressure))
     draw = (draw - draw.mean()) / draw.std()
@@ -65,25 +65,27 @@ def strokes(**more):
     phase = np.linspace(0, 6 * np.pi, 400)
     length = np.tile(0.19 + 0.01 * np.cos(phase), 4)
     pressure = np.repeat([1e5, 2e5, 3e5, 4e5], 400)
-    return fitted(pressure, length, np.arange(1600.0), **more)
+    return made_up_fit(pressure, length, np.arange(1600.0), **more)
 
 
 def lengths(**more):
     """Return pressure ramps at three lengths."""
     ramp = np.concatenate([np.linspace(2e4, 4e5, 200), np.linspace(4e5, 2e4, 200)])
-    return fitted(np.tile(ramp, 3), np.repeat([0.18, 0.19, 0.2], 400), np.arange(1200.0), ("force",), **more)
+    return made_up_fit(
+        np.tile(ramp, 3), np.repeat([0.18, 0.19, 0.2], 400), np.arange(1200.0), ("force",), **more
+    )
 
 
 def holds(**more):
     """Return holds of pressure and length."""
     pressure = np.repeat([1e5, 3e5, 3e5, 2e5, 2e5, 1e5], 100)
     length = np.repeat([0.2, 0.2, 0.18, 0.18, 0.19, 0.19], 100)
-    return fitted(pressure, length, np.arange(600.0), **more)
+    return made_up_fit(pressure, length, np.arange(600.0), **more)
 
 
 def table(**more):
     """Return five measurements of the diameter at one length."""
-    return fitted(np.linspace(1e5, 7e5, 5), np.full(5, 0.2), None, ("diameter",), **more)
+    return made_up_fit(np.linspace(1e5, 7e5, 5), np.full(5, 0.2), None, ("diameter",), **more)
 
 
 def select_lines(figure, kind):

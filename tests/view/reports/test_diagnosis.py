@@ -115,7 +115,7 @@ def test_noise_is_split_into_stated_and_added_noise(page):
     case = SimpleNamespace(entry=SimpleNamespace(sensors=Sensors(force=2.0)))
     sentence = format_noise(case, "force", 3.18)
     assert sentence.startswith(
-        "Noise of force is 3.18 N per row. Stated in muscle.toml: 2 N; the noise of pressure and length"
+        "Noise of force is 3.18 N per row. Stated in muscle.toml: 2 N; the difference is due to the noise"
     )
 
 

@@ -36,7 +36,7 @@ pytestmark = pytest.mark.slow
 
 
 @cache
-def sized(hard):
+def size_spec(hard):
     """Return a feasible design with a required probability, or an infeasible one if `hard`."""
     return pamjax.size(HARD if hard else SPEC | {"probability": 0.9}, margins=False, starts=2)
 
@@ -44,11 +44,11 @@ def sized(hard):
 @cache
 def page(hard):
     with TemporaryDirectory() as folder:
-        return Page(write_design_report(sized(hard), Path(folder) / "report.html").read_text("utf-8"))
+        return Page(write_design_report(size_spec(hard), Path(folder) / "report.html").read_text("utf-8"))
 
 
 def test_each_diameter_is_labelled_at_rest_or_under_pressure():
-    design = sized(False)
+    design = size_spec(False)
     widest, bladder = (f"{1e3 * x:.4g} mm" for x in (design.output("widest"), design.numbers["diameter"]))
     assert widest != bladder
     assert format_headline(design).endswith(f"diameter {widest} under pressure")
@@ -59,10 +59,10 @@ def test_each_diameter_is_labelled_at_rest_or_under_pressure():
 def test_table_of_choices_marks_the_chosen_and_the_nearest():
     rows = page(False).table(["choice", "at typical properties"])
     assert [mark for _, mark in rows.values()].count("chosen") == 1
-    typical, _ = rows[str(sized(False).choice)]
-    assert float(typical.split()[0]) < 1e3 * sized(False).objective
+    typical, _ = rows[str(size_spec(False).choice)]
+    assert float(typical.split()[0]) < 1e3 * size_spec(False).objective
     assert "A margin for the probability of 0.9 increases it." in page(False).text
-    assert page(True).table(["choice", "at typical properties"])[str(sized(True).choice)][1] == "nearest"
+    assert page(True).table(["choice", "at typical properties"])[str(size_spec(True).choice)][1] == "nearest"
 
 
 def test_table_of_requirements_has_no_empty_column():
@@ -82,7 +82,7 @@ def test_receipt_lists_sources_and_tolerances():
 
 
 def test_infeasible_design_reports_the_shortfall():
-    design = sized(True)
+    design = size_spec(True)
     force = design.output("force", 1)
     shortfall = f"{format_amount(force, 'N')}, {format_amount(5000 - force, 'N')} too low"
     assert all(relaxation.relaxed_bound is None for relaxation in design.relaxations)
@@ -92,7 +92,7 @@ def test_infeasible_design_reports_the_shortfall():
 
 
 def test_operating_point_above_the_supply_has_an_isobar():
-    design = sized(True)
+    design = size_spec(True)
     assert design.numbers["pressure"] > 1.1 * design.spec.supply
     figure = plot_chart(design)
     (isobar,) = (line for line in figure.axes[0].lines if line.get_gid() == "working")
@@ -103,4 +103,4 @@ def test_operating_point_above_the_supply_has_an_isobar():
 
 
 def test_title_reports_the_saving_of_a_relaxation():
-    assert re.search(r"” by 1 % reduces diameter by \S+ %", plot_prices(sized(False)).get_suptitle())
+    assert re.search(r"” by 1 % reduces diameter by \S+ %", plot_prices(size_spec(False)).get_suptitle())

@@ -1,6 +1,6 @@
 """Test of predicted power: recommended protocols are simulated, and both candidate mechanisms are refitted.
 
-    python -m tests.benchmarks.tell [muscles] [repeats] [--json FILE]
+    python -m tests.benchmarks.discriminate [muscles] [repeats] [--json FILE]
 
 Muscle, bench and noise differ between trials. Each conceals one weak mechanism: an effect of 0.25 to 1 sd of
 the noise. The rival is the mechanism that fits the recording best in its place. Muscles whose recording
@@ -12,7 +12,8 @@ prediction. A model is rejected if its χ² increases by more than the predicted
 power        fraction of protocols after which the true model is preferred, and the predicted fraction
 false alarm  fraction after which the wrong model is preferred; 1 in 20 is predicted
 
-End tapers are excluded, because they take the most time. Each completed muscle is a line of out/tell.jsonl.
+End tapers are excluded, because they take the most time. Each completed muscle is a line of
+out/discriminate.jsonl.
 """
 
 from __future__ import annotations
@@ -84,17 +85,17 @@ class Joint:
 
     @property
     def measured(self) -> np.ndarray:
-        moved = [self.first.measured] + ([self.second.measured] if self.second else [])
-        return np.concatenate([*moved, np.tile(self.read, (2, 1))], axis=1)
+        measured = [self.first.measured] + ([self.second.measured] if self.second else [])
+        return np.concatenate([*measured, np.tile(self.read, (2, 1))], axis=1)
 
     def jacobian(self, values: np.ndarray, places) -> tuple[np.ndarray, np.ndarray]:
         """Return the outputs and readings, (2, n), and their derivatives, (k, 2, n)."""
         places = list(places)
-        seen = [one.jacobian(values, places) for one in (self.first, self.second) if one]
+        outputs = [problem.jacobian(values, places) for problem in (self.first, self.second) if problem]
         own = np.equal.outer(places, self.places).astype(float)
-        shown = [s for s, _ in seen] + [np.tile(values[list(self.places)], (2, 1))]
-        by = [by for _, by in seen] + [np.stack([own, own], axis=1)]
-        return np.concatenate(shown, axis=1), np.concatenate(by, axis=2)
+        values_and_readings = [s for s, _ in outputs] + [np.tile(values[list(self.places)], (2, 1))]
+        by = [by for _, by in outputs] + [np.stack([own, own], axis=1)]
+        return np.concatenate(values_and_readings, axis=1), np.concatenate(by, axis=2)
 
     def whiten(self, values: np.ndarray) -> np.ndarray:
         """Return whitened residuals or derivatives of recording, protocol and readings."""
@@ -111,7 +112,7 @@ class Joint:
         return fit_parameters(cast(LibraryProblem, self), white, model.estimate.free, model.estimate.values)
 
 
-def made(
+def simulate_joint(
     stage: SimulatedTestbed,
     id: str,
     a: CandidateFit,
@@ -121,128 +122,143 @@ def made(
 ) -> Joint:
     """Return a protocol that is simulated with the true muscle."""
     (protocol,) = (p for p in PROTOCOL_MENU if p.id == id)
-    found, schedule = stage.problem, protocol.build_schedule(stage.rig, stage.start_time)
+    problem, schedule = stage.problem, protocol.build_schedule(stage.rig, stage.start_time)
     sds = get_direct_readings(stage, protocol, a, b)
     places, sd = tuple(sds), np.array(list(sds.values()))
     read = true[list(places)] + sd * rng.standard_normal(len(places))
     second = white = None
     if schedule is not None:
-        second, white = moved(stage, schedule, a, true, rng)
-    return Joint(found, second, places, read, sd, (a.noise, white))
+        second, white = simulate_protocol(stage, schedule, a, true, rng)
+    return Joint(problem, second, places, read, sd, (a.noise, white))
 
 
-def moved(
+def simulate_protocol(
     stage: SimulatedTestbed, schedule: Schedule, a: CandidateFit, true, rng
 ) -> tuple[LibraryProblem, NoiseModel]:
     """Return a simulated recording of the moved muscle, with noise of all four channels."""
     n, sensors = schedule.time.size, stage.problem.case.entry.sensors
-    shown = stage.simulate(schedule).predict(true)
-    seen = dataclasses.replace(
+    true_outputs = stage.simulate(schedule).predict(true)
+    noisy_schedule = dataclasses.replace(
         schedule,
         pressure=schedule.pressure + (sensors.pressure or 0.0) * rng.standard_normal(n),
         length=schedule.length + (sensors.length or 0.0) * rng.standard_normal(n),
     )
     # A slack muscle has no force: a lab omits these rows.
-    there = np.isfinite(shown) & (shown[0] > 0)
-    there[1] &= schedule.diameter_measured
-    noisy = shown + np.array([[stage.sensor_sd[0]], [stage.sensor_sd[1]]]) * rng.standard_normal((2, n))
-    on = dataclasses.replace(stage.simulate(seen), measured=np.where(there, noisy, np.nan))
-    return on, stage.build_noise(on, a.estimate.values, there)
+    is_measured = np.isfinite(true_outputs) & (true_outputs[0] > 0)
+    is_measured[1] &= schedule.diameter_measured
+    noisy = true_outputs + np.array([[stage.sensor_sd[0]], [stage.sensor_sd[1]]]) * rng.standard_normal(
+        (2, n)
+    )
+    problem = dataclasses.replace(
+        stage.simulate(noisy_schedule), measured=np.where(is_measured, noisy, np.nan)
+    )
+    return problem, stage.build_noise(problem, a.estimate.values, is_measured)
 
 
-def a_tie(seed: int) -> tuple[GroundTruth, LibraryProblem, CandidateFit, CandidateFit, int]:
+def draw_tie(seed: int) -> tuple[GroundTruth, LibraryProblem, CandidateFit, CandidateFit, int]:
     """Return a recording, its concealed mechanism, the best rival, and the number of rejected muscles."""
-    for again in range(50):
-        rng = np.random.default_rng([61, seed, again])
+    for rejected_count in range(50):
+        rng = np.random.default_rng([61, seed, rejected_count])
         envelope = inject_effects(
             1, rng, setup=draw_setup(rng, law="elastic"), smallest=SMALLEST, largest=LARGEST, number=seed
         )
         if not envelope.effect_ids or envelope.effect_ids[0] == COSTLIEST_MECHANISM:
             continue
-        found = build_library_problem(envelope.case)
+        problem = build_library_problem(envelope.case)
         (true,) = envelope.effect_ids
-        baseline = fit_baseline(found)
-        a = fit_mechanism(found, baseline, true)
-        rivals = [m for id in _rivals(found, baseline, true) if (m := fit_rival(found, a, true, id))]
+        baseline = fit_baseline(problem)
+        a = fit_mechanism(problem, baseline, true)
+        rivals = [
+            m for id in _select_rivals(problem, baseline, true) if (m := fit_rival(problem, a, true, id))
+        ]
         b = min(rivals, key=lambda m: m.estimate.cost)
         if abs(b.estimate.cost - a.estimate.cost) < DEFAULT_SETTINGS.tie_chi2:
-            return envelope, found, a, b, again
+            return envelope, problem, a, b, rejected_count
     raise RuntimeError(f"no tie in muscle {seed}")
 
 
-def _rivals(found: LibraryProblem, baseline: CandidateFit, true: str) -> list[str]:
+def _select_rivals(problem: LibraryProblem, baseline: CandidateFit, true: str) -> list[str]:
     """Return the mechanisms that fit a recording best in place of the true one, in the linear limit."""
-    offered = [form for form in build_candidates(found) if form.id != COSTLIEST_MECHANISM]
-    scored = compute_score_directions(found, baseline.noise, baseline.estimate, offered)
-    return [one.candidate.id for one in shortlist_candidates(scored, [true], RIVALS)]
+    offered = [form for form in build_candidates(problem) if form.id != COSTLIEST_MECHANISM]
+    directions = compute_score_directions(problem, baseline.noise, baseline.estimate, offered)
+    return [fitted.candidate.id for fitted in shortlist_candidates(directions, [true], RIVALS)]
 
 
 def trial(seed: int, repeats: int) -> dict[str, Any]:
     """Return the predictions for two protocols of one muscle, and their results."""
-    envelope, found, a, b, again = a_tie(seed)
-    true = np.array([envelope.true_values[name] for name in found.names])
-    stage, first, second = SimulatedTestbed.from_fit(found, a), a.ids[-1], b.ids[-1]
+    envelope, problem, a, b, rejected_count = draw_tie(seed)
+    true = np.array([envelope.true_values[name] for name in problem.names])
+    stage, first, second = SimulatedTestbed.from_fit(problem, a), a.ids[-1], b.ids[-1]
     menu = evaluate_protocols(stage, a, b, (first, second))
     worse = b.estimate.cost - a.estimate.cost
     rng = np.random.default_rng([62, seed])
-    done = []
-    for told, one in picked(menu).items():
-        (protocol,) = (p for p in PROTOCOL_MENU if p.id == one.id)
+    results = []
+    for kind, experiment in select_protocols(menu).items():
+        (protocol,) = (p for p in PROTOCOL_MENU if p.id == experiment.id)
         delta, of_a, of_b = compute_contrast(stage, protocol, a, b)
         back, back_limit = compute_power_and_limit(-delta, of_b, of_a)
         moves = []
         for _ in range(repeats):
-            both = made(stage, one.id, a, b, true, rng)
-            ends = [both.refit(model) for model in (a, b)]
+            joint = simulate_joint(stage, experiment.id, a, b, true, rng)
+            ends = [joint.refit(model) for model in (a, b)]
             moves.append(ends[1].cost - ends[0].cost - worse)
-        done.append(
-            {"told": told, "protocol": one.id, "power": one.power, "limit": _plain(one.chi2_limit),
-             "back": back, "back_limit": _plain(back_limit), "worse": moves}
-        )  # fmt: skip
+        results.append(
+            {
+                "kind": kind,
+                "protocol": experiment.id,
+                "power": experiment.power,
+                "limit": _finite_or_none(experiment.chi2_limit),
+                "back": back,
+                "back_limit": _finite_or_none(back_limit),
+                "worse": moves,
+            }
+        )
     return {
         "muscle": seed,
-        "again": again,
-        "tell": (first, second),
+        "rejected": rejected_count,
+        "mechanisms": (first, second),
         "tie": worse,
         "size": envelope.effect_sizes[0],
-        "made": done,
+        "protocols": results,
     }
 
 
-def picked(menu: list[Experiment]) -> dict[str, Experiment]:
+def select_protocols(menu: list[Experiment]) -> dict[str, Experiment]:
     """Return the recommended protocol, and another of medium predicted power."""
-    told = choose_experiment(menu, DEFAULT_SETTINGS)
-    rest = [e for e in menu if e is not told and MIDDLING[0] < e.power < MIDDLING[1]]
-    return {"chosen": told} | ({"middling": min(rest, key=lambda e: abs(e.power - BEST))} if rest else {})
+    recommended = choose_experiment(menu, DEFAULT_SETTINGS)
+    rest = [e for e in menu if e is not recommended and MIDDLING[0] < e.power < MIDDLING[1]]
+    return {"chosen": recommended} | (
+        {"middling": min(rest, key=lambda e: abs(e.power - BEST))} if rest else {}
+    )
 
 
-def _plain(limit: float) -> float | None:
+def _finite_or_none(limit: float) -> float | None:
     return limit if np.isfinite(limit) else None
 
 
 def report(lines: list[dict[str, Any]]) -> str:
     """Return predicted and reached rates over muscles, with bootstrap intervals over muscles."""
-    out = [f"{len(lines)} muscles, {np.mean([x['again'] for x in lines]):.1f} settled before each"]
-    for told in ("chosen", "middling"):
-        done = [one for line in lines for one in line["made"] if one["told"] == told]
-        out.append(f"{told} protocols: {len(done)}")
-        out += _words(_rates(done))
-    every = [one for line in lines for one in line["made"]]
+    out = [f"{len(lines)} muscles, {np.mean([x['rejected'] for x in lines]):.1f} rejected before each"]
+    for kind in ("chosen", "middling"):
+        results = [result for line in lines for result in line["protocols"] if result["kind"] == kind]
+        out.append(f"{kind} protocols: {len(results)}")
+        out += _words(_compute_rates(results))
+    all_results = [result for line in lines for result in line["protocols"]]
     for low, high in ((0.0, 0.3), (0.3, 0.7), (0.7, 0.9), (0.9, 0.99), (0.99, 1.01)):
-        there = [one for one in every if low <= one["power"] < high]
-        if there:
-            out.append(f"promised {low:.2f} to {min(high, 1):.2f}: {len(there)}")
-            out += _words(_rates(there))
+        in_range = [result for result in all_results if low <= result["power"] < high]
+        if in_range:
+            out.append(f"predicted {low:.2f} to {min(high, 1):.2f}: {len(in_range)}")
+            out += _words(_compute_rates(in_range))
     return "\n".join(out)
 
 
 def figures(lines: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the rates of the recommended and of the medium protocols, to be stored."""
     kept: dict[str, Any] = {"muscles": len(lines)}
-    for told in ("chosen", "middling"):
-        done = [one for line in lines for one in line["made"] if one["told"] == told]
-        kept[f"{told}, protocols"] = len(done)
-        kept |= {f"{told}, {name}": value for name, value in _rates(done).items()}
+    for kind in ("chosen", "middling"):
+        results = [result for line in lines for result in line["protocols"] if result["kind"] == kind]
+        kept[f"{kind}, protocols"] = len(results)
+        kept |= {f"{kind}, {name}": value for name, value in _compute_rates(results).items()}
     return kept
 
 
@@ -250,22 +266,24 @@ def _words(rates: dict[str, float | Interval]) -> list[str]:
     return [f"  {name}: {v if isinstance(v, Interval) else f'{v:.3f}'}" for name, v in rates.items()]
 
 
-def _rates(done: list[dict[str, Any]]) -> dict[str, float | Interval]:
-    promised = np.array([one["power"] for one in done])
-    reached = np.array([np.mean(np.array(one["worse"]) > _limit(one["limit"])) for one in done])
-    alarms = np.array([np.mean(-np.array(one["worse"]) > _limit(one["back_limit"])) for one in done])
+def _compute_rates(results: list[dict[str, Any]]) -> dict[str, float | Interval]:
+    predicted = np.array([result["power"] for result in results])
+    reached = np.array([np.mean(np.array(result["worse"]) > _limit(result["limit"])) for result in results])
+    alarms = np.array(
+        [np.mean(-np.array(result["worse"]) > _limit(result["back_limit"])) for result in results]
+    )
     rng = np.random.default_rng(0)
-    again = rng.integers(len(done), size=(2000, len(done)))
+    resampled = rng.integers(len(results), size=(2000, len(results)))
 
     def rate(values: np.ndarray) -> Interval:
-        low, high = np.quantile(values[again].mean(axis=1), [0.025, 0.975])
+        low, high = np.quantile(values[resampled].mean(axis=1), [0.025, 0.975])
         return Interval(float(values.mean()), float(low), float(high))
 
     return {
-        "power promised": float(promised.mean()),
-        "power reached": rate(reached),
-        "more than promised": rate(reached - promised),
-        "false alarms, 0.05 promised": rate(alarms),
+        "power predicted": float(predicted.mean()),
+        "power measured": rate(reached),
+        "more than predicted": rate(reached - predicted),
+        "false alarms, 0.05 predicted": rate(alarms),
     }
 
 
@@ -275,17 +293,17 @@ def _limit(limit: float | None) -> float:
 
 def main(muscles: int = 100, repeats: int = 1, file: Path | None = None) -> None:
     keep_compiled()
-    trials = Path("out/tell.jsonl")
+    trials = Path("out/discriminate.jsonl")
     trials.parent.mkdir(parents=True, exist_ok=True)
     # A killed run may have left an incomplete line.
     whole = [t for t in trials.read_text("utf-8").splitlines() if t.endswith("]}")] if trials.exists() else []
-    done = {line["muscle"]: line for line in map(json.loads, whole)}
+    lines_by_muscle = {line["muscle"]: line for line in map(json.loads, whole)}
     for seed in range(muscles):
-        if seed not in done:
-            done[seed] = trial(seed, repeats)
+        if seed not in lines_by_muscle:
+            lines_by_muscle[seed] = trial(seed, repeats)
             with trials.open("a", encoding="utf-8") as out:
-                out.write(json.dumps(done[seed]) + "\n")
-    lines = [done[seed] for seed in range(muscles)]
+                out.write(json.dumps(lines_by_muscle[seed]) + "\n")
+    lines = [lines_by_muscle[seed] for seed in range(muscles)]
     print(report(lines))
     keep(file, figures(lines))
 
