@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -253,7 +254,7 @@ def split_runs(starts: np.ndarray) -> list[slice]:
     """Return the continuous parts of a recording as slices."""
     edges = [*np.flatnonzero(starts).tolist(), starts.size]
     edges[0] = 0
-    return [slice(first, last) for first, last in zip(edges[:-1], edges[1:], strict=True)]
+    return [slice(first, last) for first, last in pairwise(edges)]
 
 
 def compute_rate(time: np.ndarray, starts: np.ndarray, values: np.ndarray) -> np.ndarray:

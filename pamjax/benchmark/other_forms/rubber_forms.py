@@ -39,7 +39,8 @@ class RubberWall:
 
     def compute_first_invariant(self, length: np.ndarray, thread: np.ndarray) -> np.ndarray:
         """Return I1 − 3."""
-        return sum(stretch**2 for stretch in self.compute_stretches(length, thread)) - 3
+        axial, hoop, radial = self.compute_stretches(length, thread)
+        return axial**2 + hoop**2 + radial**2 - 3
 
 
 def build_yeoh(wall: RubberWall, modulus: float, second: float, third: float) -> Energy:
@@ -64,8 +65,9 @@ def build_ogden(wall: RubberWall, modulus: float, exponent: float) -> Energy:
     """
 
     def compute_energy(length: np.ndarray, thread: np.ndarray) -> np.ndarray:
-        powers = sum(stretch**exponent for stretch in wall.compute_stretches(length, thread))
-        return 2 * modulus / exponent**2 * wall.volume * (powers - 3)
+        axial, hoop, radial = wall.compute_stretches(length, thread)
+        powers = axial**exponent + hoop**exponent + radial**exponent - 3
+        return 2 * modulus / exponent**2 * wall.volume * powers
 
     return compute_energy
 

@@ -96,7 +96,7 @@ class BaselineFit:
         )
 
     def compute_effect(self, readings: Readings, without: Readings) -> np.ndarray:
-        """Return the effect that a refit of the baseline does not absorb, (2, n), over noise; NaN if unused."""
+        """Return the effect that a refit of the baseline leaves, (2, n), over noise; NaN where not used."""
         zero = np.zeros(self.parameter_count)
         own = self.predict(readings.pressure, readings.length, zero)
         difference = (
