@@ -39,8 +39,11 @@ TRIAL_STAGES = ("all", "score")
 #: Range of effects, rms in noise standard deviations: just detectable to large.
 MIN_EFFECT_SD, MAX_EFFECT_SD = 3.0, 25.0
 
-#: Identifies a trial: stage, kind, correlation, number, seed, form error.
-TrialKey = tuple[str, str, float, int, int, float]
+#: Banks of simulated recordings: effects with the equations of the fit, or in other forms.
+BANKS = ("own", "other-forms")
+
+#: Identifies a trial: stage, kind, correlation, number, seed, form error, bank, method.
+TrialKey = tuple[str, str, float, int, int, float, str, str]
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,8 @@ class TrialTask:
         seed: seed of the study.
         with_baselines: whether to evaluate common practice too.
         form_error: rms share by which effects deviate from their equations.
+        bank: one of `BANKS`.
+        method: method of the diagnosis; "" for its default.
     """
 
     stage: str
@@ -64,13 +69,15 @@ class TrialTask:
     seed: int = 0
     with_baselines: bool = False
     form_error: float = 0.0
+    bank: str = "own"
+    method: str = ""
 
     @property
     def key(self) -> TrialKey:
         """Key that identifies the trial."""
         return (
             self.stage, self.kind, round(self.correlation, 6), self.number, self.seed,
-            round(self.form_error, 6),
+            round(self.form_error, 6), self.bank, self.method,
         )  # fmt: skip
 
 
@@ -90,7 +97,7 @@ class Trial:
     """Result of one simulated recording.
 
     Attributes:
-        stage, kind, correlation, number, seed, form_error: as in its task.
+        stage, kind, correlation, number, seed, form_error, bank, method: as in its task.
         law: thread law of the baseline.
         blocks: kind of the recording's blocks.
         concealed: ids of the injected effects.
@@ -110,6 +117,11 @@ class Trial:
             process.
         seconds: processor time, s.
         error: error message if the diagnosis failed, or "".
+        forms: form of each concealed mechanism, in the bank of other forms.
+        outside: family of the effect outside the library in that bank, or "".
+        outside_size: its size in noise standard deviations.
+        misstated: whether the sensors differ from muscle.toml.
+        held_out_ratios: held-out error with each identified mechanism over that without it.
     """
 
     stage: str
@@ -138,13 +150,21 @@ class Trial:
     form_error: float = 0.0
     seconds: float = 0.0
     error: str = ""
+    bank: str = "own"
+    method: str = ""
+    forms: tuple[str, ...] = ()
+    outside: str = ""
+    outside_size: float = 0.0
+    misstated: bool = False
+    held_out_ratios: tuple[float, ...] = ()
 
     @property
     def key(self) -> TrialKey:
         """Key of its task."""
         return TrialTask(
-            self.stage, self.kind, self.correlation, self.number, self.seed, form_error=self.form_error
-        ).key
+            self.stage, self.kind, self.correlation, self.number, self.seed, form_error=self.form_error,
+            bank=self.bank, method=self.method,
+        ).key  # fmt: skip
 
     @property
     def detected(self) -> bool:
@@ -206,7 +226,7 @@ def run_trial(task: TrialTask) -> Trial:
     ground_truth = draw_ground_truth(task)
     values: dict[str, Any] = {
         "stage": task.stage, "kind": task.kind, "correlation": task.correlation,
-        "number": task.number, "seed": task.seed, "form_error": task.form_error,
+        "number": task.number, "seed": task.seed, "form_error": task.form_error, "method": task.method,
         "law": ground_truth.case.entry.baseline,
         "blocks": find_blocks(ground_truth.case.recording).kind,
         "concealed": ground_truth.effect_ids, "sizes": ground_truth.effect_sizes,
@@ -216,11 +236,17 @@ def run_trial(task: TrialTask) -> Trial:
             values["p_value"] = score_recording(ground_truth.case, task.number).p_value
         else:
             values |= _compare_with_truth(
-                ground_truth, diagnose(ground_truth.case, seed=task.number), task.with_baselines
+                ground_truth, diagnose_trial(ground_truth.case, task), task.with_baselines
             )
     except Exception as error:  # a failed diagnosis is a result of the study
         values["error"] = f"{type(error).__name__}: {error}"[:300]
     return Trial(**values, seconds=round(time.process_time() - start_time, 2))
+
+
+def diagnose_trial(case: Case, task: TrialTask) -> Diagnosis:
+    """Return the diagnosis of a recording by the method of its task."""
+    options: dict[str, Any] = {"method": task.method} if task.method else {}
+    return diagnose(case, seed=task.number, **options)
 
 
 def draw_ground_truth(task: TrialTask) -> GroundTruth:

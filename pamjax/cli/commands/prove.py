@@ -10,6 +10,7 @@ from cyclopts import Parameter
 
 from pamjax.cli.options import Json
 from pamjax.cli.screen import check_writable, print_json, print_text, print_written_files, show_progress
+from pamjax.errors import check_minimum, refuse
 
 #: Recordings of `--quick` for each noise correlation, by number of concealed effects.
 QUICK_COUNTS = {"nothing": 1, "single": 3, "pair": 1, "triple": 0, "outside": 1}
@@ -24,13 +25,17 @@ def prove(
     pair: int = 0,
     triple: int = 0,
     outside: int = 1,
+    mixed: int = 0,
     correlation: Annotated[list[float] | None, Parameter(negative="")] = None,
     stage: Literal["all", "score"] = "all",
+    bank: Literal["own", "other-forms"] = "own",
+    method: Literal["stepwise", "evidence"] | None = None,
     form_error: float = 0.0,
     rivals: bool = True,
     quick: bool = False,
     workers: int = 1,
     seed: int = 0,
+    write: Path | None = None,
     json: Json = False,
 ) -> None:
     """Test `pamjax diagnose` on simulated recordings with concealed effects.
@@ -46,24 +51,36 @@ def prove(
         pair: number of recordings with two effects.
         triple: number of recordings with three effects.
         outside: number of recordings with an effect outside the library.
+        mixed: number of recordings with one such effect and one mechanism, in the bank other-forms.
         correlation: noise correlation of neighbouring samples, 0 to 0.95; repeat the option for several
             values; by default 0.
         stage: all (complete diagnosis) or score (only the p-value of the baseline model, for recordings
             without an effect).
+        bank: own (concealed effects have the equations of the fit) or other-forms (no mechanism has its
+            equation, sensors may be misstated; docs/validation.md describes it).
+        method: how the diagnosis chooses mechanisms, by default as `pamjax diagnose` does.
         form_error: relative difference between concealed effects and the equations of their mechanisms, 0 to
             0.5; it varies smoothly over pressure and length.
         rivals: also evaluate common practice, BIC selection and a Gaussian process.
         quick: run a small study with fixed numbers of recordings and correlations on two cores.
         workers: number of processes; each needs some gigabytes of memory and compiles the model once.
         seed: random seed for all recordings.
+        write: with the bank other-forms, write its recordings as case folders with key.json to this new
+            folder, and diagnose nothing.
         json: print the table as JSON.
     """
-    from pamjax.errors import check_minimum, refuse
-
     counts = {"nothing": nothing, "single": single, "pair": pair, "triple": triple, "outside": outside}
+    if bank == "other-forms":
+        counts["mixed"] = mixed
+    elif mixed or write:
+        option = "--mixed" if mixed else "--write"
+        raise refuse(f"`{option}` needs the bank of other forms", remedy="Add --bank other-forms.")
     correlations = tuple(correlation) if correlation else (0.0,)
     if quick:
         counts, correlations, workers = QUICK_COUNTS, QUICK_CORRELATIONS, max(workers, 2)
+    if bank == "other-forms" and (stage == "score" or form_error):
+        option = "--stage score" if stage == "score" else "--form-error"
+        raise refuse(f"the bank of other forms has no `{option}`", remedy="Remove the option.")
     if stage == "score":
         counts = {"nothing": counts["nothing"]}
     for name, count in (counts | {"seed": seed}).items():
@@ -74,52 +91,94 @@ def prove(
     if not 0 <= form_error <= 0.5:
         raise refuse("`form_error` must be between 0 and 0.5", f"{form_error:g}")
     check_minimum("workers", workers, 1)
+    from pamjax.benchmark.prove import build_tasks
+
+    tasks = build_tasks(
+        counts, correlations, stage=stage, seed=seed,
+        with_baselines=rivals and stage == "all" and bank == "own", form_error=form_error, bank=bank,
+        method=method or "",
+    )  # fmt: skip
+    if write is not None:
+        _write_recordings(write, tasks, seed, json)
+    else:
+        _run_study(tasks, out, bank, workers, json)
+
+
+def _write_recordings(folder: Path, tasks: list, seed: int, json: bool) -> None:
+    """Write the recordings of the tasks in random order as case folders with a key."""
+    import numpy as np
+
+    from pamjax.benchmark.bank_trial import draw_task_recording
+    from pamjax.benchmark.other_forms.case_files import write_bank
+
+    if folder.exists() and any(folder.iterdir()):
+        rule = "`write` must be a new or an empty folder"
+        raise refuse(rule, f"{folder}, which has files", remedy="Choose another folder.")
+    check_writable(folder)
+    order = np.random.default_rng(seed).permutation(len(tasks)).tolist()
+    recordings = []
+    with show_progress(quiet=json) as progress:
+        for done, k in enumerate(order, start=1):
+            recordings.append(draw_task_recording(tasks[k]))
+            progress(f"{done} of {len(tasks)}", done / len(tasks))
+    notes = [{"number": tasks[k].number, "seed": seed} for k in order]
+    key = write_bank(folder, recordings, notes)
+    if json:
+        print_json({"folder": str(folder), "recordings": len(recordings), "key": str(key)})
+    else:
+        print_text(f"  {len(recordings)} recordings in {folder}")
+    print_written_files([key])
+
+
+def _run_study(tasks: list, out: Path, bank: str, workers: int, json: bool) -> None:
+    """Diagnose the recordings of the tasks, and write the results and their tables."""
     check_writable(out)
     out.mkdir(parents=True, exist_ok=True)
-    from pamjax.benchmark.prove import build_tasks, read_trials, run_proof
+    from pamjax.benchmark.bank_tally import tabulate_bank
+    from pamjax.benchmark.bank_trial import run_bank_trial
+    from pamjax.benchmark.prove import read_trials, run_proof
     from pamjax.benchmark.rates import build_rows, format_text
     from pamjax.benchmark.tally import tabulate_trials
+    from pamjax.benchmark.trial import run_trial
     from pamjax.compile.jax_cache import keep_compiled
 
     keep_compiled()
     file = out / "trials.jsonl"
-    tasks = build_tasks(
-        counts,
-        correlations,
-        stage=stage,
-        seed=seed,
-        with_baselines=rivals and stage == "all",
-        form_error=form_error,
-    )
+    tabulate, attempt = (tabulate_trials, run_trial) if bank == "own" else (tabulate_bank, run_bank_trial)
     with show_progress(quiet=json) as progress:
-        trials = run_proof(tasks, file, workers=workers, progress=progress)
-    rates = tabulate_trials(trials)
+        trials = run_proof(tasks, file, workers=workers, progress=progress, attempt=attempt)
+    rates = tabulate(trials)
     print_json(build_rows(rates)) if json else print_text(
         "\n".join([format_text(rates), *_format_trials(trials)])
     )
-    print_written_files([file, *_write_tables(out, read_trials(file))])
+    same_bank = [trial for trial in read_trials(file) if trial.bank == bank]
+    print_written_files(
+        [file, *_write_tables(out, same_bank, tabulate(same_bank), with_figures=bank == "own")]
+    )
 
 
 def _format_trials(trials: list) -> Iterator[str]:
     """Return concealed and named effects of the first twenty trials with effects."""
     for trial in [item for item in trials if item.kind != "nothing"][:20]:
         named_text = ", ".join(trial.named) or ("unexplained" if trial.unexplained else "nothing")
-        yield f"  {trial.kind} {trial.number + 1}: {', '.join(trial.concealed)} -> {named_text}"
+        concealed = ", ".join([*trial.concealed, *([trial.outside] if trial.outside else [])])
+        yield f"  {trial.kind} {trial.number + 1}: {concealed} -> {named_text}"
 
 
-def _write_tables(out: Path, trials: list) -> list[Path]:
+def _write_tables(out: Path, trials: list, lines: list, *, with_figures: bool) -> list[Path]:
     """Write the tables and figures of all trials in a folder and return their paths."""
     from pamjax.benchmark.rates import build_documents
-    from pamjax.benchmark.tally import tabulate_trials
     from pamjax.records.files import write_atomically
     from pamjax.view.figures.benchmark import plot_null, plot_proof
     from pamjax.view.theme import save_figure
 
     files = []
-    for name, document in build_documents(tabulate_trials(trials)).items():
+    for name, document in build_documents(lines).items():
         with write_atomically(out / name) as temporary:
             temporary.write_text(document, encoding="utf-8")
         files.append(out / name)
-    for name, drawing in (("nothing", plot_null(trials)), ("recovery", plot_proof(trials))):
+    drawings = {"nothing": plot_null, "recovery": plot_proof} if with_figures else {}
+    for name, plot in drawings.items():
+        drawing = plot(trials)
         files += save_figure(drawing, out / name) if drawing else []
     return files

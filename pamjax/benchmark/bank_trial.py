@@ -1,0 +1,136 @@
+"""One trial of the bank of other forms: a recording, its diagnosis, and the comparison with its key.
+
+A name counts as right if its id is concealed, or if the diagnosis lists a concealed id among its
+indistinguishable ids. The true parameters of another form have no counterpart in the fit. Therefore only
+offsets, gains and delays compare their parameters.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+
+from pamjax.benchmark.other_forms.case_files import build_bank_case
+from pamjax.benchmark.other_forms.draw import BANK_KINDS, BankRecording, draw_bank_recording
+from pamjax.benchmark.trial import RecoveredParameter, Trial, TrialTask, diagnose_trial
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate, switch_off_candidate
+from pamjax.diagnosis.result import Diagnosis
+from pamjax.records.blocks import find_blocks
+
+
+def draw_task_recording(task: TrialTask) -> BankRecording:
+    """Draw the recording of a task; the same task gives the same recording."""
+    words = [task.seed, list(BANK_KINDS).index(task.kind), task.number, round(1e3 * task.correlation)]
+    return draw_bank_recording(task.kind, task.correlation, np.random.default_rng(words))
+
+
+def run_bank_trial(task: TrialTask) -> Trial:
+    """Simulate the recording of a task, diagnose it, and compare with what it conceals."""
+    start_time = time.process_time()
+    bank_recording = draw_task_recording(task)
+    case = build_bank_case(bank_recording, f"{task.kind}-{task.number}")
+    mechanisms = [effect for effect in bank_recording.effects if effect.in_library]
+    outside = [effect for effect in bank_recording.effects if not effect.in_library]
+    values: dict[str, Any] = {
+        "stage": task.stage, "kind": task.kind, "correlation": task.correlation, "number": task.number,
+        "seed": task.seed, "bank": task.bank, "method": task.method, "law": case.entry.baseline,
+        "blocks": find_blocks(case.recording).kind, "misstated": bank_recording.misstated,
+        "concealed": tuple(effect.id for effect in mechanisms),
+        "forms": tuple(effect.form for effect in mechanisms),
+        "sizes": tuple(effect.size for effect in mechanisms),
+        "outside": outside[0].id if outside else "", "outside_size": outside[0].size if outside else 0.0,
+    }  # fmt: skip
+    try:
+        values |= compare_with_key(bank_recording, diagnose_trial(case, task))
+    except Exception as error:  # a failed diagnosis is a result of the study
+        values["error"] = f"{type(error).__name__}: {error}"[:300]
+    return Trial(**values, seconds=round(time.process_time() - start_time, 2))
+
+
+def compare_with_key(bank_recording: BankRecording, diagnosis: Diagnosis) -> dict[str, Any]:
+    """Return the fields of a trial that a diagnosis determines."""
+    names = diagnosis.established_mechanisms
+    concealed = {effect.id for effect in bank_recording.effects if effect.in_library}
+    named_ids = tuple(name.id for name in names)
+    ties = tuple(tuple(name.indistinguishable) for name in names)
+    return {
+        "p_value": diagnosis.mismatch.p_value,
+        "named": named_ids,
+        "ties": ties,
+        "probabilities": tuple(float(name.probability) for name in names),
+        "stand_ins": find_ties(concealed, named_ids, ties),
+        "unexplained": bool(diagnosis.unexplained),
+        "numbers": tuple(_compare_usual_parameters(bank_recording, diagnosis)),
+        "held_out_ratios": compute_held_out_ratios(diagnosis),
+    }
+
+
+def find_ties(
+    concealed: set[str], named: tuple[str, ...], ties: tuple[tuple[str, ...], ...]
+) -> tuple[tuple[str, str], ...]:
+    """Return the (concealed, named) pairs of ids in which the concealed one is a tie of the named one.
+
+    >>> find_ties({"force_gain"}, ("pressure_gain", "end_taper"), (("force_gain",), ()))
+    (('force_gain', 'pressure_gain'),)
+    """
+    return tuple(
+        (tie, name)
+        for name, alternatives in zip(named, ties, strict=True)
+        for tie in alternatives
+        if tie in concealed and name not in concealed
+    )
+
+
+def _compare_usual_parameters(
+    bank_recording: BankRecording, diagnosis: Diagnosis
+) -> list[RecoveredParameter]:
+    """Return the parameters of right names whose form is that of the fit, with their true values."""
+    out = []
+    for effect in bank_recording.effects:
+        estimate = diagnosis.parameters.get(effect.id, {}).get(effect.amplitude)
+        if effect.form != "usual" or estimate is None or not math.isfinite(estimate.value + estimate.sd):
+            continue
+        name, true = f"{effect.id}.{effect.amplitude}", effect.parameters[effect.amplitude]
+        out.append(RecoveredParameter(name, true, float(estimate.value), float(estimate.sd), True))
+    return out
+
+
+def compute_held_out_ratios(diagnosis: Diagnosis) -> tuple[float, ...]:
+    """Return for each established mechanism the held-out error with it over that without it.
+
+    Both models are refitted without the held-out blocks. The error is the rms over force and diameter in
+    noise standard deviations. Above one, the mechanism makes the prediction worse. Empty without
+    held-out blocks.
+    """
+    problem, held_out = diagnosis.problem, diagnosis.gain.held_out
+    names = {name.id for name in diagnosis.established_mechanisms}
+    if not held_out.any() or not names:
+        return ()
+    mechanisms = tuple(m for m in diagnosis.model.mechanisms if m.id in names)
+    full = fit_candidate(problem, ~held_out, mechanisms, diagnosis.model.estimate.values)
+    error, out = _compute_held_out_error(problem, full, full, held_out), []
+    for name in diagnosis.established_mechanisms:
+        others = tuple(m for m in mechanisms if m.id != name.id)
+        values = full.estimate.values
+        for removed in (m for m in mechanisms if m.id == name.id):
+            values = switch_off_candidate(problem, values, removed)
+        without = fit_candidate(problem, ~held_out, others, values)
+        out.append(error / max(_compute_held_out_error(problem, without, full, held_out), 1e-12))
+    return tuple(out)
+
+
+def _compute_held_out_error(
+    problem: LibraryProblem, fit: CandidateFit, reference: CandidateFit, rows: np.ndarray
+) -> float:
+    """Return the rms of a fit over some rows in the noise sd of a reference fit."""
+    misfit = problem.measured - problem.predict(fit.estimate.values)
+    parts = [
+        (misfit[c] / channel.sd)[rows]
+        for c, channel in enumerate(reference.noise.channels)
+        if channel is not None
+    ]
+    return float(np.sqrt(np.nanmean(np.concatenate(parts) ** 2)))
