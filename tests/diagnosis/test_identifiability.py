@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from pamjax.diagnosis.identifiability import (
     format_strained_parameters,
@@ -27,8 +28,10 @@ def list_unidentified(jacobian):
     return format_unidentified_combinations(problem, fit)
 
 
-def test_parameter_without_effect_is_reported():
-    (note,) = list_unidentified([[1e5, 0.0]])
+@pytest.mark.parametrize("by_turns", [0.0, 100.0])
+def test_parameter_that_its_prior_determines_better_is_reported(by_turns):
+    """With 100 per turn, one standard sample has an sd of 0.01; the prior has 0.004."""
+    (note,) = list_unidentified([[1e5, 0.0], [0.0, by_turns]])
     assert "does not determine `muscle.turns`" in note
 
 
@@ -55,8 +58,10 @@ def test_parameter_at_its_limit_is_reported():
     (length_low, turns_low), (_, turns_high) = problem.low[free], problem.high[free]
     (single,) = list_strained(0.2512, turns_high - 1e-9)
     assert single.startswith("`muscle.turns` reached its limit (3 sd")
+    assert single.endswith("its stated sd is too small.")
     (both,) = list_strained(length_low, turns_low)
     assert both.startswith("`muscle.thread_length` and `muscle.turns` reached their limits (3 sd")
+    assert both.endswith("their stated sd are too small.")
     assert list_strained(0.2510, 1.085) == []
 
 

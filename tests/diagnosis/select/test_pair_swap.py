@@ -36,6 +36,8 @@ def test_the_best_pair_is_that_of_least_squares_over_all_pairs():
     rng = np.random.default_rng(3)
     directions = rng.standard_normal((5, ROWS))
     directions[4] = directions[0] + directions[1] + 0.3 * directions[4]
+    # The directions c and d are nearly parallel: each alone explains more than b, and together hardly more.
+    directions[2] = directions[3] + 0.3 * directions[2]
     residual = 2.0 * directions[1] - 3.0 * directions[3] + rng.standard_normal(ROWS)
     scored, fit = build_score_directions(directions)
     (first, second), *_ = rank_pairs(scored, fit, residual, SAME_PAIR_CHI2_SHARE)
