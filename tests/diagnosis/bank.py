@@ -7,21 +7,28 @@ that a diagnosis can name. All recordings share one compiled program.
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
 from pamjax import diagnose
 from pamjax.benchmark.inject_effect import GroundTruth, inject_effects
 from pamjax.benchmark.setups import Setup, build_reference_setup
+from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem
 from pamjax.diagnosis.result import Diagnosis
+from pamjax.diagnosis.run import Method
 from pamjax.records.case import Case
 from pamjax.records.recording import Recording
 
 #: Probability from which a named mechanism counts as certain.
 CERTAIN_PROBABILITY = 0.9
+
+#: Method of a diagnosis that names none.
+DEFAULT_METHOD: Method = inspect.signature(diagnose).parameters["method"].default
 
 
 @dataclass(frozen=True)
@@ -97,10 +104,33 @@ def simulate_bank(definition: BankRecording) -> GroundTruth:
     return replace(ground_truth, case=replace_recording(ground_truth.case, force=force))
 
 
+def diagnose_bank(definition: BankRecording, method: Method = DEFAULT_METHOD) -> Diagnosis:
+    """Return the diagnosis of a recording with the ordinary settings, by any method."""
+    return _diagnose_once(definition, method)
+
+
 @cache
-def diagnose_bank(definition: BankRecording) -> Diagnosis:
-    """Return the diagnosis of a recording with the ordinary settings."""
-    return diagnose(simulate_bank(definition).case)
+def _diagnose_once(definition: BankRecording, method: Method) -> Diagnosis:
+    return diagnose(simulate_bank(definition).case, method=method)
+
+
+@cache
+def build_plan_problem() -> LibraryProblem:
+    """Return the problem of the protocol before its simulation: real limits and priors, nothing compiled."""
+    setup = build_setup()
+    return build_library_problem(Case("bank", Path("bank"), setup.entry, setup.plan, "simulated"))
+
+
+@cache
+def simulate_without_noise() -> LibraryProblem:
+    """Return the problem of the protocol with the readings of the stated muscle."""
+    problem = build_plan_problem()
+    return replace_readings(problem, problem.predict(problem.neutral))
+
+
+def replace_readings(problem: LibraryProblem, measured: np.ndarray) -> LibraryProblem:
+    """Return a problem with other readings of force (N) and diameter (m), (2, n); NaN where there is none."""
+    return replace(problem, measured=measured)
 
 
 def replace_recording(case: Case, **channels: np.ndarray) -> Case:
@@ -127,6 +157,20 @@ def list_certain_errors(diagnosis: Diagnosis, injected: Iterable[str]) -> list[s
         if mechanism.probability >= CERTAIN_PROBABILITY
         and not injected & {mechanism.id, *mechanism.indistinguishable}
     ]
+
+
+def check_no_mismatch(diagnosis: Diagnosis) -> None:
+    """Assert that a diagnosis reports nothing."""
+    assert not diagnosis.detected
+    assert diagnosis.named_mechanisms == ()
+    assert not diagnosis.unexplained
+
+
+def check_unexplained(diagnosis: Diagnosis) -> None:
+    """Assert that a diagnosis reports an effect outside the library, and no mechanism as certain."""
+    assert diagnosis.detected
+    assert diagnosis.unexplained
+    assert list_certain_errors(diagnosis, ()) == []
 
 
 def check_identified(diagnosis: Diagnosis, injected: Iterable[str]) -> None:

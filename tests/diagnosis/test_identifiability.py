@@ -1,72 +1,75 @@
 """Parameters that the refit of the baseline does not determine are reported."""
 
-from types import SimpleNamespace
+from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from pamjax.diagnosis.identifiability import (
     format_strained_parameters,
     format_unidentified_combinations,
     format_untestable_mechanisms,
 )
-from pamjax.diagnosis.settings import DEFAULT_SETTINGS
+from pamjax.diagnosis.library.library_problem import build_library_problem
+from tests.diagnosis.bank import build_plan_problem
+from tests.diagnosis.plain_fits import build_fit
 
 NAMES = ("muscle.thread_length", "muscle.turns")
 
 
-def refit(jacobian):
-    found = SimpleNamespace(names=NAMES, prior_sd=np.array([1e-3, 5e-3]), start=np.array([0.25, 1.1]))
-    at = SimpleNamespace(free=(0, 1), jacobian=np.array(jacobian), scale=np.ones(2))
-    return found, SimpleNamespace(estimate=at)
+def get_free():
+    return [build_plan_problem().index(name) for name in NAMES]
 
 
-def test_parameter_without_effect_is_reported():
-    (said,) = format_unidentified_combinations(*refit([[1e5, 0.0]]))
-    assert "does not determine `muscle.turns`" in said
+def list_unidentified(jacobian):
+    """Return the notes of a refit whose whitened samples have these derivatives by length and turns."""
+    problem, jacobian = build_plan_problem(), np.array(jacobian)
+    fit = build_fit(problem.start, get_free(), residual=np.zeros(len(jacobian)), jacobian=jacobian)
+    return format_unidentified_combinations(problem, fit)
+
+
+@pytest.mark.parametrize("by_turns", [0.0, 100.0])
+def test_parameter_that_its_prior_determines_better_is_reported(by_turns):
+    """With 100 per turn, one standard sample has an sd of 0.01; the prior has 0.004."""
+    (note,) = list_unidentified([[1e5, 0.0], [0.0, by_turns]])
+    assert "does not determine `muscle.turns`" in note
 
 
 def test_compensating_parameters_are_reported_together():
     # One sample determines only their sum, in units of their prior sd.
-    (said,) = format_unidentified_combinations(*refit([[1e5, 2e4]]))
-    assert "only in combination" in said
-    assert "thread_length" in said
-    assert "turns" in said
+    (note,) = list_unidentified([[1e5, 1e4]])
+    assert "only in combination" in note
+    assert "thread_length" in note
+    assert "turns" in note
 
 
 def test_determined_parameter_is_not_reported():
-    assert format_unidentified_combinations(*refit([[1e5, 0.0], [0.0, 2e4]])) == []
+    assert list_unidentified([[1e5, 0.0], [0.0, 2e4]]) == []
 
 
 def test_parameter_at_its_limit_is_reported():
-    low, high = np.array([0.247, 1.085]), np.array([0.253, 1.115])
-    found = SimpleNamespace(
-        settings=DEFAULT_SETTINGS,
-        names=NAMES,
-        prior_sd=np.array([1e-3, 5e-3]),
-        is_baseline=np.array([True, True]),
-        low=low,
-        high=high,
-        is_logarithmic=np.zeros(2, bool),
-    )
+    problem, free = build_plan_problem(), get_free()
 
-    def said(*values):
-        at = SimpleNamespace(free=(0, 1), values=np.array(values))
-        return format_strained_parameters(found, SimpleNamespace(estimate=at))
+    def list_strained(*values):
+        all_values = problem.neutral.copy()
+        all_values[free] = values
+        return format_strained_parameters(problem, build_fit(all_values, free))
 
-    (one,) = said(0.25, 1.115 - 1e-9)
-    assert one.startswith("`muscle.turns` reached its limit (3 sd")
-    (both,) = said(0.247, 1.085)
+    (length_low, turns_low), (_, turns_high) = problem.low[free], problem.high[free]
+    (single,) = list_strained(0.2512, turns_high - 1e-9)
+    assert single.startswith("`muscle.turns` reached its limit (3 sd")
+    assert single.endswith("its stated sd is too small.")
+    (both,) = list_strained(length_low, turns_low)
     assert both.startswith("`muscle.thread_length` and `muscle.turns` reached their limits (3 sd")
-    assert said(0.2475, 1.1) == []
+    assert both.endswith("their stated sd are too small.")
+    assert list_strained(0.2510, 1.085) == []
 
 
 def test_mechanisms_that_a_table_cannot_test_are_reported():
-    def said(has_time):
-        return format_untestable_mechanisms(
-            SimpleNamespace(case=SimpleNamespace(recording=SimpleNamespace(has_time=has_time)))
-        )
-
-    (one,) = said(False)
-    assert "`time`" in one
-    assert "friction" in one
-    assert said(True) == []
+    problem = build_plan_problem()
+    recording = replace(problem.case.recording, time=None, cycle=None)
+    table = build_library_problem(replace(problem.case, recording=recording))
+    (note,) = format_untestable_mechanisms(table)
+    assert "`time`" in note
+    assert "friction" in note
+    assert format_untestable_mechanisms(problem) == []

@@ -1,44 +1,28 @@
 """Texts of a diagnosis for its parameters."""
 
-from types import SimpleNamespace
-from typing import Any
-
-import numpy as np
 import pytest
 
 from pamjax.diagnosis.result import build_parameter_estimate, format_named_estimate
-from pamjax.diagnosis.settings import DEFAULT_SETTINGS
-from pamjax.parameter import Meaning
-
-
-def _told(value, *, low=0.0, high=1.0, scale="linear", neutral=None):
-    """Return the text of a refitted parameter."""
-    meaning = Meaning("1", "", 0.0, 1.0, scale, "made up", "here", neutral)
-    found: Any = SimpleNamespace(
-        settings=DEFAULT_SETTINGS,
-        low=np.array([low]),
-        high=np.array([high]),
-        is_logarithmic=np.array([scale == "log"]),
-        meanings=(meaning,),
-    )
-    model: Any = SimpleNamespace(
-        estimate=SimpleNamespace(free=(0,), values=np.array([value])), sd=lambda k: 0.01
-    )
-    return format_named_estimate("coefficient", build_parameter_estimate(found, model, 0))
+from tests.diagnosis.bank import build_plan_problem
+from tests.diagnosis.plain_fits import build_fit
 
 
 @pytest.mark.parametrize(
-    ("said", "expected"),
+    ("name", "value", "expected"),
     [
-        (_told(0.5), False),
-        (_told(0.9999), True),
-        (_told(1e-5), True),
-        (_told(1e-5, neutral=0.0), False),  # nothing there is no limit
-        (_told(0.9999, neutral=0.0), True),
-        (_told(0.3999, high=0.4), True),  # of this recording, whatever is possible elsewhere
-        (_told(1.0001e-6, low=1e-6, scale="log"), True),
-        (_told(1e-3, low=1e-6, scale="log"), False),  # linearly it would be at the lower end
+        ("muscle.turns", 1.09, False),
+        ("muscle.turns", 1.10199, True),  # a limit of this recording, 3 sd from the stated value
+        ("muscle.turns", 1.07801, True),
+        ("braid_friction.coefficient", 1e-4, False),  # without friction it is not at a limit
+        ("braid_friction.coefficient", 4.999, True),
+        ("viscoelastic_creep.time_long", 10.001, True),
+        ("viscoelastic_creep.time_long", 15.0, False),  # on a linear scale it would be at the lower limit
     ],
 )
-def test_parameter_at_its_limit_is_marked(said, expected):
-    assert said.endswith(", at its limit") is expected
+def test_parameter_at_its_limit_is_marked(name, value, expected):
+    problem = build_plan_problem()
+    k = problem.index(name)
+    values = problem.neutral.copy()
+    values[k] = value
+    estimate = build_parameter_estimate(problem, build_fit(values, [k]), k)
+    assert format_named_estimate(name, estimate).endswith(", at its limit") is expected

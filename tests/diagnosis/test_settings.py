@@ -3,7 +3,6 @@
 import ast
 import dataclasses
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from pamjax.diagnosis.detect.locate import _find_direction
 from pamjax.diagnosis.detect.regions import RecordingAxes, split_into_regions
 from pamjax.diagnosis.detect.residual_test import is_residual_large, is_residual_significant
 from pamjax.diagnosis.detect.significance import Significance
+from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import _compute_limits
 from pamjax.diagnosis.next_experiment.experiment import Experiment, choose_experiment
 from pamjax.diagnosis.noise.estimate import _build_channel_noise
@@ -25,9 +25,12 @@ from pamjax.diagnosis.select.search import MechanismSearch
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings, describe_settings
 from pamjax.errors import BadInput
+from pamjax.parameter import Meaning
 from pamjax.progress import ignore_progress
 from pamjax.records.blocks import Blocks
 from pamjax.records.simulate import draw_ar1_noise
+from tests.diagnosis.bank import build_plan_problem
+from tests.diagnosis.plain_fits import build_estimate, build_fit
 from tests.view import made_up
 
 NAMES = [setting.name for setting in dataclasses.fields(DiagnosisSettings)]
@@ -141,40 +144,41 @@ def estimate_correlation(settings):
 
 def compute_upper_limit(settings):
     inputs = np.array([1.0]), np.array([0.1]), np.array([True])
-    _, high = _compute_limits(["muscle.turns"], [SimpleNamespace(low=0.0, high=9.0)], *inputs, settings)
+    meaning = Meaning("1", "1", 0.0, 9.0, "linear", "turns", "test")
+    _, high = _compute_limits(["muscle.turns"], [meaning], *inputs, settings)
     return float(high[0])
 
 
+def build_problem(settings):
+    return dataclasses.replace(build_plan_problem(), settings=settings)
+
+
 def count_parameters_at_limit(settings):
-    problem: Any = SimpleNamespace(
-        settings=settings, low=np.zeros(1), high=np.ones(1), is_logarithmic=np.zeros(1, bool)
-    )
-    estimate: Any = SimpleNamespace(free=(0,), values=np.array([0.99]))
-    return find_parameters_at_limit(problem, estimate).size
+    problem = build_problem(settings)
+    k = problem.index("force_gain.gain")
+    values = problem.neutral.copy()
+    values[k] = problem.high[k] - 0.01 * (problem.high[k] - problem.low[k])
+    return find_parameters_at_limit(problem, build_estimate(values, [k])).size
 
 
 FAINT = Significance(p_value=0.005, largest_deviation=4.0, direction_count=100, mean_square=1.2)
 
 
+def build_search(settings, baseline):
+    return MechanismSearch(build_problem(settings), np.ones(1, bool), baseline, (), ignore_progress)
+
+
 def is_worthwhile(settings):
     """A mechanism that explains a half of a misfit of one standard deviation."""
-    baseline: Any = SimpleNamespace(
-        corrected_chi2=2000.0, excess_chi2=1000.0, noise=SimpleNamespace(size=1000)
-    )
-    extended: Any = SimpleNamespace(
-        corrected_chi2=1500.0, mechanisms=(SimpleNamespace(free_parameters=("a.much",)),)
-    )
-    problem: Any = SimpleNamespace(settings=settings)
-    search = MechanismSearch(problem, np.ones(1, bool), baseline, (), ignore_progress)
-    return search.is_worthwhile(baseline, extended, small=False)
+    baseline = build_fit(n=1000, chi2=2000.0)
+    extended = build_fit(n=1000, chi2=1500.0, mechanisms=(Candidate("force_gain", ("force_gain.gain",)),))
+    return build_search(settings, baseline).is_worthwhile(baseline, extended, small=False)
 
 
 def is_pair_worthwhile(settings):
-    problem: Any = SimpleNamespace(settings=settings)
-    baseline: Any = SimpleNamespace(excess_chi2=1000.0)
-    fit: Any = SimpleNamespace(excess_chi2=30.0, full_bic=0.0)
-    other: Any = SimpleNamespace(excess_chi2=1000.0, full_bic=1.0)
-    return MechanismSearch(problem, np.ones(1, bool), baseline, (), ignore_progress).is_complete(fit, other)
+    """A pair that leaves 3 % of the excess χ² of the baseline."""
+    baseline = build_fit(n=1000, chi2=2000.0)
+    return build_search(settings, baseline).is_complete(build_fit(n=1000, chi2=1030.0), baseline)
 
 
 def reduce_probability(settings):

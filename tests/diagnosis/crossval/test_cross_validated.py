@@ -55,12 +55,12 @@ def test_whole_isobars_inside_the_range_are_held_out():
 
 
 def test_a_mechanism_beside_an_unexplained_effect_has_half_of_its_certainty():
-    diagnosis = diagnose_bank(replace(RUBBER, unmodelled="zero_step"))
+    diagnosis = diagnose_bank(replace(RUBBER, unmodelled="zero_step"), "stepwise")
     assert diagnosis.unexplained
     assert list_missing(diagnosis, ["bladder_elasticity"]) == []
     assert all(m.probability <= MAX_PROBABILITY_BESIDE_MISFIT for m in diagnosis.named_mechanisms)
     # Without the other effect the mechanism is certain.
-    assert diagnose_bank(RUBBER).named_mechanisms[0].probability > MAX_PROBABILITY_BESIDE_MISFIT
+    assert diagnose_bank(RUBBER, "stepwise").named_mechanisms[0].probability > MAX_PROBABILITY_BESIDE_MISFIT
 
 
 def test_a_few_isobars_are_divided_into_cycles():

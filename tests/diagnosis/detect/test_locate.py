@@ -1,8 +1,5 @@
 """Regions of a misfit: texts for misfits that change sign, and the part of the misfit in a region."""
 
-from types import SimpleNamespace
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -16,6 +13,8 @@ from pamjax.diagnosis.detect.locate import (
 )
 from pamjax.diagnosis.detect.regions import LENGTHENING, SHORTENING, RecordingAxes
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
+from tests.diagnosis.bank import build_plan_problem, replace_readings
+from tests.diagnosis.plain_fits import build_fit
 
 PRESSURE = np.array([138e3, 276e3, 414e3, 552e3, 689e3])
 
@@ -119,21 +118,18 @@ def test_misfit_by_direction_must_have_one_sign_at_all_lengths():
 
 def test_regions_do_not_count_the_same_misfit_twice():
     """Two mechanisms in the same rows, one with three times the squared effect; a third covers more rows."""
-    standard = np.array([5.0] * 40 + [3.0] * 40 + [0.1] * 20)
-    found: Any = SimpleNamespace(
-        settings=DEFAULT_SETTINGS, measured=np.stack([np.zeros(100), np.full(100, np.nan)]), n=100
-    )
-    model: Any = SimpleNamespace(noise=SimpleNamespace(channels=(SimpleNamespace(sd=np.ones(100)), None)))
-    rows = np.arange(100)
+    n = build_plan_problem().n
+    problem = replace_readings(build_plan_problem(), np.stack([np.zeros(n), np.full(n, np.nan)]))
+    rows, fit = np.arange(n), build_fit(n=n)
+    standard = np.where(rows < 40, 5.0, np.where(rows < 80, 3.0, 0.1))
 
     def region(inside, weight):
         box = Box("force", "both", (0.0, 1.0), (0.0, 1.0), (0.0, 1.0), 0.0, f"{weight}")
         return _UnsharedBox(box, inside, weight * inside)
 
-    residual = np.stack([standard, np.zeros(100)])
-    boxes = _divide_shares(
-        found, model, residual, [region(rows < 40, 1.0), region(rows < 40, 3.0), region(rows < 80, 0.0)]
-    )
+    residual = np.stack([standard, np.zeros(n)])
+    regions = [region(rows < 40, 1.0), region(rows < 40, 3.0), region(rows < 80, 0.0)]
+    boxes = _divide_shares(problem, fit, residual, regions)
     shares = {box.description: box.share for box in boxes}
     assert sum(shares.values()) == pytest.approx(1.0)
     assert shares["3.0"] == pytest.approx(3 * shares["1.0"])

@@ -1,23 +1,22 @@
 """The global p-value of the largest of many correlated directions."""
 
-from types import SimpleNamespace
-from typing import Any
-
 import numpy as np
 import pytest
 from scipy.stats import norm, t
 
 from pamjax.diagnosis.detect import significance as under_test
+from pamjax.diagnosis.detect.regions import compute_region_shifts
 from pamjax.diagnosis.detect.significance import (
     _compute_deviation,
     _compute_sd_bound,
     _estimate_tail_probability,
     compute_significance,
 )
-from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.noise.uncertainty import NORMAL_NODES, NoiseUncertainty, estimate_noise_uncertainty
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.infer.noise.ar1_filter import Ar1Noise
+from tests.diagnosis.bank import simulate_without_noise
+from tests.diagnosis.plain_fits import build_estimate, build_noise
 
 
 def doubt(much):
@@ -188,23 +187,20 @@ def test_underflow_of_the_tail_loses_no_deviation(much, freedom):
     assert chances[2] < 1e-6
 
 
-def test_observed_deviation_is_scaled_like_the_draws(monkeypatch):
+def test_observed_deviation_is_scaled_like_the_draws():
     """A deviation of 4 sd along a slow direction of a channel; its sensor noise is a fifth of its noise."""
-    n = 700
-    slow = np.ones((1, n)) / np.sqrt(n)
-    colour = Ar1Noise(np.ones(n), 0.2, 0.0, True, rho_from_differences=0.4)
-    runs = (np.array([[0, n]]), np.zeros((0, 2), int))
-    white = NoiseModel((colour, None), (np.arange(n), np.arange(0)), runs)
-    at: Any = SimpleNamespace(residual=4.0 * slow[0], jacobian=np.zeros((n, 1)), prior_sd=np.ones(1))
-    monkeypatch.setattr(under_test, "compute_region_shifts", lambda found, white: slow)
-    monkeypatch.setattr(under_test, "_find_largest_mean_square", lambda found, white, at: (1.0, -np.inf))
-    found: Any = SimpleNamespace(settings=DEFAULT_SETTINGS)
-    judged = compute_significance(found, white, at, [])
-    stretch = _compute_sd_bound(estimate_noise_uncertainty(white, slow, DEFAULT_SETTINGS))[0]
-    assert stretch > 1.3
-    assert judged.largest_deviation == pytest.approx(4.0 / stretch)
-    # Negative control: without scaling, its p-value is that of a deviation larger by this factor.
-    assert (
-        _estimate_tail_probability(np.eye(1), 4.0, estimate_noise_uncertainty(white, slow, DEFAULT_SETTINGS))
-        < 0.5 * judged.p_value
-    )
+    problem = simulate_without_noise()
+    noise = build_noise(Ar1Noise(np.ones(problem.n), 0.2, 0.0, True, rho_from_differences=0.4))
+    shifts = compute_region_shifts(problem, noise)
+    shifts /= np.linalg.norm(shifts, axis=1, keepdims=True)
+    longest = int(np.argmax(np.count_nonzero(shifts, axis=1)))
+    estimate = build_estimate(problem.neutral, residual=4.0 * shifts[longest])
+    result = compute_significance(problem, noise, estimate, [])
+    assert result.direction_count == len(shifts)
+    uncertainty = estimate_noise_uncertainty(noise, shifts, DEFAULT_SETTINGS)
+    bound = _compute_sd_bound(uncertainty)
+    assert bound[longest] > 1.3
+    assert result.largest_deviation == pytest.approx((np.abs(shifts @ estimate.residual) / bound).max())
+    # Negative control: without scaling, the p-value is that of a deviation larger by the bound.
+    unscaled = _estimate_tail_probability(shifts @ shifts.T, 4.0, uncertainty)
+    assert unscaled < 0.5 * result.p_value

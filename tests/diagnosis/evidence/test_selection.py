@@ -7,11 +7,14 @@ import pytest
 
 import pamjax
 from pamjax.errors import BadInput
-from tests.diagnosis.bank import BankRecording, check_identified, simulate_bank
-
-
-def diagnose_by_evidence(definition):
-    return pamjax.diagnose(simulate_bank(definition).case, method="evidence")
+from tests.diagnosis.bank import (
+    BankRecording,
+    check_identified,
+    check_no_mismatch,
+    check_unexplained,
+    diagnose_bank,
+    simulate_bank,
+)
 
 
 def test_an_unknown_method_is_refused_with_the_nearest_name():
@@ -22,16 +25,15 @@ def test_an_unknown_method_is_refused_with_the_nearest_name():
 @pytest.mark.slow
 @pytest.mark.parametrize("id", ["thread_crimp", "end_taper", "thread_slip", "rig_compliance", "force_drift"])
 def test_an_injected_mechanism_is_named_by_evidence(id):
-    diagnosis = diagnose_by_evidence(BankRecording(1, only=id))
+    diagnosis = diagnose_bank(BankRecording(1, only=id), "evidence")
     check_identified(diagnosis, [id])
-    assert not diagnosis.unexplained
     assert json.loads(json.dumps(diagnosis.as_dict()))["missing_physics"][0]["id"] == id
 
 
 @pytest.mark.slow
 def test_an_effect_outside_the_library_is_unexplained_by_evidence():
-    diagnosis = diagnose_by_evidence(BankRecording(seed=0, unmodelled="ripple"))
-    assert diagnosis.unexplained
+    diagnosis = diagnose_bank(BankRecording(seed=0, unmodelled="ripple"), "evidence")
+    check_unexplained(diagnosis)
     assert diagnosis.named_mechanisms == ()
 
 
@@ -49,5 +51,4 @@ def test_noise_alone_is_no_mismatch_even_if_it_is_larger_than_stated(factor):
     diagnosis = pamjax.diagnose(
         replace(case, entry=replace(case.entry, sensors=understated)), method="evidence"
     )
-    assert not diagnosis.detected
-    assert diagnosis.named_mechanisms == ()
+    check_no_mismatch(diagnosis)

@@ -1,7 +1,6 @@
 """Input noise that a memory smooths: the remaining χ² is known in closed form for a delay."""
 
 import dataclasses
-from types import SimpleNamespace
 from typing import Any
 
 import equinox as eqx
@@ -10,14 +9,22 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.noise.estimate import NoiseModel
+from pamjax.diagnosis.library.library_problem import build_library_problem
 from pamjax.diagnosis.noise.input_noise import compute_input_noise_chi2
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
 from pamjax.infer.noise.ar1_filter import Ar1Noise
 from pamjax.model.muscle import MuscleReading
+from pamjax.model.parameters import find_meaning
+from pamjax.parameter import Meaning
+from pamjax.records.case import Case
 from tests.agreement import ROUNDING, agree
+from tests.diagnosis.bank import build_plan_problem, simulate_without_noise
+from tests.diagnosis.plain_fits import build_noise
 
 ROWS, NOISE, STIFF, SD = 400, 0.3, 5.0, 2.0
+
+#: Simulated recordings of the muscle.
+DRAWS = 30
 
 
 class Set(eqx.Module):
@@ -38,12 +45,12 @@ class Spring(eqx.Module):
 
 @dataclasses.dataclass(frozen=True)
 class Delayed:
-    """A problem whose force is delayed by a fraction of a sample, with linear interpolation."""
+    """A problem with a closed form: its force is delayed by a fraction of a sample, by interpolation."""
 
     dataset: Spring
     reduced_dataset: Spring
-    case: SimpleNamespace
-    meanings: tuple = (SimpleNamespace(neutral=0.0),)
+    case: Case
+    meanings: tuple[Meaning, ...] = (find_meaning("channel_lag.lag"),)
     n: int = ROWS
     settings: DiagnosisSettings = DEFAULT_SETTINGS
 
@@ -56,18 +63,20 @@ class Delayed:
         return np.stack([late, np.zeros(ROWS)])
 
 
+def build_case(length_sd: float | None) -> Case:
+    """Return a recording with time, and with this stated noise of its length, m."""
+    case = build_plan_problem().case
+    sensors = dataclasses.replace(case.entry.sensors, pressure=None, length=length_sd)
+    return dataclasses.replace(case, entry=dataclasses.replace(case.entry, sensors=sensors))
+
+
 def spring(noise: float | None = NOISE) -> Any:
     bare = Spring(Set(jnp.ones(ROWS), jnp.sin(jnp.linspace(0, 6, ROWS))))
-    sensors = SimpleNamespace(pressure=None, length=noise, length_per_setting=False)
-    case = SimpleNamespace(entry=SimpleNamespace(sensors=sensors), recording=SimpleNamespace(has_time=True))
-    return Delayed(bare, bare, case)
+    return Delayed(bare, bare, build_case(noise))
 
 
 def weights(correlation=0.0):
-    colours = (Ar1Noise(np.full(ROWS, SD), 0.5, correlation, True), None)
-    return NoiseModel(
-        colours, (np.arange(ROWS), np.arange(0)), (np.array([[0, ROWS]]), np.zeros((0, 2), int))
-    )
+    return build_noise(Ar1Noise(np.full(ROWS, SD), 0.5, correlation, True))
 
 
 @pytest.mark.parametrize("late", [0.2, 0.5, 1.0])
@@ -109,3 +118,29 @@ def test_correction_for_input_noise_is_limited():
         compute_input_noise_chi2(spring(), weights().whiten, np.array([-1.0]))
         == DEFAULT_SETTINGS.max_input_noise_chi2_share * ROWS
     )
+
+
+def test_lag_of_a_muscle_agrees_with_the_mean_over_simulations():
+    """A lag of half a sample averages the noise of two settings; only the force was read."""
+    problem, rng = simulate_without_noise(), np.random.default_rng(1)
+    recording = problem.case.recording
+    values = problem.neutral.copy()
+    values[problem.index("channel_lag.lag")] = 0.5 * np.median(np.diff(recording.time))
+    noise = build_noise(Ar1Noise(np.full(problem.n, 3.0), 1.0, 0.0, True))
+    predictions = [problem.predict(x) for x in (values, problem.neutral)]
+    differences = []
+    for _ in range(DRAWS):
+        pressure = recording.pressure + 500.0 * rng.standard_normal(problem.n)
+        length = recording.length + 2e-5 * rng.standard_normal(problem.n)
+        noisy = dataclasses.replace(recording, pressure=pressure, length=length)
+        perturbed = build_library_problem(dataclasses.replace(problem.case, recording=noisy))
+        with_lag, without = (
+            np.nansum(noise.whiten(perturbed.predict(x) - prediction) ** 2)
+            for x, prediction in zip((values, problem.neutral), predictions, strict=True)
+        )
+        differences.append(with_lag - without)
+    expected = np.mean(differences)
+    assert compute_input_noise_chi2(problem, noise.whiten, values) == pytest.approx(expected, rel=0.15)
+    # The mean over the draws is known better than this, and the lag averages.
+    assert np.std(differences) / np.sqrt(DRAWS) < 0.05 * abs(expected)
+    assert expected < 0

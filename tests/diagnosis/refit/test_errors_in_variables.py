@@ -1,7 +1,6 @@
 """Errors in variables: without a correction, an estimated lag is biased to half a sample."""
 
 import dataclasses
-from types import SimpleNamespace
 
 import jax.numpy as jnp
 import numpy as np
@@ -10,9 +9,19 @@ import pytest
 from pamjax.diagnosis.noise.input_noise import compute_input_noise_chi2
 from pamjax.diagnosis.refit.errors_in_variables import correct_input_noise_bias, estimate_input_noise_bias
 from pamjax.diagnosis.refit.least_squares import fit_parameters
-from tests.diagnosis.noise.test_input_noise import NOISE, ROWS, SD, STIFF, Delayed, Set, Spring, weights
+from tests.diagnosis.noise.test_input_noise import (
+    NOISE,
+    ROWS,
+    SD,
+    STIFF,
+    Delayed,
+    Set,
+    Spring,
+    build_case,
+    weights,
+)
 
-LATE, MANY = 0.12, 60
+LATE, MANY = 0.12, 40
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,9 +48,7 @@ def recording(seed: int) -> Measured:
     true = 3.0 * np.sin(np.linspace(0, 20 * np.pi, ROWS))
     late = (1 - LATE) * true + LATE * np.roll(true, 1)
     written = Spring(Set(jnp.ones(ROWS), jnp.asarray(true + NOISE * rng.standard_normal(ROWS))))
-    sensors = SimpleNamespace(pressure=None, length=NOISE, length_per_setting=False)
-    case = SimpleNamespace(entry=SimpleNamespace(sensors=sensors), recording=SimpleNamespace(has_time=True))
-    found = Measured(written, written, case, meanings=(SimpleNamespace(neutral=0.0),))
+    found = Measured(written, written, build_case(NOISE))
     return dataclasses.replace(
         found, measured=np.stack([STIFF * late + SD * rng.standard_normal(ROWS), np.zeros(ROWS)])
     )
@@ -66,17 +73,9 @@ def test_lag_is_estimated_without_bias(own):
     assert np.mean(raw) - LATE > 5 * error
 
 
-def test_model_without_memory_is_not_corrected():
+def test_model_without_input_noise_is_not_corrected():
     found = recording(0)
-    still = dataclasses.replace(
-        found,
-        case=SimpleNamespace(
-            entry=SimpleNamespace(
-                sensors=SimpleNamespace(pressure=None, length=None, length_per_setting=False)
-            ),
-            recording=SimpleNamespace(has_time=True),
-        ),
-    )
+    still = dataclasses.replace(found, case=build_case(None))
     at = fit_parameters(still, weights(), [0], np.array([0.5]))
     assert correct_input_noise_bias(still, weights(), at) == (at, 0.0)
 

@@ -1,86 +1,79 @@
 """Misfit weighting: a smooth misfit does not change well-measured parameters."""
 
 import math
-from types import SimpleNamespace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.noise.estimate import NoiseModel
-from pamjax.diagnosis.refit import misfit_weighting as under_test
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit
-from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.diagnosis.refit.candidate_fit import fit_candidate
 from pamjax.diagnosis.refit.misfit_weighting import (
     compute_integrated_autocorrelation_time,
     fit_with_misfit_weight,
     reweight_by_misfit,
 )
-from pamjax.diagnosis.settings import DEFAULT_SETTINGS
-from pamjax.infer.noise.ar1_filter import Ar1Noise
-
-ROWS = 2000
+from tests.diagnosis.bank import UNMODELLED_FORCES, replace_readings, simulate_without_noise
 
 
-def line(smooth):
-    """Return readings of a x + b with unit noise and a smooth misfit; a has a prior."""
-    rng = np.random.default_rng(6)
-    x = np.linspace(-1, 1, ROWS)
-    design = np.stack([x, np.ones(ROWS)])
-    measured = np.full((2, ROWS), np.nan)
-    measured[0] = 3 * x + 2 + smooth * np.where(x > 0.4, x - 0.4, 0.0) + rng.standard_normal(ROWS)
+def build_problem(with_obstacle):
+    """Return readings with white noise, and with an obstacle that the model lacks; priors are narrow."""
+    problem, rng = simulate_without_noise(), np.random.default_rng(6)
+    sensors = problem.case.entry.sensors
+    sd = np.array([[sensors.force], [sensors.diameter]])
+    measured = problem.measured + sd * rng.standard_normal((2, problem.n))
+    if with_obstacle:
+        measured[0] += UNMODELLED_FORCES["obstacle"](problem.case.recording)
+    return replace(replace_readings(problem, measured), prior_sd=0.1 * problem.prior_sd)
 
-    def slopes(values, places):
-        shown = np.stack([values @ design, np.zeros(ROWS)])
-        return shown, np.stack([np.stack([design[k], np.zeros(ROWS)]) for k in places])
 
-    found = SimpleNamespace(
-        settings=DEFAULT_SETTINGS,
-        start=np.array([3.0, 0.0]),
-        prior_sd=np.array([0.3, np.inf]),
-        low=np.full(2, -50.0),
-        high=np.full(2, 50.0),
-        meanings=(SimpleNamespace(neutral=None, scale="linear"),) * 2,
-        is_logarithmic=np.zeros(2, bool),
-        is_baseline=np.ones(2, bool),
-        n=ROWS,
-        measured=measured,
-        jacobian=slopes,
-        predict=lambda values: slopes(values, [0])[0],
-    )
-    colours = (Ar1Noise(np.ones(ROWS), 1.0, 0.0, True), None)
-    white = NoiseModel(colours, (np.arange(ROWS), np.arange(0)), (np.zeros((0, 2), int),) * 2)
-    return found, CandidateFit((), white, fit_parameters(found, white, [0, 1], np.array([3.0, 0.0])))
+def fit_baseline(problem, values=None):
+    values = problem.neutral if values is None else values
+    return fit_candidate(problem, np.ones(problem.n, bool), (), values)
+
+
+def fit_weighted(problem, values=None):
+    values = problem.neutral if values is None else values
+    return fit_with_misfit_weight(problem, np.ones(problem.n, bool), (), values)
+
+
+def compute_deviations(problem, fit):
+    """Return the distances of thread length and turns from their priors, in prior sd."""
+    stated = [problem.index("muscle.thread_length"), problem.index("muscle.turns")]
+    return np.abs(fit.estimate.values - problem.start)[stated] / problem.prior_sd[stated]
 
 
 def test_prior_is_kept_if_the_model_is_wrong():
-    found, model = line(smooth=60.0)
-    a, kept = model.estimate.values[0], reweight_by_misfit(found, model).estimate.values[0]
-    # Negative control: weighted by noise only, two thousand rows shift the slope by tens of sd.
-    assert abs(a - 3.0) > 20 * 0.3
-    assert abs(kept - 3.0) < abs(a - 3.0) / 2
-    assert reweight_by_misfit(found, model).estimate.covariance[0, 0] > 5**2 * model.estimate.covariance[0, 0]
+    problem = build_problem(with_obstacle=True)
+    fit = fit_baseline(problem)
+    weighted = reweight_by_misfit(problem, fit)
+    # Negative control: weighted by noise only, the obstacle moves both parameters by many prior sd.
+    assert np.all(compute_deviations(problem, fit) > 10)
+    assert np.all(compute_deviations(problem, weighted) < 2)
+    k = problem.index("muscle.turns")
+    assert weighted.sd(k) == pytest.approx(problem.prior_sd[k], rel=0.2)
 
 
 def test_model_without_misfit_is_unchanged():
-    found, model = line(smooth=0.0)
-    assert reweight_by_misfit(found, model) is model
+    problem = build_problem(with_obstacle=False)
+    fit = fit_baseline(problem)
+    assert reweight_by_misfit(problem, fit) is fit
 
 
-def test_weights_follow_from_the_residuals_at_the_start(monkeypatch):
-    found, model = line(smooth=60.0)
-    settled = []
-    monkeypatch.setattr(under_test, "estimate_noise", lambda *_: model.noise)
-    monkeypatch.setattr(under_test, "fit_candidate", lambda *one: settled.append(one))
-    kept = fit_with_misfit_weight(found, np.ones(ROWS, bool), (), np.array([3.0, 2.0]))
-    assert not settled
-    assert kept.noise.weight < 0.5
-    # Weighted by noise only, the slope is tens of sd away.
-    assert abs(kept.estimate.values[0] - 3.0) < abs(model.estimate.values[0] - 3.0) / 2
-    # A model that is wrong only at its start values gets the weights of the noise.
-    found, model = line(smooth=0.0)
-    fit_with_misfit_weight(found, np.ones(ROWS, bool), (), np.array([-3.0, 20.0]))
-    fit_with_misfit_weight(found, np.ones(ROWS, bool), (), model.estimate.values)
-    assert [float(one[3][0]) for one in settled] == pytest.approx([3.0, 3.0], abs=0.3)
+def test_misfit_at_the_start_has_its_weight_from_the_start():
+    problem = build_problem(with_obstacle=True)
+    weighted = fit_weighted(problem)
+    assert weighted.noise.weight < 0.1
+    assert np.all(compute_deviations(problem, weighted) < 2)
+
+
+def test_misfit_only_at_the_start_has_no_weight():
+    problem = build_problem(with_obstacle=False)
+    start = problem.neutral.copy()
+    start[problem.index("muscle.thread_length")] -= 1e-3
+    far = fit_weighted(problem, start)
+    near = fit_weighted(problem)
+    assert far.noise.weight == near.noise.weight == 1
+    assert far.estimate.values == pytest.approx(near.estimate.values, rel=1e-4)
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.8])

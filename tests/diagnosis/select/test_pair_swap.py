@@ -1,21 +1,21 @@
 """Pairs of mechanisms are ranked by least squares over both."""
 
 from itertools import combinations
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 
 from pamjax.diagnosis.detect.score_test import ScoreDirection
 from pamjax.diagnosis.library.candidates import Candidate
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.select.pair_swap import rank_pairs
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
+from tests.diagnosis.plain_fits import build_fit
 
 ROWS = 300
 SAME_PAIR_CHI2_SHARE = DEFAULT_SETTINGS.same_pair_chi2_share
 
 
-def build_score_directions(directions) -> tuple[list[ScoreDirection], Any]:
+def build_score_directions(directions) -> tuple[list[ScoreDirection], CandidateFit]:
     """Return score directions of mechanisms a, b, … with one amplitude each, and a fit without mechanisms."""
     norms = np.linalg.norm(directions, axis=1)
     scored = [
@@ -29,13 +29,15 @@ def build_score_directions(directions) -> tuple[list[ScoreDirection], Any]:
         )
         for id, direction, norm in zip("abcdef", directions, norms, strict=False)
     ]
-    return scored, SimpleNamespace(ids=(), mechanisms=(), noise=SimpleNamespace(size=ROWS))
+    return scored, build_fit(n=ROWS)
 
 
 def test_the_best_pair_is_that_of_least_squares_over_all_pairs():
     rng = np.random.default_rng(3)
     directions = rng.standard_normal((5, ROWS))
     directions[4] = directions[0] + directions[1] + 0.3 * directions[4]
+    # The directions c and d are nearly parallel: each alone explains more than b, and together hardly more.
+    directions[2] = directions[3] + 0.3 * directions[2]
     residual = 2.0 * directions[1] - 3.0 * directions[3] + rng.standard_normal(ROWS)
     scored, fit = build_score_directions(directions)
     (first, second), *_ = rank_pairs(scored, fit, residual, SAME_PAIR_CHI2_SHARE)
