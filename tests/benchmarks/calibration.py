@@ -111,10 +111,10 @@ def read_all(word: str, count: int, console: Console) -> tuple[tuple[str, ...], 
             broken.append(error)
 
     threads = [threading.Thread(target=work, args=(k,), daemon=True) for k in range(CHAINS)]
-    for one in threads:
-        one.start()
-    for one in threads:
-        one.join()
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
     if broken:
         raise broken[0]
     return bench.density.space.names, [ledger.lines[k] for k in range(count)]

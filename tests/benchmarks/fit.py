@@ -155,7 +155,9 @@ def warm(console: Console, repeats: int = 9) -> dict[str, float]:
         }
         for name, call in rivals.items():
             _same_place(console, f"{law}, {name}", call(), mine)
-        own = milliseconds(lambda one=(members, space, begin): solve_least_squares(*one).u, repeats)
+        own = milliseconds(
+            lambda arguments=(members, space, begin): solve_least_squares(*arguments).u, repeats
+        )
         theirs = {name: milliseconds(call, repeats) for name, call in rivals.items()}
         best = min(theirs["SciPy lm"], theirs["SciPy trf"])
         times = (f"{time:.1f} ms" for time in (own, *theirs.values()))

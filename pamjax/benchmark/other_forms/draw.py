@@ -24,8 +24,8 @@ import numpy as np
 
 from pamjax.benchmark.other_forms.library import OTHER_FORMS, DrawnForm
 from pamjax.benchmark.other_forms.muscle import (
+    BenchInputs,
     Effect,
-    Plan,
     Readings,
     TrueBraid,
     apply_to_readings,
@@ -172,9 +172,9 @@ def draw_bank_recording(
     raise RuntimeError(f"no recording of kind {kind} in {MAX_RECORDING_DRAWS} draws")
 
 
-def _build_plan(plan: Recording) -> Plan:
+def _build_plan(plan: Recording) -> BenchInputs:
     assert plan.time is not None
-    return Plan(plan.time, plan.starts, plan.pressure, plan.length)
+    return BenchInputs(plan.time, plan.starts, plan.pressure, plan.length)
 
 
 def _draw_sensors(stated: Sensors, rng: np.random.Generator) -> tuple[Sensors, bool]:

@@ -190,9 +190,9 @@ def _can_share_point(first: Candidate, second: Candidate) -> bool:
     """Return whether the shape of neither candidate changes the derivatives of the other."""
     if first.id != second.id:
         return True
-    one, other = _get_reference_shape(first), _get_reference_shape(second)
-    agrees = all(one[name] == other[name] for name in one.keys() & other.keys())
-    return one == other or (agrees and not set(first.amplitudes) & set(second.amplitudes))
+    shape, other = _get_reference_shape(first), _get_reference_shape(second)
+    agrees = all(shape[name] == other[name] for name in shape.keys() & other.keys())
+    return shape == other or (agrees and not set(first.amplitudes) & set(second.amplitudes))
 
 
 def _get_reference_shape(candidate: Candidate) -> dict[str, float]:

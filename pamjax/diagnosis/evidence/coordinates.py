@@ -17,7 +17,7 @@ HOLD_SPEED_SHARE = 0.5
 MIN_SPEED_RATIO = 1e-2
 
 #: Share of the largest effect from which a mechanism acts in a row.
-MIN_EFFECT_SHARE = 0.03
+MIN_ACTING_SHARE = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class Coordinates:
     def rescale(self, effect: np.ndarray) -> Coordinates:
         """Return the coordinates with pressure and length scaled to the rows in which an effect (n,) acts."""
         size = np.abs(effect)
-        acts = size > MIN_EFFECT_SHARE * size.max(initial=0.0)
+        acts = size > MIN_ACTING_SHARE * size.max(initial=0.0)
         if not acts.any():
             return self
         return replace(self, pressure=_scale(self.pressure, acts), length=_scale(self.length, acts))

@@ -14,7 +14,7 @@ from pamjax.diagnosis.evidence.settings import EvidenceSettings
 from pamjax.diagnosis.evidence.summary import EvidenceName, summarise
 from pamjax.diagnosis.evidence.templates import TemplateContext, build_templates
 from pamjax.diagnosis.library.candidates import Candidate
-from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.library.library_problem import COMPLIANCE_PARAMETER, LibraryProblem
 from pamjax.diagnosis.noise.estimate import estimate_noise
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, get_free_indices, switch_off_candidate
 from pamjax.diagnosis.refit.least_squares import evaluate_estimate, fit_parameters
@@ -25,6 +25,9 @@ from pamjax.records.blocks import Blocks
 
 #: Increase of the held-out error by a mechanism from which it is not named.
 MAX_HELD_OUT_RATIO = 1.01
+
+#: Parameters that describe the stiffness of the threads; each baseline has one of them.
+STIFFNESS_PARAMETERS = ("thread.modulus", "thread.stiffness", COMPLIANCE_PARAMETER)
 
 
 def select_by_evidence(
@@ -98,7 +101,9 @@ def build_template_context(
         for s in compute_sensitivities(problem.dataset, jnp.asarray(values))
     )
     residual = np.nan_to_num(problem.measured[0] - prediction[0])
-    return TemplateContext(problem, blocks, prediction, residual, by_pressure, by_length)
+    stiffness = next(name for name in STIFFNESS_PARAMETERS if name in problem.names)
+    by_stiffness = problem.jacobian(values, [problem.index(stiffness)])[1][0]
+    return TemplateContext(problem, blocks, prediction, residual, by_pressure, by_length, by_stiffness)
 
 
 def to_candidate_fit(fit: EvidenceFit) -> CandidateFit:
@@ -107,7 +112,7 @@ def to_candidate_fit(fit: EvidenceFit) -> CandidateFit:
 
 
 def to_tested_fit(problem: LibraryProblem, fit: EvidenceFit) -> CandidateFit:
-    """Return a set of mechanisms as the fit whose residual is tested: nothing outside the library is assumed."""
+    """Return a set of mechanisms as the fit whose residual is tested, without physics outside the library."""
     estimate = evaluate_estimate(problem, fit.form_noise, fit.estimate.free, fit.values)
     return CandidateFit(fit.mechanisms, fit.form_noise, estimate, form_prediction=fit.form_prediction)
 

@@ -53,6 +53,7 @@ class TemplateContext:
         prediction: (2, n) force and diameter of the baseline, SI.
         residual: (n,) force residual of the baseline, N; zero where none was measured.
         by_pressure, by_length: (n,) derivatives of the force, N/Pa and N/m.
+        by_stiffness: (2, n) derivatives of force and diameter by a number of the threads' stiffness.
     """
 
     problem: LibraryProblem
@@ -61,6 +62,7 @@ class TemplateContext:
     residual: np.ndarray
     by_pressure: np.ndarray
     by_length: np.ndarray
+    by_stiffness: np.ndarray
 
     @property
     def contraction(self) -> np.ndarray:
@@ -116,10 +118,12 @@ def build_zero_steps(context: TemplateContext) -> Variants:
 
 
 def build_thread_breaks(context: TemplateContext) -> Variants:
-    """Yield a loss of a share of the force from one moment."""
+    """Yield a loss of stiffness of the threads, or of a share of the force, from one moment."""
     if context.time is not None:
         for moment, after in _list_moments(context.time):
-            yield f"broken threads after {moment:.0f} s", [after * context.prediction[0]]
+            says = f"broken threads after {moment:.0f} s"
+            yield says, [after * context.prediction[0]]
+            yield says, [after * context.by_stiffness]
 
 
 def build_stops(context: TemplateContext) -> Variants:

@@ -23,7 +23,6 @@ class ChannelLag(AbstractSensor):
         d  lag        s  delay of the force; negative if the other channels are late
         s  smoothing  1  share of the delay that is due to a filter of first order
 
-    The filter is exact for a force that is linear between samples. At the start of a run it is in equilibrium.
 
     Samples of other runs are not used: before the start of a run, the force has its first value.
     Neutral: d = 0, exactly. What it leaves out: filters of higher order, a delay of diameter.

@@ -191,17 +191,17 @@ def test_draws_give_the_probability_of_a_feasible_command(fitted, write_posterio
 
 
 @pytest.mark.parametrize(
-    ("other", "told"),
+    ("other", "message"),
     [
         ({"law": "toe"}, "must have the model of the muscle (elastic); got toe"),
         ({"mechanisms": '["braid_friction"]'}, "got elastic + braid_friction"),
         ({"checksum": '{"other": "0"}'}, "must come from the recording of the muscle; got other"),
     ],
 )
-def test_posterior_of_another_muscle_is_refused(fitted, write_posterior, capsys, other, told):
+def test_posterior_of_another_muscle_is_refused(fitted, write_posterior, capsys, other, message):
     words = ["inverse", str(fitted / "fit.json"), "--force", "300 N", "--length", "180 mm"]
     assert main([*words, "--posterior", str(write_posterior(1.0, **other))]) == 2
-    assert told in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 def add_friction(fitted, folder):
