@@ -22,6 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise, product
 
 import numpy as np
@@ -38,6 +39,37 @@ MAX_ENUMERATED = 2
 
 
 @dataclass(frozen=True, eq=False)
+class OutsideColumns:
+    """Columns of physics outside the library, whitened; the same for all models of a recording.
+
+    Attributes:
+        generic: (g, size) columns of generic physics at a size of one.
+        templates: by template, (k, size) columns of any size.
+        template_shares: share of each template in their prior probability.
+    """
+
+    generic: np.ndarray
+    templates: Sequence[np.ndarray] = ()
+    template_shares: Sequence[float] = ()
+
+    @cached_property
+    def stacked(self) -> np.ndarray:
+        """(g + k, size) all columns."""
+        return np.concatenate([self.generic, *self.templates])
+
+    @cached_property
+    def gram(self) -> np.ndarray:
+        """Products of all columns."""
+        return self.stacked @ self.stacked.T
+
+    @cached_property
+    def template_slices(self) -> list[slice]:
+        """Rows of each template in `stacked`."""
+        bounds = len(self.generic) + np.cumsum([0, *(len(block) for block in self.templates)])
+        return [slice(a, b) for a, b in pairwise(bounds.tolist())]
+
+
+@dataclass(frozen=True, eq=False)
 class LinearModel:
     """A model linearised at its estimate; all columns whitened.
 
@@ -49,9 +81,7 @@ class LinearModel:
         is_amplitude: (k,) whether a parameter switches a mechanism on.
         amplitude: (k,) distance of the estimate from its neutral value, in coordinates.
         forms: by mechanism, (r, size) columns of its form error at a share of one.
-        generic: (g, size) columns of generic physics at a size of one.
-        templates: by template, (k, size) columns of any size.
-        template_shares: share of each template in their prior probability.
+        outside: physics outside the library.
     """
 
     residual: np.ndarray
@@ -61,9 +91,7 @@ class LinearModel:
     is_amplitude: np.ndarray
     amplitude: np.ndarray
     forms: Sequence[np.ndarray]
-    generic: np.ndarray
-    templates: Sequence[np.ndarray] = ()
-    template_shares: Sequence[float] = ()
+    outside: OutsideColumns
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,12 +159,8 @@ def compute_evidence(model: LinearModel, mechanism_count: int, settings: Evidenc
         + offset
         + math.log(settings.generic_probability)
     )
-    with_templates = np.array(
-        [
-            gram.compute_log_z(best, 0.0, k)[0] + math.log(share * settings.template_probability)
-            for k, share in enumerate(model.template_shares)
-        ]
-    )
+    weights = np.asarray(model.outside.template_shares) * settings.template_probability
+    with_templates = gram.compute_template_log_z(best) + np.log(weights)
     generic_size = settings.generic_sizes[int(np.argmax(by_size))]
     template = _find_best_template(alone, with_generic, with_templates + offset)
     present = generic_size if template is None and with_generic > alone else 0.0
@@ -187,30 +211,25 @@ class _Gram:
     """Products of all columns, from which the evidence of any prior variances follows."""
 
     def __init__(self, model: LinearModel) -> None:
-        self.parameter_count = len(model.jacobian)
+        self.outside = model.outside
+        self.parameter_count = k = len(model.jacobian)
         self.form_sizes = [len(block) for block in model.forms]
-        self.generic_size = len(model.generic)
-        self.template_sizes = [len(block) for block in model.templates]
-        columns = np.concatenate([model.jacobian, *model.forms, model.generic, *model.templates])
-        size = model.residual.size
-        self.gram = columns @ columns.T
-        self.projection = columns @ model.residual
+        own = np.concatenate([model.jacobian, *model.forms])
+        across = own @ model.outside.stacked.T
+        self.gram = np.block([[own @ own.T, across], [across.T, model.outside.gram]])
+        self.projection = np.concatenate([own @ model.residual, model.outside.stacked @ model.residual])
+        self.size = model.residual.size
         has_prior = np.isfinite(model.prior_sd)
         prior_sd = np.where(has_prior, model.prior_sd, 1.0)
         precision = np.where(has_prior, 1 / prior_sd, 0.0)
-        k = self.parameter_count
         self.gram[np.arange(k), np.arange(k)] += precision**2
         self.projection[:k] += precision * model.prior_offset
         self.square = float(model.residual @ model.residual + model.prior_offset @ model.prior_offset)
-        information = np.maximum(np.einsum("ij,ij->i", model.jacobian, model.jacobian), 1e-300)
-        unit = model.residual.size / information
+        unit = self.size / np.maximum(np.einsum("ij,ij->i", model.jacobian, model.jacobian), 1e-300)
         wide = np.maximum(unit, model.amplitude**2)
         self.parameter_variance = np.where(
             model.is_amplitude, wide, np.where(has_prior, prior_sd**2, 1e6 * unit)
         )
-        # A template is free, with a prior as wide as one sample determines it.
-        template = np.concatenate([np.zeros((0, size)), *model.templates])
-        self.template_variance = size / np.maximum(np.einsum("ij,ij->i", template, template), 1e-300)
         # A finite prior is part of the products already.
         self.identity = np.where(has_prior, 0.0, 1.0)
 
@@ -221,32 +240,73 @@ class _Gram:
 
         The second result has the coefficients of the form errors by mechanism.
         """
-        k = self.parameter_count
-        forms = [np.full(size, share**2) for size, share in zip(self.form_sizes, shares, strict=True)]
-        variance = np.concatenate(
-            [self.parameter_variance, *forms, np.full(self.generic_size, generic_size**2)]
-        )
-        used = np.flatnonzero(variance > 0)
-        is_free = used < k
+        used, variance, is_free = self._select_columns(shares, generic_size)
         if template is not None:
-            begin = sum(self.template_sizes[:template])
-            own = np.arange(begin, begin + self.template_sizes[template])
-            used = np.concatenate([used, variance.size + own])
-            is_free = np.concatenate([is_free, np.ones(own.size, dtype=bool)])
-            variance = np.concatenate([variance, self.template_variance])
-        root = np.sqrt(variance[used])
+            rows = np.arange(len(self.gram))[self._get_rows(template)]
+            used, variance = np.append(used, rows), np.append(variance, self._get_template_variance(rows))
+            is_free = np.append(is_free, np.ones(rows.size, dtype=bool))
+        occam, quadratic, root = self._scale_products(used, variance, is_free)
+        b = self.projection[used] * root
+        solution = cho_solve(cho_factor(quadratic, lower=True), b)
+        log_z = -0.5 * (self.square - float(b @ solution)) - 0.5 * float(np.linalg.slogdet(occam)[1])
+        coefficients = np.zeros(len(self.gram))
+        coefficients[used] = solution * root
+        bounds = self.parameter_count + np.cumsum([0, *self.form_sizes])
+        return log_z, [coefficients[a:b] for a, b in pairwise(bounds)]
+
+    def compute_template_log_z(self, shares: Sequence[float]) -> np.ndarray:
+        """Return ln Z with each template, (t,), by the Schur complement of all other columns."""
+        used, variance, is_free = self._select_columns(shares, 0.0)
+        occam, quadratic, root = self._scale_products(used, variance, is_free)
+        b, begin = self.projection[used] * root, self.parameter_count + sum(self.form_sizes)
+        across = self.gram[used, begin:] * root[:, None]
+        factor = cho_factor(quadratic, lower=True)
+        solved, occam_solved = cho_solve(factor, across), np.linalg.solve(occam, across)
+        solution = cho_solve(factor, b)
+        log_z = -0.5 * (self.square - float(b @ solution)) - 0.5 * float(np.linalg.slogdet(occam)[1])
+        remaining = self.projection[begin:] - across.T @ solution
+        out = np.empty(len(self.outside.templates))
+        for k, rows in enumerate(self.outside.template_slices):
+            own = self.outside.gram[rows, rows]
+            left = own - across[:, rows].T @ solved[:, rows]
+            scale = np.sqrt(self._get_template_variance(np.arange(rows.start, rows.stop) + begin))
+            wide = np.eye(len(own)) + np.outer(scale, scale) * (
+                own - across[:, rows].T @ occam_solved[:, rows]
+            )
+            left += JITTER * np.diag(np.diag(own))
+            gain = float(remaining[rows] @ np.linalg.solve(left, remaining[rows]))
+            out[k] = log_z + 0.5 * gain - 0.5 * float(np.linalg.slogdet(wide)[1])
+        return out
+
+    def _select_columns(
+        self, shares: Sequence[float], generic_size: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the rows in use, their prior variances, and whether they are free in the quadratic form."""
+        forms = [np.full(size, share**2) for size, share in zip(self.form_sizes, shares, strict=True)]
+        generic = np.full(len(self.outside.generic), generic_size**2)
+        variance = np.concatenate([self.parameter_variance, *forms, generic])
+        used = np.flatnonzero(variance > 0)
+        return used, variance[used], used < self.parameter_count
+
+    def _scale_products(
+        self, used: np.ndarray, variance: np.ndarray, is_free: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return I + D^½ XᵀX D^½, the same with free parameters, and the prior sds."""
+        root = np.sqrt(variance)
         scaled = self.gram[np.ix_(used, used)] * np.outer(root, root)
         identity = np.ones(used.size)
-        identity[used < k] = self.identity[used[used < k]]
+        is_parameter = used < self.parameter_count
+        identity[is_parameter] = self.identity[used[is_parameter]]
         occam = scaled + np.diag(np.maximum(identity, 1e-12))
         # In the quadratic form a parameter without a prior is free.
         quadratic = scaled + np.diag(np.where(is_free, 1e-12, 1.0))
         quadratic += np.diag(JITTER * np.diag(quadratic))
-        factor = cho_factor(quadratic, lower=True)
-        b = self.projection[used] * root
-        solution = cho_solve(factor, b)
-        log_z = -0.5 * (self.square - float(b @ solution)) - 0.5 * float(np.linalg.slogdet(occam)[1])
-        coefficients = np.zeros(variance.size)
-        coefficients[used] = solution * root
-        bounds = k + np.cumsum([0, *self.form_sizes])
-        return log_z, [coefficients[a:b] for a, b in pairwise(bounds)]
+        return occam, quadratic, root
+
+    def _get_rows(self, template: int) -> slice:
+        begin, rows = self.parameter_count + sum(self.form_sizes), self.outside.template_slices[template]
+        return slice(begin + rows.start, begin + rows.stop)
+
+    def _get_template_variance(self, rows: np.ndarray) -> np.ndarray:
+        """Return the prior variance of template columns: as wide as one sample determines them."""
+        return self.size / np.maximum(np.diag(self.gram)[rows], 1e-300)

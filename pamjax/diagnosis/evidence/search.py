@@ -23,7 +23,12 @@ from pamjax.diagnosis.evidence.columns import (
 )
 from pamjax.diagnosis.evidence.coordinates import Coordinates
 from pamjax.diagnosis.evidence.discrepancy import DiscrepancyNoise, add_discrepancy
-from pamjax.diagnosis.evidence.marginal_likelihood import Evidence, LinearModel, compute_evidence
+from pamjax.diagnosis.evidence.marginal_likelihood import (
+    Evidence,
+    LinearModel,
+    OutsideColumns,
+    compute_evidence,
+)
 from pamjax.diagnosis.evidence.proposals import Proposal, propose_additions
 from pamjax.diagnosis.evidence.settings import EvidenceSettings
 from pamjax.diagnosis.evidence.templates import Template
@@ -46,7 +51,7 @@ MAX_CENTRES, REFITS_PER_CENTRE = 5, 4
 #: A proposal is refitted if it promises this share of the best gain, or a total within this of the best set.
 MIN_GAIN_SHARE, MAX_SHORTFALL = 0.6, 8.0
 #: Evaluations of each refit of a trial; it is repeated, because a form error changes with its mechanism.
-REFIT_EVALUATIONS = (20, 8)
+REFIT_EVALUATIONS = (12, 6)
 #: Standardised residual of a state without an answer.
 FAILED_RESIDUAL = 30.0
 #: Prior sd of a template in a refit, in sizes that one sample determines: free, and finite.
@@ -119,12 +124,15 @@ class EvidenceSearch:
         self.problem, self.noise, self.settings = problem, noise, settings
         self.coordinates = Coordinates.from_problem(problem)
         self.candidates = build_candidates(problem)
-        self.generic = whiten_generic_columns(noise, build_generic_columns(problem, self.coordinates))
         self.templates = templates
-        self.template_columns = stack_whitened(noise, [template.columns for template in templates])
+        families = len({template.id for template in templates})
+        self.outside = OutsideColumns(
+            whiten_generic_columns(noise, build_generic_columns(problem, self.coordinates)),
+            stack_whitened(noise, [template.columns for template in templates]),
+            [template.share / families for template in templates],
+        )
         self.fits: dict[frozenset[str], EvidenceFit] = {}
         self.alone: dict[frozenset[str], EvidenceFit] = {}
-        self.family_count = len({template.id for template in templates})
         self._register(self.refit((), values, outside=False))
 
     def run(self, progress: Progress = ignore_progress) -> list[EvidenceFit]:
@@ -265,8 +273,8 @@ class EvidenceSearch:
     def _size_outside(self, evidence: Evidence) -> np.ndarray:
         """Return the columns of what is most probable outside the library, times their prior sd."""
         if (template := evidence.best_template) is not None:
-            return _free_columns(self.template_columns[template])
-        return self.generic * (evidence.generic_size if evidence.prefers_generic else 0.0)
+            return _free_columns(self.outside.templates[template])
+        return self.outside.generic * (evidence.generic_size if evidence.prefers_generic else 0.0)
 
     def _compute_form_ratio(self, values: np.ndarray, candidate: Candidate, form: np.ndarray) -> float:
         effect = np.nan_to_num(self.noise.whiten(compute_effect_of(self.problem, values, candidate)))
@@ -290,9 +298,7 @@ class EvidenceSearch:
             is_amplitude=is_amplitude,
             amplitude=np.where(is_amplitude, (values - problem.neutral)[free], 0.0),
             forms=forms,
-            generic=self.generic,
-            templates=self.template_columns,
-            template_shares=[template.share / self.family_count for template in self.templates],
+            outside=self.outside,
         )
 
 

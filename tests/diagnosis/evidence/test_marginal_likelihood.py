@@ -1,15 +1,21 @@
 """Evidence against the density of a multivariate normal distribution."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from pamjax.diagnosis.evidence.marginal_likelihood import LinearModel, compute_evidence
+from pamjax.diagnosis.evidence.marginal_likelihood import LinearModel, OutsideColumns, compute_evidence
 from pamjax.diagnosis.evidence.settings import EvidenceSettings
 
 #: One possible form share and size, so that the evidence is one normal density.
 CERTAIN = EvidenceSettings(
-    form_shares=(0.3,), form_share_probabilities=(1.0,), generic_sizes=(2.0,), generic_probability=0.5
+    form_shares=(0.3,),
+    form_share_probabilities=(1.0,),
+    generic_sizes=(2.0,),
+    generic_probability=0.5,
+    template_probability=0.0,
 )
 
 
@@ -23,7 +29,7 @@ def build_linear_model(rng, size=40, forms=2, generic=3, prior_sd=0.7):
         is_amplitude=np.array([False]),
         amplitude=np.zeros(1),
         forms=[rng.standard_normal((forms, size))],
-        generic=rng.standard_normal((generic, size)),
+        outside=OutsideColumns(rng.standard_normal((generic, size))),
     )
 
 
@@ -32,7 +38,7 @@ def compute_log_density(model, with_generic):
     size = model.residual.size
     covariance = np.eye(size) + 0.3**2 * model.forms[0].T @ model.forms[0]
     if with_generic:
-        covariance += 2.0**2 * model.generic.T @ model.generic
+        covariance += 2.0**2 * model.outside.generic.T @ model.outside.generic
     covariance += model.prior_sd[0] ** 2 * np.outer(model.jacobian[0], model.jacobian[0])
     mean = model.jacobian[0] * model.prior_offset[0] * model.prior_sd[0]
     return multivariate_normal(mean, covariance).logpdf(model.residual)
@@ -43,7 +49,7 @@ def test_evidence_is_the_density_of_the_residual(seed):
     model = build_linear_model(np.random.default_rng(seed))
     evidence = compute_evidence(model, 0, CERTAIN)
     constant = 0.5 * model.residual.size * np.log(2 * np.pi)
-    for found, with_generic in ((evidence.without_generic, False), (evidence.with_generic, True)):
+    for found, with_generic in ((evidence.alone, False), (evidence.with_generic, True)):
         expected = compute_log_density(model, with_generic) + constant + np.log(0.5)
         assert found == pytest.approx(expected, abs=1e-6)
 
@@ -63,7 +69,7 @@ def test_shape_of_a_residual_decides_for_or_against_a_form_error():
             residual=coefficient * form[0] + rng.standard_normal(400),
             jacobian=np.zeros((0, 400)), prior_offset=np.zeros(0), prior_sd=np.zeros(0),
             is_amplitude=np.zeros(0, bool), amplitude=np.zeros(0),
-            forms=[form], generic=rng.standard_normal((2, 400)),
+            forms=[form], outside=OutsideColumns(rng.standard_normal((2, 400))),
         )  # fmt: skip
         evidence = compute_evidence(model, 1, settings)
         assert evidence.form_shares == (share,)
@@ -78,12 +84,36 @@ def test_a_parameter_that_explains_nothing_loses_evidence():
         jacobian=np.concatenate([model.jacobian, rng.standard_normal((1, 2000))]),
         prior_offset=np.array([0.0, 0.0]), prior_sd=np.array([0.7, np.inf]),
         is_amplitude=np.array([False, True]), amplitude=np.array([0.0, 0.0]),
-        forms=model.forms, generic=model.generic,
+        forms=model.forms, outside=model.outside,
     )  # fmt: skip
     without = LinearModel(
         useless.residual, model.jacobian, np.zeros(1), np.array([0.7]), np.array([False]), np.zeros(1),
-        model.forms, model.generic,
+        model.forms, model.outside,
     )  # fmt: skip
     # About ½ ln n = 3.8 less what noise explains by chance.
     loss = compute_evidence(without, 0, CERTAIN).total - compute_evidence(useless, 0, CERTAIN).total
     assert 1.0 < loss < 4.0
+
+
+def test_evidence_of_a_template_is_that_of_a_model_with_its_column():
+    rng = np.random.default_rng(6)
+    size, settings = 300, EvidenceSettings()
+    templates = [rng.standard_normal((2, size)), rng.standard_normal((1, size))]
+    model = replace(
+        build_linear_model(rng, size=size),
+        outside=OutsideColumns(rng.standard_normal((3, size)), templates, [0.5, 0.5]),
+    )
+    for k, template in enumerate(templates):
+        with_template = replace(
+            model,
+            jacobian=np.concatenate([model.jacobian, template]),
+            prior_offset=np.append(model.prior_offset, np.zeros(len(template))),
+            prior_sd=np.append(model.prior_sd, np.full(len(template), np.inf)),
+            is_amplitude=np.append(model.is_amplitude, np.ones(len(template), bool)),
+            amplitude=np.append(model.amplitude, np.zeros(len(template))),
+        )
+        fixed = replace(settings, form_shares=(0.2,), form_share_probabilities=(1.0,))
+        expected = compute_evidence(with_template, 1, fixed).alone
+        expected += np.log(0.5 * settings.template_probability)
+        expected -= np.log(1 - settings.generic_probability - settings.template_probability)
+        assert compute_evidence(model, 1, fixed).with_templates[k] == pytest.approx(expected, abs=1e-5)

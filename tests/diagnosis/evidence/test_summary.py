@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,11 +16,15 @@ from pamjax.diagnosis.library.candidates import Candidate
 SETTINGS = EvidenceSettings()
 
 
-def build_fit(ids, log_z, generic=-np.inf, ratios=None):
+def build_fit(ids, log_z, generic=-np.inf, ratios=None, overdispersion=1.0):
     """Return a set of mechanisms with an evidence."""
     mechanisms = tuple(Candidate(id, (f"{id}.a",)) for id in ids)
-    unused = SimpleNamespace()
-    return EvidenceFit(mechanisms, unused, unused, Evidence(log_z, generic, ()), ratios or {})  # type: ignore[arg-type]
+    evidence = Evidence(log_z, generic, np.zeros(0), 1.0, ())
+    estimate = SimpleNamespace(chi2=100 * overdispersion, residual=np.zeros(100))
+    unused: Any = SimpleNamespace()
+    return EvidenceFit(
+        mechanisms, cast(Any, estimate), unused, unused, evidence, ratios or {}, np.zeros((2, 1))
+    )
 
 
 def summarise_sets(*fits):
@@ -42,7 +47,7 @@ def test_mechanisms_of_equal_evidence_are_indistinguishable():
 
 
 def test_a_mechanism_that_is_mostly_form_error_is_unexplained():
-    sets = [build_fit(["end_taper"], 0.0, ratios={"end_taper": 0.8}), build_fit([], -50.0)]
+    sets = [build_fit(["end_taper"], 0.0, ratios={"end_taper": 1.2}), build_fit([], -50.0)]
     summary = summarise_sets(*sets)
     assert summary.names == ()
     assert summary.unexplained_probability > 0.99
@@ -55,3 +60,9 @@ def test_generic_physics_with_the_larger_evidence_is_unexplained():
     summary = summarise_sets(build_fit(["end_taper"], 0.0, generic=2.0))
     assert summary.unexplained_probability == pytest.approx(1 / (1 + np.exp(-2.0)))
     assert [name.id for name in summary.names] == ["end_taper"]
+
+
+def test_a_large_residual_makes_probabilities_smaller():
+    alternatives = build_fit(["force_gain"], 0.0, overdispersion=10.0), build_fit([], -10.0)
+    summary = summarise_sets(*alternatives)
+    assert summary.names[0].probability == pytest.approx(1 / (1 + np.exp(-1.0)))
