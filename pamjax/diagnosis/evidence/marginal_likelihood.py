@@ -106,6 +106,7 @@ class Evidence:
         form_shares: most probable share of each mechanism's form error.
         form_coefficients: by mechanism, posterior means of the coefficients, with what is most probable
             outside the library.
+        outside_mean_square: mean square of the estimated physics outside the library, whitened.
     """
 
     alone: float
@@ -114,6 +115,7 @@ class Evidence:
     generic_size: float
     form_shares: tuple[float, ...]
     form_coefficients: list[np.ndarray] = field(default_factory=list)
+    outside_mean_square: float = 0.0
 
     @property
     def total(self) -> float:
@@ -164,13 +166,17 @@ def compute_evidence(model: LinearModel, mechanism_count: int, settings: Evidenc
     generic_size = settings.generic_sizes[int(np.argmax(by_size))]
     template = _find_best_template(alone, with_generic, with_templates + offset)
     present = generic_size if template is None and with_generic > alone else 0.0
+    coefficients = gram.compute_log_z(best, present, template)[1]
+    bounds = gram.parameter_count + np.cumsum([0, *gram.form_sizes])
+    outside = coefficients[bounds[-1] :]
     return Evidence(
         alone=alone,
         with_generic=with_generic,
         with_templates=with_templates + offset,
         generic_size=generic_size,
         form_shares=best,
-        form_coefficients=gram.compute_log_z(best, present, template)[1],
+        form_coefficients=[coefficients[a:b] for a, b in pairwise(bounds)],
+        outside_mean_square=float(outside @ model.outside.gram @ outside) / max(model.residual.size, 1),
     )
 
 
@@ -235,11 +241,8 @@ class _Gram:
 
     def compute_log_z(
         self, shares: Sequence[float], generic_size: float, template: int | None = None
-    ) -> tuple[float, list[np.ndarray]]:
-        """Return ln Z for form shares, a size of generic physics and a template.
-
-        The second result has the coefficients of the form errors by mechanism.
-        """
+    ) -> tuple[float, np.ndarray]:
+        """Return ln Z for form shares, a size of generic physics and a template; and all coefficients."""
         used, variance, is_free = self._select_columns(shares, generic_size)
         if template is not None:
             rows = np.arange(len(self.gram))[self._get_rows(template)]
@@ -251,8 +254,7 @@ class _Gram:
         log_z = -0.5 * (self.square - float(b @ solution)) - 0.5 * float(np.linalg.slogdet(occam)[1])
         coefficients = np.zeros(len(self.gram))
         coefficients[used] = solution * root
-        bounds = self.parameter_count + np.cumsum([0, *self.form_sizes])
-        return log_z, [coefficients[a:b] for a, b in pairwise(bounds)]
+        return log_z, coefficients
 
     def compute_template_log_z(self, shares: Sequence[float]) -> np.ndarray:
         """Return ln Z with each template, (t,), by the Schur complement of all other columns."""

@@ -51,7 +51,8 @@ def select_by_evidence(
     templates = build_templates(build_template_context(problem, blocks, baseline))
     search = EvidenceSearch(problem, baseline.noise, baseline.estimate.values, settings, templates)
     directions = compute_score_directions(problem, baseline.noise, baseline.estimate, search.candidates)
-    summary = summarise(search.run(progress), settings)
+    excess = baseline.estimate.chi2 / max(baseline.noise.size, 1) - 1
+    summary = summarise(search.run(progress), settings, max(excess, 0.0))
     names = {name.id: name for name in summary.names}
     fit = _restrict(search, summary.best, names)
     for id in _find_harmful(search, fit, ~training_rows):

@@ -17,6 +17,8 @@ class EvidenceSettings:
         template_probability: prior probability of an effect that resembles one of the templates.
         generic_sizes: possible sizes of this physics, in standard deviations of the noise of a sample.
         max_form_share: an effect whose form error is larger than this share is not its mechanism.
+        min_outside_share: physics outside the library is reported if it explains at least this share of the
+            baseline's excess misfit.
         established_probability: probability from which a mechanism is named.
         tie_probability_ratio: alternatives with at least this share of the probability are
             indistinguishable.
@@ -30,6 +32,7 @@ class EvidenceSettings:
     template_probability: float = 0.1
     generic_sizes: tuple[float, ...] = (0.3, 1.0, 3.0, 10.0)
     max_form_share: float = 1.0
+    min_outside_share: float = 0.01
     established_probability: float = 0.5
     tie_probability_ratio: float = 0.1
     max_mechanisms: int = 4

@@ -44,17 +44,25 @@ class EvidenceSummary:
     unexplained_probability: float
 
 
-def summarise(fits: Sequence[EvidenceFit], settings: EvidenceSettings) -> EvidenceSummary:
+def summarise(
+    fits: Sequence[EvidenceFit], settings: EvidenceSettings, baseline_excess: float = 0.0
+) -> EvidenceSummary:
     """Return names and probabilities.
 
     Args:
         fits: all sets that were tried, largest evidence first.
         settings: thresholds.
+        baseline_excess: mean square of the baseline's whitened residual above that of noise.
     """
     best = fits[0]
     log_weights = np.array([fit.evidence.total for fit in fits]) / best.overdispersion
     weights = softmax(log_weights)
-    outside = [weight * fit.evidence.outside_probability for fit, weight in zip(fits, weights, strict=True)]
+    smallest = settings.min_outside_share * baseline_excess
+    outside = [
+        weight * fit.evidence.outside_probability
+        for fit, weight in zip(fits, weights, strict=True)
+        if fit.evidence.outside_mean_square > smallest
+    ]
     names, rejected = [], 0.0
     for candidate in best.mechanisms:
         ties = _find_ties(fits, best, candidate.id, settings)

@@ -16,8 +16,8 @@ import numpy as np
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.records.blocks import Blocks
 
-#: Number of moments, contractions and force levels at which a template may begin.
-MOMENT_COUNT, CONTRACTION_COUNT, LEVEL_COUNT = 96, 24, 10
+#: Number of moments and of contractions at which a template may begin.
+MOMENT_COUNT, CONTRACTION_COUNT = 96, 24
 #: Periods over the stroke of a ripple.
 RIPPLE_PERIODS = np.arange(4.0, 20.5, 0.5)
 #: Number of equal successive readings from which a channel counts as stuck.
@@ -145,12 +145,11 @@ def build_buckling(context: TemplateContext) -> Variants:
 
 
 def build_clipping(context: TemplateContext) -> Variants:
-    """Yield a load cell that does not read above a force."""
-    force = context.prediction[0]
-    known = force[np.isfinite(force)]
-    if known.size:
-        for level in np.quantile(known, np.linspace(0.5, 0.98, LEVEL_COUNT)):
-            yield f"a load cell that clips at {level:.0f} N", [-np.maximum(force - level, 0)]
+    """Yield a load cell that does not read above the largest measured force."""
+    measured = context.problem.measured[0]
+    if np.isfinite(measured).any():
+        level = float(np.nanmax(measured))
+        yield f"a load cell that clips at {level:.0f} N", [-np.maximum(context.prediction[0] - level, 0)]
 
 
 def build_length_ripples(context: TemplateContext) -> Variants:

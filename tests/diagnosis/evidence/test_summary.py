@@ -19,7 +19,7 @@ SETTINGS = EvidenceSettings()
 def build_fit(ids, log_z, generic=-np.inf, ratios=None, overdispersion=1.0):
     """Return a set of mechanisms with an evidence."""
     mechanisms = tuple(Candidate(id, (f"{id}.a",)) for id in ids)
-    evidence = Evidence(log_z, generic, np.zeros(0), 1.0, ())
+    evidence = Evidence(log_z, generic, np.zeros(0), 1.0, (), outside_mean_square=0.05)
     estimate = SimpleNamespace(chi2=100 * overdispersion, residual=np.zeros(100))
     unused: Any = SimpleNamespace()
     return EvidenceFit(
@@ -66,3 +66,9 @@ def test_a_large_residual_makes_probabilities_smaller():
     alternatives = build_fit(["force_gain"], 0.0, overdispersion=10.0), build_fit([], -10.0)
     summary = summarise_sets(*alternatives)
     assert summary.names[0].probability == pytest.approx(1 / (1 + np.exp(-1.0)))
+
+
+def test_physics_outside_the_library_is_reported_from_a_share_of_the_misfit():
+    fit = build_fit(["end_taper"], 0.0, generic=20.0)
+    assert summarise([fit], SETTINGS, baseline_excess=1.0).unexplained_probability > 0.99
+    assert summarise([fit], SETTINGS, baseline_excess=20.0).unexplained_probability == 0.0
