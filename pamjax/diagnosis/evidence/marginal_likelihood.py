@@ -270,6 +270,10 @@ class _Gram:
         out = np.empty(len(self.outside.templates))
         for k, rows in enumerate(self.outside.template_slices):
             own = self.outside.gram[rows, rows]
+            if not np.diag(own).all():
+                # The rows in use do not show this template.
+                out[k] = -np.inf
+                continue
             left = own - across[:, rows].T @ solved[:, rows]
             scale = np.sqrt(self._get_template_variance(np.arange(rows.start, rows.stop) + begin))
             wide = np.eye(len(own)) + np.outer(scale, scale) * (
