@@ -61,6 +61,21 @@ class ParameterShift:
     meaning: Meaning
 
 
+@dataclass(frozen=True)
+class Likeness:
+    """An effect outside the library that the unexplained part resembles.
+
+    Attributes:
+        id: family of the effect.
+        probability: that it is this effect, if something outside the library is present.
+        description: the effect with its place, as "a step of the force zero after 120 s".
+    """
+
+    id: str
+    probability: float
+    description: str
+
+
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """Result of a diagnosis.
@@ -74,6 +89,8 @@ class Diagnosis:
         mismatch_boxes: location of the mismatch.
         residual_test: test of the residual of `model`.
         unexplained: whether a part of the misfit is explained by no mechanism of the library.
+        unexplained_probability: probability that it is.
+        likenesses: effects outside the library that this part resembles, most probable first.
         residual_boxes: location of the unexplained part.
         residual_share: unexplained share of the excess misfit.
         blocks: the blocks of the recording.
@@ -92,6 +109,8 @@ class Diagnosis:
     mismatch_boxes: list[Box]
     residual_test: Significance
     unexplained: bool
+    unexplained_probability: float
+    likenesses: tuple[Likeness, ...]
     residual_boxes: list[Box]
     residual_share: float
     blocks: Blocks
@@ -154,8 +173,13 @@ class Diagnosis:
             ],
             "unexplained": {
                 "detected": self.unexplained,
+                "probability": self.unexplained_probability,
                 "p_value": self.residual_test.p_value,
                 "share": self.residual_share,
+                "likeness": [
+                    {"id": likeness.id, "probability": likeness.probability, "says": likeness.description}
+                    for likeness in (self.likenesses if self.unexplained else ())
+                ],
                 "where": [_serialise_box(b) for b in self.residual_boxes] if self.unexplained else [],
             },
             "improvement": {"held_out": {"blocks": self.gain.blocks} | _serialise_gain(self.gain)},
@@ -287,6 +311,7 @@ def _serialise_mechanism(diagnosis: Diagnosis, named: NamedMechanism) -> dict[st
         "name": about.title,
         "probability": named.probability,
         "parameters": {n: _serialise_estimate(v) for n, v in diagnosis.parameters[named.id].items()},
+        "form_error": named.form_error,
         "indistinguishable_from": list(named.indistinguishable),
         "says": about.signature,
     }
@@ -327,7 +352,9 @@ def _format_lines(diagnosis: Diagnosis) -> list[str]:
     for mechanism in diagnosis.named_mechanisms:
         title = find_mechanism(mechanism.id).about.title
         estimates = list(diagnosis.parameters[mechanism.id].items())[:3]
-        lines.append(f"  {mechanism.id}: {title}, probability {mechanism.probability:.2f}")
+        form = mechanism.form_error
+        departs = f", departs from its equation by {form:.0%}" if form is not None and form >= 0.01 else ""
+        lines.append(f"  {mechanism.id}: {title}, probability {mechanism.probability:.2f}{departs}")
         lines.append("    " + ", ".join(format_named_estimate(n, v) for n, v in estimates))
         if mechanism.indistinguishable:
             alternatives = " and ".join(mechanism.indistinguishable)
@@ -336,9 +363,10 @@ def _format_lines(diagnosis: Diagnosis) -> list[str]:
         rms = math.sqrt(max(diagnosis.mismatch.mean_square - 1, 0.0))
         lines.append(f"  too small to identify a mechanism: the rms is {rms:.2f} of the noise")
     if diagnosis.unexplained:
+        likeness = diagnosis.likenesses[0].description if diagnosis.likenesses else ""
         lines.append(
             f"  unexplained: {diagnosis.residual_share:.0%} of the misfit; no mechanism of the library"
-            " explains it"
+            f" explains it{f'; like {likeness}' if likeness else ''}"
         )
         lines += [f"    {box.description}" for box in diagnosis.residual_boxes[:2]]
     for channel, rmse_before in gain.rmse_before.items():

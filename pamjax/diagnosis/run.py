@@ -31,7 +31,13 @@ from pamjax.diagnosis.next_experiment.experiment import propose_experiments
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate
 from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
 from pamjax.diagnosis.refit.noise_correlation import fit_noise_correlation
-from pamjax.diagnosis.result import Diagnosis, ParameterEstimate, ParameterShift, build_parameter_estimate
+from pamjax.diagnosis.result import (
+    Diagnosis,
+    Likeness,
+    ParameterEstimate,
+    ParameterShift,
+    build_parameter_estimate,
+)
 from pamjax.diagnosis.select.model_averaging import average_models
 from pamjax.diagnosis.select.selection import Selection, drop_small_effects, select_mechanisms
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
@@ -53,6 +59,8 @@ class _Choice:
         mismatch: test of the baseline's residual.
         residual_test: test of the residual with the mechanisms.
         unexplained: whether physics is left that no mechanism explains.
+        unexplained_probability: probability that it is.
+        likenesses: effects outside the library that it resembles.
         training_fit: the fit with the mechanisms to the training rows.
         baseline: the baseline, fitted to all rows.
         model: the fit with the mechanisms to all rows.
@@ -63,6 +71,8 @@ class _Choice:
     mismatch: Significance
     residual_test: Significance
     unexplained: bool
+    unexplained_probability: float
+    likenesses: tuple[Likeness, ...]
     training_fit: CandidateFit
     baseline: CandidateFit
     model: CandidateFit
@@ -113,6 +123,8 @@ def diagnose(
         ),
         residual_test=choice.residual_test,
         unexplained=choice.unexplained,
+        unexplained_probability=choice.unexplained_probability,
+        likenesses=choice.likenesses,
         residual_boxes=locate_residual(problem, model) if choice.unexplained else [],
         residual_share=_compute_residual_share(choice.mismatch, choice.residual_test),
         blocks=blocks_of_case,
@@ -176,6 +188,8 @@ def _choose_stepwise(
         mismatch=mismatch,
         residual_test=residual_test,
         unexplained=unexplained,
+        unexplained_probability=float(unexplained),
+        likenesses=(),
         training_fit=_fit_selection(problem, selection, ~held_out_rows),
         baseline=baseline,
         model=model,
@@ -187,7 +201,9 @@ def _choose_by_evidence(
     problem: LibraryProblem, blocks_of_case: Blocks, held_out_rows: np.ndarray, seed: int, progress: Progress
 ) -> _Choice:
     """Choose the set of mechanisms with the largest evidence; form errors are part of each model."""
-    selection, unexplained_probability = select_by_evidence(problem, blocks_of_case, ~held_out_rows, progress)
+    selection, unexplained_probability, likenesses = select_by_evidence(
+        problem, blocks_of_case, ~held_out_rows, progress
+    )
     progress("testing", 0.85)
     mismatch = _test_baseline(problem, selection, seed)
     detected = mismatch.p_value < problem.settings.detection_p_value
@@ -201,6 +217,8 @@ def _choose_by_evidence(
         mismatch=mismatch,
         residual_test=_test_residual(problem, selection, mismatch, seed),
         unexplained=detected and unexplained_probability >= problem.settings.established_probability,
+        unexplained_probability=unexplained_probability if detected else 0.0,
+        likenesses=likenesses,
         training_fit=training_fit,
         baseline=baseline,
         model=fit_with_form_errors(problem, all_rows, training_fit.mechanisms, training_fit.estimate.values)

@@ -37,7 +37,7 @@ from pamjax.model.registry import EXCLUSIVE_PAIRS
 #: Reduction of χ² below which a mechanism is not proposed.
 MIN_SCORE = 6.0
 #: Candidates with different shapes for each mechanism, and mechanisms that are combined to pairs.
-SHAPES_PER_MECHANISM, PAIRED_MECHANISMS = 3, 12
+SHAPES_PER_MECHANISM, PAIRED_MECHANISMS = 2, 12
 #: Loss of ln Z that a fitted shape parameter costs.
 SHAPE_COST = 1.5
 #: Rounds in which amplitudes and sizes of form errors are computed in turn.
@@ -55,6 +55,11 @@ class Proposal:
     def ids(self) -> frozenset[str]:
         """Ids of the added mechanisms."""
         return frozenset(candidate.id for candidate, _ in self.additions)
+
+    @property
+    def free_parameters(self) -> tuple[str, ...]:
+        """Names of the parameters of the added mechanisms."""
+        return tuple(sorted(name for candidate, _ in self.additions for name in candidate.free_parameters))
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,13 +123,13 @@ def propose_additions(
 
 
 def _list_best_shapes(directions: Sequence[ScoreDirection]) -> list[ScoreDirection]:
-    """Return the best few shapes of each mechanism that explains anything."""
-    by_id: dict[str, list[ScoreDirection]] = {}
+    """Return the best few shapes of each mechanism that explains anything, by its free parameters."""
+    shapes: dict[tuple[str, ...], list[ScoreDirection]] = {}
     for direction in sorted(directions, key=lambda d: -d.chi2_reduction):
-        kept = by_id.setdefault(direction.candidate.id, [])
-        if direction.chi2_reduction > MIN_SCORE and len(kept) < SHAPES_PER_MECHANISM:
-            kept.append(direction)
-    return [direction for kept in by_id.values() for direction in kept]
+        listed = shapes.setdefault(direction.candidate.free_parameters, [])
+        if direction.chi2_reduction > MIN_SCORE and len(listed) < SHAPES_PER_MECHANISM:
+            listed.append(direction)
+    return [direction for listed in shapes.values() for direction in listed]
 
 
 def _build_addition(

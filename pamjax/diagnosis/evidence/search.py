@@ -46,12 +46,14 @@ from pamjax.diagnosis.refit.least_squares import (
 from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.progress import Progress, ignore_progress
 
-#: Sets whose additions are proposed, and refits of proposals at each.
-MAX_CENTRES, REFITS_PER_CENTRE = 5, 4
+#: Sets whose additions are proposed, without physics outside the library and with it.
+MAX_CENTRES = (5, 2)
+#: Additions of one and of two mechanisms that are refitted at each set, and how many of them to the end.
+SINGLES_PER_CENTRE, PAIRS_PER_CENTRE, COMPLETE_REFITS = 5, 2, 2
 #: A proposal is refitted if it promises this share of the best gain, or a total within this of the best set.
 MIN_GAIN_SHARE, MAX_SHORTFALL = 0.6, 8.0
-#: Evaluations of each refit of a trial; it is repeated, because a form error changes with its mechanism.
-REFIT_EVALUATIONS = (12, 6)
+#: Evaluations of a first refit, and of each further one: a form error changes with its mechanism.
+FIRST_EVALUATIONS, REFIT_EVALUATIONS = (5,), (12, 6)
 #: Standardised residual of a state without an answer.
 FAILED_RESIDUAL = 30.0
 #: Prior sd of a template in a refit, in sizes that one sample determines: free, and finite.
@@ -139,11 +141,11 @@ class EvidenceSearch:
         """Return all sets that were tried, largest evidence first."""
         for k, outside in enumerate((False, True)):
             expanded: set[frozenset[str]] = set()
-            for _ in range(MAX_CENTRES):
+            for _ in range(MAX_CENTRES[k]):
                 centre = self._get_leading(outside)
                 if centre.ids in expanded or (outside and not centre.prefers_outside):
                     break
-                progress("selecting mechanisms", 0.1 + 0.35 * (k + len(expanded) / MAX_CENTRES))
+                progress("selecting mechanisms", 0.1 + 0.35 * (k + len(expanded) / MAX_CENTRES[k]))
                 expanded.add(centre.ids)
                 self._extend(centre, outside)
                 self._reduce(self._get_leading(outside), outside)
@@ -163,6 +165,7 @@ class EvidenceSearch:
         values: np.ndarray,
         noise: NoiseModel | None = None,
         outside: bool = True,
+        rounds: Sequence[int] = REFIT_EVALUATIONS,
     ) -> EvidenceFit:
         """Return a set refitted from starting values (p,), SI, with the form errors at its estimate.
 
@@ -171,9 +174,10 @@ class EvidenceSearch:
             values: (p,) starting values, SI.
             noise: noise of the first refit; that of the recording if omitted.
             outside: whether physics outside the library, if it is probable, is part of the noise.
+            rounds: evaluations of each refit; the form errors are computed again after each.
         """
         free, fit = get_free_indices(self.problem, mechanisms), None
-        for evaluations in REFIT_EVALUATIONS if mechanisms else REFIT_EVALUATIONS[:1]:
+        for evaluations in rounds if mechanisms else rounds[:1]:
             noise = noise or self.noise
             values = fit_parameters(self.problem, noise, free, values, evaluations).values
             fit = self._evaluate(tuple(mechanisms), free, values)
@@ -190,9 +194,14 @@ class EvidenceSearch:
             for candidate, amplitudes in proposal.additions:
                 values = switch_on_candidate(self.problem, values, candidate, amplitudes)
             added = tuple(candidate for candidate, _ in proposal.additions)
-            return self.refit((*centre.mechanisms, *added), values, noise, outside)
+            return self.refit((*centre.mechanisms, *added), values, noise, outside, FIRST_EVALUATIONS)
 
-        for fit in parallel_map(refit_proposal, self._list_promising(centre, outside)):
+        def complete(fit: EvidenceFit) -> EvidenceFit:
+            return self.refit(fit.mechanisms, fit.values, fit.noise if outside else fit.form_noise, outside)
+
+        trials = parallel_map(refit_proposal, self._list_promising(centre, outside))
+        trials.sort(key=lambda fit: -(fit.evidence.total if outside else fit.evidence.alone))
+        for fit in parallel_map(complete, trials[:COMPLETE_REFITS]) + trials[COMPLETE_REFITS:]:
             self._register(fit)
 
     def _list_promising(self, centre: EvidenceFit, outside: bool) -> list[Proposal]:
@@ -209,13 +218,15 @@ class EvidenceSearch:
         )
         best_gain = max((proposal.gain for proposal in proposals), default=0.0)
         limit = max(min(MIN_GAIN_SHARE * best_gain, best_gain - MAX_SHORTFALL), -MAX_SHORTFALL)
-        listed: dict[frozenset[str], Proposal] = {}
         known = self.fits if outside else self.alone
+        listed: dict[tuple[str, ...], Proposal] = {}
         for proposal in proposals:
-            ids = centre.ids | proposal.ids
-            if proposal.gain > limit and ids not in known:
-                listed.setdefault(ids, proposal)
-        return list(listed.values())[:REFITS_PER_CENTRE]
+            if proposal.gain > limit and centre.ids | proposal.ids not in known:
+                # One shape of each mechanism for each set of free parameters.
+                listed.setdefault(proposal.free_parameters, proposal)
+        singles = [proposal for proposal in listed.values() if len(proposal.ids) == 1]
+        pairs = [proposal for proposal in listed.values() if len(proposal.ids) == 2]
+        return singles[:SINGLES_PER_CENTRE] + pairs[:PAIRS_PER_CENTRE]
 
     def _reduce(self, fit: EvidenceFit, outside: bool) -> None:
         """Refit a set without each of its mechanisms."""

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
+from scipy.special import softmax
 
 from pamjax.diagnosis.crossval.gain import compute_rmse
 from pamjax.diagnosis.detect.score_test import compute_score_directions
@@ -18,6 +19,7 @@ from pamjax.diagnosis.library.library_problem import COMPLIANCE_PARAMETER, Libra
 from pamjax.diagnosis.noise.estimate import estimate_noise
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, get_free_indices, switch_off_candidate
 from pamjax.diagnosis.refit.least_squares import evaluate_estimate, fit_parameters
+from pamjax.diagnosis.result import Likeness
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
 from pamjax.infer.noise.sensor_noise import compute_sensitivities
 from pamjax.progress import Progress, ignore_progress
@@ -25,6 +27,9 @@ from pamjax.records.blocks import Blocks
 
 #: Increase of the held-out error by a mechanism from which it is not named.
 MAX_HELD_OUT_RATIO = 1.01
+
+#: Probability from which a likeness is reported.
+MIN_LIKENESS = 0.05
 
 #: Parameters that describe the stiffness of the threads; each baseline has one of them.
 STIFFNESS_PARAMETERS = ("thread.modulus", "thread.stiffness", COMPLIANCE_PARAMETER)
@@ -36,8 +41,8 @@ def select_by_evidence(
     training_rows: np.ndarray,
     progress: Progress = ignore_progress,
     settings: EvidenceSettings | None = None,
-) -> tuple[Selection, float]:
-    """Return the mechanisms with the largest evidence, and the probability of unexplained physics.
+) -> tuple[Selection, float, tuple[Likeness, ...]]:
+    """Return the mechanisms with the largest evidence, and the probability and likeness of other physics.
 
     Args:
         problem: the recording and the library.
@@ -66,7 +71,25 @@ def select_by_evidence(
             tuple(directions),
         ),
         summary.unexplained_probability,
+        list_likenesses(search, fit),
     )
+
+
+def list_likenesses(search: EvidenceSearch, fit: EvidenceFit) -> tuple[Likeness, ...]:
+    """Return the families of templates that the part outside the library resembles, most probable first."""
+    log_evidence = np.append(fit.evidence.with_templates, fit.evidence.with_generic)
+    probabilities = softmax(log_evidence)[:-1]
+    best: dict[str, tuple[float, str]] = {}
+    for k in np.argsort(-probabilities):
+        template = search.templates[k]
+        total = sum(
+            float(p)
+            for p, other in zip(probabilities, search.templates, strict=True)
+            if other.id == template.id
+        )
+        best.setdefault(template.id, (total, template.description))
+    likely = [Likeness(id, *pair) for id, pair in best.items() if pair[0] >= MIN_LIKENESS]
+    return tuple(sorted(likely, key=lambda likeness: -likeness.probability))
 
 
 def fit_with_form_errors(
@@ -171,4 +194,6 @@ def _describe(search: EvidenceSearch, fit: EvidenceFit, name: EvidenceName) -> N
         for other in search.fits.values()
         if other.ids > others and len(other.ids) == len(fit.ids) and name.id not in other.ids
     }
-    return NamedMechanism(name.id, name.probability, name.indistinguishable, lose(others), rivals)
+    return NamedMechanism(
+        name.id, name.probability, name.indistinguishable, lose(others), rivals, name.form_ratio
+    )

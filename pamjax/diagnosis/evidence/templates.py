@@ -32,13 +32,13 @@ class Template:
 
     Attributes:
         id: family of the effect.
-        says: description with its place, to follow "like".
+        description: the effect with its place, to follow "like".
         columns: (k, 2, n) shapes in force (N) and diameter (m), of any size.
         share: share of this place in the prior probability of the family.
     """
 
     id: str
-    says: str
+    description: str
     columns: np.ndarray
     share: float
 

@@ -39,6 +39,7 @@ class NamedMechanism:
         indistinguishable: ids of the mechanisms that explain this recording as well.
         chi2_increase: increase of χ² without it, after a refit.
         rival_chi2_increase: increase of the BIC with an alternative in its place, by id.
+        form_error: rms of its form error over the rms of its effect; None if its equation has none.
         alternatives: probability, candidate and refitted values, (p,), SI, of each indistinguishable one.
     """
 
@@ -47,6 +48,7 @@ class NamedMechanism:
     indistinguishable: tuple[str, ...]
     chi2_increase: float
     rival_chi2_increase: dict[str, float] = field(default_factory=dict)
+    form_error: float | None = None
     alternatives: tuple[tuple[float, Candidate, np.ndarray], ...] = ()
 
 
@@ -176,5 +178,6 @@ def _assess_mechanism(problem, fit: CandidateFit, k: int, candidates) -> NamedMe
     )
     probability = float((1 + tied_weight) / (1 + sum(weights.values())))
     return NamedMechanism(
-        candidate.id, probability, tuple(indistinguishable), float(chi2_increase), bic_increase, alternatives
-    )
+        candidate.id, probability, tuple(indistinguishable), float(chi2_increase), bic_increase,
+        alternatives=alternatives,
+    )  # fmt: skip
