@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamjax.benchmark.other_forms.muscle import Plan, TrueBraid, compute_rate, simulate_effects
+from pamjax.benchmark.other_forms.muscle import BenchPlan, TrueBraid, compute_rate, simulate_effects
 from pamjax.benchmark.other_forms.rubber_forms import RubberWall
 
 
@@ -28,7 +28,7 @@ class BenchScales:
     """
 
     braid: TrueBraid
-    plan: Plan
+    plan: BenchPlan
     wall: RubberWall
     fitting_radius: float
     duration: float
@@ -57,7 +57,9 @@ def compute_volume(braid: TrueBraid, length: np.ndarray, thread: np.ndarray) -> 
     return length * (thread**2 - length**2) / (4 * np.pi * braid.turns**2)
 
 
-def build_scales(braid: TrueBraid, plan: Plan, block: np.ndarray, rng: np.random.Generator) -> BenchScales:
+def build_scales(
+    braid: TrueBraid, plan: BenchPlan, block: np.ndarray, rng: np.random.Generator
+) -> BenchScales:
     """Return the scales of a muscle; its bladder and fittings are drawn.
 
     Bore 0.65 to 0.85 and wall 0.06 to 0.1 of the diameter at rest, fittings 0.9 to 1.0 of its radius.

@@ -20,8 +20,8 @@ import numpy as np
 
 from pamjax.benchmark.other_forms.library import DrawnForm
 from pamjax.benchmark.other_forms.muscle import (
+    BenchPlan,
     Effect,
-    Plan,
     Readings,
     TrueBraid,
     apply_to_readings,
@@ -52,7 +52,7 @@ class BaselineFit:
     """
 
     braid: TrueBraid
-    plan: Plan
+    plan: BenchPlan
     sensors: Sensors
     prior_sd: tuple[float, float, float]
     diameter_rows: np.ndarray
