@@ -8,61 +8,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tomlkit
 
+from pamjax.benchmark.other_forms.case_text import build_muscle_text, build_text_case
 from pamjax.benchmark.other_forms.draw import BankRecording
-from pamjax.records.case import Case, build_case
+from pamjax.records.case import Case
 from pamjax.records.files import write_atomically
-from pamjax.records.reading.muscle_toml import MuscleToml
-from pamjax.records.reading.quantity import MeasuredValue
-from pamjax.records.writing.case_folder import build_table, write_case
+from pamjax.records.writing.case_folder import write_case
 
 #: Identifies the format of the key.
 KEY_SCHEMA = "pamjax.bank/1"
 
 
-def build_muscle_text(entry: MuscleToml) -> str:
-    """Return the text of muscle.toml with the stated values of a drawn muscle."""
-    assert entry.thread_length is not None
-    assert entry.turns is not None
-    sensors = entry.sensors
-    document: dict[str, Any] = {
-        "muscle": {
-            "name": entry.name,
-            "rest_length": _format(entry.rest_length.value, "mm", 1e-3),
-            "thread_length": _state(entry.thread_length, "mm", 1e-3),
-            "turns": {"value": _round(entry.turns.value), "sd": _round(entry.turns.sd)},
-        }
-    }
-    if entry.stiffness is not None:
-        document["thread"] = {"stiffness": _state(entry.stiffness, "N", 1.0)}
-    document["sensors"] = {
-        "force": _format(sensors.force or 0.0, "N", 1.0),
-        "pressure": _format(sensors.pressure or 0.0, "kPa", 1e3),
-        "diameter": _format(sensors.diameter or 0.0, "mm", 1e-3),
-        "length": _format(sensors.length or 0.0, "mm", 1e-3),
-    }
-    document["baseline"] = {"model": entry.baseline}
-    return tomlkit.dumps(document)
-
-
-def _round(value: float) -> float:
-    return float(f"{value:.7g}")
-
-
-def _format(value: float, unit: str, scale: float) -> str:
-    return f"{_round(value / scale):.7g} {unit}"
-
-
-def _state(measured: MeasuredValue, unit: str, scale: float) -> dict[str, str]:
-    return {"value": _format(measured.value, unit, scale), "sd": _format(measured.sd, unit, scale)}
-
-
 def build_bank_case(bank_recording: BankRecording, name: str) -> Case:
     """Return the case of a recording, as it is read from its folder."""
-    table = build_table(bank_recording.recording).to_csv(index=False).encode()
-    toml = build_muscle_text(bank_recording.entry).encode()
-    return build_case(toml, table, Path(name), "carry", "relaxed")
+    return build_text_case(bank_recording.entry, bank_recording.recording, name)
 
 
 def build_key_entry(bank_recording: BankRecording) -> dict[str, Any]:

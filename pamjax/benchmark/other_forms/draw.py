@@ -11,7 +11,8 @@
 | family outside         | equal chances (`outside.py`)                                                  |
 
 A mechanism that cannot reach the drawn size on this bench is replaced by another one. Sizes hold with all
-effects of the recording present. Nothing here depends on a diagnosis.
+effects of the recording present. A recording that the reader of case folders refuses is drawn again. Nothing
+here depends on a diagnosis.
 """
 
 from __future__ import annotations
@@ -22,9 +23,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from pamjax.benchmark.other_forms.case_text import build_text_case
 from pamjax.benchmark.other_forms.library import OTHER_FORMS, DrawnForm
 from pamjax.benchmark.other_forms.muscle import (
-    BenchInputs,
+    BenchPlan,
     Effect,
     Readings,
     TrueBraid,
@@ -35,6 +37,7 @@ from pamjax.benchmark.other_forms.outside import OUTSIDE_FAMILIES
 from pamjax.benchmark.other_forms.scales import BenchScales, build_scales, draw_log_uniform
 from pamjax.benchmark.other_forms.size import BaselineFit, compute_size, scale_to_size
 from pamjax.benchmark.setups import Setup, draw_setup
+from pamjax.errors import BadInput
 from pamjax.model.registry import EXCLUSIVE_PAIRS
 from pamjax.records.blocks import find_blocks
 from pamjax.records.reading.muscle_toml import MuscleToml, Sensors
@@ -166,15 +169,26 @@ def draw_bank_recording(
         entry = drawn.entry
         if entry.baseline == "inelastic":
             entry = dataclasses.replace(entry, stiffness=None)
+        if not _is_readable(entry, recording):
+            continue
         return BankRecording(
             kind, entry, recording, _describe(baseline, slots), braid, sensors, misstated, correlation, clean
         )
     raise RuntimeError(f"no recording of kind {kind} in {MAX_RECORDING_DRAWS} draws")
 
 
-def _build_plan(plan: Recording) -> BenchInputs:
+def _is_readable(entry: MuscleToml, recording: Recording) -> bool:
+    """Return whether pamjax accepts the recording; it refuses a pressure far below zero."""
+    try:
+        build_text_case(entry, recording, "drawn")
+    except BadInput:
+        return False
+    return True
+
+
+def _build_plan(plan: Recording) -> BenchPlan:
     assert plan.time is not None
-    return BenchInputs(plan.time, plan.starts, plan.pressure, plan.length)
+    return BenchPlan(plan.time, plan.starts, plan.pressure, plan.length)
 
 
 def _draw_sensors(stated: Sensors, rng: np.random.Generator) -> tuple[Sensors, bool]:

@@ -70,7 +70,7 @@ class MusclePath:
 
 
 @dataclass(frozen=True, eq=False)
-class BenchInputs:
+class BenchPlan:
     """Pressure (Pa) and length (m) that the bench sets at every sample, (n,), with time and starts."""
 
     time: np.ndarray
@@ -108,7 +108,7 @@ class Effect:
         readings: recorded channels after noise.
     """
 
-    inputs: Callable[[BenchInputs], tuple[np.ndarray, np.ndarray]] | None = None
+    inputs: Callable[[BenchPlan], tuple[np.ndarray, np.ndarray]] | None = None
     pressure_loss: Callable[[MusclePath], np.ndarray] | None = None
     energy: Energy | None = None
     memory: Callable[[MusclePath], Energy] | None = None
@@ -198,7 +198,7 @@ class _Balance:
             low, high = np.where(is_loaded, middle, low), np.where(is_loaded, high, middle)
         return 0.5 * (low + high)
 
-    def solve(self, plan: BenchInputs) -> MusclePath:
+    def solve(self, plan: BenchPlan) -> MusclePath:
         """Return the states at the lengths of a plan, shortened by the deflection of the rig."""
         length, deflections = plan.length, [e.deflection for e in self.effects if e.deflection is not None]
         thread = self.solve_thread(length)
@@ -215,7 +215,7 @@ class _Balance:
         )  # fmt: skip
 
 
-def simulate_effects(braid: TrueBraid, plan: BenchInputs, effects: Sequence[Effect]) -> Readings:
+def simulate_effects(braid: TrueBraid, plan: BenchPlan, effects: Sequence[Effect]) -> Readings:
     """Return the recorded channels of a plan without noise."""
     energies = [effect.energy for effect in effects if effect.energy is not None]
     path = _Balance(braid, plan.pressure, effects, energies).solve(plan)
@@ -238,7 +238,7 @@ def simulate_effects(braid: TrueBraid, plan: BenchInputs, effects: Sequence[Effe
         if effect.outputs is not None:
             force, diameter = effect.outputs(path, force, diameter)
         if effect.inputs is not None:
-            pressure, length = effect.inputs(BenchInputs(plan.time, plan.starts, pressure, length))
+            pressure, length = effect.inputs(BenchPlan(plan.time, plan.starts, pressure, length))
     return Readings(pressure, length, force, diameter)
 
 

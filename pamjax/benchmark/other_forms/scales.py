@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamjax.benchmark.other_forms.muscle import BenchInputs, TrueBraid, compute_rate, simulate_effects
+from pamjax.benchmark.other_forms.muscle import BenchPlan, TrueBraid, compute_rate, simulate_effects
 from pamjax.benchmark.other_forms.rubber_forms import RubberWall
 
 
@@ -28,7 +28,7 @@ class BenchScales:
     """
 
     braid: TrueBraid
-    plan: BenchInputs
+    plan: BenchPlan
     wall: RubberWall
     fitting_radius: float
     duration: float
@@ -58,7 +58,7 @@ def compute_volume(braid: TrueBraid, length: np.ndarray, thread: np.ndarray) -> 
 
 
 def build_scales(
-    braid: TrueBraid, plan: BenchInputs, block: np.ndarray, rng: np.random.Generator
+    braid: TrueBraid, plan: BenchPlan, block: np.ndarray, rng: np.random.Generator
 ) -> BenchScales:
     """Return the scales of a muscle; its bladder and fittings are drawn.
 

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from pamjax.benchmark.other_forms.muscle import BenchInputs, Effect, MusclePath, split_runs
+from pamjax.benchmark.other_forms.muscle import BenchPlan, Effect, MusclePath, split_runs
 
 
 def compute_warm_up(time: np.ndarray, time_constant: float) -> np.ndarray:
@@ -101,7 +101,7 @@ def offset_rows(effect_rows: np.ndarray, channel: str, offset: float) -> Effect:
     if channel == "force":
         return add_force(shift)
 
-    def shift_inputs(plan: BenchInputs) -> tuple[np.ndarray, np.ndarray]:
+    def shift_inputs(plan: BenchPlan) -> tuple[np.ndarray, np.ndarray]:
         changed = dataclasses.replace(plan, **{channel: getattr(plan, channel) + shift})
         return changed.pressure, changed.length
 

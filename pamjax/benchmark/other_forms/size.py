@@ -20,7 +20,7 @@ import numpy as np
 
 from pamjax.benchmark.other_forms.library import DrawnForm
 from pamjax.benchmark.other_forms.muscle import (
-    BenchInputs,
+    BenchPlan,
     Effect,
     Readings,
     TrueBraid,
@@ -52,7 +52,7 @@ class BaselineFit:
     """
 
     braid: TrueBraid
-    plan: BenchInputs
+    plan: BenchPlan
     sensors: Sensors
     prior_sd: tuple[float, float, float]
     diameter_rows: np.ndarray

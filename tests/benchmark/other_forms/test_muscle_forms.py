@@ -8,7 +8,7 @@ import pytest
 
 from pamjax.benchmark.other_forms import braid_forms, rig_forms, rubber_forms
 from pamjax.benchmark.other_forms.muscle import (
-    BenchInputs,
+    BenchPlan,
     Effect,
     TrueBraid,
     simulate_effects,
@@ -28,7 +28,7 @@ THREAD = np.full(21, 0.214)
 
 def build_plan(pressure=3e5, length=LENGTHS):
     n = length.size
-    return BenchInputs(np.arange(float(n)), np.arange(n) == 0, np.full(n, pressure), length)
+    return BenchPlan(np.arange(float(n)), np.arange(n) == 0, np.full(n, pressure), length)
 
 
 def test_muscle_without_effects_is_the_ideal_braid():
