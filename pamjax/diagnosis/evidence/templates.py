@@ -22,6 +22,8 @@ MOMENT_COUNT, CONTRACTION_COUNT = 96, 24
 RIPPLE_PERIODS = np.arange(4.0, 20.5, 0.5)
 #: Number of equal successive readings from which a channel counts as stuck.
 MIN_STUCK_READINGS = 3
+#: Number of equal largest readings from which a load cell counts as clipped.
+MIN_CLIPPED_READINGS = 5
 #: Number of frequencies of an interference that are tried, of those with the largest amplitude.
 FREQUENCY_COUNT = 3
 
@@ -147,8 +149,9 @@ def build_buckling(context: TemplateContext) -> Variants:
 def build_clipping(context: TemplateContext) -> Variants:
     """Yield a load cell that does not read above the largest measured force."""
     measured = context.problem.measured[0]
-    if np.isfinite(measured).any():
-        level = float(np.nanmax(measured))
+    level = float(np.nanmax(measured, initial=-np.inf))
+    # A converter at its limit repeats the same reading.
+    if np.count_nonzero(measured == level) >= MIN_CLIPPED_READINGS:
         yield f"a load cell that clips at {level:.0f} N", [-np.maximum(context.prediction[0] - level, 0)]
 
 
