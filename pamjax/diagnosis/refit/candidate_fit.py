@@ -10,9 +10,10 @@ import numpy as np
 
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.noise.estimate import NoiseModel, estimate_noise
+from pamjax.diagnosis.noise.estimate import estimate_noise
 from pamjax.diagnosis.refit.errors_in_variables import correct_input_noise_bias
 from pamjax.diagnosis.refit.least_squares import MapEstimate, fit_parameters
+from pamjax.infer.noise.noise_model import NoiseModel
 
 
 @dataclass(frozen=True, eq=False)

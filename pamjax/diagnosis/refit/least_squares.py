@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.noise.estimate import NoiseModel
+from pamjax.infer.noise.noise_model import NoiseModel
 
 #: Standard deviation that stands for a parameter without a prior.
 UNINFORMATIVE_PRIOR_SD = 1e30

@@ -14,10 +14,10 @@ from pamjax.diagnosis.detect.significance import (
     _estimate_tail_probability,
     compute_significance,
 )
-from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.noise.uncertainty import NORMAL_NODES, NoiseUncertainty, estimate_noise_uncertainty
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.infer.noise.ar1_filter import Ar1Noise
+from pamjax.infer.noise.noise_model import NoiseModel
 
 
 def doubt(much):

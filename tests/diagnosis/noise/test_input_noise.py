@@ -10,10 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.noise.input_noise import compute_input_noise_chi2
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
 from pamjax.infer.noise.ar1_filter import Ar1Noise
+from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.model.muscle import MuscleReading
 from tests.agreement import ROUNDING, agree
 

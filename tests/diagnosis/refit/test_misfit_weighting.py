@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.refit import misfit_weighting as under_test
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import fit_parameters
@@ -17,6 +16,7 @@ from pamjax.diagnosis.refit.misfit_weighting import (
 )
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.infer.noise.ar1_filter import Ar1Noise
+from pamjax.infer.noise.noise_model import NoiseModel
 
 ROWS = 2000
 

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.refit import noise_correlation as under_test
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import fit_parameters
 from pamjax.diagnosis.refit.noise_correlation import fit_noise_correlation
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.infer.noise.ar1_filter import Ar1Noise
+from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.records.simulate import draw_ar1_noise
 
 ROWS, MEMORY, SHARED, MANY = 900, 0.9, 0.3, 40

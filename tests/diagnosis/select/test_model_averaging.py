@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from pamjax.diagnosis.library.candidates import Candidate
-from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import fit_parameters
 from pamjax.diagnosis.select import model_averaging as under_test
@@ -16,6 +15,7 @@ from pamjax.diagnosis.select.model_averaging import average_models
 from pamjax.diagnosis.select.selection import NamedMechanism
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.infer.noise.ar1_filter import Ar1Noise
+from pamjax.infer.noise.noise_model import NoiseModel
 
 ROWS = 400
 X = np.linspace(0, 1, ROWS)
