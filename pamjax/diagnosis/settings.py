@@ -15,6 +15,11 @@ from typing import Any, cast
 
 from pamjax.errors import refuse
 from pamjax.infer.noise.noise_settings import NOISE_SETTINGS
+from pamjax.infer.problem.prior_limits import (
+    MAX_PRIOR_DEVIATION_SD,
+    MAX_STIFFNESS_FACTOR,
+    MIN_MISFIT_MEAN_SQUARE,
+)
 
 
 def _define(group: str, default: float, unit: str, low: float, high: float, meaning: str, larger: str) -> Any:
@@ -76,10 +81,10 @@ class DiagnosisSettings:
         "favours models that amplify input noise")
 
     # Library: limits of the parameters, and the candidates.
-    max_prior_deviation_sd: float = _library(3.0, "sd of the prior", 0.1, 100.0,
+    max_prior_deviation_sd: float = _library(MAX_PRIOR_DEVIATION_SD, "sd of the prior", 0.1, 100.0,
         "Limit the distance of a baseline parameter from its stated value to this",
         "the baseline absorbs more misfit")
-    max_stiffness_factor: float = _library(5.0, "1", 1.01, 1e3,
+    max_stiffness_factor: float = _library(MAX_STIFFNESS_FACTOR, "1", 1.01, 1e3,
         "Limit the ratio of fitted and stated thread stiffness to this, in both directions",
         "the threads absorb more misfit")
     min_presliding_noise_ratio: float = _library(10.0, "sd of the length noise", 0.0, 1e4,
@@ -114,7 +119,7 @@ class DiagnosisSettings:
     max_correction_steps: int = _refit(6, "count", 0, 1000,
         "Limit the Gauss–Newton steps of that correction to this",
         "the correction can go further")
-    min_misfit_mean_square: float = _refit(1.5, "noise variances", 1.0, 1e6,
+    min_misfit_mean_square: float = _refit(MIN_MISFIT_MEAN_SQUARE, "noise variances", 1.0, 1e6,
         "Weight the samples for systematic misfit if their mean squared residual exceeds this",
         "fewer models are weighted")
     misfit_weighting_rounds: int = _refit(2, "count", 1, 100,

@@ -272,6 +272,18 @@ def _compute_half_mean_square(residual, sd, channel_rows, starts, settings: Nois
     return 0.5 * _compute_robust_mean_square(step, settings)
 
 
+def estimate_neighbour_sd(residual: np.ndarray, rows: np.ndarray, starts: np.ndarray) -> float:
+    """Return the sd of independent noise with the observed differences of neighbouring samples, SI.
+
+    Args:
+        residual: (n,) measured − model, SI.
+        rows: rows of the samples, in the order of time.
+        starts: (n,) whether a run begins at this row.
+    """
+    unit_sd = np.ones_like(residual)
+    return math.sqrt(_compute_half_mean_square(residual, unit_sd, rows, np.cumsum(starts), NOISE_SETTINGS))
+
+
 def _compute_robust_mean_square(steps: np.ndarray, settings: NoiseThresholds) -> float:
     """Return the mean square of steps, robust against a few jumps."""
     is_near = np.abs(steps) < 3.5 * 1.4826 * np.median(np.abs(steps))

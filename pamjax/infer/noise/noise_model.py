@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import jax.numpy as jnp
 import numpy as np
 
 from pamjax.infer.noise.ar1_filter import Ar1Noise
 from pamjax.infer.problem.dataset import CHANNELS
+from pamjax.infer.problem.whitening import Whitening, pack_samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +52,32 @@ class NoiseModel:
             for channel_rows, run in zip(self.rows, self.runs, strict=True)
         )
         return replace(self, rows=rows, runs=runs)
+
+    def build_filter(self, size: int) -> Whitening:
+        """Return the filter for the residuals of a dataset of `size` rows, within a compiled program."""
+        arrays = [self._build_channel_filter(c, size) for c in range(len(CHANNELS))]
+        order, position, feedback, sd = (jnp.asarray(np.stack(a)) for a in zip(*arrays, strict=True))
+        correlation = jnp.asarray(
+            [c.correlation if c is not None and c.ar1_fraction > 0 else 0.0 for c in self.channels]
+        )
+        return Whitening(order, position, correlation, feedback, sd, jnp.asarray(1.0))
+
+    def _build_channel_filter(self, c: int, size: int) -> tuple[np.ndarray, ...]:
+        channel, rows = self.channels[c], self.rows[c]
+        begins = np.zeros(rows.size, dtype=bool)
+        begins[self.runs[c][:, 0]] = True
+        coefficients = (
+            (np.zeros(size), np.ones(size)) if channel is None else channel.compute_coefficients(size)
+        )
+        return *pack_samples(rows, begins, size), *coefficients
+
+    @property
+    def starts(self) -> np.ndarray:
+        """(size,) Whether a whitened sample begins a run."""
+        parts = [np.zeros(rows.size, dtype=bool) for rows in self.rows]
+        for part, runs in zip(parts, self.runs, strict=True):
+            part[runs[:, 0]] = True
+        return np.concatenate(parts)
 
     def whiten(self, values: np.ndarray) -> np.ndarray:
         """Return values divided by their sd and whitened, (…, size): force first, then diameter."""

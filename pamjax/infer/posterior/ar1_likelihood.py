@@ -23,7 +23,8 @@ from jaxtyping import Array, Float
 
 from pamjax.channels import DISPLAY_UNIT, SI_UNIT
 from pamjax.infer.fitting.reweight import compute_si_residuals
-from pamjax.infer.noise.sensor_noise import compute_effective_sd, estimate_autocorrelation_time
+from pamjax.infer.noise.autocorrelation import estimate_autocorrelation_time
+from pamjax.infer.noise.sensor_noise import compute_effective_sd
 from pamjax.infer.problem.dataset import CHANNELS, Dataset, estimate_starting_sd
 from pamjax.infer.problem.parameter_space import FreeParameter
 from pamjax.parameter import Meaning

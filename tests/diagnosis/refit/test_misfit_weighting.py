@@ -1,6 +1,5 @@
 """Misfit weighting: a smooth misfit does not change well-measured parameters."""
 
-import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +9,6 @@ from pamjax.diagnosis.refit import misfit_weighting as under_test
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import fit_parameters
 from pamjax.diagnosis.refit.misfit_weighting import (
-    compute_integrated_autocorrelation_time,
     fit_with_misfit_weight,
     reweight_by_misfit,
 )
@@ -81,12 +79,3 @@ def test_weights_follow_from_the_residuals_at_the_start(monkeypatch):
     fit_with_misfit_weight(found, np.ones(ROWS, bool), (), np.array([-3.0, 20.0]))
     fit_with_misfit_weight(found, np.ones(ROWS, bool), (), model.estimate.values)
     assert [float(one[3][0]) for one in settled] == pytest.approx([3.0, 3.0], abs=0.3)
-
-
-@pytest.mark.parametrize("rho", [0.0, 0.8])
-def test_correlated_samples_count_once(rho):
-    rng = np.random.default_rng(1)
-    noise = rng.standard_normal(20000)
-    for k in range(1, noise.size):
-        noise[k] = rho * noise[k - 1] + math.sqrt(1 - rho**2) * noise[k]
-    assert compute_integrated_autocorrelation_time(noise) == pytest.approx((1 + rho) / (1 - rho), rel=0.2)

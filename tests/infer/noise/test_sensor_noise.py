@@ -8,11 +8,8 @@ import pytest
 
 import pamjax.infer.fitting.reweight
 from pamjax.infer.fitting.fit import build_joint_space, fit
-from pamjax.infer.noise.sensor_noise import (
-    compute_correlation_time,
-    compute_effective_sd,
-    estimate_autocorrelation_time,
-)
+from pamjax.infer.noise.autocorrelation import estimate_autocorrelation_time
+from pamjax.infer.noise.sensor_noise import compute_correlation_time, compute_effective_sd
 from pamjax.infer.problem.dataset import build_dataset
 from pamjax.model.assembly import assemble
 from pamjax.model.muscle import predict
