@@ -126,15 +126,8 @@ def _whiten_dataset(
     case: Case, dataset: Dataset, space: ParameterSpace, solution: Solution, loss: Loss
 ) -> tuple[Dataset, dict[str, ChannelNoise]]:
     """Return the dataset with the filter and weights of its noise model, and the noise by channel."""
-    values, n = space.to_values(solution.u), case.recording.n
-    residual = compute_si_residuals(dataset, values)[:, :n]
-    model = estimate_noise_model(
-        case,
-        residual,
-        np.isfinite(residual),
-        np.ones(n, dtype=bool),
-        compute_noise_variances(case, dataset, np.asarray(values)),
-    )
+    n = case.recording.n
+    model, residual = estimate_noise_of_dataset(case, dataset, space.to_values(solution.u))
     weights, noise = np.zeros((2, dataset.rows.pressure.size)), {}
     fitted_parameters = _count_effective_parameters(solution)
     for k, (name, channel, rows) in enumerate(zip(CHANNELS, model.channels, model.rows, strict=True)):
@@ -150,6 +143,23 @@ def _whiten_dataset(
         )
     filtered = dataclasses.replace(dataset, whitening=model.build_filter(weights.shape[1]))
     return _set_weights(filtered, weights, np.ones(2)), noise
+
+
+def estimate_noise_of_dataset(
+    case: Case, dataset: Dataset, values: jnp.ndarray
+) -> tuple[NoiseModel, np.ndarray]:
+    """Return the noise model of neighbouring samples, and the residual measured − model, SI, (2, n).
+
+    Args:
+        case: the recording and its muscle.toml.
+        dataset: its dataset.
+        values: (p,) parameter values, SI.
+    """
+    n = case.recording.n
+    residual = compute_si_residuals(dataset, values)[:, :n]
+    variances = compute_noise_variances(case, dataset, np.asarray(values))
+    model = estimate_noise_model(case, residual, np.isfinite(residual), np.ones(n, dtype=bool), variances)
+    return model, residual
 
 
 def _describe_noise(
