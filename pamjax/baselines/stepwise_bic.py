@@ -22,10 +22,11 @@ import numpy as np
 from pamjax.diagnosis.detect.score_test import ScoreDirection, compute_score_directions
 from pamjax.diagnosis.library.candidates import Candidate, build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.noise.estimate import NoiseModel, estimate_noise
+from pamjax.diagnosis.noise.estimate import estimate_noise
 from pamjax.diagnosis.refit.candidate_fit import switch_on_candidate
 from pamjax.diagnosis.refit.least_squares import MapEstimate, fit_parameters
 from pamjax.diagnosis.select.search import shortlist_candidates
+from pamjax.infer.noise.noise_model import NoiseModel
 
 #: Largest number of mechanisms, refits in each step, and evaluations of a refit.
 MAX_STEPWISE_MECHANISMS, TRIALS_PER_STEP, STEPWISE_EVALUATIONS = 6, 2, 15

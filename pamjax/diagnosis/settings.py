@@ -14,6 +14,12 @@ from functools import partial
 from typing import Any, cast
 
 from pamjax.errors import refuse
+from pamjax.infer.noise.noise_settings import NOISE_SETTINGS
+from pamjax.infer.problem.prior_limits import (
+    MAX_PRIOR_DEVIATION_SD,
+    MAX_STIFFNESS_FACTOR,
+    MIN_MISFIT_MEAN_SQUARE,
+)
 
 
 def _define(group: str, default: float, unit: str, low: float, high: float, meaning: str, larger: str) -> Any:
@@ -54,19 +60,20 @@ class DiagnosisSettings:
 
     # fmt: off
     # Noise: estimated from differences of neighbouring samples.
-    max_noise_correlation: float = _noise(0.98, "1", 0.01, 0.9999,
+    max_noise_correlation: float = _noise(NOISE_SETTINGS.max_noise_correlation, "1", 0.01, 0.9999,
         "Limit the correlation of neighbouring noise samples to this",
         "slower misfit can count as noise")
-    min_correlation_se: float = _noise(2.0, "standard errors", 0.0, 100.0,
+    min_correlation_se: float = _noise(NOISE_SETTINGS.min_correlation_se, "standard errors", 0.0, 100.0,
         "Treat noise samples as independent if their correlation is below this many standard errors",
         "fewer recordings get correlated noise")
-    sensor_variance_sd_share: float = _noise(0.1, "share of the variance", 0.0, 1.0,
+    sensor_variance_sd_share: float = _noise(NOISE_SETTINGS.sensor_variance_sd_share,
+        "share of the variance", 0.0, 1.0,
         "Assume this standard deviation of the stated noise variance of a sensor",
         "deviations are less significant")
-    min_samples_for_correlation: int = _noise(30, "count", 4, 10**6,
+    min_samples_for_correlation: int = _noise(NOISE_SETTINGS.min_samples_for_correlation, "count", 4, 10**6,
         "Estimate the noise correlation of a channel if it has at least this many samples",
         "short recordings count as uncorrelated")
-    min_near_step_share: float = _noise(0.9, "share of the steps", 0.0, 1.0,
+    min_near_step_share: float = _noise(NOISE_SETTINGS.min_near_step_share, "share of the steps", 0.0, 1.0,
         "Exclude larger steps as outliers if at least this share is within 3.5 robust sd",
         "large steps count as noise more often")
     max_input_noise_chi2_share: float = _noise(0.1, "share of the samples", 0.0, 1.0,
@@ -74,10 +81,10 @@ class DiagnosisSettings:
         "favours models that amplify input noise")
 
     # Library: limits of the parameters, and the candidates.
-    max_prior_deviation_sd: float = _library(8.0, "sd of the prior", 0.1, 100.0,
+    max_prior_deviation_sd: float = _library(MAX_PRIOR_DEVIATION_SD, "sd of the prior", 0.1, 100.0,
         "Limit the distance of a baseline parameter from its stated value to this",
         "the baseline absorbs more misfit")
-    max_stiffness_factor: float = _library(5.0, "1", 1.01, 1e3,
+    max_stiffness_factor: float = _library(MAX_STIFFNESS_FACTOR, "1", 1.01, 1e3,
         "Limit the ratio of fitted and stated thread stiffness to this, in both directions",
         "the threads absorb more misfit")
     min_presliding_noise_ratio: float = _library(10.0, "sd of the length noise", 0.0, 1e4,
@@ -112,7 +119,7 @@ class DiagnosisSettings:
     max_correction_steps: int = _refit(6, "count", 0, 1000,
         "Limit the Gauss–Newton steps of that correction to this",
         "the correction can go further")
-    min_misfit_mean_square: float = _refit(1.5, "noise variances", 1.0, 1e6,
+    min_misfit_mean_square: float = _refit(MIN_MISFIT_MEAN_SQUARE, "noise variances", 1.0, 1e6,
         "Weight the samples for systematic misfit if their mean squared residual exceeds this",
         "fewer models are weighted")
     misfit_weighting_rounds: int = _refit(2, "count", 1, 100,

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from pamjax.diagnosis.library.candidates import Candidate
-from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import MapEstimate
 from pamjax.infer.noise.ar1_filter import Ar1Noise
+from pamjax.infer.noise.noise_model import NoiseModel
 
 
 def build_noise(force: Ar1Noise, diameter: Ar1Noise | None = None, weight: float = 1.0) -> NoiseModel:

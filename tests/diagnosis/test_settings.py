@@ -19,12 +19,12 @@ from pamjax.diagnosis.detect.significance import Significance
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import _compute_limits
 from pamjax.diagnosis.next_experiment.experiment import Experiment, choose_experiment
-from pamjax.diagnosis.noise.estimate import _build_channel_noise
 from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit
 from pamjax.diagnosis.select.search import MechanismSearch
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings, describe_settings
 from pamjax.errors import BadInput
+from pamjax.infer.noise.estimate import _build_channel_noise
 from pamjax.parameter import Meaning
 from pamjax.progress import ignore_progress
 from pamjax.records.blocks import Blocks
@@ -86,10 +86,11 @@ def test_every_setting_has_a_description():
 
 def test_every_setting_is_used():
     """A setting without a reader in the package would promise an effect that it does not have."""
-    home = Path(pamjax.__file__).parent / "diagnosis"
+    home = Path(pamjax.__file__).parent
     read = {
         node.attr
-        for path in home.rglob("*.py")
+        for folder in ("diagnosis", "infer/noise")
+        for path in (home / folder).rglob("*.py")
         if path.name != "settings.py"
         for node in ast.walk(ast.parse(path.read_text("utf-8")))
         if isinstance(node, ast.Attribute)

@@ -10,11 +10,11 @@ from pamjax.diagnosis.detect.locate import Box
 from pamjax.diagnosis.detect.regions import build_axes
 from pamjax.diagnosis.detect.significance import Significance
 from pamjax.diagnosis.next_experiment.experiment import Experiment
-from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.result import Diagnosis, ParameterEstimate, ParameterShift
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.infer.noise.ar1_filter import Ar1Noise
+from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.model.parameters import find_meaning
 from pamjax.records.blocks import find_blocks
 from pamjax.records.case import Case

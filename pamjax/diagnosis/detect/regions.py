@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.settings import DiagnosisSettings
+from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.problem.dataset import CHANNELS
 
 SHORTENING, STILL, LENGTHENING = -1, 0, 1

@@ -15,7 +15,6 @@ from scipy.optimize import lsq_linear
 from pamjax.compile.parallel import parallel_map
 from pamjax.diagnosis.library.candidates import TIME_COURSES, Candidate
 from pamjax.diagnosis.library.library_problem import COSTLIEST_MECHANISM, LibraryProblem
-from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.refit.least_squares import (
     MapEstimate,
     compute_limit_distances,
@@ -23,6 +22,7 @@ from pamjax.diagnosis.refit.least_squares import (
     find_parameters_at_limit,
     transform_to_coordinates,
 )
+from pamjax.infer.noise.noise_model import NoiseModel
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,8 @@ import numpy as np
 from pamjax.diagnosis.evidence.coordinates import Coordinates
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.refit.candidate_fit import switch_off_candidate
+from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.model.form_error import FormError
 from pamjax.model.registry import list_mechanisms

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pamjax.diagnosis.noise.estimate import NoiseModel
+from pamjax.infer.noise.noise_model import NoiseModel
 
 #: Singular value below which a column has no effect.
 MIN_SINGULAR_VALUE = 1e-6

@@ -30,8 +30,8 @@ from pamjax.diagnosis.evidence.coordinates import Coordinates
 from pamjax.diagnosis.evidence.settings import EvidenceSettings
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.refit.least_squares import MapEstimate
+from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.model.registry import EXCLUSIVE_PAIRS
 
 #: Reduction of χ² below which a mechanism is not proposed.

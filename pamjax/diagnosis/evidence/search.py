@@ -34,7 +34,6 @@ from pamjax.diagnosis.evidence.settings import EvidenceSettings
 from pamjax.diagnosis.evidence.templates import Template
 from pamjax.diagnosis.library.candidates import Candidate, build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.refit.candidate_fit import get_free_indices, switch_off_candidate, switch_on_candidate
 from pamjax.diagnosis.refit.least_squares import (
     MapEstimate,
@@ -43,6 +42,7 @@ from pamjax.diagnosis.refit.least_squares import (
     fit_parameters,
     transform_to_coordinates,
 )
+from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.progress import Progress, ignore_progress
 

@@ -27,6 +27,7 @@ from pamjax.infer.problem.dataset import (
     build_rows,
     find_informative_samples,
 )
+from pamjax.infer.problem.prior_limits import compute_prior_limits
 from pamjax.infer.problem.priors import collect_mechanism_values, collect_stated_values
 from pamjax.model.assembly import resolve_bench_law
 from pamjax.model.bench import HISTORY_DEPENDENT
@@ -98,8 +99,12 @@ class LibraryProblem:
 
     @property
     def is_logarithmic(self) -> np.ndarray:
-        """(p,) Whether a parameter is fitted on a logarithmic scale."""
-        return np.array([m.scale == "log" for m in self.meanings])
+        """(p,) Whether a parameter is fitted on a logarithmic scale; a stated value of the baseline is not.
+
+        Its prior is normal in the value itself, as in a fit.
+        """
+        is_stated = self.is_baseline & np.isfinite(self.prior_sd)
+        return np.array([m.scale == "log" for m in self.meanings]) & ~is_stated
 
     @property
     def is_switch(self) -> np.ndarray:
@@ -330,19 +335,14 @@ def _describe_length_error(space, name: str) -> Meaning:
 def _compute_limits(
     names, meanings, start, prior_sd, is_baseline, settings: DiagnosisSettings
 ) -> tuple[np.ndarray, np.ndarray]:
-    low = np.array([m.low for m in meanings])
-    high = np.array([m.high for m in meanings])
-    for k, name in enumerate(names):
-        if not is_baseline[k]:
-            continue
-        if name in ("thread.modulus", "thread.stiffness"):
-            low[k], high[k] = (
-                max(low[k], start[k] / settings.max_stiffness_factor),
-                min(high[k], start[k] * settings.max_stiffness_factor),
-            )
-        elif math.isfinite(prior_sd[k]):
-            low[k], high[k] = (
-                max(low[k], start[k] - settings.max_prior_deviation_sd * prior_sd[k]),
-                min(high[k], start[k] + settings.max_prior_deviation_sd * prior_sd[k]),
-            )
+    low, high = np.array([m.low for m in meanings]), np.array([m.high for m in meanings])
+    rows = np.flatnonzero(is_baseline)
+    low[rows], high[rows] = compute_prior_limits(
+        [names[k] for k in rows],
+        (low[rows], high[rows]),
+        start[rows],
+        prior_sd[rows],
+        settings.max_prior_deviation_sd,
+        settings.max_stiffness_factor,
+    )
     return low, high

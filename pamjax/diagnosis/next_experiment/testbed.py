@@ -13,7 +13,6 @@ from pamjax.diagnosis.library.library_problem import LibraryProblem, compute_pro
 from pamjax.diagnosis.next_experiment.power import LinearisedModel
 from pamjax.diagnosis.next_experiment.protocols import PlannedProtocol
 from pamjax.diagnosis.next_experiment.rig import CAMERA_SD_M, RigLimits
-from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import (
     UNIFORM_RANGE_SD,
@@ -21,6 +20,7 @@ from pamjax.diagnosis.refit.least_squares import (
     transform_to_coordinates,
 )
 from pamjax.infer.noise.ar1_filter import Ar1Noise
+from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.noise.sensor_noise import compute_effective_sd
 from pamjax.infer.problem.dataset import build_history, build_rows, estimate_starting_sd
 from pamjax.records.case import Case

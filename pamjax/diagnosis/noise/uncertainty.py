@@ -23,9 +23,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm, truncnorm
 
-from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.infer.noise.ar1_filter import Ar1Noise, compute_correlation_error
+from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.noise.unknown_sensor import UnknownSensorNoise
 
 #: Standard normal variables at which the noise variance is computed; between them it is interpolated.

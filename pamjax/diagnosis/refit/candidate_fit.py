@@ -10,9 +10,11 @@ import numpy as np
 
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.noise.estimate import NoiseModel, estimate_noise
+from pamjax.diagnosis.noise.estimate import estimate_noise
 from pamjax.diagnosis.refit.errors_in_variables import correct_input_noise_bias
 from pamjax.diagnosis.refit.least_squares import MapEstimate, fit_parameters
+from pamjax.infer.noise.autocorrelation import compute_variance_inflation
+from pamjax.infer.noise.noise_model import NoiseModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +75,7 @@ class CandidateFit:
 
     @property
     def variance_inflation(self) -> float:
-        """Factor on variances of a model with systematic misfit; 1 without."""
+        """Mean square residual of a model with systematic misfit; 1 without."""
         return max(self.estimate.chi2 / max(self.noise.size, 1), 1.0)
 
     @property
@@ -84,7 +86,8 @@ class CandidateFit:
     @property
     def within_model_covariance(self) -> np.ndarray:
         """Covariance within this model, SI, (k, k), without the differences between models."""
-        return self.variance_inflation * self.estimate.covariance + np.multiply.outer(
+        inflation = compute_variance_inflation(self.estimate.residual, self.noise.starts)
+        return self.estimate.compute_covariance(inflation) + np.multiply.outer(
             self.errors_in_variables_bias, self.errors_in_variables_bias
         )
 

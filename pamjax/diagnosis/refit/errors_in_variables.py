@@ -22,7 +22,6 @@ from __future__ import annotations
 import numpy as np
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.noise.input_noise import (
     build_perturbed_problems,
     compute_input_noise_chi2,
@@ -34,6 +33,7 @@ from pamjax.diagnosis.refit.least_squares import (
     evaluate_estimate,
     transform_to_coordinates,
 )
+from pamjax.infer.noise.noise_model import NoiseModel
 
 
 def correct_input_noise_bias(

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.noise.estimate import NoiseModel
+from pamjax.infer.noise.noise_model import NoiseModel
 
 #: Standard deviation that stands for a parameter without a prior.
 UNINFORMATIVE_PRIOR_SD = 1e30
@@ -46,7 +46,15 @@ class MapEstimate:
     @property
     def covariance(self) -> np.ndarray:
         """Covariance of the free parameters, SI, (k, k)."""
-        information = self.jacobian.T @ self.jacobian + np.diag(1 / self.prior_sd**2)
+        return self.compute_covariance()
+
+    def compute_covariance(self, variance_inflation: float = 1.0) -> np.ndarray:
+        """Return the covariance of the free parameters, SI, (k, k).
+
+        Args:
+            variance_inflation: factor on the variance of the samples; the priors keep theirs.
+        """
+        information = self.jacobian.T @ self.jacobian / variance_inflation + np.diag(1 / self.prior_sd**2)
         # Scaled to a unit diagonal: newtons and pascals are many orders of magnitude apart.
         unit = np.sqrt(np.maximum(np.diag(information), 1e-300))
         inverse = np.linalg.pinv(information / np.outer(unit, unit), rcond=1e-12, hermitian=True)

@@ -6,11 +6,10 @@ such a model is therefore scaled by a weight
 
     τ = 1 / √(s T),     s = mean r²,     T = 1 + 2 Σ ρ_k,
 
-with T the integrated autocorrelation time of r (Geyer's initial positive sequence). Then the model is
+with T the integrated autocorrelation time of r (`infer/noise/autocorrelation.py`). Then the model is
 refitted, and its n samples count as n / T independent samples with the variance of the misfit. Nothing
 changes if s is near one. What it leaves out: a misfit that differs between parts of a recording.
-Source: least squares with the variance of its residual, and the effective sample size of C. Geyer,
-Statist. Sci. 7, 473 (1992).
+Source: least squares with the variance of its residual, and an effective sample size.
 """
 
 from __future__ import annotations
@@ -25,6 +24,7 @@ from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.estimate import estimate_noise
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate, get_free_indices
 from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.infer.noise.autocorrelation import estimate_autocorrelation_time
 
 
 def fit_with_misfit_weight(
@@ -44,7 +44,7 @@ def fit_with_misfit_weight(
     residual = np.nan_to_num(noise.whiten(problem.measured - problem.predict(values)), nan=1e3)
     if _compute_mean_square(residual) < problem.settings.min_misfit_mean_square:
         return fit_candidate(problem, training_rows, mechanisms, values)
-    noise = dataclasses.replace(noise, weight=_compute_weight(residual))
+    noise = dataclasses.replace(noise, weight=_compute_weight(residual, noise.starts))
     free = get_free_indices(problem, mechanisms)
     fit = reweight_by_misfit(
         problem, CandidateFit(tuple(mechanisms), noise, fit_parameters(problem, noise, free, values))
@@ -69,7 +69,7 @@ def reweight_by_misfit(problem: LibraryProblem, fit: CandidateFit) -> CandidateF
         residual = fit.estimate.residual / fit.noise.weight
         if _compute_mean_square(residual) < problem.settings.min_misfit_mean_square:
             return fit
-        noise = dataclasses.replace(fit.noise, weight=_compute_weight(residual))
+        noise = dataclasses.replace(fit.noise, weight=_compute_weight(residual, fit.noise.starts))
         fit = CandidateFit(
             fit.mechanisms, noise, fit_parameters(problem, noise, fit.estimate.free, fit.estimate.values)
         )
@@ -80,23 +80,7 @@ def _compute_mean_square(residual: np.ndarray) -> float:
     return float(np.mean(residual**2)) if residual.size else 1.0
 
 
-def _compute_weight(residual: np.ndarray) -> float:
+def _compute_weight(residual: np.ndarray, starts: np.ndarray) -> float:
     return float(
-        1 / np.sqrt(_compute_mean_square(residual) * compute_integrated_autocorrelation_time(residual))
+        1 / np.sqrt(_compute_mean_square(residual) * estimate_autocorrelation_time(residual, starts))
     )
-
-
-def compute_integrated_autocorrelation_time(residual: np.ndarray) -> float:
-    """Return the integrated autocorrelation time of a residual in samples, 1 for white noise.
-
-    >>> 0.8 < compute_integrated_autocorrelation_time(np.random.default_rng(0).standard_normal(2000)) < 1.2
-    True
-    """
-    centred = residual - residual.mean()
-    spectrum = np.fft.rfft(centred, 2 * centred.size)
-    lags = np.fft.irfft(spectrum * np.conj(spectrum))[: centred.size]
-    if lags[0] <= 0 or lags.size < 4:
-        return 1.0
-    pairs = (lags[:-1:2] + lags[1::2])[: lags.size // 2] / lags[0]
-    ends = np.flatnonzero(pairs <= 0)
-    return float(max(2 * pairs[: ends[0] if ends.size else None].sum() - 1, 1.0))

@@ -23,9 +23,9 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, build_corrected_fit
 from pamjax.diagnosis.refit.least_squares import compute_priors, fit_parameters, transform_to_coordinates
+from pamjax.infer.noise.noise_model import NoiseModel
 
 #: Starting grid of the search for the most likely correlation; the largest allowed one is added.
 TRIAL_CORRELATIONS = (0.0, 0.2, 0.4, 0.6, 0.75, 0.85, 0.92, 0.96)

@@ -71,7 +71,10 @@ def exclude_rows(dataset: Dataset, excluded: np.ndarray | None) -> Dataset:
         return dataset
     training_mask = np.array(dataset.rows.training_mask)
     training_mask[: excluded.size][excluded] = 0.0
-    return eqx.tree_at(lambda m: m.rows.training_mask, dataset, jnp.asarray(training_mask))
+    reduced = eqx.tree_at(lambda m: m.rows.training_mask, dataset, jnp.asarray(training_mask))
+    if reduced.whitening is None:
+        return reduced
+    return eqx.tree_at(lambda m: m.whitening, reduced, reduced.whitening.restrict_to_rows(training_mask > 0))
 
 
 def _fill_predictions(prediction: dict[str, np.ndarray], reading, mask: np.ndarray) -> None:

@@ -13,9 +13,15 @@ import numpy as np
 
 from pamjax.errors import BadInput, check_minimum, refuse, suggest_word
 from pamjax.infer.fitting.cross_validation import cross_validate
-from pamjax.infer.fitting.least_squares import Loss, Solution, solve_least_squares
+from pamjax.infer.fitting.least_squares import Loss, Solution, linearise_problem, solve_least_squares
+from pamjax.infer.fitting.prior_bounds import find_limits, solve_within_limits
 from pamjax.infer.fitting.result import CaseFit, Estimate, Fit, HeldOutScore
-from pamjax.infer.fitting.reweight import reweight_dataset
+from pamjax.infer.fitting.reweight import (
+    add_whitening,
+    compute_mean_square,
+    reweight_dataset,
+    set_variance_inflation,
+)
 from pamjax.infer.problem.dataset import (
     CHANNELS,
     Dataset,
@@ -24,6 +30,7 @@ from pamjax.infer.problem.dataset import (
     predict_rows,
 )
 from pamjax.infer.problem.parameter_space import FreeParameter, ParameterSpace, build_space
+from pamjax.infer.problem.prior_limits import MIN_MISFIT_MEAN_SQUARE
 from pamjax.infer.problem.priors import list_free_parameters
 from pamjax.model.assembly import resolve_bench_law
 from pamjax.model.balance import Status
@@ -32,6 +39,7 @@ from pamjax.model.registry import check_exclusive_pairs
 from pamjax.progress import Progress, ignore_progress
 from pamjax.records.blocks import find_blocks
 from pamjax.records.case import Case, ensure_case
+from pamjax.records.fixed_length import average_fixed_lengths
 
 #: Two starts agree if their costs differ by less than this; a residual of one standard deviation costs 0.5.
 COST_TOLERANCE = 0.01
@@ -75,14 +83,20 @@ def fit(
     Raises:
         BadInput: for an unknown law, an unknown shared parameter, or a recording without force and diameter.
     """
-    cases = [ensure_case(case) for case in ([cases] if isinstance(cases, Case | str | Path) else cases)]
+    cases = [
+        average_fixed_lengths(ensure_case(case))
+        for case in ([cases] if isinstance(cases, Case | str | Path) else cases)
+    ]
     _check_counts(starts, fold_count, seed)
     law = _choose_law(cases, law)
     if mechanisms:
         check_exclusive_pairs(mechanisms)
         law = resolve_bench_law(law, mechanisms)
     space, renames = build_joint_space(cases, law, share, mechanisms)
-    datasets = tuple(build_dataset(c, law, space, r, mechanisms) for c, r in zip(cases, renames, strict=True))
+    datasets = tuple(
+        add_whitening(c, build_dataset(c, law, space, r, mechanisms))
+        for c, r in zip(cases, renames, strict=True)
+    )
     progress("first fit", 0.0)
     solution = solve_least_squares(datasets, space, jnp.zeros(space.size), loss)
     for k in range(MAX_REWEIGHTINGS):
@@ -99,19 +113,23 @@ def fit(
         # The weights belong to the first solution.
         datasets, _ = reweight_datasets(cases, datasets, space, best, loss)
         best = solve_least_squares(datasets, space, best.u, loss)
-    solution = best
+    datasets, fixed_space, solution = _limit_stated_values(cases, datasets, space, renames, best, loss)
     blocks_of_cases = [find_blocks(case.recording) for case in cases]
     folds, predictions = cross_validate(
-        cases, datasets, blocks_of_cases, space, solution, loss, fold_count, seed,
+        cases, datasets, blocks_of_cases, fixed_space, solution, loss, fold_count, seed,
         lambda fraction: progress("cross-validation", 0.6 + 0.4 * fraction),
     )  # fmt: skip
     _, noise = reweight_datasets(cases, datasets, space, solution, loss)
+    at_limit = {*space.find_names_at_bound(solution.u), *_find_fixed_names(space, fixed_space)}
+    datasets, solution = _inflate_variances(datasets, space, solution, loss)
     sd, correlation = compute_sd_and_correlation(solution)
     progress("done", 1.0)
     return Fit(
         law=law,
         mechanisms=tuple(mechanisms),
-        estimates=_build_estimates(space, solution, sd, _collect_meanings(cases, law, renames, mechanisms)),
+        estimates=_build_estimates(
+            space, solution, sd, at_limit, _collect_meanings(cases, law, renames, mechanisms)
+        ),
         correlation=correlation,
         cases=tuple(
             _build_case_fit(space, solution, *of_case)
@@ -131,10 +149,65 @@ def fit(
 
 def _have_weights_converged(before: Sequence[Dataset], after: Sequence[Dataset]) -> bool:
     changes = [
-        np.abs(np.asarray(b.channel_weights / a.channel_weights) - 1).max()
+        float(np.abs(_summarise_weights(b) - _summarise_weights(a)).max())
         for a, b in zip(before, after, strict=True)
     ]
     return max(changes) < WEIGHT_TOLERANCE
+
+
+def _summarise_weights(dataset: Dataset) -> np.ndarray:
+    """Return logarithms of the weights of the channels, and the correlations of their filters."""
+    if dataset.whitening is None:
+        return np.log(np.asarray(dataset.channel_weights))
+    rows = dataset.rows
+    means = [float(np.mean(np.asarray(w))) for w in (rows.force_weight, rows.diameter_weight)]
+    return np.concatenate([np.log(np.maximum(means, 1e-300)), np.asarray(dataset.whitening.correlation)])
+
+
+def _limit_stated_values(
+    cases: Sequence[Case],
+    datasets: tuple[Dataset, ...],
+    space: ParameterSpace,
+    renames: Sequence[Mapping[str, str]],
+    solution: Solution,
+    loss: Loss,
+) -> tuple[tuple[Dataset, ...], ParameterSpace, Solution]:
+    """Return datasets, space and solution with stated values near their priors where the model misses a case.
+
+    A stated value moves further only if the model then explains the recording.
+    """
+    misfits = [compute_mean_square(dataset, space, solution, loss) for dataset in datasets]
+    names = {
+        name
+        for mean_square, rename in zip(misfits, renames, strict=True)
+        for name in rename.values()
+        if mean_square > MIN_MISFIT_MEAN_SQUARE
+    }
+    low, high = limits = find_limits(space, names)
+    values = np.asarray(space.to_values(solution.u))
+    if ((values >= low) & (values <= high)).all():
+        return datasets, space, solution
+    for _ in range(2):
+        _, solution = solve_within_limits(datasets, space, solution, limits, loss)
+        datasets, _ = reweight_datasets(cases, datasets, space, solution, loss)
+    return datasets, *solve_within_limits(datasets, space, solution, limits, loss)
+
+
+def _find_fixed_names(space: ParameterSpace, fixed_space: ParameterSpace) -> list[str]:
+    """Return the names of the parameters that are fixed at a limit."""
+    is_fixed = np.asarray(space.sd) != np.asarray(fixed_space.sd)
+    return [name for name, fixed in zip(space.names, is_fixed, strict=True) if fixed]
+
+
+def _inflate_variances(
+    datasets: tuple[Dataset, ...], space: ParameterSpace, solution: Solution, loss: Loss
+) -> tuple[tuple[Dataset, ...], Solution]:
+    """Return datasets and solution with variances that include systematic misfit."""
+    if all(dataset.whitening is None for dataset in datasets):
+        return datasets, solution
+    datasets = tuple(set_variance_inflation(dataset, space, solution, loss) for dataset in datasets)
+    linear = linearise_problem(datasets, space, solution.u, loss)
+    return datasets, replace(linear, steps=solution.steps, converged=solution.converged)
 
 
 def _check_counts(starts: int, fold_count: int, seed: int) -> None:
@@ -269,10 +342,9 @@ def _collect_meanings(cases, law, renames, mechanisms):
 
 
 def _build_estimates(
-    space: ParameterSpace, solution: Solution, sd: np.ndarray, meaning: Mapping
+    space: ParameterSpace, solution: Solution, sd: np.ndarray, at_limit: set[str], meaning: Mapping
 ) -> dict[str, Estimate]:
     values = np.asarray(space.to_values(solution.u))
-    at_limit = set(space.find_names_at_bound(solution.u))
     return {
         name: Estimate(
             value=float(values[k]),

@@ -30,7 +30,7 @@ class Solution(eqx.Module):
     Attributes:
         u: (p,) the point; see `parameter_space.py`.
         cost: half the sum of squared residuals, priors included.
-        information: (p, p) JᵀJ of the measurements alone, in u.
+        information: (p, p) JᵀJ of the measurements alone over their variance inflation, in u.
         prior_information: (p, p) JᵀJ of the priors, in u.
         slope: (p,) d value / d u.
         steps: steps taken.
@@ -54,16 +54,28 @@ def soften_residual(r: Array) -> Array:
 def stack_residuals(
     datasets: tuple[Dataset, ...], space: ParameterSpace, u: Array, loss: Loss = "square"
 ) -> Array:
-    """Return (measured − model) / sd of every sample, for all datasets in one array."""
+    """Return (measured − model) / sd of every sample, white if possible, for all datasets in one array."""
     values = space.to_values(u)
     parts = []
     for dataset in datasets:
         for misfit, weight in zip(
-            dataset.compute_standardised_residuals(values), dataset.channel_weights, strict=True
+            dataset.compute_weighted_residuals(values), dataset.channel_weights, strict=True
         ):
-            misfit = misfit if loss == "square" else soften_residual(misfit)
-            parts.append(misfit * weight * dataset.rows.training_mask)
+            parts.append((misfit if loss == "square" else soften_residual(misfit)) * weight)
     return jnp.concatenate(parts)
+
+
+def _stack_inflations(datasets: tuple[Dataset, ...]) -> Array:
+    """Return the variance inflation of every sample, in the order of `stack_residuals`."""
+    return jnp.concatenate(
+        [
+            jnp.full(
+                2 * dataset.rows.pressure.size,
+                1.0 if dataset.whitening is None else dataset.whitening.variance_inflation,
+            )
+            for dataset in datasets
+        ]
+    )
 
 
 @eqx.filter_jit
@@ -91,10 +103,10 @@ def solve_least_squares(
 
 @eqx.filter_jit
 def linearise_problem(
-    datasets: tuple[Dataset, ...], space: ParameterSpace, u: Float[Array, " p"]
+    datasets: tuple[Dataset, ...], space: ParameterSpace, u: Float[Array, " p"], loss: Loss = "square"
 ) -> Solution:
     """Return the `Solution` at a point, without a minimisation."""
-    return _build_solution(datasets, space, u, "square", jnp.asarray(0), jnp.asarray(False))
+    return _build_solution(datasets, space, u, loss, jnp.asarray(0), jnp.asarray(False))
 
 
 def _build_solution(
@@ -108,7 +120,7 @@ def _build_solution(
     return Solution(
         u=u,
         cost=0.5 * (rows @ rows + priors @ priors),
-        information=by_data.T @ by_data,
+        information=(by_data / _stack_inflations(datasets)[:, None]).T @ by_data,
         prior_information=by_prior.T @ by_prior,
         slope=jax.jvp(space.to_values, (u,), (jnp.ones_like(u),))[1],
         steps=steps,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT, to_display
+from pamjax.infer.noise.sensor_noise import ChannelNoise
 from pamjax.infer.problem.priors import is_length_error
 from pamjax.units import compute_si_factor
 
@@ -17,6 +18,12 @@ if TYPE_CHECKING:
 
 #: The report lists correlations above this.
 MIN_REPORTED_CORRELATION = 0.8
+
+#: Ratio of misfit to noise above which a misfit is reported.
+MIN_EXCESS = 1.5
+
+#: With larger differences of neighbouring samples, relative to the misfit, noise explains most of the misfit.
+MAX_NEIGHBOUR_SHARE = 0.7
 
 #: A parameter that shifts by more prior standard deviations contradicts its stated value.
 MAX_PRIOR_SHIFT_SD = 3.0
@@ -78,6 +85,9 @@ def _format_estimates(fit: Fit) -> Iterator[str]:
 
 def describe_origin(e: Estimate) -> str:
     """Return how well a parameter is determined, with its prior, in words."""
+    if e.at_limit and math.isfinite(e.prior_sd) and e.is_inside_bounds:
+        prior = format_estimate(e.prior, e.prior_sd, e.meaning.show)
+        return f"AT ITS LIMIT; prior {prior}, shift {(e.value - e.prior) / e.prior_sd:+.1f} sd"
     if e.at_limit:
         low, high = (x / compute_si_factor(e.meaning.show) for x in (e.meaning.low, e.meaning.high))
         unit = "" if e.meaning.show == "1" else f" {e.meaning.show}"
@@ -117,7 +127,7 @@ def _format_case(case_fit: CaseFit, several: bool) -> Iterator[str]:
         yield f"{case_fit.case.name}"
     for channel, value in case_fit.rmse.items():
         noise = case_fit.noise[channel]
-        kind = "noise" if noise.stated else "noise from the residuals (no sensor stated)"
+        kind = _describe_noise_source(noise)
         line = (
             f"  {channel}: rmse {format_channel_value(value, channel)}, {kind}"
             f" {format_channel_value(noise.sd, channel)}"
@@ -134,9 +144,43 @@ def _format_case(case_fit: CaseFit, several: bool) -> Iterator[str]:
                 f"    residuals are correlated{duration}: {noise.samples} samples,"
                 f" effective sample size {noise.samples / noise.autocorrelation_time:.0f}"
             )
-        if noise.stated and noise.excess > 1.5:
-            yield f"    misfit is {noise.excess:.1f} times the noise: the model lacks a mechanism"
+        if exceeds_noise(noise):
+            yield f"    {format_misfit(channel, value, noise)}"
     yield from (f"  {line}" for line in format_remarks(case_fit))
+
+
+def _describe_noise_source(noise: ChannelNoise) -> str:
+    if noise.stated:
+        return "noise"
+    source = "the residuals" if noise.neighbour_sd is None else "neighbouring samples"
+    return f"noise from {source} (no sensor stated)"
+
+
+def exceeds_noise(noise: ChannelNoise) -> bool:
+    """Return whether the misfit of a channel exceeds its noise."""
+    return noise.is_known and noise.excess > MIN_EXCESS
+
+
+def format_misfit(channel: str, rmse: float, noise: ChannelNoise) -> str:
+    """Return a clause on a misfit above the noise: its size, its probable cause, and what to do.
+
+    Args:
+        channel: the channel.
+        rmse: rms residual, SI.
+        noise: the noise of the channel.
+    """
+    if noise.neighbour_sd is None:
+        return f"misfit is {noise.excess:.1f} times the noise: the model lacks a mechanism"
+    missed, apart = (format_channel_value(value, channel) for value in (rmse, noise.neighbour_sd))
+    if noise.neighbour_sd > MAX_NEIGHBOUR_SHARE * rmse:
+        return (
+            f"{channel} is missed by {missed}, and neighbouring samples differ by {apart}:"
+            " check the noise in [sensors]"
+        )
+    return (
+        f"{channel} is missed by {missed}, while neighbouring samples differ by {apart}:"
+        " the model may lack a mechanism; run `pamjax diagnose`"
+    )
 
 
 def format_remarks(case_fit: CaseFit) -> Iterator[str]:

@@ -11,7 +11,7 @@ import numpy as np
 from pamjax.infer.fitting.least_squares import Loss, Solution
 from pamjax.infer.noise.sensor_noise import ChannelNoise
 from pamjax.infer.problem.dataset import Dataset
-from pamjax.infer.problem.parameter_space import ParameterSpace
+from pamjax.infer.problem.parameter_space import BOUND_MARGIN, ParameterSpace
 from pamjax.model.balance import Status
 from pamjax.model.muscle import Muscle
 from pamjax.parameter import Meaning
@@ -32,7 +32,7 @@ class Estimate:
         value, sd: SI; `sd` is None if the fit has none.
         prior, prior_sd: mean and sd of the prior, SI; `prior_sd` is infinite for a uniform prior.
         meaning: its unit, bounds and meaning.
-        at_limit: whether it is at one of its bounds.
+        at_limit: whether it is at one of its bounds, or at the limit of its distance from the prior.
     """
 
     value: float
@@ -48,6 +48,14 @@ class Estimate:
         if self.sd is None:
             return 0.0
         return 1 - min(self.sd / self._effective_prior_sd, 1.0)
+
+    @property
+    def is_inside_bounds(self) -> bool:
+        """Return whether the value is more than `BOUND_MARGIN` of their range inside its bounds."""
+        low, high, value = self.meaning.low, self.meaning.high, self.value
+        if self.meaning.scale == "log":
+            low, high, value = math.log(low), math.log(high), math.log(value)
+        return BOUND_MARGIN < (value - low) / (high - low) < 1 - BOUND_MARGIN
 
     @property
     def is_determined(self) -> bool:

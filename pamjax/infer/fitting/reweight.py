@@ -1,7 +1,12 @@
-"""Weights of samples, from the noise of the residuals of a solution."""
+"""Weights of samples, from the noise of the residuals of a solution.
+
+A recording with a time column and enough samples has the noise model of its neighbouring samples, and its
+residuals are whitened. The noise of another recording is the stated noise or the rms residual.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import equinox as eqx
@@ -9,13 +14,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from pamjax.infer.fitting.least_squares import Loss, Solution
-from pamjax.infer.noise.sensor_noise import (
-    ChannelNoise,
-    compute_correlation_time,
-    compute_effective_sd,
-    estimate_autocorrelation_time,
+from pamjax.infer.noise.ar1_filter import Ar1Noise
+from pamjax.infer.noise.autocorrelation import compute_variance_inflation, estimate_autocorrelation_time
+from pamjax.infer.noise.estimate import compute_noise_variances, estimate_neighbour_sd, estimate_noise_model
+from pamjax.infer.noise.noise_model import NoiseModel
+from pamjax.infer.noise.noise_settings import NOISE_SETTINGS
+from pamjax.infer.noise.sensor_noise import ChannelNoise, compute_correlation_time, compute_effective_sd
+from pamjax.infer.problem.dataset import (
+    CHANNELS,
+    Dataset,
+    estimate_starting_sd,
+    find_informative_samples,
 )
-from pamjax.infer.problem.dataset import CHANNELS, Dataset, estimate_starting_sd
 from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.records.case import Case
 
@@ -33,8 +43,9 @@ def reweight_dataset(
 ) -> tuple[Dataset, dict[str, ChannelNoise]]:
     """Return the dataset with weights from its noise, and the noise by channel.
 
-    A weight is 1 / (sd √(autocorrelation time) max(excess, 1)), where excess = residual rms / noise sd. So a
-    misfit counts as noise, and widens the standard deviations of the parameters. With a soft loss, the
+    The weight of a dataset with a whitening filter is 1 / sd, with the noise of neighbouring samples.
+    Otherwise, it is 1 / (sd √(autocorrelation time) max(excess, 1)), where excess = residual rms / noise sd.
+    So a misfit counts as noise, and widens the standard deviations of the parameters. With a soft loss, the
     residuals are clipped.
 
     Args:
@@ -46,6 +57,8 @@ def reweight_dataset(
         trust_sensors: whether the weights use only the stated sd, with independent samples; for the expected
             identifiability before a fit.
     """
+    if dataset.whitening is not None and not trust_sensors:
+        return _whiten_dataset(case, dataset, space, solution, loss)
     sensors, n = case.entry.sensors, case.recording.n
     sd = compute_effective_sd(dataset, space.to_values(solution.u), sensors, estimate_starting_sd(case))
     misfit = compute_si_residuals(dataset, space.to_values(solution.u))
@@ -80,6 +93,136 @@ def reweight_dataset(
             samples=int(measured.sum()),
         )
     return _set_weights(dataset, weights, channel_weights), noise
+
+
+def has_neighbours(case: Case) -> bool:
+    """Return whether every measured channel has enough neighbouring samples to estimate its noise."""
+    recording = case.recording
+    if not recording.has_time:
+        return False
+    run = np.cumsum(recording.starts)
+    rows_of_channels = [np.flatnonzero(find_informative_samples(case, c)) for c in recording.channels]
+    pairs = [int(np.sum(np.diff(run[rows]) == 0)) for rows in rows_of_channels if rows.size]
+    return bool(pairs) and min(pairs) >= NOISE_SETTINGS.min_samples_for_correlation
+
+
+def add_whitening(case: Case, dataset: Dataset) -> Dataset:
+    """Return the dataset with a filter for white noise; unchanged without enough neighbouring samples."""
+    if not has_neighbours(case):
+        return dataset
+    rows = dataset.rows
+    weights = [np.asarray(w)[: case.recording.n] for w in (rows.force_weight, rows.diameter_weight)]
+    used = [np.flatnonzero(w > 0) for w in weights]
+    white = Ar1Noise(np.ones(case.recording.n), 1.0, 0.0, stated=True)
+    noise = NoiseModel(
+        tuple(white if r.size else None for r in used),
+        tuple(used),
+        tuple(np.array([[0, r.size]]) if r.size else np.zeros((0, 2), int) for r in used),
+    )
+    return dataclasses.replace(dataset, whitening=noise.build_filter(rows.pressure.size))
+
+
+def _whiten_dataset(
+    case: Case, dataset: Dataset, space: ParameterSpace, solution: Solution, loss: Loss
+) -> tuple[Dataset, dict[str, ChannelNoise]]:
+    """Return the dataset with the filter and weights of its noise model, and the noise by channel."""
+    n = case.recording.n
+    model, residual = estimate_noise_of_dataset(case, dataset, space.to_values(solution.u))
+    weights, noise = np.zeros((2, dataset.rows.pressure.size)), {}
+    fitted_parameters = _count_effective_parameters(solution)
+    for k, (name, channel, rows) in enumerate(zip(CHANNELS, model.channels, model.rows, strict=True)):
+        if channel is None:
+            continue
+        weights[k, rows] = 1 / channel.sd[rows]
+        standard = np.full(n, np.nan)
+        standard[rows] = residual[k, rows] / channel.sd[rows]
+        standard = standard if loss == "square" else _clip_outliers(standard)
+        neighbour_sd = estimate_neighbour_sd(residual[k], rows, case.recording.starts)
+        noise[name] = _describe_noise(
+            case, channel, rows, standard, neighbour_sd, fitted_parameters * rows.size / model.size
+        )
+    filtered = dataclasses.replace(dataset, whitening=model.build_filter(weights.shape[1]))
+    return _set_weights(filtered, weights, np.ones(2)), noise
+
+
+def estimate_noise_of_dataset(
+    case: Case, dataset: Dataset, values: jnp.ndarray
+) -> tuple[NoiseModel, np.ndarray]:
+    """Return the noise model of neighbouring samples, and the residual measured − model, SI, (2, n).
+
+    Args:
+        case: the recording and its muscle.toml.
+        dataset: its dataset.
+        values: (p,) parameter values, SI.
+    """
+    n = case.recording.n
+    residual = compute_si_residuals(dataset, values)[:, :n]
+    variances = compute_noise_variances(case, dataset, np.asarray(values))
+    model = estimate_noise_model(case, residual, np.isfinite(residual), np.ones(n, dtype=bool), variances)
+    return model, residual
+
+
+def _describe_noise(
+    case: Case,
+    channel: Ar1Noise,
+    rows: np.ndarray,
+    standard: np.ndarray,
+    neighbour_sd: float,
+    effective_parameters: float,
+) -> ChannelNoise:
+    """Return the noise of a channel, with the excess and the autocorrelation of its standardised residual."""
+    autocorrelation_time = estimate_autocorrelation_time(
+        standard, case.recording.starts, effective_parameters
+    )
+    mean_square = np.nansum(standard**2) / _compute_degrees_of_freedom(
+        rows.size, effective_parameters, autocorrelation_time
+    )
+    return ChannelNoise(
+        sd=float(np.sqrt(np.mean(channel.sd[rows] ** 2))),
+        stated=channel.stated,
+        excess=math.sqrt(mean_square),
+        autocorrelation_time=autocorrelation_time,
+        correlation_time=compute_correlation_time(
+            autocorrelation_time, case.recording, np.isfinite(standard)
+        ),
+        samples=rows.size,
+        neighbour_sd=neighbour_sd,
+    )
+
+
+def compute_mean_square(
+    dataset: Dataset, space: ParameterSpace, solution: Solution, loss: Loss = "square"
+) -> float:
+    """Return the mean square of the whitened residuals; one without a filter."""
+    if dataset.whitening is None:
+        return 1.0
+    residual, _ = _compute_white_residuals(dataset, space, solution, loss)
+    return float(np.mean(residual**2))
+
+
+def set_variance_inflation(
+    dataset: Dataset, space: ParameterSpace, solution: Solution, loss: Loss = "square"
+) -> Dataset:
+    """Return the dataset with the variance inflation of its whitened residuals."""
+    if dataset.whitening is None:
+        return dataset
+    inflation = compute_variance_inflation(*_compute_white_residuals(dataset, space, solution, loss))
+    return eqx.tree_at(lambda m: m.whitening.variance_inflation, dataset, jnp.asarray(inflation))
+
+
+def _compute_white_residuals(
+    dataset: Dataset, space: ParameterSpace, solution: Solution, loss: Loss
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the whitened residuals of both channels, and whether a run begins at each."""
+    assert dataset.whitening is not None
+    position = np.asarray(dataset.whitening.position)
+    residual = np.stack(_filter_residuals(dataset, space.to_values(solution.u)))[position >= 0]
+    return residual if loss == "square" else _clip_outliers(residual), position[position >= 0] == 0
+
+
+@eqx.filter_jit
+def _filter_residuals(dataset: Dataset, values):
+    return dataset.compute_weighted_residuals(values)
 
 
 @eqx.filter_jit

@@ -72,6 +72,16 @@ class Ar1Noise:
         later, _ = lfilter([1.0, -rho], [1.0, -theta], run[..., m:], axis=-1, zi=filter_state[..., None])
         return np.concatenate([first, np.asarray(later) / innovation_sd], axis=-1)
 
+    def compute_coefficients(self, samples: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return ρ (1 − K) before each sample of a run, and the sd of its innovation, (samples,) each."""
+        rho, sd = self.correlation, np.ones(samples)
+        if rho == 0 or self.ar1_fraction == 0:
+            return np.zeros(samples), sd
+        initial = _build_initial_filter(self.ar1_fraction, rho).sd[:samples]
+        sd[: initial.size], sd[initial.size :] = initial, self.filter[1]
+        feedback = rho * (1 - self.ar1_fraction) / sd**2
+        return np.concatenate([[0.0], feedback])[:samples], sd
+
     def sum_log_sd(self, samples: int) -> float:
         """Return the sum of the logarithms of the innovation sds of a run."""
         if self.correlation == 0 or self.ar1_fraction == 0:

@@ -16,16 +16,20 @@ Source: autoregressive model of order one, Box & Jenkins, Time Series Analysis (
 
 from __future__ import annotations
 
+import math
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from pamjax.channels import DISPLAY_UNIT, SI_UNIT
-from pamjax.infer.fitting.reweight import compute_si_residuals
-from pamjax.infer.noise.sensor_noise import compute_effective_sd, estimate_autocorrelation_time
+from pamjax.infer.fitting.reweight import compute_si_residuals, estimate_noise_of_dataset
+from pamjax.infer.noise.autocorrelation import estimate_autocorrelation_time
+from pamjax.infer.noise.sensor_noise import compute_effective_sd
 from pamjax.infer.problem.dataset import CHANNELS, Dataset, estimate_starting_sd
 from pamjax.infer.problem.parameter_space import FreeParameter
+from pamjax.infer.problem.prior_limits import MIN_MISFIT_MEAN_SQUARE
 from pamjax.parameter import Meaning
 from pamjax.records.case import Case
 
@@ -112,7 +116,9 @@ class Ar1Likelihood(eqx.Module):
 def build_noise_parameters(
     case: Case, dataset: Dataset, values: Float[Array, " p"], prefix: str, first_index: int
 ) -> tuple[list[FreeParameter], list[Ar1Likelihood]]:
-    """Return the noise parameters of a case, with starting values from the residuals, and its noise models.
+    """Return the noise parameters of a case with their starting values, and its noise models.
+
+    The starting values are those of the noise model of the fit, or with a misfit those of the residuals.
 
     Args:
         case: the recording.
@@ -123,6 +129,7 @@ def build_noise_parameters(
     """
     sensors, n = case.entry.sensors, case.recording.n
     misfit = compute_si_residuals(dataset, values)
+    model = None if dataset.whitening is None else estimate_noise_of_dataset(case, dataset, values)[0]
     propagated_sd = compute_effective_sd(dataset, values, sensors, (0.0, 0.0))
     parameters, likelihoods = [], []
     for k, (channel, stated_sd) in enumerate(zip(CHANNELS, (sensors.force, sensors.diameter), strict=True)):
@@ -130,7 +137,15 @@ def build_noise_parameters(
         if not measured.any():
             continue
         predecessor, has_predecessor = _find_predecessors(measured[:n], case.recording.starts)
+        neighbours = None if model is None else model.channels[k]
         own_sd = _estimate_own_sd(misfit[k][measured], propagated_sd[k][measured])
+        if neighbours is not None:
+            neighbour_sd = math.sqrt(
+                neighbours.ar1_fraction * float(np.mean(neighbours.sd[measured[:n]] ** 2))
+            )
+            # With a misfit, the posterior's noise includes it: its start is that of the residuals.
+            has_misfit = own_sd**2 > MIN_MISFIT_MEAN_SQUARE * neighbour_sd**2
+            own_sd, neighbours = (own_sd, None) if has_misfit else (neighbour_sd, neighbours)
         reference = stated_sd or estimate_starting_sd(case)[k]
         parameters.append(
             _build_sd_parameter(f"{prefix}noise.{channel}", channel, own_sd, reference, stated_sd is not None)
@@ -140,7 +155,10 @@ def build_noise_parameters(
             s = np.where(measured, misfit[k], 0.0)[:n] / np.sqrt(own_sd**2 + propagated_sd[k][:n] ** 2)
             parameters.append(
                 _build_correlation_parameter(
-                    f"{prefix}noise.{channel}_correlation", s, predecessor, has_predecessor
+                    f"{prefix}noise.{channel}_correlation",
+                    _estimate_lag_one(s, predecessor, has_predecessor)
+                    if neighbours is None
+                    else neighbours.ar1_fraction * neighbours.correlation,
                 )
             )
         sd_index = first_index + len(parameters) - (2 if is_correlated else 1)
@@ -187,14 +205,14 @@ def _build_sd_parameter(
     return FreeParameter(name, meaning, float(np.clip(own_sd, 1.05 * low, 0.95 * high)))
 
 
-def _build_correlation_parameter(
-    name: str, s: np.ndarray, predecessor: np.ndarray, has_predecessor: np.ndarray
-) -> FreeParameter:
+def _estimate_lag_one(s: np.ndarray, predecessor: np.ndarray, has_predecessor: np.ndarray) -> float:
+    """Return the correlation of neighbouring residuals."""
+    products = np.sum(s[has_predecessor] * s[predecessor[has_predecessor]])
+    return float(products / max(np.sum(s[has_predecessor] ** 2), 1e-300))
+
+
+def _build_correlation_parameter(name: str, lag_one: float) -> FreeParameter:
     low, high = CORRELATION_LIMITS
-    lag_one = float(
-        np.sum(s[has_predecessor] * s[predecessor[has_predecessor]])
-        / max(np.sum(s[has_predecessor] ** 2), 1e-300)
-    )
     description = "correlation of the noise of neighbouring samples"
     meaning = Meaning("1", "1", low, high, "linear", description, "from alternating to almost constant noise")
     return FreeParameter(name, meaning, float(np.clip(lag_one, -0.4, 0.995)))

@@ -72,15 +72,29 @@ class ProfileProblem:
 def build_profile_problem(fit: Fit, space: ParameterSpace) -> ProfileProblem:
     """Return the fit's problem with the priors of a posterior, whose first parameters are the fit's."""
     own_space = space.take_first(fit.space.size)
-    if all(
+    datasets = tuple(map(_apply_variance_inflation, fit.datasets))
+    is_inflated = any(d is not before for d, before in zip(datasets, fit.datasets, strict=True))
+    if not is_inflated and all(
         np.array_equal(getattr(own_space, a), getattr(fit.space, a)) for a in ("low", "high", "mean", "sd")
     ):
         return ProfileProblem(fit.datasets, fit.space, fit.loss, fit.solution)
     values = dict(zip(own_space.names, np.asarray(fit.space.to_values(fit.solution.u)), strict=True))
     solution = solve_least_squares(
-        fit.datasets, own_space, own_space.move_inside_bounds(own_space.to_point(values)), fit.loss
+        datasets, own_space, own_space.move_inside_bounds(own_space.to_point(values)), fit.loss
     )
-    return ProfileProblem(fit.datasets, own_space, fit.loss, solution)
+    return ProfileProblem(datasets, own_space, fit.loss, solution)
+
+
+def _apply_variance_inflation(dataset: Dataset) -> Dataset:
+    """Return the dataset with lower weights for systematic misfit, and no other inflation."""
+    if dataset.whitening is None or float(dataset.whitening.variance_inflation) == 1.0:
+        return dataset
+    weight = 1 / jnp.sqrt(dataset.whitening.variance_inflation)
+    return eqx.tree_at(
+        lambda d: (d.channel_weights, d.whitening.variance_inflation),
+        dataset,
+        (dataset.channel_weights * weight, jnp.asarray(1.0)),
+    )
 
 
 def compute_profile(problem: ProfileProblem, name: str) -> LikelihoodProfile:

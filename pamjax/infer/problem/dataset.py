@@ -23,6 +23,7 @@ from pamjax.infer.problem.priors import (
     is_length_error,
     list_free_parameters,
 )
+from pamjax.infer.problem.whitening import Whitening
 from pamjax.model.assembly import assemble, assemble_bench
 from pamjax.model.bench import Bench, BenchReading, clip_slack_force
 from pamjax.model.history import History, build_time_history
@@ -81,6 +82,7 @@ class Dataset(eqx.Module):
         history: their order in time.
         channel_weights: (2,) factor on the residuals of force and of diameter: below one for autocorrelated
             residuals (see `sensor_noise.py`).
+        whitening: filter of the residuals; None for independent samples.
     """
 
     law: str = eqx.field(static=True)
@@ -91,6 +93,7 @@ class Dataset(eqx.Module):
     rows: PaddedRows
     history: History
     channel_weights: Float[Array, " 2"]
+    whitening: Whitening | None = None
 
     def collect_parameters(self, values: Float[Array, " p"]) -> dict[str, Array]:
         """Return all parameters of the muscle by name, SI, from the free parameters, (p,), SI."""
@@ -121,6 +124,16 @@ class Dataset(eqx.Module):
             (rows.force - reading.force) * rows.force_weight,
             (rows.diameter - reading.diameter) * rows.diameter_weight,
         )
+
+    def compute_weighted_residuals(self, values: Float[Array, " p"]) -> tuple[Array, Array]:
+        """Return the residuals of force and of diameter of the rows in use, (n,) each.
+
+        With a whitening filter they are white, in the order of its samples.
+        """
+        force, diameter = self.compute_standardised_residuals(values)
+        if self.whitening is None:
+            return force * self.rows.training_mask, diameter * self.rows.training_mask
+        return self.whitening.whiten(force, 0), self.whitening.whiten(diameter, 1)
 
 
 def build_dataset(

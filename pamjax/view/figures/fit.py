@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 
 from pamjax.channels import DISPLAY_UNIT
 from pamjax.errors import refuse
-from pamjax.infer.fitting.report import format_estimate
+from pamjax.infer.fitting.report import exceeds_noise, format_estimate
 from pamjax.infer.fitting.result import CaseFit, Estimate, Fit
 from pamjax.units import compute_si_factor, format_quantity
 from pamjax.view.figures.layout import (
@@ -45,8 +45,6 @@ from pamjax.view.theme import (
 )
 from pamjax.view.wording import format_signed
 
-#: Ratio of misfit to noise above which a title reports a misfit; as in the text report.
-MIN_MISS_RATIO = 1.5
 #: Largest number of blocks that all have a label on the axis.
 MAX_NAMED_BLOCKS = 30
 #: Smallest shift that is reported, in standard deviations of the prior.
@@ -128,11 +126,11 @@ def _choose_point_style(measured_rows: np.ndarray) -> dict[str, Any]:
 def format_misfit_title(case_fit: CaseFit, channel: str) -> str:
     """Return the title: a channel's RMS error relative to its noise, or to its largest value."""
     noise, rmse_text = case_fit.noise[channel], _format_channel_size(case_fit.rmse[channel], channel)
-    if not noise.stated:
+    if not noise.is_known:
         largest = np.nanmax(np.abs(getattr(case_fit.case.recording, channel)))
         share = 100 * case_fit.rmse[channel] / largest
         return f"RMS error of {channel}: {rmse_text}\n({share:.2g} % of the largest value)"
-    if noise.excess > MIN_MISS_RATIO:
+    if exceeds_noise(noise):
         ratio_text = f"{noise.excess:.0f}" if noise.excess >= 10 else f"{noise.excess:.2g}"
         return f"RMS error of {channel}: {rmse_text}\n({ratio_text} times the noise)"
     return f"RMS error of {channel}: {rmse_text}\n(noise {_format_channel_size(noise.sd, channel)})"
@@ -164,8 +162,8 @@ def plot_residual(case_fit: CaseFit, narrow: bool = False) -> Figure:
         titles = [format_outliers(case_fit, channel) for channel in channels]
         titles = [textwrap.fill(text, 52) for text in titles] if narrow else titles
         drawing.suptitle("\n".join(titles), x=0.01, ha="left")
-        stated = all(case_fit.noise[channel].stated for channel in channels)
-        noise_name = "noise" if stated else "noise (of the residual if no noise is stated)"
+        is_known = all(case_fit.noise[channel].is_known for channel in channels)
+        noise_name = "noise" if is_known else "noise (of the residual if no noise is stated)"
         band = create_mark(f"± 2 sd of {noise_name}", marker="s", ms=7, alpha=0.3)
         add_key(drawing, list(grid.flat), row_layout, create_mark("measured − model", marker="o", ms=3), band)
     return drawing
@@ -194,7 +192,7 @@ def _plot_residuals(panel: Axes, case_fit: CaseFit, row_layout: Layout, channel:
 def format_outliers(case_fit: CaseFit, channel: str) -> str:
     """Return the title: the share of rows beyond noise, or the largest residual without stated noise."""
     noise, misfit = case_fit.noise[channel], np.abs(_compute_residual(case_fit, channel))
-    if not noise.stated:
+    if not noise.is_known:
         row = int(np.nanargmax(misfit))
         pressure, length = case_fit.case.recording.pressure[row], case_fit.case.recording.length[row]
         place = f"{format_quantity(pressure, 'kPa', 3)} and {format_quantity(length, 'mm')}"
@@ -228,8 +226,8 @@ def plot_held_out(case_fit: CaseFit, narrow: bool = False) -> Figure:
         label_step = math.ceil(len(block_names) / MAX_NAMED_BLOCKS)
         panels[0].set_yticks(range(0, len(block_names), label_step), block_names[::label_step])
         panels[0].invert_yaxis()
-        stated = [case_fit.noise[channel].stated for channel in channels]
-        noise_marks = [create_mark("noise" if all(stated) else "noise of the residual", ls="--")]
+        is_known = [case_fit.noise[channel].is_known for channel in channels]
+        noise_marks = [create_mark("noise" if all(is_known) else "noise of the residual", ls="--")]
         fitted_mark = create_mark("included in the fit", marker="o", color=OKABE_ITO["blue"])
         held_out_mark = create_mark("held out", marker="D", color=OKABE_ITO["vermilion"], mfc="none")
         drawing.legend(

@@ -10,10 +10,12 @@ from typing import Any
 
 from pamjax.infer.fitting.report import (
     describe_origin,
+    exceeds_noise,
     format_channel_value,
     format_correlations,
     format_estimate,
     format_minimiser_state,
+    format_misfit,
     format_remarks,
 )
 from pamjax.infer.fitting.result import CaseFit, Estimate, Fit
@@ -92,14 +94,14 @@ def _find_worst_channel(fit: Fit) -> tuple[CaseFit, str]:
     """Return the case and channel with the largest ratio of misfit to noise."""
     pairs = [(case_fit, channel) for case_fit in fit.cases for channel in case_fit.rmse]
     return max(
-        pairs, key=lambda pair: pair[0].noise[pair[1]].excess if pair[0].noise[pair[1]].stated else 0.0
+        pairs, key=lambda pair: pair[0].noise[pair[1]].excess if pair[0].noise[pair[1]].is_known else 0.0
     )
 
 
 def _has_misfit(fit: Fit) -> bool:
     """Return whether a channel's misfit exceeds its noise."""
     case_fit, channel = _find_worst_channel(fit)
-    return case_fit.noise[channel].stated and case_fit.noise[channel].excess > figures.MIN_MISS_RATIO
+    return exceeds_noise(case_fit.noise[channel])
 
 
 def format_headline(fit: Fit) -> str:
@@ -108,9 +110,11 @@ def format_headline(fit: Fit) -> str:
     noise = case_fit.noise[channel]
     if not fit.converged:
         return "The fit did not converge"
-    if _has_misfit(fit):
+    if _has_misfit(fit) and noise.neighbour_sd is None:
         return f"The misfit of {channel} is {noise.excess:.2g} times its noise"
-    if noise.stated:
+    if _has_misfit(fit):
+        return capitalise_sentence(format_misfit(channel, case_fit.rmse[channel], noise).partition(": ")[0])
+    if noise.is_known:
         return "The fitted model explains the recording within its noise"
     return f"The RMS error of {channel} is {format_channel_value(case_fit.rmse[channel], channel)}"
 

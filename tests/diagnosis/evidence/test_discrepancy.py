@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pamjax.diagnosis.evidence.discrepancy import add_discrepancy
-from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.infer.noise.ar1_filter import Ar1Noise
+from pamjax.infer.noise.noise_model import NoiseModel
 
 N = 60
 

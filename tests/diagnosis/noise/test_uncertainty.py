@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.noise.uncertainty import (
     NORMAL_NODES,
     _compute_correlation_nodes,
@@ -12,6 +11,7 @@ from pamjax.diagnosis.noise.uncertainty import (
 )
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.infer.noise.ar1_filter import Ar1Noise, compute_correlation_error
+from pamjax.infer.noise.noise_model import NoiseModel
 
 N, RHO = 2000, 0.8
 

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.noise.estimate import NoiseModel
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.infer.noise.ar1_filter import Ar1Noise
+from pamjax.infer.noise.noise_model import NoiseModel
 from tests.diagnosis.plain_fits import build_estimate, build_fit, build_noise
 
 

@@ -8,11 +8,8 @@ import pytest
 
 import pamjax.infer.fitting.reweight
 from pamjax.infer.fitting.fit import build_joint_space, fit
-from pamjax.infer.noise.sensor_noise import (
-    compute_correlation_time,
-    compute_effective_sd,
-    estimate_autocorrelation_time,
-)
+from pamjax.infer.noise.autocorrelation import estimate_autocorrelation_time
+from pamjax.infer.noise.sensor_noise import compute_correlation_time, compute_effective_sd
 from pamjax.infer.problem.dataset import build_dataset
 from pamjax.model.assembly import assemble
 from pamjax.model.muscle import predict
@@ -117,7 +114,19 @@ def test_correlated_noise_increases_the_sd():
 
 
 def test_sd_without_correction_is_too_small(monkeypatch):
-    monkeypatch.setattr(pamjax.infer.fitting.reweight, "estimate_autocorrelation_time", lambda *_: 1.0)
+    module = pamjax.infer.fitting.reweight
+    monkeypatch.setattr(module, "compute_variance_inflation", lambda *_: 1.0)
+    whitened = widening(0.8)
+    assert whitened > 0.65 * np.sqrt(worth(0.8))
+    # Without the filter, the samples count as independent.
+    estimate = module.estimate_noise_model
+
+    def ignore_correlation(*arguments):
+        noise = estimate(*arguments)
+        channels = (c and dataclasses.replace(c, correlation=0.0) for c in noise.channels)
+        return dataclasses.replace(noise, channels=tuple(channels))
+
+    monkeypatch.setattr(module, "estimate_noise_model", ignore_correlation)
     assert widening(0.8) < 0.65 * np.sqrt(worth(0.8))
 
 
@@ -133,5 +142,6 @@ def test_misfit_above_the_sensor_noise_counts_as_noise():
     bench = dataclasses.replace(SENSORS, force=20.0, diameter=0.5e-3)
     sure, unsure = fit(made(), starts=1, fold_count=2), fit(made(bench=bench), starts=1, fold_count=2)
     assert unsure.cases[0].noise["diameter"].excess == pytest.approx(10, rel=0.2)
-    assert "the model lacks a mechanism" in str(unsure)
+    assert "neighbouring samples differ by 0.445 mm" in str(unsure)
+    assert "check the noise in [sensors]" in str(unsure)
     assert unsure.estimates["thread.modulus"].sd > 4 * sure.estimates["thread.modulus"].sd

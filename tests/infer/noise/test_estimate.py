@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from pamjax.diagnosis.noise.estimate import NoiseModel, _build_channel_noise, _compute_half_mean_square
-from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.infer.noise.ar1_filter import Ar1Noise, compute_correlation_error
+from pamjax.infer.noise.estimate import _build_channel_noise, _compute_half_mean_square
+from pamjax.infer.noise.noise_model import NoiseModel
+from pamjax.infer.noise.noise_settings import NOISE_SETTINGS
 
 
 def sample(shared, correlation, n=20000, seed=0):
@@ -57,7 +58,7 @@ def test_correlation_estimate_is_independent_of_misfit(shared, correlation):
         np.arange(n),
         np.zeros(n),
         True,
-        settings=DEFAULT_SETTINGS,
+        settings=NOISE_SETTINGS,
     )
     assert found.ar1_fraction == pytest.approx(shared)
     assert found.correlation == pytest.approx(correlation, abs=0.06)
@@ -79,7 +80,7 @@ def test_correlation_has_its_stated_uncertainty(shared, correlation):
     n, found = 700, []
     for seed in range(300):
         noise = sample(shared, correlation, n + 300, seed)[300:]
-        rough = _compute_half_mean_square(noise, np.ones(n), np.arange(n), np.ones(n), DEFAULT_SETTINGS)
+        rough = _compute_half_mean_square(noise, np.ones(n), np.arange(n), np.ones(n), NOISE_SETTINGS)
         found.append(1 - (rough - (1 - shared)) / shared)
     # An sd from 300 draws has a standard error of 4 %.
     assert np.std(found) == pytest.approx(compute_correlation_error(shared, correlation, n), rel=0.15)

@@ -1,0 +1,113 @@
+"""Noise model of a recording, which whitens residuals and derivatives (generalised least squares)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import jax.numpy as jnp
+import numpy as np
+
+from pamjax.infer.noise.ar1_filter import Ar1Noise
+from pamjax.infer.problem.dataset import CHANNELS
+from pamjax.infer.problem.whitening import Whitening, pack_samples
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseModel:
+    """Noise of force and diameter, which whitens (…, 2, n) residuals or derivatives, SI, to unit variance.
+
+    Attributes:
+        channels: noise by channel; None for a channel without measurements.
+        rows: by channel, the rows in use, in order.
+        runs: by channel, (k, 2) begin and end of the continuous runs in `rows`.
+        weight: factor on all whitened values; below one for a model with systematic misfit.
+    """
+
+    channels: tuple[Ar1Noise | None, ...]
+    rows: tuple[np.ndarray, ...]
+    runs: tuple[np.ndarray, ...]
+    weight: float = 1.0
+
+    @property
+    def size(self) -> int:
+        """Number of samples in use."""
+        return sum(r.size for r in self.rows)
+
+    @property
+    def log_determinant(self) -> float:
+        """Logarithm of the determinant of the noise covariance, SI."""
+        out = -2 * self.size * math.log(self.weight)
+        for channel, rows, runs in zip(self.channels, self.rows, self.runs, strict=True):
+            if channel is not None:
+                out += 2 * float(np.sum(np.log(channel.sd[rows])))
+                out += 2 * sum(channel.sum_log_sd(int(last - first)) for first, last in runs)
+        return out
+
+    def restrict_to_rows(self, mask: np.ndarray) -> NoiseModel:
+        """Return the same noise model for the rows of a mask, (n,), only."""
+        rows = tuple(channel_rows[mask[channel_rows]] for channel_rows in self.rows)
+        runs = tuple(
+            _split_runs(mask[channel_rows], run)
+            for channel_rows, run in zip(self.rows, self.runs, strict=True)
+        )
+        return replace(self, rows=rows, runs=runs)
+
+    def build_filter(self, size: int) -> Whitening:
+        """Return the filter for the residuals of a dataset of `size` rows, within a compiled program."""
+        arrays = [self._build_channel_filter(c, size) for c in range(len(CHANNELS))]
+        order, position, feedback, sd = (jnp.asarray(np.stack(a)) for a in zip(*arrays, strict=True))
+        correlation = jnp.asarray(
+            [c.correlation if c is not None and c.ar1_fraction > 0 else 0.0 for c in self.channels]
+        )
+        return Whitening(order, position, correlation, feedback, sd, jnp.asarray(1.0))
+
+    def _build_channel_filter(self, c: int, size: int) -> tuple[np.ndarray, ...]:
+        channel, rows = self.channels[c], self.rows[c]
+        begins = np.zeros(rows.size, dtype=bool)
+        begins[self.runs[c][:, 0]] = True
+        coefficients = (
+            (np.zeros(size), np.ones(size)) if channel is None else channel.compute_coefficients(size)
+        )
+        return *pack_samples(rows, begins, size), *coefficients
+
+    @property
+    def starts(self) -> np.ndarray:
+        """(size,) Whether a whitened sample begins a run."""
+        parts = [np.zeros(rows.size, dtype=bool) for rows in self.rows]
+        for part, runs in zip(parts, self.runs, strict=True):
+            part[runs[:, 0]] = True
+        return np.concatenate(parts)
+
+    def whiten(self, values: np.ndarray) -> np.ndarray:
+        """Return values divided by their sd and whitened, (…, size): force first, then diameter."""
+        parts = [
+            self._whiten_channel(values[..., c, :], c) for c in range(len(CHANNELS)) if self.rows[c].size
+        ]
+        return self.weight * np.concatenate(parts, axis=-1)
+
+    def _whiten_channel(self, values: np.ndarray, c: int) -> np.ndarray:
+        channel, rows = self.channels[c], self.rows[c]
+        assert channel is not None
+        standard = values[..., rows] / channel.sd[rows]
+        if channel.correlation == 0:
+            return standard
+        # The filter restarts at each run.
+        parts = [channel.whiten(standard[..., first:last]) for first, last in self.runs[c]]
+        return np.concatenate(parts, axis=-1)
+
+    def standardise(self, values: np.ndarray, c: int) -> np.ndarray:
+        """Return one channel over its standard deviation, (…, n), not whitened; NaN in rows not in use."""
+        out = np.full(values.shape[:-2] + values.shape[-1:], np.nan)
+        channel, rows = self.channels[c], self.rows[c]
+        if channel is not None:
+            out[..., rows] = values[..., c, rows] / channel.sd[rows]
+        return out
+
+
+def _split_runs(kept: np.ndarray, runs: np.ndarray) -> np.ndarray:
+    """Return (k, 2) begin and end of the runs among the kept samples; a removed sample ends a run."""
+    run = np.repeat(np.arange(len(runs)), runs[:, 1] - runs[:, 0])[kept]
+    breaks = (np.diff(run) != 0) | (np.diff(np.flatnonzero(kept)) > 1)
+    bounds = np.concatenate([[0], np.flatnonzero(breaks) + 1, [run.size]]).astype(int)
+    return np.stack([bounds[:-1], bounds[1:]], axis=1) if run.size else np.zeros((0, 2), int)
