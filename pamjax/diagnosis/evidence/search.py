@@ -49,11 +49,11 @@ from pamjax.progress import Progress, ignore_progress
 #: Sets whose additions are proposed, without physics outside the library and with it.
 MAX_CENTRES = (5, 2)
 #: Additions of one and of two mechanisms that are refitted at each set, and how many of them to the end.
-SINGLES_PER_CENTRE, PAIRS_PER_CENTRE, COMPLETE_REFITS = 5, 2, 2
+SINGLES_PER_CENTRE, PAIRS_PER_CENTRE, COMPLETE_REFITS = 5, 2, 3
 #: A proposal is refitted if it promises this share of the best gain, or a total within this of the best set.
 MIN_GAIN_SHARE, MAX_SHORTFALL = 0.6, 8.0
 #: Evaluations of a first refit, and of each further one: a form error changes with its mechanism.
-FIRST_EVALUATIONS, REFIT_EVALUATIONS = (5,), (12, 6)
+FIRST_EVALUATIONS, REFIT_EVALUATIONS = (6,), (20, 20)
 #: Standardised residual of a state without an answer.
 FAILED_RESIDUAL = 30.0
 #: Prior sd of a template in a refit, in sizes that one sample determines: free, and finite.
@@ -201,7 +201,8 @@ class EvidenceSearch:
 
         trials = parallel_map(refit_proposal, self._list_promising(centre, outside))
         trials.sort(key=lambda fit: -(fit.evidence.total if outside else fit.evidence.alone))
-        for fit in parallel_map(complete, trials[:COMPLETE_REFITS]) + trials[COMPLETE_REFITS:]:
+        # Far from the minimum the evidence of the linear model is too large: only complete fits are compared.
+        for fit in parallel_map(complete, trials[:COMPLETE_REFITS]):
             self._register(fit)
 
     def _list_promising(self, centre: EvidenceFit, outside: bool) -> list[Proposal]:

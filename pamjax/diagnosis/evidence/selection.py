@@ -157,20 +157,26 @@ def _restrict(search: EvidenceSearch, fit: EvidenceFit, names: dict[str, Evidenc
 
 
 def _find_harmful(search: EvidenceSearch, fit: EvidenceFit, held_out_rows: np.ndarray) -> list[str]:
-    """Return the mechanisms that make the prediction of held-out rows worse."""
-    problem = search.problem
+    """Return the mechanisms that make the prediction of held-out rows worse, alone or together."""
     if not held_out_rows.any() or not fit.mechanisms:
         return []
     whole = _compute_error(search, fit, held_out_rows)
-    harmful = []
-    for candidate in fit.mechanisms:
-        remaining = tuple(other for other in fit.mechanisms if other is not candidate)
-        reduced = search.fits.get(frozenset(other.id for other in remaining)) or search.refit(
-            remaining, switch_off_candidate(problem, fit.values, candidate)
-        )
-        if whole > MAX_HELD_OUT_RATIO * _compute_error(search, reduced, held_out_rows):
-            harmful.append(candidate.id)
+    without = {
+        candidate.id: _compute_error(search, _refit_without(search, fit, candidate), held_out_rows)
+        for candidate in fit.mechanisms
+    }
+    harmful = [id for id, error in without.items() if whole > MAX_HELD_OUT_RATIO * error]
+    baseline = search.fits[frozenset()]
+    if not harmful and whole > MAX_HELD_OUT_RATIO * _compute_error(search, baseline, held_out_rows):
+        return [min(without, key=lambda id: without[id])]
     return harmful
+
+
+def _refit_without(search: EvidenceSearch, fit: EvidenceFit, candidate: Candidate) -> EvidenceFit:
+    """Return a set without one of its mechanisms."""
+    remaining = tuple(other for other in fit.mechanisms if other is not candidate)
+    known = search.fits.get(frozenset(other.id for other in remaining))
+    return known or search.refit(remaining, switch_off_candidate(search.problem, fit.values, candidate))
 
 
 def _compute_error(search: EvidenceSearch, fit: EvidenceFit, rows: np.ndarray) -> float:

@@ -1,6 +1,5 @@
 """Misfit weighting: a smooth misfit does not change well-measured parameters."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +7,6 @@ import pytest
 
 from pamjax.diagnosis.refit.candidate_fit import fit_candidate
 from pamjax.diagnosis.refit.misfit_weighting import (
-    compute_integrated_autocorrelation_time,
     fit_with_misfit_weight,
     reweight_by_misfit,
 )
@@ -74,12 +72,3 @@ def test_misfit_only_at_the_start_has_no_weight():
     near = fit_weighted(problem)
     assert far.noise.weight == near.noise.weight == 1
     assert far.estimate.values == pytest.approx(near.estimate.values, rel=1e-4)
-
-
-@pytest.mark.parametrize("rho", [0.0, 0.8])
-def test_correlated_samples_count_once(rho):
-    rng = np.random.default_rng(1)
-    noise = rng.standard_normal(20000)
-    for k in range(1, noise.size):
-        noise[k] = rho * noise[k - 1] + math.sqrt(1 - rho**2) * noise[k]
-    assert compute_integrated_autocorrelation_time(noise) == pytest.approx((1 + rho) / (1 - rho), rel=0.2)
