@@ -10,7 +10,7 @@ from pamjax.diagnosis.detect.locate import Box
 from pamjax.diagnosis.detect.regions import build_axes
 from pamjax.diagnosis.detect.significance import Significance
 from pamjax.diagnosis.next_experiment.experiment import Experiment
-from pamjax.diagnosis.result import Diagnosis, ParameterEstimate, ParameterShift
+from pamjax.diagnosis.result import Diagnosis, Likeness, ParameterEstimate, ParameterShift
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.infer.noise.ar1_filter import Ar1Noise
@@ -103,7 +103,8 @@ def diagnosis(
     blocks = find_blocks(recording)
     names = [
         NamedMechanism(
-            "braid_friction", 0.98, tuple(ties), 5e4, {"viscous_damping": 640.0, "channel_lag": -3.0}
+            "braid_friction", 0.98, tuple(ties), 5e4, {"viscous_damping": 640.0, "channel_lag": -3.0},
+            form_error=0.12,
         )
     ]
     box = _box(build_axes(problem))
@@ -116,6 +117,8 @@ def diagnosis(
         mismatch_boxes=[box],
         residual_test=Significance(1e-6 if unexplained else 0.2, 3.0, 258, 1.1),
         unexplained=unexplained,
+        unexplained_probability=0.97 if unexplained else 0.03,
+        likenesses=(Likeness("stop", 0.7, "a stop beyond 12.0 % contraction"),) if unexplained else (),
         residual_boxes=[box],
         residual_share=0.12,
         blocks=blocks,
@@ -151,6 +154,7 @@ def _model(values, measured):
         noise=NoiseModel(channel_noise, rows, tuple(np.zeros((0, 2), int) for _ in rows)),
         estimate=estimate,
         mechanisms=(),
+        form_prediction=0.0,
         excess_chi2=0.0,
         within_model_covariance=np.diag(sd[:2] ** 2),
         sd=lambda k: sd[k],
