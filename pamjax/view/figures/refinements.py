@@ -1,0 +1,175 @@
+"""Figure of the refinements: what each further parameter of a mechanism does to its textbook form.
+
+drift      zero of the load cell over time
+locking    force of jammed threads against contraction
+friction   loops of force against contraction; strength against speed
+rubber     force of the bladder against contraction
+creep      relaxing stress against time
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from pamjax.model.history import build_time_history
+from pamjax.model.mechanism import AbstractStoredEnergy, Past
+from pamjax.model.mechanisms.bladder_elasticity import BladderElasticity
+from pamjax.model.mechanisms.braid_friction import BraidFriction
+from pamjax.model.mechanisms.braid_locking import BraidLocking
+from pamjax.model.mechanisms.force_drift import ForceDrift
+from pamjax.model.mechanisms.viscoelastic_creep import ViscoelasticCreep
+from pamjax.model.state import Cylinder, State
+from pamjax.view.figures.mechanism_demo import DEMO_REST_LENGTH, DEMO_THREAD_LENGTH, DEMO_TURNS
+from pamjax.view.theme import DOUBLE_COLUMN, OKABE_ITO, add_panel_letters, apply_theme, create_figure
+
+#: Colours and styles of the textbook form and of its refinements.
+LINES = (
+    {"color": OKABE_ITO["black"], "ls": "-"},
+    {"color": OKABE_ITO["blue"], "ls": "--"},
+    {"color": OKABE_ITO["vermilion"], "ls": "-."},
+    {"color": OKABE_ITO["green"], "ls": ":"},
+)
+
+#: Pressure and sampling interval of the friction loops, Pa and s.
+LOOP_PRESSURE, LOOP_TIME_STEP = 350e3, 0.5
+
+#: Dimensions of the bladder, m.
+TUBE = {"inner_diameter": 19e-3, "thickness": 1.6e-3, "length": DEMO_REST_LENGTH}
+
+Curves = dict[str, tuple[np.ndarray, np.ndarray]]
+
+
+def plot_refinements() -> Figure:
+    """Return the figure: a panel for each mechanism with a refinement, and two for friction."""
+    with apply_theme():
+        figure = create_figure(DOUBLE_COLUMN, 5.0)
+        panels = list(figure.subplots(2, 3).flat)
+        _plot_curves(panels[0], "force_drift", compute_drifts(), "time [min]", "zero [N]")
+        _plot_curves(panels[1], "braid_locking", compute_lockings(), "contraction [%]", "force [N]")
+        _plot_curves(panels[2], "bladder_elasticity", compute_rubbers(), "contraction [%]", "force [N]")
+        _plot_curves(panels[3], "braid_friction", compute_loops(), "contraction [%]", "force [N]")
+        _plot_curves(panels[4], "braid_friction", compute_strengths(), "speed [mm/s]", "strength [1]")
+        _plot_curves(panels[5], "viscoelastic_creep", compute_relaxations(), "time [s]", "stress [1]")
+        for panel in (panels[0], panels[3]):
+            # Room for the legend above the curves.
+            low, high = panel.get_ylim()
+            panel.set_ylim(low, high + 0.45 * (high - low))
+        panels[4].set_xscale("log")
+        panels[5].set_xscale("log")
+        add_panel_letters(panels)
+    return figure
+
+
+def _plot_curves(panel: Axes, title: str, curves: Curves, abscissa: str, ordinate: str) -> None:
+    for style, (label, (x, y)) in zip(LINES, curves.items(), strict=False):
+        panel.plot(x, y, label=label, lw=1.2, **style)
+    panel.set(xlabel=abscissa, ylabel=ordinate, title=title)
+    panel.legend(loc="best" if len(curves) < 4 else "upper left")
+
+
+def compute_drifts() -> Curves:
+    """Return the zero over an hour, N, by form; the first is the textbook's."""
+    minutes = np.linspace(0, 60, 241)
+    time_history = build_time_history(60 * minutes, minutes == 0)
+    nothing = jnp.zeros(minutes.size)
+    past = Past(_build_state(np.full(minutes.size, DEMO_REST_LENGTH)), nothing, nothing, nothing)
+    forms = {
+        "rate": ForceDrift(rate=10 / 3600),
+        "warmup": ForceDrift(warmup=10.0),
+        "root": ForceDrift(root=10 / 60),
+        "swing": ForceDrift(swing_sine=3.0),
+    }
+    return {
+        name: (minutes, np.asarray(drift.to_recorded_outputs(nothing, nothing, past, time_history)[0]))
+        for name, drift in forms.items()
+    }
+
+
+def compute_lockings() -> Curves:
+    """Return the force of jammed threads near rest length, N, by exponent."""
+    return {
+        f"exponent {exponent:g}": _compute_force(BraidLocking(0.3e6, 0.2, exponent), 0.15)
+        for exponent in (1.0, 1.5, 3.0)
+    }
+
+
+def compute_rubbers() -> Curves:
+    """Return the force of a latex bladder, N, by stiffening."""
+    return {
+        f"stiffening {share:g}": _compute_force(BladderElasticity(0.4e6, **TUBE, stiffening=share), 0.35)
+        for share in (0.0, 0.02, 0.05)
+    }
+
+
+def compute_loops() -> Curves:
+    """Return loops of friction at a constant pressure, N, by form; the fast loop is ten times as fast."""
+    stroke = np.abs((np.arange(241) / 60 + 1) % 2 - 1)
+    contraction = 0.05 + 0.1 * stroke
+    forms = {
+        "even": (BraidFriction(0.3, presliding=2e-3), 1.0),
+        "asymmetry 0.4": (BraidFriction(0.3, presliding=2e-3, asymmetry=0.4), 1.0),
+        "weakening 0.5, fast": (
+            BraidFriction(0.3, presliding=2e-3, weakening=0.5, weakening_speed=2e-3),
+            0.1,
+        ),
+    }
+    loops: Curves = {}
+    for name, (friction, pace) in forms.items():
+        length = DEMO_REST_LENGTH * (1 - contraction)
+        time = pace * LOOP_TIME_STEP * np.arange(length.size)
+        nothing = jnp.zeros(length.size)
+        past = Past(_build_state(length), nothing + LOOP_PRESSURE, nothing, nothing)
+        strains = jax.vmap(lambda state, pressure, f=friction: f.strains(state, pressure))(
+            past.state, past.pressure
+        )
+        stress = friction.stresses(build_time_history(time, time == 0), strains, past)[:, 0]
+        later = slice(120, None)
+        loops[name] = (100 * contraction[later], np.asarray(stress / DEMO_THREAD_LENGTH)[later])
+    return loops
+
+
+def compute_strengths() -> Curves:
+    """Return the strength of friction at a speed over that at rest, by weakening."""
+    speed = np.geomspace(1e-4, 0.1, 200)
+    return {
+        f"weakening {share:g}": (
+            1e3 * speed,
+            np.asarray(BraidFriction(weakening=share, weakening_speed=2e-3).speed_factor(jnp.asarray(speed))),
+        )
+        for share in (0.0, 0.5)
+    }
+
+
+def compute_relaxations() -> Curves:
+    """Return the stress after a step of stretch, over its first value, by spectrum."""
+    time = np.geomspace(0.1, 1e4, 300)
+    curves: Curves = {}
+    for name, share, spectrum in (
+        ("two branches", 0.5, 0.0),
+        ("logarithm of time", 0.5, 1.0),
+        ("power 0.3 of time", 1 / (1 + 1000.0**-0.3), 1.0),
+    ):
+        times, shares = ViscoelasticCreep(1.0, share, 1.0, 1000.0, spectrum=spectrum).list_branches()
+        curves[name] = (time, np.exp(-time[:, None] / np.asarray(times)) @ np.asarray(shares))
+    return curves
+
+
+def _build_state(length: np.ndarray) -> State:
+    """Return the cylinder at some lengths, m."""
+    values = jnp.asarray(length)
+    return Cylinder()(values, jnp.full_like(values, DEMO_THREAD_LENGTH), jnp.full_like(values, DEMO_TURNS))
+
+
+def _compute_force(mechanism: AbstractStoredEnergy, stroke: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return contraction, %, and the force of a stored energy at constant thread length, N."""
+    contraction = np.linspace(0, stroke, 150)
+
+    def energy(length):
+        return mechanism.energy(Cylinder()(length, jnp.asarray(DEMO_THREAD_LENGTH), jnp.asarray(DEMO_TURNS)))
+
+    force = jax.vmap(jax.grad(energy))(jnp.asarray(DEMO_REST_LENGTH * (1 - contraction)))
+    return 100 * contraction, np.asarray(force)

@@ -1,0 +1,45 @@
+"""The figure of refinements: every curve exists, and the first is the default of its mechanism."""
+
+import numpy as np
+import pytest
+
+from pamjax.view.figures import refinements
+from tests.agreement import SOLVED, agree
+
+CURVES = ("drifts", "lockings", "rubbers", "loops", "strengths", "relaxations")
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_refined_forms_differ_visibly_from_the_first(name):
+    curves = list(getattr(refinements, f"compute_{name}")().values())
+    assert 2 <= len(curves) <= len(refinements.LINES)
+    x, first = curves[0]
+    for other_x, other in curves[1:]:
+        agree(other_x, x, SOLVED, 1.0)
+        assert np.all(np.isfinite(other))
+        assert np.max(np.abs(other - first)) > 0.04 * np.ptp(first)
+
+
+def test_drifts_reach_their_amplitudes():
+    drifts = {name: zero for name, (_, zero) in refinements.compute_drifts().items()}
+    # After an hour: 10 N by a slope and by a root, 10 N less e^(-6) by a warm-up, two periods of the swing.
+    agree([drifts[n][-1] for n in ("rate", "root")], 10.0, SOLVED)
+    agree(drifts["warmup"][-1], 10.0 * (1 - np.exp(-6.0)), SOLVED)
+    agree(np.max(drifts["swing"]), 3.0, 1e-3)
+
+
+def test_loops_are_shifted_by_asymmetry_and_narrowed_by_speed():
+    loops = {name: force for name, (_, force) in refinements.compute_loops().items()}
+    even, shifted, fast = loops.values()
+    assert np.max(shifted) > 1.2 * np.max(even)
+    assert np.min(shifted) > 0.8 * np.min(even)
+    assert np.median(np.abs(fast)) < 0.8 * np.median(np.abs(even))
+
+
+def test_every_panel_has_a_title_and_a_unit():
+    figure = refinements.plot_refinements()
+    figure.draw_without_rendering()
+    assert len(figure.axes) == len(CURVES)
+    for panel in figure.axes:
+        assert panel.get_title("left")
+        assert panel.get_xlabel()[-1] == panel.get_ylabel()[-1] == "]"
