@@ -76,8 +76,8 @@ def test_mechanisms_extrapolate_better_than_a_gaussian_process_and_both_better_t
 @pytest.mark.parametrize(("made", "words"), [({}, "isobar, 400 kPa"), ({"protocol": lengths}, "180 mm")])
 def test_extrapolation_rows_have_the_highest_pressure_or_the_shortest_length(made, words):
     prediction = diagnosis(**made).problem
-    out, said = find_extrapolation_rows(prediction)
-    assert words in said
+    out, document_text = find_extrapolation_rows(prediction)
+    assert words in document_text
     recording = prediction.case.recording
     edge = recording.pressure == recording.pressure.max() if not made else recording.length < 0.185
     assert np.array_equal(out, edge)

@@ -103,7 +103,11 @@ def diagnosis(
     blocks = find_blocks(recording)
     names = [
         NamedMechanism(
-            "braid_friction", 0.98, tuple(ties), 5e4, {"viscous_damping": 640.0, "channel_lag": -3.0},
+            "braid_friction",
+            0.98,
+            tuple(ties),
+            5e4,
+            {"viscous_damping": 640.0, "channel_lag": -3.0},
             form_error=0.12,
         )
     ]
