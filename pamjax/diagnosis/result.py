@@ -93,6 +93,7 @@ class Diagnosis:
         likenesses: effects outside the library that this part resembles, most probable first.
         residual_boxes: location of the unexplained part.
         residual_share: unexplained share of the excess misfit.
+        noise_ratios: by channel, estimated over stated noise sd; None if no noise is stated.
         blocks: the blocks of the recording.
         gain: errors on held-out blocks, without and with the mechanisms.
         parameters: estimates by mechanism id and parameter name, amplitude first.
@@ -113,6 +114,7 @@ class Diagnosis:
     likenesses: tuple[Likeness, ...]
     residual_boxes: list[Box]
     residual_share: float
+    noise_ratios: dict[str, float | None]
     blocks: Blocks
     gain: Gain
     parameters: dict[str, dict[str, ParameterEstimate]]
@@ -281,6 +283,7 @@ def _serialise_noise(diagnosis: Diagnosis) -> dict[str, Any]:
             "correlation_time_s": _compute_correlation_time(
                 diagnosis.problem, rows, channel_noise.correlation
             ),
+            "over_stated": diagnosis.noise_ratios.get(channel),
         }
     return out
 

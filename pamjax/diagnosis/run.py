@@ -24,10 +24,12 @@ from pamjax.diagnosis.detect.residual_test import (
 from pamjax.diagnosis.detect.score_test import compute_score_directions
 from pamjax.diagnosis.detect.significance import Significance, compute_significance
 from pamjax.diagnosis.evidence.selection import fit_baseline, fit_with_form_errors, select_by_evidence
+from pamjax.diagnosis.evidence.settings import EvidenceSettings
 from pamjax.diagnosis.identifiability import format_notes
 from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem
 from pamjax.diagnosis.next_experiment.experiment import propose_experiments
+from pamjax.diagnosis.noise.sensor_scale import compute_noise_ratios, format_noise_notes
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate
 from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
 from pamjax.diagnosis.refit.noise_correlation import fit_noise_correlation
@@ -103,12 +105,16 @@ def diagnose(
         raise refuse(f"unknown method {method!r}", remedy=suggest_word(method, _METHODS))
     case = ensure_case(case)
     progress("compiling", 0.0)
+    if method == "evidence":
+        limit = max(settings.max_prior_deviation_sd, EvidenceSettings().max_prior_deviation_sd)
+        settings = replace(settings, max_prior_deviation_sd=limit)
     problem = build_library_problem(case, settings)
     problem.compile()
     blocks_of_case = find_blocks(case.recording)
     held_out_rows = select_held_out_rows(blocks_of_case, problem.settings)
     choice = _METHODS[method](problem, blocks_of_case, held_out_rows, seed, progress)
     selection, baseline, model = choice.selection, choice.baseline, choice.model
+    noise_ratios = compute_noise_ratios(problem, model.estimate.values)
     progress("done", 1.0)
     return Diagnosis(
         problem=problem,
@@ -127,11 +133,17 @@ def diagnose(
         likenesses=choice.likenesses,
         residual_boxes=locate_residual(problem, model) if choice.unexplained else [],
         residual_share=_compute_residual_share(choice.mismatch, choice.residual_test),
+        noise_ratios=noise_ratios,
         blocks=blocks_of_case,
         gain=compute_gain(problem, blocks_of_case, held_out_rows, selection.baseline, choice.training_fit),
         parameters=_collect_estimates(problem, model),
         parameter_shifts=_compute_shifts(problem, baseline, model) if selection.named_mechanisms else {},
-        notes=[*choice.notes, *problem.case.warnings, *format_notes(problem, baseline, model)],
+        notes=[
+            *choice.notes,
+            *(() if choice.unexplained else format_noise_notes(noise_ratios)),
+            *problem.case.warnings,
+            *format_notes(problem, baseline, model),
+        ],
         experiments=propose_experiments(problem, model, selection.named_mechanisms),
     )
 

@@ -125,6 +125,7 @@ def diagnosis(
         likenesses=(Likeness("stop", 0.7, "a stop beyond 12.0 % contraction"),) if unexplained else (),
         residual_boxes=[box],
         residual_share=0.12,
+        noise_ratios={"force": 1.02, "diameter": None},
         blocks=blocks,
         gain=compute_gain(problem, blocks, select_held_out_rows(blocks), models[0], models[1]),
         parameters={"braid_friction": {"coefficient": ParameterEstimate(0.21, 0.01, find_meaning(NAMES[2]))}},

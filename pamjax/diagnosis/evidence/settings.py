@@ -23,6 +23,8 @@ class EvidenceSettings:
         tie_probability_ratio: alternatives with at least this share of the probability are
             indistinguishable.
         max_mechanisms: largest number of mechanisms in a model.
+        max_prior_deviation_sd: largest distance of a baseline parameter from its stated value, in its sd; a
+            close limit makes the evidence of a mechanism depend on which parameter reaches it.
     """
 
     form_shares: tuple[float, ...] = (0.0, 0.1, 0.2, 0.4)
@@ -36,3 +38,4 @@ class EvidenceSettings:
     established_probability: float = 0.5
     tie_probability_ratio: float = 0.1
     max_mechanisms: int = 4
+    max_prior_deviation_sd: float = 8.0

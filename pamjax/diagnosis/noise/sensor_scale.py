@@ -1,0 +1,56 @@
+"""Ratio of the noise that a recording shows to the noise that follows from the stated sensors.
+
+A sensor that is noisier than stated is no missing physics. Differences of neighbouring samples show its
+noise, if the misfit of the model is smooth from sample to sample. The ratio is that of effective standard
+deviations: of the sensor, with the noise of pressure and length propagated through the model.
+What it leaves out: recordings in a static table, and channels with few samples; their ratio is 1.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.noise.estimate import estimate_noise
+from pamjax.infer.noise.noise_model import NoiseModel
+from pamjax.infer.problem.dataset import CHANNELS
+
+#: Ratio above which, or below whose inverse, a note reports it. A data sheet seldom states less than 15 %.
+MIN_REPORTED_RATIO = 1.15
+
+
+def compute_noise_ratios(problem: LibraryProblem, values: np.ndarray) -> dict[str, float | None]:
+    """Return by measured channel the estimated over the stated noise sd; None if no noise is stated.
+
+    Args:
+        problem: the recording and the library.
+        values: (p,) estimate of the final model, SI.
+    """
+    rows = np.ones(problem.n, dtype=bool)
+    stated, estimated = (
+        estimate_noise(problem, values, rows, free_scale=free_scale) for free_scale in (False, True)
+    )
+    sensors = problem.case.entry.sensors
+    return {
+        channel: None
+        if getattr(sensors, channel) is None
+        else _compute_rms_sd(estimated, c) / _compute_rms_sd(stated, c)
+        for c, channel in enumerate(CHANNELS)
+        if stated.channels[c] is not None
+    }
+
+
+def format_noise_notes(ratios: dict[str, float | None]) -> list[str]:
+    """Return a note for each channel whose noise differs from the stated noise."""
+    return [
+        f"The noise of {channel} is {ratio:.2f} times the stated noise (from neighbouring samples): check"
+        " `[sensors]`."
+        for channel, ratio in ratios.items()
+        if ratio is not None and not 1 / MIN_REPORTED_RATIO < ratio < MIN_REPORTED_RATIO
+    ]
+
+
+def _compute_rms_sd(noise: NoiseModel, c: int) -> float:
+    channel = noise.channels[c]
+    assert channel is not None
+    return float(np.sqrt(np.mean(channel.sd[noise.rows[c]] ** 2)))

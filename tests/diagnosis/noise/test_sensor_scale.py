@@ -1,0 +1,49 @@
+"""Ratio of estimated to stated noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pamjax.diagnosis.noise.sensor_scale import compute_noise_ratios, format_noise_notes
+from tests.diagnosis.bank import UNMODELLED_FORCES, replace_readings, simulate_without_noise
+
+#: Force noise, N, in a recording of 438 rows: its ratio is estimated to some 4 %.
+FORCE_SD = 3.0
+
+
+def build_problem(factor, with_obstacle=False):
+    """Return readings whose force noise is the stated noise times a factor."""
+    problem, rng = simulate_without_noise(), np.random.default_rng(3)
+    force = problem.measured[0] + factor * FORCE_SD * rng.standard_normal(problem.n)
+    if with_obstacle:
+        # A misfit of some three standard deviations, smooth from sample to sample.
+        force = force + 0.1 * UNMODELLED_FORCES["obstacle"](problem.case.recording)
+    entry = problem.case.entry
+    sensors = replace(entry.sensors, force=FORCE_SD, pressure=0.0, length=0.0)
+    case = replace(problem.case, entry=replace(entry, sensors=sensors))
+    readings = np.stack([force, np.full(problem.n, np.nan)])
+    return replace(replace_readings(problem, readings), case=case)
+
+
+@pytest.mark.parametrize("with_obstacle", [False, True])
+@pytest.mark.parametrize("factor", [0.7, 1.0, 1.4])
+def test_ratio_is_that_of_the_noise_in_spite_of_a_smooth_misfit(factor, with_obstacle):
+    problem = build_problem(factor, with_obstacle)
+    ratios = compute_noise_ratios(problem, problem.neutral)
+    assert ratios["force"] == pytest.approx(factor, rel=0.1)
+
+
+def test_note_names_the_channel_and_the_factor():
+    assert format_noise_notes({"force": 1.1, "diameter": None}) == []
+    (note,) = format_noise_notes({"force": 1.4, "diameter": 0.95})
+    assert "force is 1.40 times" in note
+    assert "[sensors]" in note
+
+
+def test_ratio_of_a_sensor_without_stated_noise_is_undefined():
+    problem = build_problem(1.0)
+    entry = problem.case.entry
+    unstated = replace(entry, sensors=replace(entry.sensors, force=None))
+    problem = replace(problem, case=replace(problem.case, entry=unstated))
+    assert compute_noise_ratios(problem, problem.neutral) == {"force": None}
