@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from pamjax.diagnosis.noise.sensor_scale import compute_noise_ratios, format_noise_notes
-from tests.diagnosis.bank import UNMODELLED_FORCES, replace_readings, simulate_without_noise
+from tests.diagnosis.bank import replace_readings, simulate_without_noise
 
 #: Force noise, N, in a recording of 438 rows: its ratio is estimated to some 4 %.
 FORCE_SD = 3.0
 
 
-def build_problem(factor, with_obstacle=False):
+def build_problem(factor, with_swing=False):
     """Return readings whose force noise is the stated noise times a factor."""
     problem, rng = simulate_without_noise(), np.random.default_rng(3)
     force = problem.measured[0] + factor * FORCE_SD * rng.standard_normal(problem.n)
-    if with_obstacle:
-        # A misfit of some three standard deviations, smooth from sample to sample.
-        force = force + 0.1 * UNMODELLED_FORCES["obstacle"](problem.case.recording)
+    if with_swing:
+        # Ten standard deviations, and smooth from sample to sample.
+        force = force + 10 * FORCE_SD * np.sin(2 * np.pi * np.arange(problem.n) / problem.n)
     entry = problem.case.entry
     sensors = replace(entry.sensors, force=FORCE_SD, pressure=0.0, length=0.0)
     case = replace(problem.case, entry=replace(entry, sensors=sensors))
@@ -26,10 +26,10 @@ def build_problem(factor, with_obstacle=False):
     return replace(replace_readings(problem, readings), case=case)
 
 
-@pytest.mark.parametrize("with_obstacle", [False, True])
+@pytest.mark.parametrize("with_swing", [False, True])
 @pytest.mark.parametrize("factor", [0.7, 1.0, 1.4])
-def test_ratio_is_that_of_the_noise_in_spite_of_a_smooth_misfit(factor, with_obstacle):
-    problem = build_problem(factor, with_obstacle)
+def test_ratio_is_that_of_the_noise_in_spite_of_a_smooth_misfit(factor, with_swing):
+    problem = build_problem(factor, with_swing)
     ratios = compute_noise_ratios(problem, problem.neutral)
     assert ratios["force"] == pytest.approx(factor, rel=0.1)
 
