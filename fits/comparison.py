@@ -182,7 +182,9 @@ def _braid(fitted: Fit) -> Model:
     (one,) = fitted.datasets
 
     def model(told: np.ndarray) -> tuple[np.ndarray, str]:
-        left = solve_least_squares((exclude_rows(one, ~told),), fitted.space, fitted.solution.u, fitted.loss)
+        left = solve_least_squares(
+            (exclude_rows(one, ~told),), fitted.limited_space, fitted.solution.u, fitted.loss
+        )
         force = np.asarray(predict_rows(one, fitted.space.to_values(left.u)).force)[: told.size]
         return force, "" if left.converged else "the braid's fit did not converge"
 
