@@ -184,7 +184,7 @@ def _build_braid(fitted: Fit) -> Model:
 
     def model(rows: np.ndarray) -> tuple[np.ndarray, str]:
         training_data = exclude_rows(dataset, ~rows)
-        solution = solve_least_squares((training_data,), fitted.space, fitted.solution.u, fitted.loss)
+        solution = solve_least_squares((training_data,), fitted.limited_space, fitted.solution.u, fitted.loss)
         force = np.asarray(predict_rows(dataset, fitted.space.to_values(solution.u)).force)[: rows.size]
         return force, "" if solution.converged else "the braid's fit did not converge"
 

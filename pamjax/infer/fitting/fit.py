@@ -144,6 +144,7 @@ def fit(
         space=space,
         solution=solution,
         datasets=datasets,
+        limited_space=fixed_space,
     )  # fmt: skip
 
 

@@ -153,6 +153,7 @@ class Fit:
         loss: "square" or "soft".
         seed: seed of the other starts and of the folds.
         space, solution, datasets: the least-squares problem and its solution.
+        limited_space: the space in which values at the limits of their priors are fixed, for refits.
     """
 
     law: str
@@ -169,6 +170,7 @@ class Fit:
     space: ParameterSpace = field(repr=False)
     solution: Solution = field(repr=False)
     datasets: tuple[Dataset, ...] = field(repr=False)
+    limited_space: ParameterSpace = field(repr=False)
 
     @property
     def muscle(self) -> Muscle:
