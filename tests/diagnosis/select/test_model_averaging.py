@@ -74,18 +74,3 @@ def test_sd_includes_the_shift_of_a_tie():
     # A mechanism that was removed from the model has no effect.
     gone = replace(tie, id="end_taper")
     assert average_models(problem, fit, (gone,)).sd(k) == pytest.approx(fit.sd(k))
-
-
-@pytest.mark.slow
-def test_better_minimum_replaces_the_worse():
-    """A creep of 12 sd whose refit ended early, with the times of another starting shape."""
-    problem, fit = fit_from_truth(
-        simulate_bank(BankRecording(1, only="viscoelastic_creep", smallest=12.0, largest=12.0))
-    )
-    start = fit.estimate.values.copy()
-    start[problem.index("viscoelastic_creep.time_short")] = 0.1
-    start[problem.index("viscoelastic_creep.time_long")] = 5000.0
-    worse = replace(fit, estimate=fit_parameters(problem, fit.noise, fit.estimate.free, start, 2))
-    assert worse.corrected_chi2 > fit.corrected_chi2 + 10
-    averaged = average_models(problem, worse, ())
-    assert averaged.corrected_chi2 < fit.corrected_chi2 + 4
