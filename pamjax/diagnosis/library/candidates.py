@@ -427,10 +427,8 @@ def _build_force_drift(scales: _RecordingScales) -> list[Candidate]:
 
 
 def _build_channel_lag(scales: _RecordingScales) -> list[Candidate]:
-    return [
-        Candidate("channel_lag", ("channel_lag.lag",)),
-        Candidate("channel_lag", ("channel_lag.lag",), {"channel_lag.smoothing": 0.5}),
-    ]
+    # A pure delay and a filter have the same derivative at zero: the refit distinguishes them.
+    return [Candidate("channel_lag", ("channel_lag.lag",), {"channel_lag.smoothing": 0.3})]
 
 
 _CANDIDATE_BUILDERS = {
