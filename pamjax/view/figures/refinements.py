@@ -7,6 +7,9 @@ rubber     force of the bladder against contraction
 creep      relaxing stress against time
 """
 
+# Mechanisms take plain numbers here; their fields are typed as arrays.
+# pyright: reportArgumentType=false
+
 from __future__ import annotations
 
 import jax
