@@ -7,7 +7,7 @@ effect. A mechanism declares the variables in which it may differ:
 
 or, for an effect that is a course in time (`is_additive`), rms(effect) · Σ c_j cos(πkt/T) in addition.
 
-    pressure, length   scaled to −1 … 1 over the recording
+    pressure, length   scaled to −1 … 1 over the rows in which the mechanism acts
     direction          −1 while the muscle shortens, 1 while it lengthens, 0 at a hold
     speed              decimal logarithm of the speed over its median
     time               scaled to 0 … 1; its power k is cos(πkt)

@@ -9,8 +9,7 @@ from scipy.special import eval_legendre
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 
-#: Speed at which half of full friction is reached is far below this share of the median speed: it only keeps
-#: holds from counting as motion.
+#: Share of the median speed below which a row counts as a hold rather than as motion.
 HOLD_SPEED_SHARE = 0.5
 
 #: Smallest speed over the median speed whose logarithm is taken.

@@ -189,7 +189,7 @@ def _evaluate(
     gram, b = columns @ columns.T, columns @ residual
     amplitude_counts = [len(a.textbook) for a in group]
     k, bounds = sum(amplitude_counts), np.cumsum([0, *amplitude_counts])
-    scales = np.array([1.0 for _ in group])
+    scales = np.ones(len(group))
     best_gain, amplitudes = -np.inf, np.zeros(k)
     for _ in range(FORM_ROUNDS):
         best_gain, solution = _choose_shares(

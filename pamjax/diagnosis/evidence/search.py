@@ -2,8 +2,8 @@
 
 It begins with the baseline alone. At the best sets, linear algebra proposes additions of one or two
 mechanisms (`proposals.py`). The most promising are refitted in full, with their form errors, and so is each
-set without one of its mechanisms. Sets are the best if physics outside the library may be present, or if it
-is absent. The search ends when these have been extended.
+set without one of its mechanisms. There are two searches: the first assumes that nothing outside the library
+is present, the second allows for it. Each ends when its best set has been extended.
 """
 
 from __future__ import annotations
@@ -233,17 +233,16 @@ class EvidenceSearch:
         """Refit a set without each of its mechanisms."""
         if len(fit.mechanisms) < 2:
             return
-        noise = fit.noise if outside else fit.form_noise
-
-        def refit_without(candidate: Candidate) -> EvidenceFit:
-            remaining = tuple(other for other in fit.mechanisms if other is not candidate)
-            values = switch_off_candidate(self.problem, fit.values, candidate)
-            return self.refit(remaining, values, noise, outside)
-
         known = self.fits if outside else self.alone
         unknown = [candidate for candidate in fit.mechanisms if fit.ids - {candidate.id} not in known]
-        for reduced in parallel_map(refit_without, unknown):
+        for reduced in parallel_map(lambda candidate: self.refit_without(fit, candidate, outside), unknown):
             self._register(reduced)
+
+    def refit_without(self, fit: EvidenceFit, candidate: Candidate, outside: bool = True) -> EvidenceFit:
+        """Return a set without one of its mechanisms, refitted."""
+        remaining = tuple(other for other in fit.mechanisms if other is not candidate)
+        values = switch_off_candidate(self.problem, fit.values, candidate)
+        return self.refit(remaining, values, fit.noise if outside else fit.form_noise, outside)
 
     def _register(self, fit: EvidenceFit) -> None:
         known, alone = self.fits.get(fit.ids), self.alone.get(fit.ids)

@@ -17,7 +17,12 @@ from pamjax.diagnosis.evidence.templates import TemplateContext, build_templates
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import COMPLIANCE_PARAMETER, LibraryProblem
 from pamjax.diagnosis.noise.estimate import estimate_noise
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit, get_free_indices, switch_off_candidate
+from pamjax.diagnosis.refit.candidate_fit import (
+    CandidateFit,
+    get_free_indices,
+    predict_fit,
+    switch_off_candidate,
+)
 from pamjax.diagnosis.refit.least_squares import evaluate_estimate, fit_parameters
 from pamjax.diagnosis.result import Likeness
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
@@ -60,8 +65,8 @@ def select_by_evidence(
     summary = summarise(search.run(progress), settings, max(excess, 0.0))
     names = {name.id: name for name in summary.names}
     fit = _restrict(search, summary.best, names)
-    for id in _find_harmful(search, fit, ~training_rows):
-        names.pop(id)
+    while (harmful := _find_most_harmful(search, fit, ~training_rows)) is not None:
+        names.pop(harmful)
         fit = _restrict(search, fit, names)
     return (
         Selection(
@@ -156,33 +161,30 @@ def _restrict(search: EvidenceSearch, fit: EvidenceFit, names: dict[str, Evidenc
     return search.refit(kept, values)
 
 
-def _find_harmful(search: EvidenceSearch, fit: EvidenceFit, held_out_rows: np.ndarray) -> list[str]:
-    """Return the mechanisms that make the prediction of held-out rows worse, alone or together."""
+def _find_most_harmful(search: EvidenceSearch, fit: EvidenceFit, held_out_rows: np.ndarray) -> str | None:
+    """Return the mechanism without which held-out rows are predicted best; None if none makes them worse.
+
+    Mechanisms can make the prediction worse alone, or only together: then the baseline predicts better.
+    """
     if not held_out_rows.any() or not fit.mechanisms:
-        return []
-    whole = _compute_error(search, fit, held_out_rows)
+        return None
     without = {
-        candidate.id: _compute_error(search, _refit_without(search, fit, candidate), held_out_rows)
+        candidate.id: _compute_error(
+            search,
+            search.fits.get(fit.ids - {candidate.id}) or search.refit_without(fit, candidate),
+            held_out_rows,
+        )
         for candidate in fit.mechanisms
     }
-    harmful = [id for id, error in without.items() if whole > MAX_HELD_OUT_RATIO * error]
-    baseline = search.fits[frozenset()]
-    if not harmful and whole > MAX_HELD_OUT_RATIO * _compute_error(search, baseline, held_out_rows):
-        return [min(without, key=lambda id: without[id])]
-    return harmful
-
-
-def _refit_without(search: EvidenceSearch, fit: EvidenceFit, candidate: Candidate) -> EvidenceFit:
-    """Return a set without one of its mechanisms."""
-    remaining = tuple(other for other in fit.mechanisms if other is not candidate)
-    known = search.fits.get(frozenset(other.id for other in remaining))
-    return known or search.refit(remaining, switch_off_candidate(search.problem, fit.values, candidate))
+    baseline = _compute_error(search, search.fits[frozenset()], held_out_rows)
+    if _compute_error(search, fit, held_out_rows) <= MAX_HELD_OUT_RATIO * min(baseline, *without.values()):
+        return None
+    return min(without, key=lambda id: without[id])
 
 
 def _compute_error(search: EvidenceSearch, fit: EvidenceFit, rows: np.ndarray) -> float:
     """Return the rms error over the noise on some rows, both channels together."""
-    prediction = search.problem.predict(fit.values) + fit.form_prediction
-    rmse = compute_rmse(search.problem, prediction, rows)
+    rmse = compute_rmse(search.problem, predict_fit(search.problem, to_candidate_fit(fit)), rows)
     sds = [float(np.mean(channel.sd)) if channel is not None else np.inf for channel in search.noise.channels]
     ratios = [rmse[name] / sd for name, sd in zip(("force", "diameter"), sds, strict=True) if name in rmse]
     return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 0.0
