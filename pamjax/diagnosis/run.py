@@ -23,7 +23,11 @@ from pamjax.diagnosis.detect.residual_test import (
 )
 from pamjax.diagnosis.detect.score_test import compute_score_directions
 from pamjax.diagnosis.detect.significance import Significance, compute_significance
-from pamjax.diagnosis.evidence.selection import fit_baseline, fit_with_form_errors, select_by_evidence
+from pamjax.diagnosis.evidence.evidence_selection import (
+    fit_baseline,
+    fit_with_form_errors,
+    select_by_evidence,
+)
 from pamjax.diagnosis.evidence.settings import EvidenceSettings
 from pamjax.diagnosis.identifiability import format_notes
 from pamjax.diagnosis.library.candidates import build_candidates

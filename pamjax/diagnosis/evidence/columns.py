@@ -114,18 +114,18 @@ def whiten_generic_columns(noise: NoiseModel, columns: np.ndarray) -> np.ndarray
             sd[c] = float(np.mean(channel.sd[noise.rows[c]]))
     white = np.nan_to_num(noise.whiten(columns * sd))
     rms = np.sqrt(np.mean(white**2, axis=1))
-    shown = rms > 1e-9
-    return white[shown] / rms[shown][:, None] / np.sqrt(max(shown.sum(), 1))
+    has_effect = rms > 1e-9
+    return white[has_effect] / rms[has_effect][:, None] / np.sqrt(max(has_effect.sum(), 1))
 
 
 def _compute_alternative(
     problem: LibraryProblem, values: np.ndarray, candidate: Candidate, factors: dict[str, float]
 ) -> np.ndarray:
-    changed = values.copy()
+    new_values = values.copy()
     for name, factor in factors.items():
         k = problem.index(f"{candidate.id}.{name}")
-        changed[k] = np.clip(changed[k] * factor, problem.low[k], problem.high[k])
-    return compute_effect_of(problem, changed, candidate)
+        new_values[k] = np.clip(new_values[k] * factor, problem.low[k], problem.high[k])
+    return compute_effect_of(problem, new_values, candidate)
 
 
 def _remove_parallel(column: np.ndarray, effect: np.ndarray) -> np.ndarray:

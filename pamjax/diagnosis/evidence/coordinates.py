@@ -33,7 +33,7 @@ class Coordinates:
     def from_problem(cls, problem: LibraryProblem) -> Coordinates:
         """Return the coordinates of a recording."""
         recording = problem.case.recording
-        compared = np.asarray(np.isfinite(problem.measured).any(axis=0))
+        is_compared = np.asarray(np.isfinite(problem.measured).any(axis=0))
         rate = np.asarray(problem.dataset.history.rate(problem.dataset.rows.length))[: problem.n]
         rate = np.where(np.isfinite(rate), rate, 0.0)
         moving = np.abs(rate[rate != 0])
@@ -41,10 +41,10 @@ class Coordinates:
         speed = np.log10(np.abs(rate) / typical + MIN_SPEED_RATIO)
         time = recording.time
         return cls(
-            pressure=_scale(recording.pressure, compared),
-            length=_scale(recording.length, compared),
+            pressure=_scale(recording.pressure, is_compared),
+            length=_scale(recording.length, is_compared),
             direction=np.tanh(rate / (HOLD_SPEED_SHARE * typical)),
-            speed=speed - speed[compared].mean(),
+            speed=speed - speed[is_compared].mean(),
             time=None if time is None else (time - time[0]) / max(float(np.ptp(time)), 1e-9),
         )
 
@@ -70,6 +70,6 @@ class Coordinates:
         return np.prod(np.stack([self.evaluate_power(*factor) for factor in factors]), axis=0)
 
 
-def _scale(values: np.ndarray, compared: np.ndarray) -> np.ndarray:
-    low, high = float(np.min(values[compared])), float(np.max(values[compared]))
+def _scale(values: np.ndarray, is_compared: np.ndarray) -> np.ndarray:
+    low, high = float(np.min(values[is_compared])), float(np.max(values[is_compared]))
     return np.clip(2 * (values - low) / max(high - low, 1e-12) - 1, -1.0, 1.0)

@@ -38,17 +38,17 @@ class DiscrepancyNoise(NoiseModel):
         if not self.shrinkage.size:
             return white
         missing = ~np.isfinite(white)
-        known = np.where(missing, 0.0, white)
-        out = known - ((known @ self.vectors) * self.shrinkage) @ self.vectors.T
+        white_or_zero = np.where(missing, 0.0, white)
+        out = white_or_zero - ((white_or_zero @ self.vectors) * self.shrinkage) @ self.vectors.T
         return np.where(missing, np.nan, out)
 
     def restrict_to_rows(self, mask: np.ndarray) -> NoiseModel:
         """Return the same noise model for the rows of a mask, (n,), only."""
-        restricted = super().restrict_to_rows(mask)
-        kept = np.concatenate([mask[rows] for rows in self.rows])
+        row_noise = super().restrict_to_rows(mask)
+        is_kept = np.concatenate([mask[rows] for rows in self.rows])
         s = np.sqrt(1 / (1 - self.shrinkage) ** 2 - 1)
-        plain = NoiseModel(restricted.channels, restricted.rows, restricted.runs, restricted.weight)
-        return add_discrepancy(plain, (self.vectors[kept] * s).T) if s.size else restricted
+        plain = NoiseModel(row_noise.channels, row_noise.rows, row_noise.runs, row_noise.weight)
+        return add_discrepancy(plain, (self.vectors[is_kept] * s).T) if s.size else row_noise
 
     @property
     def log_determinant(self) -> float:
@@ -67,5 +67,7 @@ def add_discrepancy(noise: NoiseModel, columns: np.ndarray) -> DiscrepancyNoise:
     if not len(columns):
         return DiscrepancyNoise(**fields)
     vectors, s, _ = np.linalg.svd(columns.T, full_matrices=False)
-    kept = s > MIN_SINGULAR_VALUE
-    return DiscrepancyNoise(**fields, vectors=vectors[:, kept], shrinkage=1 - 1 / np.sqrt(1 + s[kept] ** 2))
+    has_effect = s > MIN_SINGULAR_VALUE
+    return DiscrepancyNoise(
+        **fields, vectors=vectors[:, has_effect], shrinkage=1 - 1 / np.sqrt(1 + s[has_effect] ** 2)
+    )

@@ -53,18 +53,18 @@ class OutsideColumns:
     template_shares: Sequence[float] = ()
 
     @cached_property
-    def stacked(self) -> np.ndarray:
+    def all_columns(self) -> np.ndarray:
         """(g + k, size) all columns."""
         return np.concatenate([self.generic, *self.templates])
 
     @cached_property
     def gram(self) -> np.ndarray:
         """Products of all columns."""
-        return self.stacked @ self.stacked.T
+        return self.all_columns @ self.all_columns.T
 
     @cached_property
     def template_slices(self) -> list[slice]:
-        """Rows of each template in `stacked`."""
+        """Rows of each template in `all_columns`."""
         bounds = len(self.generic) + np.cumsum([0, *(len(block) for block in self.templates)])
         return [slice(a, b) for a, b in pairwise(bounds.tolist())]
 
@@ -221,9 +221,9 @@ class _Gram:
         self.parameter_count = k = len(model.jacobian)
         self.form_sizes = [len(block) for block in model.forms]
         own = np.concatenate([model.jacobian, *model.forms])
-        across = own @ model.outside.stacked.T
+        across = own @ model.outside.all_columns.T
         self.gram = np.block([[own @ own.T, across], [across.T, model.outside.gram]])
-        self.projection = np.concatenate([own @ model.residual, model.outside.stacked @ model.residual])
+        self.projection = np.concatenate([own @ model.residual, model.outside.all_columns @ model.residual])
         self.size = model.residual.size
         has_prior = np.isfinite(model.prior_sd)
         prior_sd = np.where(has_prior, model.prior_sd, 1.0)
@@ -243,27 +243,30 @@ class _Gram:
         self, shares: Sequence[float], generic_size: float, template: int | None = None
     ) -> tuple[float, np.ndarray]:
         """Return ln Z for form shares, a size of generic physics and a template; and all coefficients."""
-        used, variance, is_free = self._select_columns(shares, generic_size)
+        indices, variance, is_free = self._select_columns(shares, generic_size)
         if template is not None:
             rows = np.arange(len(self.gram))[self._get_rows(template)]
-            used, variance = np.append(used, rows), np.append(variance, self._get_template_variance(rows))
+            indices, variance = (
+                np.append(indices, rows),
+                np.append(variance, self._get_template_variance(rows)),
+            )
             is_free = np.append(is_free, np.ones(rows.size, dtype=bool))
-        occam, quadratic, root = self._scale_products(used, variance, is_free)
-        b = self.projection[used] * root
+        occam, quadratic, root = self._scale_products(indices, variance, is_free)
+        b = self.projection[indices] * root
         solution = cho_solve(cho_factor(quadratic, lower=True), b)
         log_z = -0.5 * (self.square - float(b @ solution)) - 0.5 * float(np.linalg.slogdet(occam)[1])
         coefficients = np.zeros(len(self.gram))
-        coefficients[used] = solution * root
+        coefficients[indices] = solution * root
         return log_z, coefficients
 
     def compute_template_log_z(self, shares: Sequence[float]) -> np.ndarray:
         """Return ln Z with each template, (t,), by the Schur complement of all other columns."""
-        used, variance, is_free = self._select_columns(shares, 0.0)
-        occam, quadratic, root = self._scale_products(used, variance, is_free)
-        b, begin = self.projection[used] * root, self.parameter_count + sum(self.form_sizes)
-        across = self.gram[used, begin:] * root[:, None]
+        indices, variance, is_free = self._select_columns(shares, 0.0)
+        occam, quadratic, root = self._scale_products(indices, variance, is_free)
+        b, begin = self.projection[indices] * root, self.parameter_count + sum(self.form_sizes)
+        across = self.gram[indices, begin:] * root[:, None]
         factor = cho_factor(quadratic, lower=True)
-        solved, occam_solved = cho_solve(factor, across), np.linalg.solve(occam, across)
+        solution_across, occam_across = cho_solve(factor, across), np.linalg.solve(occam, across)
         solution = cho_solve(factor, b)
         log_z = -0.5 * (self.square - float(b @ solution)) - 0.5 * float(np.linalg.slogdet(occam)[1])
         remaining = self.projection[begin:] - across.T @ solution
@@ -274,38 +277,38 @@ class _Gram:
                 # The rows in use do not show this template.
                 out[k] = -np.inf
                 continue
-            left = own - across[:, rows].T @ solved[:, rows]
+            conditional = own - across[:, rows].T @ solution_across[:, rows]
             scale = np.sqrt(self._get_template_variance(np.arange(rows.start, rows.stop) + begin))
             wide = np.eye(len(own)) + np.outer(scale, scale) * (
-                own - across[:, rows].T @ occam_solved[:, rows]
+                own - across[:, rows].T @ occam_across[:, rows]
             )
-            left += JITTER * np.diag(np.diag(own))
-            gain = float(remaining[rows] @ np.linalg.solve(left, remaining[rows]))
+            conditional += JITTER * np.diag(np.diag(own))
+            gain = float(remaining[rows] @ np.linalg.solve(conditional, remaining[rows]))
             out[k] = log_z + 0.5 * gain - 0.5 * float(np.linalg.slogdet(wide)[1])
         return out
 
     def _select_columns(
         self, shares: Sequence[float], generic_size: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the rows in use, their prior variances, and whether they are free in the quadratic form."""
+        """Return the indices in use, their prior variances, and which are free in the quadratic form."""
         forms = [np.full(size, share**2) for size, share in zip(self.form_sizes, shares, strict=True)]
         generic = np.full(len(self.outside.generic), generic_size**2)
         variance = np.concatenate([self.parameter_variance, *forms, generic])
-        used = np.flatnonzero(variance > 0)
-        return used, variance[used], used < self.parameter_count
+        indices = np.flatnonzero(variance > 0)
+        return indices, variance[indices], indices < self.parameter_count
 
     def _scale_products(
-        self, used: np.ndarray, variance: np.ndarray, is_free: np.ndarray
+        self, indices: np.ndarray, variance: np.ndarray, is_free: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return I + D^½ XᵀX D^½, the same with free parameters, and the prior sds."""
         root = np.sqrt(variance)
-        scaled = self.gram[np.ix_(used, used)] * np.outer(root, root)
-        identity = np.ones(used.size)
-        is_parameter = used < self.parameter_count
-        identity[is_parameter] = self.identity[used[is_parameter]]
-        occam = scaled + np.diag(np.maximum(identity, 1e-12))
+        products = self.gram[np.ix_(indices, indices)] * np.outer(root, root)
+        identity = np.ones(indices.size)
+        is_parameter = indices < self.parameter_count
+        identity[is_parameter] = self.identity[indices[is_parameter]]
+        occam = products + np.diag(np.maximum(identity, 1e-12))
         # In the quadratic form a parameter without a prior is free.
-        quadratic = scaled + np.diag(np.where(is_free, 1e-12, 1.0))
+        quadratic = products + np.diag(np.where(is_free, 1e-12, 1.0))
         quadratic += np.diag(JITTER * np.diag(quadratic))
         return occam, quadratic, root
 

@@ -101,11 +101,11 @@ def propose_additions(
         coordinates: variables of form errors.
         settings: prior probabilities.
     """
-    barred = {*ids, *(id for pair in EXCLUSIVE_PAIRS if pair & ids for id in pair)}
-    free = [candidate for candidate in candidates if candidate.id not in barred]
+    excluded_ids = {*ids, *(id for pair in EXCLUSIVE_PAIRS if pair & ids for id in pair)}
+    free = [candidate for candidate in candidates if candidate.id not in excluded_ids]
     jacobians = compute_candidate_jacobians(problem, estimate, free)
     directions = compute_score_directions(problem, noise, estimate, free, jacobians)
-    listed = _list_best_shapes(directions)
+    best_directions = _list_best_shapes(directions)
     projection = NuisanceProjection(estimate)
     residual = stack_residual(problem, estimate)
     position = {id(candidate): k for k, candidate in enumerate(free)}
@@ -113,7 +113,7 @@ def propose_additions(
         _build_addition(
             problem, noise, estimate, projection, coordinates, d, jacobians[position[id(d.candidate)]]
         )
-        for d in listed
+        for d in best_directions
     ]
     room = settings.max_mechanisms - len(ids)
     singles = [(addition,) for addition in additions] if room >= 1 else []
@@ -126,10 +126,10 @@ def _list_best_shapes(directions: Sequence[ScoreDirection]) -> list[ScoreDirecti
     """Return the best few shapes of each mechanism that explains anything, by its free parameters."""
     shapes: dict[tuple[str, ...], list[ScoreDirection]] = {}
     for direction in sorted(directions, key=lambda d: -d.chi2_reduction):
-        listed = shapes.setdefault(direction.candidate.free_parameters, [])
-        if direction.chi2_reduction > MIN_SCORE and len(listed) < SHAPES_PER_MECHANISM:
-            listed.append(direction)
-    return [direction for listed in shapes.values() for direction in listed]
+        group = shapes.setdefault(direction.candidate.free_parameters, [])
+        if direction.chi2_reduction > MIN_SCORE and len(group) < SHAPES_PER_MECHANISM:
+            group.append(direction)
+    return [direction for group in shapes.values() for direction in group]
 
 
 def _build_addition(
@@ -168,8 +168,8 @@ def _keep_leading(
         id = addition.candidate.id
         if id not in best or gain > best[id][0]:
             best[id] = (gain, addition)
-    ranked = sorted(best.values(), key=lambda pair: -pair[0])
-    return [addition for _, addition in ranked[:PAIRED_MECHANISMS]]
+    ranking = sorted(best.values(), key=lambda pair: -pair[0])
+    return [addition for _, addition in ranking[:PAIRED_MECHANISMS]]
 
 
 def _combine(additions: Sequence[_Addition]) -> list[tuple[_Addition, ...]]:
@@ -209,11 +209,11 @@ def _evaluate(
         return None
     shapes = sum(len(a.candidate.shape) for a in group)
     gain = best_gain - SHAPE_COST * shapes + len(group) * np.log(settings.mechanism_probability)
-    stated = sum(a.candidate.stated_chi2 for a in group) / 2
+    stated_cost = sum(a.candidate.stated_chi2 for a in group) / 2
     amplitudes = np.clip(amplitudes, *limits)
     parts = [amplitudes[i:j] for i, j in pairwise(bounds)]
     return Proposal(
-        tuple((a.candidate, part) for a, part in zip(group, parts, strict=True)), float(gain + stated)
+        tuple((a.candidate, part) for a, part in zip(group, parts, strict=True)), float(gain + stated_cost)
     )
 
 
@@ -260,13 +260,13 @@ def _compute_gain(gram: np.ndarray, b: np.ndarray, variance: np.ndarray, k: int)
 
     The first k columns are free.
     """
-    used = np.flatnonzero(variance > 0)
-    root = np.sqrt(variance[used])
-    scaled = gram[np.ix_(used, used)] * np.outer(root, root)
-    precision = np.where(used < k, 1e-9, 1.0)
-    projected = b[used] * root
-    solution = np.linalg.solve(scaled + np.diag(precision), projected)
-    log_determinant = float(np.linalg.slogdet(scaled + np.eye(used.size))[1])
+    indices = np.flatnonzero(variance > 0)
+    root = np.sqrt(variance[indices])
+    products = gram[np.ix_(indices, indices)] * np.outer(root, root)
+    precision = np.where(indices < k, 1e-9, 1.0)
+    b_scaled = b[indices] * root
+    solution = np.linalg.solve(products + np.diag(precision), b_scaled)
+    log_determinant = float(np.linalg.slogdet(products + np.eye(indices.size))[1])
     out = np.zeros(variance.size)
-    out[used] = solution * root
-    return 0.5 * float(projected @ solution) - 0.5 * log_determinant, out
+    out[indices] = solution * root
+    return 0.5 * float(b_scaled @ solution) - 0.5 * log_determinant, out

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import softmax
 
-from pamjax.diagnosis.evidence.search import EvidenceFit
+from pamjax.diagnosis.evidence.evidence_search import EvidenceFit
 from pamjax.diagnosis.evidence.settings import EvidenceSettings
 
 
@@ -63,20 +63,20 @@ def summarise(
         for fit, weight in zip(fits, weights, strict=True)
         if fit.evidence.outside_mean_square > smallest
     ]
-    names, rejected = [], 0.0
+    names, rejected_probability = [], 0.0
     for candidate in best.mechanisms:
         ties = _find_ties(fits, best, candidate.id, settings)
         group = {candidate.id, *ties}
         probability = float(sum(w for fit, w in zip(fits, weights, strict=True) if fit.ids & group))
         ratio = best.form_ratios.get(candidate.id)
         if ratio is not None and ratio > settings.max_form_share:
-            rejected = max(rejected, probability)
+            rejected_probability = max(rejected_probability, probability)
         elif probability >= settings.established_probability:
             names.append(EvidenceName(candidate.id, probability, ties, ratio))
     return EvidenceSummary(
         best=best,
         names=tuple(sorted(names, key=lambda name: -name.probability)),
-        unexplained_probability=float(max(sum(outside), rejected)),
+        unexplained_probability=float(max(sum(outside), rejected_probability)),
     )
 
 

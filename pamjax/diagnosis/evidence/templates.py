@@ -148,10 +148,10 @@ def build_buckling(context: TemplateContext) -> Variants:
 
 def build_clipping(context: TemplateContext) -> Variants:
     """Yield a load cell that does not read above the largest measured force."""
-    measured = context.problem.measured[0]
-    level = float(np.nanmax(measured, initial=-np.inf))
+    force = context.problem.measured[0]
+    level = float(np.nanmax(force, initial=-np.inf))
     # A converter at its limit repeats the same reading.
-    if np.count_nonzero(measured == level) >= MIN_CLIPPED_READINGS:
+    if np.count_nonzero(force == level) >= MIN_CLIPPED_READINGS:
         yield f"a load cell that clips at {level:.0f} N", [-np.maximum(context.prediction[0] - level, 0)]
 
 
@@ -203,11 +203,11 @@ def build_single_blocks(context: TemplateContext) -> Variants:
 def build_stuck_lengths(context: TemplateContext) -> Variants:
     """Yield a length channel that repeats its reading while the muscle moves on."""
     length = context.problem.case.recording.length
-    stuck = _find_repeated_readings(length)
-    if stuck.any() and not stuck.all():
+    is_stuck = _find_repeated_readings(length)
+    if is_stuck.any() and not is_stuck.all():
         rows = np.arange(length.size)
-        moved = np.interp(rows, rows[~stuck], length[~stuck]) - length
-        yield "a length channel that repeats its reading", [context.by_length * moved]
+        length_change = np.interp(rows, rows[~is_stuck], length[~is_stuck]) - length
+        yield "a length channel that repeats its reading", [context.by_length * length_change]
 
 
 def _find_repeated_readings(values: np.ndarray) -> np.ndarray:

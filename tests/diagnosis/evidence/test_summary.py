@@ -7,8 +7,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from pamjax.diagnosis.evidence.evidence_search import EvidenceFit
 from pamjax.diagnosis.evidence.marginal_likelihood import Evidence
-from pamjax.diagnosis.evidence.search import EvidenceFit
 from pamjax.diagnosis.evidence.settings import EvidenceSettings
 from pamjax.diagnosis.evidence.summary import summarise
 from pamjax.diagnosis.library.candidates import Candidate

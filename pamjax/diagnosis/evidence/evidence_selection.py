@@ -10,7 +10,7 @@ from scipy.special import softmax
 
 from pamjax.diagnosis.crossval.gain import compute_rmse
 from pamjax.diagnosis.detect.score_test import compute_score_directions
-from pamjax.diagnosis.evidence.search import EvidenceFit, EvidenceSearch
+from pamjax.diagnosis.evidence.evidence_search import EvidenceFit, EvidenceSearch
 from pamjax.diagnosis.evidence.settings import EvidenceSettings
 from pamjax.diagnosis.evidence.summary import EvidenceName, summarise
 from pamjax.diagnosis.evidence.templates import TemplateContext, build_templates
@@ -148,17 +148,17 @@ def to_tested_fit(problem: LibraryProblem, fit: EvidenceFit) -> CandidateFit:
 
 def _restrict(search: EvidenceSearch, fit: EvidenceFit, names: dict[str, EvidenceName]) -> EvidenceFit:
     """Return the set with the named mechanisms only."""
-    kept = tuple(candidate for candidate in fit.mechanisms if candidate.id in names)
-    if len(kept) == len(fit.mechanisms):
+    kept_candidates = tuple(candidate for candidate in fit.mechanisms if candidate.id in names)
+    if len(kept_candidates) == len(fit.mechanisms):
         return fit
-    known = search.fits.get(frozenset(names))
-    if known is not None:
-        return known
+    known_fit = search.fits.get(frozenset(names))
+    if known_fit is not None:
+        return known_fit
     values = fit.values
     for candidate in fit.mechanisms:
-        if candidate not in kept:
+        if candidate not in kept_candidates:
             values = switch_off_candidate(search.problem, values, candidate)
-    return search.refit(kept, values)
+    return search.refit(kept_candidates, values)
 
 
 def _find_most_harmful(search: EvidenceSearch, fit: EvidenceFit, held_out_rows: np.ndarray) -> str | None:

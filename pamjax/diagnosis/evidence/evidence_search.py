@@ -140,13 +140,13 @@ class EvidenceSearch:
     def run(self, progress: Progress = ignore_progress) -> list[EvidenceFit]:
         """Return all sets that were tried, largest evidence first."""
         for k, outside in enumerate((False, True)):
-            expanded: set[frozenset[str]] = set()
+            expanded_ids: set[frozenset[str]] = set()
             for _ in range(MAX_CENTRES[k]):
                 centre = self._get_leading(outside)
-                if centre.ids in expanded or (outside and not centre.prefers_outside):
+                if centre.ids in expanded_ids or (outside and not centre.prefers_outside):
                     break
-                progress("selecting mechanisms", 0.1 + 0.35 * (k + len(expanded) / MAX_CENTRES[k]))
-                expanded.add(centre.ids)
+                progress("selecting mechanisms", 0.1 + 0.35 * (k + len(expanded_ids) / MAX_CENTRES[k]))
+                expanded_ids.add(centre.ids)
                 self._extend(centre, outside)
                 self._reduce(self._get_leading(outside), outside)
         return self.rank()
@@ -193,8 +193,10 @@ class EvidenceSearch:
             values = centre.values
             for candidate, amplitudes in proposal.additions:
                 values = switch_on_candidate(self.problem, values, candidate, amplitudes)
-            added = tuple(candidate for candidate, _ in proposal.additions)
-            return self.refit((*centre.mechanisms, *added), values, noise, outside, FIRST_EVALUATIONS)
+            new_candidates = tuple(candidate for candidate, _ in proposal.additions)
+            return self.refit(
+                (*centre.mechanisms, *new_candidates), values, noise, outside, FIRST_EVALUATIONS
+            )
 
         def complete(fit: EvidenceFit) -> EvidenceFit:
             return self.refit(fit.mechanisms, fit.values, fit.noise if outside else fit.form_noise, outside)
@@ -219,24 +221,28 @@ class EvidenceSearch:
         )
         best_gain = max((proposal.gain for proposal in proposals), default=0.0)
         limit = max(min(MIN_GAIN_SHARE * best_gain, best_gain - MAX_SHORTFALL), -MAX_SHORTFALL)
-        known = self.fits if outside else self.alone
-        listed: dict[tuple[str, ...], Proposal] = {}
+        known_fits = self.fits if outside else self.alone
+        first_proposals: dict[tuple[str, ...], Proposal] = {}
         for proposal in proposals:
-            if proposal.gain > limit and centre.ids | proposal.ids not in known:
+            if proposal.gain > limit and centre.ids | proposal.ids not in known_fits:
                 # One shape of each mechanism for each set of free parameters.
-                listed.setdefault(proposal.free_parameters, proposal)
-        singles = [proposal for proposal in listed.values() if len(proposal.ids) == 1]
-        pairs = [proposal for proposal in listed.values() if len(proposal.ids) == 2]
+                first_proposals.setdefault(proposal.free_parameters, proposal)
+        singles = [proposal for proposal in first_proposals.values() if len(proposal.ids) == 1]
+        pairs = [proposal for proposal in first_proposals.values() if len(proposal.ids) == 2]
         return singles[:SINGLES_PER_CENTRE] + pairs[:PAIRS_PER_CENTRE]
 
     def _reduce(self, fit: EvidenceFit, outside: bool) -> None:
         """Refit a set without each of its mechanisms."""
         if len(fit.mechanisms) < 2:
             return
-        known = self.fits if outside else self.alone
-        unknown = [candidate for candidate in fit.mechanisms if fit.ids - {candidate.id} not in known]
-        for reduced in parallel_map(lambda candidate: self.refit_without(fit, candidate, outside), unknown):
-            self._register(reduced)
+        known_fits = self.fits if outside else self.alone
+        untried_candidates = [
+            candidate for candidate in fit.mechanisms if fit.ids - {candidate.id} not in known_fits
+        ]
+        for smaller_fit in parallel_map(
+            lambda candidate: self.refit_without(fit, candidate, outside), untried_candidates
+        ):
+            self._register(smaller_fit)
 
     def refit_without(self, fit: EvidenceFit, candidate: Candidate, outside: bool = True) -> EvidenceFit:
         """Return a set without one of its mechanisms, refitted."""
@@ -245,10 +251,10 @@ class EvidenceSearch:
         return self.refit(remaining, values, fit.noise if outside else fit.form_noise, outside)
 
     def _register(self, fit: EvidenceFit) -> None:
-        known, alone = self.fits.get(fit.ids), self.alone.get(fit.ids)
-        if known is None or fit.evidence.total > known.evidence.total:
+        known_fit, known_alone = self.fits.get(fit.ids), self.alone.get(fit.ids)
+        if known_fit is None or fit.evidence.total > known_fit.evidence.total:
             self.fits[fit.ids] = fit
-        if alone is None or fit.evidence.alone > alone.evidence.alone:
+        if known_alone is None or fit.evidence.alone > known_alone.evidence.alone:
             self.alone[fit.ids] = fit
 
     def _evaluate(
@@ -260,9 +266,9 @@ class EvidenceSearch:
             white if white.shape[1] else np.zeros((0, noise.size)) for white in stack_whitened(noise, columns)
         ]
         evidence = compute_evidence(self._linearise(free, values, forms), len(mechanisms), self.settings)
-        sized = [np.zeros((0, noise.size))]
-        sized += [block * share for block, share in zip(forms, evidence.form_shares, strict=True)]
-        with_outside = add_discrepancy(noise, np.concatenate([*sized, self._size_outside(evidence)]))
+        form_columns = [np.zeros((0, noise.size))]
+        form_columns += [block * share for block, share in zip(forms, evidence.form_shares, strict=True)]
+        with_outside = add_discrepancy(noise, np.concatenate([*form_columns, self._size_outside(evidence)]))
         coefficients = evidence.form_coefficients
         predictions = [
             np.einsum("r,rcn->cn", c, block) for c, block in zip(coefficients, columns, strict=True)
@@ -271,7 +277,7 @@ class EvidenceSearch:
             mechanisms=mechanisms,
             estimate=evaluate_estimate(problem, with_outside, free, values),
             noise=with_outside,
-            form_noise=add_discrepancy(noise, np.concatenate(sized)),
+            form_noise=add_discrepancy(noise, np.concatenate(form_columns)),
             evidence=evidence,
             form_ratios={
                 m.id: self._compute_form_ratio(values, m, c @ white)
