@@ -37,6 +37,7 @@ from pamjax.diagnosis.noise.sensor_scale import compute_noise_ratios, format_noi
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate
 from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
 from pamjax.diagnosis.refit.noise_correlation import fit_noise_correlation
+from pamjax.diagnosis.refit.scaled_noise import scale_noise
 from pamjax.diagnosis.result import (
     Diagnosis,
     Likeness,
@@ -156,18 +157,15 @@ def _choose_stepwise(
     problem: LibraryProblem, blocks_of_case: Blocks, held_out_rows: np.ndarray, seed: int, progress: Progress
 ) -> _Choice:
     """Choose mechanisms one after the other, and test them on held-out blocks."""
-    selection = select_mechanisms(problem, ~held_out_rows, progress)
-    progress("testing", 0.85)
-    mismatch = _test_baseline(problem, selection, seed)
+    training_fit = fit_candidate(problem, ~held_out_rows, (), problem.neutral)
+    mismatch = _test_baseline(problem, training_fit, seed)
     detected = mismatch.p_value < problem.settings.detection_p_value
-    if not detected:
-        selection = replace(
-            selection,
-            model=selection.baseline,
-            named_mechanisms=(),
-            weighted_values=None,
-            fit_before_small_effects=None,
-        )
+    selection = (
+        select_mechanisms(problem, ~held_out_rows, training_fit, progress)
+        if detected
+        else Selection(training_fit, training_fit, ())
+    )
+    progress("testing", 0.85)
     residual_test = _test_residual(problem, selection, mismatch, seed)
     unexplained = detected and is_residual_significant(mismatch, residual_test, problem.settings)
     if unexplained and selection.fit_before_small_effects is not None:
@@ -217,27 +215,31 @@ def _choose_by_evidence(
     problem: LibraryProblem, blocks_of_case: Blocks, held_out_rows: np.ndarray, seed: int, progress: Progress
 ) -> _Choice:
     """Choose the set of mechanisms with the largest evidence; form errors are part of each model."""
-    selection, unexplained_probability, likenesses = select_by_evidence(
-        problem, blocks_of_case, ~held_out_rows, progress
+    training_fit = fit_baseline(problem, ~held_out_rows, problem.neutral)
+    mismatch = _test_baseline(problem, training_fit, seed)
+    detected = mismatch.p_value < problem.settings.detection_p_value
+    selection, unexplained_probability, likenesses = (
+        select_by_evidence(problem, blocks_of_case, ~held_out_rows, training_fit, progress)
+        if detected
+        else (Selection(training_fit, training_fit, ()), 0.0, ())
     )
     progress("testing", 0.85)
-    mismatch = _test_baseline(problem, selection, seed)
-    detected = mismatch.p_value < problem.settings.detection_p_value
-    if not detected:
-        selection = replace(selection, model=selection.baseline, named_mechanisms=())
     all_rows = np.ones(problem.n, dtype=bool)
-    baseline = fit_baseline(problem, all_rows, selection.baseline.estimate.values)
-    training_fit = selection.model
+    baseline = fit_baseline(problem, all_rows, training_fit.estimate.values)
     return _Choice(
         selection=selection,
         mismatch=mismatch,
-        residual_test=_test_residual(problem, selection, mismatch, seed),
-        unexplained=detected and unexplained_probability >= problem.settings.established_probability,
-        unexplained_probability=unexplained_probability if detected else 0.0,
+        residual_test=run_residual_test(problem, selection.model, seed)
+        if selection.named_mechanisms
+        else mismatch,
+        unexplained=unexplained_probability >= problem.settings.established_probability,
+        unexplained_probability=unexplained_probability,
         likenesses=likenesses,
-        training_fit=training_fit,
+        training_fit=selection.model,
         baseline=baseline,
-        model=fit_with_form_errors(problem, all_rows, training_fit.mechanisms, training_fit.estimate.values)
+        model=fit_with_form_errors(
+            problem, all_rows, selection.model.mechanisms, selection.model.estimate.values
+        )
         if selection.named_mechanisms
         else baseline,
         notes=[],
@@ -247,14 +249,14 @@ def _choose_by_evidence(
 _METHODS = {"stepwise": _choose_stepwise, "evidence": _choose_by_evidence}
 
 
-def _test_baseline(problem: LibraryProblem, selection: Selection, seed: int) -> Significance:
+def _test_baseline(problem: LibraryProblem, baseline: CandidateFit, seed: int) -> Significance:
     """Test the baseline's residual; in a table without stated noise on all rows, which estimate the noise."""
-    baseline, score_directions = selection.baseline, list(selection.baseline_directions)
     if any(channel and math.isfinite(channel.degrees_of_freedom) for channel in baseline.noise.channels):
         baseline = fit_candidate(problem, np.ones(problem.n, dtype=bool), (), baseline.estimate.values)
-        score_directions = compute_score_directions(
-            problem, baseline.noise, baseline.estimate, build_candidates(problem)
-        )
+    baseline = scale_noise(problem, baseline)
+    score_directions = compute_score_directions(
+        problem, baseline.noise, baseline.estimate, build_candidates(problem)
+    )
     return compute_significance(problem, baseline.noise, baseline.estimate, score_directions, seed)
 
 
@@ -272,7 +274,11 @@ def _test_residual(
     problem: LibraryProblem, selection: Selection, mismatch: Significance, seed: int
 ) -> Significance:
     """Test the residual of the selected model; without mechanisms, return the test of the baseline."""
-    return run_residual_test(problem, selection.model, seed) if selection.model.mechanisms else mismatch
+    return (
+        run_residual_test(problem, scale_noise(problem, selection.model), seed)
+        if selection.model.mechanisms
+        else mismatch
+    )
 
 
 def _compute_residual_share(mismatch: Significance, residual_test: Significance) -> float:

@@ -8,6 +8,7 @@ effect. A mechanism declares the variables in which it may differ:
 or, for an effect that is a course in time (`is_additive`), rms(effect) · Σ c_j cos(πkt/T) in addition.
 
     pressure, length   scaled to −1 … 1 over the rows in which the mechanism acts
+    force              measured force, scaled to −1 … 1
     direction          −1 while the muscle shortens, 1 while it lengthens, 0 at a hold
     speed              decimal logarithm of the speed over its median
     time               scaled to 0 … 1; its power k is cos(πkt)
@@ -20,7 +21,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-VARIABLES = ("pressure", "length", "direction", "speed", "time")
+VARIABLES = ("pressure", "length", "force", "direction", "speed", "time")
 
 
 @dataclass(frozen=True)

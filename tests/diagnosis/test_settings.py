@@ -184,7 +184,7 @@ def is_pair_worthwhile(settings):
 
 def reduce_probability(settings):
     empty: Any = None
-    selection = Selection(empty, empty, (NamedMechanism("end_taper", 0.9, (), 1.0),), ())
+    selection = Selection(empty, empty, (NamedMechanism("end_taper", 0.9, (), 1.0),))
     return round(reduce_certainty(selection, settings).named_mechanisms[0].probability, 3)
 
 

@@ -114,7 +114,7 @@ def diagnosis(
     box = _box(build_axes(problem))
     return Diagnosis(
         problem=problem,
-        selection=Selection(models[0], models[1], tuple(names) if named and detected else (), ()),
+        selection=Selection(models[0], models[1], tuple(names) if named and detected else ()),
         model=models[1] if named and detected else models[0],
         baseline=models[0],
         mismatch=Significance(1e-40 if detected else 0.43, 30.0, 258, 90.0),

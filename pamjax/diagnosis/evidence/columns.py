@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -69,19 +70,32 @@ def build_columns_of_effect(
     factors = [local.evaluate_term(term) for term in form_error.parse()]
     factors = [factor for factor in factors if factor.any()]
     if form_error.is_additive:
-        size = np.sqrt(np.mean(effect**2, axis=1))[:, None]
-        # Slow courses are likelier than fast ones.
-        columns = [size * factor / np.sqrt(k + 1) for k, factor in enumerate(factors)]
-    else:
-        columns = [effect * factor for factor in factors]
-    columns += alternatives
+        return _build_course(effect, factors)
+    columns = [effect * factor for factor in factors] + list(alternatives)
     if not columns:
         return np.zeros((0, *effect.shape))
-    return _equalise(np.stack(columns), effect, form_error.is_additive) / np.sqrt(len(columns))
+    return _equalise(np.stack(columns), effect) / np.sqrt(len(columns))
 
 
-def build_generic_columns(problem: LibraryProblem, coordinates: Coordinates) -> np.ndarray:
-    """Return columns of smooth, local and periodic physics, (g, 2, n), dimensionless, one channel each."""
+def _build_course(effect: np.ndarray, factors: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the columns of an added course, (r, 2, n), together of the rms of the effect.
+
+    As in a random walk, the k-th harmonic is k times smaller than the first.
+    """
+    if not factors:
+        return np.zeros((0, *effect.shape))
+    weights = 1 / np.arange(1, len(factors) + 1)
+    weights *= np.sqrt(2 / np.sum(weights**2))
+    size = np.sqrt(np.mean(effect**2, axis=1))[:, None]
+    return np.stack([size * weight * factor for weight, factor in zip(weights, factors, strict=True)])
+
+
+def build_generic_families(problem: LibraryProblem, coordinates: Coordinates) -> list[np.ndarray]:
+    """Return families of generic physics, (g, 2, n) each, dimensionless.
+
+    In force: smooth in pressure and length, dependent on direction, local or periodic in length, and slow in
+    time. In diameter: smooth or slow.
+    """
     c = coordinates
     smooth = [
         c.evaluate_power("pressure", i) * c.evaluate_power("length", k)
@@ -99,23 +113,34 @@ def build_generic_columns(problem: LibraryProblem, coordinates: Coordinates) -> 
     periodic = [f(2 * np.pi * k * stroke) for k in STROKE_HARMONICS for f in (np.cos, np.sin)]
     slow = [] if c.time is None else [c.evaluate_power("time", k) for k in TIME_HARMONICS]
     slow_pressure = [course * c.pressure for course in slow[:4]]
-    by_channel = (smooth + hysteretic + bumps + periodic + slow + slow_pressure, smooth + slow[:4])
     zero = np.zeros(problem.n)
-    return np.stack(
-        [np.stack([f, zero]) for f in by_channel[0]] + [np.stack([zero, f]) for f in by_channel[1]]
-    )
+    in_force = [smooth, hysteretic, bumps + periodic, slow + slow_pressure]
+    in_diameter = [smooth + slow[:4]]
+    families = [[np.stack([f, zero]) for f in family] for family in in_force]
+    families += [[np.stack([zero, f]) for f in family] for family in in_diameter]
+    return [np.stack(family) for family in families if family]
 
 
-def whiten_generic_columns(noise: NoiseModel, columns: np.ndarray) -> np.ndarray:
-    """Return whitened generic columns, (g, size), together of unit variance per sample."""
+def whiten_generic_families(
+    noise: NoiseModel, families: Sequence[np.ndarray]
+) -> tuple[np.ndarray, list[slice]]:
+    """Return whitened generic columns, (g, size), and the rows of each family.
+
+    The columns of a family together have unit variance per sample.
+    """
     sd = np.ones((len(CHANNELS), 1))
     for c, channel in enumerate(noise.channels):
         if channel is not None and noise.rows[c].size:
             sd[c] = float(np.mean(channel.sd[noise.rows[c]]))
-    white = np.nan_to_num(noise.whiten(columns * sd))
-    rms = np.sqrt(np.mean(white**2, axis=1))
-    has_effect = rms > 1e-9
-    return white[has_effect] / rms[has_effect][:, None] / np.sqrt(max(has_effect.sum(), 1))
+    whitened = []
+    for columns in families:
+        white = np.nan_to_num(noise.whiten(columns * sd))
+        rms = np.sqrt(np.mean(white**2, axis=1))
+        has_effect = rms > 1e-9
+        if has_effect.any():
+            whitened.append(white[has_effect] / rms[has_effect][:, None] / np.sqrt(has_effect.sum()))
+    bounds = np.cumsum([0, *(len(white) for white in whitened)])
+    return np.concatenate(whitened), [slice(a, b) for a, b in pairwise(bounds.tolist())]
 
 
 def _compute_alternative(
@@ -135,10 +160,8 @@ def _remove_parallel(column: np.ndarray, effect: np.ndarray) -> np.ndarray:
     return column - share * effect
 
 
-def _equalise(columns: np.ndarray, effect: np.ndarray, is_additive: bool) -> np.ndarray:
-    """Return columns scaled to the rms of the effect; an additive course keeps its own."""
-    if is_additive:
-        return columns * np.sqrt(2)
+def _equalise(columns: np.ndarray, effect: np.ndarray) -> np.ndarray:
+    """Return columns scaled to the rms of the effect."""
     scale = np.where(np.mean(effect**2, axis=1) > 0, np.mean(effect**2, axis=1), np.inf)
     size = np.sqrt(np.mean(columns**2 / scale[:, None], axis=(1, 2)) * 2 / np.isfinite(scale).sum().clip(1))
     return columns / np.where(size > 1e-9, size, np.inf)[:, None, None]

@@ -25,6 +25,7 @@ class Coordinates:
 
     pressure: np.ndarray
     length: np.ndarray
+    force: np.ndarray
     direction: np.ndarray
     speed: np.ndarray
     time: np.ndarray | None
@@ -43,6 +44,7 @@ class Coordinates:
         return cls(
             pressure=_scale(recording.pressure, is_compared),
             length=_scale(recording.length, is_compared),
+            force=_scale(np.nan_to_num(problem.measured[0]), is_compared),
             direction=np.tanh(rate / (HOLD_SPEED_SHARE * typical)),
             speed=speed - speed[is_compared].mean(),
             time=None if time is None else (time - time[0]) / max(float(np.ptp(time)), 1e-9),
@@ -62,7 +64,9 @@ class Coordinates:
             return np.zeros(self.pressure.size) if self.time is None else np.cos(np.pi * degree * self.time)
         values = getattr(self, variable)
         return (
-            eval_legendre(degree, values) if variable in ("pressure", "length") else np.power(values, degree)
+            eval_legendre(degree, values)
+            if variable in ("pressure", "length", "force")
+            else np.power(values, degree)
         )
 
     def evaluate_term(self, factors: list[tuple[str, int]]) -> np.ndarray:

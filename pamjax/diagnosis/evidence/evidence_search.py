@@ -16,10 +16,10 @@ import numpy as np
 from pamjax.compile.parallel import parallel_map
 from pamjax.diagnosis.evidence.columns import (
     build_form_columns,
-    build_generic_columns,
+    build_generic_families,
     compute_effect_of,
     stack_whitened,
-    whiten_generic_columns,
+    whiten_generic_families,
 )
 from pamjax.diagnosis.evidence.coordinates import Coordinates
 from pamjax.diagnosis.evidence.discrepancy import DiscrepancyNoise, add_discrepancy
@@ -129,9 +129,9 @@ class EvidenceSearch:
         self.templates = templates
         families = len({template.id for template in templates})
         self.outside = OutsideColumns(
-            whiten_generic_columns(noise, build_generic_columns(problem, self.coordinates)),
-            stack_whitened(noise, [template.columns for template in templates]),
-            [template.share / families for template in templates],
+            *whiten_generic_families(noise, build_generic_families(problem, self.coordinates)),
+            templates=stack_whitened(noise, [template.columns for template in templates]),
+            template_shares=[template.share / families for template in templates],
         )
         self.fits: dict[frozenset[str], EvidenceFit] = {}
         self.alone: dict[frozenset[str], EvidenceFit] = {}
@@ -291,7 +291,10 @@ class EvidenceSearch:
         """Return the columns of what is most probable outside the library, times their prior sd."""
         if (template := evidence.best_template) is not None:
             return _free_columns(self.outside.templates[template])
-        return self.outside.generic * (evidence.generic_size if evidence.prefers_generic else 0.0)
+        if not evidence.prefers_generic:
+            return np.zeros((0, self.noise.size))
+        used = evidence.generic_sd > 0
+        return self.outside.generic[used] * evidence.generic_sd[used, None]
 
     def _compute_form_ratio(self, values: np.ndarray, candidate: Candidate, form: np.ndarray) -> float:
         effect = np.nan_to_num(self.noise.whiten(compute_effect_of(self.problem, values, candidate)))

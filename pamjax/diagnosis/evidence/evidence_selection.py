@@ -9,7 +9,6 @@ import numpy as np
 from scipy.special import softmax
 
 from pamjax.diagnosis.crossval.gain import compute_rmse
-from pamjax.diagnosis.detect.score_test import compute_score_directions
 from pamjax.diagnosis.evidence.evidence_search import EvidenceFit, EvidenceSearch
 from pamjax.diagnosis.evidence.settings import EvidenceSettings
 from pamjax.diagnosis.evidence.summary import EvidenceName, summarise
@@ -44,6 +43,7 @@ def select_by_evidence(
     problem: LibraryProblem,
     blocks: Blocks,
     training_rows: np.ndarray,
+    baseline: CandidateFit,
     progress: Progress = ignore_progress,
     settings: EvidenceSettings | None = None,
 ) -> tuple[Selection, float, tuple[Likeness, ...]]:
@@ -53,14 +53,13 @@ def select_by_evidence(
         problem: the recording and the library.
         blocks: its isobars, holds or cycles.
         training_rows: (n,) mask of the rows in use; the others decide whether a mechanism predicts better.
+        baseline: refit of the baseline to these rows.
         progress: called with what is being done and the share done.
         settings: prior probabilities and thresholds.
     """
     settings = settings or EvidenceSettings(established_probability=problem.settings.established_probability)
-    baseline = fit_baseline(problem, training_rows, problem.neutral)
     templates = build_templates(build_template_context(problem, blocks, baseline))
     search = EvidenceSearch(problem, baseline.noise, baseline.estimate.values, settings, templates)
-    directions = compute_score_directions(problem, baseline.noise, baseline.estimate, search.candidates)
     excess = baseline.estimate.chi2 / max(baseline.noise.size, 1) - 1
     summary = summarise(search.run(progress), settings, max(excess, 0.0))
     names = {name.id: name for name in summary.names}
@@ -73,7 +72,6 @@ def select_by_evidence(
             baseline,
             to_tested_fit(problem, fit),
             tuple(_describe(search, fit, name) for name in summary.names if name.id in names),
-            tuple(directions),
         ),
         summary.unexplained_probability,
         list_likenesses(search, fit),

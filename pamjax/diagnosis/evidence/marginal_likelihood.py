@@ -6,7 +6,8 @@ At the estimate x̂ the whitened residual r is linear in everything that is not 
     c_m ~ N(0, ε_m² I),   g ~ N(0, γ² I),   x ~ N(m, Λ⁻¹) with a finite prior, else of unit information,
 
 J the Jacobian, Φ_m the columns of the form error of mechanism m at its estimated amplitude, G generic
-physics. In place of G g, a model can have one template H h of unit information (`templates.py`).
+physics: one of its families (`columns.py`) or all of them. In place of G g, a model can have one template
+H h of unit information (`templates.py`).
 With all columns X and their prior variances D,
 
     ln Z = −½ (rᵀr − bᵀ (D⁻¹ + XᵀX)⁻¹ b) − ½ ln det(I + D^½ XᵀX D^½),      b = Xᵀ r.
@@ -43,12 +44,14 @@ class OutsideColumns:
     """Columns of physics outside the library, whitened; the same for all models of a recording.
 
     Attributes:
-        generic: (g, size) columns of generic physics at a size of one.
+        generic: (g, size) columns of generic physics, those of one family together of size one.
+        families: rows of `generic` that belong to each family.
         templates: by template, (k, size) columns of any size.
         template_shares: share of each template in their prior probability.
     """
 
     generic: np.ndarray
+    families: Sequence[slice] = (slice(None),)
     templates: Sequence[np.ndarray] = ()
     template_shares: Sequence[float] = ()
 
@@ -61,6 +64,15 @@ class OutsideColumns:
     def gram(self) -> np.ndarray:
         """Products of all columns."""
         return self.all_columns @ self.all_columns.T
+
+    @cached_property
+    def generic_variances(self) -> np.ndarray:
+        """(o, g) prior variances of the columns at a size of one: each family alone, then all together."""
+        by_family = np.zeros((len(self.families), len(self.generic)))
+        for variance, rows in zip(by_family, self.families, strict=True):
+            variance[rows] = 1.0
+        together = by_family.sum(axis=0, keepdims=True) / max(len(self.families), 1)
+        return np.concatenate([by_family, together]) if len(by_family) > 1 else by_family
 
     @cached_property
     def template_slices(self) -> list[slice]:
@@ -102,7 +114,7 @@ class Evidence:
         alone: ln Z times the prior probabilities, with nothing outside the library.
         with_generic: the same with generic physics.
         with_templates: (t,) the same with each template.
-        generic_size: most probable size of generic physics.
+        generic_sd: (g,) most probable prior sds of the columns of generic physics.
         form_shares: most probable share of each mechanism's form error.
         form_coefficients: by mechanism, posterior means of the coefficients, with what is most probable
             outside the library.
@@ -112,7 +124,7 @@ class Evidence:
     alone: float
     with_generic: float
     with_templates: np.ndarray
-    generic_size: float
+    generic_sd: np.ndarray
     form_shares: tuple[float, ...]
     form_coefficients: list[np.ndarray] = field(default_factory=list)
     outside_mean_square: float = 0.0
@@ -148,24 +160,24 @@ def compute_evidence(model: LinearModel, mechanism_count: int, settings: Evidenc
     """
     gram = _Gram(model)
     shares, log_weights = _enumerate_shares(gram, settings)
-    log_z = np.array([gram.compute_log_z(share, 0.0)[0] for share in shares]) + log_weights
+    log_z = np.array([gram.compute_log_z(share)[0] for share in shares]) + log_weights
     prior = mechanism_count * math.log(settings.mechanism_probability)
-    absent = 1 - settings.generic_probability - settings.template_probability
-    alone = _log_sum_exp(log_z) + prior + math.log(absent)
+    none_probability = 1 - settings.generic_probability - settings.template_probability
+    alone = _log_sum_exp(log_z) + prior + math.log(none_probability)
     best = shares[int(np.argmax(log_z))]
     offset = float(log_weights[int(np.argmax(log_z))]) + prior
-    by_size = np.array([gram.compute_log_z(best, size)[0] for size in settings.generic_sizes])
+    options = [
+        size**2 * variance for variance in model.outside.generic_variances for size in settings.generic_sizes
+    ]
+    by_option = np.array([gram.compute_log_z(best, variance)[0] for variance in options])
     with_generic = (
-        _log_sum_exp(by_size)
-        - math.log(len(settings.generic_sizes))
-        + offset
-        + math.log(settings.generic_probability)
+        _log_sum_exp(by_option) - math.log(len(options)) + offset + math.log(settings.generic_probability)
     )
     weights = np.asarray(model.outside.template_shares) * settings.template_probability
     with_templates = gram.compute_template_log_z(best) + np.log(weights)
-    generic_size = settings.generic_sizes[int(np.argmax(by_size))]
+    generic_variance = options[int(np.argmax(by_option))]
     template = _find_best_template(alone, with_generic, with_templates + offset)
-    present = generic_size if template is None and with_generic > alone else 0.0
+    present = generic_variance if template is None and with_generic > alone else None
     coefficients = gram.compute_log_z(best, present, template)[1]
     bounds = gram.parameter_count + np.cumsum([0, *gram.form_sizes])
     outside = coefficients[bounds[-1] :]
@@ -173,7 +185,7 @@ def compute_evidence(model: LinearModel, mechanism_count: int, settings: Evidenc
         alone=alone,
         with_generic=with_generic,
         with_templates=with_templates + offset,
-        generic_size=generic_size,
+        generic_sd=np.sqrt(generic_variance),
         form_shares=best,
         form_coefficients=[coefficients[a:b] for a, b in pairwise(bounds)],
         outside_mean_square=float(outside @ model.outside.gram @ outside) / max(model.residual.size, 1),
@@ -205,7 +217,7 @@ def _enumerate_shares(gram: _Gram, settings: EvidenceSettings) -> tuple[list[tup
         best = tuple(option[len(option) // 2] for option in options)
         for k, option in enumerate(options):
             trials = [(*best[:k], share, *best[k + 1 :]) for share in option]
-            best = max(trials, key=lambda shares: gram.compute_log_z(shares, 0.0)[0] + weigh(shares))
+            best = max(trials, key=lambda shares: gram.compute_log_z(shares)[0] + weigh(shares))
         combinations = [
             (*best[:k], share, *best[k + 1 :]) for k, option in enumerate(options) for share in option
         ]
@@ -240,10 +252,19 @@ class _Gram:
         self.identity = np.where(has_prior, 0.0, 1.0)
 
     def compute_log_z(
-        self, shares: Sequence[float], generic_size: float, template: int | None = None
+        self,
+        shares: Sequence[float],
+        generic_variance: np.ndarray | None = None,
+        template: int | None = None,
     ) -> tuple[float, np.ndarray]:
-        """Return ln Z for form shares, a size of generic physics and a template; and all coefficients."""
-        indices, variance, is_free = self._select_columns(shares, generic_size)
+        """Return ln Z and all coefficients.
+
+        Args:
+            shares: sizes of the form errors.
+            generic_variance: (g,) prior variances of generic physics; zero if omitted.
+            template: index of a template that is present.
+        """
+        indices, variance, is_free = self._select_columns(shares, generic_variance)
         if template is not None:
             rows = np.arange(len(self.gram))[self._get_rows(template)]
             indices, variance = (
@@ -261,7 +282,7 @@ class _Gram:
 
     def compute_template_log_z(self, shares: Sequence[float]) -> np.ndarray:
         """Return ln Z with each template, (t,), by the Schur complement of all other columns."""
-        indices, variance, is_free = self._select_columns(shares, 0.0)
+        indices, variance, is_free = self._select_columns(shares)
         occam, quadratic, root = self._scale_products(indices, variance, is_free)
         b, begin = self.projection[indices] * root, self.parameter_count + sum(self.form_sizes)
         across = self.gram[indices, begin:] * root[:, None]
@@ -288,11 +309,11 @@ class _Gram:
         return out
 
     def _select_columns(
-        self, shares: Sequence[float], generic_size: float
+        self, shares: Sequence[float], generic_variance: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the indices in use, their prior variances, and which are free in the quadratic form."""
         forms = [np.full(size, share**2) for size, share in zip(self.form_sizes, shares, strict=True)]
-        generic = np.full(len(self.outside.generic), generic_size**2)
+        generic = np.zeros(len(self.outside.generic)) if generic_variance is None else generic_variance
         variance = np.concatenate([self.parameter_variance, *forms, generic])
         indices = np.flatnonzero(variance > 0)
         return indices, variance[indices], indices < self.parameter_count

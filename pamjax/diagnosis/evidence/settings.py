@@ -27,8 +27,8 @@ class EvidenceSettings:
             close limit makes the evidence of a mechanism depend on which parameter reaches it.
     """
 
-    form_shares: tuple[float, ...] = (0.0, 0.1, 0.2, 0.4)
-    form_share_probabilities: tuple[float, ...] = (0.25, 0.3, 0.3, 0.15)
+    form_shares: tuple[float, ...] = (0.0, 0.03, 0.1, 0.3)
+    form_share_probabilities: tuple[float, ...] = (0.25, 0.25, 0.25, 0.25)
     mechanism_probability: float = 0.05
     generic_probability: float = 0.1
     template_probability: float = 0.1

@@ -364,6 +364,14 @@ def _build_viscous_damping(scales: _RecordingScales) -> list[Candidate]:
     ]
 
 
+def _build_pressure_drop(scales: _RecordingScales) -> list[Candidate]:
+    return [
+        Candidate("pressure_drop", ("pressure_drop.impedance",)),
+        Candidate("pressure_drop", ("pressure_drop.turbulence",)),
+        Candidate("pressure_drop", ("pressure_drop.impedance", "pressure_drop.turbulence")),
+    ]
+
+
 def _build_contact_pressure(scales: _RecordingScales) -> list[Candidate]:
     return [
         Candidate(
@@ -442,6 +450,7 @@ _CANDIDATE_BUILDERS = {
     "thread_slip": _build_thread_slip,
     "force_drift": _build_force_drift,
     "viscous_damping": _build_viscous_damping,
+    "pressure_drop": _build_pressure_drop,
     "contact_pressure": _build_contact_pressure,
     "rig_compliance": _build_rig_compliance,
     "end_taper": _build_end_taper,

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pamjax.compile.parallel import parallel_map
-from pamjax.diagnosis.detect.score_test import ScoreDirection, compute_score_directions
+from pamjax.diagnosis.detect.score_test import compute_score_directions
 from pamjax.diagnosis.library.candidates import Candidate, build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate
@@ -60,7 +60,6 @@ class Selection:
         baseline: refit of the baseline.
         model: refit of the baseline with all selected mechanisms.
         named_mechanisms: these mechanisms, most probable first.
-        baseline_directions: score directions at the baseline, for its p-value.
         weighted_values: (p,) values of the fit with misfit weights, SI; None without such a fit.
         fit_before_small_effects: the fit without small effects; None if there are none.
     """
@@ -68,7 +67,6 @@ class Selection:
     baseline: CandidateFit
     model: CandidateFit
     named_mechanisms: tuple[NamedMechanism, ...]
-    baseline_directions: tuple[ScoreDirection, ...]
     weighted_values: np.ndarray | None = None
     fit_before_small_effects: CandidateFit | None = None
 
@@ -79,17 +77,20 @@ class Selection:
 
 
 def select_mechanisms(
-    problem: LibraryProblem, training_rows: np.ndarray, progress: Progress = ignore_progress
+    problem: LibraryProblem,
+    training_rows: np.ndarray,
+    baseline: CandidateFit,
+    progress: Progress = ignore_progress,
 ) -> Selection:
     """Select the mechanisms that the baseline of a recording omits.
 
     Args:
         problem: the recording and the library.
         training_rows: (n,) mask of the rows in use.
+        baseline: refit of the baseline to these rows.
         progress: called with the name of the step and the share done.
     """
     candidates = build_candidates(problem)
-    baseline = fit_candidate(problem, training_rows, (), problem.neutral)
     baseline_directions = compute_score_directions(problem, baseline.noise, baseline.estimate, candidates)
     search = MechanismSearch(problem, training_rows, baseline, candidates, progress)
     fit_before_small_effects = swap_pairs(search, search_mechanisms(search, baseline_directions))
@@ -97,14 +98,13 @@ def select_mechanisms(
     progress("comparing alternatives", 0.75)
     named_mechanisms = assess_mechanisms(problem, fit, candidates)
     if fit is fit_before_small_effects:
-        return Selection(baseline, fit, named_mechanisms, tuple(baseline_directions))
+        return Selection(baseline, fit, named_mechanisms)
     # The residual is tested with the noise of the recording, without misfit weights.
     weighted_values = fit.estimate.values
     return Selection(
         baseline,
         fit_candidate(problem, training_rows, fit.mechanisms, weighted_values),
         named_mechanisms,
-        tuple(baseline_directions),
         weighted_values,
         fit_before_small_effects,
     )
@@ -117,7 +117,6 @@ def drop_small_effects(problem: LibraryProblem, selection: Selection) -> Selecti
         selection.baseline,
         selection.fit_before_small_effects,
         assess_mechanisms(problem, selection.fit_before_small_effects),
-        selection.baseline_directions,
     )
 
 

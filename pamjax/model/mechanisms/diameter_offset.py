@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
+from pamjax.model.form_error import FormError, list_powers
 from pamjax.model.history import History
 from pamjax.model.mechanism import AbstractSensor, Description, Past, Samples
 from pamjax.parameter import Scalar, parameter
@@ -43,6 +44,8 @@ class DiameterOffset(AbstractSensor):
         " measure the diameter at rest length at several pressures below 200 kPa, where crimp increases it.",
         source="by definition: recorded minus mid-thread diameter; compaction as in Zhang & Philen 2012",
     )
+    #: A coat of rubber becomes thinner as the muscle widens.
+    form_error: ClassVar[FormError] = FormError(list_powers("length", 2))
 
     offset: Scalar = parameter(
         "m", show="mm", low=-0.005, high=0.02, neutral=0.0, about="recorded minus mid-thread diameter",

@@ -49,7 +49,7 @@ class ForceDrift(AbstractSensor):
         " isobar at the end.",
         source="first terms of a Taylor series; Newton's law of cooling; Carslaw & Jaeger 1959 (root)",
     )
-    form_error: ClassVar[FormError] = FormError(list_powers("time", 10), is_additive=True)
+    form_error: ClassVar[FormError] = FormError(list_powers("time", 30), is_additive=True)
 
     rate: Scalar = parameter(
         "N/s", low=-1.0, high=1.0, neutral=0.0, about="initial slope of the zero",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from pamjax.model.form_error import FormError
 from pamjax.model.history import History
 from pamjax.model.mechanism import AbstractSensor, Description, Past, Samples
 from pamjax.parameter import Scalar, parameter
@@ -29,6 +30,8 @@ class ForceGain(AbstractSensor):
         experiment="Calibrate the load cell with dead weights.",
         source="by definition: recorded over true, minus one",
     )
+    #: A load cell that is not linear.
+    form_error: ClassVar[FormError] = FormError(("force",))
 
     gain: Scalar = parameter(
         "1", show="%", low=-0.3, high=0.3, neutral=0.0, about="recorded over true force, minus one",

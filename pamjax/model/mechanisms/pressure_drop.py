@@ -1,8 +1,10 @@
-"""Pressure drop between gauge and muscle, in proportion to flow."""
+"""Pressure drop between gauge and muscle, by laminar and turbulent flow."""
 
 from __future__ import annotations
 
 from typing import ClassVar
+
+import jax.numpy as jnp
 
 from pamjax.model.form_error import FormError, list_powers
 from pamjax.model.history import History
@@ -11,29 +13,30 @@ from pamjax.parameter import Scalar, parameter
 
 
 class PressureDrop(AbstractPressureLoss):
-    """A laminar flow resistance between gauge and muscle: P = P_measured − Z dV/dt.
+    """A flow resistance between gauge and muscle: P = P_measured − Z Q − K Q |Q|, with Q = dV/dt.
 
-        Z  impedance  Pa s/m³  pressure drop per unit of flow into the muscle
-        V             m³       volume of the muscle
+        Z  impedance   Pa s/m³   pressure drop per unit of flow into the muscle, laminar
+        K  turbulence  Pa s²/m⁶  pressure drop per square of the flow, turbulent or through an orifice
+        V              m³        volume of the muscle
 
-    It dissipates energy as a damper does: −∮ Z (dV/dt) dV < 0. The volume is that at the measured pressure,
-    which is correct to first order in Z. Neutral: Z = 0. What it leaves out: turbulent and choked flow,
+    It dissipates energy as a damper does: −∮ (Z + K |Q|) Q dV < 0. The volume is that at the measured pressure,
+    which is correct to first order in Z and K. Neutral: Z = K = 0. Neglects: choked flow,
     compression of the gas in the line, regulators with a dead zone.
-    Source: Hagen-Poiseuille, linearised; derived here.
+    Source: Hagen-Poiseuille; Borda-Carnot loss of an orifice; derived here.
     """
 
     id: ClassVar[str] = "pressure_drop"
     about: ClassVar[Description] = Description(
         title="pressure drop between gauge and muscle",
-        equation="P = P_measured - Z dV/dt;   dF = Z (dV/dL)^2 dL/dt",
+        equation="P = P_measured - Z Q - K Q |Q|,   Q = dV/dt;   dF = (Z + K |Q|) (dV/dL)^2 dL/dt",
         signature="Force is higher while the muscle lengthens and lower while it shortens. The difference is"
-        " proportional to speed, and the same at every pressure. It is largest at rest length, and zero at"
-        " free contraction.",
-        leaves_out="turbulent and choked flow, gas stored in the line, dead zones of the regulator",
+        " proportional to speed or, with turbulence, to its square, and the same at every pressure. It is"
+        " largest at rest length, and zero at free contraction.",
+        leaves_out="choked flow, gas stored in the line, dead zones of the regulator",
         confusable=("viscous_damping", "braid_friction", "channel_lag"),
         experiment="Record the loop at free contraction, where volume is constant. Measure the pressure at"
         " the muscle.",
-        source="laminar flow; derived here",
+        source="Hagen-Poiseuille; Borda-Carnot; derived here",
     )
     form_error: ClassVar[FormError] = FormError(
         (*list_powers("pressure", 2), "length", *list_powers("speed", 2))
@@ -45,5 +48,13 @@ class PressureDrop(AbstractPressureLoss):
         default=0.0,
     )  # fmt: skip
 
+    turbulence: Scalar = parameter(
+        "Pa*s^2/m^6", low=0.0, high=1e17, neutral=0.0, is_refinement=True,
+        about="pressure drop per square of the flow",
+        source="1e13 for a fitting of 1 mm bore: half the density over the square of its area",
+        default=0.0,
+    )  # fmt: skip
+
     def pressure(self, history: History, past: Past) -> Samples:
-        return past.pressure - self.impedance * history.rate(past.state.volume)
+        flow = history.rate(past.state.volume)
+        return past.pressure - (self.impedance + self.turbulence * jnp.abs(flow)) * flow

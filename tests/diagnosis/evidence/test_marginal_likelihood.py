@@ -64,7 +64,7 @@ def test_shape_of_a_residual_decides_for_or_against_a_form_error():
     rng = np.random.default_rng(4)
     form = np.sin(np.linspace(0, 9, 400))[None] * 10
     settings = EvidenceSettings()
-    for coefficient, share in ((0.0, 0.0), (0.4, 0.4)):
+    for coefficient, share in ((0.0, 0.0), (0.4, 0.3)):
         model = LinearModel(
             residual=coefficient * form[0] + rng.standard_normal(400),
             jacobian=np.zeros((0, 400)), prior_offset=np.zeros(0), prior_sd=np.zeros(0),
@@ -101,7 +101,9 @@ def test_evidence_of_a_template_is_that_of_a_model_with_its_column():
     templates = [rng.standard_normal((2, size)), rng.standard_normal((1, size))]
     model = replace(
         build_linear_model(rng, size=size),
-        outside=OutsideColumns(rng.standard_normal((3, size)), templates, [0.5, 0.5]),
+        outside=OutsideColumns(
+            rng.standard_normal((3, size)), templates=templates, template_shares=[0.5, 0.5]
+        ),
     )
     for k, template in enumerate(templates):
         with_template = replace(

@@ -17,3 +17,13 @@ def test_inner_pressure_is_lower_during_filling():
             lambda p: p.state.volume, past(np.full(9, 0.2), 1e5), 1e-4 + flow * jnp.asarray(time)
         )
         agree(PressureDrop(1e9).pressure(one_run(time), filling), inside, SOLVED)
+
+
+def test_turbulent_drop_is_quadratic_in_the_flow():
+    # K Q |Q| with K = 1e15 Pa s²/m⁶: ±2 ml/s changes the pressure by ∓4 kPa, ±4 ml/s by ∓16 kPa.
+    time = np.arange(9.0)
+    for flow, inside in ((2e-6, 96e3), (-2e-6, 104e3), (4e-6, 84e3)):
+        filling = eqx.tree_at(
+            lambda p: p.state.volume, past(np.full(9, 0.2), 1e5), 1e-4 + flow * jnp.asarray(time)
+        )
+        agree(PressureDrop(0.0, 1e15).pressure(one_run(time), filling), inside, SOLVED)
