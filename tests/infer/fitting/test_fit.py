@@ -276,7 +276,7 @@ def test_undetermined_parameter_is_reported():
     fitted = fit(dataclasses.replace(case, recording=recording), "elastic", **QUICK)
     stiffness = fitted.estimates["thread.stiffness"]
     assert stiffness.shrinkage < 0.5
-    assert "weakly determined; uniform prior" in str(fitted)
+    assert "not determined by the data (posterior equals prior); uniform prior" in str(fitted)
     assert np.isfinite(fitted.correlation).all()
 
 

@@ -27,7 +27,7 @@ DIAMETERS = {"plan": TABLE, "channels": ("diameter",), "bench": Sensors(diameter
 
 def test_complete_recording_determines_all_parameters():
     found, said = check_identifiability(made())
-    assert all(d.determined for d in found)
+    assert all(d.is_determined for d in found)
     assert said == [
         "This recording can determine `muscle.thread_length`, `muscle.turns` and `thread.modulus`, "
         "if the model is right."
@@ -36,14 +36,14 @@ def test_complete_recording_determines_all_parameters():
 
 def test_diameters_at_one_length_do_not_determine_turns():
     found, said = check_identifiability(made(**DIAMETERS))
-    assert {d.name: d.determined for d in found} == {
+    assert {d.name: d.is_determined for d in found} == {
         "muscle.thread_length": True,
         "muscle.turns": False,
         "thread.modulus": True,
     }
-    assert (
-        said[-1]
-        == "This recording does not determine `muscle.turns`: its sd after a fit is about the stated sd."
+    assert said[-1] == (
+        "This recording reduces the sd of `muscle.turns` by less than half:"
+        " its estimate comes mostly from the prior."
     )
 
 
@@ -52,7 +52,7 @@ def test_fit_then_returns_the_prior_of_the_turns():
     fitted = fit(made(**DIAMETERS), starts=1)
     turns = fitted.estimates["muscle.turns"]
     assert turns.shrinkage < 0.1
-    assert "mostly from the prior" in str(fitted)
+    assert "not determined by the data (posterior equals prior)" in str(fitted)
 
 
 def test_forces_at_one_length_determine_turns_only_in_combination():

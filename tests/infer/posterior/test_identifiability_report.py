@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import pamjax
+from pamjax.infer.fitting.determination import DETERMINED, MOSTLY_PRIOR, NOT_DETERMINED
 from pamjax.infer.posterior import profile as profiles
 from pamjax.infer.posterior.identifiability_report import (
     ParameterSummary,
@@ -64,7 +65,7 @@ def test_only_the_product_of_modulus_and_area_is_determined(tmp_path):
         assert "thread.modulus × muscle.thread_area" in found[name].detail or (
             "muscle.thread_area × thread.modulus" in found[name].detail
         )
-    assert found["muscle.thread_length"].kind == "determined"
+    assert found["muscle.thread_length"].kind == DETERMINED
 
 
 @pytest.mark.slow
@@ -81,9 +82,9 @@ def test_length_and_modulus_are_confounded_at_one_pressure(tmp_path):
 def test_five_diameters_determine_length_and_modulus_but_not_turns():
     kinds = {name: v.kind for name, v in drawn().verdicts.items()}
     assert kinds == {
-        "muscle.thread_length": "determined",
-        "muscle.turns": "not determined",
-        "thread.modulus": "determined",
+        "muscle.thread_length": DETERMINED,
+        "muscle.turns": NOT_DETERMINED,
+        "thread.modulus": DETERMINED,
     }
 
 
@@ -99,12 +100,12 @@ def test_profile_of_a_parabola_agrees_with_least_squares():
     ("draws", "kind"),
     [
         # In a wide range, a small value with a small sd is not at its limit.
-        (lambda rng: np.abs(rng.normal(0.12, 0.018, 4000)), "determined"),
+        (lambda rng: np.abs(rng.normal(0.12, 0.018, 4000)), DETERMINED),
         (lambda rng: np.abs(rng.normal(0.0, 0.018, 4000)), "at a limit"),
         (lambda rng: rng.exponential(0.1, 4000), "at a limit"),
         (lambda rng: 5 - rng.exponential(0.1, 4000), "at a limit"),
-        (lambda rng: rng.uniform(0, 5, 4000), "determined"),
-        (lambda rng: 5 * np.sqrt(rng.uniform(0, 1, 4000)), "determined"),
+        (lambda rng: rng.uniform(0, 5, 4000), DETERMINED),
+        (lambda rng: 5 * np.sqrt(rng.uniform(0, 1, 4000)), DETERMINED),
     ],
 )
 def test_parameter_is_at_a_limit_if_its_draws_accumulate_there(draws, kind):
@@ -149,8 +150,8 @@ def test_report_compares_with_the_stated_values():
     # Five diameters determine the modulus to 4 GPa, as the other computations do.
     told = {"thread.modulus": {"value": 84e9, "sd": 3e9}}
     found = pamjax.sample(fitted(), priors=told, ess=200, rhat=1.1, seed=1).verdicts["thread.modulus"]
-    assert found.kind == "not determined"
-    assert drawn().verdicts["thread.modulus"].kind == "determined"
+    assert found.kind == MOSTLY_PRIOR
+    assert drawn().verdicts["thread.modulus"].kind == DETERMINED
 
 
 def test_profile_uses_the_priors_of_the_other_parameters():
