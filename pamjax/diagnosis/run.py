@@ -159,8 +159,8 @@ def _choose_stepwise(
     selection = select_mechanisms(problem, ~held_out_rows, progress)
     progress("testing", 0.85)
     mismatch = _test_baseline(problem, selection, seed)
-    detected = mismatch.p_value < problem.settings.detection_p_value
-    if not detected:
+    is_detected = mismatch.p_value < problem.settings.detection_p_value
+    if not is_detected:
         selection = replace(
             selection,
             model=selection.baseline,
@@ -169,16 +169,16 @@ def _choose_stepwise(
             fit_before_small_effects=None,
         )
     residual_test = _test_residual(problem, selection, mismatch, seed)
-    unexplained = detected and is_residual_significant(mismatch, residual_test, problem.settings)
-    if unexplained and selection.fit_before_small_effects is not None:
+    is_unexplained = is_detected and is_residual_significant(mismatch, residual_test, problem.settings)
+    if is_unexplained and selection.fit_before_small_effects is not None:
         # Small effects are reported only if nothing is unexplained: otherwise they can absorb that part.
         selection = drop_small_effects(problem, selection)
         residual_test = _test_residual(problem, selection, mismatch, seed)
-        unexplained = is_residual_significant(mismatch, residual_test, problem.settings)
+        is_unexplained = is_residual_significant(mismatch, residual_test, problem.settings)
     selection_before = selection
     if selection.named_mechanisms:
         # Mechanisms can absorb physics outside the library, so that the residual is no longer significant.
-        validated = cross_validate_selection(
+        validated_selection = cross_validate_selection(
             problem,
             blocks_of_case,
             ~held_out_rows,
@@ -187,11 +187,14 @@ def _choose_stepwise(
         )
         residual_test = (
             residual_test
-            if validated.model is selection.model
-            else _test_residual(problem, validated, mismatch, seed)
+            if validated_selection.model is selection.model
+            else _test_residual(problem, validated_selection, mismatch, seed)
         )
-        selection, unexplained = validated, is_residual_significant(mismatch, residual_test, problem.settings)
-    if selection.named_mechanisms and unexplained:
+        selection, is_unexplained = (
+            validated_selection,
+            is_residual_significant(mismatch, residual_test, problem.settings),
+        )
+    if selection.named_mechanisms and is_unexplained:
         selection = reduce_certainty(selection, problem.settings)
     all_rows = np.ones(problem.n, dtype=bool)
     baseline = fit_candidate(problem, all_rows, (), selection.baseline.estimate.values)
@@ -203,13 +206,13 @@ def _choose_stepwise(
         selection=selection,
         mismatch=mismatch,
         residual_test=residual_test,
-        unexplained=unexplained,
-        unexplained_probability=float(unexplained),
+        unexplained=is_unexplained,
+        unexplained_probability=float(is_unexplained),
         likenesses=(),
         training_fit=_fit_selection(problem, selection, ~held_out_rows),
         baseline=baseline,
         model=model,
-        notes=format_dropped_mechanisms(selection_before, selection) if unexplained else [],
+        notes=format_dropped_mechanisms(selection_before, selection) if is_unexplained else [],
     )
 
 
@@ -222,8 +225,8 @@ def _choose_by_evidence(
     )
     progress("testing", 0.85)
     mismatch = _test_baseline(problem, selection, seed)
-    detected = mismatch.p_value < problem.settings.detection_p_value
-    if not detected:
+    is_detected = mismatch.p_value < problem.settings.detection_p_value
+    if not is_detected:
         selection = replace(selection, model=selection.baseline, named_mechanisms=())
     all_rows = np.ones(problem.n, dtype=bool)
     baseline = fit_baseline(problem, all_rows, selection.baseline.estimate.values)
@@ -232,8 +235,8 @@ def _choose_by_evidence(
         selection=selection,
         mismatch=mismatch,
         residual_test=_test_residual(problem, selection, mismatch, seed),
-        unexplained=detected and unexplained_probability >= problem.settings.established_probability,
-        unexplained_probability=unexplained_probability if detected else 0.0,
+        unexplained=is_detected and unexplained_probability >= problem.settings.established_probability,
+        unexplained_probability=unexplained_probability if is_detected else 0.0,
         likenesses=likenesses,
         training_fit=training_fit,
         baseline=baseline,

@@ -131,8 +131,8 @@ class Muscle(eqx.Module):
 
         root = solve_strain(residual, start, thread.newton_steps + 4 * bool(self.terms))
         scale = jnp.maximum(unstrained_pull, PULL_SCALE_STRAIN * thread.stiffness)
-        solved = jnp.abs(residual(root)) <= PULL_TOLERANCE * scale
-        status = jnp.where(solved | ~is_pulled, int(Status.OK), int(Status.NOT_CONVERGED))
+        is_solved = jnp.abs(residual(root)) <= PULL_TOLERANCE * scale
+        status = jnp.where(is_solved | ~is_pulled, int(Status.OK), int(Status.NOT_CONVERGED))
         return jnp.where(is_pulled, root, 0.0), jnp.where(stable, status, int(Status.UNSTABLE))
 
     def __call__(self, pressure: Scalar, length: Scalar) -> MuscleReading:

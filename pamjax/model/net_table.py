@@ -236,10 +236,8 @@ def _fit_coefficients(net_parameters: Float[Array, " 2"]) -> Float[Array, "3 j i
     def compute_difference(x, y):
         """Return the difference in units in which the thread length is ν, so that radii are ρ."""
         sine = jnp.sqrt(1 - x**2)
-        solved = solve_net(nu * sine, nu, nu / (2 * jnp.pi), edge * y)
-        return jnp.stack(
-            [solved.volume / (jnp.pi * nu) - x**2 * sine, solved.mean_radius - x, solved.mid_radius - x]
-        )
+        net = solve_net(nu * sine, nu, nu / (2 * jnp.pi), edge * y)
+        return jnp.stack([net.volume / (jnp.pi * nu) - x**2 * sine, net.mean_radius - x, net.mid_radius - x])
 
     values = jax.vmap(lambda x: jax.vmap(lambda y: compute_difference(x, y))(y))(x)
     in_x, in_y = (

@@ -339,13 +339,13 @@ def _update_with_recording(prior_information: PriorInformation, case: Case) -> P
     fitted_values = np.asarray(fitted_space.to_values(solution.u))
     values = np.concatenate([fitted_values[:muscle_count], prior_information.mean[muscle_count:]])
     # Use the length errors of the recording instead of those of the planned runs.
-    recorded = _build_from_priors(
+    recorded_information = _build_from_priors(
         prior_information.entry,
         prior_information.capabilities,
         prior_information.law,
         [*shared_parameters, *errors],
     )
-    label, matrix = np.zeros(case.recording.n, dtype=int), recorded.matrix
+    label, matrix = np.zeros(case.recording.n, dtype=int), recorded_information.matrix
     for channel, channel_noise in noise.items():
         # Without a stated noise, use the larger of the residual and the default.
         default_sd = getattr(prior_information.capabilities, channel) or getattr(RigCapabilities, channel)
@@ -353,7 +353,7 @@ def _update_with_recording(prior_information: PriorInformation, case: Case) -> P
         channel_rig = replace(prior_information.capabilities, **{channel: sensor_sd}).keep_channel(channel)
         channel_rig = replace(channel_rig, ruler=0.0) if sd else channel_rig
         samples_per_independent = max(channel_noise.excess, 1.0) ** 2 * channel_noise.autocorrelation_time
-        channel_information = replace(recorded, capabilities=channel_rig)
+        channel_information = replace(recorded_information, capabilities=channel_rig)
         matrix = (
             matrix
             + channel_information.compute_information(case, label, 1, values, setting)[0]

@@ -86,7 +86,7 @@ def verdict(kind):
 @pytest.mark.slow
 def test_recording_without_an_effect_gives_no_name():
     _, found = verdict("nothing")
-    assert not found.detected
+    assert not found.is_detected
     assert found.named_mechanisms == ()
     assert not found.unexplained
 

@@ -74,9 +74,9 @@ def _build_restricted_deviance(problem: LibraryProblem, fit: CandidateFit) -> Ca
         unit = np.sqrt(np.maximum(np.diag(information), 1e-300))
         value, vector = np.linalg.eigh(information / np.outer(unit, unit))
         value = np.maximum(value, 1e-12)
-        absorbed = vector.T @ ((jacobian @ e - prior_gradient) / unit)
+        absorbed_part = vector.T @ ((jacobian @ e - prior_gradient) / unit)
         determinant = float(np.sum(np.log(value)) + 2 * np.sum(np.log(unit)))
-        return float(e @ e - np.sum(absorbed**2 / value)) + noise.log_determinant + determinant
+        return float(e @ e - np.sum(absorbed_part**2 / value)) + noise.log_determinant + determinant
 
     return compute_deviance
 

@@ -58,10 +58,12 @@ class ChannelLag(AbstractSensor):
         self, force: Samples, diameter: Samples, past: Past, history: History
     ) -> tuple[Samples, Samples]:
         time_constant = self.smoothing * jnp.maximum(self.lag, 0.0)
-        delayed = history.delay(force, self.lag - time_constant)
+        delayed_force = history.delay(force, self.lag - time_constant)
         # Deviation e of the filter from its input, with a linear input over each step of h time constants:
         # e ← e exp(−h) + ΔF (1 − exp(−h)) / h.
         steps = history.increments(history.time) / jnp.maximum(time_constant, MIN_TIME_CONSTANT)
-        passed = -jnp.expm1(-steps) / jnp.where(steps > 0, steps, 1.0)
-        deviation = relax_states(history.increments(delayed) * passed, jnp.exp(-steps), history.restart)
-        return delayed - jnp.where(time_constant > MIN_TIME_CONSTANT, deviation, 0.0), diameter
+        mean_share = -jnp.expm1(-steps) / jnp.where(steps > 0, steps, 1.0)
+        deviation = relax_states(
+            history.increments(delayed_force) * mean_share, jnp.exp(-steps), history.restart
+        )
+        return delayed_force - jnp.where(time_constant > MIN_TIME_CONSTANT, deviation, 0.0), diameter

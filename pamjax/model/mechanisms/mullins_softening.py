@@ -76,5 +76,5 @@ class MullinsSoftening(AbstractMemory):
     def stresses(self, history: History, strains: Float[Array, "n k"], past: Past) -> Float[Array, "n k"]:
         largest = running_max(strains, history.restart)
         floor = MIN_WALL_ENERGY * wall.rubber_volume(self)
-        recovered = jax.lax.erf((largest - strains) / (self.width * largest + floor))
-        return jnp.where(jnp.all(history.restart), 0.0, self.modulus * (1 - recovered))
+        recovered_share = jax.lax.erf((largest - strains) / (self.width * largest + floor))
+        return jnp.where(jnp.all(history.restart), 0.0, self.modulus * (1 - recovered_share))
