@@ -4,7 +4,7 @@ A recording is a sequence of samples with gaps where the rig was moved. Memory c
 a restart is stated. A rate is never computed across a gap. Before the first sample the muscle is assumed to
 rest in the state of that sample or, if stated, to have performed the same recording once.
 
-What it leaves out: corners of strokes with five samples or fewer, across which the rate is computed.
+Neglects: corners of strokes with five samples or fewer, across which the rate is computed.
 """
 
 from __future__ import annotations

@@ -62,7 +62,7 @@ class Muscle(eqx.Module):
         geometry: geometry of the braid.
         terms: other stored energies.
 
-    What it leaves out: memory (friction, relaxation, slip) and the bench.
+    Neglects: memory (friction, relaxation, slip) and the bench.
 
     >>> from pamjax.model.thread import LinearThread
     >>> muscle = Muscle(0.235744, 0.251206, 1.09, LinearThread(144 * 0.0858e-6 * 80e9))

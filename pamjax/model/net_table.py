@@ -9,7 +9,7 @@ so that a polynomial approximates it. It is computed once for each set of parame
 respect to all of them. The force is the derivative of the volume's polynomial, so that both are exactly
 consistent.
 
-What it leaves out: muscles stretched or contracted beyond the range of the polynomial, and threads that are a
+Neglects: muscles stretched or contracted beyond the range of the polynomial, and threads that are a
 third longer than at rest. There the muscle becomes a cylinder minus a constant volume.
 """
 

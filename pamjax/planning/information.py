@@ -14,7 +14,7 @@ Samples are equilibria of the muscle without rubber, tapered ends and mechanisms
 
 If muscle.toml states one error for each set length, each length of the runs has one error parameter, common
 to all runs at this length. All strokes share another one, as in a fit. The length errors of an existing
-recording are separate parameters, and they are marginalised. What it leaves out: a length that is set again
+recording are separate parameters, and they are marginalised. Neglects: a length that is set again
 at the same place does not profit from the recording.
 """
 

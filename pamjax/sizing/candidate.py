@@ -19,7 +19,7 @@ the rest length, as when the muscle lifts a load. Additional equations:
               rough; a safety factor allows for that
     air       [(p + pa) V1 − pa V0] / pa   at ambient pressure and temperature, V without the rubber
 
-Not included: fittings (mass, price), the ends of the bladder, fatigue, creep, temperature, speed.
+Neglects: fittings (mass, price), the ends of the bladder, fatigue, creep, temperature, speed.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ done once, with all mechanisms in the model.
 If a part of the misfit stays unexplained, the remaining probabilities move halfway to even chances (setting
 `unexplained_certainty_share`).
 
-What it leaves out: a mechanism is lost if unmodelled physics of half its size is present, because one
+Limits: a mechanism is lost if unmodelled physics of half its size is present, because one
 recording does not distinguish the two. A mechanism that is kept may still replace the unexplained physics.
 The limit of 5/6 was chosen on simulated recordings with effects that differ from their equations or are
 outside the library. Recordings of the validation were not used.

@@ -3,7 +3,7 @@
 A sensor that is noisier than stated is no missing physics. Differences of neighbouring samples show its
 noise, if the misfit of the model is smooth from sample to sample. The ratio is that of effective standard
 deviations: of the sensor, with the noise of pressure and length propagated through the model.
-What it leaves out: recordings in a static table, and channels with few samples; their ratio is 1.
+Neglects: recordings in a static table, and channels with few samples; their ratio is 1.
 """
 
 from __future__ import annotations

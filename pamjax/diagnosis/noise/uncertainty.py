@@ -11,7 +11,7 @@ This error is large if the sensor noise is a small part of the total, because th
 a share of its variance. A channel without an estimated correlation has the uncertainty of a variance from
 that many squared differences. For a sensor without stated noise, variance and correlation are uncertain
 together (`unknown_sensor.py`).
-What it leaves out: the ends of runs, and a sensor that is worse than stated.
+Neglects: the ends of runs, and a sensor that is worse than stated.
 Source: filtering of a stationary process, derived here.
 """
 

@@ -13,7 +13,7 @@ v_0 the reported values, s the mean squared residual and δ the bias due to inpu
 (`estimate_input_noise_bias`). An indistinguishable mechanism has the probability from its comparison. It does
 not contribute to the covariance of the parameters of the mechanism that it replaces.
 
-What it leaves out: the starting times of a slip; these are many, and the search has tested them.
+Neglects: the starting times of a slip; these are many, and the search has tested them.
 Source: moments of a mixture.
 """
 

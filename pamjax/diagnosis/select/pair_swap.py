@@ -12,7 +12,7 @@ d and the residual r,
 The search continues from the best pairs after a refit. Its result replaces the model if the BIC is lower. If
 the residual was large, or if there are more mechanisms than before, the result must leave little more than
 noise.
-What it leaves out: limits of amplitudes before the refit; replacement of three mechanisms by three.
+Neglects: limits of amplitudes before the refit; replacement of three mechanisms by three.
 Source: least squares.
 """
 

@@ -10,7 +10,7 @@ joint         together they explain two thirds of the initial misfit, the baseli
               with their priors, and no amplitude is at an extreme limit; otherwise all are dropped. They are
               also dropped if a part of the misfit stays unexplained (`run.py`).
 
-What it leaves out: a misfit that differs between parts of a recording; mechanisms that are significant only
+Neglects: a misfit that differs between parts of a recording; mechanisms that are significant only
 with another first mechanism.
 """
 

@@ -7,7 +7,7 @@ length, propagated through the model,
 
 in every continuous run of samples. White noise has ρ = 0.
 
-What it leaves out: noise with several correlation times, such as white sensor noise with a slow misfit.
+Neglects: noise with several correlation times, such as white sensor noise with a slow misfit.
 `estimate_innovation_autocorrelation` estimates the remaining autocorrelation, which widens the posterior (see
 `log_density.py`).
 

@@ -4,7 +4,7 @@ The score of a posterior is Σ over blocks of ln p(block | the other blocks), by
 (`loo.py`). The standard error of the difference of two scores is sqrt(blocks) × sd of the differences. The
 unit is a block, because rows of one loop are correlated.
 
-What it leaves out: the score of an influential block (k̂ > 0.7) is not reliable without another run; the
+Limits: the score of an influential block (k̂ > 0.7) is not reliable without another run; the
 report lists such blocks. Samples with reduced weights (`log_density.py`) count fully here.
 """
 

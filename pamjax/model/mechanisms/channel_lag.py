@@ -25,7 +25,7 @@ class ChannelLag(AbstractSensor):
 
 
     Samples of other runs are not used: before the start of a run, the force has its first value.
-    Neutral: d = 0, exactly. What it leaves out: filters of higher order, a delay of diameter.
+    Neutral: d = 0, exactly. Neglects: filters of higher order, a delay of diameter.
     Source: by definition; interpolation as in `History.delay`.
     """
 
@@ -36,7 +36,7 @@ class ChannelLag(AbstractSensor):
         signature="If force is late, the loop has the opposite sense of a friction loop. Its width is"
         " proportional to speed and pressure, and largest at mid-stroke. In a hold the effect disappears"
         " immediately.",
-        leaves_out="filters of higher order, a delay of diameter",
+        neglects="filters of higher order, a delay of diameter",
         confusable=("braid_friction", "viscous_damping", "pressure_drop"),
         experiment="Repeat the stroke three times as fast. Record a hold, in which the effect of a delay"
         " disappears immediately.",

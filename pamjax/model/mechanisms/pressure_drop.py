@@ -17,7 +17,7 @@ class PressureDrop(AbstractPressureLoss):
         V             m³       volume of the muscle
 
     It dissipates energy as a damper does: −∮ Z (dV/dt) dV < 0. The volume is that at the measured pressure,
-    which is correct to first order in Z. Neutral: Z = 0. What it leaves out: turbulent and choked flow,
+    which is correct to first order in Z. Neutral: Z = 0. Neglects: turbulent and choked flow,
     compression of the gas in the line, regulators with a dead zone.
     Source: Hagen-Poiseuille, linearised; derived here.
     """
@@ -29,7 +29,7 @@ class PressureDrop(AbstractPressureLoss):
         signature="Force is higher while the muscle lengthens and lower while it shortens. The difference is"
         " proportional to speed, and the same at every pressure. It is largest at rest length, and zero at"
         " free contraction.",
-        leaves_out="turbulent and choked flow, gas stored in the line, dead zones of the regulator",
+        neglects="turbulent and choked flow, gas stored in the line, dead zones of the regulator",
         confusable=("viscous_damping", "braid_friction", "channel_lag"),
         experiment="Record the loop at free contraction, where volume is constant. Measure the pressure at"
         " the muscle.",

@@ -158,16 +158,14 @@ def test_derivative_at_the_neutral_value_is_not_zero(kind):
 @every
 def test_mechanism_has_a_complete_description(kind):
     about = kind.about
-    assert all(
-        (about.title, about.equation, about.signature, about.leaves_out, about.experiment, about.source)
-    )
+    assert all((about.title, about.equation, about.signature, about.neglects, about.experiment, about.source))
     assert about.equation.isascii()
     assert importlib.import_module(f"pamjax.model.mechanisms.{kind.id}").__dict__[kind.__name__] is kind
     assert kind.id in WORDS or kind in ALTERNATIVES
     assert set(about.confusable) <= WORDS
     assert kind.id not in about.confusable
     assert "Neutral" in kind.__doc__
-    assert "leaves out" in " ".join(kind.__doc__.split())
+    assert "Neglects:" in " ".join(kind.__doc__.split())
     assert "Source" in kind.__doc__
     declared = list_field_meanings(kind)
     assert any(m.neutral is not None for m in declared.values())
