@@ -321,7 +321,8 @@ def _has_channel(name: str, channels: set[str]) -> bool:
 def _update_with_recording(prior_information: PriorInformation, case: Case) -> PriorInformation:
     """Return the information after a recording, at the estimate of a fit to it.
 
-    As in a fit, a misfit increases the noise, and autocorrelation reduces the number of samples.
+    A misfit increases the noise, and autocorrelation reduces the number of samples. A fit does the same for
+    a static table; in a time series it whitens the residuals instead, with the noise of neighbouring samples.
     """
     muscle_count = len(prior_information.muscle_indices)
     shared_parameters = [n for n in prior_information.free_parameters if not is_length_error(n.name)]
