@@ -80,7 +80,7 @@ def mechanisms():
         )
         lines += [
             f"- **Signature:** {about.signature}",
-            f"- **Neglects:** {about.leaves_out}",
+            f"- **Neglects:** {about.neglects}",
             f"- **Easily confused with:** {mistaken or 'nothing in the library'}",
             f"- **Distinguished by:** {about.experiment}",
             f"- **Source:** {about.source}",

@@ -92,7 +92,7 @@ def compute_residuals(dataset, values):
     return dataset.compute_standardised_residuals(values)
 
 
-def believing_white(density):
+def treat_noise_as_white(density):
     """Return a wrong likelihood, which treats all samples as independent."""
     streams = tuple(dataclasses.replace(s, correlation_index=-1) for s in density.likelihoods[0])
     return dataclasses.replace(density, likelihoods=(streams,))

@@ -41,7 +41,7 @@ class Gaylord:
     P₀        `threshold`        Pa    lost in the rubber; 0 in the original law
     ========  =================  ====  ==========================================
 
-    What it leaves out: thread stretch, rubber elasticity, end effects, friction. The force can be negative. A
+    Neglects: thread stretch, rubber elasticity, end effects, friction. The force can be negative. A
     threshold has the same effect as a zero error of the pressure gauge.
     Source: R. H. Gaylord, U.S. Patent 2,844,126 (1958); Chambers & Wereley, *Actuators* 2022, 11, 219, eq 12;
     the threshold is a common addition.
@@ -87,7 +87,7 @@ class Sarosi:
     Papers use κ in percent and P in bar or kPa, which only rescales the coefficients. `at_limit`: c is at a
     bound of its search range. The data then fit a parabola, or a step between two lengths.
 
-    What it leaves out: direction, rate, history and geometry. It is valid only for the fitted muscle.
+    Neglects: direction, rate, history and geometry. It is valid only for the fitted muscle.
     Source: J. Sárosi uses such a formula for Festo muscles in *Tehnički vjesnik* 2015, 22(6), 1489,
     doi 10.17559/TV-20140716143627 (its abstract was checked, the equation was not). The formula probably
     comes from a conference paper of about 2012.

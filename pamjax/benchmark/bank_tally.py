@@ -15,15 +15,16 @@ SIZE_CLASS_EDGES = (2.0, 5.0, 10.0, 30.0)
 
 def tabulate_bank(trials: Sequence[Trial]) -> list[TableLine]:
     """Return all table lines of the bank of other forms; lines without data are left out."""
-    done = [t for t in trials if not t.error]
+    finished_trials = [t for t in trials if not t.error]
     lines = [
-        *_tabulate_effects(done), *_tabulate_outside(done), *_tabulate_nulls(done),
-        *_tabulate_claims(done), *_tabulate_details(done),
+        *_tabulate_effects(finished_trials), *_tabulate_outside(finished_trials),
+        *_tabulate_nulls(finished_trials),
+        *_tabulate_claims(finished_trials), *_tabulate_details(finished_trials),
     ]  # fmt: skip
-    failed = [t for t in trials if t.error]
-    if failed:
-        rate = Rate(len(failed), len(trials))
-        lines.append(TableLine(f"recordings without a diagnosis ({failed[0].error})", rate, str(rate)))
+    failed_trials = [t for t in trials if t.error]
+    if failed_trials:
+        rate = Rate(len(failed_trials), len(trials))
+        lines.append(TableLine(f"recordings without a diagnosis ({failed_trials[0].error})", rate, str(rate)))
     return [line for line in lines if line.rate is None or line.rate.total]
 
 
@@ -74,16 +75,20 @@ def compute_f1(recall: Rate | None, precision: Rate | None) -> float | None:
 
 def _tabulate_outside(trials: Sequence[Trial]) -> list[TableLine]:
     """Return the lines on effects outside the library, alone and beside one mechanism."""
-    alone, mixed = ([t for t in trials if t.kind == kind] for kind in ("outside", "mixed"))
+    outside_trials, mixed_trials = ([t for t in trials if t.kind == kind] for kind in ("outside", "mixed"))
     return [
-        build_rate_line("outside alone: an unexplained misfit", [t.unexplained for t in alone]),
-        build_rate_line("outside alone: given a name", [bool(t.named) for t in alone]),
-        build_rate_line("outside with a mechanism: an unexplained misfit", [t.unexplained for t in mixed]),
+        build_rate_line("outside alone: an unexplained misfit", [t.unexplained for t in outside_trials]),
+        build_rate_line("outside alone: given a name", [bool(t.named) for t in outside_trials]),
         build_rate_line(
-            "outside with a mechanism: the mechanism named", [hit for t in mixed for hit in t.effects_found]
+            "outside with a mechanism: an unexplained misfit", [t.unexplained for t in mixed_trials]
         ),
         build_rate_line(
-            "outside with a mechanism: names that are right", [hit for t in mixed for hit in t.names_right]
+            "outside with a mechanism: the mechanism named",
+            [hit for t in mixed_trials for hit in t.effects_found],
+        ),
+        build_rate_line(
+            "outside with a mechanism: names that are right",
+            [hit for t in mixed_trials for hit in t.names_right],
         ),
     ]
 
@@ -91,8 +96,8 @@ def _tabulate_outside(trials: Sequence[Trial]) -> list[TableLine]:
 def _tabulate_nulls(trials: Sequence[Trial]) -> list[TableLine]:
     """Return the false alarms by the statement of the sensors."""
     lines = []
-    for label, misstated in (("exact", False), ("misstated", True)):
-        group = [t for t in trials if t.kind == "nothing" and t.misstated == misstated]
+    for label, is_misstated in (("exact", False), ("misstated", True)):
+        group = [t for t in trials if t.kind == "nothing" and t.misstated == is_misstated]
         lines += [
             build_rate_line(f"nothing concealed, {label} sensors: any alarm", [t.is_alarm for t in group]),
             build_rate_line(
@@ -128,10 +133,10 @@ def _tabulate_details(trials: Sequence[Trial]) -> list[TableLine]:
     ]
     for id in sorted({id for id, _, _ in hits}):
         lines.append(build_rate_line(f"{id} named", [hit for other, _, hit in hits if other == id]))
-    alone = [t for t in trials if t.kind == "outside"]
-    for family in sorted({t.outside for t in alone}):
-        unexplained = [t.unexplained for t in alone if t.outside == family]
-        lines.append(build_rate_line(f"{family}: an unexplained misfit", unexplained))
+    outside_trials = [t for t in trials if t.kind == "outside"]
+    for family in sorted({t.outside for t in outside_trials}):
+        outcomes = [t.unexplained for t in outside_trials if t.outside == family]
+        lines.append(build_rate_line(f"{family}: an unexplained misfit", outcomes))
     return lines
 
 

@@ -54,7 +54,7 @@ def run_bank_trial(task: TrialTask) -> Trial:
 def compare_with_key(bank_recording: BankRecording, diagnosis: Diagnosis) -> dict[str, Any]:
     """Return the fields of a trial that a diagnosis determines."""
     names = diagnosis.established_mechanisms
-    concealed = {effect.id for effect in bank_recording.effects if effect.in_library}
+    concealed_ids = {effect.id for effect in bank_recording.effects if effect.in_library}
     named_ids = tuple(name.id for name in names)
     ties = tuple(tuple(name.indistinguishable) for name in names)
     return {
@@ -62,7 +62,7 @@ def compare_with_key(bank_recording: BankRecording, diagnosis: Diagnosis) -> dic
         "named": named_ids,
         "ties": ties,
         "probabilities": tuple(float(name.probability) for name in names),
-        "stand_ins": find_ties(concealed, named_ids, ties),
+        "stand_ins": find_ties(concealed_ids, named_ids, ties),
         "unexplained": bool(diagnosis.unexplained),
         "numbers": tuple(_compare_usual_parameters(bank_recording, diagnosis)),
         "held_out_ratios": compute_held_out_ratios(diagnosis),
@@ -70,7 +70,7 @@ def compare_with_key(bank_recording: BankRecording, diagnosis: Diagnosis) -> dic
 
 
 def find_ties(
-    concealed: set[str], named: tuple[str, ...], ties: tuple[tuple[str, ...], ...]
+    concealed_ids: set[str], named_ids: tuple[str, ...], ties: tuple[tuple[str, ...], ...]
 ) -> tuple[tuple[str, str], ...]:
     """Return the (concealed, named) pairs of ids in which the concealed one is a tie of the named one.
 
@@ -79,9 +79,9 @@ def find_ties(
     """
     return tuple(
         (tie, name)
-        for name, alternatives in zip(named, ties, strict=True)
+        for name, alternatives in zip(named_ids, ties, strict=True)
         for tie in alternatives
-        if tie in concealed and name not in concealed
+        if tie in concealed_ids and name not in concealed_ids
     )
 
 
@@ -116,8 +116,8 @@ def compute_held_out_ratios(diagnosis: Diagnosis) -> tuple[float, ...]:
     for name in diagnosis.established_mechanisms:
         others = tuple(m for m in mechanisms if m.id != name.id)
         values = full.estimate.values
-        for removed in (m for m in mechanisms if m.id == name.id):
-            values = switch_off_candidate(problem, values, removed)
+        for candidate in (m for m in mechanisms if m.id == name.id):
+            values = switch_off_candidate(problem, values, candidate)
         without = fit_candidate(problem, ~held_out, others, values)
         out.append(error / max(_compute_held_out_error(problem, without, full, held_out), 1e-12))
     return tuple(out)

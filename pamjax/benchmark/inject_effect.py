@@ -138,8 +138,8 @@ def _draw_muscle(problem: LibraryProblem, rng: np.random.Generator) -> np.ndarra
 
 def _draw_from_prior(problem: LibraryProblem, k: int, rng: np.random.Generator) -> float:
     """Draw a parameter from its prior, within two standard deviations."""
-    drawn = problem.start[k] + problem.prior_sd[k] * np.clip(rng.standard_normal(), -2, 2)
-    return float(np.clip(drawn, problem.low[k], problem.high[k]))
+    value = problem.start[k] + problem.prior_sd[k] * np.clip(rng.standard_normal(), -2, 2)
+    return float(np.clip(value, problem.low[k], problem.high[k]))
 
 
 def _draw_candidates(problem: LibraryProblem, rng: np.random.Generator, only: str | None) -> list[Candidate]:
@@ -171,21 +171,23 @@ def _scale_to_size(
         (p,) parameter values, the effect and the noise of every sample, (2, n) each, SI.
     """
     indices = [problem.index(name) for name in candidate.amplitudes]
-    shaped = _draw_shape(problem, values, candidate, rng)
+    start_values = _draw_shape(problem, values, candidate, rng)
     sign = np.array(
         [rng.choice([-1.0, 1.0]) if problem.low[k] < problem.neutral[k] else 1.0 for k in indices]
     )
     span = np.array([problem.high[k] - problem.neutral[k] for k in indices])
     along = sign * span * rng.dirichlet(np.ones(len(indices)))
-    stated = {k: _draw_from_prior(problem, k, rng) for k in indices if math.isfinite(problem.prior_sd[k])}
+    prior_draws = {
+        k: _draw_from_prior(problem, k, rng) for k in indices if math.isfinite(problem.prior_sd[k])
+    }
     scale = 0.002
-    trial, effect, noise_sd = shaped, np.full((2, problem.n), np.nan), np.ones((2, problem.n))
+    trial, effect, noise_sd = start_values, np.full((2, problem.n), np.nan), np.ones((2, problem.n))
     for _ in range(AMPLITUDE_ROUNDS):
-        trial = shaped.copy()
+        trial = start_values.copy()
         for k, amplitude in zip(indices, scale * along, strict=True):
             inside = 0.02 * (problem.high[k] - problem.low[k])
-            sized = np.clip(problem.neutral[k] + amplitude, problem.low[k], problem.high[k] - inside)
-            trial[k] = stated.get(k, sized)
+            value = np.clip(problem.neutral[k] + amplitude, problem.low[k], problem.high[k] - inside)
+            trial[k] = prior_draws.get(k, value)
         effect, noise_sd = _compute_effect(problem, values, trial)
         size_ratio = target_size / max(_compute_largest_rms(effect, noise_sd), 1e-9)
         if abs(math.log(size_ratio)) < 0.05:
@@ -206,13 +208,13 @@ def _draw_shape(
             assert problem.case.recording.time is not None
             low, high = problem.case.recording.time[[0, -1]]
         edge = 0.02 * (high - low) if problem.meanings[k].scale != "log" else 0.0
-        drawn = np.clip(rng.standard_normal(), -2, 2)
-        value_drawn = (
-            value + problem.prior_sd[k] * drawn
+        deviate = np.clip(rng.standard_normal(), -2, 2)
+        drawn_value = (
+            value + problem.prior_sd[k] * deviate
             if math.isfinite(problem.prior_sd[k])
-            else value * math.exp(LOG_SHAPE_SD * drawn)
+            else value * math.exp(LOG_SHAPE_SD * deviate)
         )
-        out[k] = np.clip(value_drawn, low + edge, high - edge)
+        out[k] = np.clip(drawn_value, low + edge, high - edge)
     return out
 
 
@@ -284,8 +286,8 @@ def _draw_smooth_surface(recording: Recording, rng: np.random.Generator) -> np.n
         2 * (channel - channel.min()) / max(np.ptp(channel), 1e-12) - 1
         for channel in (recording.pressure, recording.length)
     )
-    drawn = rng.standard_normal(5) @ np.stack([p, x, p * x, p**2 - 1 / 3, x**2 - 1 / 3])
-    return drawn / np.sqrt(np.mean(drawn**2))
+    surface = rng.standard_normal(5) @ np.stack([p, x, p * x, p**2 - 1 / 3, x**2 - 1 / 3])
+    return surface / np.sqrt(np.mean(surface**2))
 
 
 def remove_amplitudes(problem: LibraryProblem, values: np.ndarray, candidate: Candidate) -> np.ndarray:
@@ -303,10 +305,10 @@ def _add_unmodelled_effect(
     plain = problem.predict(values)
     pattern = np.zeros((2, problem.n))
     pattern[0] = _draw_unmodelled_pattern(kind, problem.case, plain[0], rng)
-    measured = np.isfinite(problem.measured)
+    is_measured = np.isfinite(problem.measured)
     scale, size = (problem.case.entry.sensors.force or 1.0) / max(float(np.std(pattern[0])), 1e-12), 0.0
     for _ in range(AMPLITUDE_ROUNDS):
-        prediction = np.where(measured, plain + scale * pattern, np.nan)
+        prediction = np.where(is_measured, plain + scale * pattern, np.nan)
         as_measured = dataclasses.replace(problem, measured=prediction)
         noise = estimate_noise(as_measured, values, np.ones(problem.n, dtype=bool))
         baseline_indices = np.flatnonzero(problem.is_baseline).tolist()

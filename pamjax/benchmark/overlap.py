@@ -90,11 +90,11 @@ def _compute_domain(axes: RecordingAxes) -> dict[str, tuple[float, float]]:
 def _compute_box_overlap(claim: Box, other: Box, domain: dict[str, tuple[float, float]]) -> float:
     if claim.channel != other.channel:
         return 0.0
-    shared, together = (
+    shared_count, total_count = (
         len(f(DIRECTION_SETS[claim.direction], DIRECTION_SETS[other.direction]))
         for f in (set.__and__, set.__or__)
     )
-    out = shared / together
+    out = shared_count / total_count
     for axis, (low, high) in domain.items():
         out *= compute_interval_overlap(
             getattr(claim, axis), getattr(other, axis), MIN_INTERVAL_SHARE * (high - low)

@@ -48,12 +48,12 @@ def run_proof(
     """
     trials_by_key = {trial.key: trial for trial in read_trials(file)} if file.exists() else {}
     missing_tasks = [task for task in tasks if task.key not in trials_by_key]
-    for done, trial in enumerate(
+    for finished_count, trial in enumerate(
         _run_trials(missing_tasks, workers, attempt or pamjax.benchmark.trial.run_trial), start=1
     ):
         _append_trial(file, trial)
         trials_by_key[trial.key] = trial
-        progress(f"{done} of {len(missing_tasks)}", done / len(missing_tasks))
+        progress(f"{finished_count} of {len(missing_tasks)}", finished_count / len(missing_tasks))
     return [trials_by_key[task.key] for task in tasks]
 
 
@@ -76,7 +76,7 @@ def _run_trials(tasks: Sequence[TrialTask], workers: int, attempt: TrialRunner) 
                 running |= {
                     pool.submit(attempt, task) for task in islice(remaining_tasks, len(finished_runs))
                 }
-                yield from (finished.result() for finished in finished_runs)
+                yield from (finished_run.result() for finished_run in finished_runs)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
@@ -122,9 +122,9 @@ def _append_trial(file: Path, trial: Trial) -> None:
 
 
 def _ends_with_newline(file: Path) -> bool:
-    with file.open("rb") as read:
-        read.seek(-1, os.SEEK_END)
-        return read.read(1) == b"\n"
+    with file.open("rb") as stream:
+        stream.seek(-1, os.SEEK_END)
+        return stream.read(1) == b"\n"
 
 
 def read_trials(file: Path) -> list[Trial]:

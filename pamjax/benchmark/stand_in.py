@@ -47,15 +47,17 @@ def is_indistinguishable(
     clean_problem = dataclasses.replace(
         problem, measured=np.where(np.isnan(problem.measured), np.nan, problem.predict(true_values))
     )
-    (removed,) = (candidate for candidate in ground_truth.candidates if candidate.id == effect_id)
-    values = remove_amplitudes(problem, true_values, removed)
-    kept = [
+    (removed_candidate,) = (candidate for candidate in ground_truth.candidates if candidate.id == effect_id)
+    values = remove_amplitudes(problem, true_values, removed_candidate)
+    kept_names = [
         name
         for candidate in ground_truth.candidates
-        if candidate is not removed
+        if candidate is not removed_candidate
         for name in candidate.free_parameters
     ]
-    base = sorted({*np.flatnonzero(problem.is_baseline).tolist(), *(problem.index(name) for name in kept)})
+    base = sorted(
+        {*np.flatnonzero(problem.is_baseline).tolist(), *(problem.index(name) for name in kept_names)}
+    )
     estimate = fit_parameters(clean_problem, noise, base, values)
     directions = compute_score_directions(
         clean_problem,

@@ -34,7 +34,7 @@ def tabulate_false_alarms(trials: Sequence[Trial]) -> list[TableLine]:
     for stage, correlation in dict.fromkeys((t.stage, t.correlation) for t in nothing):
         group = [t for t in nothing if (t.stage, t.correlation) == (stage, correlation)]
         p_values = [t.p_value for t in group]
-        hits_by_label = {"detected (p < 0.01)": [t.detected for t in group]}
+        hits_by_label = {"detected (p < 0.01)": [t.is_detected for t in group]}
         if stage == "all":
             hits_by_label |= {
                 "a mechanism named": [bool(t.named) for t in group],
@@ -85,20 +85,20 @@ def tabulate_recovery(trials: Sequence[Trial]) -> list[TableLine]:
         ("of 3 to 8 sd", 0.0, OBVIOUS_EFFECT_SD, ">= 80 %"),
         ("of 8 sd or more", OBVIOUS_EFFECT_SD, np.inf, ">= 95 %"),
     ):
-        sized = [t for t in single if low <= t.sizes[0] < high]
+        trials_of_size = [t for t in single if low <= t.sizes[0] < high]
         lines.append(
             build_rate_line(
                 f"one effect {word}: first name right",
-                [bool(t.names_right) and t.names_right[0] for t in sized],
-                [_is_first_right(t) for t in sized if t.selected is not None],
+                [bool(t.names_right) and t.names_right[0] for t in trials_of_size],
+                [_is_first_right(t) for t in trials_of_size if t.selected is not None],
                 target,
             )
         )
         lines.append(
             build_rate_line(
                 f"one effect {word}: only this effect named",
-                [t.is_exact for t in sized],
-                [set(t.selected or ()) == set(t.concealed) for t in sized if t.selected is not None],
+                [t.is_exact for t in trials_of_size],
+                [set(t.selected or ()) == set(t.concealed) for t in trials_of_size if t.selected is not None],
             )
         )
     for word, group in (
@@ -194,25 +194,29 @@ def compute_reliability(trials: Sequence[Trial]) -> list[tuple[float, Rate]]:
     out = []
     for low, high in pairwise(PROBABILITY_EDGES):
         last = high == PROBABILITY_EDGES[-1]
-        binned = [(p, hit) for p, hit in pairs if low <= p and (p < high or last)]
-        if binned:
-            out.append((float(np.mean([p for p, _ in binned])), Rate.from_outcomes(hit for _, hit in binned)))
+        bin_pairs = [(p, hit) for p, hit in pairs if low <= p and (p < high or last)]
+        if bin_pairs:
+            out.append(
+                (float(np.mean([p for p, _ in bin_pairs])), Rate.from_outcomes(hit for _, hit in bin_pairs))
+            )
     return out
 
 
-def compute_coverage(trials: Sequence[Trial], own: bool, same: bool = True) -> Rate:
+def compute_coverage(trials: Sequence[Trial], own: bool, same_model: bool = True) -> Rate:
     """Return the coverage of 90 % intervals of parameters.
 
     Args:
         trials: the trials.
         own: whether to count the baseline's parameters instead of the mechanisms'.
-        same: whether to count only models with the same free parameters as the true one.
+        same_model: whether to count only models with the same free parameters as the true one.
     """
     numbers = [
         n
         for t in trials
         for n in t.numbers
-        if (n.name.partition(".")[0] in ("muscle", "thread")) == own and (n.same or not same) and n.sd > 0
+        if (n.name.partition(".")[0] in ("muscle", "thread")) == own
+        and (n.same or not same_model)
+        and n.sd > 0
     ]
     return Rate.from_outcomes(abs(n.value - n.true) <= NORMAL_QUANTILE_95 * n.sd for n in numbers)
 
@@ -283,11 +287,11 @@ def _tabulate_medians(scores: Sequence[Trial]) -> list[TableLine]:
 
 def tabulate_trials(trials: Sequence[Trial]) -> list[TableLine]:
     """Return all table lines of the trials."""
-    failed = [t for t in trials if t.error]
+    failed_trials = [t for t in trials if t.error]
     lines = [*tabulate_false_alarms(trials), *tabulate_recovery(trials)]
     if any(t.stage == "all" and t.kind != "nothing" for t in trials):
         lines += tabulate_quantities(trials)
-    if failed:
-        rate = Rate(len(failed), len(trials))
-        lines.append(TableLine(f"recordings without a diagnosis ({failed[0].error})", rate, str(rate)))
+    if failed_trials:
+        rate = Rate(len(failed_trials), len(trials))
+        lines.append(TableLine(f"recordings without a diagnosis ({failed_trials[0].error})", rate, str(rate)))
     return lines

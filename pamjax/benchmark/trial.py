@@ -167,18 +167,18 @@ class Trial:
         ).key  # fmt: skip
 
     @property
-    def detected(self) -> bool:
+    def is_detected(self) -> bool:
         """Whether the misfit of the baseline is significant."""
         return self.p_value < DEFAULT_SETTINGS.detection_p_value
 
     @property
     def is_alarm(self) -> bool:
         """Whether the diagnosis reports any misfit."""
-        return self.detected or bool(self.named) or self.unexplained
+        return self.is_detected or bool(self.named) or self.unexplained
 
-    def matches(self, name: str, concealed: str) -> bool:
+    def matches(self, name: str, concealed_id: str) -> bool:
         """Return whether a mechanism is the injected one, or indistinguishable from it on this recording."""
-        return name == concealed or (concealed, name) in self.stand_ins
+        return name == concealed_id or (concealed_id, name) in self.stand_ins
 
     @property
     def effects_found(self) -> tuple[bool, ...]:
@@ -209,8 +209,8 @@ _DEFAULT_VALUES = asdict(Trial("", "", math.nan, -1, -1, "", ""))
 def parse_trial(line: str) -> Trial:
     """Return the trial of a JSON line."""
     document = json.loads(line)
-    known = {f.name for f in fields(Trial)}
-    values = {k: _convert_to_tuples(v) for k, v in document.items() if k in known and k != "numbers"}
+    known_fields = {f.name for f in fields(Trial)}
+    values = {k: _convert_to_tuples(v) for k, v in document.items() if k in known_fields and k != "numbers"}
     return Trial(
         **values, numbers=tuple(RecoveredParameter(**parameter) for parameter in document.get("numbers", ()))
     )
@@ -290,7 +290,7 @@ def _compare_with_truth(
     axes = build_axes(diagnosis.problem)
     boxes = compute_true_boxes(axes, ground_truth.effects, noise)
     if boxes:
-        claims = diagnosis.mismatch_boxes if diagnosis.detected else []
+        claims = diagnosis.mismatch_boxes if diagnosis.is_detected else []
         values |= {
             "iou": compute_overlap(axes, claims, boxes),
             "iou_blind": compute_blind_overlap(axes, boxes),
@@ -340,8 +340,8 @@ def _compare_parameters(ground_truth: GroundTruth, diagnosis: Diagnosis) -> list
     for id, numbers in diagnosis.parameters.items():
         for word, number in numbers.items() if id in free_by_effect else ():
             name = f"{id}.{word}"
-            same = free_by_effect[id] == free_by_mechanism[id]
-            out.append(_build_recovered(ground_truth, name, number.value, number.sd, same))
+            is_same_model = free_by_effect[id] == free_by_mechanism[id]
+            out.append(_build_recovered(ground_truth, name, number.value, number.sd, is_same_model))
     exact = set(free_by_effect) == set(free_by_mechanism)
     # Length errors of fixed lengths have no true value.
     for k in (
@@ -362,10 +362,10 @@ def _compare_parameters(ground_truth: GroundTruth, diagnosis: Diagnosis) -> list
 
 
 def _build_recovered(
-    ground_truth: GroundTruth, name: str, value: float, sd: float, same: bool
+    ground_truth: GroundTruth, name: str, value: float, sd: float, is_same_model: bool
 ) -> RecoveredParameter:
     return RecoveredParameter(
-        name, float(ground_truth.true_values[name]), float(value), float(sd), bool(same)
+        name, float(ground_truth.true_values[name]), float(value), float(sd), bool(is_same_model)
     )
 
 

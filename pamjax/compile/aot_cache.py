@@ -68,11 +68,11 @@ def load_or_compile(function: Any, *arguments: Any) -> Compiled:
 
 def _compile_and_store(function: Wrapped, leaves: list, file: Path) -> Compiled:
     with _tracing_lock:
-        exported = jax.export.export(function, platforms=["cpu"])(*leaves)
-    program = _compile_exported(exported.call, leaves)
+        exported_program = jax.export.export(function, platforms=["cpu"])(*leaves)
+    program = _compile_exported(exported_program.call, leaves)
     # Ignore a full, deleted or protected folder: the next process compiles again.
     with suppress(OSError, BadInput), write_atomically(file) as temporary:
-        body = bytes(exported.serialize())
+        body = bytes(exported_program.serialize())
         temporary.write_bytes(hashlib.sha256(body).digest() + body)
     return program
 

@@ -26,9 +26,9 @@ def keep_compiled(folder: str | Path | None = None) -> Path | None:
     Raises:
         BadInput: if a given folder is not writable.
     """
-    configured = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
-    if configured:
-        return Path(configured)
+    configured_folder = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
+    if configured_folder:
+        return Path(configured_folder)
     chosen_folder, place = folder, ""
     if folder is None:
         chosen_folder, place = os.environ.get("PAMJAX_CACHE_DIR"), "PAMJAX_CACHE_DIR"

@@ -169,12 +169,12 @@ class CommandResult:
             f"{self.by_given * force_scale / given_scale:+.4g} {unit} per {given_unit} of {given_name}",
         ]
         if self.unexplained_force:
-            command_error, unexplained = (
+            error_text, unexplained_text = (
                 format_quantity(abs(self.by_force) * self.unexplained_force, unit, 2),
                 format_quantity(self.unexplained_force, "N", 2),
             )
             lines.append(
-                f"the ± includes {command_error} for a force error of {unexplained} beyond noise"
+                f"the ± includes {error_text} for a force error of {unexplained_text} beyond noise"
                 " on held-out blocks"
             )
         return lines
@@ -240,9 +240,9 @@ def solve_command(
         draws: posterior draws, used instead of the covariance.
         calibrated_range: lowest and highest calibrated "pressure" and "length", SI.
     """
-    quantity, given = ("pressure", length) if length is not None else ("length", pressure)
-    assert given is not None
-    command = (inverse.pressure if length is not None else inverse.length)(force, given)
+    quantity, given_value = ("pressure", length) if length is not None else ("length", pressure)
+    assert given_value is not None
+    command = (inverse.pressure if length is not None else inverse.length)(force, given_value)
     value, by_force, by_given, stiffness = (
         float(np.asarray(x)[0])
         for x in (command.value, command.by_force, command.by_given, command.stiffness)
@@ -252,7 +252,7 @@ def solve_command(
     )
     # A value that is only the rounding error of the root is zero.
     value = value if abs(value) > ZERO_SHARE * value_range[1] else 0.0
-    p, l = (value, given) if length is not None else (given, value)
+    p, l = (value, given_value) if length is not None else (given_value, value)
     spread = draws.compute_spread(inverse, force, length=length, pressure=pressure) if draws else None
     reached_force = float(inverse.force(p, l)[0][0])
     reached_force = reached_force if abs(reached_force) > ZERO_SHARE * abs(force) else 0.0
@@ -270,7 +270,7 @@ def solve_command(
         value,
         sd,
         force,
-        given,
+        given_value,
         by_force,
         by_given,
         stiffness,

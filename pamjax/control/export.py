@@ -185,9 +185,9 @@ def _build_table(inverse: Inverse, degree: int) -> dict[str, np.ndarray]:
         )
     )
     square = degree + 1, degree + 1
-    restricted = _restrict_pressures(inverse)
+    restricted_inverse = _restrict_pressures(inverse)
     table = {
-        "pressures": np.array(inverse.pressures), "holding": np.array(restricted.pressures),
+        "pressures": np.array(inverse.pressures), "holding": np.array(restricted_inverse.pressures),
         "lengths": np.array(inverse.lengths),
     }  # fmt: skip
     table |= {
@@ -196,20 +196,20 @@ def _build_table(inverse: Inverse, degree: int) -> dict[str, np.ndarray]:
     }
     inverses: list[tuple[str, Callable, tuple[float, float], tuple[float, float]]] = [
         ("pressure", inverse.pressure, inverse.lengths, inverse.pressures),
-        ("length", restricted.length, restricted.pressures, inverse.lengths),
+        ("length", restricted_inverse.length, restricted_inverse.pressures, inverse.lengths),
     ]
     for name, solve, given_range, value_range in inverses:
-        given = _map_to_range(x, given_range)
+        given_values = _map_to_range(x, given_range)
         end_forces = [
-            inverse.force(e, given)[0] if name == "pressure" else inverse.force(given, e)[0]
+            inverse.force(e, given_values)[0] if name == "pressure" else inverse.force(given_values, e)[0]
             for e in value_range
         ]
         for end, values in zip(("least", "most"), end_forces, strict=True):
             table[f"{name}_{end}"] = chebfit(x, values, degree)
         forces = end_forces[0] + (x[:, None] + 1) / 2 * (end_forces[1] - end_forces[0])
-        given_grid = np.broadcast_to(given, square)
-        solved = np.asarray(solve(forces.ravel(), given_grid.ravel()).value)
-        table[name] = _fit_chebyshev(solved.reshape(square), degree)
+        given_grid = np.broadcast_to(given_values, square)
+        solution = np.asarray(solve(forces.ravel(), given_grid.ravel()).value)
+        table[name] = _fit_chebyshev(solution.reshape(square), degree)
     return table
 
 
@@ -228,7 +228,9 @@ def _measure_errors(
         2 * (p - inverse.pressures[0]) / np.ptp(inverse.pressures) - 1, _restrict_pressures(inverse).pressures
     )
     pairs["length"] = controller.length(inverse.force(restricted_pressures, l)[0], restricted_pressures)[0], l
-    errors = {name: float(np.max(np.abs(got - expected))) for name, (got, expected) in pairs.items()}
+    errors = {
+        name: float(np.max(np.abs(computed - expected))) for name, (computed, expected) in pairs.items()
+    }
     return errors, {name: errors[name] / float(np.ptp(pairs[name][1])) for name in CHECKED_OUTPUTS}
 
 

@@ -82,11 +82,13 @@ class PosteriorDraws:
         """
         model_key = self.mean_muscle.law, self.mean_muscle.mechanisms, length is not None
         numbers = dict(self.mean_muscle.numbers)
-        given = length if length is not None else pressure
+        given_value = length if length is not None else pressure
         ranges = jnp.array(inverse.pressures), jnp.array(inverse.lengths)
         value, status = (
             np.asarray(x)
-            for x in _compute_draw_commands(model_key, numbers, dict(self.samples), ranges, force, given)
+            for x in _compute_draw_commands(
+                model_key, numbers, dict(self.samples), ranges, force, given_value
+            )
         )
         feasible = value[status == CommandLimit.OK]
         if feasible.size < 2:

@@ -34,7 +34,7 @@ def diagnose_all(
     Yields:
         each case with its diagnosis, or with the error of a bad input.
     """
-    done = 0
+    finished_count = 0
 
     def diagnose_case(case: Case, report_progress: Progress) -> Diagnosis | BadInput:
         try:
@@ -47,9 +47,11 @@ def diagnose_all(
         for case in cases:
             yield (
                 case,
-                diagnose_case(case, lambda step, share, n=done: progress(step, (n + share) / len(cases))),
+                diagnose_case(
+                    case, lambda step, share, n=finished_count: progress(step, (n + share) / len(cases))
+                ),
             )
-            done += 1
+            finished_count += 1
         return
     pool = ThreadPoolExecutor(workers)
     try:
@@ -58,8 +60,8 @@ def diagnose_all(
         }
         progress(f"{len(cases)} recordings", 0.0)
         for future in as_completed(cases_by_future):
-            done += 1
-            progress(f"{done} of {len(cases)}", done / len(cases))
+            finished_count += 1
+            progress(f"{finished_count} of {len(cases)}", finished_count / len(cases))
             yield cases_by_future[future], future.result()
     finally:
         # After an interruption do not wait for the other recordings.

@@ -142,14 +142,14 @@ class Diagnosis:
         )
 
     @property
-    def detected(self) -> bool:
+    def is_detected(self) -> bool:
         """Whether the misfit of the baseline is significant."""
         return bool(self.mismatch.p_value < self.settings.detection_p_value)
 
     @property
     def is_faint(self) -> bool:
         """Whether the misfit is significant, but too small to identify a mechanism or to be unexplained."""
-        return self.detected and not self.named_mechanisms and not self.unexplained
+        return self.is_detected and not self.named_mechanisms and not self.unexplained
 
     def as_dict(self) -> dict[str, Any]:
         """Return the result as `pamjax.diagnosis/1`, the content of diagnosis.json."""
@@ -166,9 +166,9 @@ class Diagnosis:
             },
             "noise": _serialise_noise(self),
             "mismatch": {
-                "detected": self.detected,
+                "detected": self.is_detected,
                 "p_value": self.mismatch.p_value,
-                "where": [_serialise_box(b) for b in self.mismatch_boxes] if self.detected else [],
+                "where": [_serialise_box(b) for b in self.mismatch_boxes] if self.is_detected else [],
             },
             "missing_physics": [
                 _serialise_mechanism(self, mechanism) for mechanism in self.established_mechanisms
@@ -307,15 +307,15 @@ def _serialise_box(box: Box) -> dict[str, Any]:
     }
 
 
-def _serialise_mechanism(diagnosis: Diagnosis, named: NamedMechanism) -> dict[str, Any]:
-    about = find_mechanism(named.id).about
+def _serialise_mechanism(diagnosis: Diagnosis, mechanism: NamedMechanism) -> dict[str, Any]:
+    about = find_mechanism(mechanism.id).about
     return {
-        "id": named.id,
+        "id": mechanism.id,
         "name": about.title,
-        "probability": named.probability,
-        "parameters": {n: _serialise_estimate(v) for n, v in diagnosis.parameters[named.id].items()},
-        "form_error": named.form_error,
-        "indistinguishable_from": list(named.indistinguishable),
+        "probability": mechanism.probability,
+        "parameters": {n: _serialise_estimate(v) for n, v in diagnosis.parameters[mechanism.id].items()},
+        "form_error": mechanism.form_error,
+        "indistinguishable_from": list(mechanism.indistinguishable),
         "says": about.signature,
     }
 
@@ -345,7 +345,7 @@ def _format_lines(diagnosis: Diagnosis) -> list[str]:
     case, gain = diagnosis.problem.case, diagnosis.gain
     lines = [f"{case.name}: {case.entry.name}, {diagnosis.problem.law} baseline"]
     p = diagnosis.mismatch.p_value
-    if not diagnosis.detected:
+    if not diagnosis.is_detected:
         lines.append(f"  no systematic misfit detected (p = {p:.2g})")
     else:
         lines.append(f"  systematic misfit of the baseline (p {'< 1e-12' if p < 1e-12 else f'= {p:.1g}'})")

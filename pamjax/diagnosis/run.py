@@ -159,24 +159,24 @@ def _choose_stepwise(
     """Choose mechanisms one after the other, and test them on held-out blocks."""
     training_fit = fit_candidate(problem, ~held_out_rows, (), problem.neutral)
     mismatch = _test_baseline(problem, training_fit, seed)
-    detected = mismatch.p_value < problem.settings.detection_p_value
+    is_detected = mismatch.p_value < problem.settings.detection_p_value
     selection = (
         select_mechanisms(problem, ~held_out_rows, training_fit, progress)
-        if detected
+        if is_detected
         else Selection(training_fit, training_fit, ())
     )
     progress("testing", 0.85)
     residual_test = _test_residual(problem, selection, mismatch, seed)
-    unexplained = detected and is_residual_significant(mismatch, residual_test, problem.settings)
-    if unexplained and selection.fit_before_small_effects is not None:
+    is_unexplained = is_detected and is_residual_significant(mismatch, residual_test, problem.settings)
+    if is_unexplained and selection.fit_before_small_effects is not None:
         # Small effects are reported only if nothing is unexplained: otherwise they can absorb that part.
         selection = drop_small_effects(problem, selection)
         residual_test = _test_residual(problem, selection, mismatch, seed)
-        unexplained = is_residual_significant(mismatch, residual_test, problem.settings)
+        is_unexplained = is_residual_significant(mismatch, residual_test, problem.settings)
     selection_before = selection
     if selection.named_mechanisms:
         # Mechanisms can absorb physics outside the library, so that the residual is no longer significant.
-        validated = cross_validate_selection(
+        validated_selection = cross_validate_selection(
             problem,
             blocks_of_case,
             ~held_out_rows,
@@ -185,11 +185,14 @@ def _choose_stepwise(
         )
         residual_test = (
             residual_test
-            if validated.model is selection.model
-            else _test_residual(problem, validated, mismatch, seed)
+            if validated_selection.model is selection.model
+            else _test_residual(problem, validated_selection, mismatch, seed)
         )
-        selection, unexplained = validated, is_residual_significant(mismatch, residual_test, problem.settings)
-    if selection.named_mechanisms and unexplained:
+        selection, is_unexplained = (
+            validated_selection,
+            is_residual_significant(mismatch, residual_test, problem.settings),
+        )
+    if selection.named_mechanisms and is_unexplained:
         selection = reduce_certainty(selection, problem.settings)
     all_rows = np.ones(problem.n, dtype=bool)
     baseline = fit_candidate(problem, all_rows, (), selection.baseline.estimate.values)
@@ -201,13 +204,13 @@ def _choose_stepwise(
         selection=selection,
         mismatch=mismatch,
         residual_test=residual_test,
-        unexplained=unexplained,
-        unexplained_probability=float(unexplained),
+        unexplained=is_unexplained,
+        unexplained_probability=float(is_unexplained),
         likenesses=(),
         training_fit=_fit_selection(problem, selection, ~held_out_rows),
         baseline=baseline,
         model=model,
-        notes=format_dropped_mechanisms(selection_before, selection) if unexplained else [],
+        notes=format_dropped_mechanisms(selection_before, selection) if is_unexplained else [],
     )
 
 
@@ -217,10 +220,10 @@ def _choose_by_evidence(
     """Choose the set of mechanisms with the largest evidence; form errors are part of each model."""
     training_fit = fit_baseline(problem, ~held_out_rows, problem.neutral)
     mismatch = _test_baseline(problem, training_fit, seed)
-    detected = mismatch.p_value < problem.settings.detection_p_value
+    is_detected = mismatch.p_value < problem.settings.detection_p_value
     selection, unexplained_probability, likenesses = (
         select_by_evidence(problem, blocks_of_case, ~held_out_rows, training_fit, progress)
-        if detected
+        if is_detected
         else (Selection(training_fit, training_fit, ()), 0.0, ())
     )
     progress("testing", 0.85)

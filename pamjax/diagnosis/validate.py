@@ -93,10 +93,10 @@ class Validation:
         count = f"{len(good)} of {len(self.blocks)} blocks"
         head = f"  {count} are predicted to {MAX_RMSE_NOISE_RATIO} times the noise"
         lines.append(head + (f": {', '.join(good)}" if good else ""))
-        missed = [
+        missed_blocks = [
             f"{block.name} ({block.worst_misfit})" for block in self.blocks if not self.fits_block(block)
         ]
-        lines += [f"  larger errors: {', '.join(missed)}"] if missed else []
+        lines += [f"  larger errors: {', '.join(missed_blocks)}"] if missed_blocks else []
         if self.failed_rows:
             lines.append(f"  no solution in {format_count(self.failed_rows, 'row')}")
         return "\n".join(lines + [f"  {sentence}" for sentence in self.extrapolations])
@@ -150,16 +150,20 @@ def validate_model(model: LoadedMuscle, case: Case, training_checksums: Collecti
     ]
     recording_blocks, misfit, noise = find_blocks(recording), {}, {}
     for channel, sd in zip(CHANNELS, estimate_starting_sd(case), strict=True):
-        compared_rows, predicted = (
+        compared_rows, prediction = (
             find_informative_samples(case, channel),
             np.asarray(getattr(reading, channel)),
         )
         if compared_rows.any():
-            difference = getattr(recording, channel) - predicted
-            carried = [np.asarray(getattr(other, channel)) - predicted for other in perturbed_readings]
+            difference = getattr(recording, channel) - prediction
+            input_noise_changes = [
+                np.asarray(getattr(other, channel)) - prediction for other in perturbed_readings
+            ]
             misfit[channel] = np.where(compared_rows, difference, np.nan)
-            noise[channel] = np.where(compared_rows, np.sqrt(sd**2 + sum(x**2 for x in carried)), np.nan)
-    failed = good & (np.asarray(reading.status) != Status.OK)
+            noise[channel] = np.where(
+                compared_rows, np.sqrt(sd**2 + sum(x**2 for x in input_noise_changes)), np.nan
+            )
+    is_failed = good & (np.asarray(reading.status) != Status.OK)
     return Validation(
         case=case.name,
         rmse={c: _compute_rms(v) for c, v in misfit.items()},
@@ -171,7 +175,7 @@ def validate_model(model: LoadedMuscle, case: Case, training_checksums: Collecti
             )
             for k, name in enumerate(recording_blocks.names)
         ),
-        failed_rows=int(np.count_nonzero(failed)),
+        failed_rows=int(np.count_nonzero(is_failed)),
         extrapolations=tuple(_describe_extrapolation(model.calibrated_range, pressure[good], length[good])),
         is_training_recording=case.checksum in training_checksums
         or (bool(model.calibrated_range) and case.checksum == model.checksum),
@@ -197,12 +201,12 @@ def _compute_rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.nanmean(values**2)))
 
 
-def _describe_extrapolation(calibrated: dict[str, tuple[float, float]], pressure, length) -> list[str]:
+def _describe_extrapolation(calibrated_range: dict[str, tuple[float, float]], pressure, length) -> list[str]:
     sentences = []
     for name, values, unit, per in (("pressure", pressure, "kPa", 1e-3), ("length", length, "mm", 1e3)):
-        if name not in calibrated or not values.size:
+        if name not in calibrated_range or not values.size:
             continue
-        low, high = calibrated[name]
+        low, high = calibrated_range[name]
         distance = max(low - values.min(), values.max() - high)
         if distance > 0.01 * max(high - low, 1e-12):
             sentences.append(f"{name} is up to {distance * per:.3g} {unit} outside the calibrated range")

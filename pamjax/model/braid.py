@@ -9,7 +9,7 @@ circumference, so sin θ = L / B.
     R   mid-thread radius                  m
     P   gauge pressure                     Pa
 
-What it leaves out: the taper of the ends; the thickness of thread and wall.
+Neglects: the taper of the ends; the thickness of thread and wall.
 
 Source: Chambers & Wereley, Actuators 2022, 11, 219, Eqs. 1, 8, 9 and 12; Gaylord, US patent 2,844,126.
 """

@@ -4,7 +4,7 @@ A recording is a sequence of samples with gaps where the rig was moved. Memory c
 a restart is stated. A rate is never computed across a gap. Before the first sample the muscle is assumed to
 rest in the state of that sample or, if stated, to have performed the same recording once.
 
-What it leaves out: corners of strokes with five samples or fewer, across which the rate is computed.
+Neglects: corners of strokes with five samples or fewer, across which the rate is computed.
 """
 
 from __future__ import annotations
@@ -60,9 +60,9 @@ class History(eqx.Module):
 
     def rate(self, values: Float[Array, " n"]) -> Float[Array, " n"]:
         """Return the rate of change of a quantity, 1/s; zero in a static map."""
-        n, padded = values.shape[0], _compute_once(jnp.pad(values, RATE_HALF_WIDTH))
+        n, padded_values = values.shape[0], _compute_once(jnp.pad(values, RATE_HALF_WIDTH))
         return sum(
-            (self.rate_weights[:, k] * padded[k : k + n] for k in range(2 * RATE_HALF_WIDTH + 1)),
+            (self.rate_weights[:, k] * padded_values[k : k + n] for k in range(2 * RATE_HALF_WIDTH + 1)),
             jnp.zeros(n),
         )
 
@@ -191,11 +191,11 @@ def _compute_rate_weights(
     # At a corner the residual of a line exceeds the noise. The sample belongs to its straight side, and the
     # other side is curved. A sample at the corner itself belongs to neither side, because the motion stops.
     side = 1 + np.argmin(misfit[1:], axis=0)
-    straight, curved = misfit[1:].min(axis=0), misfit[1:].max(axis=0)
+    straight_misfit, curved_misfit = misfit[1:].min(axis=0), misfit[1:].max(axis=0)
     corner = (
         (misfit[0] > CORNER_RATIO)
-        & (straight < misfit[0] / 2)
-        & (curved > np.maximum(BEND_RATIO, 2 * straight))
+        & (straight_misfit < misfit[0] / 2)
+        & (curved_misfit > np.maximum(BEND_RATIO, 2 * straight_misfit))
     )
     return np.where(corner[:, None], np.where((side == 1)[:, None], lines[1], lines[2]), two_sided)
 
@@ -260,10 +260,12 @@ def _line_residual_rms(clock, neighbour_values, neighbours, weights, in_line) ->
 
 def _slope_weights(clock: np.ndarray, neighbours: np.ndarray, same_run: np.ndarray) -> np.ndarray:
     count = same_run.sum(axis=1, keepdims=True)
-    centred = np.where(same_run, clock[neighbours], 0.0)
-    centred = np.where(same_run, centred - centred.sum(axis=1, keepdims=True) / np.maximum(count, 1), 0.0)
-    spread = (centred**2).sum(axis=1, keepdims=True)
-    return np.where(spread > 0, centred / np.where(spread > 0, spread, 1.0), 0.0)
+    centred_time = np.where(same_run, clock[neighbours], 0.0)
+    centred_time = np.where(
+        same_run, centred_time - centred_time.sum(axis=1, keepdims=True) / np.maximum(count, 1), 0.0
+    )
+    sum_of_squares = (centred_time**2).sum(axis=1, keepdims=True)
+    return np.where(sum_of_squares > 0, centred_time / np.where(sum_of_squares > 0, sum_of_squares, 1.0), 0.0)
 
 
 def _pad_rows(values: np.ndarray, size: int, fill) -> np.ndarray:

@@ -45,7 +45,7 @@ class Description:
         title: name, as "friction between braid threads".
         equation: plain text for a terminal.
         signature: its effect on force and diameter.
-        leaves_out: effects that it neglects.
+        neglects: effects that are not part of it.
         confusable: ids of mechanisms with similar effects.
         experiment: how to distinguish it from them.
         source: paper and equation, or its derivation.
@@ -54,7 +54,7 @@ class Description:
     title: str
     equation: str
     signature: str
-    leaves_out: str
+    neglects: str
     confusable: tuple[str, ...]
     experiment: str
     source: str

@@ -62,7 +62,7 @@ class Muscle(eqx.Module):
         geometry: geometry of the braid.
         terms: other stored energies.
 
-    What it leaves out: memory (friction, relaxation, slip) and the bench.
+    Neglects: memory (friction, relaxation, slip) and the bench.
 
     >>> from pamjax.model.thread import LinearThread
     >>> muscle = Muscle(0.235744, 0.251206, 1.09, LinearThread(144 * 0.0858e-6 * 80e9))
@@ -131,8 +131,8 @@ class Muscle(eqx.Module):
 
         root = solve_strain(residual, start, thread.newton_steps + 4 * bool(self.terms))
         scale = jnp.maximum(unstrained_pull, PULL_SCALE_STRAIN * thread.stiffness)
-        solved = jnp.abs(residual(root)) <= PULL_TOLERANCE * scale
-        status = jnp.where(solved | ~is_pulled, int(Status.OK), int(Status.NOT_CONVERGED))
+        is_solved = jnp.abs(residual(root)) <= PULL_TOLERANCE * scale
+        status = jnp.where(is_solved | ~is_pulled, int(Status.OK), int(Status.NOT_CONVERGED))
         return jnp.where(is_pulled, root, 0.0), jnp.where(stable, status, int(Status.UNSTABLE))
 
     def __call__(self, pressure: Scalar, length: Scalar) -> MuscleReading:

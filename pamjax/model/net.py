@@ -29,7 +29,7 @@ stationary in σ, so that −dV/dλ = f, and force and volume are consistent. On
 rest, the force differs by less than 0.05 N from a net of rings. It is not valid for k < 3 (length over
 diameter below tan²θ).
 
-What it leaves out: friction of the crossings, and threads clamped at an angle.
+Neglects: friction of the crossings, and threads clamped at an angle.
 Source: the first integral is that of a hydrostatic pantograph net. The rest is derived here, and compared
 with the maximum volume of a net of rings.
 """

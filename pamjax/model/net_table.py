@@ -9,7 +9,7 @@ so that a polynomial approximates it. It is computed once for each set of parame
 respect to all of them. The force is the derivative of the volume's polynomial, so that both are exactly
 consistent.
 
-What it leaves out: muscles stretched or contracted beyond the range of the polynomial, and threads that are a
+Neglects: muscles stretched or contracted beyond the range of the polynomial, and threads that are a
 third longer than at rest. There the muscle becomes a cylinder minus a constant volume.
 """
 
@@ -236,10 +236,8 @@ def _fit_coefficients(net_parameters: Float[Array, " 2"]) -> Float[Array, "3 j i
     def compute_difference(x, y):
         """Return the difference in units in which the thread length is ν, so that radii are ρ."""
         sine = jnp.sqrt(1 - x**2)
-        solved = solve_net(nu * sine, nu, nu / (2 * jnp.pi), edge * y)
-        return jnp.stack(
-            [solved.volume / (jnp.pi * nu) - x**2 * sine, solved.mean_radius - x, solved.mid_radius - x]
-        )
+        net = solve_net(nu * sine, nu, nu / (2 * jnp.pi), edge * y)
+        return jnp.stack([net.volume / (jnp.pi * nu) - x**2 * sine, net.mean_radius - x, net.mid_radius - x])
 
     values = jax.vmap(lambda x: jax.vmap(lambda y: compute_difference(x, y))(y))(x)
     in_x, in_y = (

@@ -51,7 +51,7 @@ class AbstractTerm(eqx.Module):
 class Cylinder(AbstractGeometry):
     """A cylinder from fitting to fitting.
 
-    What it leaves out: the taper of the ends.
+    Neglects: the taper of the ends.
     """
 
     def __call__(self, length: Scalar, thread: Scalar, turns: Scalar) -> State:

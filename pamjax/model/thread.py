@@ -83,8 +83,8 @@ class AbstractThread(eqx.Module):
 class Inextensible(eqx.Module):
     """Threads of constant length: the inelastic braid assumption.
 
-    The strain is zero at every load. This law has no load curve, and so is no `AbstractThread`. What it
-    leaves out: stretch.
+    The strain is zero at every load. This law has no load curve, and so is no `AbstractThread`. Neglects:
+    stretch.
     """
 
     def energy(self, strain: Scalar) -> Array:
@@ -95,7 +95,7 @@ class Inextensible(eqx.Module):
 class LinearThread(AbstractThread):
     """Linear threads: load = S ε.
 
-    What it leaves out: crimp, slip, creep.
+    Neglects: crimp, slip, creep.
     """
 
     stiffness: Scalar = _declare_stiffness()
@@ -125,7 +125,7 @@ class SmoothToe(AbstractThread):
     0.08 w S, but it needs an exponential and a logarithm in every Newton step. With a hyperbola the balance
     without other terms is a quadratic equation, and one Newton step is enough.
 
-    What it leaves out: a toe whose own slope changes much (use `RecruitmentToe`). The rounding decreases
+    Neglects: a toe whose own slope changes much (use `RecruitmentToe`). The rounding decreases
     with the square of the distance from the corner, so that a large width changes the slope at zero strain.
     """
 
@@ -189,7 +189,7 @@ class ExponentialToe(AbstractThread):
         c  crimp       1   strain at which the toe ends
         k  curvature   1   relative change of slope for a unit strain in the toe
 
-    What it leaves out: a smooth curvature; the slope is continuous, but the second derivative jumps at c.
+    Neglects: a smooth curvature; the slope is continuous, but the second derivative jumps at c.
     """
 
     newton_steps: ClassVar[int] = 3
@@ -238,7 +238,7 @@ class RecruitmentToe(AbstractThread):
         μ  crimp       1   mean slack of the filaments
         s  spread      1   standard deviation of their slack
 
-    All derivatives exist. What it leaves out: friction between filaments.
+    All derivatives exist. Neglects: friction between filaments.
     """
 
     newton_steps: ClassVar[int] = 5

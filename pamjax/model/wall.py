@@ -15,7 +15,7 @@ tube, for walls up to a seventh of the outer radius. With the outer radius the e
 Three mechanisms need the dimensions of the wall. They are declared once, here, and have the same names in
 each mechanism.
 
-What it leaves out: the thickness of the threads, folds, slip in the fittings, and the tube's own ends.
+Neglects: the thickness of the threads, folds, slip in the fittings, and the tube's own ends.
 Source: incompressibility; the mid-surface form was compared with a thick tube.
 """
 

@@ -90,13 +90,15 @@ class Discrimination:
         }
 
     def __str__(self) -> str:
-        wanted, alarm = DEFAULT_SETTINGS.sufficient_power, DEFAULT_SETTINGS.false_alarm_rate
+        wanted_power, alarm = DEFAULT_SETTINGS.sufficient_power, DEFAULT_SETTINGS.false_alarm_rate
         condition = "if one of them is present nevertheless" if self.neither_explains else "next experiment"
         lines = [
             f"{self.case.name}: {self.verdict}",
             f"  {condition}: {self.chosen_experiment.protocol}",
             f"  power {self.chosen_experiment.power:.2f} at a false-alarm rate of {alarm:.0%}"
-            + ("" if self.chosen_experiment.power >= wanted else f", below the wanted {wanted:g}"),
+            + (
+                "" if self.chosen_experiment.power >= wanted_power else f", below the wanted {wanted_power:g}"
+            ),
             "",
         ]
         return "\n".join(

@@ -14,7 +14,7 @@ Samples are equilibria of the muscle without rubber, tapered ends and mechanisms
 
 If muscle.toml states one error for each set length, each length of the runs has one error parameter, common
 to all runs at this length. All strokes share another one, as in a fit. The length errors of an existing
-recording are separate parameters, and they are marginalised. What it leaves out: a length that is set again
+recording are separate parameters, and they are marginalised. Neglects: a length that is set again
 at the same place does not profit from the recording.
 """
 
@@ -321,7 +321,8 @@ def _has_channel(name: str, channels: set[str]) -> bool:
 def _update_with_recording(prior_information: PriorInformation, case: Case) -> PriorInformation:
     """Return the information after a recording, at the estimate of a fit to it.
 
-    As in a fit, a misfit increases the noise, and autocorrelation reduces the number of samples.
+    A misfit increases the noise, and autocorrelation reduces the number of samples. A fit does the same for
+    a static table; in a time series it whitens the residuals instead, with the noise of neighbouring samples.
     """
     muscle_count = len(prior_information.muscle_indices)
     shared_parameters = [n for n in prior_information.free_parameters if not is_length_error(n.name)]
@@ -339,13 +340,13 @@ def _update_with_recording(prior_information: PriorInformation, case: Case) -> P
     fitted_values = np.asarray(fitted_space.to_values(solution.u))
     values = np.concatenate([fitted_values[:muscle_count], prior_information.mean[muscle_count:]])
     # Use the length errors of the recording instead of those of the planned runs.
-    recorded = _build_from_priors(
+    recorded_information = _build_from_priors(
         prior_information.entry,
         prior_information.capabilities,
         prior_information.law,
         [*shared_parameters, *errors],
     )
-    label, matrix = np.zeros(case.recording.n, dtype=int), recorded.matrix
+    label, matrix = np.zeros(case.recording.n, dtype=int), recorded_information.matrix
     for channel, channel_noise in noise.items():
         # Without a stated noise, use the larger of the residual and the default.
         default_sd = getattr(prior_information.capabilities, channel) or getattr(RigCapabilities, channel)
@@ -353,7 +354,7 @@ def _update_with_recording(prior_information: PriorInformation, case: Case) -> P
         channel_rig = replace(prior_information.capabilities, **{channel: sensor_sd}).keep_channel(channel)
         channel_rig = replace(channel_rig, ruler=0.0) if sd else channel_rig
         samples_per_independent = max(channel_noise.excess, 1.0) ** 2 * channel_noise.autocorrelation_time
-        channel_information = replace(recorded, capabilities=channel_rig)
+        channel_information = replace(recorded_information, capabilities=channel_rig)
         matrix = (
             matrix
             + channel_information.compute_information(case, label, 1, values, setting)[0]

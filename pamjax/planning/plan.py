@@ -165,11 +165,13 @@ def plan(
     check_minimum("seed", seed, 0)
     source = ensure_case_or_toml(muscle)
     case, entry = (source, source.entry) if isinstance(source, Case) else (None, source)
-    recorded = {"recorded": case.recording.channels, "highest": _find_highest_pressure(case)} if case else {}
+    limits_of_recording = (
+        {"recorded": case.recording.channels, "highest": _find_highest_pressure(case)} if case else {}
+    )
     capabilities = (
         rig
         if isinstance(rig, RigCapabilities)
-        else read_capabilities(entry, rig, **recorded, minutes=minutes)
+        else read_capabilities(entry, rig, **limits_of_recording, minutes=minutes)
     )
     prior = build_prior_information(entry, capabilities, law, case)
     goal = _resolve_goal(prior, goal)

@@ -67,8 +67,8 @@ def format_neglected(plan: Plan) -> str:
     independence = (
         "" if plan.prior.capabilities.correlation_time > 0 else "; samples are treated as independent"
     )
-    neglected = "rubber, friction and tapered ends are neglected, and their uncertainty is not included"
-    return neglected + independence
+    sentence = "rubber, friction and tapered ends are neglected, and their uncertainty is not included"
+    return sentence + independence
 
 
 def format_plan_sentence(plan: Plan) -> str:

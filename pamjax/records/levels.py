@@ -25,12 +25,12 @@ MIN_LEVEL_SHARE = 0.01
 MIN_STAY_SHARE = 0.5
 
 
-def find_levels(channel: np.ndarray, ordered: bool = False) -> np.ndarray:
+def find_levels(channel: np.ndarray, is_time_series: bool = False) -> np.ndarray:
     """Return the levels of a channel, ascending, SI; empty if it has none.
 
     Args:
         channel: (n,) SI, NaN where not measured.
-        ordered: whether the rows are a time series, so that a level must last several samples.
+        is_time_series: whether the rows are a time series, so that a level must last several samples.
 
     >>> find_levels(np.repeat([1.0, 3.0, 2.0], 50))
     array([1., 2., 3.])
@@ -54,7 +54,7 @@ def find_levels(channel: np.ndarray, ordered: bool = False) -> np.ndarray:
     max_width = min(
         MAX_WIDTH_TO_SPACING * np.diff(centres).min(initial=np.inf), MAX_LEVEL_WIDTH * (x[-1] - x[0])
     )
-    if max(widths) > max_width or (ordered and not _stays_on_levels(measured_values, centres)):
+    if max(widths) > max_width or (is_time_series and not _stays_on_levels(measured_values, centres)):
         return np.empty(0)
     return centres
 

@@ -172,8 +172,8 @@ class Recording:
 
     def blank_cells(self, cells: dict[str, np.ndarray], outliers: tuple[Outlier, ...]) -> Recording:
         """Return a copy in which the masked cells of each named column are not measured."""
-        blanked = {name: np.where(mask, np.nan, getattr(self, name)) for name, mask in cells.items()}
-        return replace(self, **blanked, outliers=self.outliers + outliers)
+        new_columns = {name: np.where(mask, np.nan, getattr(self, name)) for name, mask in cells.items()}
+        return replace(self, **new_columns, outliers=self.outliers + outliers)
 
     def to_frame(self) -> pd.DataFrame:
         """Return the recording as a table with headers "name [unit]", as in recording.csv."""

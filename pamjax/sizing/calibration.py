@@ -148,8 +148,10 @@ def _find_calibrated_material(
     )
 
 
-def _transfer_muscle(loaded: LoadedMuscle, file: str, where: str, sources: list[str]) -> dict[str, Any]:
-    muscle_toml, muscle = loaded.entry, loaded.muscle
+def _transfer_muscle(
+    loaded_muscle: LoadedMuscle, file: str, where: str, sources: list[str]
+) -> dict[str, Any]:
+    muscle_toml, muscle = loaded_muscle.entry, loaded_muscle.muscle
     area = (muscle_toml.threads or 0) * (muscle_toml.thread_area.value if muscle_toml.thread_area else 0.0)
     properties: dict[str, Any] = {}
     stiffness = _compute_thread_stiffness(muscle)
@@ -176,7 +178,7 @@ def _transfer_mechanisms(muscle: Bench, area: float, file: str, sources: list[st
     properties: dict[str, Any] = {}
     numbers: dict[str, float] = {}
     ids: list[str] = []
-    untransferred: list[str] = []
+    other_names: list[str] = []
     for mechanism in muscle.find_mechanisms(AbstractMechanism):
         if isinstance(mechanism, BladderElasticity):
             properties |= {"shear": float(mechanism.modulus), "mooney": float(mechanism.mooney)}
@@ -193,14 +195,14 @@ def _transfer_mechanisms(muscle: Bench, area: float, file: str, sources: list[st
             }
             sources.append(f"{mechanism.about.title} ({mechanism.id}) from {file}")
         elif not isinstance(mechanism, BraidElasticity):
-            untransferred.append(mechanism.id)
+            other_names.append(mechanism.id)
     if "thread_crimp.load" in numbers:
         numbers["thread_crimp.load"] /= max(area, 1e-12)
     if "end_taper.radius" in numbers:
         rest_radius = _estimate_rest_radius(muscle)
         numbers["end_taper.radius"] /= rest_radius
-    if untransferred:
-        sources.append(f"not transferred, specific to the rig or the specimen: {', '.join(untransferred)}")
+    if other_names:
+        sources.append(f"not transferred, specific to the rig or the specimen: {', '.join(other_names)}")
     return properties | {"ids": tuple(ids), "numbers": numbers}
 
 
@@ -216,9 +218,9 @@ def _compute_misfit_share(path: Path) -> float | None:
     misfit = read_unexplained_force(path)
     if misfit is None:
         return None
-    loaded = load_muscle(path)
-    max_pressure = loaded.calibrated_range.get("pressure", (0.0, 0.0))[1]
-    rest_length, (thread, turns) = loaded.entry.rest_length.value, loaded.entry.braid
+    loaded_muscle = load_muscle(path)
+    max_pressure = loaded_muscle.calibrated_range.get("pressure", (0.0, 0.0))[1]
+    rest_length, (thread, turns) = loaded_muscle.entry.rest_length.value, loaded_muscle.entry.braid
     blocked_force = max_pressure * (3 * rest_length**2 - thread**2) / (4 * math.pi * turns**2)
     return misfit / blocked_force if blocked_force > 0 else None
 

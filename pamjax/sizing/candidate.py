@@ -19,7 +19,7 @@ the rest length, as when the muscle lifts a load. Additional equations:
               rough; a safety factor allows for that
     air       [(p + pa) V1 − pa V0] / pa   at ambient pressure and temperature, V without the rubber
 
-Not included: fittings (mass, price), the ends of the bladder, fatigue, creep, temperature, speed.
+Neglects: fittings (mass, price), the ends of the bladder, fatigue, creep, temperature, speed.
 """
 
 from __future__ import annotations
@@ -192,8 +192,8 @@ def compute_outputs(
     radius = jnp.maximum(state.radius, 1e-9)
     spacing = 4 * jnp.pi * state.length * radius / (n * state.thread)
     (rubber,) = bench.find_mechanisms(BladderElasticity)
-    stretched = jax.vmap(lambda s: jnp.stack(wall.stretch(rubber, s)))(state)
-    mesh = pressure * (spacing - build.thread_diameter) / (BULGE_FACTOR * build.shear * t * stretched[:, 2])
+    stretches = jax.vmap(lambda s: jnp.stack(wall.stretch(rubber, s)))(state)
+    mesh = pressure * (spacing - build.thread_diameter) / (BULGE_FACTOR * build.shear * t * stretches[:, 2])
     pull = braid.hoop_pull(pressure, length, bench.thread_length, bench.turns)
     burst = pull / (n * build.thread_area * build.modulus)
     outer_diameter = 2 * radius + 2 * build.thread_diameter
@@ -205,7 +205,7 @@ def compute_outputs(
         tension / (build.thread_area * build.strength),
         spacing / build.thread_diameter,
         mesh,
-        (stretched[:, 1] - 1) / build.elongation,
+        (stretches[:, 1] - 1) / build.elongation,
         burst,
     )
 

@@ -32,10 +32,10 @@ class ParetoFront:
     choices: tuple[Choice, ...]
 
 
-def select_second_objective(objective: str, stated: str | None) -> str:
+def select_second_objective(objective: str, stated_objective: str | None) -> str:
     """Return the second objective: that of the spec, else mass, else diameter."""
-    if stated is not None and stated != objective:
-        return stated
+    if stated_objective is not None and stated_objective != objective:
+        return stated_objective
     return "mass" if objective != "mass" else "diameter"
 
 
@@ -95,10 +95,8 @@ def _search_under_cap(
 
 def _select_nondominated(first: str, second: str, points: list[tuple[float, float, Choice]]) -> ParetoFront:
     """Return the points that no other point dominates."""
-    nondominated: list[tuple[float, float, Choice]] = []
+    front: list[tuple[float, float, Choice]] = []
     for point in sorted(points, key=lambda p: (p[0], p[1])):
-        if not nondominated or point[1] < nondominated[-1][1] * (1 - 1e-6):
-            nondominated.append(point)
-    return ParetoFront(
-        first, second, np.array([p[:2] for p in nondominated]), tuple(p[2] for p in nondominated)
-    )
+        if not front or point[1] < front[-1][1] * (1 - 1e-6):
+            front.append(point)
+    return ParetoFront(first, second, np.array([p[:2] for p in front]), tuple(p[2] for p in front))

@@ -209,15 +209,15 @@ class SizingProblem:
                 self.to_coordinates(z), self.build, self.numbers, self.task.points, self.ids
             )
             slope = slope[:, self.free_indices] * (self.high - self.low)[self.free_indices]
-            unsolved = y[locate_output("unsolved")] > 0 or not (
+            is_unsolved = y[locate_output("unsolved")] > 0 or not (
                 np.all(np.isfinite(y)) and np.all(np.isfinite(slope))
             )
-            if unsolved:
+            if is_unsolved:
                 # A candidate without equilibrium violates every requirement, and has zero slopes.
                 y, slope = np.where(np.isfinite(y), y, 1e9), np.zeros_like(slope)
             objective_index = locate_output(OBJECTIVE_OUTPUTS[self.objective])
             objective = max(float(y[objective_index]), 1e-12)
-            margins = np.full(self.rows.size, UNSOLVED_MARGIN) if unsolved else self.compute_margins(y)
+            margins = np.full(self.rows.size, UNSOLVED_MARGIN) if is_unsolved else self.compute_margins(y)
             slopes = (self.sense * compute_margin_slope(y[self.rows], self.bounds, self.scale))[
                 :, None
             ] * slope[self.rows]

@@ -123,7 +123,7 @@ def _format_probability(design: Design) -> list[str]:
             f" {design.probability:.2f}"
         ]
     advice = "" if target else "; set `probability` in the spec to require a value"
-    required = f", required: {target:g}" if target else ""
+    required_text = f", required: {target:g}" if target else ""
     weakest_key = min(design.requirement_probabilities, key=lambda key: design.requirement_probabilities[key])
     description = next(
         requirement.description for requirement in design.task.requirements if requirement.key == weakest_key
@@ -134,8 +134,8 @@ def _format_probability(design: Design) -> list[str]:
         else f"; least probable: {description} ({design.requirement_probabilities[weakest_key]:.2f})"
     )
     return [
-        f"  all requirements hold with probability {design.probability:.2f} (independent draws{required})"
-        f"{weakest}{advice}"
+        f"  all requirements hold with probability {design.probability:.2f}"
+        f" (independent draws{required_text}){weakest}{advice}"
     ]
 
 

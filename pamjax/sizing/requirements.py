@@ -265,9 +265,9 @@ def _list_assumed_requirements(spec: Spec, point_count: int) -> list[Requirement
     safety, limits = spec.entries.safety, spec.entries.limits
 
     def require_safety(key: str, description: str, name: str) -> Requirement:
-        factor, stated = getattr(safety, key), key in safety.model_fields_set
+        factor, is_stated = getattr(safety, key), key in safety.model_fields_set
         text = f"safety factor at least {factor:g} {description}"
-        return _require_everywhere(key, text, name, point_count, 1 / factor, -1, stated, True)
+        return _require_everywhere(key, text, name, point_count, 1 / factor, -1, is_stated, True)
 
     slenderness = limits.slenderness
     return [

@@ -139,8 +139,8 @@ class Design:
         for start in range(0, pressure.size, batch_size):
             stop = start + batch_size
             p, c = pressure[start:stop], contraction[start:stop]
-            padded = [np.concatenate([x, np.full(batch_size - x.size, x[-1])]) for x in (c, p)]
-            points = OperatingPoints(padded[0], np.zeros(batch_size), np.zeros(batch_size), padded[1])
+            batch = [np.concatenate([x, np.full(batch_size - x.size, x[-1])]) for x in (c, p)]
+            points = OperatingPoints(batch[0], np.zeros(batch_size), np.zeros(batch_size), batch[1])
             problem = self.problem
             y = evaluate_many(
                 problem.to_coordinates(self.z)[None], problem.build, problem.numbers, points, problem.ids

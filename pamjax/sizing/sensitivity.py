@@ -75,10 +75,10 @@ def compute_property_sensitivities(problem: SizingProblem, optimum: SearchResult
     """Return the change of the objective, %, for a 1 % increase of each property, by label."""
 
     def lagrangian(field: str, factor: float) -> float:
-        changed = {field: getattr(problem.build, field) * factor}
+        changes = {field: getattr(problem.build, field) * factor}
         if field == "thread_diameter":
-            changed["thread_area"] = problem.build.thread_area * factor**2
-        value, _, margins, _ = problem.copy_with(build=problem.build._replace(**changed)).evaluate(optimum.z)
+            changes["thread_area"] = problem.build.thread_area * factor**2
+        value, _, margins, _ = problem.copy_with(build=problem.build._replace(**changes)).evaluate(optimum.z)
         return value - float(optimum.multipliers @ margins)
 
     sensitivities = {}

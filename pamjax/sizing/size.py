@@ -121,23 +121,25 @@ def _build_feasible_design(
     best, misses_probability = [result for result in results if result.optimum is not None], False
     if entries.probability:
         progress("probability", 0.0)
-        assured = _assure_probability(best[:MAX_ASSURED_CHOICES], transfer, spec, seed)
-        misses_probability, best = not assured, assured or best
-    chosen, optimum = best[0], best[0].optimum
+        assured_results = _assure_probability(best[:MAX_ASSURED_CHOICES], transfer, spec, seed)
+        misses_probability, best = not assured_results, assured_results or best
+    best_result, optimum = best[0], best[0].optimum
     assert optimum is not None
     z = optimum.z
-    draws = chance.draw_builds(chosen.problem, transfer, entries.tolerance, chance.REPORT_DRAWS, seed + 1)
+    draws = chance.draw_builds(
+        best_result.problem, transfer, entries.tolerance, chance.REPORT_DRAWS, seed + 1
+    )
     design = Design(
         spec,
         task,
         transfer,
         tuple(results),
-        chosen,
-        probability=chance.estimate_probability(chosen.problem, z, draws),
-        requirement_probabilities=chance.estimate_probabilities(chosen.problem, z, draws),
-        prices=tuple(sensitivity.compute_prices(chosen.problem, optimum)),
-        property_sensitivities=sensitivity.compute_property_sensitivities(chosen.problem, optimum),
-        active_limits=tuple(sensitivity.list_active_limits(chosen.problem, optimum)),
+        best_result,
+        probability=chance.estimate_probability(best_result.problem, z, draws),
+        requirement_probabilities=chance.estimate_probabilities(best_result.problem, z, draws),
+        prices=tuple(sensitivity.compute_prices(best_result.problem, optimum)),
+        property_sensitivities=sensitivity.compute_property_sensitivities(best_result.problem, optimum),
+        active_limits=tuple(sensitivity.list_active_limits(best_result.problem, optimum)),
         unsearched_count=unsearched_count,
         seed=seed,
         method=method,

@@ -170,9 +170,9 @@ def _select_threads(entries: SpecEntries, file: str) -> tuple[ThreadKind, ...]:
 
 
 def _build_own_thread(own_thread: OwnThread, shipped_thread: ThreadKind | None, file: str) -> ThreadKind:
-    stated = {key: getattr(own_thread, key) for key in ("modulus", "strength", "density", "diameters")}
+    stated_values = {key: getattr(own_thread, key) for key in ("modulus", "strength", "density", "diameters")}
     if shipped_thread is None:
-        missing = [key for key, value in stated.items() if value is None]
+        missing = [key for key, value in stated_values.items() if value is None]
         if missing:
             rule = f"your own thread ({own_thread.name!r}) needs modulus, strength, density and diameters"
             raise refuse(rule, f"no `{missing[0]}`", f"[[thread]] of {file}", "Add it.")
@@ -185,14 +185,14 @@ def _build_own_thread(own_thread: OwnThread, shipped_thread: ThreadKind | None, 
             0.7,
             (),
         )
-    changed: dict[str, Any] = {}
+    changes: dict[str, Any] = {}
     for key in ("modulus", "strength"):
-        if stated[key] is not None:
-            changed[key] = PropertyRange(stated[key], stated[key], stated[key])
+        if stated_values[key] is not None:
+            changes[key] = PropertyRange(stated_values[key], stated_values[key], stated_values[key])
     for key in ("density", "diameters", "fill", "price"):
         if getattr(own_thread, key) is not None:
-            changed[key] = getattr(own_thread, key)
-    return replace(shipped_thread, **changed)
+            changes[key] = getattr(own_thread, key)
+    return replace(shipped_thread, **changes)
 
 
 def _select_bladders(entries: SpecEntries, file: str) -> tuple[BladderKind, ...]:
@@ -222,15 +222,15 @@ def _build_own_bladder(
         shipped_bladder = BladderKind(
             own_bladder.name, "stated in the spec", PropertyRange(1, 1, 1), 0.0, 1.0, 5.0, (0.2e-3, 5e-3)
         )
-    changed: dict[str, Any] = {}
+    changes: dict[str, Any] = {}
     if own_bladder.modulus is not None:
-        changed["modulus"] = PropertyRange(
+        changes["modulus"] = PropertyRange(
             own_bladder.modulus / 3, own_bladder.modulus / 3, own_bladder.modulus / 3
         )
     for key in ("density", "elongation", "price"):
         if getattr(own_bladder, key) is not None:
-            changed[key] = getattr(own_bladder, key)
-    return replace(shipped_bladder, **changed)
+            changes[key] = getattr(own_bladder, key)
+    return replace(shipped_bladder, **changes)
 
 
 def format_force_place(demand: ForceDemand) -> str:

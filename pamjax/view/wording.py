@@ -45,9 +45,9 @@ def format_history(case: Case) -> str:
     return f"Before its first row the muscle is {history}; its memory {memory} gaps of the recording"
 
 
-def is_stated_noise(sd: float, stated: float) -> bool:
+def is_stated_noise(sd: float, stated_sd: float) -> bool:
     """Return whether the noise of a row equals the stated noise within `NOISE_TOLERANCE`."""
-    return abs(sd / stated - 1) < NOISE_TOLERANCE
+    return abs(sd / stated_sd - 1) < NOISE_TOLERANCE
 
 
 def format_noise(case: Case, channel: str, sd: float) -> str:
@@ -58,11 +58,11 @@ def format_noise(case: Case, channel: str, sd: float) -> str:
         channel: "force" or "diameter".
         sd: noise of one row, SI, with the noise of pressure and length propagated through the model.
     """
-    stated = getattr(case.entry.sensors, channel)
+    stated_sd = getattr(case.entry.sensors, channel)
     head = f"Noise of {channel} is {format_channel_value(sd, channel)} per row"
-    if stated is None or is_stated_noise(sd, stated):
+    if stated_sd is None or is_stated_noise(sd, stated_sd):
         return f"{head}, as stated in muscle.toml"
     return (
-        f"{head}. Stated in muscle.toml: {format_channel_value(stated, channel)};"
+        f"{head}. Stated in muscle.toml: {format_channel_value(stated_sd, channel)};"
         f" the difference is due to the noise of pressure and length"
     )

@@ -13,8 +13,10 @@ from pamjax.diagnosis.library.library_problem import build_library_problem
 def departure(only: str, share: float) -> float:
     """Return the rms difference between a concealed effect and its equation, relative to the effect."""
     made = [
-        inject_effects(1, np.random.default_rng(5), only=only, smallest=8.0, largest=8.0, form_error=one)
-        for one in (0.0, share)
+        inject_effects(
+            1, np.random.default_rng(5), only=only, smallest=8.0, largest=8.0, form_error=form_share
+        )
+        for form_share in (0.0, share)
     ]
     problem = build_library_problem(made[0].case)
     values = np.array([made[0].true_values[name] for name in problem.names])

@@ -64,8 +64,12 @@ def test_upper_limit_of_zero_in_two_hundred_is_one_and_a_half_percent():
 
 
 def test_correct_and_wrong_names_are_counted():
-    one = trial()
-    assert (one.effects_found, one.names_right, one.is_exact) == ((True, False), (True, False), False)
+    result = trial()
+    assert (result.effects_found, result.names_right, result.is_exact) == (
+        (True, False),
+        (True, False),
+        False,
+    )
 
 
 def test_substitute_counts_as_correct_only_if_it_is_indistinguishable():
@@ -122,8 +126,8 @@ def test_large_effects_are_counted_separately():
 
 
 def test_trial_is_unchanged_after_writing_and_reading():
-    one = made_up(TrialTask("all", "triple", 0.9, 3))
-    assert parse_trial(one.format_line()) == one
+    result = made_up(TrialTask("all", "triple", 0.9, 3))
+    assert parse_trial(result.format_line()) == result
 
 
 def test_interrupted_run_is_continued(tmp_path):

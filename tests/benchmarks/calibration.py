@@ -32,7 +32,7 @@ from pamjax.infer.posterior.sample import PILOT_STEPS, refine_gaussian
 from pamjax.infer.posterior.sampler import concatenate_chunks, run_sampler
 from tests.benchmarks.keep import arguments, keep
 from tests.benchmarks.together import JointEvaluator, JointSampler
-from tests.calibrated import Bench, believing_white
+from tests.calibrated import Bench, treat_noise_as_white
 
 DRAWS, BINS, CAUGHT = 99, 20, 0.01
 LEVELS = (0.5, 0.8, 0.9, 0.95)
@@ -47,7 +47,7 @@ def draw_posterior(
 ) -> tuple[np.ndarray, float, float]:
     """Return posterior draws of recording k, (DRAWS, p), and least ESS and largest split-R̂."""
     density, start = bench.recording(k)
-    density = believing_white(density) if white else density
+    density = treat_noise_as_white(density) if white else density
     ball = fit_laplace(density, start)
     if not white:
         density = temper_density(density, ball.centre, bench.fit)
@@ -93,7 +93,7 @@ def read_all(word: str, count: int, console: Console) -> tuple[tuple[str, ...], 
     for k in sorted(set(range(count)) - set(ledger.lines)):
         wanting.put(k)
     first = bench.recording(0)[0]
-    evaluator = JointEvaluator(believing_white(first) if white else first, CHAINS, POINTS)
+    evaluator = JointEvaluator(treat_noise_as_white(first) if white else first, CHAINS, POINTS)
     broken: list[Exception] = []
 
     def work(chain_index: int) -> None:

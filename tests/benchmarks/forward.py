@@ -101,13 +101,13 @@ def toe_residual(strain, pull):
 def by_optimistix(pressure, length):
     """Return the roots by a generic root finder under `vmap`, from the default start of a law."""
 
-    def one(p, l):
+    def solve_point(p, l):
         pull = braid.hoop_pull(p, l, B0, N)
         solver = optx.Newton(rtol=1e-9, atol=1e-12)
         solution = optx.root_find(toe_residual, solver, TOE.slack_strain + pull / S, args=pull, throw=False)
         return braid.gaylord_force(p, l, B0 * (1 + solution.value), N)
 
-    return jax.vmap(one)(pressure, length)
+    return jax.vmap(solve_point)(pressure, length)
 
 
 def by_brentq(pressure, length):

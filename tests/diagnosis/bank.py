@@ -161,14 +161,14 @@ def list_certain_errors(diagnosis: Diagnosis, injected: Iterable[str]) -> list[s
 
 def check_no_mismatch(diagnosis: Diagnosis) -> None:
     """Assert that a diagnosis reports nothing."""
-    assert not diagnosis.detected
+    assert not diagnosis.is_detected
     assert diagnosis.named_mechanisms == ()
     assert not diagnosis.unexplained
 
 
 def check_unexplained(diagnosis: Diagnosis) -> None:
     """Assert that a diagnosis reports an effect outside the library, and no mechanism as certain."""
-    assert diagnosis.detected
+    assert diagnosis.is_detected
     assert diagnosis.unexplained
     assert list_certain_errors(diagnosis, ()) == []
 
@@ -176,7 +176,7 @@ def check_unexplained(diagnosis: Diagnosis) -> None:
 def check_identified(diagnosis: Diagnosis, injected: Iterable[str]) -> None:
     """Assert that every injected mechanism is reported, that no error is certain, and nothing is left."""
     injected = tuple(injected)
-    assert diagnosis.detected
+    assert diagnosis.is_detected
     assert list_missing(diagnosis, injected) == []
     assert list_certain_errors(diagnosis, injected) == []
     assert not diagnosis.unexplained

@@ -40,9 +40,9 @@ def test_direction_counts_above_fifteen_percent(short, long, still, word):
 
 @pytest.mark.parametrize(("many", "out"), [(1, 0), (2, 0), (3, 1), (4, 1), (6, 1), (10, 2)])
 def test_complete_blocks_inside_the_range_are_held_out(many, out):
-    found = Blocks(np.repeat(np.arange(many), 7), tuple(f"b{k}" for k in range(many)), "isobars")
-    rows = select_held_out_rows(found)
-    labels = set(found.label[rows].tolist())
+    blocks = Blocks(np.repeat(np.arange(many), 7), tuple(f"b{k}" for k in range(many)), "isobars")
+    rows = select_held_out_rows(blocks)
+    labels = set(blocks.label[rows].tolist())
     assert len(labels) == out
     assert not labels & {0, many - 1}
     assert rows.sum() == 7 * out
@@ -52,8 +52,8 @@ def test_complete_blocks_inside_the_range_are_held_out(many, out):
 def test_padding_does_not_move_the_muscle_between_two_passes():
     """A program pads a recording with its last sample, and a settled muscle passes through the padding."""
     envelope = inject_effects(0, np.random.default_rng(5))
-    found, last = build_library_problem(envelope.case), envelope.case.recording.n - 1
-    rows = found.dataset.rows
+    problem, last = build_library_problem(envelope.case), envelope.case.recording.n - 1
+    rows = problem.dataset.rows
     assert rows.pressure.size > last + 1
     for values in (rows.pressure, rows.length):
         assert np.all(values[last:] == values[last])
@@ -85,22 +85,22 @@ def verdict(kind):
 
 @pytest.mark.slow
 def test_recording_without_an_effect_gives_no_name():
-    _, found = verdict("nothing")
-    assert not found.detected
-    assert found.named_mechanisms == ()
-    assert not found.unexplained
+    _, diagnosis = verdict("nothing")
+    assert not diagnosis.is_detected
+    assert diagnosis.named_mechanisms == ()
+    assert not diagnosis.unexplained
 
 
 @pytest.mark.slow
 def test_concealed_friction_is_named_and_its_loop_explained(tmp_path):
-    envelope, found = verdict("friction")
+    envelope, diagnosis = verdict("friction")
     assert envelope.effect_sizes[0] == pytest.approx(6.0, rel=0.2)
-    assert [name.id for name in found.named_mechanisms] == ["braid_friction"]
-    assert found.named_mechanisms[0].probability > 0.9
+    assert [name.id for name in diagnosis.named_mechanisms] == ["braid_friction"]
+    assert diagnosis.named_mechanisms[0].probability > 0.9
     noise = build_reference_setup().entry.sensors.force
-    assert found.gain.rmse_before["force"] > 3 * noise
-    assert found.gain.rmse_after["force"] < 1.4 * noise
-    save_diagnosis(found, tmp_path)
+    assert diagnosis.gain.rmse_before["force"] > 3 * noise
+    assert diagnosis.gain.rmse_after["force"] < 1.4 * noise
+    save_diagnosis(diagnosis, tmp_path)
     document = json.loads((tmp_path / "diagnosis.json").read_text())
     assert document["missing_physics"][0]["id"] == "braid_friction"
     rows = pd.read_csv(tmp_path / "prediction.csv")
@@ -115,17 +115,17 @@ def test_saved_improved_model_gives_the_same_prediction(tmp_path):
     from pamjax.diagnosis.validate import validate_model
     from pamjax.infer.fitting.load import load_muscle
 
-    envelope, found = verdict("friction")
-    save_diagnosis(found, tmp_path)
+    envelope, diagnosis = verdict("friction")
+    save_diagnosis(diagnosis, tmp_path)
     document = json.loads((tmp_path / "model.json").read_text())
     name = envelope.case.name
     toml = '[muscle]\nrest_length = "235.7 mm"\nthread_length = "251.2 mm"\nturns = 1.09\n'
     document["cases"][name]["muscle_toml"] = toml
     (tmp_path / "model.json").write_text(json.dumps(document))
     # Its probability is stated, as in the result.
-    said = found.parameters["braid_friction"]["coefficient"]
-    told = document["parameters"]["braid_friction.coefficient"]
-    assert (told["value"], told["sd"]) == pytest.approx((said.value, said.sd))
+    estimate = diagnosis.parameters["braid_friction"]["coefficient"]
+    saved_estimate = document["parameters"]["braid_friction.coefficient"]
+    assert (saved_estimate["value"], saved_estimate["sd"]) == pytest.approx((estimate.value, estimate.sd))
     place = document["correlation"]["names"].index("braid_friction.coefficient")
     assert document["correlation"]["matrix"][place][place] == 1.0
     judged = validate_model(load_muscle(tmp_path / "model.json"), envelope.case)

@@ -243,4 +243,4 @@ def test_a_result_keeps_its_settings_and_applies_them():
     problem: Any = diagnosis.problem
     problem.settings = DiagnosisSettings(established_probability=0.99, detection_p_value=1e-50)
     assert diagnosis.established_mechanisms == ()
-    assert not diagnosis.detected
+    assert not diagnosis.is_detected

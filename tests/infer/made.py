@@ -50,7 +50,7 @@ def entry(off=(0.0, 0.0, 0.0), sensors=SENSORS, baseline="elastic", **more):
     length, turns, modulus = (
         MeasuredValue(TRUE[n] + k * sd, sd) for (n, sd), k in zip(SD.items(), off, strict=True)
     )
-    said = {
+    entries = {
         "name": "made",
         "rest_length": MeasuredValue(TRUE["muscle.rest_length"]),
         "thread_length": length,
@@ -61,7 +61,7 @@ def entry(off=(0.0, 0.0, 0.0), sensors=SENSORS, baseline="elastic", **more):
         "sensors": sensors,
         "baseline": baseline,
     }
-    return MuscleToml(**said | more)
+    return MuscleToml(**entries | more)
 
 
 def made(
@@ -74,13 +74,13 @@ def made(
     lag_one=0.0,
     name="made",
     true=None,
-    **said,
+    **entries,
 ):
     """Return a simulated case.
 
     Args:
         off: see `entry`.
-        bench: true noise of the sensors; `said` is the stated noise.
+        bench: true noise of the sensors; `sensors` in `entries` is the stated noise.
         lag_one: lag-one correlation of the noise of force and diameter.
         true: true parameters that differ from `TRUE`.
     """
@@ -90,7 +90,7 @@ def made(
     recording = simulate(assemble(law, numbers), schedule, bench, seed=seed, correlation_time=time)
     for channel in {"force", "diameter"} - set(channels):
         recording = dataclasses.replace(recording, **{channel: np.full(recording.n, np.nan)})
-    return Case(name, Path("."), entry(off, **said), recording, "")
+    return Case(name, Path("."), entry(off, **entries), recording, "")
 
 
 def sds_off(fit, true=TRUE):

@@ -70,13 +70,13 @@ def all_slopes(way, muscle, pressure, length):
     """Return derivatives of force and diameter in both inputs and all parameters, at each instant."""
     numbers, rest = eqx.partition(muscle, eqx.is_array)
 
-    def one(p, l):
+    def solve_point(p, l):
         m, by_pressure, by_length = way(lambda of: shows((eqx.combine(of[0], rest), *of[1:])))(
             (numbers, p, l)
         )
         return by_pressure, by_length, *jax.tree.leaves(m)
 
-    return jax.vmap(one)(pressure, length)
+    return jax.vmap(solve_point)(pressure, length)
 
 
 slopes = eqx.filter_jit(partial(all_slopes, jax.jacfwd))

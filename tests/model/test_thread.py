@@ -185,7 +185,7 @@ def test_each_parameter_has_a_source_and_a_meaning(kind):
         assert meaning.source, name
         assert meaning.low < meaning.high, name
     assert inspect.getdoc(kind)
-    assert "leaves out" in inspect.getdoc(kind) or "not:" in inspect.getdoc(kind)
+    assert "Neglects:" in inspect.getdoc(kind) or "not:" in inspect.getdoc(kind)
     assert "Source" in inspect.getdoc(thread)
 
 

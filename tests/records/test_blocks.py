@@ -143,7 +143,7 @@ def test_setting_needs_several_samples_and_a_stroke_has_none():
     assert len(find_levels(0.18 + 0.02 * np.sin(np.linspace(0, 60, 5000)))) == 0
     repeated_strokes = np.tile(np.r_[0:20, 20:0:-1] * 1e-3 + 0.16, 30)
     assert len(find_levels(repeated_strokes)) == 21
-    assert len(find_levels(repeated_strokes, ordered=True)) == 0
+    assert len(find_levels(repeated_strokes, is_time_series=True)) == 0
     assert find_levels(np.full(50, np.nan)).size == 0
     levels = find_levels(np.repeat([1.0, 2.0, 4.0], 40) + 0.01 * random.standard_normal(120))
     assert levels == pytest.approx([1.0, 2.0, 4.0], abs=0.01)

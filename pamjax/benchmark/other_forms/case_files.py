@@ -27,7 +27,7 @@ def build_bank_case(bank_recording: BankRecording, name: str) -> Case:
 def build_key_entry(bank_recording: BankRecording) -> dict[str, Any]:
     """Return what a recording conceals: effects with sizes, true braid and sensors, SI."""
     r, braid = bank_recording, bank_recording.braid
-    stated, true = r.entry.sensors, r.sensors
+    stated_sensors, true_sensors = r.entry.sensors, r.sensors
     channels = ("force", "diameter", "pressure", "length")
     return {
         "kind": r.kind,
@@ -35,9 +35,9 @@ def build_key_entry(bank_recording: BankRecording) -> dict[str, Any]:
         "rows": r.recording.n,
         "correlation": r.correlation,
         "misstated": r.misstated,
-        "stated_sensor_sd": {name: getattr(stated, name) for name in channels},
+        "stated_sensor_sd": {name: getattr(stated_sensors, name) for name in channels},
         "true_over_stated": r.sensor_ratios,
-        "sensor_sd": {name: getattr(true, name) for name in channels},
+        "sensor_sd": {name: getattr(true_sensors, name) for name in channels},
         "truth": {
             "thread_length_m": braid.thread,
             "turns": braid.turns,

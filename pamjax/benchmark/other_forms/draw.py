@@ -191,15 +191,15 @@ def _build_plan(plan: Recording) -> BenchPlan:
     return BenchPlan(plan.time, plan.starts, plan.pressure, plan.length)
 
 
-def _draw_sensors(stated: Sensors, rng: np.random.Generator) -> tuple[Sensors, bool]:
+def _draw_sensors(stated_sensors: Sensors, rng: np.random.Generator) -> tuple[Sensors, bool]:
     """Draw the true noise of the sensors."""
     if rng.random() >= MISSTATED_SHARE:
-        return stated, False
+        return stated_sensors, False
     ratios = {
-        name: getattr(stated, name) * draw_log_uniform(rng, MIN_SD_RATIO, MAX_SD_RATIO)
+        name: getattr(stated_sensors, name) * draw_log_uniform(rng, MIN_SD_RATIO, MAX_SD_RATIO)
         for name in ("force", "diameter", "pressure", "length")
     }
-    return dataclasses.replace(stated, **ratios), True
+    return dataclasses.replace(stated_sensors, **ratios), True
 
 
 def _draw_braid(entry: MuscleToml, rng: np.random.Generator) -> TrueBraid:
@@ -212,9 +212,9 @@ def _draw_braid(entry: MuscleToml, rng: np.random.Generator) -> TrueBraid:
     return TrueBraid(entry.rest_length.value, thread, turns, 1 / stiffness if is_elastic else 0.0)
 
 
-def _draw_value(stated: MeasuredValue, rng: np.random.Generator) -> float:
+def _draw_value(stated_value: MeasuredValue, rng: np.random.Generator) -> float:
     """Draw a true value from a stated one, within two standard deviations."""
-    return stated.value + stated.sd * float(np.clip(rng.standard_normal(), -2, 2))
+    return stated_value.value + stated_value.sd * float(np.clip(rng.standard_normal(), -2, 2))
 
 
 def _get_prior_sd(entry: MuscleToml) -> tuple[float, float, float]:

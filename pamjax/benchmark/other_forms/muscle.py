@@ -177,8 +177,8 @@ class _Balance:
 
     def solve_thread(self, length: np.ndarray) -> np.ndarray:
         """Return the thread length in equilibrium at a length, m."""
-        unloaded = self.stretch_threads(np.zeros_like(length))
-        thread = unloaded
+        unloaded_thread = self.stretch_threads(np.zeros_like(length))
+        thread = unloaded_thread
         for _ in range(MAX_ITERATIONS):
             longer = self.stretch_threads(self.compute_load(length, thread))
             change, thread = np.max(np.abs(longer - thread)), longer
@@ -186,12 +186,12 @@ class _Balance:
                 break
         if not self.has_potential:
             return thread
-        slack = self.compute_load(length, unloaded) < 0
-        return np.where(slack, self._solve_slack(length, unloaded), thread) if slack.any() else thread
+        slack = self.compute_load(length, unloaded_thread) < 0
+        return np.where(slack, self._solve_slack(length, unloaded_thread), thread) if slack.any() else thread
 
-    def _solve_slack(self, length: np.ndarray, unloaded: np.ndarray) -> np.ndarray:
+    def _solve_slack(self, length: np.ndarray, unloaded_thread: np.ndarray) -> np.ndarray:
         """Return the thread length at which the load is zero, below the unloaded length, m."""
-        low, high = length + 0.01 * (unloaded - length), unloaded
+        low, high = length + 0.01 * (unloaded_thread - length), unloaded_thread
         for _ in range(MAX_ITERATIONS):
             middle = 0.5 * (low + high)
             is_loaded = self.compute_load(length, middle) > 0

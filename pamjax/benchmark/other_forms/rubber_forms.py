@@ -80,8 +80,8 @@ def build_gent(wall: RubberWall, modulus: float, limit: float) -> Energy:
     """
 
     def compute_energy(length: np.ndarray, thread: np.ndarray) -> np.ndarray:
-        filled = np.minimum(wall.compute_first_invariant(length, thread) / limit, 1 - 1e-6)
-        return -0.5 * modulus * limit * wall.volume * np.log1p(-filled)
+        stretch_share = np.minimum(wall.compute_first_invariant(length, thread) / limit, 1 - 1e-6)
+        return -0.5 * modulus * limit * wall.volume * np.log1p(-stretch_share)
 
     return compute_energy
 

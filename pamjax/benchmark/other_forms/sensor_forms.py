@@ -102,7 +102,7 @@ def offset_rows(effect_rows: np.ndarray, channel: str, offset: float) -> Effect:
         return add_force(shift)
 
     def shift_inputs(plan: BenchPlan) -> tuple[np.ndarray, np.ndarray]:
-        changed = dataclasses.replace(plan, **{channel: getattr(plan, channel) + shift})
-        return changed.pressure, changed.length
+        new_plan = dataclasses.replace(plan, **{channel: getattr(plan, channel) + shift})
+        return new_plan.pressure, new_plan.length
 
     return Effect(inputs=shift_inputs)

@@ -68,9 +68,9 @@ class BaselineFit:
         compliance = self.braid.compliance
         if len(change) > 2:
             compliance = compliance / max(1 + change[2] * self.prior_sd[2] * compliance, 0.1)
-        stretched = thread / (1 - compliance * pressure * length * thread / (2 * np.pi * turns**2))
-        force = pressure * (3 * length**2 - stretched**2) / (4 * np.pi * turns**2)
-        diameter = np.sqrt(np.maximum(stretched**2 - length**2, 0.0)) / (np.pi * turns)
+        stretched_thread = thread / (1 - compliance * pressure * length * thread / (2 * np.pi * turns**2))
+        force = pressure * (3 * length**2 - stretched_thread**2) / (4 * np.pi * turns**2)
+        diameter = np.sqrt(np.maximum(stretched_thread**2 - length**2, 0.0)) / (np.pi * turns)
         return np.stack([np.maximum(force, 0.0), diameter])
 
     @property
@@ -105,16 +105,16 @@ class BaselineFit:
             - np.stack([without.force, without.diameter])
             + self.predict(without.pressure, without.length, zero)
         )
-        used = np.stack(
+        is_used = np.stack(
             [
                 (readings.force > 0) | (without.force > 0),
                 self.diameter_rows & (readings.pressure > 3 * (self.sensors.pressure or 0.0)),
             ]
         )
         noise = self.compute_noise(readings.pressure, readings.length)
-        standard = np.where(used, difference / noise, 0.0)
-        shift = self._refit(readings, own, standard, used / noise)
-        return np.where(used, standard - shift, np.nan)
+        standard = np.where(is_used, difference / noise, 0.0)
+        shift = self._refit(readings, own, standard, is_used / noise)
+        return np.where(is_used, standard - shift, np.nan)
 
     def _refit(
         self, readings: Readings, own: np.ndarray, standard: np.ndarray, weight: np.ndarray
@@ -145,8 +145,8 @@ def compute_size(effect: np.ndarray) -> float:
     sizes = []
     for channel in effect:
         squares = np.sort(channel[np.isfinite(channel)] ** 2)
-        kept = squares[: squares.size - squares.size // 100]
-        sizes.append(float(np.sqrt(np.mean(kept))) if kept.size else 0.0)
+        kept_squares = squares[: squares.size - squares.size // 100]
+        sizes.append(float(np.sqrt(np.mean(kept_squares))) if kept_squares.size else 0.0)
     return max(sizes)
 
 

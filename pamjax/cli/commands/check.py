@@ -12,7 +12,7 @@ def check(case: Path, /, *, law: str | None = None, json: Json = False) -> None:
     """Check a case before a fit: its data, and which parameters it determines.
 
     The report lists rows, units, ranges, outliers and blocks. It also lists which parameters the recording
-    determines, which it determines only in combination, and which it does not determine.
+    determines, which it determines only in combination, and which come mostly from the prior.
 
     Args:
         case: case folder with recording.csv and muscle.toml.

@@ -189,7 +189,7 @@ def _explain_mechanism(kind) -> Iterator[str]:
     yield from textwrap.indent(about.equation, "    ").splitlines()
     for label, text in {
         "signature": about.signature,
-        "neglects": about.leaves_out,
+        "neglects": about.neglects,
         "confused with": ", ".join(about.confusable) or "nothing in the library",
         "distinguished by": about.experiment,
         "source": about.source,

@@ -19,9 +19,9 @@ def import_(rig: Path, /, *, out: Path, json: Json = False) -> None:
     """
     from pamjax.records.importing.importer import import_case
 
-    imported = import_case(rig, out)
+    import_result = import_case(rig, out)
     if json:
-        print_json(imported.as_dict())
+        print_json(import_result.as_dict())
     else:
-        print_text(str(imported))
+        print_text(str(import_result))
         print_text(f"next: pamjax check {out}")

@@ -61,15 +61,15 @@ def inverse(
     from pamjax.control.inverse import inverse as invert
     from pamjax.infer.fitting.load import load_muscle
 
-    loaded, draws = load_muscle(muscle, law, case), None
+    loaded_muscle, draws = load_muscle(muscle, law, case), None
     if posterior is not None:
         from pamjax.control.posterior_draws import load_draws
 
-        draws = load_draws(posterior, loaded)
-        loaded = draws.mean_muscle
-    calibrated_pressures = loaded.calibrated_range.get("pressure", DEFAULT_PRESSURES)
+        draws = load_draws(posterior, loaded_muscle)
+        loaded_muscle = draws.mean_muscle
+    calibrated_pressures = loaded_muscle.calibrated_range.get("pressure", DEFAULT_PRESSURES)
     max_pressure = parse_quantity(highest, "pressure", "--highest") if highest else calibrated_pressures[1]
-    muscle_inverse = invert(loaded, (min(calibrated_pressures[0], 0.0), max_pressure))
+    muscle_inverse = invert(loaded_muscle, (min(calibrated_pressures[0], 0.0), max_pressure))
     if has_request and force is not None:
         command = solve_command(
             muscle_inverse,
@@ -79,7 +79,7 @@ def inverse(
             file=muscle if muscle.suffix == ".json" else None,
             case=case,
             draws=draws,
-            calibrated_range=loaded.calibrated_range,
+            calibrated_range=loaded_muscle.calibrated_range,
         )
         print_json(command.as_dict()) if json else print_text(str(command))
     if export is not None:

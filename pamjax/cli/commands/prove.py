@@ -118,9 +118,9 @@ def _write_recordings(folder: Path, tasks: list, seed: int, json: bool) -> None:
     order = np.random.default_rng(seed).permutation(len(tasks)).tolist()
     recordings = []
     with show_progress(quiet=json) as progress:
-        for done, k in enumerate(order, start=1):
+        for finished_count, k in enumerate(order, start=1):
             recordings.append(draw_task_recording(tasks[k]))
-            progress(f"{done} of {len(tasks)}", done / len(tasks))
+            progress(f"{finished_count} of {len(tasks)}", finished_count / len(tasks))
     notes = [{"number": tasks[k].number, "seed": seed} for k in order]
     key = write_bank(folder, recordings, notes)
     if json:
@@ -161,8 +161,8 @@ def _format_trials(trials: list) -> Iterator[str]:
     """Return concealed and named effects of the first twenty trials with effects."""
     for trial in [item for item in trials if item.kind != "nothing"][:20]:
         named_text = ", ".join(trial.named) or ("unexplained" if trial.unexplained else "nothing")
-        concealed = ", ".join([*trial.concealed, *([trial.outside] if trial.outside else [])])
-        yield f"  {trial.kind} {trial.number + 1}: {concealed} -> {named_text}"
+        concealed_text = ", ".join([*trial.concealed, *([trial.outside] if trial.outside else [])])
+        yield f"  {trial.kind} {trial.number + 1}: {concealed_text} -> {named_text}"
 
 
 def _write_tables(out: Path, trials: list, lines: list, *, with_figures: bool) -> list[Path]:

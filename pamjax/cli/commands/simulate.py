@@ -54,29 +54,31 @@ def simulate(
     from pamjax.units import format_count, parse_quantity
 
     check_minimum("seed", seed, 0)
-    loaded = load_muscle(muscle, law, case, parse_settings(with_ or ()))
+    loaded_muscle = load_muscle(muscle, law, case, parse_settings(with_ or ()))
     plan = read_protocol(protocol) if protocol else PAPER_PROTOCOL
-    schedule = plan.build_schedule(loaded.entry.rest_length.value)
+    schedule = plan.build_schedule(loaded_muscle.entry.rest_length.value)
     warnings = (
-        list(describe_extrapolation(loaded.calibrated_range, schedule)) if loaded.calibrated_range else []
+        list(describe_extrapolation(loaded_muscle.calibrated_range, schedule))
+        if loaded_muscle.calibrated_range
+        else []
     )
-    if loaded.neglects_rubber:
+    if loaded_muscle.neglects_rubber:
         warnings.append(
             "the rubber of [bladder] is neglected; use the model.json of a design or diagnosis to include it"
         )
     for sentence in warnings:
         print(f"pamjax: warning: {sentence}", file=sys.stderr)
-    sensors = loaded.entry.sensors if noise else Sensors()
+    sensors = loaded_muscle.entry.sensors if noise else Sensors()
     noise_time = parse_quantity(correlation_time, "time", "--correlation-time")
     recording = simulate_recording(
-        loaded.muscle,
+        loaded_muscle.muscle,
         schedule,
         sensors,
         seed=seed,
         correlation_time=noise_time,
         settled=before == "settled",
     )
-    write_case(out, recording, loaded.text)
+    write_case(out, recording, loaded_muscle.text)
     if json:
         channels = list(recording.channels)
         print_json({"case": str(out), "rows": recording.n, "channels": channels, "warnings": warnings})

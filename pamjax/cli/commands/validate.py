@@ -33,9 +33,9 @@ def validate(
     from pamjax.records.case import read_case
 
     keep_compiled()
-    loaded = load_muscle(model, case=case)
+    loaded_muscle = load_muscle(model, case=case)
     fitted_checksums = read_training_checksums(model)
-    validations = [validate_model(loaded, read_case(folder), fitted_checksums) for folder in cases]
+    validations = [validate_model(loaded_muscle, read_case(folder), fitted_checksums) for folder in cases]
     if json:
         print_json([validation.as_dict() for validation in validations])
     else:

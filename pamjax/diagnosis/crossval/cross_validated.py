@@ -12,7 +12,7 @@ done once, with all mechanisms in the model.
 If a part of the misfit stays unexplained, the remaining probabilities move halfway to even chances (setting
 `unexplained_certainty_share`).
 
-What it leaves out: a mechanism is lost if unmodelled physics of half its size is present, because one
+Limits: a mechanism is lost if unmodelled physics of half its size is present, because one
 recording does not distinguish the two. A mechanism that is kept may still replace the unexplained physics.
 The limit of 5/6 was chosen on simulated recordings with effects that differ from their equations or are
 outside the library. Recordings of the validation were not used.
@@ -80,17 +80,17 @@ def cross_validate_selection(
 def reduce_certainty(selection: Selection, settings: DiagnosisSettings) -> Selection:
     """Return the selection with probabilities closer to `established_probability`."""
     limit = settings.established_probability
-    reduced = [
+    new_mechanisms = [
         replace(n, probability=limit + settings.unexplained_certainty_share * (n.probability - limit))
         for n in selection.named_mechanisms
     ]
-    return replace(selection, named_mechanisms=rank_mechanisms(reduced))
+    return replace(selection, named_mechanisms=rank_mechanisms(new_mechanisms))
 
 
 def format_dropped_mechanisms(before: Selection, after: Selection) -> list[str]:
     """Return a note on the mechanisms that cross-validation dropped, if there are any."""
-    named = {name.id for name in after.named_mechanisms}
-    dropped_ids = [f"`{name.id}`" for name in before.named_mechanisms if name.id not in named]
+    named_ids = {name.id for name in after.named_mechanisms}
+    dropped_ids = [f"`{name.id}`" for name in before.named_mechanisms if name.id not in named_ids]
     if not dropped_ids:
         return []
     explain, are = ("explains", "is") if len(dropped_ids) == 1 else ("explain", "are")

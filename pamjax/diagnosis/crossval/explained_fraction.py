@@ -67,18 +67,18 @@ class BlockCrossValidation:
         noise_splits = (
             noise_splits if len(noise_splits) >= problem.settings.min_blocks_for_cross_validation else []
         )
-        uninformed = [
+        unknown_indices = [
             _find_uninformed_indices(problem, fit, training_noise) for training_noise, _ in noise_splits
         ]
         is_informed = {
             candidate.id: [
                 not {problem.index(name) for name in candidate.amplitudes} <= unknown
-                for unknown in uninformed
+                for unknown in unknown_indices
             ]
             for candidate in fit.mechanisms
         }
         amplitudes = {problem.index(name) for candidate in fit.mechanisms for name in candidate.amplitudes}
-        fixed_indices = [unknown - amplitudes for unknown in uninformed]
+        fixed_indices = [unknown - amplitudes for unknown in unknown_indices]
         block_fits = _fit_without_blocks(
             problem, fit.mechanisms, fit.estimate.values, noise_splits, fixed_indices
         )
@@ -89,14 +89,14 @@ class BlockCrossValidation:
         """Whether the error of left-out blocks is significant and the explained fraction is too small."""
         expected_excesses = np.array([block_fit.expected_excess for block_fit in self.block_fits])
         # Skip a block if no other block constrains one of the amplitudes.
-        informed = self._select_informed_blocks(self.fit.mechanisms) & (
+        informed_blocks = self._select_informed_blocks(self.fit.mechanisms) & (
             expected_excesses < [held_out_noise.size for _, held_out_noise in self.noise_splits]
         )
-        size = np.array([held_out_noise.size for _, held_out_noise in self.noise_splits])[informed]
+        size = np.array([held_out_noise.size for _, held_out_noise in self.noise_splits])[informed_blocks]
         excess = np.array(
             [block_fit.excess_chi2 - block_fit.expected_excess for block_fit in self.block_fits]
-        )[informed]
-        expected_excess = expected_excesses[informed]
+        )[informed_blocks]
+        expected_excess = expected_excesses[informed_blocks]
         # Upper limit: the whole parameter uncertainty of a block acts in one direction.
         noise_limit = self.problem.settings.max_noise_chi2_sd * np.sqrt(
             2 * np.sum(size + 2 * expected_excess + expected_excess**2)
@@ -120,19 +120,19 @@ class BlockCrossValidation:
             candidate.id: self._compute_explained_fraction((candidate,)) for candidate in self.fit.mechanisms
         }
 
-    def _select_informed_blocks(self, removed: Sequence[Candidate]) -> np.ndarray:
+    def _select_informed_blocks(self, removed_candidates: Sequence[Candidate]) -> np.ndarray:
         """Return the mask of the blocks whose removed amplitudes the other blocks constrain."""
-        return np.all([self.is_informed[candidate.id] for candidate in removed], axis=0)
+        return np.all([self.is_informed[candidate.id] for candidate in removed_candidates], axis=0)
 
-    def _compute_explained_fraction(self, removed: Sequence[Candidate]) -> float:
+    def _compute_explained_fraction(self, removed_candidates: Sequence[Candidate]) -> float:
         if not self.noise_splits:
             return 1.0
         fit = self.fit
         remaining, values = (
-            tuple(candidate for candidate in fit.mechanisms if candidate not in removed),
+            tuple(candidate for candidate in fit.mechanisms if candidate not in removed_candidates),
             fit.estimate.values,
         )
-        for candidate in removed:
+        for candidate in removed_candidates:
             values = switch_off_candidate(self.problem, values, candidate)
         fits_without = _fit_without_blocks(
             self.problem, remaining, values, self.noise_splits, self.fixed_indices
@@ -141,10 +141,10 @@ class BlockCrossValidation:
             np.array([block_fit.excess_chi2 for block_fit in fits])
             for fits in (self.block_fits, fits_without)
         )
-        informed = self._select_informed_blocks(removed)
+        informed_blocks = self._select_informed_blocks(removed_candidates)
         return _compute_explained_share(
-            excess_with[informed].sum(),
-            excess_without[informed].sum(),
+            excess_with[informed_blocks].sum(),
+            excess_without[informed_blocks].sum(),
             excess_without.sum(),
             self.problem.settings.min_information_share,
         )
@@ -192,22 +192,26 @@ def _fit_without_blocks(
             values,
             2 * problem.settings.rough_evaluations,
         )
-        uninformed = [k for k in baseline_indices if not estimate.jacobian[:, estimate.free.index(k)].any()]
+        unknown_indices = [
+            k for k in baseline_indices if not estimate.jacobian[:, estimate.free.index(k)].any()
+        ]
         corrected_values = (
             fit_parameters(
-                problem, held_out_noise, uninformed, estimate.values, problem.settings.rough_evaluations
+                problem, held_out_noise, unknown_indices, estimate.values, problem.settings.rough_evaluations
             ).values
-            if uninformed
+            if unknown_indices
             else estimate.values
         )
-        shared = [j for j, k in enumerate(estimate.free) if k not in uninformed]
+        shared_positions = [j for j, k in enumerate(estimate.free) if k not in unknown_indices]
         held_out_estimate = evaluate_estimate(
-            problem, held_out_noise, [estimate.free[j] for j in shared], corrected_values
+            problem, held_out_noise, [estimate.free[j] for j in shared_positions], corrected_values
         )
         by_value = held_out_estimate.jacobian / np.where(
             held_out_estimate.scale != 0, held_out_estimate.scale, 1.0
         )
-        expected_excess = float(np.sum(by_value @ estimate.covariance[np.ix_(shared, shared)] * by_value))
+        expected_excess = float(
+            np.sum(by_value @ estimate.covariance[np.ix_(shared_positions, shared_positions)] * by_value)
+        )
         return _LeftOutBlock(held_out_estimate.chi2 - held_out_estimate.residual.size, expected_excess)
 
     return parallel_map(fit_without_block, list(zip(noise_splits, fixed_indices, strict=True)))
@@ -221,11 +225,11 @@ def _find_uninformed_indices(
     training_information, total_information = (
         np.sum(estimate.jacobian**2, axis=0) for estimate in (training_estimate, fit.estimate)
     )
-    uninformed = (training_information <= problem.settings.min_information_share * total_information) | (
+    is_unknown = (training_information <= problem.settings.min_information_share * total_information) | (
         total_information * fit.estimate.prior_sd**2 < 1
     )
     return {
         k
-        for k, unknown in zip(fit.estimate.free, uninformed, strict=True)
+        for k, unknown in zip(fit.estimate.free, is_unknown, strict=True)
         if unknown and not problem.is_baseline[k]
     }

@@ -68,13 +68,13 @@ def split_into_regions(axes: RecordingAxes, settings: DiagnosisSettings) -> list
     directions = [axes.direction == direction for direction in (SHORTENING, STILL, LENGTHENING)]
     directions = [direction for direction in directions if direction.any()]
     intervals = split_range(axes.time, settings.time_ranges)
-    combined = [
+    intersections = [
         a & b
         for first, second in itertools.combinations((pressures, contractions, directions), 2)
         for a in first
         for b in second
     ]
-    return [*pressures, *contractions, *directions, *intervals, *combined]
+    return [*pressures, *contractions, *directions, *intervals, *intersections]
 
 
 def split_range(values: np.ndarray, count: int) -> list[np.ndarray]:
@@ -93,12 +93,12 @@ def _place_edges(values: np.ndarray, regular_edges: np.ndarray) -> np.ndarray:
     An edge on an isobar would split it by the noise of its own pressure. The model propagates this noise into
     the residual, so both parts would seem shifted, in opposite directions.
     """
-    ordered = np.sort(values[np.isfinite(values)])
-    width = regular_edges[1] - regular_edges[0] if regular_edges.size > 1 else np.ptp(ordered) / 2
+    sorted_values = np.sort(values[np.isfinite(values)])
+    width = regular_edges[1] - regular_edges[0] if regular_edges.size > 1 else np.ptp(sorted_values) / 2
     max_distance = 0.25 * width
     edges = []
     for edge in regular_edges:
-        inside = ordered[(ordered > edge - max_distance) & (ordered < edge + max_distance)]
+        inside = sorted_values[(sorted_values > edge - max_distance) & (sorted_values < edge + max_distance)]
         points = np.concatenate([[edge - max_distance], inside, [edge + max_distance]])
         k = int(np.argmax(np.diff(points)))
         edges.append((points[k] + points[k + 1]) / 2)

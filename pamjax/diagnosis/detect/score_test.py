@@ -53,25 +53,27 @@ class NuisanceProjection:
 
     Args:
         estimate: the refit.
-        excluded: positions of free parameters that absorb nothing.
+        excluded_positions: positions of free parameters that absorb nothing.
     """
 
-    def __init__(self, estimate: MapEstimate, excluded: Sequence[int] = ()) -> None:
+    def __init__(self, estimate: MapEstimate, excluded_positions: Sequence[int] = ()) -> None:
         self.size = estimate.residual.size
-        stacked = np.delete(
-            np.concatenate([estimate.jacobian, np.diag(1 / estimate.prior_sd)]), list(excluded), axis=1
+        columns = np.delete(
+            np.concatenate([estimate.jacobian, np.diag(1 / estimate.prior_sd)]),
+            list(excluded_positions),
+            axis=1,
         )
         # The columns differ by many orders of magnitude; the projection depends only on their span.
-        norm = np.linalg.norm(stacked, axis=0)
-        stacked = stacked[:, norm > 0] / norm[norm > 0]
-        left, weights, _ = np.linalg.svd(stacked, full_matrices=False)
-        self.basis = left[:, weights > 1e-7]
+        norm = np.linalg.norm(columns, axis=0)
+        columns = columns[:, norm > 0] / norm[norm > 0]
+        left_vectors, weights, _ = np.linalg.svd(columns, full_matrices=False)
+        self.basis = left_vectors[:, weights > 1e-7]
 
     def remove_from(self, directions: np.ndarray) -> np.ndarray:
         """Return the remainder of whitened directions (k, size), with prior rows, (k, size + priors)."""
-        extended = np.zeros((*directions.shape[:-1], self.basis.shape[0]))
-        extended[..., : directions.shape[-1]] = directions
-        return extended - (extended @ self.basis) @ self.basis.T
+        rows = np.zeros((*directions.shape[:-1], self.basis.shape[0]))
+        rows[..., : directions.shape[-1]] = directions
+        return rows - (rows @ self.basis) @ self.basis.T
 
 
 def stack_residual(problem: LibraryProblem, estimate: MapEstimate) -> np.ndarray:
@@ -102,10 +104,10 @@ class _ResidualAtLimits:
         at_limit = find_parameters_at_limit(problem, estimate)
         self.projection = NuisanceProjection(estimate, at_limit.tolist()) if at_limit.size else projection
         self.residual = stack_residual(problem, estimate)
-        stacked = np.concatenate([estimate.jacobian, np.diag(1 / estimate.prior_sd)]).T
+        rows = np.concatenate([estimate.jacobian, np.diag(1 / estimate.prior_sd)]).T
         low, high = compute_limit_distances(problem, estimate)
         self.at_limit_rows, self.at_limit_distances = (
-            self.projection.remove_from(stacked[at_limit]),
+            self.projection.remove_from(rows[at_limit]),
             (low[at_limit], high[at_limit]),
         )
         self.chi2_reduction_at_limits = _fit_bounded_amplitudes(
@@ -234,13 +236,15 @@ def _fit_bounded_amplitudes(
     Without limits, a candidate with a weak effect could explain any misfit by an impossible amplitude.
     """
     amplitudes, norm = np.zeros(len(free)), np.linalg.norm(free, axis=1)
-    kept = (norm > 1e-12) & (high > low)
-    if not kept.any():
+    is_usable = (norm > 1e-12) & (high > low)
+    if not is_usable.any():
         return amplitudes, 0.0
     # Unit columns: amplitudes in newtons and pascals differ by many orders of magnitude.
-    norm = norm[kept]
-    axes, across = np.linalg.qr((free[kept] / norm[:, None]).T)
-    solution = lsq_linear(across, axes.T @ residual, (low[kept] * norm, high[kept] * norm), method="bvls")
-    amplitudes[kept] = solution.x / norm
+    norm = norm[is_usable]
+    axes, across = np.linalg.qr((free[is_usable] / norm[:, None]).T)
+    solution = lsq_linear(
+        across, axes.T @ residual, (low[is_usable] * norm, high[is_usable] * norm), method="bvls"
+    )
+    amplitudes[is_usable] = solution.x / norm
     remaining = residual - amplitudes @ free
     return amplitudes, float(residual @ residual - remaining @ remaining)

@@ -156,8 +156,8 @@ def _estimate_tail_probability(
     # All in logarithms: a tail probability can be smaller than the smallest floating-point number.
     part = (weight - logsumexp(weight))[:, None] + np.log(1.0 + is_two_sided)
     part += _compute_log_tail(largest / np.maximum(sigma, 1e-300), degrees_of_freedom)
-    drawn = rng.choice(part.size, draws, p=softmax(part).ravel())
-    node, k = np.unravel_index(drawn, part.shape)
+    flat_index = rng.choice(part.size, draws, p=softmax(part).ravel())
+    node, k = np.unravel_index(flat_index, part.shape)
     sign = np.where(is_two_sided[k], rng.choice([-1.0, 1.0], draws), 1.0)
     deviations = sign * _sample_tail(largest / sigma[node, k], degrees_of_freedom, rng)
     # All t variables share one variance estimate: draw it given one of the variables.
@@ -184,8 +184,8 @@ def _sample_conditional(
     gram: np.ndarray, root: np.ndarray, k: np.ndarray, deviations: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
     """Draw correlated standard normal variables, (m, K), with a given value of the k-th."""
-    drawn = rng.standard_normal((k.size, len(gram))) @ root.T
-    return drawn + gram[k] * (deviations - drawn[np.arange(k.size), k])[:, None]
+    sample = rng.standard_normal((k.size, len(gram))) @ root.T
+    return sample + gram[k] * (deviations - sample[np.arange(k.size), k])[:, None]
 
 
 def _compute_square_root(gram: np.ndarray) -> np.ndarray:
@@ -229,9 +229,11 @@ def _find_largest_mean_square(
             continue
         standard = noise.standardise(residual, c)[noise.rows[c]]
         mean = float(np.mean(standard**2))
-        repeated = 1 + 2 * channel.ar1_fraction**2 * channel.correlation**2 / max(
+        variance_inflation = 1 + 2 * channel.ar1_fraction**2 * channel.correlation**2 / max(
             1 - channel.correlation**2, 1e-3
         )
-        error = math.sqrt(2 * repeated / standard.size + problem.settings.sensor_variance_sd_share**2)
+        error = math.sqrt(
+            2 * variance_inflation / standard.size + problem.settings.sensor_variance_sd_share**2
+        )
         worst = max(worst, (mean, (mean - 1) / error), key=lambda pair: pair[1])
     return worst

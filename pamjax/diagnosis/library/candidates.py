@@ -73,11 +73,11 @@ def build_candidates(problem: LibraryProblem) -> list[Candidate]:
     for kind in MECHANISMS:
         builder = _CANDIDATE_BUILDERS.get(kind.id)
         out += builder(scales) if builder else [_build_single_candidate(kind)]
-    known = set(problem.names)
+    known_names = set(problem.names)
     return [
         candidate
         for candidate in out
-        if known.issuperset(candidate.free_parameters) and _is_testable(candidate, problem)
+        if known_names.issuperset(candidate.free_parameters) and _is_testable(candidate, problem)
     ]
 
 

@@ -95,11 +95,11 @@ def _merge_by_protocol(experiments: list[Experiment]) -> list[Experiment]:
     """Return one experiment for each protocol, with all it distinguishes and the lowest power."""
     out: dict[str, Experiment] = {}
     for experiment in experiments:
-        known = out.get(experiment.protocol)
-        if known is not None:
-            ids = tuple(dict.fromkeys((*known.separates, *experiment.separates)))
+        known_experiment = out.get(experiment.protocol)
+        if known_experiment is not None:
+            ids = tuple(dict.fromkeys((*known_experiment.separates, *experiment.separates)))
             experiment = dataclasses.replace(
-                experiment, separates=ids, power=min(experiment.power, known.power)
+                experiment, separates=ids, power=min(experiment.power, known_experiment.power)
             )
         out[experiment.protocol] = experiment
     return list(out.values())
@@ -156,12 +156,12 @@ def fit_best_candidate(
     The best candidate of the linear approximation can have an amplitude far outside its limits. Therefore
     several candidates are refitted, each from its linear amplitude and from a share of it.
     """
-    scored = sorted(
+    best_directions = sorted(
         compute_score_directions(problem, reduced_fit.noise, reduced_fit.estimate, candidates),
         key=lambda s: -s.chi2_reduction,
     )[: problem.settings.rival_candidates_refitted]
     rough_fits = []
-    for score_direction in scored:
+    for score_direction in best_directions:
         mechanisms = (*reduced_fit.mechanisms, score_direction.candidate)
         for share in START_AMPLITUDE_SHARES:
             values = switch_on_candidate(

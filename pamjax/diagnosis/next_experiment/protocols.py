@@ -135,7 +135,7 @@ def _read_zeros(rig: RigLimits) -> dict[str, float]:
     return {
         "force_offset.offset": rig.force_noise / root_count,
         "pressure_offset.offset": rig.pressure_noise / root_count,
-        "force_drift.rate": rig.force_noise / root_count / max(rig.elapsed, 60.0),
+        "force_drift.rate": rig.force_noise / root_count / max(rig.duration, 60.0),
     }
 
 

@@ -32,7 +32,7 @@ class RigLimits:
             diameter (m), pressure (Pa) and length (m), 1 sd.
         max_force: largest force of the recording, N.
         has_camera: whether the recording has diameters.
-        elapsed: time at the end of the recording, s.
+        duration: time at the end of the recording, s.
     """
 
     rest_length: float
@@ -46,7 +46,7 @@ class RigLimits:
     length_noise: float
     max_force: float
     has_camera: bool
-    elapsed: float
+    duration: float
 
     def build_stroke(
         self, pressure: float, deep: float, speed: float, cycle: int, top: float = 0.0

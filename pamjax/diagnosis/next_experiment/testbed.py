@@ -55,7 +55,7 @@ class SimulatedTestbed:
     def from_fit(cls, problem: LibraryProblem, fit: CandidateFit) -> SimulatedTestbed:
         """Build the testbed of a recording and its fitted model."""
         recording, sensors = problem.case.recording, problem.case.entry.sensors
-        step, elapsed = _read_clock(recording)
+        step, duration = _read_clock(recording)
         channels = fit.noise.channels
         observed_sd = [CAMERA_SD_M if c is None else float(np.sqrt(np.mean(c.sd[r] ** 2))) for c, r in
                 zip(channels, fit.noise.rows, strict=True)]  # fmt: skip
@@ -68,11 +68,11 @@ class SimulatedTestbed:
         correlations = tuple((0.0 if c is None else c.correlation, step) for c in channels)
         return cls(
             problem,
-            _estimate_rig_limits(recording, problem.case, sensor_sd, step, elapsed),
+            _estimate_rig_limits(recording, problem.case, sensor_sd, step, duration),
             sensor_sd,
             float(sd_inflation),
             correlations,
-            elapsed + PAUSE_BEFORE_PROTOCOL_S,
+            duration + PAUSE_BEFORE_PROTOCOL_S,
         )
 
     def simulate(self, schedule: Schedule) -> LibraryProblem:
@@ -114,12 +114,14 @@ class SimulatedTestbed:
             rows.append(channel_rows)
             runs.append(np.array([[0, channel_rows.size]]) if channel_rows.size else np.zeros((0, 2), int))
             rho, per = self.correlations[c]
-            shared = (
+            ar1_share = (
                 float(np.mean((self.sd_inflation * self.sensor_sd[c] / sd[c][channel_rows]) ** 2))
                 if channel_rows.size
                 else 1.0
             )
-            channels.append(Ar1Noise(sd[c], shared, rho ** (step / per), True) if channel_rows.size else None)
+            channels.append(
+                Ar1Noise(sd[c], ar1_share, rho ** (step / per), True) if channel_rows.size else None
+            )
         return NoiseModel(tuple(channels), tuple(rows), tuple(runs))
 
 
@@ -131,7 +133,7 @@ def _read_clock(recording: Recording) -> tuple[float, float]:
 
 
 def _estimate_rig_limits(
-    recording: Recording, case: Case, sensor_sd, step: float, elapsed: float
+    recording: Recording, case: Case, sensor_sd, step: float, duration: float
 ) -> RigLimits:
     good = recording.usable
     rest_length, sensors = case.entry.rest_length.value, case.entry.sensors
@@ -151,7 +153,7 @@ def _estimate_rig_limits(
         length_noise=sensors.length or 2e-5,
         max_force=float(np.nanmax(recording.force, initial=10.0)),
         has_camera=bool(np.isfinite(recording.diameter).any()),
-        elapsed=elapsed,
+        duration=duration,
     )
 
 

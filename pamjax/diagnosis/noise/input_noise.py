@@ -50,30 +50,33 @@ def compute_input_noise_chi2(
         zero without an active mechanism with memory or without stated input noise; negative for a model that
         averages; at most `problem.settings.max_input_noise_chi2_share` of the samples.
     """
-    propagated = propagate_input_noise(problem, values)
-    if propagated is None:
+    differences = propagate_input_noise(problem, values)
+    if differences is None:
         return 0.0
     by_pressure, by_length = (
         np.asarray(s)[:, : problem.n] for s in compute_sensitivities(problem.dataset, jnp.asarray(values))
     )
     total, size = 0.0, 0
-    for difference, (pressure, length) in zip(propagated, sample_input_noise(problem), strict=True):
-        whitened, bare = (
+    for difference, (pressure, length) in zip(differences, sample_input_noise(problem), strict=True):
+        with_memory, without_memory = (
             whiten(difference),
             whiten(np.nan_to_num(by_pressure * pressure + by_length * length)),
         )
-        total, size = total + float(whitened @ whitened - bare @ bare), whitened.size
+        total, size = (
+            total + float(with_memory @ with_memory - without_memory @ without_memory),
+            with_memory.size,
+        )
     return min(total / INPUT_NOISE_DRAWS, problem.settings.max_input_noise_chi2_share * size)
 
 
 def propagate_input_noise(problem: LibraryProblem, values: np.ndarray) -> np.ndarray | None:
     """Return the change of the prediction by each draw, (draws, 2, n), SI; None without memory or noise."""
-    perturbed = build_perturbed_problems(problem, values)
-    if not perturbed:
+    perturbed_problems = build_perturbed_problems(problem, values)
+    if not perturbed_problems:
         return None
     prediction = problem.predict(values)
     return np.nan_to_num(
-        np.stack([perturbed_problem.predict(values) - prediction for perturbed_problem in perturbed])
+        np.stack([perturbed_problem.predict(values) - prediction for perturbed_problem in perturbed_problems])
     )
 
 

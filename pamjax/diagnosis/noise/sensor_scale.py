@@ -3,7 +3,7 @@
 A sensor that is noisier than stated is no missing physics. Differences of neighbouring samples show its
 noise, if the misfit of the model is smooth from sample to sample. The ratio is that of effective standard
 deviations: of the sensor, with the noise of pressure and length propagated through the model.
-What it leaves out: recordings in a static table, and channels with few samples; their ratio is 1.
+Neglects: recordings in a static table, and channels with few samples; their ratio is 1.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ def compute_noise_ratios(problem: LibraryProblem, values: np.ndarray) -> dict[st
         values: (p,) estimate of the final model, SI.
     """
     rows = np.ones(problem.n, dtype=bool)
-    stated, estimated = (
+    stated_noise, estimated_noise = (
         estimate_noise(problem, values, rows, free_scale=free_scale) for free_scale in (False, True)
     )
     sensors = problem.case.entry.sensors
     return {
         channel: None
         if getattr(sensors, channel) is None
-        else _compute_rms_sd(estimated, c) / _compute_rms_sd(stated, c)
+        else _compute_rms_sd(estimated_noise, c) / _compute_rms_sd(stated_noise, c)
         for c, channel in enumerate(CHANNELS)
-        if stated.channels[c] is not None
+        if stated_noise.channels[c] is not None
     }
 
 

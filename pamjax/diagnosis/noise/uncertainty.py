@@ -11,7 +11,7 @@ This error is large if the sensor noise is a small part of the total, because th
 a share of its variance. A channel without an estimated correlation has the uncertainty of a variance from
 that many squared differences. For a sensor without stated noise, variance and correlation are uncertain
 together (`unknown_sensor.py`).
-What it leaves out: the ends of runs, and a sensor that is worse than stated.
+Neglects: the ends of runs, and a sensor that is worse than stated.
 Source: filtering of a stationary process, derived here.
 """
 
@@ -137,7 +137,11 @@ def _compute_correlation_nodes(channel: Ar1Noise, samples: int, settings: Diagno
 
 
 def _compute_spectral_density(
-    shared: float, correlation: float, variance_factor: float, phase: np.ndarray
+    ar1_share: float, correlation: float, variance_factor: float, phase: np.ndarray
 ) -> np.ndarray:
     """Return the noise spectrum at e^(−iω) for unit variance, with a factor on the correlated part."""
-    return 1 - shared + variance_factor * shared * (1 - correlation**2) / np.abs(1 - correlation * phase) ** 2
+    return (
+        1
+        - ar1_share
+        + variance_factor * ar1_share * (1 - correlation**2) / np.abs(1 - correlation * phase) ** 2
+    )

@@ -174,8 +174,8 @@ def compute_effect(problem: LibraryProblem, fit: CandidateFit, candidate: Candid
     for other in fit.mechanisms:
         values = values if other is candidate else switch_off_candidate(problem, values, other)
     alone = problem.predict(values)
-    unmeasured = np.isnan(problem.measured)
-    as_measured = dataclasses.replace(problem, measured=np.where(unmeasured, np.nan, alone))
+    is_missing = np.isnan(problem.measured)
+    as_measured = dataclasses.replace(problem, measured=np.where(is_missing, np.nan, alone))
     baseline_indices = np.flatnonzero(problem.is_baseline).tolist()
     baseline_estimate = fit_parameters(
         as_measured, fit.noise, baseline_indices, switch_off_candidate(problem, values, candidate)

@@ -73,14 +73,16 @@ def estimate_input_noise_bias(
         estimate: the estimate.
     """
     free = list(estimate.free)
-    perturbed = build_perturbed_problems(problem, estimate.values)
-    if not perturbed:
+    perturbed_problems = build_perturbed_problems(problem, estimate.values)
+    if not perturbed_problems:
         return np.zeros(len(free))
     gradient = -estimate.jacobian.T @ estimate.residual
-    for perturbed_problem in perturbed:
+    for perturbed_problem in perturbed_problems:
         prediction, model_jacobian = perturbed_problem.jacobian(estimate.values, free)
         jacobian = np.nan_to_num(noise.whiten(model_jacobian)) * estimate.scale[:, None]
-        gradient += jacobian @ np.nan_to_num(noise.whiten(problem.measured - prediction)) / len(perturbed)
+        gradient += (
+            jacobian @ np.nan_to_num(noise.whiten(problem.measured - prediction)) / len(perturbed_problems)
+        )
     return estimate.covariance @ (gradient / estimate.scale)
 
 

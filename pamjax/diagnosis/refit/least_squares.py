@@ -65,8 +65,8 @@ def transform_to_coordinates(
     problem: LibraryProblem, indices: Sequence[int], values: np.ndarray
 ) -> np.ndarray:
     """Return the coordinates of values: the logarithm for parameters on a logarithmic scale."""
-    picked, log = values[list(indices)], problem.is_logarithmic[list(indices)]
-    return np.where(log, np.log(np.where(log, picked, 1.0)), picked)
+    chosen_values, log = values[list(indices)], problem.is_logarithmic[list(indices)]
+    return np.where(log, np.log(np.where(log, chosen_values, 1.0)), chosen_values)
 
 
 def compute_limit_distances(problem: LibraryProblem, estimate: MapEstimate) -> tuple[np.ndarray, np.ndarray]:

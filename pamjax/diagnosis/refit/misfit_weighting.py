@@ -8,7 +8,7 @@ such a model is therefore scaled by a weight
 
 with T the integrated autocorrelation time of r (`infer/noise/autocorrelation.py`). Then the model is
 refitted, and its n samples count as n / T independent samples with the variance of the misfit. Nothing
-changes if s is near one. What it leaves out: a misfit that differs between parts of a recording.
+changes if s is near one. Neglects: a misfit that differs between parts of a recording.
 Source: least squares with the variance of its residual, and an effective sample size.
 """
 

@@ -10,7 +10,7 @@ of the model integrated out:
 
 r the residual, W the whitening filter, m and s the mean and sd of the priors. The last term corrects for slow
 noise that the parameters absorb; without it ρ is underestimated.
-What it leaves out: a sensor without stated noise; the noise level, which stays as stated.
+Neglects: a sensor without stated noise; the noise level, which stays as stated.
 Source: restricted likelihood, H. D. Patterson, R. Thompson, Biometrika 58, 545 (1971), linear in x.
 """
 
@@ -74,9 +74,9 @@ def _build_restricted_deviance(problem: LibraryProblem, fit: CandidateFit) -> Ca
         unit = np.sqrt(np.maximum(np.diag(information), 1e-300))
         value, vector = np.linalg.eigh(information / np.outer(unit, unit))
         value = np.maximum(value, 1e-12)
-        absorbed = vector.T @ ((jacobian @ e - prior_gradient) / unit)
+        absorbed_part = vector.T @ ((jacobian @ e - prior_gradient) / unit)
         determinant = float(np.sum(np.log(value)) + 2 * np.sum(np.log(unit)))
-        return float(e @ e - np.sum(absorbed**2 / value)) + noise.log_determinant + determinant
+        return float(e @ e - np.sum(absorbed_part**2 / value)) + noise.log_determinant + determinant
 
     return compute_deviance
 

@@ -13,7 +13,7 @@ v_0 the reported values, s the mean squared residual and δ the bias due to inpu
 (`estimate_input_noise_bias`). An indistinguishable mechanism has the probability from its comparison. It does
 not contribute to the covariance of the parameters of the mechanism that it replaces.
 
-What it leaves out: the starting times of a slip; these are many, and the search has tested them.
+Neglects: the starting times of a slip; these are many, and the search has tested them.
 Source: moments of a mixture.
 """
 
@@ -162,10 +162,10 @@ def _is_other_minimum(fit: CandidateFit, other: CandidateFit, tolerance: float) 
 
 
 def _weigh_indistinguishable(
-    problem: LibraryProblem, fit: CandidateFit, named: NamedMechanism
+    problem: LibraryProblem, fit: CandidateFit, mechanism: NamedMechanism
 ) -> list[tuple[float, np.ndarray]]:
     """Return the probability of each indistinguishable mechanism and the shifts of the other parameters."""
-    own_candidate = next((candidate for candidate in fit.mechanisms if candidate.id == named.id), None)
+    own_candidate = next((candidate for candidate in fit.mechanisms if candidate.id == mechanism.id), None)
     if own_candidate is None:
         return []
 
@@ -188,4 +188,4 @@ def _weigh_indistinguishable(
         shift[get_parameter_indices(problem, [own_candidate])] = 0.0
         return probability, shift
 
-    return parallel_map(compute_change, named.alternatives)
+    return parallel_map(compute_change, mechanism.alternatives)

@@ -12,7 +12,7 @@ d and the residual r,
 The search continues from the best pairs after a refit. Its result replaces the model if the BIC is lower. If
 the residual was large, or if there are more mechanisms than before, the result must leave little more than
 noise.
-What it leaves out: limits of amplitudes before the refit; replacement of three mechanisms by three.
+Neglects: limits of amplitudes before the refit; replacement of three mechanisms by three.
 Source: least squares.
 """
 
@@ -66,12 +66,12 @@ def swap_pairs(search: MechanismSearch, fit: CandidateFit) -> CandidateFit:
 def _find_better_pair(search: MechanismSearch, fit: CandidateFit) -> CandidateFit | None:
     """Return the model with a pair in the place of others, if its BIC is clearly lower; else None."""
     # Without stated noise, enough mechanisms can explain any residual.
-    stated = all(channel is None or channel.stated for channel in fit.noise.channels)
-    removed_counts = range(3) if stated and not _leaves_only_noise(search, fit) else (2,)
-    replaced = chain.from_iterable(
+    is_noise_stated = all(channel is None or channel.stated for channel in fit.noise.channels)
+    removed_counts = range(3) if is_noise_stated and not _leaves_only_noise(search, fit) else (2,)
+    positions = chain.from_iterable(
         combinations(range(len(fit.mechanisms)), count) for count in removed_counts
     )
-    trials = chain.from_iterable(parallel_map(partial(_fit_pair_replacements, search, fit), replaced))
+    trials = chain.from_iterable(parallel_map(partial(_fit_pair_replacements, search, fit), positions))
     max_bic = fit.bic + search.settings.max_rough_chi2_share * fit.noise.size
     promising = sorted((trial for trial in trials if trial.bic < max_bic), key=lambda trial: trial.bic)
     results = [
@@ -127,10 +127,10 @@ def _fit_pair_replacements(
     """Return models with a pair in the place of some mechanisms, roughly refitted."""
     if len(fit.mechanisms) - len(positions) + 2 > search.settings.max_mechanisms:
         return []
-    problem, removed = search.problem, [fit.mechanisms[k] for k in positions]
-    remaining = tuple(candidate for candidate in fit.mechanisms if candidate not in removed)
+    problem, removed_candidates = search.problem, [fit.mechanisms[k] for k in positions]
+    remaining = tuple(candidate for candidate in fit.mechanisms if candidate not in removed_candidates)
     values = fit.estimate.values
-    for candidate in removed:
+    for candidate in removed_candidates:
         values = switch_off_candidate(problem, values, candidate)
     estimate = fit_parameters(
         problem,
@@ -140,10 +140,10 @@ def _fit_pair_replacements(
         2 * search.settings.rough_evaluations,
     )
     reduced_fit = build_corrected_fit(problem, remaining, fit.noise, estimate)
-    scored = compute_score_directions(problem, reduced_fit.noise, reduced_fit.estimate, search.candidates)
-    removed_ids = frozenset(candidate.id for candidate in removed)
+    scores = compute_score_directions(problem, reduced_fit.noise, reduced_fit.estimate, search.candidates)
+    removed_ids = frozenset(candidate.id for candidate in removed_candidates)
     pairs = rank_pairs(
-        scored,
+        scores,
         reduced_fit,
         stack_residual(problem, reduced_fit.estimate),
         search.settings.same_pair_chi2_share,
@@ -156,7 +156,7 @@ def _fit_pair_replacements(
 
 
 def rank_pairs(
-    scored: Sequence[ScoreDirection],
+    scores: Sequence[ScoreDirection],
     fit: CandidateFit,
     residual: np.ndarray,
     same_pair_chi2_share: float,
@@ -164,13 +164,13 @@ def rank_pairs(
     """Yield pairs of mechanisms with their amplitudes, SI, largest reduction of χ² first.
 
     Args:
-        scored: score directions of the candidates.
+        scores: score directions of the candidates.
         fit: the model.
         residual: (size + priors,) its residual and the deviations of its parameters from their priors.
         same_pair_chi2_share: difference below which two pairs with a common mechanism count as the same.
     """
     directions = [
-        s for s in scored if s.candidate.id not in fit.ids and not _is_barred(s.candidate, fit.mechanisms)
+        s for s in scores if s.candidate.id not in fit.ids and not _is_barred(s.candidate, fit.mechanisms)
     ]
     rows = np.concatenate([s.unit_vectors for s in directions])
     ends = np.cumsum([len(s.unit_vectors) for s in directions])

@@ -73,35 +73,42 @@ class MechanismSearch:
         return fit_candidate(self.problem, self.training_rows, fit.mechanisms, fit.estimate.values)
 
     def is_worthwhile(
-        self, reduced: CandidateFit, extended: CandidateFit, small: bool, candidate: Candidate | None = None
+        self,
+        reduced_fit: CandidateFit,
+        extended_fit: CandidateFit,
+        small: bool,
+        candidate: Candidate | None = None,
     ) -> bool:
         """Return whether a candidate is significant, substantial and, unless `small`, sizeable.
 
         Args:
-            reduced: the model without it.
-            extended: the model with it.
+            reduced_fit: the model without it.
+            extended_fit: the model with it.
             small: whether it may be small relative to the misfit of the baseline.
-            candidate: the candidate; the last of `extended` if omitted.
+            candidate: the candidate; the last of `extended_fit` if omitted.
         """
-        chi2_reduction, samples = reduced.corrected_chi2 - extended.corrected_chi2, self.baseline.noise.size
-        explained, baseline_excess = chi2_reduction / samples, self.baseline.excess_chi2 / samples
-        sizeable = (
-            explained
+        chi2_reduction, samples = (
+            reduced_fit.corrected_chi2 - extended_fit.corrected_chi2,
+            self.baseline.noise.size,
+        )
+        explained_mean_square, baseline_excess = chi2_reduction / samples, self.baseline.excess_chi2 / samples
+        is_sizeable = (
+            explained_mean_square
             > (self.settings.min_small_rms_share if small else self.settings.min_rms_share) ** 2
             * baseline_excess
         )
-        sizeable = sizeable or (
-            not small and chi2_reduction > self.settings.complete_excess_share * reduced.excess_chi2
+        is_sizeable = is_sizeable or (
+            not small and chi2_reduction > self.settings.complete_excess_share * reduced_fit.excess_chi2
         )
-        substantial = (
-            chi2_reduction > self.settings.min_excess_share * reduced.excess_chi2
-            and explained > self.settings.min_effect_rms**2
+        is_substantial = (
+            chi2_reduction > self.settings.min_excess_share * reduced_fit.excess_chi2
+            and explained_mean_square > self.settings.min_effect_rms**2
         )
-        parameter_count = len((candidate or extended.mechanisms[-1]).free_parameters)
-        significant = is_reduction_significant(
+        parameter_count = len((candidate or extended_fit.mechanisms[-1]).free_parameters)
+        is_significant = is_reduction_significant(
             chi2_reduction, parameter_count, len(self.candidates), self.settings.false_inclusion_probability
         )
-        return significant and substantial and sizeable
+        return is_significant and is_substantial and is_sizeable
 
     def is_exhausted(self, fit: CandidateFit, best: ScoreDirection) -> bool:
         """Return whether the residual, in total and along the best candidate, is too small for any effect."""
@@ -153,14 +160,14 @@ def run_search(
     search: MechanismSearch, start: CandidateFit, directions: Sequence[ScoreDirection] | None = None
 ) -> CandidateFit:
     """Return the result of a search from a starting model."""
-    grown, refused = _add_candidates(search, start, directions)
-    fit = prune_mechanisms(search, grown)
+    largest_fit, refused_fit = _add_candidates(search, start, directions)
+    fit = prune_mechanisms(search, largest_fit)
     if not fit.mechanisms or fit.excess_chi2 < search.settings.min_effect_rms**2 * fit.noise.size:
         return fit
-    if fit is grown and not (refused and search.is_worthwhile(fit, refused, small=True)):
+    if fit is largest_fit and not (refused_fit and search.is_worthwhile(fit, refused_fit, small=True)):
         return fit
     # Small effects stay if the residual is then only noise.
-    best = refused if fit is grown else None
+    best = refused_fit if fit is largest_fit else None
     complete = prune_mechanisms(search, _add_candidates(search, fit, small=True, best=best)[0], small=True)
     return complete if search.is_complete(complete, fit) else fit
 
@@ -192,11 +199,11 @@ def _fit_best_candidate(
     search: MechanismSearch, fit: CandidateFit, directions: Sequence[ScoreDirection]
 ) -> CandidateFit | None:
     """Return the model with the best further candidate, with the same noise; None if none is promising."""
-    listed = _list_promising(search, fit, directions)
-    if not listed or search.is_exhausted(fit, listed[0]):
+    shortlist = _list_promising(search, fit, directions)
+    if not shortlist or search.is_exhausted(fit, shortlist[0]):
         return None
     return refit_most_promising(
-        search.problem, fit, parallel_map(partial(_fit_with_candidate, search.problem, fit), listed)
+        search.problem, fit, parallel_map(partial(_fit_with_candidate, search.problem, fit), shortlist)
     )[0]
 
 
@@ -293,10 +300,13 @@ def shortlist_candidates(
 ) -> list[ScoreDirection]:
     """Return the best candidate of each of the most promising mechanisms that can be added."""
     best: dict[str, ScoreDirection] = {}
-    barred = {*mechanism_ids, *(id for pair in EXCLUSIVE_PAIRS if pair & set(mechanism_ids) for id in pair)}
+    excluded_ids = {
+        *mechanism_ids,
+        *(id for pair in EXCLUSIVE_PAIRS if pair & set(mechanism_ids) for id in pair),
+    }
     for direction in directions:
         id = direction.candidate.id
-        if id not in barred and (id not in best or direction.chi2_reduction > best[id].chi2_reduction):
+        if id not in excluded_ids and (id not in best or direction.chi2_reduction > best[id].chi2_reduction):
             best[id] = direction
     return sorted(best.values(), key=lambda s: -s.chi2_reduction)[:count]
 
@@ -327,11 +337,11 @@ def _fit_with_candidate(
 
 def _is_strained(problem: LibraryProblem, fit: CandidateFit) -> bool:
     """Return whether a baseline parameter is far from its stated value."""
-    stated = np.flatnonzero(problem.is_baseline & np.isfinite(problem.prior_sd))
+    stated_indices = np.flatnonzero(problem.is_baseline & np.isfinite(problem.prior_sd))
     return bool(
         np.any(
-            np.abs(fit.estimate.values[stated] - problem.start[stated])
-            > problem.settings.strained_prior_sd * problem.prior_sd[stated]
+            np.abs(fit.estimate.values[stated_indices] - problem.start[stated_indices])
+            > problem.settings.strained_prior_sd * problem.prior_sd[stated_indices]
         )
     )
 
@@ -377,12 +387,12 @@ def fit_replacements(
     problem, reduced_fit: CandidateFit, candidate: Candidate, candidates
 ) -> list[CandidateFit]:
     """Return models with an alternative in the place of a candidate, roughly refitted."""
-    scored = compute_score_directions(
+    scores = compute_score_directions(
         problem, reduced_fit.noise, reduced_fit.estimate, [c for c in candidates if c.id != candidate.id]
     )
     return parallel_map(
         lambda s: _fit_with_candidate(problem, reduced_fit, s),
-        shortlist_candidates(scored, reduced_fit.ids, problem.settings.rivals_refitted),
+        shortlist_candidates(scores, reduced_fit.ids, problem.settings.rivals_refitted),
     )
 
 

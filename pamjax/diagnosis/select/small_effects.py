@@ -10,7 +10,7 @@ joint         together they explain two thirds of the initial misfit, the baseli
               with their priors, and no amplitude is at an extreme limit; otherwise all are dropped. They are
               also dropped if a part of the misfit stays unexplained (`run.py`).
 
-What it leaves out: a misfit that differs between parts of a recording; mechanisms that are significant only
+Neglects: a misfit that differs between parts of a recording; mechanisms that are significant only
 with another first mechanism.
 """
 
@@ -69,7 +69,7 @@ def add_small_effects(
             break
         extended_fit = better
     extended_fit = search.prune(extended_fit, len(fit.mechanisms))
-    added = extended_fit.mechanisms[len(fit.mechanisms) :]
+    added_candidates = extended_fit.mechanisms[len(fit.mechanisms) :]
     explains_enough = (
         compute_excess_mean_square(extended_fit)
         < (1 - problem.settings.min_joint_excess_share) * search.initial_excess
@@ -78,7 +78,7 @@ def add_small_effects(
         extended_fit
         if explains_enough
         and is_prior_consistent(problem, extended_fit)
-        and not has_extreme_amplitude(problem, extended_fit, added)
+        and not has_extreme_amplitude(problem, extended_fit, added_candidates)
         else fit
     )
 
@@ -98,12 +98,14 @@ def is_prior_consistent(problem: LibraryProblem, fit: CandidateFit) -> bool:
     return bool(chi2.sf(off @ off, max(baseline_indices.size, 1)) > problem.settings.min_prior_p_value)
 
 
-def has_extreme_amplitude(problem: LibraryProblem, fit: CandidateFit, added: Sequence[Candidate]) -> bool:
+def has_extreme_amplitude(
+    problem: LibraryProblem, fit: CandidateFit, added_candidates: Sequence[Candidate]
+) -> bool:
     """Return whether an amplitude of the added candidates is at an extreme limit."""
     ends = {problem.names[fit.estimate.free[k]] for k in find_parameters_at_limit(problem, fit.estimate)}
     return any(
         name in ends
-        for candidate in added
+        for candidate in added_candidates
         for name in candidate.amplitudes
         if _is_amplitude_extreme(problem, fit, name)
     )
@@ -134,10 +136,10 @@ class _SmallEffectSearch:
 
     def find_better_fit(self, fit: CandidateFit) -> CandidateFit | None:
         """Return the model with the best further candidate, weighted anew; None if none is worthwhile."""
-        scored = compute_score_directions(self.problem, fit.noise, fit.estimate, self.candidates)
+        scores = compute_score_directions(self.problem, fit.noise, fit.estimate, self.candidates)
         promising = [
             s
-            for s in shortlist_candidates(scored, fit.ids, self.problem.settings.shortlist_length)
+            for s in shortlist_candidates(scores, fit.ids, self.problem.settings.shortlist_length)
             if self._is_significant(s.chi2_reduction, s.candidate)
         ]
         rough = sorted(
@@ -160,14 +162,16 @@ class _SmallEffectSearch:
             fit = reweight_by_misfit(self.problem, self._refit_fully(reduced_fits[k]))
         return fit
 
-    def _is_worthwhile(self, reduced: CandidateFit, extended: CandidateFit, candidate: Candidate) -> bool:
-        taken = compute_excess_mean_square(reduced) - compute_excess_mean_square(extended)
-        substantial = taken > max(
-            self.problem.settings.min_excess_share * compute_excess_mean_square(reduced),
+    def _is_worthwhile(
+        self, reduced_fit: CandidateFit, extended_fit: CandidateFit, candidate: Candidate
+    ) -> bool:
+        explained_excess = compute_excess_mean_square(reduced_fit) - compute_excess_mean_square(extended_fit)
+        is_substantial = explained_excess > max(
+            self.problem.settings.min_excess_share * compute_excess_mean_square(reduced_fit),
             self.problem.settings.min_single_excess_share * self.initial_excess,
         )
-        return substantial and self._is_significant(
-            reduced.estimate.chi2_with_priors - extended.estimate.chi2_with_priors, candidate
+        return is_substantial and self._is_significant(
+            reduced_fit.estimate.chi2_with_priors - extended_fit.estimate.chi2_with_priors, candidate
         )
 
     def _is_significant(self, gain: float, candidate: Candidate) -> bool:

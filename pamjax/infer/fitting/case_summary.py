@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pamjax.infer.fitting.determination import classify_sd_ratio
 from pamjax.infer.fitting.identifiability import ParameterIdentifiability
 from pamjax.model.parameters import find_meaning
 from pamjax.records.blocks import find_blocks
@@ -63,8 +64,8 @@ class CaseSummary:
         unit = find_meaning(d.name).show
         before = f"± {format_quantity(d.prior_sd, unit, 2)}" if math.isfinite(d.prior_sd) else "unknown"
         after = f"± {format_quantity(d.expected_sd, unit, 2)}" if np.isfinite(d.expected_sd) else "unknown"
-        verdict = "determined" if d.determined else "not determined"
-        return f"{d.name:<22} {before:>14} prior, {after:>14} expected after a fit: {verdict}"
+        kind = classify_sd_ratio(d.sd_ratio)
+        return f"{d.name:<22} {before:>14} prior, {after:>14} expected after a fit: {kind}"
 
     def _build_row(self, d: ParameterIdentifiability) -> dict[str, Any]:
         unit = find_meaning(d.name).show
@@ -73,5 +74,5 @@ class CaseSummary:
             "unit": unit,
             "sd_before": d.prior_sd / scale if math.isfinite(d.prior_sd) else None,
             "sd_after_at_best": d.expected_sd / scale if np.isfinite(d.expected_sd) else None,
-            "determined": d.determined,
+            "determined": d.is_determined,
         }

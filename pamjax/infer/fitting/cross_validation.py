@@ -60,21 +60,25 @@ def cross_validate(
     return folds_of_cases, predictions
 
 
-def exclude_rows(dataset: Dataset, excluded: np.ndarray | None) -> Dataset:
+def exclude_rows(dataset: Dataset, is_excluded: np.ndarray | None) -> Dataset:
     """Return the dataset without some rows.
 
     Args:
         dataset: the dataset.
-        excluded: (n,) whether a row is excluded; None for no row.
+        is_excluded: (n,) whether a row is excluded; None for no row.
     """
-    if excluded is None:
+    if is_excluded is None:
         return dataset
     training_mask = np.array(dataset.rows.training_mask)
-    training_mask[: excluded.size][excluded] = 0.0
-    reduced = eqx.tree_at(lambda m: m.rows.training_mask, dataset, jnp.asarray(training_mask))
-    if reduced.whitening is None:
-        return reduced
-    return eqx.tree_at(lambda m: m.whitening, reduced, reduced.whitening.restrict_to_rows(training_mask > 0))
+    training_mask[: is_excluded.size][is_excluded] = 0.0
+    training_dataset = eqx.tree_at(lambda m: m.rows.training_mask, dataset, jnp.asarray(training_mask))
+    if training_dataset.whitening is None:
+        return training_dataset
+    return eqx.tree_at(
+        lambda m: m.whitening,
+        training_dataset,
+        training_dataset.whitening.restrict_to_rows(training_mask > 0),
+    )
 
 
 def _fill_predictions(prediction: dict[str, np.ndarray], reading, mask: np.ndarray) -> None:

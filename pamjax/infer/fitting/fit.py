@@ -259,8 +259,11 @@ def build_joint_space(
             for n in own_parameters
         }
         for n in own_parameters:
-            shared = parameters.setdefault(rename[n.name], replace(n, name=rename[n.name]))
-            if (shared.start, shared.sd) != (n.start, n.sd) and not shared.sd == n.sd == math.inf:
+            shared_parameter = parameters.setdefault(rename[n.name], replace(n, name=rename[n.name]))
+            if (shared_parameter.start, shared_parameter.sd) != (
+                n.start,
+                n.sd,
+            ) and not shared_parameter.sd == n.sd == math.inf:
                 raise _build_conflict_error(n.name, "another value or sd", case)
         renames.append(rename)
     free_names = sorted({name for rename in renames for name in rename})

@@ -15,6 +15,11 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
+from pamjax.infer.fitting.determination import (
+    DETERMINED,
+    MAX_SD_RATIO_DETERMINED,
+    classify_sd_ratio,
+)
 from pamjax.infer.fitting.fit import build_joint_space, compute_sd_and_correlation, reweight_datasets
 from pamjax.infer.fitting.least_squares import linearise_problem
 from pamjax.infer.problem.dataset import build_dataset
@@ -24,8 +29,6 @@ from pamjax.model.parameters import find_meaning
 from pamjax.records.case import Case, ensure_case
 from pamjax.units import format_quantity
 
-#: A parameter or combination is determined if the data reduce its sd to this fraction of the prior sd.
-MAX_SD_RATIO_DETERMINED = 0.5
 #: Relative sd of a parameter without a stated sd, in place of a prior sd.
 RELATIVE_SD_WITHOUT_PRIOR = 0.3
 #: Parameters with a smaller component in a combination are not named.
@@ -40,13 +43,18 @@ class ParameterIdentifiability:
         name: the parameter.
         prior_sd: sd of its prior, SI; infinite for a uniform prior.
         expected_sd: expected sd after a fit, SI; NaN if there is none.
-        determined: whether the recording determines it individually.
+        sd_ratio: expected sd over the scale of the prior, which is a fraction of a value without a prior sd.
     """
 
     name: str
     prior_sd: float
     expected_sd: float
-    determined: bool
+    sd_ratio: float
+
+    @property
+    def is_determined(self) -> bool:
+        """Return whether the recording determines it individually."""
+        return classify_sd_ratio(self.sd_ratio) == DETERMINED
 
 
 def check_identifiability(
@@ -79,9 +87,7 @@ def check_identifiability(
     scale = _compute_prior_scale(space)
     sd, _ = compute_sd_and_correlation(solution)
     results = [
-        ParameterIdentifiability(
-            name, float(space.sd[k]), float(sd[k]), bool(sd[k] < MAX_SD_RATIO_DETERMINED * scale[k])
-        )
+        ParameterIdentifiability(name, float(space.sd[k]), float(sd[k]), float(sd[k] / scale[k]))
         for k, name in enumerate(space.names)
         if not is_length_error(name)
     ]
@@ -127,17 +133,17 @@ def _marginalise_length_errors(information: np.ndarray, is_own: np.ndarray) -> n
     """Return the information on the muscle's parameters, marginalised over the length errors."""
     error_information = information[np.ix_(~is_own, ~is_own)] + np.eye(int((~is_own).sum()))
     cross_information = information[np.ix_(is_own, ~is_own)]
-    absorbed = cross_information @ np.linalg.solve(error_information, cross_information.T)
-    return information[np.ix_(is_own, is_own)] - absorbed
+    lost_information = cross_information @ np.linalg.solve(error_information, cross_information.T)
+    return information[np.ix_(is_own, is_own)] - lost_information
 
 
 def _format_sentences(
     results: Sequence[ParameterIdentifiability], combinations: Sequence[dict[str, float]]
 ) -> list[str]:
     sentences = []
-    determined = [f"`{d.name}`" for d in results if d.determined]
-    if determined:
-        sentences.append(f"This recording can determine {format_list(determined)}, if the model is right.")
+    names = [f"`{d.name}`" for d in results if d.is_determined]
+    if names:
+        sentences.append(f"This recording can determine {format_list(names)}, if the model is right.")
     return sentences + [format_combination(changes) for changes in combinations]
 
 
@@ -149,7 +155,10 @@ def format_combination(changes: dict[str, float]) -> str:
     """
     if len(changes) == 1:
         (name,) = changes
-        return f"This recording does not determine `{name}`: its sd after a fit is about the stated sd."
+        return (
+            f"This recording reduces the sd of `{name}` by less than half:"
+            " its estimate comes mostly from the prior."
+        )
     joint_change = format_list([_format_change(*change) for change in changes.items()])
     return (
         "This recording determines some parameters only in combination:"

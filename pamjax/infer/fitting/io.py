@@ -145,14 +145,14 @@ def save(fit: Fit, folder: str | Path) -> list[Path]:
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    written = [folder / "fit.json"]
-    with write_atomically(written[0]) as path:
+    paths = [folder / "fit.json"]
+    with write_atomically(paths[0]) as path:
         path.write_text(
             json.dumps(build_fit_document(fit), indent=2, allow_nan=False) + "\n", encoding="utf-8"
         )
     for case_fit in fit.cases:
         name = "fit.nc" if len(fit.cases) == 1 else f"{case_fit.case.name}.nc"
-        written.append(folder / name)
+        paths.append(folder / name)
         with write_atomically(folder / name) as path:
             build_xarray_dataset(case_fit).to_netcdf(path, engine="h5netcdf")
-    return written
+    return paths

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT, to_display
+from pamjax.infer.fitting.determination import describe_sd_ratio
 from pamjax.infer.noise.sensor_noise import ChannelNoise
 from pamjax.infer.problem.priors import is_length_error
 from pamjax.units import compute_si_factor
@@ -68,9 +69,9 @@ def _format_title(fit: Fit) -> str:
 
 
 def _format_estimates(fit: Fit) -> Iterator[str]:
-    reported = {n: e for n, e in fit.estimates.items() if not is_length_error(n)}
-    width = max(map(len, reported), default=0)
-    for name, e in reported.items():
+    parameters = {n: e for n, e in fit.estimates.items() if not is_length_error(n)}
+    width = max(map(len, parameters), default=0)
+    for name, e in parameters.items():
         yield f"  {name:<{width}}  {format_estimate(e.value, e.sd, e.meaning.show):<24} {describe_origin(e)}"
     errors = [e for n, e in fit.estimates.items() if is_length_error(n)]
     if errors:
@@ -92,13 +93,10 @@ def describe_origin(e: Estimate) -> str:
         low, high = (x / compute_si_factor(e.meaning.show) for x in (e.meaning.low, e.meaning.high))
         unit = "" if e.meaning.show == "1" else f" {e.meaning.show}"
         return f"AT A LIMIT ({low:g} to {high:g}{unit})"
-    if e.sd is None:
-        return "not determined"
+    kind = describe_sd_ratio(e.sd_ratio)
     if not math.isfinite(e.prior_sd):
-        kind = "fitted" if e.is_determined else "weakly determined"
         return f"{kind}; uniform prior"
     prior = format_estimate(e.prior, e.prior_sd, e.meaning.show)
-    kind = "fitted" if e.is_determined else "mostly from the prior"
     shift = (e.value - e.prior) / e.prior_sd
     warning = ", CONTRADICTS ITS PRIOR" if abs(shift) > MAX_PRIOR_SHIFT_SD else ""
     shift_text = f"shift {shift:+.1f} sd" if abs(shift) >= 0.05 else "no shift"
@@ -171,14 +169,16 @@ def format_misfit(channel: str, rmse: float, noise: ChannelNoise) -> str:
     """
     if noise.neighbour_sd is None:
         return f"misfit is {noise.excess:.1f} times the noise: the model lacks a mechanism"
-    missed, apart = (format_channel_value(value, channel) for value in (rmse, noise.neighbour_sd))
+    rmse_text, difference_text = (
+        format_channel_value(value, channel) for value in (rmse, noise.neighbour_sd)
+    )
     if noise.neighbour_sd > MAX_NEIGHBOUR_SHARE * rmse:
         return (
-            f"{channel} is missed by {missed}, and neighbouring samples differ by {apart}:"
+            f"{channel} is missed by {rmse_text}, and neighbouring samples differ by {difference_text}:"
             " check the noise in [sensors]"
         )
     return (
-        f"{channel} is missed by {missed}, while neighbouring samples differ by {apart}:"
+        f"{channel} is missed by {rmse_text}, while neighbouring samples differ by {difference_text}:"
         " the model may lack a mechanism; run `pamjax diagnose`"
     )
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pamjax.infer.fitting.determination import DETERMINED, classify_sd_ratio
 from pamjax.infer.fitting.least_squares import Loss, Solution
 from pamjax.infer.noise.sensor_noise import ChannelNoise
 from pamjax.infer.problem.dataset import Dataset
@@ -19,9 +20,6 @@ from pamjax.records.case import Case
 
 if TYPE_CHECKING:
     import xarray as xr
-
-#: Minimum relative reduction of the prior sd of a parameter that the recording determines.
-MIN_SHRINKAGE_DETERMINED = 0.5
 
 
 @dataclass(frozen=True)
@@ -45,9 +43,12 @@ class Estimate:
     @property
     def shrinkage(self) -> float:
         """Return the relative reduction of the prior sd by the recording, 0 to 1."""
-        if self.sd is None:
-            return 0.0
-        return 1 - min(self.sd / self._effective_prior_sd, 1.0)
+        return 1 - self.sd_ratio
+
+    @property
+    def sd_ratio(self) -> float:
+        """Return the sd over the sd of the prior, 0 to 1; 1 if the fit has no sd."""
+        return 1.0 if self.sd is None else min(self.sd / self._effective_prior_sd, 1.0)
 
     @property
     def is_inside_bounds(self) -> bool:
@@ -60,7 +61,7 @@ class Estimate:
     @property
     def is_determined(self) -> bool:
         """Return whether the recording reduces the prior sd by at least half."""
-        return self.shrinkage >= MIN_SHRINKAGE_DETERMINED
+        return classify_sd_ratio(self.sd_ratio) == DETERMINED
 
     @property
     def _effective_prior_sd(self) -> float:

@@ -112,12 +112,12 @@ def add_whitening(case: Case, dataset: Dataset) -> Dataset:
         return dataset
     rows = dataset.rows
     weights = [np.asarray(w)[: case.recording.n] for w in (rows.force_weight, rows.diameter_weight)]
-    used = [np.flatnonzero(w > 0) for w in weights]
+    informative_rows = [np.flatnonzero(w > 0) for w in weights]
     white = Ar1Noise(np.ones(case.recording.n), 1.0, 0.0, stated=True)
     noise = NoiseModel(
-        tuple(white if r.size else None for r in used),
-        tuple(used),
-        tuple(np.array([[0, r.size]]) if r.size else np.zeros((0, 2), int) for r in used),
+        tuple(white if r.size else None for r in informative_rows),
+        tuple(informative_rows),
+        tuple(np.array([[0, r.size]]) if r.size else np.zeros((0, 2), int) for r in informative_rows),
     )
     return dataclasses.replace(dataset, whitening=noise.build_filter(rows.pressure.size))
 
@@ -141,8 +141,8 @@ def _whiten_dataset(
         noise[name] = _describe_noise(
             case, channel, rows, standard, neighbour_sd, fitted_parameters * rows.size / model.size
         )
-    filtered = dataclasses.replace(dataset, whitening=model.build_filter(weights.shape[1]))
-    return _set_weights(filtered, weights, np.ones(2)), noise
+    new_dataset = dataclasses.replace(dataset, whitening=model.build_filter(weights.shape[1]))
+    return _set_weights(new_dataset, weights, np.ones(2)), noise
 
 
 def estimate_noise_of_dataset(

@@ -7,7 +7,7 @@ length, propagated through the model,
 
 in every continuous run of samples. White noise has ρ = 0.
 
-What it leaves out: noise with several correlation times, such as white sensor noise with a slow misfit.
+Neglects: noise with several correlation times, such as white sensor noise with a slow misfit.
 `estimate_innovation_autocorrelation` estimates the remaining autocorrelation, which widens the posterior (see
 `log_density.py`).
 
@@ -100,14 +100,14 @@ class Ar1Likelihood(eqx.Module):
     def compute_information(self, values: Float[Array, " p"]) -> Float[Array, "2 2"]:
         """Return the expected information on (ln sd, correlation); (1, 1) is one without a correlation."""
         own_share = values[self.sd_index] ** 2 / (values[self.sd_index] ** 2 + self.propagated_sd**2)
-        n, linked = jnp.sum(self.measured * own_share**2), jnp.sum(self.has_predecessor)
+        n, pair_count = jnp.sum(self.measured * own_share**2), jnp.sum(self.has_predecessor)
         if self.correlation_index < 0:
             return jnp.array([[2 * n, 0.0], [0.0, 1.0]])
         # The innovation variance σ²(1 − ρ²) and ρ are orthogonal; a sample gives 1/2 and 1/(1 − ρ²).
         correlation = values[self.correlation_index]
         innovation_variance = 1 - correlation**2
         cross_information = -2 * correlation / innovation_variance * jnp.sum(self.has_predecessor * own_share)
-        correlation_information = linked * (
+        correlation_information = pair_count * (
             2 * correlation**2 / innovation_variance**2 + 1 / innovation_variance
         )
         return jnp.array([[2 * n, cross_information], [cross_information, correlation_information]])
@@ -196,11 +196,11 @@ def _estimate_own_sd(misfit: np.ndarray, propagated_sd: np.ndarray) -> float:
 
 
 def _build_sd_parameter(
-    name: str, channel: str, own_sd: float, reference: float, stated: bool
+    name: str, channel: str, own_sd: float, reference: float, is_stated: bool
 ) -> FreeParameter:
-    low, high = (factor * reference for factor in (STATED_SD_FACTORS if stated else UNSTATED_SD_FACTORS))
+    low, high = (factor * reference for factor in (STATED_SD_FACTORS if is_stated else UNSTATED_SD_FACTORS))
     unit, show = SI_UNIT[channel], DISPLAY_UNIT[channel]
-    source = "half to 200 times the stated sd" if stated else "1e-4 to 1 of the channel's range"
+    source = "half to 200 times the stated sd" if is_stated else "1e-4 to 1 of the channel's range"
     meaning = Meaning(unit, show, low, high, "log", f"sd of the noise of {channel}", source)
     return FreeParameter(name, meaning, float(np.clip(own_sd, 1.05 * low, 0.95 * high)))
 

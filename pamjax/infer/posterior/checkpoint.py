@@ -71,11 +71,11 @@ class Checkpoint:
         if folder is None:
             return
         folder.mkdir(parents=True, exist_ok=True)
-        written = folder / "identity.json"
-        if written.exists():
-            _check_identity(json.loads(written.read_text(encoding="utf-8")), identity, folder)
+        identity_file = folder / "identity.json"
+        if identity_file.exists():
+            _check_identity(json.loads(identity_file.read_text(encoding="utf-8")), identity, folder)
         else:
-            with write_atomically(written) as path:
+            with write_atomically(identity_file) as path:
                 path.write_text(json.dumps(identity, indent=2) + "\n", encoding="utf-8")
 
     def read_start(self) -> Arrays | None:
@@ -123,12 +123,12 @@ def _read_arrays(path: Path) -> Arrays | None:
         return dict(file)
 
 
-def _check_identity(saved: dict[str, Any], expected: dict[str, Any], folder: Path) -> None:
+def _check_identity(saved_identity: dict[str, Any], expected: dict[str, Any], folder: Path) -> None:
     for key, value in expected.items():
-        if saved.get(key) != value:
+        if saved_identity.get(key) != value:
             differences = {"data": "another recording", "model": "another model", "priors": "other priors"}
             rule = f"a saved chain can only be resumed with the same {key}"
             remedy = "Use another `--out`, or delete that folder to start a new chain."
             raise refuse(
-                rule, differences.get(key, f"{saved.get(key)!r}, not {value!r}"), str(folder), remedy
+                rule, differences.get(key, f"{saved_identity.get(key)!r}, not {value!r}"), str(folder), remedy
             )

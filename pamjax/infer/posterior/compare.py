@@ -4,7 +4,7 @@ The score of a posterior is Σ over blocks of ln p(block | the other blocks), by
 (`loo.py`). The standard error of the difference of two scores is sqrt(blocks) × sd of the differences. The
 unit is a block, because rows of one loop are correlated.
 
-What it leaves out: the score of an influential block (k̂ > 0.7) is not reliable without another run; the
+Limits: the score of an influential block (k̂ > 0.7) is not reliable without another run; the
 report lists such blocks. Samples with reduced weights (`log_density.py`) count fully here.
 """
 
@@ -113,8 +113,8 @@ def compare_posteriors(files: Sequence[Path]) -> PosteriorComparison:
     if not files:
         raise refuse("a comparison needs a posterior", "none")
     read_scores = [_read_score(path) for path in files]
-    for (score, observed), path in zip(read_scores, files, strict=True):
-        if not _are_data_equal(read_scores[0][1], observed) or score.blocks != read_scores[0][0].blocks:
+    for (score, observed_data), path in zip(read_scores, files, strict=True):
+        if not _are_data_equal(read_scores[0][1], observed_data) or score.blocks != read_scores[0][0].blocks:
             remedy = "Sample both from the same recording.csv."
             raise refuse(
                 "posteriors must have the same measurements", "other measurements", str(path), remedy
@@ -151,13 +151,15 @@ def _read_score(path: Path) -> tuple[PosteriorScore, dict[str, np.ndarray]]:
             loo_scores = [compute_loo_score(column) for column in sums.T]
             block_scores += [score for score, _ in loo_scores]
             pareto_k += [k for _, k in loo_scores]
-        observed = {
+        observed_data = {
             str(key): v.values
             for key, v in tree["observed_data"].to_dataset().data_vars.items()
             if v.dtype.kind == "f"
         }
     name = file.parent.name or file.stem
-    return PosteriorScore(name, model, tuple(names), np.array(block_scores), np.array(pareto_k)), observed
+    return PosteriorScore(
+        name, model, tuple(names), np.array(block_scores), np.array(pareto_k)
+    ), observed_data
 
 
 def _are_data_equal(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -> bool:

@@ -60,8 +60,8 @@ class EnsembleSampler(Sampler):
         start = emcee.State(state["x"], log_prob=state["logp"], random_state=_unpack_state(state))
         end: Any = sampler.run_mcmc(start, self.chunk, skip_initial_state_check=True)
         x, logp = np.asarray(sampler.get_chain()), np.asarray(sampler.get_log_prob())
-        moved = np.any(np.diff(np.concatenate([state["x"][None], x]), axis=0) != 0, axis=2)
-        draws = {"x": x, "logp": logp, "accepted": moved}
+        is_accepted = np.any(np.diff(np.concatenate([state["x"][None], x]), axis=0) != 0, axis=2)
+        draws = {"x": x, "logp": logp, "accepted": is_accepted}
         return draws, {"x": end.coords, "logp": end.log_prob, **_pack_state(end.random_state)}
 
     def _compute_log_density(self, x: np.ndarray) -> np.ndarray:

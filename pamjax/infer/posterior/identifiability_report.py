@@ -1,12 +1,13 @@
 """Identifiability of each parameter, from its posterior and its profile likelihood.
 
-| verdict             | condition                                                                          |
-|---------------------|------------------------------------------------------------------------------------|
-| at a limit          | `MIN_DRAWS_AT_LIMIT` of its draws are within `LIMIT_DISTANCE_SD` of a bound        |
-| determined          | its profile has two ends, and its sd is at most half the prior sd                  |
-| one-sided           | its profile has one end                                                            |
-| only in combination | it would be determined if the other parameters were known                          |
-| not determined      | otherwise                                                                          |
+| verdict                    | condition                                                                   |
+|----------------------------|-----------------------------------------------------------------------------|
+| at a limit                 | `MIN_DRAWS_AT_LIMIT` of its draws are within `LIMIT_DISTANCE_SD` of a bound |
+| determined by the data     | its profile has two ends, and its sd is at most half the prior sd           |
+| one-sided                  | its profile has one end                                                     |
+| only in combination        | it would be determined if the other parameters were known                   |
+| mostly from the prior      | otherwise, if its sd is smaller than the prior sd                           |
+| not determined by the data | otherwise: its posterior equals its prior                                   |
 
 The priors are those of the posterior, including `--priors`.
 """
@@ -19,6 +20,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pamjax.infer.fitting.determination import (
+    DETERMINED,
+    MAX_SD_RATIO_DETERMINED,
+    MAX_SD_RATIO_INFORMED,
+    MOSTLY_PRIOR,
+    NOT_DETERMINED,
+)
 from pamjax.infer.fitting.result import Fit
 from pamjax.infer.posterior.profile import (
     CHI2_RISE_95,
@@ -37,8 +45,6 @@ COMBINATION_KIND = "only in combination"
 #: for an exponential, 0.14 for a uniform distribution. An sd above `MAX_SPREAD_AT_LIMIT` of the range (0.29
 #: for a uniform distribution) is not a value at a bound.
 MIN_DRAWS_AT_LIMIT, LIMIT_DISTANCE_SD, MAX_SPREAD_AT_LIMIT = 0.2, 0.5, 0.2
-#: A parameter is determined if the recording reduces its sd to this fraction of the prior sd.
-MAX_POSTERIOR_SD_RATIO = 0.5
 #: Parameters with a larger correlation may be determined only in combination.
 MIN_PARTNER_CORRELATION = 0.3
 #: A combination is reported as a product if no exponent differs from one by more than this factor.
@@ -60,7 +66,7 @@ class Verdict:
     profile: LikelihoodProfile
 
     def __str__(self) -> str:
-        return f"{self.kind}: {self.detail}" if self.detail else self.kind
+        return f"{self.kind} ({self.detail})" if self.detail else self.kind
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +104,7 @@ def _summarise_parameter(problem: ProfileProblem, name: str, unit: str) -> Param
     prior_sd = sd if math.isfinite(sd) else value_range / math.sqrt(12)
     information = max(float(problem.solution.information[k, k]), 1e-300)
     determined_alone = (
-        abs(float(problem.solution.slope[k])) / math.sqrt(information) < MAX_POSTERIOR_SD_RATIO * prior_sd
+        abs(float(problem.solution.slope[k])) / math.sqrt(information) < MAX_SD_RATIO_DETERMINED * prior_sd
     )
     return ParameterSummary(low, high, space.log_scale[k], unit, value, prior_sd, determined_alone)
 
@@ -116,7 +122,7 @@ def build_verdicts(fit: Fit, space: ParameterSpace, draws: np.ndarray) -> dict[s
     profiles = {n: compute_profile(problem, n) for n in names}
     summaries = {n: _summarise_parameter(problem, n, fit.estimates[n].meaning.show) for n in names}
     kinds = {n: _classify_parameter(summaries[n], draws[:, space.names.index(n)], profiles[n]) for n in names}
-    undetermined = [n for n in names if kinds[n][0] in ("not determined", "one-sided")]
+    undetermined = [n for n in names if kinds[n][0] in (NOT_DETERMINED, "one-sided")]
     undetermined_draws = draws[:, [space.names.index(n) for n in undetermined]]
     verdict_by_name = {}
     for name, (kind, detail) in kinds.items():
@@ -129,9 +135,8 @@ def build_verdicts(fit: Fit, space: ParameterSpace, draws: np.ndarray) -> dict[s
                 COMBINATION_KIND,
                 describe_combination(summaries, name, partners, undetermined, undetermined_draws),
             )
-        elif kind == "not determined":
-            sd_ratio = draws[:, space.names.index(name)].std() / summaries[name].prior_sd
-            detail = f"sd {100 * min(sd_ratio, 1.0):.0f} % of the prior sd"
+        elif kind == NOT_DETERMINED:
+            kind, detail = _describe_prior_share(draws[:, space.names.index(name)], summaries[name])
         verdict_by_name[name] = Verdict(kind, detail, profiles[name])
     return verdict_by_name
 
@@ -150,8 +155,8 @@ def _classify_parameter(
     if profile.low is not None and profile.high is not None:
         if (profile.high - profile.low) / (
             2 * math.sqrt(CHI2_RISE_95)
-        ) < MAX_POSTERIOR_SD_RATIO * summary.prior_sd:
-            return "determined", ""
+        ) < MAX_SD_RATIO_DETERMINED * summary.prior_sd:
+            return DETERMINED, ""
     elif profile.low is not None or profile.high is not None:
         end = profile.low if profile.low is not None else profile.high
         assert end is not None
@@ -159,7 +164,15 @@ def _classify_parameter(
             "one-sided",
             f"{'above' if profile.low is not None else 'below'} {format_quantity(end, summary.unit, 3)}",
         )
-    return "not determined", ""
+    return NOT_DETERMINED, ""
+
+
+def _describe_prior_share(draws: np.ndarray, summary: ParameterSummary) -> tuple[str, str]:
+    """Return the verdict on a parameter that the prior determines at least in part, and the reason."""
+    sd_ratio = float(draws.std()) / summary.prior_sd
+    if sd_ratio > MAX_SD_RATIO_INFORMED:
+        return NOT_DETERMINED, "posterior equals prior"
+    return MOSTLY_PRIOR, f"sd {100 * sd_ratio:.0f} % of the prior sd"
 
 
 def _find_partners(name: str, undetermined: Sequence[str], draws: np.ndarray) -> list[int]:
@@ -167,8 +180,8 @@ def _find_partners(name: str, undetermined: Sequence[str], draws: np.ndarray) ->
     if len(undetermined) == 1:
         return []
     index = undetermined.index(name)
-    related = np.abs(np.corrcoef(draws, rowvar=False)[index])
-    partners = [k for k in range(len(undetermined)) if related[k] > MIN_PARTNER_CORRELATION]
+    correlation = np.abs(np.corrcoef(draws, rowvar=False)[index])
+    partners = [k for k in range(len(undetermined)) if correlation[k] > MIN_PARTNER_CORRELATION]
     return partners if len(partners) > 1 else []
 
 

@@ -5,7 +5,7 @@
 A generalised Pareto distribution smooths the largest weights. If its shape k̂ exceeds 0.7, the score is not
 reliable: the block changes the posterior too much. arviz-stats computes score and k̂.
 
-What it leaves out: the autocorrelation of the draws.
+Neglects: the autocorrelation of the draws.
 
 Source: Vehtari, Simpson, Gelman, Yao & Gabry, J. Mach. Learn. Res. 25 (72), 1 (2024).
 """

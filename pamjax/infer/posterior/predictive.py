@@ -29,8 +29,8 @@ def predict_channels(density: PosteriorDensity, values: np.ndarray, index: int) 
         index: index of the dataset.
     """
     parts = [_predict_batch(density, index, jnp.asarray(batch)) for batch in _split_batches(values)]
-    stacked = np.concatenate([np.asarray(p) for p in parts])[: len(values)]
-    return dict(zip(CHANNELS, np.moveaxis(stacked, 1, 0), strict=True))
+    array = np.concatenate([np.asarray(p) for p in parts])[: len(values)]
+    return dict(zip(CHANNELS, np.moveaxis(array, 1, 0), strict=True))
 
 
 def add_noise(

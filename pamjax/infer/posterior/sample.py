@@ -113,10 +113,12 @@ def _start_chain(
     chain_store: Checkpoint, density: PosteriorDensity, start, fit: Fit, sampler: str, seed: int
 ) -> tuple[PosteriorDensity, GaussianApproximation, Arrays]:
     """Return the density, its Gaussian approximation and the sampler's initial state; save them if new."""
-    saved = chain_store.read_start()
-    if saved is not None:
-        gaussian = GaussianApproximation(jnp.asarray(saved.pop("centre")), jnp.asarray(saved.pop("root")))
-        return _set_powers(density, saved.pop("powers")), gaussian, saved
+    saved_start = chain_store.read_start()
+    if saved_start is not None:
+        gaussian = GaussianApproximation(
+            jnp.asarray(saved_start.pop("centre")), jnp.asarray(saved_start.pop("root"))
+        )
+        return _set_powers(density, saved_start.pop("powers")), gaussian, saved_start
     gaussian = fit_laplace(density, start)
     density = temper_density(density, gaussian.centre, fit)
     powers = np.array([float(p) for ps in density.powers for p in ps])

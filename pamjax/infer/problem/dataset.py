@@ -150,13 +150,13 @@ def build_dataset(
     """
     free = [n.name for n in list_free_parameters(case, law, mechanisms)]
     indices = {name: space.names.index(space_names.get(name, name)) for name in free}
-    stated = collect_stated_values(case.entry, law) | collect_mechanism_values(case.entry, mechanisms)
+    stated_values = collect_stated_values(case.entry, law) | collect_mechanism_values(case.entry, mechanisms)
     return Dataset(
         law=law,
         mechanisms=tuple(mechanisms),
         free_parameters=tuple((n, i) for n, i in indices.items() if not is_length_error(n)),
         length_error_indices=tuple(i for n, i in indices.items() if is_length_error(n)),
-        fixed_values={n: jnp.asarray(m.value) for n, m in stated.items() if n not in indices},
+        fixed_values={n: jnp.asarray(m.value) for n, m in stated_values.items() if n not in indices},
         rows=build_rows(case),
         history=build_history(case),
         channel_weights=jnp.ones(2),
@@ -238,9 +238,9 @@ def build_rows(case: Case, size: int | None = None) -> PaddedRows:
 
     def pad(array, fill=0.0):
         # The weight of a padded row is zero.
-        padded = np.full(size, fill, dtype=np.asarray(array).dtype)
-        padded[: recording.n] = array
-        return jnp.asarray(padded)
+        padded_array = np.full(size, fill, dtype=np.asarray(array).dtype)
+        padded_array[: recording.n] = array
+        return jnp.asarray(padded_array)
 
     def channel(name, sd):
         informative = find_informative_samples(case, name)

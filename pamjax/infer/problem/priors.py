@@ -91,11 +91,11 @@ def list_free_parameters(case: Case, law: str, mechanisms: Sequence[str] = ()) -
 
 def collect_mechanism_values(entry: MuscleToml, ids: Sequence[str]) -> dict[str, MeasuredValue]:
     """Return prior or starting values of the mechanisms' parameters, SI."""
-    stated = estimate_tube_sizes(entry) | _read_bladder_modulus(entry)
+    stated_values = estimate_tube_sizes(entry) | _read_bladder_modulus(entry)
     return {
-        name: stated[name.rpartition(".")[2]]
+        name: stated_values[name.rpartition(".")[2]]
         if name.rpartition(".")[2] in TUBE_SIZES
-        else stated.get(name) or _choose_start_value(find_meaning(name), kind, field)
+        else stated_values.get(name) or _choose_start_value(find_meaning(name), kind, field)
         for name, (kind, field) in list_mechanism_parameters(ids).items()
     }
 

@@ -31,7 +31,7 @@ class BladderElasticity(AbstractStoredEnergy):
     With k the rubber stiffens at large stretch. A rubber with Gent's limit J has k = 1 / (2 J) to first
     order.
 
-    Neutral: μ = 0. What it leaves out: the initial softening of filled rubber and the limit of its stretch,
+    Neutral: μ = 0. Neglects: the initial softening of filled rubber and the limit of its stretch,
     relaxation, softening by the first stretch, temperature, compressibility of the wall.
     Source: Klute & Hannaford, J. Dyn. Syst. Meas. Control 122, 386 (2000), for Mooney-Rivlin; Kothera et
     al., J. Mech. Des. 131, 091010 (2009); Yeoh, Rubber Chem. Technol. 66, 754 (1993); the mid-surface form
@@ -46,7 +46,7 @@ class BladderElasticity(AbstractStoredEnergy):
         " Free contraction decreases, most at low pressure. Below a threshold pressure, which increases with"
         " contraction, the force is zero and the diameter is that of the free tube. There is no hysteresis,"
         " and no dependence on speed.",
-        leaves_out="the limit of stretch, relaxation, softening, temperature",
+        neglects="the limit of stretch, relaxation, softening, temperature",
         confusable=("contact_pressure", "pressure_offset", "force_offset", "end_taper"),
         experiment="Record a stroke without pressure, in which only the bladder acts. Or record strokes at"
         " two pressures: the force loss by rubber is the same in newtons, that by tapered ends increases"

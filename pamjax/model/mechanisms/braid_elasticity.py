@@ -16,7 +16,7 @@ class BraidElasticity(AbstractThreadCompliance):
         C  compliance  1/N  strain of all threads together per newton, 1 / (n E A)
         T  load        N    pull of all threads together
 
-    Neutral: C = 0, the inelastic braid. What it leaves out: crimp, slip, creep.
+    Neutral: C = 0, the inelastic braid. Neglects: crimp, slip, creep.
     Source: Chambers & Wereley, Actuators 2022, 11, 219, Eqs. 5-7.
     """
 
@@ -27,7 +27,7 @@ class BraidElasticity(AbstractThreadCompliance):
         signature="The force loss increases with the square of pressure. It is largest at rest length, and"
         " 60 % of that at free contraction. The diameter increases with pressure, most at rest length. There"
         " is no hysteresis, and no dependence on history.",
-        leaves_out="the soft toe of a crimped thread, slip, creep",
+        neglects="the soft toe of a crimped thread, slip, creep",
         confusable=("rig_compliance", "thread_crimp", "length_offset", "thread_slip"),
         experiment="Measure the diameter against pressure at rest length, up and down. Rig compliance has no"
         " effect at free contraction. A slip remains after the pressure is released.",

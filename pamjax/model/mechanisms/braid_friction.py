@@ -69,7 +69,7 @@ class BraidFriction(AbstractMemory):
     This holds at any speed and asymmetry, because the limits of an element include zero. While all elements
     slip, asymmetry adds a S in both directions. This resembles an error of the length.
 
-    Neutral: Fc = μ = 0. For d → 0 it is Coulomb friction. What it leaves out: changes of friction by wear,
+    Neutral: Fc = μ = 0. For d → 0 it is Coulomb friction. Neglects: changes of friction by wear,
     by temperature, or by time at rest.
     Source: the stop operator of Prandtl and Ishlinskii; strength derived here; Davis & Caldwell, Int. J.
     Robot. Res. 25, 359, 2006 (patches); Tondu & Lopez, IEEE Control Syst. 20(2), 15, 2000 (area); Vo-Minh
@@ -85,7 +85,7 @@ class BraidFriction(AbstractMemory):
         signature="Force is higher while the muscle lengthens and lower while it shortens, by the same"
         " amount at every speed. After a reversal it changes from one to the other within the presliding"
         " distance.",
-        leaves_out="wear, temperature, time at rest",
+        neglects="wear, temperature, time at rest",
         confusable=("viscous_damping", "channel_lag", "viscoelastic_creep", "pressure_drop"),
         experiment="Repeat the stroke three times as fast: the loop of friction does not change. Record a"
         " hold: friction remains, the effect of a delay disappears immediately, and rubber relaxes.",

@@ -38,7 +38,7 @@ class BraidLocking(AbstractStoredEnergy):
     fibres that are compacted. The rounded overlap is positive, so that force and derivatives are finite.
     Only the total width of all threads is identifiable, not their number.
 
-    Neutral: K = 0. What it leaves out: increased friction of jammed threads, permanent flattening of threads,
+    Neutral: K = 0. Neglects: increased friction of jammed threads, permanent flattening of threads,
     the smaller radius near the fittings, where threads at large angles meet first.
     Source: spacing derived here; jamming after Davis & Caldwell, Int. J. Robot. Res. 25, 359 (2006); exponent
     after Hertz and van Wyk, J. Text. Inst. 37, T285 (1946).
@@ -51,7 +51,7 @@ class BraidLocking(AbstractStoredEnergy):
         signature="An additional force acts only beyond a sharp limit at an end of the stroke. It is steep,"
         " and the same in newtons at every pressure. It pulls in the stretched muscle, and pushes near full"
         " contraction. The diameter is not affected.",
-        leaves_out="friction of the jammed threads, flattening of threads, the shape of the ends",
+        neglects="friction of the jammed threads, flattening of threads, the shape of the ends",
         confusable=("bladder_elasticity", "force_offset", "length_offset"),
         experiment="Record a stroke without pressure. The force by jamming has a corner, that by rubber has"
         " none.",

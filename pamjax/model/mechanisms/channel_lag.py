@@ -25,7 +25,7 @@ class ChannelLag(AbstractSensor):
 
 
     Samples of other runs are not used: before the start of a run, the force has its first value.
-    Neutral: d = 0, exactly. What it leaves out: filters of higher order, a delay of diameter.
+    Neutral: d = 0, exactly. Neglects: filters of higher order, a delay of diameter.
     Source: by definition; interpolation as in `History.delay`.
     """
 
@@ -36,7 +36,7 @@ class ChannelLag(AbstractSensor):
         signature="If force is late, the loop has the opposite sense of a friction loop. Its width is"
         " proportional to speed and pressure, and largest at mid-stroke. In a hold the effect disappears"
         " immediately.",
-        leaves_out="filters of higher order, a delay of diameter",
+        neglects="filters of higher order, a delay of diameter",
         confusable=("braid_friction", "viscous_damping", "pressure_drop"),
         experiment="Repeat the stroke three times as fast. Record a hold, in which the effect of a delay"
         " disappears immediately.",
@@ -58,10 +58,12 @@ class ChannelLag(AbstractSensor):
         self, force: Samples, diameter: Samples, past: Past, history: History
     ) -> tuple[Samples, Samples]:
         time_constant = self.smoothing * jnp.maximum(self.lag, 0.0)
-        delayed = history.delay(force, self.lag - time_constant)
+        delayed_force = history.delay(force, self.lag - time_constant)
         # Deviation e of the filter from its input, with a linear input over each step of h time constants:
         # e ← e exp(−h) + ΔF (1 − exp(−h)) / h.
         steps = history.increments(history.time) / jnp.maximum(time_constant, MIN_TIME_CONSTANT)
-        passed = -jnp.expm1(-steps) / jnp.where(steps > 0, steps, 1.0)
-        deviation = relax_states(history.increments(delayed) * passed, jnp.exp(-steps), history.restart)
-        return delayed - jnp.where(time_constant > MIN_TIME_CONSTANT, deviation, 0.0), diameter
+        mean_share = -jnp.expm1(-steps) / jnp.where(steps > 0, steps, 1.0)
+        deviation = relax_states(
+            history.increments(delayed_force) * mean_share, jnp.exp(-steps), history.restart
+        )
+        return delayed_force - jnp.where(time_constant > MIN_TIME_CONSTANT, deviation, 0.0), diameter

@@ -39,7 +39,7 @@ class ContactPressure(AbstractPressureLoss):
 
     Use it where the bladder is unknown. `bladder_elasticity` has its own threshold, which follows from its
     energy, and predicts the diameter below it. Neutral: Pt = 0, where the derivative is −∂/∂P of the muscle.
-    What it leaves out: the axial force of the rubber; the free bladder.
+    Neglects: the axial force of the rubber; the free bladder.
     Source: derived here; the effective pressure of Tondu, J. Intell. Mater. Syst. Struct. 23, 225 (2012),
     as a constant; the rounded transition is an assumption of pamjax.
     """
@@ -50,7 +50,7 @@ class ContactPressure(AbstractPressureLoss):
         equation="P_eff = P - Pc (1 + (Pc/P)^8)^(-1/8);  Pc = Pt [1 - (c/cos theta)^4]",
         signature="The force loss is the same in newtons at every pressure. It is proportional to 3 L^2 -"
         " B^2: largest at rest length, zero at free contraction. Below the threshold there is no force.",
-        leaves_out="the axial force of the rubber, the free bladder",
+        neglects="the axial force of the rubber, the free bladder",
         confusable=("pressure_offset", "bladder_elasticity", "pressure_gain"),
         experiment="Read the vented gauge. Record a pressure ramp from zero at rest length: a dead band has"
         " a knee, a zero error has none.",

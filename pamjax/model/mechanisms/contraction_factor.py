@@ -23,7 +23,7 @@ class ContractionFactor(AbstractShape):
     Its effect on force is that of a gain of the length channel. The library therefore has no such gain.
     The thread load is ∂V/∂B, so that force and volume are consistent.
 
-    It is an alternative to `end_taper`; the two are not combined. Neutral: k = 1. What it leaves out: the
+    It is an alternative to `end_taper`; the two are not combined. Neutral: k = 1. Neglects: the
     cause; the diameter, which is that of a cylinder; a k that decreases with pressure.
     Source: Tondu & Lopez, IEEE Control Syst. Mag. 20, 15 (2000); the volume derived here.
     """
@@ -34,7 +34,7 @@ class ContractionFactor(AbstractShape):
         equation="F = P [3 (L0 - k (L0 - L))^2 - B^2] / (4 pi N^2),   k = 1 + excess",
         signature="The force loss is proportional to pressure and to contraction: zero at rest length,"
         " largest at free contraction. The diameter is that of a cylinder.",
-        leaves_out="the shape of the ends, diameter, a factor that depends on pressure",
+        neglects="the shape of the ends, diameter, a factor that depends on pressure",
         confusable=("end_taper", "length_offset", "pressure_gain"),
         experiment="Check the length channel with a gauge block. Measure the diameter: a length error"
         " changes it, the factor does not.",

@@ -24,7 +24,7 @@ class DiameterOffset(AbstractSensor):
     A camera measures the outer surface of the braid: d is one braid thickness (half on either side), plus
     twice the thickness of a coat. Pressure flattens yarns at their crossings, so that the outer surface
     approaches the mid-thread surface. Thread and length determine the mid-thread radius. Neutral: d = c =
-    0. What it leaves out: a scale error of the camera, flattening that remains after the first cycle, the
+    0. Neglects: a scale error of the camera, flattening that remains after the first cycle, the
     effect of flat yarns on crimp.
     Source: by definition; its size from Chambers & Wereley, Actuators 10, 72 (2021); compaction as in
     Zhang & Philen, J. Intell. Mater. Syst. Struct. (2012), its saturating form an estimate.
@@ -37,7 +37,7 @@ class DiameterOffset(AbstractSensor):
         signature="The diameter error is the same at every contraction and, without compaction, at every"
         " pressure. Compaction of the yarns reduces it by some hundredths of a millimetre, mostly at low"
         " pressure. Force is not affected.",
-        leaves_out="a scale error of the camera, permanent flattening of yarns",
+        neglects="a scale error of the camera, permanent flattening of yarns",
         confusable=("length_offset", "thread_crimp", "thread_slip", "end_taper"),
         experiment="Measure the braid with a caliper, or a steel bar of known diameter in the same picture."
         " Over a stroke, a zero error of length also changes force, most at rest length. For compaction,"

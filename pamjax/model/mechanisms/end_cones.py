@@ -24,7 +24,7 @@ class EndCones(AbstractShape):
     with contraction. The force loss of the net in `end_taper` is largest at mid-stroke. Where the fittings
     are wider than the muscle, the same formula adds force, as the net does.
 
-    It is an alternative to `end_taper`; the two are not combined. Neutral: κ = 0. What it leaves out: the
+    It is an alternative to `end_taper`; the two are not combined. Neutral: κ = 0. Neglects: the
     constant length of the threads, which excludes such cones; the wider middle, which stretches the bladder.
     Source: Tsagarakis & Caldwell, ICRA 2000, in the form that changes the volume only; force derived here.
     """
@@ -36,7 +36,7 @@ class EndCones(AbstractShape):
         signature="The force loss is proportional to pressure. It is zero at rest length if the fittings are"
         " as wide as the muscle, and increases with contraction. The mean diameter is smaller than that of a"
         " cylinder.",
-        leaves_out="the constant length of the threads, the wider middle",
+        neglects="the constant length of the threads, the wider middle",
         confusable=("end_taper", "diameter_offset", "length_offset", "pressure_gain"),
         experiment="Record a stroke to free contraction. The force loss of cones increases until the end,"
         " that of a net is largest at mid-stroke.",

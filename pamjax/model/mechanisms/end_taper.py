@@ -27,7 +27,7 @@ class EndTaper(AbstractShape):
     mid-length, where the wall is stretched most.
 
     No radius gives a cylinder at every contraction, therefore the share is a parameter. Neutral: s = 0.
-    What it leaves out: friction of the crossings; muscles shorter than tan²θ diameters, for which it is an
+    Neglects: friction of the crossings; muscles shorter than tan²θ diameters, for which it is an
     approximation; threads clamped at an angle, or over a length; the axial pull of the bladder, which
     straightens the meridian; the shorter stretched part of the bladder at the ends.
     The simpler `end_cones` and `contraction_factor` are available for comparison.
@@ -42,8 +42,7 @@ class EndTaper(AbstractShape):
         signature="The force loss is proportional to pressure. It is zero at rest length if the fittings are"
         " as wide as the muscle. It is largest at mid-stroke, a tenth to a fifth of the force, and small at"
         " free contraction. The mean diameter is smaller than that of a cylinder, and the middle is wider.",
-        leaves_out="friction of the crossings, threads clamped at an angle, the bladder's pull on the"
-        " meridian",
+        neglects="friction of the crossings, threads clamped at an angle, the bladder's pull on the meridian",
         confusable=("bladder_elasticity", "length_offset", "diameter_offset", "pressure_gain"),
         experiment="Record strokes at two pressures: the force loss by tapered ends increases with pressure,"
         " that by rubber does not. Take a picture to compare the diameter in the middle with the mean"

@@ -29,7 +29,7 @@ class ForceDrift(AbstractSensor):
     Every term is zero at the first sample. A warm-up is the step response of one thermal mass. Heat that
     enters a thick body from its surface gives the square root of time. A room gives the period.
 
-    Neutral: a = b = D = r = s = c = 0. What it leaves out: several time constants or periods, and a measured
+    Neutral: a = b = D = r = s = c = 0. Neglects: several time constants or periods, and a measured
     temperature.
     Source: the first terms of a Taylor series; Newton's law of cooling; Carslaw & Jaeger, Conduction of Heat
     in Solids (1959), for the square root.
@@ -43,7 +43,7 @@ class ForceDrift(AbstractSensor):
         signature="The force error is the same in newtons at every pressure and length, and changes slowly"
         " with time. During warm-up it changes fast at first, and approaches a limit. A repeated stroke does"
         " not repeat the force. Diameter is not affected.",
-        leaves_out="several time constants or periods, a measured temperature",
+        neglects="several time constants or periods, a measured temperature",
         confusable=("force_offset", "viscoelastic_creep", "thread_slip"),
         experiment="Read the force of the unclamped muscle before and after the recording. Repeat the first"
         " isobar at the end.",

@@ -15,7 +15,7 @@ class ForceGain(AbstractSensor):
 
         g  gain  1  recorded over true force, minus one
 
-    A pull at an angle a to the axis has the gain error cos a − 1. Neutral: g = 0. What it leaves out:
+    A pull at an angle a to the axis has the gain error cos a − 1. Neutral: g = 0. Neglects:
     non-linearity, hysteresis of the load cell. Source: by definition.
     """
 
@@ -25,7 +25,7 @@ class ForceGain(AbstractSensor):
         equation="F_recorded = (1 + g) F",
         signature="The force error is proportional to force: largest at rest length and high pressure, zero"
         " at free contraction. Diameter is not affected.",
-        leaves_out="non-linearity and hysteresis of the load cell",
+        neglects="non-linearity and hysteresis of the load cell",
         confusable=("pressure_gain", "length_offset", "rig_compliance"),
         experiment="Calibrate the load cell with dead weights.",
         source="by definition: recorded over true, minus one",

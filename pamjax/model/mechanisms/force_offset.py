@@ -14,7 +14,7 @@ class ForceOffset(AbstractSensor):
 
         f  offset  N  reading of an unloaded load cell
 
-    It includes the weight of parts that hang on the load cell. Neutral: f = 0. What it leaves out: zero
+    It includes the weight of parts that hang on the load cell. Neutral: f = 0. Neglects: zero
     drift. Source: by definition.
     """
 
@@ -24,7 +24,7 @@ class ForceOffset(AbstractSensor):
         equation="F_recorded = F + f",
         signature="The force error is the same in newtons at every pressure, length and time. Diameter is"
         " not affected.",
-        leaves_out="a zero that drifts with time or temperature",
+        neglects="a zero that drifts with time or temperature",
         confusable=("force_drift", "bladder_elasticity", "pressure_offset"),
         experiment="Read the force of the unclamped, vented muscle.",
         source="by definition: recorded minus true",

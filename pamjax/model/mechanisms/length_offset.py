@@ -14,7 +14,7 @@ class LengthOffset(AbstractSensor):
 
         l  offset  m  error of the recorded length
 
-    A rigid end piece that the recorded length includes has this effect. Neutral: l = 0. What it leaves out: a
+    A rigid end piece that the recorded length includes has this effect. Neutral: l = 0. Neglects: a
     gain error of the length channel. Source: by definition.
     """
 
@@ -25,7 +25,7 @@ class LengthOffset(AbstractSensor):
         signature="The force error is proportional to pressure times length: a little smaller at free"
         " contraction than at rest length. The diameter error is the same at every pressure, and largest at"
         " rest length.",
-        leaves_out="a gain error of the length channel",
+        neglects="a gain error of the length channel",
         confusable=("braid_elasticity", "thread_slip", "pressure_gain", "diameter_offset"),
         experiment="Check the length with a gauge block. Record a pressure ramp at one length: threads"
         " stretch, a zero error does not change.",

@@ -33,8 +33,8 @@ class MullinsSoftening(AbstractMemory):
 
     At any e, η decreases with m, so that a closed path never gains energy. The first sample counts as first
     stretch, because the earlier history is unknown. The samples of a static map have no order, so that a
-    static map has no first stretch. Neutral: μ = 0. It does not require `bladder_elasticity`. What it
-    leaves out: permanent set, recovery over hours, softening that continues over many cycles.
+    static map has no first stretch. Neutral: μ = 0. It does not require `bladder_elasticity`. Neglects:
+    permanent set, recovery over hours, softening that continues over many cycles.
     Source: after Ogden & Roxburgh, Proc. R. Soc. A 455, 2861 (1999), with r = 1 on a separate energy.
     """
 
@@ -45,7 +45,7 @@ class MullinsSoftening(AbstractMemory):
         signature="Force is lower during a stretch that the muscle has not had before. This is the first"
         " stroke, or the last part of the first stroke of each isobar that extends further. Later cycles"
         " repeat.",
-        leaves_out="permanent set, recovery over hours, softening over many cycles",
+        neglects="permanent set, recovery over hours, softening over many cycles",
         confusable=("viscoelastic_creep", "thread_slip", "braid_friction"),
         experiment="Record the first cycle after half a day of rest. Record isobars from high to low"
         " pressure: only the very first stroke may then differ.",
@@ -76,5 +76,5 @@ class MullinsSoftening(AbstractMemory):
     def stresses(self, history: History, strains: Float[Array, "n k"], past: Past) -> Float[Array, "n k"]:
         largest = running_max(strains, history.restart)
         floor = MIN_WALL_ENERGY * wall.rubber_volume(self)
-        recovered = jax.lax.erf((largest - strains) / (self.width * largest + floor))
-        return jnp.where(jnp.all(history.restart), 0.0, self.modulus * (1 - recovered))
+        recovered_share = jax.lax.erf((largest - strains) / (self.width * largest + floor))
+        return jnp.where(jnp.all(history.restart), 0.0, self.modulus * (1 - recovered_share))

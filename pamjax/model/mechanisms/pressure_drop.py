@@ -19,8 +19,8 @@ class PressureDrop(AbstractPressureLoss):
         K  turbulence  Pa s²/m⁶  pressure drop per square of the flow, turbulent or through an orifice
         V              m³        volume of the muscle
 
-    It dissipates energy as a damper does: −∮ (Z + K |Q|) Q dV < 0. The volume is that at the measured pressure,
-    which is correct to first order in Z and K. Neutral: Z = K = 0. Neglects: choked flow,
+    It dissipates energy as a damper does: −∮ (Z + K |Q|) Q dV < 0. The volume is that at the measured
+    pressure, which is correct to first order in Z and K. Neutral: Z = K = 0. Neglects: choked flow,
     compression of the gas in the line, regulators with a dead zone.
     Source: Hagen-Poiseuille; Borda-Carnot loss of an orifice; derived here.
     """
@@ -32,7 +32,7 @@ class PressureDrop(AbstractPressureLoss):
         signature="Force is higher while the muscle lengthens and lower while it shortens. The difference is"
         " proportional to speed or, with turbulence, to its square, and the same at every pressure. It is"
         " largest at rest length, and zero at free contraction.",
-        leaves_out="choked flow, gas stored in the line, dead zones of the regulator",
+        neglects="choked flow, gas stored in the line, dead zones of the regulator",
         confusable=("viscous_damping", "braid_friction", "channel_lag"),
         experiment="Record the loop at free contraction, where volume is constant. Measure the pressure at"
         " the muscle.",

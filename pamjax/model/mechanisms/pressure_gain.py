@@ -14,7 +14,7 @@ class PressureGain(AbstractSensor):
 
         g  gain  1  recorded over true pressure, minus one
 
-    Neutral: g = 0. What it leaves out: non-linearity. Source: by definition.
+    Neutral: g = 0. Neglects: non-linearity. Source: by definition.
     """
 
     id: ClassVar[str] = "pressure_gain"
@@ -23,7 +23,7 @@ class PressureGain(AbstractSensor):
         equation="P = P_recorded / (1 + g)",
         signature="The force error is proportional to the part of the force that pressure produces. It"
         " resembles a gain error of the load cell: only a weight on the load cell distinguishes the two.",
-        leaves_out="non-linearity",
+        neglects="non-linearity",
         confusable=("force_gain", "pressure_offset", "length_offset"),
         experiment="Compare with a second gauge at the muscle. Calibrate the load cell with dead weights.",
         source="by definition: recorded over true, minus one",

@@ -14,7 +14,7 @@ class PressureOffset(AbstractSensor):
 
         p  offset  Pa  reading of the vented gauge
 
-    Neutral: p = 0. What it leaves out: zero drift, changes of ambient pressure.
+    Neutral: p = 0. Neglects: zero drift, changes of ambient pressure.
     Source: by definition.
     """
 
@@ -24,7 +24,7 @@ class PressureOffset(AbstractSensor):
         equation="P = P_recorded - p",
         signature="The force error is the same in newtons at every pressure. It is proportional to 3 L^2 -"
         " B^2: largest at rest length, zero at free contraction.",
-        leaves_out="zero drift, changes of ambient pressure",
+        neglects="zero drift, changes of ambient pressure",
         confusable=("contact_pressure", "bladder_elasticity", "force_offset", "pressure_gain"),
         experiment="Read the vented gauge.",
         source="by definition: recorded minus true",

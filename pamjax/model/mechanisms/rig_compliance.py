@@ -21,7 +21,7 @@ class RigCompliance(AbstractRigCompliance):
         Fs  seat_force  N    force at which 63 % of this displacement is reached
 
     The force is that of the shortened muscle: the balance solves both together. Neutral: c = s = 0, a
-    rigid rig. What it leaves out: backlash without force, sideways bending of the rig.
+    rigid rig. Neglects: backlash without force, sideways bending of the rig.
     Source: derived here.
     """
 
@@ -31,7 +31,7 @@ class RigCompliance(AbstractRigCompliance):
         equation="L = L_recorded - c F - s [1 - exp(-F/Fs)]",
         signature="The force loss increases with the square of pressure. It is largest at rest length, and"
         " zero at free contraction. The diameter is larger where force is high.",
-        leaves_out="backlash without force, sideways bending",
+        neglects="backlash without force, sideways bending",
         confusable=("braid_elasticity", "length_offset", "force_gain"),
         experiment="Replace the muscle by a steel bar. Or measure at free contraction, where the rig has no"
         " load and stretched threads still have an effect.",

@@ -19,7 +19,7 @@ class ThreadCrimp(AbstractThreadCompliance):
         Tc  load    N   load of all threads together at which 63 % of the crimp is pulled out
 
     Smooth, explicit in the load, and saturating: a toe region in the stress-strain curve. Neutral: c = 0.
-    What it leaves out: friction between filaments (the first loading gives more strain than later ones).
+    Neglects: friction between filaments (the first loading gives more strain than later ones).
     Source: the compliance form of a geometric crimp: the excess length of a wave that tension flattens
     (physics after Kastelic, Palley & Baer, J. Biomech. 13, 887, 1980); derived here in this form.
     """
@@ -31,7 +31,7 @@ class ThreadCrimp(AbstractThreadCompliance):
         signature="The diameter increases quickly at low pressure, and slowly at higher pressure. The force"
         " loss occurs at low pressure, and does not increase later. Compared with a straight line from"
         " lowest to highest pressure, the diameter is too large at low pressure.",
-        leaves_out="friction between filaments, a first loading with a larger strain than later ones",
+        neglects="friction between filaments, a first loading with a larger strain than later ones",
         confusable=("braid_elasticity", "contact_pressure", "thread_slip", "diameter_offset"),
         experiment="Measure the diameter at rest length below a fifth of full pressure. Or make a tensile"
         " test of one thread.",

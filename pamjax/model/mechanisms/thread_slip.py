@@ -28,7 +28,7 @@ class ThreadSlip(AbstractSlip):
 
     Both are permanent and monotone. They continue across gaps, and remain when the pressure is released.
     Neutral: e = a = 0. The samples of a static map have no order, so that a static map has no bedding-in.
-    What it leaves out: creep, recovery, more than one slip, a loss of turns.
+    Neglects: creep, recovery, more than one slip, a loss of turns.
     Source: constructional stretch of ropes; derived here in this form.
     """
 
@@ -38,7 +38,7 @@ class ThreadSlip(AbstractSlip):
         equation="B0(t) = B0 [1 + e (1 - exp(-Tmax/Tc)) + a / (1 + exp(-(t - t0)/w))]",
         signature="Force decreases and diameter increases permanently, at each new maximum of the load or at"
         " one time. The force loss is proportional to pressure, and the same at every length.",
-        leaves_out="creep, recovery, more than one slip",
+        neglects="creep, recovery, more than one slip",
         confusable=("thread_crimp", "braid_elasticity", "mullins_softening", "force_drift"),
         experiment="Repeat the lowest isobar at the end: the effect of a slip remains. Record the isobars in"
         " descending order of pressure: bedding-in occurs in the first stroke only.",

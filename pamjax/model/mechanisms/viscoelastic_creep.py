@@ -58,7 +58,7 @@ class ViscoelasticCreep(AbstractMemory):
     changes it may gain some energy, because it does not specify which part relaxes.
 
     The wall is assumed to be relaxed before the recording. Neutral: μ = f = 0. It does not require
-    `bladder_elasticity`. What it leaves out: more than three decades of time, dependence of relaxation
+    `bladder_elasticity`. Neglects: more than three decades of time, dependence of relaxation
     on stretch and temperature, creep of the threads.
     Source: quasi-linear viscoelasticity (Fung 1972) in Prony form; Bagley & Torvik, J. Rheol. 27, 201
     (1983) for fractional elements; the proof and the weights derived here.
@@ -73,7 +73,7 @@ class ViscoelasticCreep(AbstractMemory):
         signature="In a hold, force increases after shortening, and decreases after lengthening. The loops"
         " resemble those of friction, but have the same width at every pressure. They are widest near rest"
         " length, and become narrower over the first cycles. Diameter does not change.",
-        leaves_out="relaxation times outside the range of the branches, temperature, creep of the threads",
+        neglects="relaxation times outside the range of the branches, temperature, creep of the threads",
         confusable=("braid_friction", "force_drift", "mullins_softening", "viscous_damping"),
         experiment="Record holds of 300 s at one length, approached from both sides. Record a loop without"
         " pressure.",

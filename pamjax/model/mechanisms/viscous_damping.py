@@ -26,7 +26,7 @@ class ViscousDamping(AbstractMemory):
         b  pressed      N s/m/Pa  increase of the damping coefficient per pascal
         m  power        1         exponent of speed; 1 is a Newtonian damper
 
-    Neutral: c = b = 0. What it leaves out: damping that depends on direction; speeds that change within five
+    Neutral: c = b = 0. Neglects: damping that depends on direction; speeds that change within five
     samples, over which the rate is computed.
     Source: Newton's damper; in muscles, Reynolds, Repperger, Phillips & Bandry, Ann. Biomed. Eng. 31,
     310, 2003.
@@ -39,7 +39,7 @@ class ViscousDamping(AbstractMemory):
         signature="Force is higher while the muscle lengthens and lower while it shortens, in proportion to"
         " speed. The difference is the same at every length. It is the same at every pressure, or increases"
         " in proportion to it. In a hold it is zero.",
-        leaves_out="damping that depends on direction",
+        neglects="damping that depends on direction",
         confusable=("braid_friction", "pressure_drop", "channel_lag", "viscoelastic_creep"),
         experiment="Repeat the stroke three times as fast: the loop is three times as wide.",
         source="Newton's damper; Reynolds et al. 2003",

@@ -102,8 +102,8 @@ def _check_force(
     ideal = recording.pressure * _compute_force_area(recording.length, entry)
     is_tested = np.isfinite(recording.force) & (ideal > 0)
     near_rest = is_tested & (recording.length > MIN_LENGTH_NEAR_REST * entry.rest_length.value)
-    unstretched = near_rest.sum() >= 3
-    is_tested = near_rest if unstretched else is_tested
+    has_rows_near_rest = near_rest.sum() >= 3
+    is_tested = near_rest if has_rows_near_rest else is_tested
     if is_tested.sum() < 3:
         return []
     is_tested &= ideal >= 0.5 * np.max(ideal[is_tested])
@@ -114,7 +114,7 @@ def _check_force(
     if low < -FORCE_RATIO_LIMITS[0] and ratio < FORCE_RATIO_LIMITS[0]:
         got = f"{low:.4g} times the force of the ideal braid"
         raise refuse("`force` must be positive when the muscle pulls", got, file, "Change its sign.")
-    if ratio < FORCE_RATIO_LIMITS[0] and not unstretched:
+    if ratio < FORCE_RATIO_LIMITS[0] and not has_rows_near_rest:
         return [
             f"`force` in {file} is {got}: the muscle is slack or very stiff, or a unit is wrong."
             " Check the units in the headers."

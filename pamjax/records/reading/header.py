@@ -150,8 +150,10 @@ def _build_missing_error(name: str, titles: Sequence[str], file: str, hint: str 
     guess = _guess_header(name, titles)
     remedy = f'If it is `{guess}`, map it in muscle.toml: [columns] {name} = "{guess}".' if guess else ""
     remedy = remedy or f"Rename its header, or map it as `{name}` in [columns] of muscle.toml."
-    listed = ", ".join(f"`{title}`" for title in titles if title)
-    return refuse(f"a recording must have a column `{USUAL_HEADERS[name]}`", listed, file, remedy + hint)
+    quoted_titles = ", ".join(f"`{title}`" for title in titles if title)
+    return refuse(
+        f"a recording must have a column `{USUAL_HEADERS[name]}`", quoted_titles, file, remedy + hint
+    )
 
 
 def _guess_header(name: str, titles: Sequence[str]) -> str | None:

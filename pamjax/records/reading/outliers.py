@@ -66,32 +66,35 @@ def remove_outliers(recording: Recording, units: Mapping[str, str] | None = None
     return recording.blank_cells(cells, tuple(outliers)) if outliers else recording
 
 
-def find_outliers(channel: np.ndarray, run: np.ndarray, ordered: bool, unit: str) -> dict[int, str]:
+def find_outliers(channel: np.ndarray, run: np.ndarray, is_time_series: bool, unit: str) -> dict[int, str]:
     """Return the indices of a channel's outlying cells, each with its reason.
 
     Args:
         channel: (n,) SI, NaN where not measured.
         run: (n,) number of each row's continuous part.
-        ordered: whether the rows are a time series.
+        is_time_series: whether the rows are a time series.
         unit: unit in the reasons.
     """
-    measured = np.flatnonzero(np.isfinite(channel))
-    if len(measured) < MIN_CELLS_FOR_RANGE:
+    measured_rows = np.flatnonzero(np.isfinite(channel))
+    if len(measured_rows) < MIN_CELLS_FOR_RANGE:
         return {}
-    x = channel[measured]
+    x = channel[measured_rows]
     low, high = np.quantile(x, [0.1, 0.9])
     # A constant channel has almost no range. Its range is then a fifth of its value.
     span = max(high - low, 0.2 * float(np.median(np.abs(x))))
     is_outside = (x < low - MIN_OUTSIDE_RANGES * span) | (x > high + MIN_OUTSIDE_RANGES * span)
     is_spike = np.zeros(len(x), dtype=bool)
-    if ordered:
-        is_outside = _keep_brief_runs(is_outside, run[measured])
-        is_spike = _find_spikes(x, run[measured], span) & ~is_outside
+    if is_time_series:
+        is_outside = _keep_brief_runs(is_outside, run[measured_rows])
+        is_spike = _find_spikes(x, run[measured_rows], span) & ~is_outside
     if (is_outside | is_spike).sum() > max(MAX_OUTLIER_RUN, MAX_OUTLIER_SHARE * len(x)):
         return {}
-    reasons = {int(measured[i]): _format_outside_reason(low, high, unit) for i in np.flatnonzero(is_outside)}
+    reasons = {
+        int(measured_rows[i]): _format_outside_reason(low, high, unit) for i in np.flatnonzero(is_outside)
+    }
     return reasons | {
-        int(measured[i]): _format_spike_reason(x[i - 1], x[i + 1], unit) for i in np.flatnonzero(is_spike)
+        int(measured_rows[i]): _format_spike_reason(x[i - 1], x[i + 1], unit)
+        for i in np.flatnonzero(is_spike)
     }
 
 

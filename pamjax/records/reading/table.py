@@ -236,5 +236,5 @@ def _check_measured(recording: Recording, file: str) -> None:
         raise _build_empty_error("pressure, length, and force or diameter", file)
 
 
-def _build_empty_error(needed: str, file: str) -> BadInput:
-    return refuse(f"at least one row must have {needed}", "none", file, "Check for blank columns.")
+def _build_empty_error(needed_columns: str, file: str) -> BadInput:
+    return refuse(f"at least one row must have {needed_columns}", "none", file, "Check for blank columns.")

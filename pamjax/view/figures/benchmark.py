@@ -47,7 +47,7 @@ def plot_null(trials: Sequence[Trial]) -> Figure | None:
                 trial for trial in null_trials if (trial.stage, trial.correlation) == (stage, correlation)
             ]
             _plot_quantiles(panel, [trial.p_value for trial in group_trials])
-            hits = Rate.from_outcomes(trial.detected for trial in group_trials)
+            hits = Rate.from_outcomes(trial.is_detected for trial in group_trials)
             stage_name = "score test only" if stage == "score" else "all steps"
             panel.set_title(
                 f"Autocorrelation {correlation:g}, {stage_name}:\n"
@@ -59,7 +59,7 @@ def plot_null(trials: Sequence[Trial]) -> Figure | None:
 
 
 def _plot_quantiles(panel: Panel, p_values: Sequence[float]) -> None:
-    observed, n = np.sort(p_values), len(p_values)
+    sorted_values, n = np.sort(p_values), len(p_values)
     rank = np.arange(1, n + 1)
     expected = (rank - 0.5) / n
     low, high = (np.clip(beta.ppf(q, rank, n + 1 - rank), 1e-12, 1) for q in (0.025, 0.975))
@@ -67,7 +67,7 @@ def _plot_quantiles(panel: Panel, p_values: Sequence[float]) -> None:
         expected, low, high, color=REFERENCE_COLOUR, alpha=0.25, lw=0, label="95 % band, uniform"
     )
     panel.plot(expected, expected, color=REFERENCE_COLOUR, lw=0.8)
-    panel.plot(expected, np.maximum(observed, 0.1 / n), ".", color=PAMJAX_COLOUR, ms=3, gid="p-values")
+    panel.plot(expected, np.maximum(sorted_values, 0.1 / n), ".", color=PAMJAX_COLOUR, ms=3, gid="p-values")
     limit = DEFAULT_SETTINGS.detection_p_value
     panel.axhline(limit, color=BASELINE_COLOUR, ls=":", lw=0.8, label="detection limit")
     panel.set(
@@ -216,8 +216,8 @@ def _plot_coverage(panel: Panel, trials: Sequence[Trial]) -> None:
             compute_coverage([trial for trial in trials if trial.correlation == correlation], of_baseline)
             for correlation in correlations
         ]
-        filled = [k for k, rate in enumerate(rates) if rate.total]
-        _plot_rates(panel, x[filled] + shift, [rates[k] for k in filled], colour, "o", label, "none")
+        indices = [k for k, rate in enumerate(rates) if rate.total]
+        _plot_rates(panel, x[indices] + shift, [rates[k] for k in indices], colour, "o", label, "none")
     panel.axhspan(0.85, 0.95, color=REFERENCE_COLOUR, alpha=0.2, lw=0)
     panel.set_xticks(x, [f"{correlation:g}" for correlation in correlations])
     overall = compute_coverage(trials, False)
@@ -250,10 +250,12 @@ def _plot_held_out(panel: Panel, trials: Sequence[Trial]) -> None:
             panel.plot(sizes, medians, "o-", color=colour, ms=3, lw=1, label=label)
             panel.fill_between(sizes, *np.array(quantiles).T, color=colour, alpha=0.12, lw=0)
     panel.axhline(MAX_ERROR_NOISE_RATIO, color=REFERENCE_COLOUR, ls=":", lw=0.8)
-    reached = Rate.from_outcomes(trial.after["force"] <= MAX_ERROR_NOISE_RATIO for trial in scored_trials)
+    success_rate = Rate.from_outcomes(
+        trial.after["force"] <= MAX_ERROR_NOISE_RATIO for trial in scored_trials
+    )
     panel.set(
         yscale="log", ylabel="held-out force error / noise",
-        title=f"{reached.share:.0%} of {reached.total} below {MAX_ERROR_NOISE_RATIO:g} × noise",
+        title=f"{success_rate.share:.0%} of {success_rate.total} below {MAX_ERROR_NOISE_RATIO:g} × noise",
     )  # fmt: skip
     panel.set_yticks([1, 2, 5, 10, 20], ["1", "2", "5", "10", "20"])
     _set_size_axis(panel)

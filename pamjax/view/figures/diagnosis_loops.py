@@ -73,21 +73,21 @@ def _select_settings(diagnosis: Diagnosis) -> Layout:
     setting_count = len(full_layout.names)
     if setting_count <= MAX_LOOPS:
         return full_layout
-    chosen = np.unique(np.linspace(0, setting_count - 1, MAX_LOOPS).round().astype(int))
+    chosen_settings = np.unique(np.linspace(0, setting_count - 1, MAX_LOOPS).round().astype(int))
     held_out_groups = np.unique(full_layout.group[diagnosis.gain.held_out & (full_layout.group >= 0)])
-    if held_out_groups.size and not np.isin(held_out_groups, chosen).any():
-        inner = chosen[1:-1]
-        chosen[1 + np.argmin(np.abs(inner - held_out_groups[0]))] = held_out_groups[0]
+    if held_out_groups.size and not np.isin(held_out_groups, chosen_settings).any():
+        inner = chosen_settings[1:-1]
+        chosen_settings[1 + np.argmin(np.abs(inner - held_out_groups[0]))] = held_out_groups[0]
     number = np.full(setting_count + 1, -1)
-    number[chosen] = np.arange(len(chosen))
+    number[chosen_settings] = np.arange(len(chosen_settings))
     return Layout(
         full_layout.x,
         full_layout.xlabel,
         number[full_layout.group],
-        tuple(full_layout.names[k] for k in chosen),
-        tuple(full_layout.colours[k] for k in chosen),
-        tuple(full_layout.isobars[k] for k in chosen) if full_layout.isobars else (),
-        full_layout.connected,
+        tuple(full_layout.names[k] for k in chosen_settings),
+        tuple(full_layout.colours[k] for k in chosen_settings),
+        tuple(full_layout.isobars[k] for k in chosen_settings) if full_layout.isobars else (),
+        full_layout.is_connected,
     )
 
 
@@ -95,22 +95,31 @@ def _plot_loops(
     panel: Panel, diagnosis: Diagnosis, row_layout: Layout, channel_index: int, prediction: np.ndarray
 ) -> None:
     channel = CHANNELS[channel_index]
-    measured, predicted = (
+    measured_values, predicted_values = (
         to_display(channel, diagnosis.problem.measured[channel_index]),
         to_display(channel, prediction),
     )
-    measured_rows = np.isfinite(measured)
+    measured_rows = np.isfinite(measured_values)
     for group, colour in enumerate(row_layout.colours):
         rows = np.flatnonzero((row_layout.group == group) & measured_rows)
         rows = rows[:: max(1, math.ceil(rows.size / MAX_LOOP_POINTS))]
         panel.plot(
-            row_layout.x[rows], measured[rows], "o", ms=2.6, mew=0, alpha=0.55, color=colour, gid="measured"
+            row_layout.x[rows],
+            measured_values[rows],
+            "o",
+            ms=2.6,
+            mew=0,
+            alpha=0.55,
+            color=colour,
+            gid="measured",
         )
-        if not row_layout.connected:
-            panel.plot(row_layout.x[rows], predicted[rows], "x", color=colour, gid="predicted")
+        if not row_layout.is_connected:
+            panel.plot(row_layout.x[rows], predicted_values[rows], "x", color=colour, gid="predicted")
             continue
         for run in iterate_lines(diagnosis.problem.case, row_layout, group, measured_rows):
-            panel.plot(row_layout.x[run], predicted[run], color=colour, lw=1.0, zorder=3, gid="predicted")
+            panel.plot(
+                row_layout.x[run], predicted_values[run], color=colour, lw=1.0, zorder=3, gid="predicted"
+            )
 
 
 def plot_explained_residuals(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:

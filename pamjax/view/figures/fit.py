@@ -65,7 +65,7 @@ def plot_prediction(case_fit: CaseFit, narrow: bool = False) -> Figure:
                 ylabel=f"{channel} [{DISPLAY_UNIT[channel]}]",
                 title=format_misfit_title(case_fit, channel),
             )
-        style = {"ls": "-"} if row_layout.connected else {"marker": "x"}
+        style = {"ls": "-"} if row_layout.is_connected else {"marker": "x"}
         add_key(
             drawing,
             panels,
@@ -78,29 +78,33 @@ def plot_prediction(case_fit: CaseFit, narrow: bool = False) -> Figure:
 
 def _plot_points_and_lines(panel: Axes, case_fit: CaseFit, row_layout: Layout, channel: str) -> None:
     scale = compute_si_factor(DISPLAY_UNIT[channel])
-    measured = getattr(case_fit.case.recording, channel) / scale
-    predicted = case_fit.prediction[channel] / scale
-    measured_rows = np.isfinite(measured)
-    drawn_rows = thin_points(np.where(row_layout.group >= 0, row_layout.x, np.nan), measured)
+    measured_values = getattr(case_fit.case.recording, channel) / scale
+    predicted_values = case_fit.prediction[channel] / scale
+    measured_rows = np.isfinite(measured_values)
+    drawn_rows = thin_points(np.where(row_layout.group >= 0, row_layout.x, np.nan), measured_values)
     style = _choose_point_style(measured_rows)
     for group, colour in enumerate(row_layout.colours):
         rows = drawn_rows[row_layout.group[drawn_rows] == group]
-        panel.plot(row_layout.x[rows], measured[rows], color=colour, gid=f"measured group-{group}", **style)
-        if not row_layout.connected:
-            panel.plot(row_layout.x[rows], predicted[rows], "x", color=colour, gid=f"model group-{group}")
+        panel.plot(
+            row_layout.x[rows], measured_values[rows], color=colour, gid=f"measured group-{group}", **style
+        )
+        if not row_layout.is_connected:
+            panel.plot(
+                row_layout.x[rows], predicted_values[rows], "x", color=colour, gid=f"model group-{group}"
+            )
             continue
         for rows in iterate_lines(case_fit.case, row_layout, group, measured_rows):
             # A white outline separates the line from the points of its group.
             panel.plot(
                 row_layout.x[rows],
-                predicted[rows],
+                predicted_values[rows],
                 color="white",
                 lw=2.4,
                 zorder=2.5,
                 gid=f"casing group-{group}",
             )
             panel.plot(
-                row_layout.x[rows], predicted[rows], color=colour, zorder=3, gid=f"model group-{group}"
+                row_layout.x[rows], predicted_values[rows], color=colour, zorder=3, gid=f"model group-{group}"
             )
 
 
@@ -240,8 +244,8 @@ def _order_blocks(case_fit: CaseFit) -> list[str]:
     """Return the blocks with a measured row, sorted by setting if they have one, else by time."""
     assert case_fit.held_out is not None
     recording, label = case_fit.case.recording, np.array(case_fit.block)
-    measured = np.isfinite(recording.force) | np.isfinite(recording.diameter)
-    names = [name for name in dict.fromkeys(case_fit.block) if name and measured[label == name].any()]
+    is_measured = np.isfinite(recording.force) | np.isfinite(recording.diameter)
+    names = [name for name in dict.fromkeys(case_fit.block) if name and is_measured[label == name].any()]
     setting = {"isobars": recording.pressure, "lengths": recording.length}.get(case_fit.held_out.kind)
     if setting is None:
         return names
@@ -252,8 +256,8 @@ def _plot_blocks(panel: Axes, case_fit: CaseFit, channel: str, block_names: list
     scale = compute_si_factor(DISPLAY_UNIT[channel])
     label = np.array(case_fit.block)
     rmse = {}
-    for kind, predicted in (("fitted", case_fit.prediction), ("held-out", case_fit.held_out_prediction)):
-        misfit = getattr(case_fit.case.recording, channel) - predicted[channel]
+    for kind, prediction in (("fitted", case_fit.prediction), ("held-out", case_fit.held_out_prediction)):
+        misfit = getattr(case_fit.case.recording, channel) - prediction[channel]
         rmse[kind] = np.array([_compute_rms(misfit[label == name]) / scale for name in block_names])
     y = np.arange(len(block_names))
     panel.hlines(y, rmse["fitted"], rmse["held-out"], color=REFERENCE_COLOUR, lw=0.8)
@@ -317,9 +321,7 @@ def plot_prior(fit: Fit, narrow: bool = False) -> Figure | None:
             create_mark("estimate ± 1 sd", marker="o", ls="-", color=OKABE_ITO["blue"]),
         ]
         if any(estimate.sd is None for estimate in estimates.values()):
-            handles.append(
-                create_mark("at a limit or not determined", marker="x", color=OKABE_ITO["vermilion"])
-            )
+            handles.append(create_mark("at a limit, or without sd", marker="x", color=OKABE_ITO["vermilion"]))
         drawing.legend(handles=handles, loc="outside lower center", ncols=2 if narrow else 3)
     return drawing
 
@@ -350,7 +352,7 @@ def _plot_estimate(panel: Axes, y: int, estimate: Estimate) -> None:
 def format_sd_reduction(fit: Fit) -> str:
     """Return the title: how many standard deviations the recording halves, and the largest shift."""
     estimates = select_with_prior(fit)
-    determined_count = sum(estimate.shrinkage > 0.5 for estimate in estimates.values())
+    determined_count = sum(estimate.is_determined for estimate in estimates.values())
     group = "parameters" if len(estimates) == len(fit.estimates) else "parameters with a prior"
     text = f"The recording at least halves the sd of {determined_count} of {len(estimates)} {group}"
     shifts = {

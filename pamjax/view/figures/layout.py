@@ -42,7 +42,7 @@ class Layout:
         names: of the groups.
         colours: of the groups.
         isobars: pressures of the groups, kPa, if they are isobars; else empty.
-        connected: whether a line connects the model's points of a group.
+        is_connected: whether a line connects the model's points of a group.
     """
 
     x: np.ndarray
@@ -51,7 +51,7 @@ class Layout:
     names: tuple[str, ...]
     colours: tuple[ColorType, ...]
     isobars: tuple[float, ...]
-    connected: bool
+    is_connected: bool
 
 
 def select_axes(case: Case) -> dict[str, np.ndarray]:
@@ -82,14 +82,14 @@ def build_layout(case: Case) -> Layout:
     all_rows = np.zeros(recording.n, dtype=int)
     if "time [s]" in columns:
         return _assemble_layout(case, "time [s]", all_rows, ["all rows"])
-    return _assemble_layout(case, "pressure [kPa]", all_rows, ["all rows"], connected=False)
+    return _assemble_layout(case, "pressure [kPa]", all_rows, ["all rows"], is_connected=False)
 
 
-def _assemble_layout(case, xlabel, group, names, isobars=(), connected=True) -> Layout:
+def _assemble_layout(case, xlabel, group, names, isobars=(), is_connected=True) -> Layout:
     """Return a layout without unusable rows and without groups that have no measured row."""
     recording = case.recording
-    measured = np.isfinite(recording.force) | np.isfinite(recording.diameter)
-    group = np.where(recording.usable & measured, group, -1)
+    is_measured = np.isfinite(recording.force) | np.isfinite(recording.diameter)
+    group = np.where(recording.usable & is_measured, group, -1)
     drawn_groups = np.unique(group[group >= 0])
     new_index = np.full(len(names) + 1, -1)
     new_index[drawn_groups] = np.arange(len(drawn_groups))
@@ -97,7 +97,7 @@ def _assemble_layout(case, xlabel, group, names, isobars=(), connected=True) -> 
     x = {"pressure [kPa]": recording.pressure / 1e3, **select_axes(case)}[xlabel]
     colours = _choose_colours(len(drawn_groups), isobars)
     return Layout(
-        x, xlabel, new_index[group], tuple(names[k] for k in drawn_groups), colours, isobars, connected
+        x, xlabel, new_index[group], tuple(names[k] for k in drawn_groups), colours, isobars, is_connected
     )
 
 

@@ -152,8 +152,8 @@ def _simulate_bench(
         jnp.asarray(length),
         time_history,
     )
-    solved = np.asarray(reading.status) == Status.OK
-    force, diameter = (np.where(solved, np.asarray(x), np.nan) for x in (reading.force, reading.diameter))
+    is_solved = np.asarray(reading.status) == Status.OK
+    force, diameter = (np.where(is_solved, np.asarray(x), np.nan) for x in (reading.force, reading.diameter))
     return force, diameter
 
 

@@ -71,7 +71,7 @@ def compute_standard_residual(problem: LibraryProblem, candidate_fit: CandidateF
 
 def find_main_channel(diagnosis: Diagnosis) -> int:
     """Return the channel of the first box, else the channel with the largest misfit."""
-    if diagnosis.detected and diagnosis.mismatch_boxes:
+    if diagnosis.is_detected and diagnosis.mismatch_boxes:
         return CHANNELS.index(diagnosis.mismatch_boxes[0].channel)
     square = compute_standard_residual(diagnosis.problem, diagnosis.baseline) ** 2
     mean_squares = [
@@ -83,7 +83,7 @@ def find_main_channel(diagnosis: Diagnosis) -> int:
 def list_other_channels(diagnosis: Diagnosis) -> list[int]:
     """Return the channels with a box, except the main channel."""
     located_channels = (
-        {CHANNELS.index(box.channel) for box in diagnosis.mismatch_boxes} if diagnosis.detected else set()
+        {CHANNELS.index(box.channel) for box in diagnosis.mismatch_boxes} if diagnosis.is_detected else set()
     )
     return sorted(located_channels - {find_main_channel(diagnosis)})
 
@@ -106,7 +106,7 @@ def plot_map(diagnosis: Diagnosis, channel: int | None = None, narrow: bool = Fa
     boxes = [
         (number, box)
         for number, box in enumerate(diagnosis.mismatch_boxes, 1)
-        if diagnosis.detected and box.channel == CHANNELS[channel_index]
+        if diagnosis.is_detected and box.channel == CHANNELS[channel_index]
     ]
     cells = [_compute_cell_means(x, y, np.where(rows, residual, np.nan)) for _, _, rows in panel_parts]
     colour_limit = max(2.0, float(np.nanquantile(np.abs(np.stack(cells)), COLOUR_QUANTILE)))
@@ -140,7 +140,7 @@ def plot_map(diagnosis: Diagnosis, channel: int | None = None, narrow: bool = Fa
 
 def format_location(diagnosis: Diagnosis, channel: str) -> str:
     """Return the location of a channel's misfit in one sentence."""
-    if not diagnosis.detected:
+    if not diagnosis.is_detected:
         return "No part of the recording differs from the baseline by more than the noise explains"
     sentences = [box.description for box in diagnosis.mismatch_boxes if box.channel == channel]
     return (
@@ -151,14 +151,14 @@ def format_location(diagnosis: Diagnosis, channel: str) -> str:
 
 
 def _list_directions(
-    coordinates: RecordingAxes, measured: np.ndarray
+    coordinates: RecordingAxes, is_measured: np.ndarray
 ) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]:
     """Yield the title, the directions of boxes and the (n,) mask of rows of each panel."""
-    if np.mean(coordinates.direction[measured] != STILL) < MIN_MOVING_SHARE:
-        yield "", ("both", "shortening", "lengthening"), measured
+    if np.mean(coordinates.direction[is_measured] != STILL) < MIN_MOVING_SHARE:
+        yield "", ("both", "shortening", "lengthening"), is_measured
         return
     for name, direction in (("shortening", SHORTENING), ("lengthening", LENGTHENING)):
-        yield f"while {name}", ("both", name), measured & (coordinates.direction == direction)
+        yield f"while {name}", ("both", name), is_measured & (coordinates.direction == direction)
 
 
 def _select_axes(problem: LibraryProblem, coordinates: RecordingAxes) -> tuple[MapAxis, MapAxis]:

@@ -19,6 +19,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from pamjax.infer.fitting.determination import DETERMINED
 from pamjax.infer.posterior.identifiability_report import COMBINATION_KIND
 from pamjax.infer.posterior.predictive import sample_prior
 from pamjax.infer.posterior.result import Posterior
@@ -50,8 +51,8 @@ def _select_most_correlated(post: Posterior, indices: list[int]) -> list[int]:
     """Return the indices of the most correlated parameters, in their order."""
     correlation = np.abs(post.correlation[np.ix_(indices, indices)])
     np.fill_diagonal(correlation, 0)
-    ranked = np.argsort(-correlation.max(axis=1), kind="stable")[:MAX_NARROW_PANELS]
-    return [indices[k] for k in sorted(ranked)]
+    largest_indices = np.argsort(-correlation.max(axis=1), kind="stable")[:MAX_NARROW_PANELS]
+    return [indices[k] for k in sorted(largest_indices)]
 
 
 def plot_corner(post: Posterior, narrow: bool = False) -> Figure:
@@ -131,7 +132,7 @@ def find_ridges(post: Posterior) -> list[tuple[int, int]]:
     """Return index pairs of parameters that are determined only in combination, with their partners."""
     correlation = np.abs(post.correlation)
     kind_by_index = {post.names.index(n): v.kind for n, v in post.verdicts.items()}
-    undetermined = [k for k, kind in kind_by_index.items() if kind != "determined"]
+    undetermined = [k for k, kind in kind_by_index.items() if kind != DETERMINED]
     partners = {
         k: max((j for j in undetermined if j != k), key=lambda j, k=k: correlation[k, j])
         for k in undetermined
@@ -195,7 +196,7 @@ def plot_marginals(post: Posterior, narrow: bool = False) -> Figure:
             panel.set_xlabel(format_axis_label(post, k).replace("\n", ""), fontsize=7)
         for panel in panels[len(indices) :]:
             panel.set_axis_off()
-        determined_count = sum(v.kind == "determined" for v in post.verdicts.values())
+        determined_count = sum(v.kind == DETERMINED for v in post.verdicts.values())
         drawing.suptitle(
             f"The recording determines {determined_count} of {len(post.verdicts)} parameters",
             x=0.01,

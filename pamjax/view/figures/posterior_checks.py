@@ -156,7 +156,7 @@ def _plot_channel_band(
         )
         for group_rows in iterate_lines(case_fit.case, row_layout, group, measured_rows):
             ordered_rows = group_rows[np.argsort(row_layout.x[group_rows], kind="stable")]
-            if row_layout.connected and len(ordered_rows) > 1:
+            if row_layout.is_connected and len(ordered_rows) > 1:
                 panel.fill_between(
                     row_layout.x[ordered_rows],
                     low[ordered_rows],

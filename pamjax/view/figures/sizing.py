@@ -134,15 +134,15 @@ def _plot_points(panel: Axes, design: Design) -> None:
     rest_length = design.numbers["rest_length"]
     points, task = design.task.points, design.task
     x = 100 * (points.contraction + points.shortening / rest_length)[: task.point_count]
-    available = np.array([design.output("force", k) for k in range(task.point_count)])
-    required = task.loads
-    rows = np.flatnonzero(np.isfinite(required))
+    forces = np.array([design.output("force", k) for k in range(task.point_count)])
+    loads = task.loads
+    rows = np.flatnonzero(np.isfinite(loads))
     stroke = [k for k in rows if "of the stroke" in task.labels[k]]
     if stroke:
-        panel.plot(x[stroke], required[stroke], "-", color=OKABE_ITO["vermilion"], lw=1.6, gid="load")
-    panel.vlines(x[rows], required[rows], available[rows], color=OKABE_ITO["black"], lw=0.8, gid="margin")
-    panel.plot(x[rows], available[rows], "o", color=OKABE_ITO["black"], ms=3.5, gid="available")
-    panel.plot(x[rows], required[rows], "o", color=OKABE_ITO["vermilion"], mfc="none", ms=6, gid="required")
+        panel.plot(x[stroke], loads[stroke], "-", color=OKABE_ITO["vermilion"], lw=1.6, gid="load")
+    panel.vlines(x[rows], loads[rows], forces[rows], color=OKABE_ITO["black"], lw=0.8, gid="margin")
+    panel.plot(x[rows], forces[rows], "o", color=OKABE_ITO["black"], ms=3.5, gid="available")
+    panel.plot(x[rows], loads[rows], "o", color=OKABE_ITO["vermilion"], mfc="none", ms=6, gid="required")
 
 
 def format_shortfall_title(design: Design) -> str:
@@ -226,11 +226,11 @@ def plot_front(design: Design, narrow: bool = False) -> Figure | None:
         for kind, colour in zip(choice_names, colours, strict=False):
             rows = [k for k, choice in enumerate(front.choices) if str(choice) == kind]
             panel.plot(x[rows], y[rows], "o", color=colour, label=kind, gid="front")
-        chosen = (
+        design_point = (
             design.output(OBJECTIVE_OUTPUTS[name]) / compute_si_factor(unit)
             for name, unit in zip((front.first, front.second), units, strict=True)
         )
-        panel.plot(*chosen, marker="*", ms=11, color=OKABE_ITO["vermilion"], ls="none", label="chosen")
+        panel.plot(*design_point, marker="*", ms=11, color=OKABE_ITO["vermilion"], ls="none", label="chosen")
         panel.set_xlabel(f"{front.first}{_format_unit(units[0])}")
         panel.set_ylabel(f"{front.second}{_format_unit(units[1])}")
         panel.set_title(

@@ -89,7 +89,7 @@ def write_diagnosis_report(
 
 def format_headline(diagnosis: Diagnosis) -> str:
     """Return the result in one line."""
-    if not diagnosis.detected:
+    if not diagnosis.is_detected:
         return "The baseline has no misfit beyond the noise"
     if diagnosis.is_faint:
         return "The baseline has a misfit that is too small to identify its cause"
@@ -105,7 +105,7 @@ def format_headline(diagnosis: Diagnosis) -> str:
 def format_answer(diagnosis: Diagnosis) -> tuple[str, str]:
     """Return the misfit with its location, then the identified mechanisms with their held-out errors."""
     law = diagnosis.problem.law
-    if not diagnosis.detected:
+    if not diagnosis.is_detected:
         first_sentence = (
             f"The {law} baseline explains this recording within its noise"
             f" ({format_p_value(diagnosis.mismatch.p_value)})."
@@ -237,10 +237,10 @@ def _describe_comparison(comparison: ModelComparison) -> dict[str, Any]:
         for channel, noise in comparison.noise_sd.items():
             if channel in split.rmse[BASELINE_MODEL]:
                 cells = [split.rmse.get(model, {}).get(channel) for model in models]
-                starred = ["*" if model in split.remarks else "" for model in models]
+                stars = ["*" if model in split.remarks else "" for model in models]
                 cell_texts = [
                     "–" if value is None else f"{figures.format_channel_value(value, channel)}{star}"
-                    for value, star in zip(cells, starred, strict=True)
+                    for value, star in zip(cells, stars, strict=True)
                 ]
                 rows.append(
                     [

@@ -8,6 +8,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from pamjax.infer.fitting.determination import (
+    DETERMINED,
+    MOSTLY_PRIOR,
+    NOT_DETERMINED,
+    classify_sd_ratio,
+)
 from pamjax.infer.fitting.report import (
     describe_origin,
     exceeds_noise,
@@ -149,23 +155,26 @@ def _format_with_noise(case_fit: CaseFit, channel: str) -> str:
 def format_estimates(estimates: dict[str, Estimate]) -> str:
     """Return the parameters that the recording determines, that are at a limit, and the others."""
     names_at_limit = [name for name, estimate in estimates.items() if estimate.at_limit]
-    determined = [
-        f"{n} ({format_estimate(estimate.value, estimate.sd, estimate.meaning.show)})"
-        for n, estimate in estimates.items()
-        if estimate.is_determined and n not in names_at_limit
-    ]
-    undetermined = [
-        n for n, estimate in estimates.items() if not estimate.is_determined and n not in names_at_limit
+    names_by_kind: dict[str, list[str]] = {}
+    for name, estimate in estimates.items():
+        if name not in names_at_limit:
+            names_by_kind.setdefault(classify_sd_ratio(estimate.sd_ratio), []).append(name)
+    values = [
+        f"{n} ({format_estimate(estimates[n].value, estimates[n].sd, estimates[n].meaning.show)})"
+        for n in names_by_kind.get(DETERMINED, [])
     ]
     parts = (
-        [f"The recording determines {join_words(_shorten_list(determined))}."]
-        if determined
+        [f"The recording determines {join_words(_shorten_list(values))}."]
+        if values
         else ["The recording determines no single parameter."]
     )
     if names_at_limit:
         parts.append(f"At a limit: {join_words(_shorten_list(names_at_limit))}.")
-    if undetermined:
-        parts.append(f"Not determined: {join_words(_shorten_list(undetermined))}.")
+    parts += [
+        f"{capitalise_sentence(kind)}: {join_words(_shorten_list(names_by_kind[kind]))}."
+        for kind in (MOSTLY_PRIOR, NOT_DETERMINED)
+        if kind in names_by_kind
+    ]
     return " ".join(parts)
 
 

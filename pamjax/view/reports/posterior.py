@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
+from pamjax.infer.fitting.determination import DETERMINED
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.infer.posterior.report import (
     format_interval,
@@ -66,7 +67,7 @@ def format_headline(post: Posterior) -> str:
     """Return the result in one line."""
     if not post.converged:
         return "The chains have not converged"
-    determined_count = sum(v.kind == "determined" for v in post.verdicts.values())
+    determined_count = sum(v.kind == DETERMINED for v in post.verdicts.values())
     if determined_count == len(post.verdicts):
         return "The recording determines all parameters"
     return f"The recording determines {determined_count} of {len(post.verdicts)} parameters"
@@ -77,7 +78,7 @@ def format_answer(post: Posterior) -> tuple[str, str]:
     kinds: dict[str, list[str]] = {}
     for name, verdict in post.verdicts.items():
         kinds.setdefault(verdict.kind, []).append(name)
-    determined = [f"{n} is {_format_value(post, n)}" for n in kinds.pop("determined", [])[:MAX_NAMED]]
+    determined = [f"{n} is {_format_value(post, n)}" for n in kinds.pop(DETERMINED, [])[:MAX_NAMED]]
     first_sentence = (
         f"{join_words(determined)}." if determined else "The recording determines no single parameter."
     )

@@ -22,7 +22,7 @@ def test_posterior_is_written_and_reused(tmp_path, capsys):
     assert "wrote" in output.err
     chain = {path.name for path in (tmp_path / "out" / "chain").iterdir()}
     document = json.loads((tmp_path / "out" / "posterior.json").read_text())
-    assert document["parameters"]["thread.modulus"]["verdict"] == "determined"
+    assert document["parameters"]["thread.modulus"]["verdict"] == "determined by the data"
     assert main([*words, "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == document
     assert {path.name for path in (tmp_path / "out" / "chain").iterdir()} == chain

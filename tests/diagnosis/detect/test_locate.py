@@ -19,7 +19,7 @@ from tests.diagnosis.plain_fits import build_fit
 PRESSURE = np.array([138e3, 276e3, 414e3, 552e3, 689e3])
 
 
-def said(off):
+def format_diameter_box(off):
     at = RecordingAxes(PRESSURE, np.zeros(5), np.arange(5.0), np.zeros(5, int))
     ends = (138e3, 689e3), (0.0, 0.0)
     return _format_box(
@@ -28,14 +28,14 @@ def said(off):
 
 
 def test_trend_of_the_diameter_with_pressure_is_reported():
-    assert said([-0.47, -0.2, 0.0, 0.23, 0.42]) == (
+    assert format_diameter_box([-0.47, -0.2, 0.0, 0.23, 0.42]) == (
         "Between 138 and 689 kPa, diameter relative to the baseline increases with pressure,"
         " from about 0.47 mm lower to about 0.42 mm higher."
     )
 
 
 def test_misfit_without_trend_has_both_signs():
-    assert "higher or lower" in said([0.4, -0.4, 0.4, -0.4, 0.1])
+    assert "higher or lower" in format_diameter_box([0.4, -0.4, 0.4, -0.4, 0.1])
 
 
 def test_misfit_along_pressure_is_not_reported_by_direction():
@@ -44,7 +44,7 @@ def test_misfit_along_pressure_is_not_reported_by_direction():
     pressure = np.repeat(np.linspace(1e5, 4e5, 20), 2)
     at = RecordingAxes(pressure, np.zeros(40), np.arange(40.0), way)
 
-    def told(by_way):
+    def format_force_box(by_way):
         off = np.linspace(-6, 6, 20).repeat(2) + np.where(way == LENGTHENING, by_way, -by_way)
         return _format_box(
             DEFAULT_SETTINGS,
@@ -58,8 +58,11 @@ def test_misfit_along_pressure_is_not_reported_by_direction():
             np.zeros(40),
         )
 
-    assert "force relative to the baseline increases with pressure, from about 5.7 N lower" in told(0.1)
-    assert "than the baseline while the muscle lengthens and" in told(9.0)
+    assert (
+        "force relative to the baseline increases with pressure, from about 5.7 N lower"
+        in format_force_box(0.1)
+    )
+    assert "than the baseline while the muscle lengthens and" in format_force_box(9.0)
 
 
 def at_lengths(means, noise=2.0, way=0):
@@ -88,8 +91,8 @@ def test_sign_change_along_length_is_reported_as_a_trend():
 
 @pytest.mark.parametrize(("way", "end"), [(0, "."), (SHORTENING, " while the muscle shortens.")])
 def test_misfit_without_trend_is_reported_by_its_extremes(way, end):
-    said = at_lengths([-26.0, 74.0, -104.0, -78.0], way=way)
-    assert said == (
+    text = at_lengths([-26.0, 74.0, -104.0, -78.0], way=way)
+    assert text == (
         f"{PLACE} is between about 104 N lower (near 8 % contracted) and about 74 N higher"
         f" (near 4 % contracted) than the baseline{end}"
     )
@@ -105,15 +108,15 @@ def test_misfit_by_direction_must_have_one_sign_at_all_lengths():
     contraction = np.repeat([0.0, 0.04, 0.08, 0.12], 200)
     at = RecordingAxes(np.full(800, 4e5), contraction, np.arange(800.0), way)
 
-    def told(last):
+    def format_force_box(last):
         off = way * np.where(contraction == 0.12, last, 20.0) + 0.5
         ends = (4e5, 4e5), (0.0, 0.12)
         return _format_box(
             DEFAULT_SETTINGS, "force", "both", *ends, off, np.ones(800, bool), at, np.ones(800)
         )
 
-    assert "than the baseline while the muscle lengthens and" in told(10.0)
-    assert "higher or lower" in told(-10.0)
+    assert "than the baseline while the muscle lengthens and" in format_force_box(10.0)
+    assert "higher or lower" in format_force_box(-10.0)
 
 
 def test_regions_do_not_count_the_same_misfit_twice():

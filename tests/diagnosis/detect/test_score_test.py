@@ -30,11 +30,13 @@ def test_unbounded_amplitudes_agree_with_least_squares(directions):
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
 def test_amplitude_above_its_limit_explains_only_a_part(directions, share):
-    one = directions[:1]
-    amplitudes, gain = _fit_bounded_amplitudes(one, 3e5 * one[0], np.array([0.0]), np.array([share * 3e5]))
+    direction = directions[:1]
+    amplitudes, gain = _fit_bounded_amplitudes(
+        direction, 3e5 * direction[0], np.array([0.0]), np.array([share * 3e5])
+    )
     agree(amplitudes, [share * 3e5], to=ROUNDING)
     # The remaining fraction of |r|² is (1 − share)².
-    agree(gain, (1 - (1 - share) ** 2) * np.sum((3e5 * one) ** 2), to=ROUNDING)
+    agree(gain, (1 - (1 - share) ** 2) * np.sum((3e5 * direction) ** 2), to=ROUNDING)
 
 
 def test_non_negative_amplitude_stays_non_negative(directions):
@@ -56,11 +58,13 @@ def test_form_without_effect_or_freedom_explains_nothing(directions):
 def test_parameter_at_its_limit_absorbs_no_further_misfit():
     """A gain error of 10 % of the load cell moves the turns to the limit of their prior."""
     case = inject_effects(0, np.random.default_rng(5)).case
-    found = build_library_problem(case)
-    found = dataclasses.replace(found, measured=np.stack([1.1 * found.measured[0], np.full(found.n, np.nan)]))
-    baseline = fit_candidate(found, np.ones(found.n, dtype=bool), (), found.neutral)
-    gain = next(form for form in build_candidates(found) if form.id == "force_gain")
-    (seen,) = compute_score_directions(found, baseline.noise, baseline.estimate, [gain])
+    problem = build_library_problem(case)
+    problem = dataclasses.replace(
+        problem, measured=np.stack([1.1 * problem.measured[0], np.full(problem.n, np.nan)])
+    )
+    baseline = fit_candidate(problem, np.ones(problem.n, dtype=bool), (), problem.neutral)
+    gain = next(form for form in build_candidates(problem) if form.id == "force_gain")
+    (seen,) = compute_score_directions(problem, baseline.noise, baseline.estimate, [gain])
     # Not completely, because the amplitudes are linearised.
     assert seen.chi2_reduction > 0.7 * baseline.excess_chi2
     assert seen.amplitudes[0] == pytest.approx(0.1, rel=0.3)
@@ -70,36 +74,36 @@ def test_parameter_at_its_limit_absorbs_no_further_misfit():
 
 
 def test_derivatives_without_memory_agree_with_two_passes():
-    found = build_library_problem(inject_effects(0, np.random.default_rng(5)).case)
-    heavy = found.index("end_taper.share"), found.index("end_taper.radius")
-    places = [k for k in range(len(found.names)) if k not in heavy]
-    one = found.jacobian(found.neutral, places)
-    two = [
-        found._run_sweep(found.reduced_dataset, found.neutral, places[k : k + 16], True)
+    problem = build_library_problem(inject_effects(0, np.random.default_rng(5)).case)
+    heavy = problem.index("end_taper.share"), problem.index("end_taper.radius")
+    places = [k for k in range(len(problem.names)) if k not in heavy]
+    in_one_call = problem.jacobian(problem.neutral, places)
+    in_parts = [
+        problem._run_sweep(problem.reduced_dataset, problem.neutral, places[k : k + 16], True)
         for k in range(0, 80, 16)
     ]
-    agree(one[0], two[0][0], to=ROUNDING, scale=np.max(np.abs(one[0])))
-    for slope, other in zip(one[1], np.concatenate([slopes for _, slopes in two]), strict=True):
+    agree(in_one_call[0], in_parts[0][0], to=ROUNDING, scale=np.max(np.abs(in_one_call[0])))
+    for slope, other in zip(in_one_call[1], np.concatenate([slopes for _, slopes in in_parts]), strict=True):
         agree(slope, other, to=1e-9, scale=np.max(np.abs(other)) + 1e-12)
     # Negative control: with one pass, a permanent effect is not visible.
     lasting = [
-        k for k in places if found.names[k] in ("braid_friction.constant", "viscoelastic_creep.modulus")
+        k for k in places if problem.names[k] in ("braid_friction.constant", "viscoelastic_creep.modulus")
     ]
-    assert np.all(np.max(np.abs(found.jacobian(found.neutral, lasting)[1][:, 0]), axis=1) > 0)
-    once = found._run_sweep(found.reduced_dataset, found.neutral, lasting, False)[1]
+    assert np.all(np.max(np.abs(problem.jacobian(problem.neutral, lasting)[1][:, 0]), axis=1) > 0)
+    once = problem._run_sweep(problem.reduced_dataset, problem.neutral, lasting, False)[1]
     assert not np.any(once)
 
 
 def test_form_explains_misfit_that_the_baseline_parameters_absorbed():
     """A gain error of 1 % of the load cell shifts the turns within their prior."""
-    found = build_library_problem(inject_effects(0, np.random.default_rng(5)).case)
-    found = dataclasses.replace(
-        found, measured=np.stack([1.01 * found.measured[0], np.full(found.n, np.nan)])
+    problem = build_library_problem(inject_effects(0, np.random.default_rng(5)).case)
+    problem = dataclasses.replace(
+        problem, measured=np.stack([1.01 * problem.measured[0], np.full(problem.n, np.nan)])
     )
-    baseline = fit_candidate(found, np.ones(found.n, dtype=bool), (), found.neutral)
-    gain = next(form for form in build_candidates(found) if form.id == "force_gain")
-    (seen,) = compute_score_directions(found, baseline.noise, baseline.estimate, [gain])
-    at = fit_parameters(found, baseline.noise, get_free_indices(found, (gain,)), baseline.estimate.values)
+    baseline = fit_candidate(problem, np.ones(problem.n, dtype=bool), (), problem.neutral)
+    gain = next(form for form in build_candidates(problem) if form.id == "force_gain")
+    (seen,) = compute_score_directions(problem, baseline.noise, baseline.estimate, [gain])
+    at = fit_parameters(problem, baseline.noise, get_free_indices(problem, (gain,)), baseline.estimate.values)
     assert seen.chi2_reduction == pytest.approx(
         baseline.estimate.chi2_with_priors - at.chi2_with_priors, rel=0.1
     )

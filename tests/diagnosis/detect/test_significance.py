@@ -19,10 +19,10 @@ from tests.diagnosis.bank import simulate_without_noise
 from tests.diagnosis.plain_fits import build_estimate, build_noise
 
 
-def doubt(much):
+def doubt(log_sd):
     """Return a noise uncertainty: the sd of ln(standard deviation) of each direction, (k,)."""
-    by = np.exp(2 * np.outer(much, NORMAL_NODES))[:, None]
-    return NoiseUncertainty(np.zeros(len(much)), by)
+    by = np.exp(2 * np.outer(log_sd, NORMAL_NODES))[:, None]
+    return NoiseUncertainty(np.zeros(len(log_sd)), by)
 
 
 def sure(many):
@@ -75,9 +75,9 @@ def test_single_direction_has_the_normal_p_value():
     assert _estimate_tail_probability(np.eye(1), 5.0, sure(1), seed=0) == pytest.approx(5.7e-7, rel=0.5)
 
 
-def seen(deviation, much):
+def seen(deviation, log_sd):
     """Return the p-value of the largest of five deviations with uncertain noise."""
-    five = doubt(np.full(5, much))
+    five = doubt(np.full(5, log_sd))
     return _estimate_tail_probability(np.eye(5), deviation / _compute_sd_bound(five)[0], five, seed=0)
 
 
@@ -87,23 +87,23 @@ def test_noise_uncertainty_increases_the_p_value():
 
 def test_uncertain_noise_of_one_direction_hardly_affects_the_others(monkeypatch):
     """Thirty directions, one with uncertain noise; the others have about the same p-values as without it."""
-    one = doubt(np.r_[0.6, np.zeros(29)])
+    uncertainty = doubt(np.r_[0.6, np.zeros(29)])
     known = _estimate_tail_probability(np.eye(30), 4.2, sure(30), seed=0)
-    assert known < _estimate_tail_probability(np.eye(30), 4.2, one, seed=0) < 4 * known
+    assert known < _estimate_tail_probability(np.eye(30), 4.2, uncertainty, seed=0) < 4 * known
     # Negative control: without scaling, the uncertain direction hides it.
     monkeypatch.setattr(under_test, "_compute_sd_bound", lambda doubt: np.ones(30))
-    assert _estimate_tail_probability(np.eye(30), 4.2, one, seed=0) > 10 * known
+    assert _estimate_tail_probability(np.eye(30), 4.2, uncertainty, seed=0) > 10 * known
 
 
 def test_tail_of_uncertain_noise_has_the_closed_form():
     """One direction with normal ln(sd): the p-value is an integral over it, far beyond all draws."""
-    much, far = 0.3, 6.0
+    log_sd, far = 0.3, 6.0
     scale = np.linspace(-4, 4, 4001)
-    want = 2 * np.trapezoid(norm.sf(far / np.exp(much * scale)) * norm.pdf(scale), scale)
-    one = doubt(np.array([much]))
+    want = 2 * np.trapezoid(norm.sf(far / np.exp(log_sd * scale)) * norm.pdf(scale), scale)
+    uncertainty = doubt(np.array([log_sd]))
     assert want < 1e-3
     assert _estimate_tail_probability(
-        np.eye(1), far / _compute_sd_bound(one)[0], one, seed=0
+        np.eye(1), far / _compute_sd_bound(uncertainty)[0], uncertainty, seed=0
     ) == pytest.approx(want, rel=0.02)
     # Negative control: known noise has no such tail.
     assert _estimate_tail_probability(np.eye(1), far, sure(1), seed=0) < 1e-2 * want
@@ -112,16 +112,16 @@ def test_tail_of_uncertain_noise_has_the_closed_form():
 @pytest.mark.parametrize("alike", [0.0, 0.99])
 def test_tail_of_many_uncertain_directions_agrees_with_simulation(alike):
     """Two hundred directions of one uncertain noise, independent or nearly identical; half one-sided."""
-    many, much, far = 200, 0.5, 9.0
+    many, log_sd, far = 200, 0.5, 9.0
     gram = np.full((many, many), alike) + (1 - alike) * np.eye(many)
     either = np.arange(many) < 100
-    every = doubt(np.full(many, much))
+    every = doubt(np.full(many, log_sd))
     rng = np.random.default_rng(4)
     hits = []
     for _ in range(40):
         shared, own = rng.standard_normal((2000, 1)), rng.standard_normal((2000, many))
         drawn = np.sqrt(alike) * shared + np.sqrt(1 - alike) * own
-        drawn *= np.exp(much * rng.standard_normal((2000, 1)))
+        drawn *= np.exp(log_sd * rng.standard_normal((2000, 1)))
         hits.append(np.mean(_compute_deviation(drawn, either).max(axis=1) >= far))
     want, error = np.mean(hits), np.std(hits) / np.sqrt(40)
     assert 1e-4 < want < 0.1
@@ -177,10 +177,11 @@ def test_noise_estimate_of_few_rows_increases_the_p_value():
 
 
 @pytest.mark.parametrize("freedom", [np.inf, 3.0])
-@pytest.mark.parametrize("much", [0.3, 2.0])
-def test_underflow_of_the_tail_loses_no_deviation(much, freedom):
+@pytest.mark.parametrize("log_sd", [0.3, 2.0])
+def test_underflow_of_the_tail_loses_no_deviation(log_sd, freedom):
     chances = [
-        _estimate_tail_probability(np.eye(5), x, doubt(np.full(5, much)), freedom, 0) for x in (1e4, 1e6, 1e8)
+        _estimate_tail_probability(np.eye(5), x, doubt(np.full(5, log_sd)), freedom, 0)
+        for x in (1e4, 1e6, 1e8)
     ]
     assert np.all(np.isfinite(chances))
     assert chances[0] >= chances[1] >= chances[2]

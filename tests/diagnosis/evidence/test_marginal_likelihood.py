@@ -49,15 +49,15 @@ def test_evidence_is_the_density_of_the_residual(seed):
     model = build_linear_model(np.random.default_rng(seed))
     evidence = compute_evidence(model, 0, CERTAIN)
     constant = 0.5 * model.residual.size * np.log(2 * np.pi)
-    for found, with_generic in ((evidence.alone, False), (evidence.with_generic, True)):
+    for log_evidence, with_generic in ((evidence.alone, False), (evidence.with_generic, True)):
         expected = compute_log_density(model, with_generic) + constant + np.log(0.5)
-        assert found == pytest.approx(expected, abs=1e-6)
+        assert log_evidence == pytest.approx(expected, abs=1e-6)
 
 
 def test_each_mechanism_costs_its_prior_probability():
     model = build_linear_model(np.random.default_rng(3))
-    one, three = (compute_evidence(model, count, CERTAIN).total for count in (1, 3))
-    assert three - one == pytest.approx(2 * np.log(CERTAIN.mechanism_probability))
+    total_of_one, total_of_three = (compute_evidence(model, count, CERTAIN).total for count in (1, 3))
+    assert total_of_three - total_of_one == pytest.approx(2 * np.log(CERTAIN.mechanism_probability))
 
 
 def test_shape_of_a_residual_decides_for_or_against_a_form_error():

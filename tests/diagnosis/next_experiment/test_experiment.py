@@ -47,17 +47,17 @@ def test_refit_agrees_with_least_squares():
     rng = np.random.default_rng(2)
     (first, _), (new, _), prior, _ = linear(rng)
     delta = rng.standard_normal(len(new)) + new @ np.array([3.0, -2.0, 2.0])
-    one = side(first, new, prior)
-    agree(one.compute_refit_chi2(delta), least(delta, new, one.information), SOLVED)
-    assert one.compute_refit_chi2(delta) < 0.99 * delta @ delta
+    model = side(first, new, prior)
+    agree(model.compute_refit_chi2(delta), least(delta, new, model.information), SOLVED)
+    assert model.compute_refit_chi2(delta) < 0.99 * delta @ delta
 
 
 def test_parameters_are_drawn_from_their_posterior():
     rng = np.random.default_rng(4)
     (first, _), (new, _), prior, _ = linear(rng)
-    one = side(first, new, prior)
-    shown = np.cov(one.sample_predictions(rng, 200_000).T)
-    want = new @ np.linalg.inv(one.information) @ new.T
+    model = side(first, new, prior)
+    shown = np.cov(model.sample_predictions(rng, 200_000).T)
+    want = new @ np.linalg.inv(model.information) @ new.T
     agree(shown, want, 0.03, scale=np.abs(want).max())
 
 
@@ -109,32 +109,32 @@ def test_cheapest_sufficient_protocol_is_chosen_else_the_most_powerful():
 def tied(name, rival):
     """Return a recording with a concealed effect, refitted with its mechanism and with a rival."""
     envelope = inject_effects(1, np.random.default_rng(3), only=name, smallest=3.0, largest=4.0)
-    found = build_library_problem(envelope.case)
-    used = np.ones(found.n, bool)
-    bare = fit_candidate(found, used, (), found.neutral)
+    problem = build_library_problem(envelope.case)
+    used = np.ones(problem.n, bool)
+    bare = fit_candidate(problem, used, (), problem.neutral)
     shown = compute_score_directions(
-        found, bare.noise, bare.estimate, [f for f in build_candidates(found) if f.id == name]
+        problem, bare.noise, bare.estimate, [f for f in build_candidates(problem) if f.id == name]
     )
     best = max(shown, key=lambda s: s.chi2_reduction)
-    start = switch_on_candidate(found, bare.estimate.values, best.candidate, best.amplitudes)
-    model = fit_candidate(found, used, (best.candidate,), start)
-    other = fit_rival(found, model, name, rival)
+    start = switch_on_candidate(problem, bare.estimate.values, best.candidate, best.amplitudes)
+    model = fit_candidate(problem, used, (best.candidate,), start)
+    other = fit_rival(problem, model, name, rival)
     assert other is not None
-    return evaluate_protocols(SimulatedTestbed.from_fit(found, model), model, other, (name, rival))
+    return evaluate_protocols(SimulatedTestbed.from_fit(problem, model), model, other, (name, rival))
 
 
 @pytest.mark.slow
 def test_form_at_its_limit_does_not_represent_its_mechanism():
     envelope = inject_effects(1, np.random.default_rng(2), only="braid_locking", smallest=0.5, largest=2.0)
-    found = build_library_problem(envelope.case)
+    problem = build_library_problem(envelope.case)
     baseline, offered = (
-        fit_baseline(found),
-        [form for form in build_candidates(found) if form.id == "braid_locking"],
+        fit_baseline(problem),
+        [form for form in build_candidates(problem) if form.id == "braid_locking"],
     )
-    true = np.array([envelope.true_values[name] for name in found.names])
-    best = float(np.sum(baseline.noise.whiten(found.measured - found.predict(true)) ** 2))
+    true = np.array([envelope.true_values[name] for name in problem.names])
+    best = float(np.sum(baseline.noise.whiten(problem.measured - problem.predict(true)) ** 2))
     # As good as the true model, up to the χ² of its few fitted parameters.
-    assert fit_best_candidate(found, baseline, offered).estimate.chi2_with_priors < best + 10
+    assert fit_best_candidate(problem, baseline, offered).estimate.chi2_with_priors < best + 10
     # Negative control: there is an effect to detect.
     assert baseline.estimate.chi2_with_priors > best + 100
 

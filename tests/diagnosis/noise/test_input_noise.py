@@ -98,16 +98,16 @@ def test_no_input_noise_without_memory_or_noise_of_settings():
 
 
 def test_correlated_weights_agree_with_the_mean_over_simulations():
-    found, white = spring(), weights(correlation=0.7)
+    problem, white = spring(), weights(correlation=0.7)
     rng, values = np.random.default_rng(3), np.array([0.5])
     noise = NOISE * STIFF * rng.standard_normal((4000, ROWS))
     force = np.stack([noise, np.zeros_like(noise)], axis=1)
     late = 0.5 * (force + np.roll(force, 1, axis=2))
     each = np.sum(white.whiten(late) ** 2, axis=1) - np.sum(white.whiten(force) ** 2, axis=1)
     # Random correlations of distant samples in the four draws: a few percent.
-    assert compute_input_noise_chi2(found, white.whiten, values) == pytest.approx(each.mean(), rel=0.1)
+    assert compute_input_noise_chi2(problem, white.whiten, values) == pytest.approx(each.mean(), rel=0.1)
     # Negative control: weights without correlation give a much smaller value.
-    assert abs(compute_input_noise_chi2(found, weights().whiten, values)) < 0.8 * abs(each.mean())
+    assert abs(compute_input_noise_chi2(problem, weights().whiten, values)) < 0.8 * abs(each.mean())
 
 
 def test_correction_for_input_noise_is_limited():

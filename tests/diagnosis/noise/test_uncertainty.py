@@ -85,10 +85,10 @@ def test_underestimated_correlation_increases_the_noise():
 def test_weak_slow_noise_may_be_undetected():
     """If a channel's own noise is a fifth, differences of neighbours hardly determine the correlation."""
     few, n = 0.2, 700
-    told = Ar1Noise(np.ones(n), few, 0.0, True, rho_from_differences=0.4)
+    noise = Ar1Noise(np.ones(n), few, 0.0, True, rho_from_differences=0.4)
     direction = np.concatenate([np.ones(n), np.zeros(n)]) / np.sqrt(n)
     far = (
-        estimate_noise_uncertainty(white(told, n), direction[None], DEFAULT_SETTINGS).compute_sd(
+        estimate_noise_uncertainty(white(noise, n), direction[None], DEFAULT_SETTINGS).compute_sd(
             np.array([[2.0, 0.0]])
         )[0, 0]
         ** 2

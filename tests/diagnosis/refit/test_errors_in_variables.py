@@ -48,9 +48,9 @@ def recording(seed: int) -> Measured:
     true = 3.0 * np.sin(np.linspace(0, 20 * np.pi, ROWS))
     late = (1 - LATE) * true + LATE * np.roll(true, 1)
     written = Spring(Set(jnp.ones(ROWS), jnp.asarray(true + NOISE * rng.standard_normal(ROWS))))
-    found = Measured(written, written, build_case(NOISE))
+    problem = Measured(written, written, build_case(NOISE))
     return dataclasses.replace(
-        found, measured=np.stack([STIFF * late + SD * rng.standard_normal(ROWS), np.zeros(ROWS)])
+        problem, measured=np.stack([STIFF * late + SD * rng.standard_normal(ROWS), np.zeros(ROWS)])
     )
 
 
@@ -59,11 +59,11 @@ def test_lag_is_estimated_without_bias(own):
     # For parameters of the library, and for baseline parameters, which start away from their limits.
     raw, freed = [], []
     for seed in range(MANY):
-        found = dataclasses.replace(recording(seed), is_baseline=np.array([own]))
-        at = fit_parameters(found, weights(), [0], np.array([0.5]))
-        end, of_noise = correct_input_noise_bias(found, weights(), at)
+        problem = dataclasses.replace(recording(seed), is_baseline=np.array([own]))
+        at = fit_parameters(problem, weights(), [0], np.array([0.5]))
+        end, of_noise = correct_input_noise_bias(problem, weights(), at)
         assert end.chi2_with_priors - of_noise <= at.chi2_with_priors - compute_input_noise_chi2(
-            found, weights().whiten, at.values
+            problem, weights().whiten, at.values
         )
         raw.append(at.values[0])
         freed.append(end.values[0])
@@ -74,8 +74,8 @@ def test_lag_is_estimated_without_bias(own):
 
 
 def test_model_without_input_noise_is_not_corrected():
-    found = recording(0)
-    still = dataclasses.replace(found, case=build_case(None))
+    problem = recording(0)
+    still = dataclasses.replace(problem, case=build_case(None))
     at = fit_parameters(still, weights(), [0], np.array([0.5]))
     assert correct_input_noise_bias(still, weights(), at) == (at, 0.0)
 
@@ -83,10 +83,12 @@ def test_model_without_input_noise_is_not_corrected():
 def test_correction_agrees_with_a_second_addition_of_noise():
     raw, pull = [], []
     for seed in range(MANY):
-        found = recording(seed)
-        at = fit_parameters(found, weights(), [0], np.array([0.5]))
+        problem = recording(seed)
+        at = fit_parameters(problem, weights(), [0], np.array([0.5]))
         raw.append(at.values[0] - LATE)
         pull.append(
-            estimate_input_noise_bias(found, weights(), correct_input_noise_bias(found, weights(), at)[0])[0]
+            estimate_input_noise_bias(
+                problem, weights(), correct_input_noise_bias(problem, weights(), at)[0]
+            )[0]
         )
     assert 0.5 < np.mean(pull) / np.mean(raw) < 2.0

@@ -29,29 +29,32 @@ def problem():
 
 
 def unseen(problem, members):
-    case, at, _, solution, found = problem
-    deals, predictions = cross_validate([case], members, [found], at, solution, "square", 2, 0)
+    case, at, _, solution, blocks = problem
+    deals, predictions = cross_validate([case], members, [blocks], at, solution, "square", 2, 0)
     return deals[0], predictions[0]
 
 
-def wild(one, rows):
+def wild(dataset, rows):
     """Return the dataset with scaled measurements in some rows."""
-    mask = np.zeros(one.rows.force.size, dtype=bool)
+    mask = np.zeros(dataset.rows.force.size, dtype=bool)
     mask[: rows.size] = rows
     return eqx.tree_at(
         lambda m: (m.rows.force, m.rows.diameter),
-        one,
-        (jnp.where(mask, 7 * one.rows.force, one.rows.force), jnp.where(mask, 0.1, one.rows.diameter)),
+        dataset,
+        (
+            jnp.where(mask, 7 * dataset.rows.force, dataset.rows.force),
+            jnp.where(mask, 0.1, dataset.rows.diameter),
+        ),
     )
 
 
 def test_each_block_is_held_out_once(problem):
-    found = problem[-1]
+    blocks = problem[-1]
     deal, _ = unseen(problem, problem[2])
-    assert np.all(np.sum(deal, axis=0) == (found.label >= 0))
+    assert np.all(np.sum(deal, axis=0) == (blocks.label >= 0))
     for fold in deal:
-        held = np.unique(found.label[fold])
-        assert np.array_equal(fold, np.isin(found.label, held))
+        held = np.unique(blocks.label[fold])
+        assert np.array_equal(fold, np.isin(blocks.label, held))
 
 
 def test_held_out_rows_do_not_affect_the_fit(problem):
@@ -66,27 +69,27 @@ def test_held_out_rows_do_not_affect_the_fit(problem):
 
 
 def test_masked_rows_have_no_effect(problem):
-    one, n = problem[2][0], problem[0].recording.n
+    dataset, n = problem[2][0], problem[0].recording.n
     out = np.arange(n) < 10
-    assert float(exclude_rows(one, out).rows.training_mask.sum()) == n - 10
-    assert exclude_rows(one, None) is one
+    assert float(exclude_rows(dataset, out).rows.training_mask.sum()) == n - 10
+    assert exclude_rows(dataset, None) is dataset
 
 
 def test_score_uses_held_out_predictions():
     fitted = fit(made(), starts=1, fold_count=2)
-    (one,) = fitted.cases
-    for channel, value in one.held_out.rmse.items():
-        off = getattr(one.case.recording, channel) - one.held_out_prediction[channel]
+    (case_fit,) = fitted.cases
+    for channel, value in case_fit.held_out.rmse.items():
+        off = getattr(case_fit.case.recording, channel) - case_fit.held_out_prediction[channel]
         assert value == pytest.approx(np.sqrt(np.nanmean(off**2)))
         # The model simulated the data: the error on a held-out isobar is almost the noise.
-        assert 0.95 * one.rmse[channel] < value < 1.3 * one.rmse[channel]
-    assert one.held_out.kind == "isobars"
-    assert sorted(name for fold in one.held_out.folds for name in fold) == sorted(set(one.block))
+        assert 0.95 * case_fit.rmse[channel] < value < 1.3 * case_fit.rmse[channel]
+    assert case_fit.held_out.kind == "isobars"
+    assert sorted(name for fold in case_fit.held_out.folds for name in fold) == sorted(set(case_fit.block))
 
 
 def test_single_block_is_not_held_out(problem):
-    case, at, members, solution, found = problem
-    single = type(found)(np.zeros_like(found.label), ("all",), "isobars")
+    case, at, members, solution, blocks = problem
+    single = type(blocks)(np.zeros_like(blocks.label), ("all",), "isobars")
     deals, predictions = cross_validate([case], members, [single], at, solution, "square", 2, 0)
     assert deals == [[]]
     assert np.isnan(predictions[0]["force"]).all()

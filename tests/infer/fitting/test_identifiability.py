@@ -26,24 +26,24 @@ DIAMETERS = {"plan": TABLE, "channels": ("diameter",), "bench": Sensors(diameter
 
 
 def test_complete_recording_determines_all_parameters():
-    found, said = check_identifiability(made())
-    assert all(d.determined for d in found)
-    assert said == [
+    parameters, sentences = check_identifiability(made())
+    assert all(d.is_determined for d in parameters)
+    assert sentences == [
         "This recording can determine `muscle.thread_length`, `muscle.turns` and `thread.modulus`, "
         "if the model is right."
     ]
 
 
 def test_diameters_at_one_length_do_not_determine_turns():
-    found, said = check_identifiability(made(**DIAMETERS))
-    assert {d.name: d.determined for d in found} == {
+    parameters, sentences = check_identifiability(made(**DIAMETERS))
+    assert {d.name: d.is_determined for d in parameters} == {
         "muscle.thread_length": True,
         "muscle.turns": False,
         "thread.modulus": True,
     }
-    assert (
-        said[-1]
-        == "This recording does not determine `muscle.turns`: its sd after a fit is about the stated sd."
+    assert sentences[-1] == (
+        "This recording reduces the sd of `muscle.turns` by less than half:"
+        " its estimate comes mostly from the prior."
     )
 
 
@@ -52,14 +52,14 @@ def test_fit_then_returns_the_prior_of_the_turns():
     fitted = fit(made(**DIAMETERS), starts=1)
     turns = fitted.estimates["muscle.turns"]
     assert turns.shrinkage < 0.1
-    assert "mostly from the prior" in str(fitted)
+    assert "not determined by the data (posterior equals prior)" in str(fitted)
 
 
 def test_forces_at_one_length_determine_turns_only_in_combination():
     # F = P (3 L² − B²) / (4 π N²): one factor of the pressure, with two parameters.
     case = made(plan=TABLE, channels=("force",), off=(0, 0, 0))
-    _, said = check_identifiability(case, "inelastic")
-    (sentence,) = (s for s in said if "only in combination" in s)
+    _, sentences = check_identifiability(case, "inelastic")
+    (sentence,) = (s for s in sentences if "only in combination" in s)
     moves = dict(re.findall(r"`([\w.]+)` ([+-]?[\d.e-]+)", sentence))
     assert set(moves) == {"muscle.thread_length", "muscle.turns"}
 

@@ -80,11 +80,11 @@ def test_document_is_complete(fitted, written):
 
 def test_saved_muscle_is_unchanged_after_reading(fitted, written):
     loaded = load_muscle(written / "fit.json")
-    (one,) = fitted.cases
-    reading = predict(loaded.muscle, one.case.recording.pressure, one.case.recording.length)
+    (case_fit,) = fitted.cases
+    reading = predict(loaded.muscle, case_fit.case.recording.pressure, case_fit.case.recording.length)
     for channel in ("force", "diameter"):
-        agree(getattr(reading, channel), one.prediction[channel], ROUNDING)
-    assert loaded.calibrated_range == one.calibrated_range
+        agree(getattr(reading, channel), case_fit.prediction[channel], ROUNDING)
+    assert loaded.calibrated_range == case_fit.calibrated_range
     assert loaded.text == MUSCLE
 
 
@@ -103,19 +103,19 @@ def test_prediction_of_a_loaded_muscle_with_mechanisms_is_refused(written):
 
 
 def test_every_row_is_saved_with_its_unit(fitted, written):
-    (one,) = fitted.cases
+    (case_fit,) = fitted.cases
     with xr.open_dataset(written / "fit.nc", engine="h5netcdf") as data:
-        assert data.sizes == {"row": one.case.recording.n}
+        assert data.sizes == {"row": case_fit.case.recording.n}
         units = {n: data[n].attrs["units"] for n in ("time", "pressure", "length", "force", "diameter_model")}
         assert units == {"time": "s", "pressure": "Pa", "length": "m", "force": "N", "diameter_model": "m"}
-        agree(data["force_residual"] + data["force_model"], one.case.recording.force, ROUNDING)
-        assert list(data["block"].values) == one.block
+        agree(data["force_residual"] + data["force_model"], case_fit.case.recording.force, ROUNDING)
+        assert list(data["block"].values) == case_fit.block
         assert data.attrs["case"] == "hose"
-        np.testing.assert_array_equal(data["force_unseen"], one.held_out_prediction["force"])
+        np.testing.assert_array_equal(data["force_unseen"], case_fit.held_out_prediction["force"])
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("{", "a calibrated muscle is a fit.json; got"),
         ("[]", "a calibrated muscle is a file of schema pamjax.fit/1; got no object in fit.json."),
@@ -128,22 +128,22 @@ def test_every_row_is_saved_with_its_unit(fitted, written):
         ),
     ],
 )
-def test_invalid_fit_file_is_refused(tmp_path, text, told):
+def test_invalid_fit_file_is_refused(tmp_path, text, message):
     (tmp_path / "fit.json").write_text(text)
-    with pytest.raises(BadInput, match=told):
+    with pytest.raises(BadInput, match=message):
         load_muscle(tmp_path / "fit.json")
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         ({"case": "pipe"}, "unknown case 'pipe' in fit.json. Valid names are `hose`."),
         ({"law": "toe"}, "the thread law of a calibrated muscle cannot be changed; got toe in fit.json."),
         ({"settings": {"thread.modulus": 1e9}}, "only parameters of mechanisms can be set here"),
     ],
 )
-def test_missing_case_of_a_fit_is_refused(written, arguments, told):
-    with pytest.raises(BadInput, match=told):
+def test_missing_case_of_a_fit_is_refused(written, arguments, message):
+    with pytest.raises(BadInput, match=message):
         load_muscle(written / "fit.json", **arguments)
 
 

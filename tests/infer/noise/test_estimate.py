@@ -51,7 +51,7 @@ def test_correlation_estimate_is_independent_of_misfit(shared, correlation):
     n = 4000
     slow = 20 * np.sin(np.arange(n) / 300)
     residual = sample(shared, correlation, n, seed=3) + slow
-    found = _build_channel_noise(
+    channel_noise = _build_channel_noise(
         residual,
         np.array([shared]),
         np.full(n, 1 - shared),
@@ -60,8 +60,8 @@ def test_correlation_estimate_is_independent_of_misfit(shared, correlation):
         True,
         settings=NOISE_SETTINGS,
     )
-    assert found.ar1_fraction == pytest.approx(shared)
-    assert found.correlation == pytest.approx(correlation, abs=0.06)
+    assert channel_noise.ar1_fraction == pytest.approx(shared)
+    assert channel_noise.correlation == pytest.approx(correlation, abs=0.06)
 
 
 def test_correlation_ignores_gaps():
@@ -77,10 +77,10 @@ def test_correlation_ignores_gaps():
 @pytest.mark.parametrize("shared", [1.0, 0.6])
 @pytest.mark.parametrize("correlation", [0.0, 0.5, 0.95])
 def test_correlation_has_its_stated_uncertainty(shared, correlation):
-    n, found = 700, []
+    n, correlations = 700, []
     for seed in range(300):
         noise = sample(shared, correlation, n + 300, seed)[300:]
         rough = _compute_half_mean_square(noise, np.ones(n), np.arange(n), np.ones(n), NOISE_SETTINGS)
-        found.append(1 - (rough - (1 - shared)) / shared)
+        correlations.append(1 - (rough - (1 - shared)) / shared)
     # An sd from 300 draws has a standard error of 4 %.
-    assert np.std(found) == pytest.approx(compute_correlation_error(shared, correlation, n), rel=0.15)
+    assert np.std(correlations) == pytest.approx(compute_correlation_error(shared, correlation, n), rel=0.15)

@@ -27,13 +27,13 @@ def worth(lag_one):
 
 @pytest.mark.parametrize("lag_one", [0.0, 0.5, 0.9])
 def test_inflation_of_known_noise(lag_one):
-    found = [
+    times = [
         estimate_autocorrelation_time(draw_ar1_noise(np.random.default_rng(k), 20_000, lag_one), ONE_RUN)
         for k in range(8)
     ]
     # Relative scatter of one estimate: sqrt(2 (2 W + 1) / n), with the window W at two inflations.
     scatter = np.sqrt(2 * (4 * worth(lag_one) + 1) / 20_000)
-    agree(np.mean(found), worth(lag_one), 4 * scatter / np.sqrt(8))
+    agree(np.mean(times), worth(lag_one), 4 * scatter / np.sqrt(8))
 
 
 def test_autocorrelation_time_is_corrected_for_the_fit():
@@ -85,8 +85,8 @@ def test_correlation_time_is_recovered():
 def test_noise_of_pressure_and_length_is_propagated():
     case = made(off=(0, 0, 0))
     at, (rename,) = build_joint_space([case], "elastic", ())
-    one = build_dataset(case, "elastic", at, rename)
-    sd = compute_effective_sd(one, at.to_values(jnp.zeros(at.size)), SENSORS, (2.0, 5e-5))[:, 30]
+    dataset = build_dataset(case, "elastic", at, rename)
+    sd = compute_effective_sd(dataset, at.to_values(jnp.zeros(at.size)), SENSORS, (2.0, 5e-5))[:, 30]
     muscle = assemble("elastic", {k: jnp.asarray(v) for k, v in TRUE.items()})
     p, x = case.recording.pressure[30], case.recording.length[30]
 
@@ -131,11 +131,13 @@ def test_sd_without_correction_is_too_small(monkeypatch):
 
 
 def test_noise_of_an_unstated_sensor_is_estimated():
-    found = fit(made(sensors=dataclasses.replace(SENSORS, force=None, diameter=None)), starts=1, fold_count=2)
-    given = fit(made(), starts=1, fold_count=2)
-    for channel, noise in found.cases[0].noise.items():
+    unstated = fit(
+        made(sensors=dataclasses.replace(SENSORS, force=None, diameter=None)), starts=1, fold_count=2
+    )
+    stated = fit(made(), starts=1, fold_count=2)
+    for channel, noise in unstated.cases[0].noise.items():
         assert not noise.stated
-        assert noise.sd == pytest.approx(given.cases[0].noise[channel].sd, rel=0.2)
+        assert noise.sd == pytest.approx(stated.cases[0].noise[channel].sd, rel=0.2)
 
 
 def test_misfit_above_the_sensor_noise_counts_as_noise():

@@ -31,8 +31,8 @@ def test_noise_is_estimated_under_a_misfit_a_hundred_times_larger():
 def test_stated_sd_of_the_noise_agrees_with_many_tables(rows):
     p = np.linspace(1.0, 5.0, rows)
     rng = np.random.default_rng(3)
-    found = [estimate_table_variance(p, np.ones(rows), rng.standard_normal(rows)) for _ in range(4000)]
-    variances, freedom = np.array([v for v, _ in found]), found[0][1]
+    results = [estimate_table_variance(p, np.ones(rows), rng.standard_normal(rows)) for _ in range(4000)]
+    variances, freedom = np.array([v for v, _ in results]), results[0][1]
     # A mean of ν squares has the relative variance 2/ν.
     assert np.var(variances) == pytest.approx(2 / freedom, rel=0.15)
     assert np.mean(variances) == pytest.approx(1.0, abs=0.1)

@@ -28,8 +28,8 @@ def test_mean_squares_and_their_sd_agree_with_simulations(k):
     drawn = np.array([squares(repeating(rng, CORRELATION_GRID[k], N)) for _ in range(3000)])
     mean, covariance = _compute_expected_squares(k)
     assert drawn.mean(axis=0) == pytest.approx(mean, rel=0.03)
-    found = np.cov((drawn / mean).T) * N
-    assert found == pytest.approx(covariance, rel=0.15, abs=0.15 * np.max(covariance))
+    simulated = np.cov((drawn / mean).T) * N
+    assert simulated == pytest.approx(covariance, rel=0.15, abs=0.15 * np.max(covariance))
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
@@ -54,14 +54,14 @@ def test_possible_noise_includes_the_true_noise(rho):
     rng, below, far_below = np.random.default_rng(2), [], []
     for _ in range(100):
         values = repeating(rng, rho, N) + rng.standard_normal(N)
-        found = estimate_unknown_noise(
+        noise = estimate_unknown_noise(
             DifferenceStatistics(squares(values), MANY, np.full(DIFFERENCE_LAGS.size, 6.0), 0.1)
         )
-        slow = found.candidates[:, 1] * (1 + found.candidates[:, 0]) / (1 - found.candidates[:, 0])
+        slow = noise.candidates[:, 1] * (1 + noise.candidates[:, 0]) / (1 - noise.candidates[:, 0])
         assert np.all(np.diff(slow) >= -1e-9 * slow[-1])
-        assert found.probability.sum() == pytest.approx(1.0)
-        below.append(found.probability[slow < (1 + rho) / (1 - rho)].sum())
-        far_below.append(found.probability[slow < 4 * (1 + rho) / (1 - rho)].sum())
+        assert noise.probability.sum() == pytest.approx(1.0)
+        below.append(noise.probability[slow < (1 + rho) / (1 - rho)].sum())
+        far_below.append(noise.probability[slow < 4 * (1 + rho) / (1 - rho)].sum())
     # It is hardly ever outside its possible range: this separates noise from misfit.
     assert np.mean(np.array(below) > 0.99) < 0.06
     assert np.mean(np.array(below) < 0.01) < 0.06
@@ -81,19 +81,19 @@ def test_slow_noise_is_possible_with_unstated_white_noise():
     rng, beyond = np.random.default_rng(3), {True: [], False: []}
     for _ in range(40):
         values = squares(repeating(rng, 0.9, N) + rng.standard_normal(N))
-        for room, told in beyond.items():
-            found = estimate_unknown_noise(
+        for room, outcomes in beyond.items():
+            noise = estimate_unknown_noise(
                 DifferenceStatistics(values, MANY, NO_OTHER, 0.1, allows_white_noise=room)
             )
-            slow = found.candidates[:, 1] * (1 + found.candidates[:, 0]) / (1 - found.candidates[:, 0])
-            told.append(found.probability[slow < 19].sum() > 0.99)
+            slow = noise.candidates[:, 1] * (1 + noise.candidates[:, 0]) / (1 - noise.candidates[:, 0])
+            outcomes.append(noise.probability[slow < 19].sum() > 0.99)
     assert np.mean(beyond[True]) < 0.15
     # Negative control: without white noise in the model, almost no correlation is estimated.
     assert np.mean(beyond[False]) > 0.8
 
 
 def test_recording_without_noise_is_accepted():
-    found = estimate_unknown_noise(
+    noise = estimate_unknown_noise(
         DifferenceStatistics(
             np.zeros(DIFFERENCE_LAGS.size),
             MANY,
@@ -102,5 +102,5 @@ def test_recording_without_noise_is_accepted():
             allows_white_noise=True,
         )
     )
-    assert np.all(np.isfinite(found.candidates))
-    assert found.probability.sum() == pytest.approx(1.0)
+    assert np.all(np.isfinite(noise.candidates))
+    assert noise.probability.sum() == pytest.approx(1.0)

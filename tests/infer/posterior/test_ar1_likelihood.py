@@ -34,14 +34,14 @@ def by_matrix(misfit, sd, memory):
 @pytest.mark.parametrize("memory", [-0.3, 0.0, 0.8])
 def test_likelihood_agrees_with_the_gaussian(memory):
     misfit = np.random.default_rng(1).normal(size=8) * THERE
-    found = stream().compute_log_density(jnp.asarray(misfit), jnp.array([1.3, memory])).sum()
-    agree(found, by_matrix(misfit, 1.3, memory), ROUNDING)
+    log_density = stream().compute_log_density(jnp.asarray(misfit), jnp.array([1.3, memory])).sum()
+    agree(log_density, by_matrix(misfit, 1.3, memory), ROUNDING)
 
 
 def test_likelihood_depends_on_the_correlation():
     misfit = np.random.default_rng(1).normal(size=8) * THERE
-    found = float(stream().compute_log_density(jnp.asarray(misfit), jnp.array([1.3, 0.5])).sum())
-    assert abs(found - by_matrix(misfit, 1.3, 0.6)) > 0.01
+    log_density = float(stream().compute_log_density(jnp.asarray(misfit), jnp.array([1.3, 0.5])).sum())
+    assert abs(log_density - by_matrix(misfit, 1.3, 0.6)) > 0.01
 
 
 def test_information_is_the_mean_curvature():
@@ -51,15 +51,17 @@ def test_information_is_the_mean_curvature():
     s = np.zeros(n)
     for i in range(n):
         s[i] = random.normal() if i == 0 else memory * s[i - 1] + np.sqrt(1 - memory**2) * random.normal()
-    one = Ar1Likelihood(0, 0, 1, jnp.ones(n), jnp.ones(n).at[0].set(0.0), None, jnp.zeros(n))
+    likelihood = Ar1Likelihood(0, 0, 1, jnp.ones(n), jnp.ones(n).at[0].set(0.0), None, jnp.zeros(n))
 
     def slope(log_sd):
         return difference(
-            lambda r: one.compute_log_density(jnp.asarray(sd * s), jnp.array([np.exp(log_sd), r])).sum(),
+            lambda r: likelihood.compute_log_density(
+                jnp.asarray(sd * s), jnp.array([np.exp(log_sd), r])
+            ).sum(),
             memory,
             1e-4,
         )
 
     across = -difference(slope, np.log(sd), 1e-4)
-    said = one.compute_information(jnp.array([sd, memory]))
-    agree(across, said[0, 1], 0.1)
+    information = likelihood.compute_information(jnp.array([sd, memory]))
+    agree(across, information[0, 1], 0.1)

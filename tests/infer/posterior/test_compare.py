@@ -25,20 +25,20 @@ def elastic(tmp_path_factory):
 @pytest.fixture(scope="module")
 def inelastic(tmp_path_factory):
     folder = tmp_path_factory.mktemp("inelastic")
-    found = fit(read_case(PAPER), "inelastic", starts=1, fold_count=2)
-    save_posterior(sample(found, seed=1, ess=400, rhat=1.05), folder)
+    inelastic_fit = fit(read_case(PAPER), "inelastic", starts=1, fold_count=2)
+    save_posterior(sample(inelastic_fit, seed=1, ess=400, rhat=1.05), folder)
     return folder
 
 
 @pytest.mark.slow
 def test_elastic_threads_predict_better(elastic, inelastic, capsys):
-    found = compare_posteriors([inelastic, elastic])
-    assert found.scores[0].model == "elastic threads"
-    less, error = found.compute_deficit(found.scores[1])
+    comparison = compare_posteriors([inelastic, elastic])
+    assert comparison.scores[0].model == "elastic threads"
+    less, error = comparison.compute_deficit(comparison.scores[1])
     assert less > 2 * error > 0
     assert main(["compare", str(inelastic), str(elastic), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == found.as_dict()
-    assert "predicts better than" in str(found)
+    assert json.loads(capsys.readouterr().out) == comparison.as_dict()
+    assert "predicts better than" in str(comparison)
 
 
 def test_equal_models_are_not_separated():
@@ -48,15 +48,15 @@ def test_equal_models_are_not_separated():
         PosteriorScore(n, "elastic threads", tuple("abcdefghij"), e, 0.1 + 0 * e)
         for n, e in (("a", each), ("b", each + shift))
     )
-    found = PosteriorComparison((a, b) if a.total > b.total else (b, a))
-    assert "predict equally well within the error" in str(found)
+    comparison = PosteriorComparison((a, b) if a.total > b.total else (b, a))
+    assert "predict equally well within the error" in str(comparison)
 
 
 def test_influential_block_is_named():
-    one = PosteriorScore(
+    score = PosteriorScore(
         "a", "elastic threads", ("isobar 1 kPa", "isobar 2 kPa"), np.zeros(2), np.array([0.2, 0.9])
     )
-    assert "a: the score of isobar 2 kPa is not reliable (k̂ up to 0.9)" in str(PosteriorComparison((one,)))
+    assert "a: the score of isobar 2 kPa is not reliable (k̂ up to 0.9)" in str(PosteriorComparison((score,)))
 
 
 def test_invalid_posterior_is_refused(tmp_path):

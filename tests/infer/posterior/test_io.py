@@ -48,12 +48,12 @@ def test_arviz_reads_the_file(written):
         import arviz
 
         read = arviz.from_netcdf(written / "posterior.nc")
-        found = arviz.summary(read, var_names=["thread.modulus"], fmt="long", kind="diagnostics")
+        summary = arviz.summary(read, var_names=["thread.modulus"], fmt="long", kind="diagnostics")
         ess = arviz.ess(read.posterior)["thread.modulus"].item()
     # Before ArviZ 1.0 a method that returns names; later a property with paths, including the root.
     names = read.groups() if callable(read.groups) else read.groups
     assert {name.strip("/") for name in names} - {""} == GROUPS
-    assert found is not None
+    assert summary is not None
     # The effective sample size of ArviZ agrees approximately.
     assert 0.7 < ess / drawn().convergence.ess[2] < 1.4
 
@@ -112,13 +112,13 @@ def test_figure_of_a_ridge_shows_the_priors():
         name: replace(v, kind=COMBINATION_KIND) if name != "thread.modulus" else v
         for name, v in post.verdicts.items()
     }
-    told = replace(post)
-    vars(told)["verdicts"] = loose
-    assert find_ridges(told) == [(0, 1)]
+    other_post = replace(post)
+    vars(other_post)["verdicts"] = loose
+    assert find_ridges(other_post) == [(0, 1)]
     # The second parameter need not be reported as a combination itself.
-    vars(told)["verdicts"] = loose | {"muscle.turns": post.verdicts["muscle.turns"]}
-    assert find_ridges(told) == [(0, 1)]
-    (panel,) = plot_ridges(told).axes
+    vars(other_post)["verdicts"] = loose | {"muscle.turns": post.verdicts["muscle.turns"]}
+    assert find_ridges(other_post) == [(0, 1)]
+    (panel,) = plot_ridges(other_post).axes
     before, after = (
         next(line for line in panel.lines if line.get_gid() == gid) for gid in ("prior", "posterior")
     )

@@ -59,11 +59,11 @@ def by_grid():
     log_density = log_density - 0.5 * ((n - 1.09) / 0.005) ** 2 - 0.5 * ((e - 112e9) / 20e9) ** 2 + np.log(e)
     weight = np.exp(log_density - log_density.max())
     weight /= weight.sum()
-    found = []
+    moments = []
     for x in (b, n, e, s):
         mean = float((weight * x).sum())
-        found.append((mean, float(np.sqrt((weight * (x - mean) ** 2).sum()))))
-    return found
+        moments.append((mean, float(np.sqrt((weight * (x - mean) ** 2).sum()))))
+    return moments
 
 
 def noisy(post):
@@ -93,11 +93,11 @@ def test_posterior_agrees_with_least_squares():
 
 @pytest.mark.slow
 def test_posterior_agrees_with_another_sampler():
-    one, other = noisy(drawn()), noisy(drawn("nuts"))
+    by_emcee, by_nuts = noisy(drawn()), noisy(drawn("nuts"))
     for k in range(4):
-        sd = one[1][k]
-        error = sd * np.sqrt(1 / one[2][k] + 1 / other[2][k])
-        assert abs(one[0][k] - other[0][k]) < SAMPLED * error
+        sd = by_emcee[1][k]
+        error = sd * np.sqrt(1 / by_emcee[2][k] + 1 / by_nuts[2][k])
+        assert abs(by_emcee[0][k] - by_nuts[0][k]) < SAMPLED * error
         # A shift of the log-density by a third of an sd would be detected.
         assert SAMPLED * error < 0.34 * sd
 
@@ -133,14 +133,14 @@ def test_too_few_draws_are_returned_with_a_warning():
 
 def test_chain_of_another_problem_is_refused(tmp_path):
     sample(fitted(), seed=1, checkpoint=tmp_path, max_draws=100)
-    for change, told in {
+    for change, difference in {
         "data": "another recording",
         "model": "another model",
         "priors": "other priors",
     }.items():
         document = json.loads((tmp_path / "identity.json").read_text())
         (tmp_path / "identity.json").write_text(json.dumps(document | {change: "else"}))
-        with pytest.raises(BadInput, match=rf"can only be resumed with the same {change}; got {told}"):
+        with pytest.raises(BadInput, match=rf"can only be resumed with the same {change}; got {difference}"):
             sample(fitted(), seed=1, checkpoint=tmp_path, max_draws=100)
         (tmp_path / "identity.json").write_text(json.dumps(document))
     with pytest.raises(BadInput, match=r"the same priors"):
@@ -151,10 +151,10 @@ def test_chain_of_another_problem_is_refused(tmp_path):
         sample(fitted(), seed=2, checkpoint=tmp_path)
 
 
-def _with_memory(found, **said):
-    (one,) = found.cases
-    case = dataclasses.replace(one.case, **said)
-    return dataclasses.replace(found, cases=(dataclasses.replace(one, case=case),))
+def _with_memory(original_fit, **changes):
+    (case_fit,) = original_fit.cases
+    case = dataclasses.replace(case_fit.case, **changes)
+    return dataclasses.replace(original_fit, cases=(dataclasses.replace(case_fit, case=case),))
 
 
 CHILD = """
@@ -162,8 +162,8 @@ import sys
 from pathlib import Path
 import pamjax
 from pamjax.infer.fitting.fit import fit
-found = fit(pamjax.read_case(sys.argv[1]), starts=1, fold_count=2)
-pamjax.sample(found, seed=1, checkpoint=Path(sys.argv[2]), ess=3000.0, rhat=1.1)
+fitted = fit(pamjax.read_case(sys.argv[1]), starts=1, fold_count=2)
+pamjax.sample(fitted, seed=1, checkpoint=Path(sys.argv[2]), ess=3000.0, rhat=1.1)
 """
 
 
@@ -196,7 +196,7 @@ def test_prior_affects_the_posterior():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         ({"sampler": "gibbs"}, "unknown sampler 'gibbs'. Valid names are `emcee`, `nuts`."),
         ({"ess": 0}, "`ess` must be at least 1; got 0"),
@@ -210,8 +210,8 @@ def test_prior_affects_the_posterior():
         ),
     ],
 )
-def test_invalid_problem_is_refused(arguments, told):
-    with pytest.raises(BadInput, match=told):
+def test_invalid_problem_is_refused(arguments, message):
+    with pytest.raises(BadInput, match=message):
         sample(fitted(), **arguments)
 
 

@@ -115,14 +115,16 @@ def test_offset_of_the_load_cell_is_estimated_from_slack_rows():
     force = np.where(np.isnan(case.recording.force), 0.0, case.recording.force) - 20.0
     case = replace(case, recording=replace(case.recording, force=force))
     at, (rename,) = build_joint_space([case], "elastic", (), ("force_offset",))
-    one = build_dataset(case, "elastic", at, rename, ("force_offset",))
+    dataset = build_dataset(case, "elastic", at, rename, ("force_offset",))
     values = np.array(at.mean)
     values[at.names.index("force_offset.offset")] = -20.0
-    shown = np.asarray(one.predict(values).force)
+    shown = np.asarray(dataset.predict(values).force)
     pushes = np.asarray(
-        replace(one, rows=replace(one.rows, is_slack=one.rows.is_slack & False)).predict(values).force
+        replace(dataset, rows=replace(dataset.rows, is_slack=dataset.rows.is_slack & False))
+        .predict(values)
+        .force
     )
-    loose = np.asarray(one.rows.is_slack) & (pushes < -30.0)
+    loose = np.asarray(dataset.rows.is_slack) & (pushes < -30.0)
     assert loose.sum() > 20
     # The load cell reads its offset without load: neither a negative force nor zero.
     np.testing.assert_allclose(shown[loose], -20.0)

@@ -136,8 +136,8 @@ def failure(tree: Path, options: list[str]) -> str | None:
     # Exit code 5: no test was selected.
     if done.returncode in (0, 5):
         return None
-    found = re.search(r"^(?:FAILED|ERROR) (?:\S*/)?(\S+)", done.stdout, re.MULTILINE)
-    return found[1] if found else f"exit {done.returncode}"
+    failure = re.search(r"^(?:FAILED|ERROR) (?:\S*/)?(\S+)", done.stdout, re.MULTILINE)
+    return failure[1] if failure else f"exit {done.returncode}"
 
 
 def stages(tree: Path, mechanism: str, slow: bool = False) -> Iterator[list[str]]:

@@ -61,14 +61,14 @@ class Program:
         shown = replace_values(self.bench, dict(zip(self.names, x, strict=True)))(*self.at)
         return jnp.stack([shown.force, shown.diameter])
 
-    def numbers(self, found):
+    def numbers(self, by_path):
         x = self.neutral.copy()
-        x[[self.names.index(name) for name in found]] = list(found.values())
+        x[[self.names.index(name) for name in by_path]] = list(by_path.values())
         return x
 
     def shown(self, *several):
         """Return force and diameter for four sets of parameters; the fixed number gives one program."""
-        filled = [self.numbers(found) for found in several] + [self.neutral] * (4 - len(several))
+        filled = [self.numbers(by_path) for by_path in several] + [self.neutral] * (4 - len(several))
         return np.asarray(self.row_count(np.stack(filled)))[: len(several)]
 
     @cached_property
@@ -91,19 +91,19 @@ def program():
 def test_outputs_are_finite_within_the_limits(kind):
     p, rng = program(), np.random.default_rng(1)
     for _ in range(3):
-        found = [anywhere(p.bench, kind, rng) for _ in range(4)]
-        assert np.all(np.isfinite(p.shown(*found))), found
+        sets = [anywhere(p.bench, kind, rng) for _ in range(4)]
+        assert np.all(np.isfinite(p.shown(*sets))), sets
 
 
 @pytest.mark.slow
 @every
 def test_derivatives_agree_with_differences(kind):
     p = program()
-    found = usual(p.bench, kind)
-    exact = np.asarray(p.slopes(p.numbers(found))[0])
-    for name, value in found.items():
+    by_path = usual(p.bench, kind)
+    exact = np.asarray(p.slopes(p.numbers(by_path))[0])
+    for name, value in by_path.items():
         step = 1e-4 * abs(value)
-        f = p.shown(*({**found, name: value + k * step} for k in (-2, -1, 1, 2)))
+        f = p.shown(*({**by_path, name: value + k * step} for k in (-2, -1, 1, 2)))
         by_difference = (f[0] - 8 * f[1] + 8 * f[2] - f[3]) / 12e-4
         agree(exact[:, :, p.names.index(name)] * abs(value), by_difference, BY_DIFFERENCE, 1e-2 * SCALE)
 
@@ -123,24 +123,26 @@ def test_forward_and_reverse_mode_agree(kind):
 @every
 def test_compiled_and_vectorised_results_agree(kind):
     p = program()
-    found = usual(p.bench, kind)
-    agree(p.shown(found)[0], p.slopes(p.numbers(found))[1], SOLVED, SCALE)
+    by_path = usual(p.bench, kind)
+    agree(p.shown(by_path)[0], p.slopes(p.numbers(by_path))[1], SOLVED, SCALE)
 
 
 @pytest.mark.slow
 def test_compiled_and_uncompiled_results_agree():
     p = program()
-    found = {k: v for kind in EVERY for k, v in usual(p.bench, kind, 2e-3).items()}
-    agree(p.plain(p.numbers(found)), p.shown(found)[0], SOLVED, SCALE)
+    by_path = {k: v for kind in EVERY for k, v in usual(p.bench, kind, 2e-3).items()}
+    agree(p.plain(p.numbers(by_path)), p.shown(by_path)[0], SOLVED, SCALE)
 
 
 @pytest.mark.slow
 @every
 def test_neutral_value_removes_the_mechanism(kind):
     p = program()
-    found = anywhere(p.bench, kind, np.random.default_rng(3))
-    found |= {path: meaning.neutral for path, meaning, _ in own(p.bench, kind) if meaning.neutral is not None}
-    for shown in p.shown(found, {}):
+    by_path = anywhere(p.bench, kind, np.random.default_rng(3))
+    by_path |= {
+        path: meaning.neutral for path, meaning, _ in own(p.bench, kind) if meaning.neutral is not None
+    }
+    for shown in p.shown(by_path, {}):
         agree(shown, p.bare, ROUNDING, SCALE)
 
 
@@ -158,16 +160,14 @@ def test_derivative_at_the_neutral_value_is_not_zero(kind):
 @every
 def test_mechanism_has_a_complete_description(kind):
     about = kind.about
-    assert all(
-        (about.title, about.equation, about.signature, about.leaves_out, about.experiment, about.source)
-    )
+    assert all((about.title, about.equation, about.signature, about.neglects, about.experiment, about.source))
     assert about.equation.isascii()
     assert importlib.import_module(f"pamjax.model.mechanisms.{kind.id}").__dict__[kind.__name__] is kind
     assert kind.id in WORDS or kind in ALTERNATIVES
     assert set(about.confusable) <= WORDS
     assert kind.id not in about.confusable
     assert "Neutral" in kind.__doc__
-    assert "leaves out" in " ".join(kind.__doc__.split())
+    assert "Neglects:" in " ".join(kind.__doc__.split())
     assert "Source" in kind.__doc__
     declared = list_field_meanings(kind)
     assert any(m.neutral is not None for m in declared.values())
@@ -295,9 +295,9 @@ def check_that_work_is_lost(kind, kinds, seed, share):
     # Relaxation of the total force has no material model: it may gain work under changing pressure.
     relaxed = {k: 0.0 for k in names if k.endswith((".start", ".give", "creep.force"))}
     numbers |= usual(model, kind, share) | relaxed
-    found = shown(np.array(list(numbers.values())), *path(seed))
-    lost = work(found, bare, *path(seed))
-    moved = np.sum(np.abs(np.diff(path(seed)[1]) * (found.states.force - bare.states.force)[1:]))
+    outputs = shown(np.array(list(numbers.values())), *path(seed))
+    lost = work(outputs, bare, *path(seed))
+    moved = np.sum(np.abs(np.diff(path(seed)[1]) * (outputs.states.force - bare.states.force)[1:]))
     assert lost > -1e-3 * moved, f"{kind.id} gives {-lost:.3g} J back, of {moved:.3g} J that went to and fro"
 
 

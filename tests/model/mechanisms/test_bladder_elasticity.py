@@ -245,8 +245,8 @@ def test_energy_of_a_wall_agrees_with_a_hand_calculation(mooney):
     rubber = BladderElasticity(0.4e6, mooney, inner_diameter=16e-3, thickness=2e-3, length=0.2)
     of_first, of_second = (1 - mooney) * 23 / 18, mooney * 289 / 144
     volume = np.pi * 2e-3 * 18e-3 * 0.2
-    found = rubber.energy(tube(0.1, 0.5 * (27 + 72 / 27) * 1e-3))
-    agree(found, 0.5 * 0.4e6 * volume * (of_first + of_second), ROUNDING)
+    computed = rubber.energy(tube(0.1, 0.5 * (27 + 72 / 27) * 1e-3))
+    agree(computed, 0.5 * 0.4e6 * volume * (of_first + of_second), ROUNDING)
 
 
 def test_stiffening_adds_the_square_of_the_first_invariant():
@@ -254,8 +254,8 @@ def test_stiffening_adds_the_square_of_the_first_invariant():
     volume = np.pi * 2e-3 * 18e-3 * 0.2
     for mooney, linear in ((0.0, 23 / 18), (1.0, 289 / 144)):
         rubber = BladderElasticity(0.4e6, mooney, 16e-3, 2e-3, 0.2, stiffening=0.3)
-        found = rubber.energy(tube(0.1, 0.5 * (27 + 72 / 27) * 1e-3))
-        agree(found, 0.5 * 0.4e6 * volume * (linear + 0.3 * (23 / 18) ** 2), ROUNDING)
+        computed = rubber.energy(tube(0.1, 0.5 * (27 + 72 / 27) * 1e-3))
+        agree(computed, 0.5 * 0.4e6 * volume * (linear + 0.3 * (23 / 18) ** 2), ROUNDING)
 
 
 def test_stiffening_acts_like_the_limit_of_gent_at_moderate_stretch():

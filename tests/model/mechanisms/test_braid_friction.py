@@ -81,8 +81,8 @@ def force(friction, moves, pressure=300e3):
     length = 0.2 + np.concatenate([[0.0], np.cumsum(moves)])
     went = past(length, pressure)
     strains = friction.strains(went.state, went.pressure).T
-    found = compiled(friction.stresses, one_run(np.arange(length.size)), strains, went)
-    return np.asarray(found)[:, 0] / THREAD
+    computed = compiled(friction.stresses, one_run(np.arange(length.size)), strains, went)
+    return np.asarray(computed)[:, 0] / THREAD
 
 
 @pytest.mark.parametrize("way", [1, -1])

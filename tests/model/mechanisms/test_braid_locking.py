@@ -37,10 +37,10 @@ def test_locked_threads_act_as_a_spring_in_their_spacing():
     pair = stiffness * THREAD**3 / (4 * np.pi * TURNS**2) / width**2
     force = -pair * (width - spacing) * 2 * np.cos(2 * ANGLE) / (N * TURNS * np.cos(ANGLE))
     touching = width - spacing > 0.15e-3
-    found, _ = added(4e5, stiffness, N * width)
+    force_difference, _ = added(4e5, stiffness, N * width)
     assert touching.sum() == 5
-    agree(found[touching], force[touching], 1e-5)
-    assert np.all(np.abs(found[spacing - width > 0.15e-3]) < 1e-3)
+    agree(force_difference[touching], force[touching], 1e-5)
+    assert np.all(np.abs(force_difference[spacing - width > 0.15e-3]) < 1e-3)
 
 
 def test_locking_pulls_at_the_long_end_and_pushes_at_the_short_end():
@@ -70,16 +70,16 @@ def test_energy_of_locked_threads_agrees_with_a_hand_calculation(length, spacing
     # W = K B³ / (8πN²) ⟨c⟩² with c = 1 − S/w and ⟨c⟩ = [c + √(c² + 0.01²)] / 2.
     closer = 1 - spacing / 0.24
     rounded = 0.5 * (closer + np.sqrt(closer**2 + 1e-4))
-    found = BraidLocking(0.2e6, 0.24).energy(triangle.state(length))
-    agree(found, 0.2e6 * 0.25**3 / (8 * np.pi * 1.25**2) * rounded**2, ROUNDING)
+    energy = BraidLocking(0.2e6, 0.24).energy(triangle.state(length))
+    agree(energy, 0.2e6 * 0.25**3 / (8 * np.pi * 1.25**2) * rounded**2, ROUNDING)
 
 
 @pytest.mark.parametrize(("exponent", "share"), [(0.5, 2 / 3), (1.5, 2 / 5), (3.0, 1 / 4)])
 def test_exponent_changes_the_power_of_the_overlap(exponent, share):
     # W = K B³ / (4πN²) ⟨c⟩^(m+1) / (m + 1) with S = 0.192 m of threads 0.24 m wide: c = 1/5.
     rounded = 0.5 * (0.2 + np.sqrt(0.04 + 1e-4))
-    found = BraidLocking(0.2e6, 0.24, exponent).energy(triangle.state(0.2))
-    agree(found, share * 0.2e6 * 0.25**3 / (4 * np.pi * 1.25**2) * rounded ** (exponent + 1), ROUNDING)
+    energy = BraidLocking(0.2e6, 0.24, exponent).energy(triangle.state(0.2))
+    agree(energy, share * 0.2e6 * 0.25**3 / (4 * np.pi * 1.25**2) * rounded ** (exponent + 1), ROUNDING)
 
 
 def test_force_grows_with_a_power_of_the_overlap():
@@ -112,5 +112,5 @@ def test_derivatives_are_finite_without_overlap(width, exponent):
 
 def test_separate_threads_store_almost_no_energy():
     # S = 0.192 m of threads 0.1 m wide: c = −0.92, of which the rounded corner leaves 1e-4 / (4 × 0.92).
-    found = BraidLocking(0.2e6, 0.1).energy(triangle.state(0.2))
-    agree(found, 0.2e6 * 0.25**3 / (8 * np.pi * 1.25**2) * (1e-4 / (4 * 0.92)) ** 2, 1e-3)
+    energy = BraidLocking(0.2e6, 0.1).energy(triangle.state(0.2))
+    agree(energy, 0.2e6 * 0.25**3 / (8 * np.pi * 1.25**2) * (1e-4 / (4 * 0.92)) ** 2, 1e-3)

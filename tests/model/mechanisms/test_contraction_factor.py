@@ -12,10 +12,10 @@ from tests.model.mechanisms.triangle import state
 def test_volume_is_that_at_k_times_the_contraction_over_k():
     # k = 1.25 from 0.24 m: Lk = 0.24 − 1.25 (0.24 − 0.20) = 0.19 m; V = Lk (B² − Lk²) / (4πN²) / k.
     at = state(0.2)
-    found = ContractionFactor(0.25, 0.24).shape(at)
-    agree(found.volume, 0.19 * (0.25**2 - 0.19**2) / (4 * math.pi * 1.25**2) / 1.25, ROUNDING)
+    shape = ContractionFactor(0.25, 0.24).shape(at)
+    agree(shape.volume, 0.19 * (0.25**2 - 0.19**2) / (4 * math.pi * 1.25**2) / 1.25, ROUNDING)
     for name in ("length", "thread", "turns", "radius", "diameter"):
-        agree(getattr(found, name), getattr(at, name), ROUNDING)
+        agree(getattr(shape, name), getattr(at, name), ROUNDING)
 
 
 def test_force_is_that_at_k_times_the_contraction():

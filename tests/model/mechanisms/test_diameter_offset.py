@@ -17,8 +17,8 @@ STILL = build_time_history(None, np.arange(AT.size) == 0)
 
 
 def seen(*numbers):
-    found = record_bench(bench(DiameterOffset(*numbers)), PRESSURE, AT, STILL)
-    return np.asarray(found.diameter), np.asarray(found.force)
+    reading = record_bench(bench(DiameterOffset(*numbers)), PRESSURE, AT, STILL)
+    return np.asarray(reading.diameter), np.asarray(reading.force)
 
 
 def test_outer_diameter_is_larger_by_the_offset():

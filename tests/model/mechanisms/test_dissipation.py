@@ -261,13 +261,13 @@ def test_static_map_has_no_bedding_in():
 def test_slip_under_load_dissipates_work(seed):
     """∮ F dL + P dV = ∫ T dB over a path that closes in length and pressure, but not in volume."""
     pressure, length = path(seed, ROWS)
-    found = losing()(ThreadSlip(2e-3, 1500.0, 1e-3, 40.0, 5.0), pressure, length)
+    result = losing()(ThreadSlip(2e-3, 1500.0, 1e-3, 40.0, 5.0), pressure, length)
     mean = [
-        0.5 * (x[1:] + x[:-1]) for x in map(np.asarray, (found.states.force, pressure, found.states.load))
+        0.5 * (x[1:] + x[:-1]) for x in map(np.asarray, (result.states.force, pressure, result.states.load))
     ]
-    lost = np.sum(mean[0] * np.diff(length) + mean[1] * np.diff(found.states.state.volume))
+    lost = np.sum(mean[0] * np.diff(length) + mean[1] * np.diff(result.states.state.volume))
     assert lost > 0
-    agree(lost, np.sum(mean[2] * np.diff(found.states.state.thread)), 2e-2)
+    agree(lost, np.sum(mean[2] * np.diff(result.states.state.thread)), 2e-2)
 
 
 @cache
@@ -296,8 +296,8 @@ def test_pressure_drop_vanishes_at_the_largest_volume():
 def test_narrow_line_dissipates_work(seed):
     """∮ F dL + P dV with the gauge pressure is the loss of the flow."""
     pressure, length = path(seed, ROWS)
-    found = losing()(PressureDrop(2e9), pressure, length)
-    force, volume = np.asarray(found.force), np.asarray(found.states.state.volume)
+    result = losing()(PressureDrop(2e9), pressure, length)
+    force, volume = np.asarray(result.force), np.asarray(result.states.state.volume)
     lost = np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(length))
     lost += np.sum(0.5 * (pressure[1:] + pressure[:-1]) * np.diff(volume))
     agree(lost, np.sum(2e9 * np.diff(volume) ** 2 / 0.5), 2e-2)
@@ -308,10 +308,10 @@ def test_narrow_line_dissipates_work(seed):
 
 def test_rig_compliance_shortens_the_muscle():
     length = stroke(1.0, 0.7)
-    found = record_bench(bench(RigCompliance(2e-7)), LEVEL, length, ONE_RUN)
-    agree(found.states.state.length, length - 2e-7 * found.force, SOLVED)
+    reading = record_bench(bench(RigCompliance(2e-7)), LEVEL, length, ONE_RUN)
+    agree(reading.states.state.length, length - 2e-7 * reading.force, SOLVED)
     agree(
-        found.force,
-        record_bench(bench(), LEVEL, jnp.asarray(length - 2e-7 * found.force), ONE_RUN).force,
+        reading.force,
+        record_bench(bench(), LEVEL, jnp.asarray(length - 2e-7 * reading.force), ONE_RUN).force,
         SOLVED,
     )

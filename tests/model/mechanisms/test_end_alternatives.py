@@ -25,8 +25,8 @@ STILL = build_time_history(None, np.arange(AT.size) == 0)
 
 
 def shown(mechanism):
-    found = record_bench(bench(mechanism), np.full(AT.size, PRESSURE), AT, STILL)
-    return np.asarray(found.force), np.asarray(found.diameter)
+    reading = record_bench(bench(mechanism), np.full(AT.size, PRESSURE), AT, STILL)
+    return np.asarray(reading.force), np.asarray(reading.diameter)
 
 
 @pytest.mark.parametrize("fitting", [0.011, RADIUS[0], 0.0135])
@@ -76,8 +76,8 @@ def test_net_fits_a_net_of_rings_better_than_the_alternatives():
     at = LENGTH * (1 - np.array([0.02, 0.05, 0.1, 0.15, 0.2, 0.3]))
     # Rings give a length for a force; with the force of the net, the lengths nearly agree with these.
     force = np.array([-PRESSURE * float(slope(z)) for z in at])
-    found = [[rings(f, fitting, count)[0] for f in force] for count in (100, 200)]
-    length = np.array(found[1]) + (np.array(found[1]) - np.array(found[0])) / 3
+    lengths = [[rings(f, fitting, count)[0] for f in force] for count in (100, 200)]
+    length = np.array(lengths[1]) + (np.array(lengths[1]) - np.array(lengths[0])) / 3
     by_net = np.array([-PRESSURE * float(slope(z)) for z in length])
     assert np.sqrt(np.mean((by_net - force) ** 2)) < 0.07 * noise
 

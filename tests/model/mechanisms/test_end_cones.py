@@ -15,12 +15,12 @@ WIDE, FITTING = 0.15 / (2 * math.pi * 1.25), 0.012
 def test_cones_reduce_volume_and_mean_diameter():
     # κ (R − Rf) high, twice: V −= (2π/3) κ (R − Rf)² (2R + Rf), D −= 2 κ (R − Rf)² / L.
     at = state(0.2)
-    found = EndCones(0.5, FITTING).shape(at)
+    shape = EndCones(0.5, FITTING).shape(at)
     lost = 0.5 * (WIDE - FITTING) ** 2
-    agree(found.volume, at.volume - 2 * math.pi / 3 * lost * (2 * WIDE + FITTING), ROUNDING)
-    agree(found.diameter, 2 * WIDE - 2 * lost / 0.2, ROUNDING)
+    agree(shape.volume, at.volume - 2 * math.pi / 3 * lost * (2 * WIDE + FITTING), ROUNDING)
+    agree(shape.diameter, 2 * WIDE - 2 * lost / 0.2, ROUNDING)
     for name in ("length", "thread", "turns", "radius"):
-        agree(getattr(found, name), getattr(at, name), ROUNDING)
+        agree(getattr(shape, name), getattr(at, name), ROUNDING)
 
 
 def test_cones_reduce_the_force():

@@ -37,8 +37,8 @@ def net_at(length, fitting):
                 solve_net(at, THREAD, TURNS, rf),
             )
         )
-    slope, found = net_at.compiled(length, fitting)
-    return -PRESSURE * float(slope), 2 * float(found.mean_radius), 2 * float(found.mid_radius)
+    slope, net = net_at.compiled(length, fitting)
+    return -PRESSURE * float(slope), 2 * float(net.mean_radius), 2 * float(net.mid_radius)
 
 
 def rings(force, fitting, count):
@@ -67,8 +67,8 @@ def rings(force, fitting, count):
     along = np.linspace(0, THREAD / 2, count + 1)[1:]
     start = middle + (fitting - middle) * np.exp(-2 * NU * along / THREAD)
     options = {"maxiter": 20000, "maxfun": 40000, "maxcor": 60, "ftol": 1e-16, "gtol": 1e-9}
-    found = minimize(potential, 100 * start, jac=True, method="L-BFGS-B", options=options)
-    r = np.concatenate([[fitting], 0.01 * found.x])
+    solution = minimize(potential, 100 * start, jac=True, method="L-BFGS-B", options=options)
+    r = np.concatenate([[fitting], 0.01 * solution.x])
     up = rise(r)
     return np.array([2 * np.sum(up), np.sum((r[:-1] + r[1:]) * up) / np.sum(up), 2 * r[-1]])
 
@@ -120,8 +120,8 @@ def test_narrow_fittings_reduce_the_force_at_rest():
     gaylord = PRESSURE * (3 * LENGTH**2 - THREAD**2) / (4 * np.pi * TURNS**2)
     # A radius printed to 0.1 mm has an error of at most 0.05 mm, which is 6 N here.
     for radius, lost, within in ((0.0111, -194.0, 6.0), (REST, 0.0, 0.1)):
-        found = record_bench(bench(EndTaper(1.0, radius)), np.full(8, PRESSURE), np.full(8, LENGTH), STILL)
-        assert abs(float(found.force[0]) - gaylord - lost) < within
+        reading = record_bench(bench(EndTaper(1.0, radius)), np.full(8, PRESSURE), np.full(8, LENGTH), STILL)
+        assert abs(float(reading.force[0]) - gaylord - lost) < within
 
 
 @jax.jit
@@ -139,8 +139,8 @@ def slopes(length, thread):
 @pytest.mark.parametrize("stretched", [1.0, 1.1, 1.3])
 def test_table_agrees_with_the_net(stretched):
     thread = THREAD * stretched
-    found, exact = slopes(jnp.linspace(0.6, 0.93, 12) * thread, thread)
-    assert np.max(np.abs(found - exact)) * PRESSURE < 0.1
+    by_table, exact = slopes(jnp.linspace(0.6, 0.93, 12) * thread, thread)
+    assert np.max(np.abs(by_table - exact)) * PRESSURE < 0.1
 
 
 @pytest.mark.slow
@@ -156,20 +156,20 @@ def test_stretched_threads_use_the_correct_table_entry():
 
     soft = bench(BraidElasticity(compliance), EndTaper(1.0, fitting))
     length = LENGTH * (1 - CONTRACTION)
-    found = np.asarray(record_bench(soft, np.full(length.size, PRESSURE), length, STILL).force)
-    agree(found, [force(z) for z in length], 2e-4, 1e3)
+    forces = np.asarray(record_bench(soft, np.full(length.size, PRESSURE), length, STILL).force)
+    agree(forces, [force(z) for z in length], 2e-4, 1e3)
     unstretched = np.asarray(
         record_bench(bench(EndTaper(1.0, fitting)), np.full(length.size, PRESSURE), length, STILL).force
     )
-    assert np.max(np.abs(found - unstretched)) > 20.0
+    assert np.max(np.abs(forces - unstretched)) > 20.0
 
 
 def test_table_continues_as_a_cylinder():
     length = THREAD * jnp.linspace(0.2, 1.01, 12)
-    found, _ = slopes(length, THREAD)
+    by_table, _ = slopes(length, THREAD)
     cylinder = (THREAD**2 - 3 * length**2) / (4 * np.pi * TURNS**2)
-    assert np.all(np.isfinite(found))
-    assert abs(float(found[0] - cylinder[0])) * PRESSURE < 1.0
+    assert np.all(np.isfinite(by_table))
+    assert abs(float(by_table[0] - cylinder[0])) * PRESSURE < 1.0
 
 
 def test_share_scales_the_difference_between_net_and_cylinder():
@@ -177,12 +177,12 @@ def test_share_scales_the_difference_between_net_and_cylinder():
     # decreases by twice a quarter of 2 mm.
     taper = EndTaper(0.25, 0.0121, lambda length, thread: Net(-8e-6, -2e-3, 1e-3))
     at = triangle.state(0.2)
-    found = taper.expand_at(0.2, triangle.THREAD).shape(at)
-    agree(found.volume - at.volume, -2e-6, ROUNDING, 1e-3)
-    agree(found.diameter - at.diameter, -1e-3, ROUNDING, 1e-1)
-    agree(found.radius - at.radius, 0.25e-3, ROUNDING, 1e-1)
+    shape = taper.expand_at(0.2, triangle.THREAD).shape(at)
+    agree(shape.volume - at.volume, -2e-6, ROUNDING, 1e-3)
+    agree(shape.diameter - at.diameter, -1e-3, ROUNDING, 1e-1)
+    agree(shape.radius - at.radius, 0.25e-3, ROUNDING, 1e-1)
     for name in ("length", "thread", "turns"):
-        agree(getattr(found, name), getattr(at, name), ROUNDING)
+        agree(getattr(shape, name), getattr(at, name), ROUNDING)
 
 
 @pytest.mark.slow
@@ -194,19 +194,21 @@ def test_middle_is_wider_than_a_cylinder_and_mean_is_narrower(prepare):
     def compute_shape(state):
         return (taper.prepare(THREAD, TURNS).stop_gradients() if prepare else taper).shape(state)
 
-    found = jax.jit(compute_shape)(at)
-    assert abs(2e3 * float(found.radius) - 51.0) < 0.1
+    shape = jax.jit(compute_shape)(at)
+    assert abs(2e3 * float(shape.radius) - 51.0) < 0.1
     assert abs(2e3 * float(at.radius) - 48.5) < 0.05
-    assert abs(1e3 * float(found.diameter) - 46.2) < 0.1
-    assert 0.9 < float(found.volume / at.volume) < 0.98
+    assert abs(1e3 * float(shape.diameter) - 46.2) < 0.1
+    assert 0.9 < float(shape.volume / at.volume) < 0.98
 
 
 def test_net_depends_on_braid_and_fittings(monkeypatch):
-    asked = []
+    arguments = []
     monkeypatch.setattr(
-        end_taper, "tabulate_net", lambda *of: asked.append(of) or (lambda *at: Net(-8e-6, 0, 0))
+        end_taper, "tabulate_net", lambda *of: arguments.append(of) or (lambda *at: Net(-8e-6, 0, 0))
     )
     EndTaper(1.0, 0.0121).prepare(0.3, 1.5)
-    found = EndTaper(1.0, 0.0121).shape(triangle.state(0.2))
-    agree(np.array(asked, float), [[0.3, 1.5, 0.0121], [triangle.THREAD, triangle.TURNS, 0.0121]], ROUNDING)
-    agree(found.volume - triangle.state(0.2).volume, -8e-6, ROUNDING, 1e-3)
+    shape = EndTaper(1.0, 0.0121).shape(triangle.state(0.2))
+    agree(
+        np.array(arguments, float), [[0.3, 1.5, 0.0121], [triangle.THREAD, triangle.TURNS, 0.0121]], ROUNDING
+    )
+    agree(shape.volume - triangle.state(0.2).volume, -8e-6, ROUNDING, 1e-3)

@@ -29,8 +29,8 @@ def test_recorded_force_is_the_true_one_plus_the_drift_since_the_first_sample():
 
 def test_warm_up_approaches_its_limit_with_its_time_constant():
     # D (1 − e^(−t/τ)) with t/τ = 0, ln 2 and 5 ln 2: none, half, and all but 1/32 of −8 N.
-    found = drifted(warmup=-8.0, warmup_time=2.0 / np.log(2.0))
-    agree(found, [100.0, 96.0, 92.25], ROUNDING)
+    force = drifted(warmup=-8.0, warmup_time=2.0 / np.log(2.0))
+    agree(force, [100.0, 96.0, 92.25], ROUNDING)
     # Long before its time constant it is a straight line of slope D / τ, less t / (2 τ) of it.
     agree(drifted(warmup=50.0, warmup_time=1e5)[2] - 100.0, 50.0 * 1e-4 * (1 - 0.5e-4), 1e-8)
 

@@ -87,8 +87,8 @@ def test_softening_agrees_with_a_hand_calculation():
     rubber, volume = MullinsSoftening(2e6, 0.5, **SIZE), math.pi * 1.5875e-3 * 20.6125e-3 * REST
     energy = 1e6 * volume * np.array([[1.0], [2.0], [1.5], [0.0], [4.0]])
     left = [1.0, 1.0, math.erfc(0.5), math.erfc(2.0), 1.0]
-    found = stresses(rubber, energy, one_run(np.arange(5.0)))
-    agree(found[:, 0], 2e6 * np.array(left), 1e-9)
+    computed = stresses(rubber, energy, one_run(np.arange(5.0)))
+    agree(computed[:, 0], 2e6 * np.array(left), 1e-9)
     agree(stresses(rubber, energy, static_map(5)), 0.0, ROUNDING, 1.0)
 
 
@@ -96,12 +96,12 @@ def test_softening_of_a_small_stretch_uses_the_minimum_energy():
     # A millionth of the rubber's volume is added to the width w m: (m − e) / (w m + V/10⁶) = 2 / (1 + 1).
     rubber, volume = MullinsSoftening(2e6, 0.5, **SIZE), math.pi * 1.5875e-3 * 20.6125e-3 * REST
     energy = 1e-6 * volume * np.array([[0.0], [2.0], [0.0]])
-    found = stresses(rubber, energy, one_run(np.arange(3.0)))
-    agree(found[:, 0], 2e6 * np.array([1.0, 1.0, math.erfc(1.0)]), SOLVED)
+    computed = stresses(rubber, energy, one_run(np.arange(3.0)))
+    agree(computed[:, 0], 2e6 * np.array([1.0, 1.0, math.erfc(1.0)]), SOLVED)
 
 
 def test_softening_energy_agrees_with_a_hand_calculation():
     # As in the test of the elastic bladder: stretches 1/2, 3/2, 4/3, thus e = V (I1 − 3) / 2 = V × 23/36.
     rubber = MullinsSoftening(1.0, 0.5, inner_diameter=16e-3, thickness=2e-3, length=0.2)
-    found = rubber.strains(tube(0.1, 0.5 * (27 + 72 / 27) * 1e-3), 0.0)
-    agree(found, [math.pi * 2e-3 * 18e-3 * 0.2 * 23 / 36], ROUNDING)
+    computed = rubber.strains(tube(0.1, 0.5 * (27 + 72 / 27) * 1e-3), 0.0)
+    agree(computed, [math.pi * 2e-3 * 18e-3 * 0.2 * 23 / 36], ROUNDING)

@@ -32,13 +32,13 @@ def test_more_option_changes_products_and_comparisons():
 
 
 def test_mutant_differs_by_one_operator():
-    found = []
+    results = []
     for mutant in mutate.mutants(SOURCE):
         scope = {}
         exec(mutant.source, scope)
-        found.append((scope["LOW"], scope["law"](3.0, 5.0)))
+        results.append((scope["LOW"], scope["law"](3.0, 5.0)))
     # Without a change, LOW is −1 and the law gives 3 (3 − 5) + 3 = −3.
-    assert found == [(1.0, -3.0), (-1.0, -9.0), (-1.0, 27.0)]
+    assert results == [(1.0, -3.0), (-1.0, -9.0), (-1.0, 27.0)]
 
 
 @pytest.fixture

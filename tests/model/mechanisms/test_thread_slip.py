@@ -17,16 +17,16 @@ def bedded(slip, when):
 
 def test_bedding_in_increases_the_thread_length():
     # e [1 − e^(−Tmax/Tc)] with Tmax / Tc = ln 1, ln 2, ln 2, ln 4, ln 4.
-    found = bedded(ThreadSlip(4e-3, 500.0), one_run(np.arange(5.0)))
-    agree(found, np.array([0.0, 2e-3, 2e-3, 3e-3, 3e-3]), ROUNDING, 1e-3)
+    computed = bedded(ThreadSlip(4e-3, 500.0), one_run(np.arange(5.0)))
+    agree(computed, np.array([0.0, 2e-3, 2e-3, 3e-3, 3e-3]), ROUNDING, 1e-3)
 
 
 def test_slip_increases_the_thread_length_at_its_time():
     # a / [1 + e^(−(t − t0)/w)] = a/4, a/2, 3a/4 at t0 − w ln 3, t0, t0 + w ln 3.
     time = 70 + 3 * math.log(3) * np.array([-1.0, 0.0, 1.0])
     slip = ThreadSlip(step=4e-3, when=70.0, during=3.0)
-    found = compiled(slip.extension, one_run(time), past(np.full(3, 0.2), 0.0))
-    agree(found, np.array([1e-3, 2e-3, 3e-3]), ROUNDING)
+    computed = compiled(slip.extension, one_run(time), past(np.full(3, 0.2), 0.0))
+    agree(computed, np.array([1e-3, 2e-3, 3e-3]), ROUNDING)
 
 
 def test_slip_and_bedding_in_add_up_and_are_absent_in_a_static_map():

@@ -140,28 +140,28 @@ def after(rubber, strains, force):
 def test_a_share_of_the_force_relaxes(step):
     # The stress along the length is a force in the direction of the change: f × ΔF × the above.
     rubber = ViscoelasticCreep(0.0, 0.25, 10.0, 20.0, 0.1, **SIZE)
-    found = after(rubber, [[1.0, 1.0, 0.2]] * 3, [500.0, 500.0 + step, 500.0 + step])
-    agree(found[:, 2], 0.1 * step * np.array([0.0, RAMPED, HELD]), ROUNDING, 1.0)
-    agree(found[:, :2], 0.0, ROUNDING, 1.0)
+    computed = after(rubber, [[1.0, 1.0, 0.2]] * 3, [500.0, 500.0 + step, 500.0 + step])
+    agree(computed[:, 2], 0.1 * step * np.array([0.0, RAMPED, HELD]), ROUNDING, 1.0)
+    agree(computed[:, :2], 0.0, ROUNDING, 1.0)
 
 
 def test_stresses_of_the_wall_relax():
     # From the unstretched wall to stretches 1/2, 3/2, 4/3: S = λ − λr² / λ = 1/2 − 32/9 along and 3/2 − 32/27
     # around, times μ V.
     rubber = ViscoelasticCreep(0.4e6, 0.25, 10.0, 20.0, 0.0, **SIZE)
-    found = after(rubber, [[1.0, 1.0, 0.2], [0.5, 1.5, 0.1], [0.5, 1.5, 0.1]], [0.0, 700.0, 700.0])
+    computed = after(rubber, [[1.0, 1.0, 0.2], [0.5, 1.5, 0.1], [0.5, 1.5, 0.1]], [0.0, 700.0, 700.0])
     stiff = 0.4e6 * math.pi * 1.5875e-3 * 20.6125e-3 * REST
     grown = np.array([0.0, RAMPED, HELD])
-    agree(found[:, 0], stiff * (1 / 2 - 32 / 9) * grown, ROUNDING, stiff)
-    agree(found[:, 1], stiff * (3 / 2 - 32 / 27) * grown, ROUNDING, stiff)
-    agree(found[:, 2], 0.0, ROUNDING, 1.0)
+    agree(computed[:, 0], stiff * (1 / 2 - 32 / 9) * grown, ROUNDING, stiff)
+    agree(computed[:, 1], stiff * (3 / 2 - 32 / 27) * grown, ROUNDING, stiff)
+    agree(computed[:, 2], 0.0, ROUNDING, 1.0)
 
 
 def test_strains_are_the_stretches_of_the_wall_and_the_length():
     # The wall of the tests of the elastic bladder: stretches 1/2 and 3/2.
     rubber = ViscoelasticCreep(1.0, inner_diameter=16e-3, thickness=2e-3, length=0.2)
-    found = rubber.strains(tube(0.1, 0.5 * (27 + 72 / 27) * 1e-3), 0.0)
-    agree(found, [0.5, 1.5, 0.1], ROUNDING)
+    computed = rubber.strains(tube(0.1, 0.5 * (27 + 72 / 27) * 1e-3), 0.0)
+    agree(computed, [0.5, 1.5, 0.1], ROUNDING)
 
 
 # The spectrum between the two times.
@@ -184,10 +184,10 @@ def test_weights_of_a_power_law_have_a_constant_ratio():
 def test_power_law_relaxes_the_force():
     # Equal weights of a quarter with times of 1, 10, 100 and 1000 s: after a step during 10 s, and a hold.
     rubber = ViscoelasticCreep(0.0, 0.5, 1.0, 1000.0, 0.1, **SIZE, spectrum=1.0)
-    found = after(rubber, [[1.0, 1.0, 0.2]] * 3, [500.0, 600.0, 600.0])
+    computed = after(rubber, [[1.0, 1.0, 0.2]] * 3, [500.0, 600.0, 600.0])
     ratio = 10.0 / np.array([1.0, 10.0, 100.0, 1000.0])
     ramped = (1 - np.exp(-ratio)) / ratio / 4
-    agree(found[1:, 2], [10 * ramped.sum(), 10 * ramped @ np.exp(-ratio)], ROUNDING)
+    agree(computed[1:, 2], [10 * ramped.sum(), 10 * ramped @ np.exp(-ratio)], ROUNDING)
 
 
 @pytest.mark.parametrize("order", [0.0, 0.15, 0.3])
@@ -200,8 +200,8 @@ def test_four_branches_approximate_a_fractional_element(order):
     fine = np.geomspace(10**-0.5, 10**3.5, 4001)
     weights = fine**-order
     t = np.geomspace(1.0, 1000.0, 60)
-    found = np.exp(-t[:, None] / times) @ shares
-    agree(found, np.exp(-t[:, None] / fine) @ (weights / weights.sum()), 0.04, 1.0)
+    computed = np.exp(-t[:, None] / times) @ shares
+    agree(computed, np.exp(-t[:, None] / fine) @ (weights / weights.sum()), 0.04, 1.0)
     if order:
         # Gamma function: the integral of τ^(−α−1) e^(−t/τ) dτ from 0 to infinity is Γ(α) t^(−α).
         wide = np.geomspace(1e-9, 1e60, 40001)

@@ -43,22 +43,22 @@ def own(model, kind):
 
 def usual(model, kind, share=0.02):
     """Return typical parameters of one mechanism by path: amplitudes at a small fraction of their range."""
-    found = {}
+    values = {}
     for path, meaning, now in own(model, kind):
         if meaning.neutral is not None:
-            found[path] = meaning.neutral + share * (meaning.high - meaning.neutral)
+            values[path] = meaning.neutral + share * (meaning.high - meaning.neutral)
         else:
             inwards = np.sign(0.5 * (meaning.low + meaning.high) - now)
             at_limit = not meaning.low < now < meaning.high
-            found[path] = now + at_limit * 0.1 * inwards * (meaning.high - meaning.low)
-    return found
+            values[path] = now + at_limit * 0.1 * inwards * (meaning.high - meaning.low)
+    return values
 
 
 def anywhere(model, kind, rng):
     """Return random parameters of one mechanism by path, within their limits."""
-    found = {}
+    values = {}
     for path, meaning, _ in own(model, kind):
         low, high = meaning.low, meaning.high
         u = rng.uniform()
-        found[path] = low * (high / low) ** u if meaning.scale == "log" else low + u * (high - low)
-    return found
+        values[path] = low * (high / low) ** u if meaning.scale == "log" else low + u * (high - low)
+    return values

@@ -244,7 +244,11 @@ def test_estimates_are_drawn_on_the_scale_of_their_priors():
     assert texts == ["214.20 ± 0.10 mm", "199.9 mm"]
     assert figure.get_suptitle().startswith("The recording at least halves the sd of 1 of 2 parameters with")
     assert figure.get_suptitle().endswith("largest shift: muscle.thread_length, +0.4 sd of its prior")
-    assert list_legend_texts(figure) == ["prior ± 1 sd", "estimate ± 1 sd", "at a limit or not determined"]
+    assert list_legend_texts(figure) == [
+        "prior ± 1 sd",
+        "estimate ± 1 sd",
+        "at a limit, or without sd",
+    ]
 
 
 def test_estimate_equal_to_its_prior_has_no_shift():

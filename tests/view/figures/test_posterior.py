@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pamjax.infer.fitting.determination import NOT_DETERMINED
 from pamjax.view.figures.posterior import MAX_NARROW_PANELS, plot_corner
 from pamjax.view.figures.posterior_checks import plot_profiles, plot_traces
 from pamjax.view.theme import SINGLE_COLUMN
@@ -26,7 +27,7 @@ def posterior():
         flat=flat,
         draws=draws,
         correlation=np.corrcoef(flat.T),
-        verdicts={name: SimpleNamespace(kind="not determined", profile=profile) for name in NAMES},
+        verdicts={name: SimpleNamespace(kind=NOT_DETERMINED, profile=profile) for name in NAMES},
         convergence=SimpleNamespace(rhat=np.full(6, 1.01), ess=np.full(6, 400.0)),
         converged=True,
     )
