@@ -402,22 +402,34 @@ def _build_end_taper(scales: _RecordingScales) -> list[Candidate]:
 
 
 def _build_braid_locking(scales: _RecordingScales) -> list[Candidate]:
-    return [
-        Candidate(
-            "braid_locking",
-            ("braid_locking.stiffness",),
-            {"braid_locking.width": share * scales.thread_width},
-        )
-        for share in (0.9, 1.1, 1.4, 1.9)
-    ] + [
-        # A steeper contact begins earlier.
-        Candidate(
-            "braid_locking",
-            ("braid_locking.stiffness",),
-            {"braid_locking.width": share * scales.thread_width, "braid_locking.exponent": 2.0},
-        )
-        for share in (1.2, 1.7)
-    ]
+    return (
+        [
+            Candidate(
+                "braid_locking",
+                ("braid_locking.stiffness",),
+                {"braid_locking.width": share * scales.thread_width},
+            )
+            for share in (0.9, 1.1, 1.4, 1.9)
+        ]
+        + [
+            # A steeper contact begins earlier.
+            Candidate(
+                "braid_locking",
+                ("braid_locking.stiffness",),
+                {"braid_locking.width": share * scales.thread_width, "braid_locking.exponent": 2.0},
+            )
+            for share in (1.2, 1.7)
+        ]
+        + [
+            # Not all threads touch at once.
+            Candidate(
+                "braid_locking",
+                ("braid_locking.stiffness",),
+                {"braid_locking.width": share * scales.thread_width, "braid_locking.rounding": 0.05},
+            )
+            for share in (1.2, 1.6)
+        ]
+    )
 
 
 def _build_force_drift(scales: _RecordingScales) -> list[Candidate]:

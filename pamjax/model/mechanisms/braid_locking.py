@@ -13,9 +13,6 @@ from pamjax.model.mechanism import AbstractStoredEnergy, Description
 from pamjax.model.state import State
 from pamjax.parameter import Scalar, parameter
 
-#: Share of a thread's width over which contact begins: threads are not exactly round or equally wide.
-CONTACT_ROUNDING = 0.01
-
 #: Smallest overlap, over the width: less than the rounded corner has at any possible spacing.
 MIN_OVERLAP = 1e-12
 
@@ -30,7 +27,8 @@ class BraidLocking(AbstractStoredEnergy):
         K   stiffness    Pa   of the jammed braid
         m   exponent     1    power of the overlap in the force
         V°               m³   B³/(4πN²), so that K does not depend on the size of the muscle
-        ⟨ ⟩                   positive part, with a corner that is rounded over 0.01
+        ρ   rounding     1    share of the width over which contact begins: threads are not equally wide
+        ⟨c⟩                   rounded positive part, [c + √(c² + ρ²)] / 2
 
     S is largest at 45°, and equal at θ and 90° − θ. The force at a constant thread length,
     −K V° ⟨1 − S/w⟩^m 2 cos 2θ / (w N cos θ), pulls where θ > 45° and pushes where θ < 45°.
@@ -57,7 +55,10 @@ class BraidLocking(AbstractStoredEnergy):
         " none.",
         source="Davis & Caldwell 2006; van Wyk 1946 (exponent); spacing and energy derived here",
     )
-    form_error: ClassVar[FormError] = FormError((*list_powers("length", 4), "pressure", "pressure length"))
+    #: Stretch of the threads moves the limit with pressure.
+    form_error: ClassVar[FormError] = FormError(
+        (*list_powers("length", 4), *list_powers("pressure", 2), "pressure length", "pressure length^2")
+    )
 
     stiffness: Scalar = parameter(
         "Pa", show="MPa", low=0.0, high=2e7, neutral=0.0, about="stiffness of the jammed braid",
@@ -74,6 +75,12 @@ class BraidLocking(AbstractStoredEnergy):
         source="1 for contact along a line, 3/2 for round patches, 3 for compacted fibres", default=1.0,
     )  # fmt: skip
 
+    rounding: Scalar = parameter(
+        "1", low=1e-3, high=0.3, scale="log", is_refinement=True,
+        about="share of the width over which contact begins",
+        source="0.01 for equal round threads; more if their widths or spacings differ", default=0.01,
+    )  # fmt: skip
+
     def energy(self, state: State) -> Array:
         length, thread, turns = state.length, state.thread, state.turns
         squared = braid.radius_squared(length, thread, turns)
@@ -81,7 +88,7 @@ class BraidLocking(AbstractStoredEnergy):
         circumference = 2 * jnp.pi * turns * jnp.sqrt(jnp.where(is_valid, squared, 1.0))
         spacing = jnp.where(is_valid, 2 * length * circumference / (thread * turns), 0.0)
         overlap = 1 - spacing / self.width
-        overlap = 0.5 * (overlap + jnp.sqrt(overlap**2 + CONTACT_ROUNDING**2))
+        overlap = 0.5 * (overlap + jnp.sqrt(overlap**2 + self.rounding**2))
         # Far from contact, rounding may cancel the overlap: the power of zero has no derivative.
         overlap = jnp.maximum(overlap, MIN_OVERLAP)
         power = self.exponent + 1

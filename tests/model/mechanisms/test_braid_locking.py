@@ -74,6 +74,12 @@ def test_energy_of_locked_threads_agrees_with_a_hand_calculation(length, spacing
     agree(energy, 0.2e6 * 0.25**3 / (8 * np.pi * 1.25**2) * rounded**2, ROUNDING)
 
 
+def test_rounding_spreads_the_onset_of_contact():
+    # At S = w the rounded overlap is ρ/2: W = K B³ / (8πN²) (ρ/2)² with ρ = 0.1.
+    energy = BraidLocking(0.2e6, 0.192, rounding=0.1).energy(triangle.state(0.2))
+    agree(energy, 0.2e6 * 0.25**3 / (8 * np.pi * 1.25**2) * 0.05**2, 1e-9)
+
+
 @pytest.mark.parametrize(("exponent", "share"), [(0.5, 2 / 3), (1.5, 2 / 5), (3.0, 1 / 4)])
 def test_exponent_changes_the_power_of_the_overlap(exponent, share):
     # W = K B³ / (4πN²) ⟨c⟩^(m+1) / (m + 1) with S = 0.192 m of threads 0.24 m wide: c = 1/5.
