@@ -8,6 +8,7 @@ study. The noise of neighbouring samples has a correlation of 0.5.
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from pamjax import DiagnosisSettings, diagnose
@@ -74,6 +75,18 @@ def test_mechanisms_that_left_out_blocks_contradict_are_in_a_note():
 @pytest.mark.parametrize("correlation", [0.0, 0.5, 0.9, 0.97])
 def test_noise_alone_is_no_mismatch(correlation, method):
     check_no_mismatch(diagnose_bank(BankRecording(seed=0, correlation=correlation), method))
+
+
+@pytest.mark.parametrize("ratio", [0.75, 2.0])
+def test_a_noisier_or_quieter_sensor_is_no_mismatch(ratio, method):
+    case = simulate_bank(BankRecording(seed=0, correlation=0.0)).case
+    sensors = replace(case.entry.sensors, force=case.entry.sensors.force / ratio)
+    misstated = replace(case, entry=replace(case.entry, sensors=sensors))
+    diagnosis = diagnose(misstated, method=method)
+    check_no_mismatch(diagnosis)
+    # Noise of pressure is a part of the force noise, so that the ratio is closer to one.
+    assert 1 < abs(np.log(ratio)) / abs(np.log(diagnosis.noise_ratios["force"])) < 4
+    assert any("times the stated noise" in note for note in diagnosis.notes)
 
 
 @pytest.mark.parametrize("rule", TOO_STRICT)

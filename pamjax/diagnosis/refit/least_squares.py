@@ -147,7 +147,7 @@ def fit_parameters(
     )
     start = np.clip(transform_to_coordinates(problem, free, values), low + inside, high - inside)
     solution = least_squares(
-        residuals, start, jac=cast(Any, jacobian), bounds=(low, high), x_scale=width,
+        residuals, start, jac=cast(Any, jacobian), bounds=(low, high), x_scale=width, method="dogbox",
         ftol=1e-5, xtol=1e-7, gtol=1e-10, max_nfev=max_evaluations or problem.settings.max_refit_evaluations,
     )  # fmt: skip
     return evaluator.build_estimate(solution.x)

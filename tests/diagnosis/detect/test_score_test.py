@@ -55,6 +55,7 @@ def test_form_without_effect_or_freedom_explains_nothing(directions):
     assert _fit_bounded_amplitudes(directions, directions[0], np.zeros(2), np.zeros(2))[1] == 0.0
 
 
+@pytest.mark.slow
 def test_parameter_at_its_limit_absorbs_no_further_misfit():
     """A gain error of 10 % of the load cell moves the turns to the limit of their prior."""
     case = inject_effects(0, np.random.default_rng(5)).case

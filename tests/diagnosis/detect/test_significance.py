@@ -188,6 +188,7 @@ def test_underflow_of_the_tail_loses_no_deviation(log_sd, freedom):
     assert chances[2] < 1e-6
 
 
+@pytest.mark.slow
 def test_observed_deviation_is_scaled_like_the_draws():
     """A deviation of 4 sd along a slow direction of a channel; its sensor noise is a fifth of its noise."""
     problem = simulate_without_noise()

@@ -48,6 +48,7 @@ def test_size_and_correlation_are_estimated_with_a_curved_misfit(rho, misfit):
     assert np.median(taken[:, 1]) == pytest.approx(1.0, rel=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
 def test_possible_noise_includes_the_true_noise(rho):
     """Power of slow noise, with other noise that is known to 10 %."""

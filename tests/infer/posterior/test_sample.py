@@ -84,6 +84,7 @@ def test_posterior_agrees_with_a_grid():
         assert abs(sd[k] / grid_sd - 1) < 2 * SAMPLED / np.sqrt(2 * ess[k])
 
 
+@pytest.mark.slow
 def test_posterior_agrees_with_least_squares():
     for name, e in fitted().estimates.items():
         m = drawn().marginals[name]

@@ -77,6 +77,7 @@ def test_alternative_mechanism_has_its_own_bench():
     assert 50 < force < 1000
 
 
+@pytest.mark.slow
 def test_repeated_cycles_are_drawn_once():
     def lines(id):
         return sum(line.get_gid() == "path" for line in plot_mechanism(list_mechanisms()[id]).axes[0].lines)
