@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -59,9 +60,11 @@ def select_by_evidence(
     """
     settings = settings or EvidenceSettings(established_probability=problem.settings.established_probability)
     templates = build_templates(build_template_context(problem, blocks, baseline))
-    search = EvidenceSearch(problem, baseline.noise, baseline.estimate.values, settings, templates)
-    excess = baseline.estimate.chi2 / max(baseline.noise.size, 1) - 1
-    summary = summarise(search.run(progress), settings, max(excess, 0.0))
+    excess = max(baseline.estimate.chi2 / max(baseline.noise.size, 1) - 1, 0.0)
+    search = EvidenceSearch(
+        problem, baseline.noise, baseline.estimate.values, _limit_generic_sizes(settings, excess), templates
+    )
+    summary = summarise(search.run(progress), settings, excess)
     names = {name.id: name for name in summary.names}
     fit = _restrict(search, summary.best, names)
     while (harmful := _find_most_harmful(search, fit, ~training_rows)) is not None:
@@ -76,6 +79,16 @@ def select_by_evidence(
         summary.unexplained_probability,
         list_likenesses(search, fit),
     )
+
+
+def _limit_generic_sizes(settings: EvidenceSettings, excess: float) -> EvidenceSettings:
+    """Return the settings with sizes of generic physics that do not exceed the misfit of the baseline.
+
+    Larger physics could only cancel a mechanism that is too large.
+    """
+    limit = max(np.sqrt(excess), min(settings.generic_sizes))
+    sizes = tuple(size for size in settings.generic_sizes if size <= limit)
+    return replace(settings, generic_sizes=sizes)
 
 
 def list_likenesses(search: EvidenceSearch, fit: EvidenceFit) -> tuple[Likeness, ...]:

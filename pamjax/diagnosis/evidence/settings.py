@@ -15,7 +15,8 @@ class EvidenceSettings:
         mechanism_probability: prior probability of each mechanism.
         generic_probability: prior probability of physics that no mechanism describes.
         template_probability: prior probability of an effect that resembles one of the templates.
-        generic_sizes: possible sizes of this physics, in standard deviations of the noise of a sample.
+        generic_sizes: possible sizes of this physics, in standard deviations of the noise of a sample; sizes
+            above the misfit of the baseline are not used.
         max_form_share: an effect whose form error is larger than this share is not its mechanism.
         min_outside_share: physics outside the library is reported if it explains at least this share of the
             baseline's excess misfit.
