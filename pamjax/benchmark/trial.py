@@ -18,9 +18,8 @@ from pamjax.benchmark.setups import draw_setup
 from pamjax.benchmark.stand_in import is_indistinguishable
 from pamjax.diagnosis.crossval.gain import select_held_out_rows
 from pamjax.diagnosis.detect.regions import build_axes
-from pamjax.diagnosis.detect.score_test import compute_score_directions
-from pamjax.diagnosis.detect.significance import Significance, compute_significance
-from pamjax.diagnosis.library.candidates import build_candidates
+from pamjax.diagnosis.detect.residual_test import run_baseline_test
+from pamjax.diagnosis.detect.significance import Significance
 from pamjax.diagnosis.library.library_problem import build_library_problem
 from pamjax.diagnosis.refit.candidate_fit import fit_candidate
 from pamjax.diagnosis.result import Diagnosis
@@ -265,10 +264,7 @@ def score_recording(case: Case, seed: int = 0) -> Significance:
     problem = build_library_problem(case)
     training_rows = ~select_held_out_rows(find_blocks(case.recording))
     baseline = fit_candidate(problem, training_rows, (), problem.neutral)
-    directions = compute_score_directions(
-        problem, baseline.noise, baseline.estimate, build_candidates(problem)
-    )
-    return compute_significance(problem, baseline.noise, baseline.estimate, directions, seed)
+    return run_baseline_test(problem, baseline, seed)
 
 
 def _compare_with_truth(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -19,10 +18,10 @@ from pamjax.diagnosis.detect.locate import locate_effects, locate_residual
 from pamjax.diagnosis.detect.residual_test import (
     is_residual_large,
     is_residual_significant,
+    run_baseline_test,
     run_residual_test,
 )
-from pamjax.diagnosis.detect.score_test import compute_score_directions
-from pamjax.diagnosis.detect.significance import Significance, compute_significance
+from pamjax.diagnosis.detect.significance import Significance
 from pamjax.diagnosis.evidence.evidence_selection import (
     fit_baseline,
     fit_with_form_errors,
@@ -30,7 +29,6 @@ from pamjax.diagnosis.evidence.evidence_selection import (
 )
 from pamjax.diagnosis.evidence.settings import EvidenceSettings
 from pamjax.diagnosis.identifiability import format_notes
-from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem
 from pamjax.diagnosis.next_experiment.experiment import propose_experiments
 from pamjax.diagnosis.noise.sensor_scale import compute_noise_ratios, format_noise_notes
@@ -158,7 +156,7 @@ def _choose_stepwise(
 ) -> _Choice:
     """Choose mechanisms one after the other, and test them on held-out blocks."""
     training_fit = fit_candidate(problem, ~held_out_rows, (), problem.neutral)
-    mismatch = _test_baseline(problem, training_fit, seed)
+    mismatch = run_baseline_test(problem, training_fit, seed)
     is_detected = mismatch.p_value < problem.settings.detection_p_value
     selection = (
         select_mechanisms(problem, ~held_out_rows, training_fit, progress)
@@ -219,7 +217,7 @@ def _choose_by_evidence(
 ) -> _Choice:
     """Choose the set of mechanisms with the largest evidence; form errors are part of each model."""
     training_fit = fit_baseline(problem, ~held_out_rows, problem.neutral)
-    mismatch = _test_baseline(problem, training_fit, seed)
+    mismatch = run_baseline_test(problem, training_fit, seed)
     is_detected = mismatch.p_value < problem.settings.detection_p_value
     selection, unexplained_probability, likenesses = (
         select_by_evidence(problem, blocks_of_case, ~held_out_rows, training_fit, progress)
@@ -250,17 +248,6 @@ def _choose_by_evidence(
 
 
 _METHODS = {"stepwise": _choose_stepwise, "evidence": _choose_by_evidence}
-
-
-def _test_baseline(problem: LibraryProblem, baseline: CandidateFit, seed: int) -> Significance:
-    """Test the baseline's residual; in a table without stated noise on all rows, which estimate the noise."""
-    if any(channel and math.isfinite(channel.degrees_of_freedom) for channel in baseline.noise.channels):
-        baseline = fit_candidate(problem, np.ones(problem.n, dtype=bool), (), baseline.estimate.values)
-    baseline = scale_noise(problem, baseline)
-    score_directions = compute_score_directions(
-        problem, baseline.noise, baseline.estimate, build_candidates(problem)
-    )
-    return compute_significance(problem, baseline.noise, baseline.estimate, score_directions, seed)
 
 
 def _fit_selection(problem: LibraryProblem, selection: Selection, rows: np.ndarray) -> CandidateFit:

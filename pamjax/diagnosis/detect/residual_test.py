@@ -2,12 +2,32 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
+
 from pamjax.diagnosis.detect.score_test import compute_score_directions
 from pamjax.diagnosis.detect.significance import Significance, compute_significance
 from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate
+from pamjax.diagnosis.refit.scaled_noise import scale_noise
 from pamjax.diagnosis.settings import DiagnosisSettings
+
+
+def run_baseline_test(problem: LibraryProblem, baseline: CandidateFit, seed: int = 0) -> Significance:
+    """Test the residual of the baseline along the score directions of all mechanisms.
+
+    A table without stated noise is tested on all rows, because they estimate its noise.
+
+    Args:
+        problem: the recording and the library.
+        baseline: refit of the baseline to the rows in use.
+        seed: seed of the random draws for the p-value.
+    """
+    if any(channel and math.isfinite(channel.degrees_of_freedom) for channel in baseline.noise.channels):
+        baseline = fit_candidate(problem, np.ones(problem.n, dtype=bool), (), baseline.estimate.values)
+    return run_residual_test(problem, scale_noise(problem, baseline), seed)
 
 
 def run_residual_test(problem: LibraryProblem, fit: CandidateFit, seed: int = 0) -> Significance:

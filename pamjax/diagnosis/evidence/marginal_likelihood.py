@@ -243,7 +243,7 @@ class _Gram:
         self.gram[np.arange(k), np.arange(k)] += precision**2
         self.projection[:k] += precision * model.prior_offset
         self.square = float(model.residual @ model.residual + model.prior_offset @ model.prior_offset)
-        unit = self.size / np.maximum(np.einsum("ij,ij->i", model.jacobian, model.jacobian), 1e-300)
+        unit = self.size / np.maximum(np.einsum("ij,ij->i", model.jacobian, model.jacobian), 1e-200)
         wide = np.maximum(unit, model.amplitude**2)
         self.parameter_variance = np.where(
             model.is_amplitude, wide, np.where(has_prior, prior_sd**2, 1e6 * unit)
