@@ -71,7 +71,8 @@ def build_columns_of_effect(
     factors = [factor for factor in factors if factor.any()]
     if form_error.is_additive:
         return _build_course(effect, factors)
-    columns = [effect * factor for factor in factors] + list(alternatives)
+    # The amplitude of the mechanism has what is proportional to the effect.
+    columns = [_remove_parallel(effect * factor, effect) for factor in factors] + list(alternatives)
     if not columns:
         return np.zeros((0, *effect.shape))
     return _equalise(np.stack(columns), effect) / np.sqrt(len(columns))

@@ -297,8 +297,11 @@ class EvidenceSearch:
         return self.outside.generic[used] * evidence.generic_sd[used, None]
 
     def _compute_form_ratio(self, values: np.ndarray, candidate: Candidate, form: np.ndarray) -> float:
+        """Return the rms of the form error over that of the effect, which has what is parallel to it."""
         effect = np.nan_to_num(self.noise.whiten(compute_effect_of(self.problem, values, candidate)))
-        return _compute_rms(form) / max(_compute_rms(effect), 1e-12)
+        square = float(effect @ effect)
+        parallel = float(form @ effect) / square if square > 0 else 0.0
+        return _compute_rms(form - parallel * effect) / max(_compute_rms((1 + parallel) * effect), 1e-12)
 
     def _linearise(self, free: list[int], values: np.ndarray, forms: list[np.ndarray]) -> LinearModel:
         problem, noise = self.problem, self.noise

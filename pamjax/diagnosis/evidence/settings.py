@@ -34,7 +34,7 @@ class EvidenceSettings:
     generic_probability: float = 0.1
     template_probability: float = 0.1
     generic_sizes: tuple[float, ...] = (0.3, 1.0, 3.0, 10.0)
-    max_form_share: float = 1.0
+    max_form_share: float = 0.5
     min_outside_share: float = 0.01
     established_probability: float = 0.5
     tie_probability_ratio: float = 0.1
