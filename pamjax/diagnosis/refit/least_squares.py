@@ -130,17 +130,16 @@ def fit_parameters(
     low, high = (transform_to_coordinates(problem, free, edge) for edge in (problem.low, problem.high))
     evaluator = _ResidualEvaluator(problem, noise, free, values)
 
+    def residuals(x):
+        prior_residual = np.where(np.isfinite(prior_sd), (x - mean) / prior_sd, 0.0)
+        return np.concatenate([evaluator(x).residual, prior_residual])
+
+    def jacobian(x):
+        return np.concatenate(
+            [-evaluator(x).jacobian, np.diag(np.where(np.isfinite(prior_sd), 1 / prior_sd, 0.0))]
+        )
+
     width = np.where(np.isfinite(prior_sd), prior_sd, 0.1 * (high - low))
-    precision = np.where(np.isfinite(prior_sd), 1 / prior_sd, 0.0)
-
-    # The steps of this minimiser depend on the units: each coordinate is divided by its width.
-    def residuals(u):
-        x = u * width
-        return np.concatenate([evaluator(x).residual, np.where(precision > 0, (x - mean) * precision, 0.0)])
-
-    def jacobian(u):
-        return np.concatenate([-evaluator(u * width).jacobian, np.diag(precision)]) * width
-
     # The minimiser is slow if it starts at a limit. A missing mechanism often drives baseline parameters to
     # their limits; with the mechanism they move back.
     inside = np.where(problem.is_baseline[free], problem.settings.start_limit_distance_share, 1e-6) * (
@@ -148,11 +147,10 @@ def fit_parameters(
     )
     start = np.clip(transform_to_coordinates(problem, free, values), low + inside, high - inside)
     solution = least_squares(
-        residuals, start / width, jac=cast(Any, jacobian), bounds=(low / width, high / width),
-        method="dogbox", ftol=1e-5, xtol=1e-7, gtol=1e-10,
-        max_nfev=max_evaluations or problem.settings.max_refit_evaluations,
+        residuals, start, jac=cast(Any, jacobian), bounds=(low, high), x_scale=width,
+        ftol=1e-5, xtol=1e-7, gtol=1e-10, max_nfev=max_evaluations or problem.settings.max_refit_evaluations,
     )  # fmt: skip
-    return evaluator.build_estimate(np.clip(solution.x * width, low, high))
+    return evaluator.build_estimate(solution.x)
 
 
 def evaluate_estimate(

@@ -141,7 +141,7 @@ def search_mechanisms(search: MechanismSearch, directions: Sequence[ScoreDirecti
         directions: score directions of all candidates at the baseline.
     """
     fit = run_search(search, search.baseline, directions)
-    if not search.leaves_large_residual(fit):
+    if not search.leaves_large_residual(fit) or search.settings.max_mechanisms < 2:
         return fit
     starts = _find_restart_pairs(search, fit, directions)
     again = replace(search, progress=ignore_progress)
