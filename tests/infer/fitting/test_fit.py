@@ -200,6 +200,7 @@ def with_wrong_forces(case):
     return dataclasses.replace(case, recording=dataclasses.replace(case.recording, force=force))
 
 
+@pytest.mark.slow
 def test_soft_loss_is_robust_to_outliers(standard_fit):
     moved = {}
     for loss in ("square", "soft"):
@@ -221,6 +222,7 @@ def test_soft_loss_is_quadratic_near_zero_and_linear_far_away():
     assert np.all(np.sign(soften_residual(jnp.asarray(r))) == np.sign(r))
 
 
+@pytest.mark.slow
 def test_ruler_errors_are_estimated_and_parameters_without_sd_are_fixed():
     ruler = dataclasses.replace(SENSORS, length=1e-3, length_per_setting=True)
     case = made(plan=RAMPS, bench=ruler, sensors=ruler, seed=4, turns=MeasuredValue(TRUE["muscle.turns"]))

@@ -45,6 +45,7 @@ def compute_coverage(**settings):
     return np.mean(np.abs(errors) < 1)
 
 
+@pytest.mark.slow
 def test_intervals_hold_with_correlated_noise(monkeypatch):
     # The standard error of the share is 4 %.
     assert compute_coverage() == pytest.approx(0.683, abs=0.1)

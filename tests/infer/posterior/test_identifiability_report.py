@@ -91,6 +91,7 @@ def test_five_diameters_determine_length_and_modulus_but_not_turns():
     }
 
 
+@pytest.mark.slow
 def test_profile_of_a_parabola_agrees_with_least_squares():
     # Two sd to each side, where the posterior is nearly Gaussian.
     along = drawn().verdicts["muscle.thread_length"].profile

@@ -103,6 +103,7 @@ def test_posterior_agrees_with_another_sampler():
         assert SAMPLED * error < 0.34 * sd
 
 
+@pytest.mark.slow
 def test_draws_depend_only_on_the_seed():
     a, b, c = (sample(fitted(), seed=s, **QUICK).draws for s in (1, 1, 2))
     np.testing.assert_array_equal(a, b)
