@@ -14,11 +14,8 @@ import numpy as np
 from scipy.special import expit
 
 from pamjax.diagnosis.library.library_problem import COMPLIANCE_PARAMETER, LibraryProblem
-from pamjax.diagnosis.settings import DiagnosisSettings
+from pamjax.diagnosis.library.recording_scales import RecordingScales
 from pamjax.model.registry import MECHANISMS
-
-#: 90 % quantile of the standard normal distribution.
-NORMAL_QUANTILE_90 = 1.28
 
 
 @dataclass(frozen=True)
@@ -68,7 +65,7 @@ TIME_COURSES = {
 
 def build_candidates(problem: LibraryProblem) -> list[Candidate]:
     """Return the candidates that the recording can test, in the order of the mechanisms."""
-    scales = _RecordingScales.from_problem(problem)
+    scales = RecordingScales.from_problem(problem)
     out: list[Candidate] = []
     for kind in MECHANISMS:
         builder = _CANDIDATE_BUILDERS.get(kind.id)
@@ -102,115 +99,7 @@ def _build_single_candidate(kind) -> Candidate:
     return Candidate(kind.id, (f"{kind.id}.{amplitudes[0]}",))
 
 
-@dataclass(frozen=True)
-class _RecordingScales:
-    """Scales of a recording: its times, stroke, load, pressure and speeds.
-
-    Attributes:
-        start_time, duration, step: first time, duration and median time step, s.
-        stroke: range of length, m.
-        load: largest P L B / (2 π n²), with pressure P, length L, thread length B and n turns, N.
-        pressure: range of pressure, Pa.
-        force: largest force, N.
-        bore: inner diameter of the bladder, m.
-        fitting_bore: bore of a tube whose outer wall touches the braid at rest length, m.
-        stated_compliance_sd: stated thread compliance in its standard deviations; 0 if none is stated.
-        fitting_radius: radius of the end fittings, m.
-        thread_width: total width of all threads side by side, m.
-        rest_angle_cosine: cosine of the braid angle at rest length.
-        rest_length: rest length, m.
-        isometric: whether fewer than 20 % of the steps change the length.
-        speed_ratio: ratio of fast to slow strokes.
-        speed: geometric mean of the speeds of fast and slow strokes, m/s.
-        settings: thresholds of the diagnosis.
-    """
-
-    start_time: float
-    duration: float
-    step: float
-    stroke: float
-    load: float
-    pressure: float
-    force: float
-    bore: float
-    fitting_bore: float
-    stated_compliance_sd: float
-    fitting_radius: float
-    thread_width: float
-    rest_angle_cosine: float
-    rest_length: float
-    isometric: bool
-    speed_ratio: float
-    speed: float
-    settings: DiagnosisSettings
-
-    @classmethod
-    def from_problem(cls, problem: LibraryProblem) -> _RecordingScales:
-        recording = problem.case.recording
-        usable = recording.usable
-        length, pressure = recording.length[usable], recording.pressure[usable]
-        time = recording.time[usable] if recording.time is not None else np.arange(usable.sum(), dtype=float)
-        thread, turns = problem.case.entry.braid
-        load = float(np.nanmax(np.abs(pressure * length))) * thread / (2 * np.pi * turns**2)
-        jumps = np.abs(np.diff(length))
-        speed_ratio, speed = _compute_speeds(problem)
-        return cls(
-            start_time=float(time[0]),
-            duration=max(float(np.ptp(time)), 1.0),
-            step=max(float(np.median(np.diff(time))) if time.size > 1 else 1.0, 1e-3),
-            stroke=max(float(np.ptp(length)), 1e-4),
-            load=max(load, 1.0),
-            pressure=max(float(np.ptp(pressure)), 1e3),
-            force=max(float(np.nanmax(np.abs(recording.force), initial=0.0)), 10.0),
-            fitting_radius=float(problem.start[problem.index("end_taper.radius")]),
-            thread_width=float(problem.start[problem.index("braid_locking.width")]),
-            bore=float(problem.start[problem.index("bladder_elasticity.inner_diameter")]),
-            fitting_bore=_compute_fitting_bore(problem),
-            stated_compliance_sd=_compute_stated_compliance(problem),
-            rest_length=problem.case.entry.rest_length.value,
-            rest_angle_cosine=float(
-                np.sqrt(max(1 - (problem.case.entry.rest_length.value / thread) ** 2, 1e-3))
-            ),
-            isometric=bool(np.mean(jumps > 1e-3 * np.ptp(length)) < 0.2) if length.size > 1 else True,
-            speed_ratio=speed_ratio,
-            speed=speed,
-            settings=problem.settings,
-        )
-
-
-def _compute_speeds(problem: LibraryProblem) -> tuple[float, float]:
-    """Return ratio and geometric mean, m/s, of the 90 % and the 10 % quantiles of speed, by distance.
-
-    The ratio is corrected for the noise of the rate.
-    """
-    history = problem.dataset.history
-    speed = np.sort(np.abs(np.asarray(history.rate(problem.dataset.rows.length)))[: problem.n])
-    distance = np.cumsum(speed)
-    if not distance[-1] > 0:
-        return 1.0, 1e-3
-    slow, fast = speed[np.searchsorted(distance, distance[-1] * np.array([0.1, 0.9]))]
-    weights = np.median(np.linalg.norm(np.asarray(history.rate_weights)[: problem.n], axis=1))
-    noise = NORMAL_QUANTILE_90 * (problem.case.entry.sensors.length or 0.0) * float(weights)
-    return float((fast - noise) / (slow + noise)), float(np.sqrt(slow * fast))
-
-
-def _compute_fitting_bore(problem: LibraryProblem) -> float:
-    """Return the bore of a tube whose outer wall touches the braid at rest length, m."""
-    entry = problem.case.entry
-    thread, turns = entry.braid
-    outer_diameter = np.sqrt(max(thread**2 - entry.rest_length.value**2, 0.0)) / (np.pi * turns)
-    return float(outer_diameter - 2 * problem.start[problem.index("bladder_elasticity.thickness")])
-
-
-def _compute_stated_compliance(problem: LibraryProblem) -> float:
-    """Return the stated thread compliance in its standard deviations; 0 if none is stated."""
-    if COMPLIANCE_PARAMETER not in problem.names:
-        return 0.0
-    k = problem.index(COMPLIANCE_PARAMETER)
-    return float(problem.start[k] / problem.prior_sd[k]) if np.isfinite(problem.prior_sd[k]) else 0.0
-
-
-def _build_braid_elasticity(scales: _RecordingScales) -> list[Candidate]:
+def _build_braid_elasticity(scales: RecordingScales) -> list[Candidate]:
     return [
         Candidate(
             "braid_elasticity",
@@ -220,14 +109,14 @@ def _build_braid_elasticity(scales: _RecordingScales) -> list[Candidate]:
     ]
 
 
-def _build_thread_crimp(scales: _RecordingScales) -> list[Candidate]:
+def _build_thread_crimp(scales: RecordingScales) -> list[Candidate]:
     return [
         Candidate("thread_crimp", ("thread_crimp.crimp",), {"thread_crimp.load": share * scales.load})
         for share in (0.08, 0.25, 0.7)
     ]
 
 
-def _build_bladder_elasticity(scales: _RecordingScales) -> list[Candidate]:
+def _build_bladder_elasticity(scales: RecordingScales) -> list[Candidate]:
     name = "bladder_elasticity."
     # A stated bore wider than the braid is not possible: start from one that fits.
     fits = scales.fitting_bore if 0.3 * scales.bore < scales.fitting_bore < scales.bore else scales.bore
@@ -247,7 +136,7 @@ def _build_bladder_elasticity(scales: _RecordingScales) -> list[Candidate]:
     ]
 
 
-def _build_braid_friction(scales: _RecordingScales) -> list[Candidate]:
+def _build_braid_friction(scales: RecordingScales) -> list[Candidate]:
     amplitudes = ("braid_friction.coefficient", "braid_friction.constant")
     usual = {"braid_friction.spread": 0.5, "braid_friction.exponent": 0.95, "braid_friction.reach": 0.5}
     out = [
@@ -293,7 +182,7 @@ def _build_braid_friction(scales: _RecordingScales) -> list[Candidate]:
     return out
 
 
-def _build_viscoelastic_creep(scales: _RecordingScales) -> list[Candidate]:
+def _build_viscoelastic_creep(scales: RecordingScales) -> list[Candidate]:
     name = "viscoelastic_creep."
     pairs = [(t, 20 * t) for t in (3 * scales.step, 12 * scales.step, 50 * scales.step) if t < 50]
     return [
@@ -324,14 +213,14 @@ def _build_viscoelastic_creep(scales: _RecordingScales) -> list[Candidate]:
     ]
 
 
-def _build_mullins_softening(scales: _RecordingScales) -> list[Candidate]:
+def _build_mullins_softening(scales: RecordingScales) -> list[Candidate]:
     return [
         Candidate("mullins_softening", ("mullins_softening.modulus",), {"mullins_softening.width": width})
         for width in (0.08, 0.3)
     ]
 
 
-def _build_thread_slip(scales: _RecordingScales) -> list[Candidate]:
+def _build_thread_slip(scales: RecordingScales) -> list[Candidate]:
     bedding = [
         Candidate("thread_slip", ("thread_slip.bedding",), {"thread_slip.load": share * scales.load})
         for share in (0.1, 0.35, 1.2)
@@ -354,7 +243,7 @@ def _build_thread_slip(scales: _RecordingScales) -> list[Candidate]:
     return bedding + steps
 
 
-def _build_viscous_damping(scales: _RecordingScales) -> list[Candidate]:
+def _build_viscous_damping(scales: RecordingScales) -> list[Candidate]:
     amplitudes = ("viscous_damping.coefficient", "viscous_damping.pressed")
     if scales.speed_ratio < scales.settings.min_speed_ratio_for_power:
         # At one speed the data do not determine the power: it would be fitted to noise of the rate.
@@ -364,7 +253,7 @@ def _build_viscous_damping(scales: _RecordingScales) -> list[Candidate]:
     ]
 
 
-def _build_pressure_drop(scales: _RecordingScales) -> list[Candidate]:
+def _build_pressure_drop(scales: RecordingScales) -> list[Candidate]:
     return [
         Candidate("pressure_drop", ("pressure_drop.impedance",)),
         Candidate("pressure_drop", ("pressure_drop.turbulence",)),
@@ -372,7 +261,7 @@ def _build_pressure_drop(scales: _RecordingScales) -> list[Candidate]:
     ]
 
 
-def _build_contact_pressure(scales: _RecordingScales) -> list[Candidate]:
+def _build_contact_pressure(scales: RecordingScales) -> list[Candidate]:
     return [
         Candidate(
             "contact_pressure",
@@ -383,7 +272,7 @@ def _build_contact_pressure(scales: _RecordingScales) -> list[Candidate]:
     ]
 
 
-def _build_rig_compliance(scales: _RecordingScales) -> list[Candidate]:
+def _build_rig_compliance(scales: RecordingScales) -> list[Candidate]:
     return [
         Candidate("rig_compliance", ("rig_compliance.compliance",)),
         Candidate(
@@ -394,45 +283,31 @@ def _build_rig_compliance(scales: _RecordingScales) -> list[Candidate]:
     ]
 
 
-def _build_end_taper(scales: _RecordingScales) -> list[Candidate]:
+def _build_end_taper(scales: RecordingScales) -> list[Candidate]:
     return [
         Candidate("end_taper", ("end_taper.share",), {"end_taper.radius": share * scales.fitting_radius})
         for share in (0.94, 1.0)
     ]
 
 
-def _build_braid_locking(scales: _RecordingScales) -> list[Candidate]:
-    return (
-        [
-            Candidate(
-                "braid_locking",
-                ("braid_locking.stiffness",),
-                {"braid_locking.width": share * scales.thread_width},
-            )
-            for share in (0.9, 1.1, 1.4, 1.9)
-        ]
-        + [
-            # A steeper contact begins earlier.
-            Candidate(
-                "braid_locking",
-                ("braid_locking.stiffness",),
-                {"braid_locking.width": share * scales.thread_width, "braid_locking.exponent": 2.0},
-            )
-            for share in (1.2, 1.7)
-        ]
-        + [
-            # Not all threads touch at once.
-            Candidate(
-                "braid_locking",
-                ("braid_locking.stiffness",),
-                {"braid_locking.width": share * scales.thread_width, "braid_locking.rounding": 0.05},
-            )
-            for share in (1.2, 1.6)
-        ]
-    )
+def _build_braid_locking(scales: RecordingScales) -> list[Candidate]:
+    # A steeper contact begins earlier, and so does one in which not all threads touch at once.
+    shapes = [
+        *((share, {}) for share in (0.9, 1.1, 1.4, 1.9)),
+        *((share, {"braid_locking.exponent": 2.0}) for share in (1.2, 1.7)),
+        *((share, {"braid_locking.rounding": 0.05}) for share in (1.2, 1.6)),
+    ]
+    return [
+        Candidate(
+            "braid_locking",
+            ("braid_locking.stiffness",),
+            {"braid_locking.width": share * scales.thread_width, **refinement},
+        )
+        for share, refinement in shapes
+    ]
 
 
-def _build_force_drift(scales: _RecordingScales) -> list[Candidate]:
+def _build_force_drift(scales: RecordingScales) -> list[Candidate]:
     return [
         Candidate("force_drift", ("force_drift.rate",)),
         Candidate("force_drift", ("force_drift.rate", "force_drift.bend")),
@@ -446,7 +321,7 @@ def _build_force_drift(scales: _RecordingScales) -> list[Candidate]:
     ]
 
 
-def _build_channel_lag(scales: _RecordingScales) -> list[Candidate]:
+def _build_channel_lag(scales: RecordingScales) -> list[Candidate]:
     # A pure delay and a filter have the same derivative at zero: the refit distinguishes them.
     return [Candidate("channel_lag", ("channel_lag.lag",), {"channel_lag.smoothing": 0.3})]
 

@@ -7,7 +7,7 @@ cov(s_t, s_t+k) = A ρ^k, their mean square is
 
 with c m⁴ from the curvature of a misfit. Several lags together determine A, ρ and c; their errors follow
 from ρ. The prior probability of ρ = 0 is one half; the rest is shared by the other values of
-`CORRELATION_GRID`. What it leaves out: misfits with curvature within a few samples, noise with more than one
+`CORRELATION_GRID`. Neglects: misfits with curvature within a few samples, noise with more than one
 time constant, and correlations above 0.95, which it underestimates.
 Source: derived here; covariance of mean squares of a Gaussian process, M. S. Bartlett, Suppl. J. R. Stat.
 Soc. 8, 27 (1946).

@@ -1,0 +1,121 @@
+"""Scales of a recording, from which the starting values of shape parameters follow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pamjax.diagnosis.library.library_problem import COMPLIANCE_PARAMETER, LibraryProblem
+from pamjax.diagnosis.settings import DiagnosisSettings
+
+#: 90 % quantile of the standard normal distribution.
+NORMAL_QUANTILE_90 = 1.28
+
+
+@dataclass(frozen=True)
+class RecordingScales:
+    """Scales of a recording: its times, stroke, load, pressure and speeds.
+
+    Attributes:
+        start_time, duration, step: first time, duration and median time step, s.
+        stroke: range of length, m.
+        load: largest P L B / (2 π n²), with pressure P, length L, thread length B and n turns, N.
+        pressure: range of pressure, Pa.
+        force: largest force, N.
+        bore: inner diameter of the bladder, m.
+        fitting_bore: bore of a tube whose outer wall touches the braid at rest length, m.
+        stated_compliance_sd: stated thread compliance in its standard deviations; 0 if none is stated.
+        fitting_radius: radius of the end fittings, m.
+        thread_width: total width of all threads side by side, m.
+        rest_angle_cosine: cosine of the braid angle at rest length.
+        rest_length: rest length, m.
+        isometric: whether fewer than 20 % of the steps change the length.
+        speed_ratio: ratio of fast to slow strokes.
+        speed: geometric mean of the speeds of fast and slow strokes, m/s.
+        settings: thresholds of the diagnosis.
+    """
+
+    start_time: float
+    duration: float
+    step: float
+    stroke: float
+    load: float
+    pressure: float
+    force: float
+    bore: float
+    fitting_bore: float
+    stated_compliance_sd: float
+    fitting_radius: float
+    thread_width: float
+    rest_angle_cosine: float
+    rest_length: float
+    isometric: bool
+    speed_ratio: float
+    speed: float
+    settings: DiagnosisSettings
+
+    @classmethod
+    def from_problem(cls, problem: LibraryProblem) -> RecordingScales:
+        recording = problem.case.recording
+        usable = recording.usable
+        length, pressure = recording.length[usable], recording.pressure[usable]
+        time = recording.time[usable] if recording.time is not None else np.arange(usable.sum(), dtype=float)
+        thread, turns = problem.case.entry.braid
+        load = float(np.nanmax(np.abs(pressure * length))) * thread / (2 * np.pi * turns**2)
+        jumps = np.abs(np.diff(length))
+        speed_ratio, speed = _compute_speeds(problem)
+        return cls(
+            start_time=float(time[0]),
+            duration=max(float(np.ptp(time)), 1.0),
+            step=max(float(np.median(np.diff(time))) if time.size > 1 else 1.0, 1e-3),
+            stroke=max(float(np.ptp(length)), 1e-4),
+            load=max(load, 1.0),
+            pressure=max(float(np.ptp(pressure)), 1e3),
+            force=max(float(np.nanmax(np.abs(recording.force), initial=0.0)), 10.0),
+            fitting_radius=float(problem.start[problem.index("end_taper.radius")]),
+            thread_width=float(problem.start[problem.index("braid_locking.width")]),
+            bore=float(problem.start[problem.index("bladder_elasticity.inner_diameter")]),
+            fitting_bore=_compute_fitting_bore(problem),
+            stated_compliance_sd=_compute_stated_compliance(problem),
+            rest_length=problem.case.entry.rest_length.value,
+            rest_angle_cosine=float(
+                np.sqrt(max(1 - (problem.case.entry.rest_length.value / thread) ** 2, 1e-3))
+            ),
+            isometric=bool(np.mean(jumps > 1e-3 * np.ptp(length)) < 0.2) if length.size > 1 else True,
+            speed_ratio=speed_ratio,
+            speed=speed,
+            settings=problem.settings,
+        )
+
+
+def _compute_speeds(problem: LibraryProblem) -> tuple[float, float]:
+    """Return ratio and geometric mean, m/s, of the 90 % and the 10 % quantiles of speed, by distance.
+
+    The ratio is corrected for the noise of the rate.
+    """
+    history = problem.dataset.history
+    speed = np.sort(np.abs(np.asarray(history.rate(problem.dataset.rows.length)))[: problem.n])
+    distance = np.cumsum(speed)
+    if not distance[-1] > 0:
+        return 1.0, 1e-3
+    slow, fast = speed[np.searchsorted(distance, distance[-1] * np.array([0.1, 0.9]))]
+    weights = np.median(np.linalg.norm(np.asarray(history.rate_weights)[: problem.n], axis=1))
+    noise = NORMAL_QUANTILE_90 * (problem.case.entry.sensors.length or 0.0) * float(weights)
+    return float((fast - noise) / (slow + noise)), float(np.sqrt(slow * fast))
+
+
+def _compute_fitting_bore(problem: LibraryProblem) -> float:
+    """Return the bore of a tube whose outer wall touches the braid at rest length, m."""
+    entry = problem.case.entry
+    thread, turns = entry.braid
+    outer_diameter = np.sqrt(max(thread**2 - entry.rest_length.value**2, 0.0)) / (np.pi * turns)
+    return float(outer_diameter - 2 * problem.start[problem.index("bladder_elasticity.thickness")])
+
+
+def _compute_stated_compliance(problem: LibraryProblem) -> float:
+    """Return the stated thread compliance in its standard deviations; 0 if none is stated."""
+    if COMPLIANCE_PARAMETER not in problem.names:
+        return 0.0
+    k = problem.index(COMPLIANCE_PARAMETER)
+    return float(problem.start[k] / problem.prior_sd[k]) if np.isfinite(problem.prior_sd[k]) else 0.0
