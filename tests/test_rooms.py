@@ -17,6 +17,7 @@ ROOMS = [
     "units",
     "channels",
     "parameter",
+    "jit",
     "model",
     "records",
     "compile",

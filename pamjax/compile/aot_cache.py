@@ -28,6 +28,7 @@ from jax.stages import Compiled, Wrapped
 
 import pamjax
 from pamjax.errors import BadInput
+from pamjax.jit import list_compiler_options
 from pamjax.model.registry import ALTERNATIVES, MECHANISMS
 from pamjax.records.files import write_atomically
 
@@ -57,7 +58,7 @@ def load_or_compile(function: Any, *arguments: Any) -> Compiled:
     if file is None:
         with _tracing_lock:
             program = flat.lower(*leaves)
-        return program.compile()
+        return program.compile(compiler_options=list_compiler_options())
     if not file.is_file():
         with _lock_program(file):
             # Another process may have written the file while this process waited for the lock.
@@ -89,7 +90,7 @@ def _load_program(file: Path, leaves: list) -> Compiled | None:
 
 
 def _compile_exported(function: Callable, leaves: list) -> Compiled:
-    return jax.jit(function).lower(*leaves).compile()
+    return jax.jit(function).lower(*leaves).compile(compiler_options=list_compiler_options())
 
 
 @contextmanager

@@ -12,7 +12,6 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,6 +19,7 @@ from jaxtyping import Array
 
 from pamjax.control.inverse import compute_static_force
 from pamjax.errors import refuse, suggest_word
+from pamjax.jit import compile_on_call
 from pamjax.model.assembly import assemble, assemble_bench
 from pamjax.records.files import read_bytes
 from pamjax.units import compute_si_factor
@@ -101,7 +101,7 @@ def read_unexplained_force(file: Path) -> float | None:
     return math.sqrt(max(rmse**2 - noise**2, 0.0))
 
 
-@eqx.filter_jit
+@compile_on_call
 def _compute_force_slopes(
     model_key, numbers: dict[str, Array], start: Array, pressure: Array, length: Array
 ) -> Array:

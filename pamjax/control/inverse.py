@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike
 from pamjax.control.standalone import STATUS_TEXTS
 from pamjax.errors import refuse
 from pamjax.infer.fitting.load import LoadedMuscle
+from pamjax.jit import compile_on_call
 from pamjax.model.balance import Status
 from pamjax.model.bench import Bench
 from pamjax.model.history import build_time_history
@@ -199,13 +200,13 @@ def _map_in_batches(function: Callable, first: ArrayLike, second: ArrayLike):
     return jax.tree.map(lambda *x: jnp.concatenate(x)[:n], *results)
 
 
-@eqx.filter_jit
+@compile_on_call
 def _compute_forces(muscle, pressure, length):
     """Return forces, (n,), derivatives by pressure and length, (n, 2), and existence of equilibria, (n,)."""
     return jax.vmap(lambda p, l: _evaluate_force(muscle, p, l))(pressure, length)
 
 
-@eqx.filter_jit
+@compile_on_call
 def _compute_stiffness_slopes(muscle, pressure, length):
     """Return the derivatives of the stiffness by pressure and length, (n, 2)."""
 
@@ -232,7 +233,7 @@ def _evaluate_force(muscle, pressure, length):
     return value, slopes, has_equilibrium
 
 
-@eqx.filter_jit
+@compile_on_call
 def solve_pressures(muscle, pressures, lengths, force, length) -> Command:
     """Return the pressures for forces at lengths, each (n,), within the ends (2,) of a range."""
     (low, high), (short, long) = pressures, lengths
@@ -263,7 +264,7 @@ def solve_pressures(muscle, pressures, lengths, force, length) -> Command:
     return jax.vmap(solve_single)(force, length)
 
 
-@eqx.filter_jit
+@compile_on_call
 def solve_lengths(muscle, pressures, lengths, force, pressure) -> Command:
     """Return the lengths for forces at pressures, each (n,), within the ends (2,) of a range."""
     (low, high), (short, long) = pressures, lengths

@@ -12,7 +12,6 @@ Source: derived here, with the equilibrium and the frozen stresses of `model/ben
 
 from __future__ import annotations
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,6 +19,7 @@ from jaxtyping import Array
 from numpy.typing import ArrayLike
 
 from pamjax.control.inverse import remove_rig, solve_at_rest
+from pamjax.jit import compile_on_call
 from pamjax.model.bench import Bench
 from pamjax.model.mechanism import AbstractMemory, AbstractRigCompliance, AbstractSensor, AbstractSlip
 from pamjax.model.mechanisms.braid_friction import BraidFriction
@@ -51,7 +51,7 @@ def compute_friction_half_loop(muscle: Muscle | Bench, pressure: ArrayLike, leng
     return np.asarray(_compute_half_loops(muscle, p, l))
 
 
-@eqx.filter_jit
+@compile_on_call
 def _compute_half_loops(muscle: Bench, pressure: Array, length: Array) -> Array:
     return jax.vmap(lambda p, l: _compute_half_loop(muscle, p, l))(pressure, length)
 

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,6 +21,7 @@ from jaxtyping import Array
 from pamjax.control.inverse import CommandLimit, Inverse, compute_static_force, solve_lengths, solve_pressures
 from pamjax.errors import refuse
 from pamjax.infer.fitting.load import LoadedMuscle, build_muscle
+from pamjax.jit import compile_on_call
 
 #: Number of inverted draws; the relative error of a standard deviation from them is 3.5 %.
 DRAW_COUNT = 400
@@ -98,7 +98,7 @@ class PosteriorDraws:
         return CommandSpread(float(feasible.std(ddof=1)), float(low), float(high), feasible.size / value.size)
 
 
-@eqx.filter_jit
+@compile_on_call
 def _compute_draw_forces(model_key, numbers: dict[str, Array], samples: dict[str, Array], pressure, length):
     """Return the force at rest of every draw, (k, n)."""
     law, ids = model_key
@@ -110,7 +110,7 @@ def _compute_draw_forces(model_key, numbers: dict[str, Array], samples: dict[str
     return jax.vmap(compute_one_draw)(samples)
 
 
-@eqx.filter_jit
+@compile_on_call
 def _compute_draw_commands(
     model_key, numbers: dict[str, Array], samples: dict[str, Array], ranges, force, given
 ):

@@ -18,9 +18,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from pamjax.jit import compile_on_call
 from pamjax.model.balance import Status
 from pamjax.model.barrier import materialize
-from pamjax.model.equilibrium import Pair, build_instant_balance, compute_partial_derivatives, solve_balance
+from pamjax.model.equilibrium import (
+    NEWTON_TOLERANCE,
+    Pair,
+    build_instant_balance,
+    compute_partial_derivatives,
+    solve_balance,
+)
 from pamjax.model.history import History
 from pamjax.model.mechanism import (
     AbstractMechanism,
@@ -181,57 +188,41 @@ class Bench(eqx.Module):
             memory_loads: force and pull on the threads by memories, N.
         """
         unloaded_thread = self.thread_length * (1 + extension)
-        balance, (x, true_length), is_solved = solve_balance(
-            build_instant_balance(self, pressure, length, unloaded_thread, memory_loads)
-        )
+        balance = build_instant_balance(self, pressure, length, unloaded_thread, memory_loads)
+        x, true_length, force, last_step = materialize(solve_balance(balance))
         thread = balance.thread_length(x, true_length)
+        is_solved = last_step < NEWTON_TOLERANCE
         status = jnp.where(is_solved, int(Status.OK), int(Status.NOT_CONVERGED))
         status = jnp.where(thread > true_length, status, int(Status.STRAIGHT))
-        state = balance.bench.state(true_length, thread)
-        past = Past(state, pressure, jnp.where(x < 0, 0.0, x), balance.force_and_pull(thread, true_length)[0])
+        past = Past(self.state(true_length, thread), pressure, jnp.where(x < 0, 0.0, x), force)
         return jax.tree.map(lambda value: jnp.broadcast_to(value, jnp.shape(true_length)), (past, status))
-
-    def expand_at(self, length: Scalar, thread: Scalar) -> Bench:
-        """Return the same bench with its shapes expanded around one length (m) and thread length (m)."""
-        mechanisms = (
-            m.expand_at(length, thread) if isinstance(m, AbstractShape) else m for m in self.mechanisms
-        )
-        return Bench(self.thread_length, self.turns, tuple(mechanisms))
-
-    def stop_gradients(self) -> Bench:
-        """Return the same bench without derivatives with respect to its parameters."""
-        mechanisms = (
-            m.stop_gradients() if isinstance(m, AbstractShape) else jax.lax.stop_gradient(m)
-            for m in self.mechanisms
-        )
-        return Bench(*jax.lax.stop_gradient((self.thread_length, self.turns)), tuple(mechanisms))
 
     def state(self, length: Scalar, thread: Scalar) -> State:
         """Return the state at a length (m) and thread length (m)."""
         state = Cylinder()(length, thread, self.turns)
         for shape in self.find_mechanisms(AbstractShape):
-            state = shape.shape(state)
+            state = materialize(shape.shape(state))
         return state
 
     def energy_and_volume(self, length: Scalar, thread: Scalar) -> Pair:
         """Return stored energy without that of the threads (J), and volume (m³)."""
         state = self.state(length, thread)
         return sum(
-            (store.energy(state) for store in self.find_mechanisms(AbstractStoredEnergy)), jnp.zeros(())
+            (materialize(store.energy(state)) for store in self.find_mechanisms(AbstractStoredEnergy)),
+            jnp.zeros(()),
         ), state.volume
 
     def compute_memory_loads(self, past: Past, stresses: list[Float[Array, "... k"]]) -> Pair:
         """Return force and pull on the threads, N, by the stresses of all memories in their order."""
-        expanded_bench = self.expand_at(past.state.length, past.state.thread)
 
         def work(length, thread):
-            state = expanded_bench.state(length, thread)
+            state = self.state(length, thread)
             strains = (m.strains(state, past.pressure) for m in self.find_mechanisms(AbstractMemory))
             return sum(
                 (jnp.sum(s.T * e, axis=0) for s, e in zip(stresses, strains, strict=True)), jnp.zeros(())
             )
 
-        by_length, by_thread = materialize(
+        _, (by_length, by_thread) = materialize(
             compute_partial_derivatives(work, past.state.length, past.state.thread)
         )
         return by_length, -by_thread
@@ -305,7 +296,7 @@ def clip_slack_force(force: Samples, slack: Bool[Array, " n"]) -> Samples:
     return jnp.where(slack, jnp.maximum(force, 0.0), force)
 
 
-@eqx.filter_jit
+@compile_on_call
 def record_bench(
     bench: Bench,
     pressure: Samples,

@@ -21,7 +21,7 @@ constant during the balance. On a slack muscle they do not reduce the pull on th
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import equinox as eqx
 import jax
@@ -30,14 +30,13 @@ from jaxtyping import Array
 
 from pamjax.model import braid
 from pamjax.model.barrier import materialize
-from pamjax.model.state import State
 from pamjax.parameter import Scalar
 
 #: Maximum number of Newton steps. The first guess of the load is good: two or three steps are usual.
 MAX_NEWTON_STEPS = 8
 
-#: Relative Newton step at which the iteration ends. One differentiable step follows. The error before
-#: it is of the order of the square of the last step, and after it of the fourth power.
+#: Relative Newton step after which one more step ends the iteration. The error before this step is of the
+#: order of the square of the last one, and after it of the fourth power.
 NEWTON_TOLERANCE = 3e-4
 
 #: Pressure, Pa, that scales the unknown of a slack muscle. A bladder resists with 10 to 100 kPa.
@@ -47,9 +46,6 @@ SLACK_PRESSURE_SCALE = 1e5
 #: the balance solvable for a muscle without a bladder.
 SLACK_HOLD_PRESSURE = 1.0
 
-#: Residual relative to load and length above which a state is not solved.
-BALANCE_TOLERANCE = 1e-6
-
 Pair = tuple[Array, Array]
 
 
@@ -57,18 +53,6 @@ class BalanceModel(Protocol):
     """Interface of a bench for its balance."""
 
     turns: Scalar
-
-    def expand_at(self, length: Scalar, thread: Scalar) -> BalanceModel:
-        """Return the same bench with its shapes expanded around one length (m) and thread length (m)."""
-        ...
-
-    def stop_gradients(self) -> BalanceModel:
-        """Return the same bench without derivatives with respect to its parameters."""
-        ...
-
-    def state(self, length: Scalar, thread: Scalar) -> State:
-        """Return the state at a length (m) and thread length (m)."""
-        ...
 
     def energy_and_volume(self, length: Scalar, thread: Scalar) -> Pair:
         """Return stored energy without that of the threads (J), and volume (m³)."""
@@ -87,7 +71,7 @@ class InstantBalance(eqx.Module):
     """A bench at one instant, or at many as arrays of one shape.
 
     Attributes:
-        bench: the muscle with its mechanisms, its shapes expanded around some state.
+        bench: the muscle with its mechanisms.
         pressure: gauge pressure, Pa.
         length: recorded length, m.
         unloaded_thread: length of the threads without load, m.
@@ -112,35 +96,48 @@ class InstantBalance(eqx.Module):
 
     def force_and_pull(self, thread: Scalar, length: Scalar) -> Pair:
         """Return tension and pull on all threads, N; a negative pull means that the braid is slack."""
-        stored, volume = materialize(
-            compute_partial_derivatives(self.bench.energy_and_volume, length, thread)
-        )
+        _, (stored, volume) = _differentiate_energy(self.bench, length, thread)
         force = stored[0] - self.pressure * volume[0] + self.memory_loads[0]
         outward_pull = inflating_pressure(self.pressure) * volume[1] - stored[1]
         lower_limit = jnp.minimum(self.contact_pull, 0.0) - jnp.maximum(outward_pull, 0.0)
         return force, outward_pull + jnp.maximum(self.memory_loads[1], lower_limit)
 
-    def residual(self, unknowns: Pair) -> Pair:
-        """Return the residuals of both balances, N and m, at x (N) and a true length (m)."""
-        x, length = unknowns
-        thread = self.thread_length(x, length)
-        force, pull = self.force_and_pull(thread, length)
+    def compute_errors(self, x: Scalar, length: Scalar) -> tuple[Array, Array, Array]:
+        """Return the errors of both balances, N and m, and the tension, N, at x (N) and a true length (m)."""
+        force, pull = self.force_and_pull(self.thread_length(x, length), length)
         load = jnp.where(x < 0, SLACK_HOLD_PRESSURE / SLACK_PRESSURE_SCALE, 1.0) * x
-        return load - pull, length + self.bench.deflection(force) - self.length
+        return load - pull, length + self.bench.deflection(force) - self.length, force
 
-    def expand_at(self, x: Scalar, length: Scalar) -> InstantBalance:
-        """Return the same balance with its shapes expanded around a state."""
-        bench = self.bench.expand_at(length, self.thread_length(x, length))
-        return eqx.tree_at(lambda instant_balance: instant_balance.bench, self, bench)
+
+@jax.jit
+def _differentiate_energy(
+    bench: BalanceModel, length: Scalar, thread: Scalar
+) -> tuple[Pair, tuple[Pair, Pair]]:
+    """Return energy and volume with their derivatives; `jax.jit` only saves the time to trace it again."""
+    return compute_partial_derivatives(bench.energy_and_volume, length, thread)
+
+
+class Equilibrium(NamedTuple):
+    """The solution of a balance.
+
+    Attributes:
+        x: load of the threads, N, or slack below zero.
+        length: true length, m.
+        force: tension, N.
+        last_step: relative size of the last Newton step; its square is about the error.
+    """
+
+    x: Array
+    length: Array
+    force: Array
+    last_step: Array
 
 
 def build_instant_balance(
     bench: BalanceModel, pressure: Scalar, length: Scalar, unloaded_thread: Scalar, memory_loads: Pair
 ) -> InstantBalance:
     """Return the unsolved balance of a bench; see `InstantBalance`."""
-    energy_slopes, volume_slopes = compute_partial_derivatives(
-        bench.expand_at(length, unloaded_thread).energy_and_volume, length, unloaded_thread
-    )
+    _, (energy_slopes, volume_slopes) = _differentiate_energy(bench, length, unloaded_thread)
     return InstantBalance(
         bench,
         pressure,
@@ -159,68 +156,64 @@ def inflating_pressure(pressure: Scalar) -> Array:
     return jnp.where(pressure > 0, pressure, 0.0)
 
 
-def solve_balance(instant_balance: InstantBalance) -> tuple[InstantBalance, Pair, Array]:
-    """Return the balance expanded at its solution, x (N) and true length (m), and whether it is solved."""
-    without_gradients = jax.lax.stop_gradient(
-        eqx.tree_at(lambda balance: balance.bench, instant_balance, instant_balance.bench.stop_gradients())
+@jax.custom_jvp
+def solve_balance(balance: InstantBalance) -> Equilibrium:
+    """Return the solution of a balance, with the derivative of the implicit function."""
+
+    def is_running(carry):
+        # The step after the first small one is also done: its error is of the fourth power.
+        _, previous_step, count = carry
+        return (jnp.max(previous_step) > NEWTON_TOLERANCE) & (count < MAX_NEWTON_STEPS)
+
+    def iterate(carry):
+        solution, _, count = carry
+        return _step_newton(balance, solution), solution.last_step, count + 1
+
+    unit = jnp.ones_like(balance.contact_pull)
+    x = balance.contact_pull + balance.memory_loads[1]
+    start = Equilibrium(x, balance.length * unit, 0 * x, unit)
+    # Unrolled steps would compile for a minute.
+    return jax.lax.while_loop(is_running, iterate, (start, unit, 0))[0]
+
+
+@solve_balance.defjvp
+def _differentiate_equilibrium(primals, tangents) -> tuple[Equilibrium, Equilibrium]:
+    (balance,), (step,) = primals, tangents
+    solution = solve_balance(balance)
+    unknowns = solution.x, solution.length
+    _, slopes = compute_partial_derivatives(balance.compute_errors, *unknowns)
+    changes = jax.jvp(lambda balance: balance.compute_errors(*unknowns), (balance,), (step,))[1]
+    slopes, changes = materialize((slopes, changes))
+    dx, dlength, dforce = _solve_linear(slopes, changes)
+    return solution, Equilibrium(dx, dlength, dforce, jnp.zeros_like(solution.last_step))
+
+
+def _step_newton(balance: InstantBalance, before: Equilibrium) -> Equilibrium:
+    values, slopes = materialize(compute_partial_derivatives(balance.compute_errors, before.x, before.length))
+    dx, dlength, dforce = _solve_linear(slopes, (*values[:2], jnp.zeros_like(values[2])))
+    x, length = before.x + dx, before.length + dlength
+    last_step = jnp.maximum(
+        jnp.abs(dx) / jnp.maximum(jnp.abs(before.x), 1.0), jnp.abs(dlength / before.length)
     )
-    guess = _iterate_newton(
-        lambda x: without_gradients.expand_at(*x),
-        (without_gradients.contact_pull + without_gradients.memory_loads[1], without_gradients.length),
-    )
-    expanded_balance = instant_balance.expand_at(*guess)
-    solution = materialize(
-        jax.lax.custom_root(lambda x: expanded_balance.residual(x), guess, _newton_step, _solve_linear_pair)
-    )
-    load_error, length_error = expanded_balance.residual(solution)
-    is_solved = jnp.abs(load_error) < BALANCE_TOLERANCE * jnp.maximum(jnp.abs(solution[0]), 1.0)
-    return (
-        expanded_balance,
-        solution,
-        is_solved & (jnp.abs(length_error) < BALANCE_TOLERANCE * instant_balance.length),
-    )
+    return Equilibrium(x, length, values[2] + dforce, last_step)
 
 
 def compute_partial_derivatives(function, a: Scalar, b: Scalar):
-    """Return the derivatives of each result by two variables, (2, ...), as one compiled program."""
+    """Return the results of a function, and the derivatives of each by its two variables, (2, ...)."""
     unit, zero = jnp.ones_like(a), jnp.zeros_like(a)
     directions = jnp.stack([unit, zero]), jnp.stack([zero, unit])
-    return jax.vmap(lambda *t: jax.jvp(function, (a, b), t)[1])(*directions)
+    return jax.vmap(lambda *t: jax.jvp(function, (a, b), t), out_axes=(None, 0))(*directions)
 
 
-def _iterate_newton(balance_at, x: Pair) -> Pair:
-    """Return x (N) and true length (m) by Newton's method from the balance expanded at each step."""
+def _solve_linear(slopes: tuple[Array, ...], changes: tuple[Array, ...]) -> tuple[Array, Array, Array]:
+    """Return the steps of x and length that cancel changes of both errors, and the change of the force.
 
-    def is_running(carry):
-        _, size, count = carry
-        return (jnp.max(size) > NEWTON_TOLERANCE) & (count < MAX_NEWTON_STEPS)
-
-    def step(carry):
-        x, _, count = carry
-        # Shapes are expanded at this step. Threads that stretch by 1 % widen a slender muscle by 10 %, so
-        # that an expansion around unloaded threads is not sufficient.
-        balance = balance_at(x)
-        next_x = _newton_step(lambda x: balance.residual(x), x)
-        size = jnp.abs(next_x[0] - x[0]) / jnp.maximum(jnp.abs(x[0]), 1.0), jnp.abs(next_x[1] / x[1] - 1)
-        return next_x, jnp.maximum(*size), count + 1
-
-    # Unrolled steps would compile for a minute.
-    return jax.lax.while_loop(is_running, step, (x, jnp.ones_like(x[0]), 0))[0]
-
-
-def _newton_step(residual, x: Pair) -> Pair:
-    a, b = _solve_two_by_two(
-        *materialize((compute_partial_derivatives(lambda *x: residual(x), *x), residual(x)))
-    )
-    return x[0] - a, x[1] - b
-
-
-def _solve_linear_pair(linear, y: Pair) -> Pair:
-    zero = jnp.zeros_like(y[0])
-    return _solve_two_by_two(*materialize((compute_partial_derivatives(lambda *x: linear(x), zero, zero), y)))
-
-
-def _solve_two_by_two(rows: Pair, y: Pair) -> Pair:
-    (a, b), (c, d) = rows
-    scale = 1 / (a * d - b * c)
-    return (d * y[0] - b * y[1]) * scale, (a * y[1] - c * y[0]) * scale
+    Args:
+        slopes: derivatives of both errors and of the force by x and length, (2, ...) each.
+        changes: changes of both errors and of the force at constant x and length.
+    """
+    (a, b), (c, d), (force_by_x, force_by_length) = slopes
+    scale = -1 / (a * d - b * c)
+    dx = (d * changes[0] - b * changes[1]) * scale
+    dlength = (a * changes[1] - c * changes[0]) * scale
+    return dx, dlength, changes[2] + force_by_x * dx + force_by_length * dlength

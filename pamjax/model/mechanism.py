@@ -26,7 +26,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import equinox as eqx
-import jax
 from jaxtyping import Array, Float
 
 from pamjax.model.form_error import FormError
@@ -90,14 +89,6 @@ class AbstractShape(AbstractMechanism):
 
     def prepare(self, thread_length: Scalar, turns: Scalar) -> AbstractShape:
         """Return the shape for one braid, with the quantities that all its states share computed."""
-        return self
-
-    def stop_gradients(self) -> AbstractShape:
-        """Return the shape without derivatives with respect to its parameters."""
-        return jax.lax.stop_gradient(self)
-
-    def expand_at(self, length: Scalar, thread: Scalar) -> AbstractShape:
-        """Return the shape expanded around one length (m) and thread length (m)."""
         return self
 
     @abc.abstractmethod

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from pamjax.errors import refuse
+from pamjax.jit import compile_on_call
 from pamjax.model import braid
 from pamjax.model.balance import BURST_LOAD_SHARE, Status, solve_strain, stretch_linear
 from pamjax.model.bench import Bench
@@ -200,7 +201,7 @@ def predict(
     return _predict_batch(bare_muscle, *jnp.broadcast_arrays(*inputs))
 
 
-@eqx.filter_jit
+@compile_on_call
 def _predict_batch(muscle: Muscle, *inputs: Float[Array, " n"]) -> MuscleReading:
     if len(inputs[0]) < 4 * CACHE_BLOCK_STATES or jax.default_backend() != "cpu":
         return jax.vmap(muscle)(*inputs)

@@ -16,7 +16,6 @@ third longer than at rest. There the muscle becomes a cylinder minus a constant 
 from __future__ import annotations
 
 import math
-from functools import partial
 
 import equinox as eqx
 import jax
@@ -24,6 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from pamjax.model.barrier import materialize
 from pamjax.model.net import Net, scaled_length, solve_net
 from pamjax.parameter import Scalar
 
@@ -57,7 +57,7 @@ class NetTable(eqx.Module):
         half_range: half of the range of x.
         coefficients: coefficients of the derivatives by x (first index) of volume, mean radius and mid radius
             (second), for powers of y − 1 (third) and of x scaled to −1 to 1 (last).
-        parameter_slopes: derivatives of the coefficients by `net_parameters`; None if not needed.
+        parameter_slopes: derivatives of the coefficients by `net_parameters`.
     """
 
     thread: Scalar
@@ -66,32 +66,20 @@ class NetTable(eqx.Module):
     middle: Scalar
     half_range: Scalar
     coefficients: Float[Array, "o 3 j i"]
-    parameter_slopes: Float[Array, "2 p 3 j i"] | None
+    parameter_slopes: Float[Array, "2 p 3 j i"]
 
-    def stop_gradients(self) -> NetTable:
-        """Return the table without derivatives by its parameters, for the solution of a balance."""
-        return jax.lax.stop_gradient(
-            eqx.tree_at(
-                lambda t: (t.coefficients, t.parameter_slopes),
-                self,
-                (self.coefficients[:DERIVATIVE_ORDER], None),
-            )
+    def __call__(self, length: Scalar, thread: Scalar) -> Net:
+        """Return the difference between net and cylinder at a length (m) and a thread length (m)."""
+        x, y = self.scaled_width(length, thread), self.thread / thread
+        # A Taylor series around the same state: its derivatives are the tabulated ones, and the polynomial
+        # of a hundred coefficients is evaluated once for all orders.
+        x0, y0 = jax.lax.stop_gradient((x, y))
+        derivatives = _evaluate_derivatives(
+            self.net_parameters, self.coefficients, self.parameter_slopes, x0, y0 - 1
         )
-
-    def expand_at(self, length: Scalar, thread: Scalar) -> NetExpansion:
-        """Return the derivatives of the table at a length (m) and a thread length (m)."""
-        x, y = jax.lax.stop_gradient((self.scaled_width(length, thread), self.thread / thread - 1))
-        parameter_slopes = (
-            None
-            if self.parameter_slopes is None
-            else jnp.stack(
-                [
-                    _evaluate_derivatives(coefficient_slopes, x, y)
-                    for coefficient_slopes in self.parameter_slopes
-                ]
-            )
-        )
-        return NetExpansion(self, _evaluate_derivatives(self.coefficients, x, y), parameter_slopes)
+        volume, mean, mid = _sum_taylor_series(derivatives, x - x0, y - y0)
+        unit = thread / (2 * jnp.pi * self.turns)
+        return Net(jnp.pi * unit**2 * thread * volume, unit * mean, unit * mid)
 
     def scaled_width(self, length: Scalar, thread: Scalar) -> Array:
         """Return x scaled to −1 to 1, with a smooth limit at either end."""
@@ -101,81 +89,60 @@ class NetTable(eqx.Module):
         return x - 2 * EDGE_MARGIN * jnp.sign(x) * excess
 
 
-class NetExpansion(eqx.Module):
-    """The difference between net and cylinder at one state, with its derivatives.
+@jax.custom_jvp
+def _evaluate_derivatives(
+    net_parameters: Array, coefficients: Array, parameter_slopes: Array, x: Array, y: Array
+) -> Float[Array, "o o 3 ..."]:
+    """Return the tabulated derivatives by x (first index) and y (second) at one x (scaled) and y (minus 1).
 
-    Attributes:
-        table: its table.
-        derivatives: derivatives by x (first index) and y (second) of volume, mean and mid radius.
-        parameter_slopes: derivatives of these by `net_parameters`.
+    Of their own derivatives only the first by `net_parameters` exists.
     """
-
-    table: NetTable
-    derivatives: Float[Array, "o o 3 ..."]
-    parameter_slopes: Float[Array, "2 p p 3 ..."] | None
-
-    def __call__(self, length: Scalar, thread: Scalar) -> Net:
-        """Return the difference between net and cylinder at the state's length (m) and thread length (m)."""
-        x, y = self.table.scaled_width(length, thread), self.table.thread / thread
-        volume, mean, mid = _evaluate_expansion(
-            (0, 0), x, y, self.table.net_parameters, self.derivatives, self.parameter_slopes
-        )
-        unit = thread / (2 * jnp.pi * self.table.turns)
-        return Net(jnp.pi * unit**2 * thread * volume, unit * mean, unit * mid)
+    return _evaluate_polynomials(coefficients, x, y)
 
 
-NetValues = tuple[Array, Array, Array]
+@_evaluate_derivatives.defjvp
+def _evaluate_derivatives_jvp(primals, tangents) -> tuple[Array, Array]:
+    (_, coefficients, parameter_slopes, x, y), (parameter_steps, *_) = primals, tangents
+    derivatives = _evaluate_polynomials(coefficients, x, y)
+    change = sum(
+        _evaluate_polynomials(slopes, x, y) * step
+        for slopes, step in zip(parameter_slopes, parameter_steps, strict=True)
+    )
+    # The highest order has no tabulated slopes.
+    missing = [(0, 1), (0, 1), *[(0, 0)] * (derivatives.ndim - 2)]
+    return derivatives, jnp.pad(change, missing)
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _evaluate_expansion(
-    order: tuple[int, int],
-    x: Array,
-    y: Array,
-    net_parameters: Array,
-    derivatives: Array,
-    parameter_slopes: Array | None,
-) -> NetValues:
-    """Return the tabulated derivative of volume, mean and mid radius, of an order in x and y.
-
-    Its derivatives are also tabulated, so that the evaluation is not differentiated. Derivatives beyond the
-    last order are zero. By `net_parameters` only the first derivative exists.
-    """
-    return tuple(derivatives[order])
-
-
-@_evaluate_expansion.defjvp
-def _evaluate_expansion_jvp(order, primals, tangents):
-    (x, y, net_parameters, derivatives, parameter_slopes), (dx, dy, parameter_steps, *_) = primals, tangents
-    i, j = order
-    changes = []
-    if i + j < len(derivatives) - 1:
-        changes.append(
-            (_evaluate_expansion((i + 1, j), x, y, net_parameters, derivatives, parameter_slopes), dx)
-        )
-        changes.append(
-            (_evaluate_expansion((i, j + 1), x, y, net_parameters, derivatives, parameter_slopes), dy)
-        )
-    if parameter_slopes is not None and i + j < len(parameter_slopes[0]):
-        changes += [
-            (_evaluate_expansion(order, x, y, net_parameters, derivative_slopes, None), by)
-            for derivative_slopes, by in zip(parameter_slopes, parameter_steps, strict=True)
-        ]
-    zero = jnp.zeros_like(derivatives[0, 0, 0])
-    change = tuple(sum((slopes[k] * by for slopes, by in changes), zero) for k in range(3))
-    return _evaluate_expansion(order, x, y, net_parameters, derivatives, parameter_slopes), change
-
-
-def _evaluate_derivatives(coefficients: Float[Array, "o 3 j i"], x: Scalar, y: Scalar) -> Array:
-    """Return the derivatives by x and y up to the tabulated order, (o, o, 3, ...)."""
-    in_x = jnp.tensordot(coefficients, _monomials(x, coefficients.shape[-1]), 1)
-    power = _monomials(y, COEFFICIENT_COUNTS[1])
-    # A reduction over a middle axis would take twice as long as these sums.
+def _evaluate_polynomials(
+    coefficients: Float[Array, "o 3 j i"], x: Scalar, y: Scalar
+) -> Float[Array, "o o 3 ..."]:
+    """Return the derivatives by x (first index) and y (second)."""
+    order, _, y_count, x_count = coefficients.shape
+    in_x = jnp.tensordot(coefficients, _monomials(x, x_count), 1)
+    powers = _monomials(y, y_count)
+    # Derivatives of each power of y, (j, o, ...).
     in_y = [
-        sum(in_x[:, :, j] * (math.perm(j, k) * power[j - k]) for j in range(k, COEFFICIENT_COUNTS[1]))
-        for k in range(len(coefficients))
+        jnp.stack([math.perm(j, k) * powers[j - k] if k <= j else jnp.zeros_like(y) for k in range(order)])
+        for j in range(y_count)
     ]
-    return jnp.stack(in_y, axis=1)
+    # A reduction over a middle axis would take twice as long as this sum.
+    terms = (in_x[:, None, :, j] * in_y[j][None, :, None] for j in range(y_count))
+    return materialize(sum(terms, jnp.zeros(())))
+
+
+def _sum_taylor_series(derivatives: Float[Array, "o o 3 ..."], dx: Array, dy: Array) -> Array:
+    """Return the Taylor series with these derivatives, (3, ...), by Horner's rule in both variables."""
+
+    def sum_powers(terms: list[Array], step: Array) -> Array:
+        total = terms[-1]
+        for k in range(len(terms) - 1, 0, -1):
+            total = terms[k - 1] + total * (step / k)
+        return total
+
+    count = len(derivatives)
+    return sum_powers(
+        [sum_powers([derivatives[i, j] for i in range(count - j)], dx) for j in range(count)], dy
+    )
 
 
 def _monomials(x: Scalar, count: int) -> Array:

@@ -25,7 +25,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -37,6 +36,7 @@ from pamjax.infer.fitting.reweight import reweight_dataset
 from pamjax.infer.problem.dataset import Dataset, build_dataset
 from pamjax.infer.problem.parameter_space import FreeParameter, ParameterSpace, build_space
 from pamjax.infer.problem.priors import is_length_error, list_free_parameters
+from pamjax.jit import compile_on_call
 from pamjax.model.parameters import LENGTH_ERROR_PREFIX, find_meaning
 from pamjax.planning.bench import RigCapabilities
 from pamjax.planning.runs import PlannedRun, set_lengths
@@ -237,7 +237,7 @@ def build_map_case(entry: MuscleToml, pressure: np.ndarray, length: np.ndarray) 
     return Case("plan", Path(), entry, recording, "")
 
 
-@eqx.filter_jit
+@compile_on_call
 def _compute_slopes(dataset: Dataset, values: Array) -> tuple[Array, Array, Array]:
     """Return the derivatives of force and diameter by parameters, pressure and length, and their values.
 

@@ -25,7 +25,6 @@ Neglects: fittings (mass, price), the ends of the bladder, fatigue, creep, tempe
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -33,6 +32,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from pamjax.jit import compile_on_call
 from pamjax.model import braid, wall
 from pamjax.model.balance import Status
 from pamjax.model.bench import Bench
@@ -246,7 +246,7 @@ def locate_output(name: str, point: int | None = None) -> int:
     return POINT_OUTPUTS.index(name) * POINT_COUNT + point
 
 
-@partial(jax.jit, static_argnames="ids")
+@compile_on_call
 def _evaluate_candidate(
     c, build: MuscleBuild, numbers: Numbers, points: OperatingPoints, ids: tuple[str, ...]
 ):
@@ -255,7 +255,7 @@ def _evaluate_candidate(
     )
 
 
-@partial(jax.jit, static_argnames="ids")
+@compile_on_call
 def _compute_hessian(
     c, weights, build: MuscleBuild, numbers: Numbers, points: OperatingPoints, ids: tuple[str, ...]
 ):
@@ -265,7 +265,7 @@ def _compute_hessian(
     return jax.jacfwd(jax.jacfwd(total))(c)
 
 
-@partial(jax.jit, static_argnames="ids")
+@compile_on_call
 def _compute_batch(c, build: MuscleBuild, numbers: Numbers, points: OperatingPoints, ids: tuple[str, ...]):
     return jax.vmap(lambda c, build, numbers: compute_outputs(c, build, numbers, points, ids))(
         c, build, numbers
@@ -312,12 +312,9 @@ def evaluate_many(
         return np.concatenate([x, np.broadcast_to(x[-1:], (rows - k, *x.shape[1:]))])
 
     padded_inputs, points = jax.tree.map(pad, (c, build, dict(numbers))), _convert_to_arrays(points)
-    batches = [
-        _compute_batch(
-            *jax.tree.map(lambda x, start=start: x[start : start + BATCH_SIZE], padded_inputs),
-            points,
-            ids=ids,
-        )
-        for start in range(0, rows, BATCH_SIZE)
-    ]
+    batches = []
+    for start in range(0, rows, BATCH_SIZE):
+        rows_now = slice(start, start + BATCH_SIZE)
+        c_now, build_now, numbers_now = jax.tree.map(lambda x, at=rows_now: x[at], padded_inputs)
+        batches.append(_compute_batch(c_now, build_now, numbers_now, points, ids=ids))
     return np.concatenate([np.asarray(batch) for batch in batches])[:k]

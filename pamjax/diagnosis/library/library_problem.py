@@ -29,6 +29,7 @@ from pamjax.infer.problem.dataset import (
 )
 from pamjax.infer.problem.prior_limits import compute_prior_limits
 from pamjax.infer.problem.priors import collect_mechanism_values, collect_stated_values
+from pamjax.jit import compile_on_call
 from pamjax.model.assembly import resolve_bench_law
 from pamjax.model.bench import HISTORY_DEPENDENT
 from pamjax.model.parameters import find_meaning
@@ -38,9 +39,9 @@ from pamjax.records.case import Case
 from pamjax.records.fixed_length import average_fixed_lengths
 from pamjax.records.reading.quantity import MeasuredValue
 
-#: Rows of the shortest compiled program; longer programs have 2, 4, 8, ... times as many. Padding costs
-#: little, and recordings of similar length share one program.
-MIN_PROGRAM_ROWS = 640
+#: Rows of the shortest compiled program. Longer ones have 4, 16, ... times as many: balances of padding are
+#: not computed, and recordings of different lengths share a program.
+MIN_PROGRAM_ROWS, PROGRAM_ROWS_FACTOR = 1280, 4
 
 #: Largest number of parameters in one sweep of derivatives.
 DERIVATIVES_PER_SWEEP = 32
@@ -180,7 +181,7 @@ def _pack_sweep_arguments(dataset: Dataset, values, indices, with_memory: bool) 
     return dataset, jnp.asarray(values), jnp.asarray(slots), *counts
 
 
-@eqx.filter_jit
+@compile_on_call
 def _sweep_derivatives(
     dataset: Dataset, values: Float[Array, " p"], slots: Array, count: Array, with_memory: Array
 ) -> tuple[Array, Array]:
@@ -216,9 +217,10 @@ def compute_program_rows(n: int) -> int:
     """Return the number of rows of the compiled program for a recording of n rows.
 
     >>> [compute_program_rows(n) for n in (5, 870, 5000)]
-    [640, 1280, 5120]
+    [1280, 1280, 5120]
     """
-    return MIN_PROGRAM_ROWS * 2 ** max(math.ceil(math.log2(max(n, 1) / MIN_PROGRAM_ROWS)), 0)
+    power = math.ceil(math.log(max(n, 1) / MIN_PROGRAM_ROWS, PROGRAM_ROWS_FACTOR) - 1e-9)
+    return MIN_PROGRAM_ROWS * PROGRAM_ROWS_FACTOR ** max(power, 0)
 
 
 def build_library_problem(case: Case, settings: DiagnosisSettings = DEFAULT_SETTINGS) -> LibraryProblem:

@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 
 from pamjax.infer.problem.dataset import Dataset
 from pamjax.infer.problem.parameter_space import ParameterSpace
+from pamjax.jit import compile_on_call
 
 Loss = Literal["square", "soft"]
 
@@ -78,7 +79,7 @@ def _stack_inflations(datasets: tuple[Dataset, ...]) -> Array:
     )
 
 
-@eqx.filter_jit
+@compile_on_call
 def solve_least_squares(
     datasets: tuple[Dataset, ...], space: ParameterSpace, start: Float[Array, " p"], loss: Loss = "square"
 ) -> Solution:
@@ -101,7 +102,7 @@ def solve_least_squares(
     return _build_solution(datasets, space, result.value, loss, result.stats["num_steps"], successful)
 
 
-@eqx.filter_jit
+@compile_on_call
 def linearise_problem(
     datasets: tuple[Dataset, ...], space: ParameterSpace, u: Float[Array, " p"], loss: Loss = "square"
 ) -> Solution:

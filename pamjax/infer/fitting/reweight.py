@@ -27,6 +27,7 @@ from pamjax.infer.problem.dataset import (
     find_informative_samples,
 )
 from pamjax.infer.problem.parameter_space import ParameterSpace
+from pamjax.jit import compile_on_call
 from pamjax.records.case import Case
 
 #: Residuals are clipped here for a soft loss, robust standard deviations; 1 of 400 normal samples is beyond.
@@ -220,12 +221,12 @@ def _compute_white_residuals(
     return residual if loss == "square" else _clip_outliers(residual), position[position >= 0] == 0
 
 
-@eqx.filter_jit
+@compile_on_call
 def _filter_residuals(dataset: Dataset, values):
     return dataset.compute_weighted_residuals(values)
 
 
-@eqx.filter_jit
+@compile_on_call
 def _compute_weighted_residuals(dataset: Dataset, values):
     return jnp.stack(dataset.compute_standardised_residuals(values)), jnp.stack(
         [dataset.rows.force_weight, dataset.rows.diameter_weight]

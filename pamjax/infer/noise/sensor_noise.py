@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from pamjax.infer.problem.dataset import Dataset
+from pamjax.jit import compile_on_call
 from pamjax.records.reading.muscle_toml import Sensors
 from pamjax.records.recording import Recording
 
@@ -49,7 +49,7 @@ class ChannelNoise:
         return self.stated or self.neighbour_sd is not None
 
 
-@eqx.filter_jit
+@compile_on_call
 def compute_sensitivities(dataset: Dataset, values: Float[Array, " p"]) -> tuple[Array, Array]:
     """Return ∂(force, diameter)/∂pressure and ∂(force, diameter)/∂length, each (2, n)."""
     muscle = dataset.build_muscle(values)

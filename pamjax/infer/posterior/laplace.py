@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from pamjax.infer.posterior.log_density import PosteriorDensity, compute_log_densities
+from pamjax.jit import compile_on_call
 
 #: Maximum number of scoring steps, and the gain of log-density at which they stop.
 MAX_SCORING_STEPS, LOG_DENSITY_TOLERANCE = 30, 1e-3
@@ -39,7 +40,7 @@ class GaussianApproximation(eqx.Module):
         return jax.scipy.linalg.solve_triangular(self.covariance_root, u - self.centre, lower=True)
 
 
-@eqx.filter_jit
+@compile_on_call
 def compute_curvature(density: PosteriorDensity, u: Float[Array, " p"]) -> tuple[Array, Array]:
     """Return gradient and expected curvature of −log-density at u, (p,) and (p, p)."""
     space, values = density.space, density.space.to_values(u)

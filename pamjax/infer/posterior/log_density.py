@@ -30,6 +30,7 @@ from pamjax.infer.posterior.ar1_likelihood import (
 )
 from pamjax.infer.problem.dataset import Dataset
 from pamjax.infer.problem.parameter_space import FreeParameter, ParameterSpace, build_space
+from pamjax.jit import compile_on_call
 from pamjax.parameter import Meaning
 
 #: Largest autocorrelation time of innovations that count as independent, samples.
@@ -92,13 +93,13 @@ class PosteriorDensity(eqx.Module):
         ]
 
 
-@eqx.filter_jit
+@compile_on_call
 def compute_log_densities(density: PosteriorDensity, u: Float[Array, "w p"]) -> Float[Array, " w"]:
     """Return the log-density at many points."""
     return jax.vmap(density)(u)
 
 
-@eqx.filter_jit
+@compile_on_call
 def _compute_innovations(density: PosteriorDensity, u: Float[Array, " p"]) -> list[list[Array]]:
     return density.compute_innovations(u)
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,6 +21,7 @@ from pamjax.infer.posterior.checkpoint import Arrays
 from pamjax.infer.posterior.laplace import GaussianApproximation
 from pamjax.infer.posterior.log_density import PosteriorDensity
 from pamjax.infer.posterior.sampler import Sampler
+from pamjax.jit import compile_on_call
 
 CHAIN_COUNT = 4
 #: Draws that adapt the step size (as in Stan's first phase), and the target acceptance.
@@ -77,7 +77,7 @@ def _build_log_density(density: PosteriorDensity, gaussian: GaussianApproximatio
     return value
 
 
-@eqx.filter_jit
+@compile_on_call
 def _run_warmup(
     density: PosteriorDensity, gaussian: GaussianApproximation, x: Float[Array, "c p"], key: Array
 ) -> tuple[Array, Array]:
@@ -103,7 +103,7 @@ def _run_warmup(
     return jax.vmap(warm_up_chain)(x, jax.random.split(key, len(x)))
 
 
-@eqx.filter_jit
+@compile_on_call
 def _run_chains(
     density: PosteriorDensity, gaussian: GaussianApproximation, x: Array, step: Array, keys: Array
 ) -> dict[str, Array]:

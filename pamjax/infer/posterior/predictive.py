@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +12,7 @@ from pamjax.infer.fitting.result import CaseFit
 from pamjax.infer.posterior.ar1_likelihood import Ar1Likelihood
 from pamjax.infer.posterior.log_density import PosteriorDensity
 from pamjax.infer.problem.dataset import CHANNELS
+from pamjax.jit import compile_on_call
 
 #: Draws that the model evaluates together.
 DRAWS_PER_BATCH = 16
@@ -120,7 +120,7 @@ def _split_batches(draws: np.ndarray):
         yield np.concatenate([batch, np.repeat(batch[:1], DRAWS_PER_BATCH - len(batch), axis=0)])
 
 
-@eqx.filter_jit
+@compile_on_call
 def _predict_batch(
     density: PosteriorDensity, index: int, values: Float[Array, "w p"]
 ) -> Float[Array, "w 2 n"]:
@@ -131,7 +131,7 @@ def _predict_batch(
     return jax.vmap(predict_draw)(values)
 
 
-@eqx.filter_jit
+@compile_on_call
 def _sum_blocks(density: PosteriorDensity, u: Float[Array, "w p"], labels: list[Array]) -> list[Array]:
     def sum_draw(v):
         pairs = zip(density.compute_sample_log_densities(v), labels, strict=True)

@@ -24,6 +24,7 @@ from pamjax.infer.problem.priors import (
     list_free_parameters,
 )
 from pamjax.infer.problem.whitening import Whitening
+from pamjax.jit import compile_on_call
 from pamjax.model.assembly import assemble, assemble_bench
 from pamjax.model.bench import Bench, BenchReading, clip_slack_force
 from pamjax.model.history import History, build_time_history
@@ -183,7 +184,7 @@ def build_history(case: Case, size: int | None = None, compute_padding: bool = T
     )
 
 
-@eqx.filter_jit
+@compile_on_call
 def predict_rows(dataset: Dataset, values: Float[Array, " p"]) -> MuscleReading | BenchReading:
     """Return the predicted reading at every (padded) row, compiled."""
     return dataset.predict(values)

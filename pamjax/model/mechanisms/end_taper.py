@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import ClassVar
 
 import equinox as eqx
-import jax
 
 from pamjax.model.form_error import FormError, list_powers
 from pamjax.model.mechanism import AbstractShape, Description
-from pamjax.model.net_table import NetExpansion, NetTable, tabulate_net
+from pamjax.model.net_table import NetTable, tabulate_net
 from pamjax.model.state import State
 from pamjax.parameter import Scalar, parameter
 
@@ -64,24 +63,14 @@ class EndTaper(AbstractShape):
         source="as wide as the muscle at rest, or a little less", default=12.67e-3,
     )  # fmt: skip
 
-    table: NetTable | NetExpansion | None = None
+    table: NetTable | None = None
 
     def prepare(self, thread_length: Scalar, turns: Scalar) -> EndTaper:
         return EndTaper(self.share, self.radius, tabulate_net(thread_length, turns, self.radius))
 
-    def stop_gradients(self) -> EndTaper:
-        table = self.table.stop_gradients() if isinstance(self.table, NetTable) else self.table
-        return jax.lax.stop_gradient(EndTaper(self.share, self.radius, table))
-
-    def expand_at(self, length: Scalar, thread: Scalar) -> EndTaper:
-        if isinstance(self.table, NetTable):
-            return EndTaper(self.share, self.radius, self.table.expand_at(length, thread))
-        return self
-
     def shape(self, state: State) -> State:
         table = self.table if self.table is not None else tabulate_net(state.thread, state.turns, self.radius)
-        expansion = table.expand_at(state.length, state.thread) if isinstance(table, NetTable) else table
-        difference = expansion(state.length, state.thread)
+        difference = table(state.length, state.thread)
         return eqx.tree_at(
             lambda s: (s.radius, s.diameter, s.volume),
             state,

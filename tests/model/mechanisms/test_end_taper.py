@@ -130,7 +130,7 @@ def slopes(length, thread):
     table = tabulate_net(THREAD, TURNS, 0.0121)
 
     def by_table(z):
-        return table.expand_at(z, thread)(z, thread).volume + z * (thread**2 - z**2) / (4 * jnp.pi * TURNS**2)
+        return table(z, thread).volume + z * (thread**2 - z**2) / (4 * jnp.pi * TURNS**2)
 
     exact = jax.vmap(jax.grad(lambda z: solve_net(z, thread, TURNS, 0.0121).volume))(length)
     return jax.vmap(jax.grad(by_table))(length), exact
@@ -177,7 +177,7 @@ def test_share_scales_the_difference_between_net_and_cylinder():
     # decreases by twice a quarter of 2 mm.
     taper = EndTaper(0.25, 0.0121, lambda length, thread: Net(-8e-6, -2e-3, 1e-3))
     at = triangle.state(0.2)
-    shape = taper.expand_at(0.2, triangle.THREAD).shape(at)
+    shape = taper.shape(at)
     agree(shape.volume - at.volume, -2e-6, ROUNDING, 1e-3)
     agree(shape.diameter - at.diameter, -1e-3, ROUNDING, 1e-1)
     agree(shape.radius - at.radius, 0.25e-3, ROUNDING, 1e-1)
@@ -192,7 +192,7 @@ def test_middle_is_wider_than_a_cylinder_and_mean_is_narrower(prepare):
     taper, at = EndTaper(1.0, REST), Cylinder()(jnp.asarray(0.8 * LENGTH), THREAD, TURNS)
 
     def compute_shape(state):
-        return (taper.prepare(THREAD, TURNS).stop_gradients() if prepare else taper).shape(state)
+        return (taper.prepare(THREAD, TURNS) if prepare else taper).shape(state)
 
     shape = jax.jit(compute_shape)(at)
     assert abs(2e3 * float(shape.radius) - 51.0) < 0.1
