@@ -148,4 +148,5 @@ def solve_strain(residual: Callable[[Array], Array], start: Array, steps: int = 
     def tangent_solve(linear, y):
         return divide(y, linear(jnp.ones_like(y)))
 
-    return jax.lax.custom_root(residual, start, solve, tangent_solve)
+    # Newer JAX also differentiates the start, by zero, and the slope of a start can be infinite.
+    return jax.lax.custom_root(residual, jax.lax.stop_gradient(start), solve, tangent_solve)

@@ -20,7 +20,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from pamjax.records.blocks import find_blocks
 from pamjax.records.case import Case
@@ -97,4 +97,4 @@ def _has_drift(length: np.ndarray, noise: float) -> bool:
     """Return whether the means of the parts differ by more than noise."""
     parts = np.array_split(length, min(MAX_VISIT_PARTS, length.size // MIN_PART_SAMPLES))
     chi_squared = sum(part.size * (part.mean() - length.mean()) ** 2 for part in parts) / noise**2
-    return bool(chi2.sf(chi_squared, len(parts) - 1) < DRIFT_SIGNIFICANCE)
+    return bool(chdtrc(len(parts) - 1, chi_squared) < DRIFT_SIGNIFICANCE)

@@ -309,8 +309,8 @@ def test_recruitment_agrees_with_bisection_over_the_declared_range():
 
     strain, error, reverse, forward = map(np.asarray, solved(share, crimp, spread))
     assert np.all(np.abs(error) <= SOLVED * np.maximum(share, 1e-6))
-    # Without pull the strain is zero. Its error is the rounding of a strain of the size of the spread.
-    assert np.all(np.abs(strain[share == 0]) <= ROUNDING * spread[share == 0])
+    # Without pull the strain is zero. Its error is the rounding of the crimp and the spread.
+    assert np.all(np.abs(strain) <= ROUNDING * (crimp + spread), where=share == 0)
     assert np.all(np.isfinite(reverse))
     agree(forward, reverse, ROUNDING)
 

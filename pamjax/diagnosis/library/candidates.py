@@ -321,6 +321,13 @@ def _build_force_drift(scales: RecordingScales) -> list[Candidate]:
     ]
 
 
+def _build_diameter_offset(scales: RecordingScales) -> list[Candidate]:
+    return [
+        Candidate("diameter_offset", ("diameter_offset.offset",), shapes)
+        for shapes in ({}, {"diameter_offset.coat": 0.5})
+    ]
+
+
 def _build_channel_lag(scales: RecordingScales) -> list[Candidate]:
     # A pure delay and a filter have the same derivative at zero: the refit distinguishes them.
     return [Candidate("channel_lag", ("channel_lag.lag",), {"channel_lag.smoothing": 0.3})]
@@ -328,6 +335,7 @@ def _build_channel_lag(scales: RecordingScales) -> list[Candidate]:
 
 _CANDIDATE_BUILDERS = {
     "channel_lag": _build_channel_lag,
+    "diameter_offset": _build_diameter_offset,
     "braid_elasticity": _build_braid_elasticity,
     "thread_crimp": _build_thread_crimp,
     "bladder_elasticity": _build_bladder_elasticity,

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.signal import lfilter
 
 from pamjax.infer.noise.unknown_sensor import UnknownSensorNoise
 
@@ -68,6 +67,9 @@ class Ar1Noise:
         first = run[..., :m] @ initial.filter[:m, :m].T
         if m == run.shape[-1]:
             return first
+        # Imported here: SciPy's signal package takes longer to load than a small fit.
+        from scipy.signal import lfilter
+
         filter_state = -rho * run[..., m - 1] + theta * initial.sd[-1] * first[..., m - 1]
         later, _ = lfilter([1.0, -rho], [1.0, -theta], run[..., m:], axis=-1, zi=filter_state[..., None])
         return np.concatenate([first, np.asarray(later) / innovation_sd], axis=-1)

@@ -23,7 +23,6 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import nnls
 from scipy.special import logsumexp
-from scipy.stats import truncnorm
 
 #: Lags of the second differences, samples.
 DIFFERENCE_LAGS = np.array([1, 2, 4, 8, 16])
@@ -75,6 +74,8 @@ class UnknownSensorNoise:
 
 def estimate_unknown_noise(statistics: DifferenceStatistics) -> UnknownSensorNoise:
     """Return variance and correlation of noise from mean squares of second differences."""
+    from scipy.stats import truncnorm
+
     # A lower bound for recordings almost free of noise, far below the stated noise.
     floor = np.maximum(1e-6 * statistics.propagated_variance, 1e-36)
     statistics = replace(statistics, mean_squares=np.maximum(statistics.mean_squares, floor))

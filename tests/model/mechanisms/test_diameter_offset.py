@@ -6,7 +6,9 @@ import pytest
 
 from pamjax.model.bench import record_bench
 from pamjax.model.history import build_time_history
+from pamjax.model.mechanism import Past
 from pamjax.model.mechanisms.diameter_offset import DiameterOffset
+from pamjax.model.state import State
 from tests.agreement import ROUNDING, agree
 from tests.model.mechanisms.triangle import past
 from tests.model.mechanisms.typical import LENGTH, bench
@@ -44,3 +46,23 @@ def test_recorded_diameter_is_the_true_one_plus_the_offset_less_the_compaction()
     force, diameter = sensor.to_recorded_outputs(jnp.full(3, 100.0), jnp.full(3, 0.03), went, None)
     agree(diameter, [30.525e-3, 30.6e-3, 30.6e-3], ROUNDING)
     agree(force, 100.0, ROUNDING)
+
+
+def test_a_coat_conserves_its_volume():
+    # A° = √2 B²/(3N). A cylinder with B = 0.3 m, N = 1.5 and the angle θ has D L = B² sin θ cos θ/(πN): at
+    # 54.7° A = A°, at 70° A = A° sin 140° / sin 109.5°.
+    thread, turns, angle = 0.3, 1.5, np.arcsin(np.sqrt(2 / 3))
+    for theta, area in ((angle, 1.0), (np.deg2rad(70), np.sin(np.deg2rad(140)) / np.sin(2 * angle))):
+        length, diameter = thread * np.sin(theta), thread * np.cos(theta) / (np.pi * turns)
+        state = State(length, thread, turns, diameter / 2, diameter, 1.0)
+        went = Past(state, np.zeros(1), np.zeros(1), np.zeros(1))
+        sensor = DiameterOffset(1e-3, coat=0.4)
+        _, seen = sensor.to_recorded_outputs(jnp.zeros(1), jnp.asarray([diameter]), went, None)
+        agree(np.asarray(seen) - diameter, 1e-3 * (0.6 + 0.4 / area), 1e-10)
+
+
+def test_a_coat_of_a_straight_muscle_has_a_finite_thickness():
+    state = State(0.3, 0.3, 1.5, 0.0, 0.0, 0.0)
+    went = Past(state, np.zeros(1), np.zeros(1), np.zeros(1))
+    _, seen = DiameterOffset(1e-3, coat=1.0).to_recorded_outputs(jnp.zeros(1), jnp.zeros(1), went, None)
+    agree(seen, 5e-3, ROUNDING)
