@@ -174,21 +174,18 @@ def _choose_stepwise(
     selection_before = selection
     if selection.named_mechanisms:
         # Mechanisms can absorb physics outside the library, so that the residual is no longer significant.
-        validated_selection = cross_validate_selection(
+        validated_selection, is_predictive = cross_validate_selection(
             problem,
             blocks_of_case,
             ~held_out_rows,
             selection,
             judge_each=is_residual_large(mismatch, residual_test, problem.settings),
         )
-        residual_test = (
-            residual_test
-            if validated_selection.model is selection.model
-            else _test_residual(problem, validated_selection, mismatch, seed)
-        )
-        selection, is_unexplained = (
-            validated_selection,
-            is_residual_significant(mismatch, residual_test, problem.settings),
+        if validated_selection.model is not selection.model:
+            residual_test = _test_residual(problem, validated_selection, mismatch, seed)
+        selection = validated_selection
+        is_unexplained = not is_predictive or is_residual_significant(
+            mismatch, residual_test, problem.settings
         )
     if selection.named_mechanisms and is_unexplained:
         selection = reduce_certainty(selection, problem.settings)

@@ -273,8 +273,8 @@ class DiagnosisSettings:
 
     # Cross-validation on whole blocks.
     min_explained_fraction: float = _crossval(5 / 6, "share of the excess χ²", 0.0, 1.0,
-        "Identify mechanisms only if they explain at least this share of the misfit of left-out blocks",
-        "fewer mechanisms are identified")
+        "Report a part as unexplained if the mechanisms explain less than this share of left-out misfit",
+        "an unexplained part is reported more often")
     min_blocks_for_cross_validation: int = _crossval(3, "count", 2, 1000,
         "Cross-validate mechanisms if the recording has at least this many blocks",
         "fewer recordings are cross-validated")

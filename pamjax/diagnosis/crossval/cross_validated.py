@@ -3,19 +3,21 @@
 Unmodelled physics is often absorbed by the nearest mechanism in the library: a saturated load cell resembles
 a compliant rig. Such a fit fails on other blocks. Therefore each training block is left out once
 (`explained_fraction.py`). If all mechanisms together explain less than 5/6 of the misfit of the left-out
-blocks (setting `min_explained_fraction`), all are dropped, even if their residual in the fit is only noise.
+blocks (setting `min_explained_fraction`), a part of the misfit is unexplained, even if their residual in the
+fit is only noise.
 
-If the residual of the fit is large, significant or not, each mechanism is also tested alone. Its probability
-is multiplied by its explained fraction, and mechanisms below `established_probability` are dropped. This is
+In that case only the mechanism with the largest explained fraction keeps its name. Mechanisms beside it fit
+what its equation leaves, and their fractions do not show which of them are real. If the set predicts the
+left-out blocks but leaves a large residual in the fit, each mechanism is tested alone. Its probability is
+multiplied by its explained fraction, and mechanisms below `established_probability` are dropped. This is
 done once, with all mechanisms in the model.
 
-If a part of the misfit stays unexplained, the remaining probabilities move halfway to even chances (setting
-`unexplained_certainty_share`).
+If a part of the misfit is unexplained, the certainty of the remaining mechanisms, the distance of their
+probability from even chances, is halved (setting `unexplained_certainty_share`).
 
-Limits: a mechanism is lost if unmodelled physics of half its size is present, because one
-recording does not distinguish the two. A mechanism that is kept may still replace the unexplained physics.
-The limit of 5/6 was chosen on simulated recordings with effects that differ from their equations or are
-outside the library. Recordings of the validation were not used.
+Limits: a mechanism whose true equation has another form than the textbook's, and one that replaces physics
+outside the library, can explain the same fraction. Both are named with a low probability, beside an
+unexplained part.
 """
 
 from __future__ import annotations
@@ -45,44 +47,57 @@ def cross_validate_selection(
     selection: Selection,
     *,
     judge_each: bool,
-) -> Selection:
-    """Return the selection with the mechanisms that pass cross-validation.
+) -> tuple[Selection, bool]:
+    """Return the selection with its cross-validated probabilities, and whether it predicts left-out blocks.
 
     Args:
         problem: the recording and the library.
         blocks: the blocks of the recording.
         training_rows: (n,) mask of the rows in use.
         selection: the selection from these rows.
-        judge_each: whether to test each mechanism alone too; done if the residual of the fit is large.
+        judge_each: whether to test each mechanism alone in any case; done if the residual of the fit is
+            large.
     """
     cross_validation = BlockCrossValidation.from_blocks(problem, blocks, training_rows, selection.model)
-    if cross_validation.fails_out_of_sample:
-        return _restrict_selection(problem, training_rows, selection, [])
-    if not judge_each:
-        return selection
+    is_predictive = not cross_validation.fails_out_of_sample
+    if is_predictive and not judge_each:
+        return selection, is_predictive
     explained_fractions = cross_validation.explained_fraction_by_mechanism
-    weighted_mechanisms = [
-        replace(mechanism, probability=mechanism.probability * explained_fractions[mechanism.id])
-        for mechanism in selection.named_mechanisms
-    ]
-    return _restrict_selection(
-        problem,
-        training_rows,
-        selection,
-        [
-            mechanism
-            for mechanism in weighted_mechanisms
-            if mechanism.probability >= problem.settings.established_probability
-        ],
+    remaining = (
+        _weight_each(selection.named_mechanisms, explained_fractions, problem.settings)
+        if is_predictive
+        else _keep_best(selection.named_mechanisms, explained_fractions, problem.settings)
     )
+    return _restrict_selection(problem, training_rows, selection, remaining), is_predictive
+
+
+def _weight_each(
+    mechanisms: Sequence[NamedMechanism], fractions: dict[str, float], settings: DiagnosisSettings
+) -> list[NamedMechanism]:
+    """Return the mechanisms that are probable after multiplication by their explained fractions."""
+    weighted = [replace(m, probability=m.probability * fractions[m.id]) for m in mechanisms]
+    return [m for m in weighted if m.probability >= settings.established_probability]
+
+
+def _keep_best(
+    mechanisms: Sequence[NamedMechanism], fractions: dict[str, float], settings: DiagnosisSettings
+) -> list[NamedMechanism]:
+    """Return the mechanism with the largest explained fraction, or none if no fraction is above zero."""
+    best = max(mechanisms, key=lambda m: fractions[m.id])
+    return [_scale_certainty(best, fractions[best.id], settings)] if fractions[best.id] > 0 else []
+
+
+def _scale_certainty(mechanism: NamedMechanism, share: float, settings: DiagnosisSettings) -> NamedMechanism:
+    """Return the mechanism with a share of the distance of its probability from `established_probability`."""
+    limit = settings.established_probability
+    return replace(mechanism, probability=limit + share * (mechanism.probability - limit))
 
 
 def reduce_certainty(selection: Selection, settings: DiagnosisSettings) -> Selection:
     """Return the selection with probabilities closer to `established_probability`."""
-    limit = settings.established_probability
     new_mechanisms = [
-        replace(n, probability=limit + settings.unexplained_certainty_share * (n.probability - limit))
-        for n in selection.named_mechanisms
+        _scale_certainty(mechanism, settings.unexplained_certainty_share, settings)
+        for mechanism in selection.named_mechanisms
     ]
     return replace(selection, named_mechanisms=rank_mechanisms(new_mechanisms))
 

@@ -322,10 +322,7 @@ def _build_force_drift(scales: RecordingScales) -> list[Candidate]:
 
 
 def _build_diameter_offset(scales: RecordingScales) -> list[Candidate]:
-    return [
-        Candidate("diameter_offset", ("diameter_offset.offset",), shapes)
-        for shapes in ({}, {"diameter_offset.coat": 0.5})
-    ]
+    return [Candidate("diameter_offset", ("diameter_offset.offset",), {"diameter_offset.thinning": 0.3})]
 
 
 def _build_channel_lag(scales: RecordingScales) -> list[Candidate]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar
 
 import jax.numpy as jnp
@@ -13,36 +14,36 @@ from pamjax.model.mechanism import AbstractSensor, Description, Past, Samples
 from pamjax.model.state import State
 from pamjax.parameter import Scalar, parameter
 
-#: Smallest lateral area over that at 54.7°: a straight muscle has none.
-MIN_RELATIVE_AREA = 0.2
+#: Smallest diameter over that at 54.7°, for a finite coat on a straight muscle.
+MIN_RELATIVE_DIAMETER = 0.25
 
 
 class DiameterOffset(AbstractSensor):
     """An offset, recorded minus mid-thread diameter, that decreases as pressure flattens the yarns:
 
-        D_recorded = D + d (1 − k + k A°/A) − c P / (P + Ph),   A = π D L
+        D_recorded = D + d (D°/D)^κ − c P / (P + Ph),   D° = B/(√3 πN)
 
-        d   offset      m   error of the diameter without pressure, at the braid angle 54.7°
-        k   coat        1   share of d that is a coat of constant volume: it becomes thinner as A increases
-        A°              m²  lateral area A at 54.7°, the angle of full contraction, √2 B²/(3N)
+        d   offset      m   error of the diameter without pressure, at the diameter D°
+        κ   thinning    1   power with which a coat becomes thinner as the braid widens
+        D°              m   diameter at the braid angle 54.7°, that of full contraction
         c   compaction  m   decrease of this error at high pressure
         Ph  half        Pa  pressure at which half of c is reached
 
     A camera measures the outer surface of the braid: d is one braid thickness (half on either side), plus
     twice the thickness of a coat. Pressure flattens yarns at their crossings, so that the outer surface
-    approaches the mid-thread surface. Rubber on the braid conserves its volume, so that it becomes thinner
-    where the braid has a larger area. Thread and length determine the mid-thread radius. Neutral: d = c = 0.
-    Neglects: a scale error of the camera, flattening that remains after the first cycle, the effect of flat
-    yarns on crimp; A less than a fifth of A° (angles above 85°) counts as a fifth.
+    approaches the mid-thread surface. Rubber on the braid conserves its volume: κ = 1 if its length is
+    constant, and about 0.7 if it shortens with the braid. Thread and length determine the mid-thread radius.
+    Neutral: d = c = 0. Neglects: a scale error of the camera, flattening that remains after the first cycle,
+    the effect of flat yarns on crimp. Below D°/4 (angles above 81°) the coat has the thickness at D°/4.
     Source: by definition; its size from Chambers & Wereley, Actuators 10, 72 (2021); compaction as in
     Zhang & Philen, J. Intell. Mater. Syst. Struct. (2012), its saturating form an estimate;
-    coat: constant volume of rubber.
+    thinning: constant volume of rubber.
     """
 
     id: ClassVar[str] = "diameter_offset"
     about: ClassVar[Description] = Description(
         title="thread and wall thickness in the measured diameter",
-        equation="D_recorded = D + d (1 - k + k A0/A) - c P/(P + Ph),   A = pi D L",
+        equation="D_recorded = D + d (D0/D)^k - c P/(P + Ph),   D0 = B/(sqrt(3) pi N)",
         signature="The diameter error is the same at every contraction, or decreases with it if a coat"
         " becomes thinner. Without compaction, it is the same at every pressure. Compaction of the yarns"
         " reduces it by some hundredths of a millimetre, mostly at low pressure. Force is not affected.",
@@ -71,10 +72,10 @@ class DiameterOffset(AbstractSensor):
         default=1e5,
     )  # fmt: skip
 
-    coat: Scalar = parameter(
+    thinning: Scalar = parameter(
         "1", low=0.0, high=1.0, is_refinement=True,
-        about="share of the offset that is a coat of constant volume",
-        source="0 for a bare braid, 1 for a braid inside rubber", default=0.0,
+        about="power with which a coat becomes thinner as the braid widens",
+        source="0 for a bare braid, 0.7 to 1 for a braid inside rubber", default=0.0,
     )  # fmt: skip
 
     def to_recorded_outputs(
@@ -82,11 +83,10 @@ class DiameterOffset(AbstractSensor):
     ) -> tuple[Samples, Samples]:
         inflating = jnp.where(past.pressure > 0, past.pressure, 0.0)
         compaction = self.compaction * inflating / (inflating + self.half)
-        thickness = 1 - self.coat + self.coat / _compute_relative_area(past.state)
-        return force, diameter + self.offset * thickness - compaction
+        widening = jnp.maximum(_compute_relative_diameter(past.state), MIN_RELATIVE_DIAMETER)
+        return force, diameter + self.offset * widening**-self.thinning - compaction
 
 
-def _compute_relative_area(state: State) -> Array:
-    """Return the lateral area of a muscle over that at the braid angle 54.7°."""
-    area = jnp.pi * state.diameter * state.length
-    return jnp.maximum(area * 3 * state.turns / (jnp.sqrt(2.0) * state.thread**2), MIN_RELATIVE_AREA)
+def _compute_relative_diameter(state: State) -> Array:
+    """Return the diameter over that at the braid angle 54.7°."""
+    return math.sqrt(3) * jnp.pi * state.turns * state.diameter / state.thread

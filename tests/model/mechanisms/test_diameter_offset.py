@@ -48,21 +48,25 @@ def test_recorded_diameter_is_the_true_one_plus_the_offset_less_the_compaction()
     agree(force, 100.0, ROUNDING)
 
 
-def test_a_coat_conserves_its_volume():
-    # A° = √2 B²/(3N). A cylinder with B = 0.3 m, N = 1.5 and the angle θ has D L = B² sin θ cos θ/(πN): at
-    # 54.7° A = A°, at 70° A = A° sin 140° / sin 109.5°.
-    thread, turns, angle = 0.3, 1.5, np.arcsin(np.sqrt(2 / 3))
-    for theta, area in ((angle, 1.0), (np.deg2rad(70), np.sin(np.deg2rad(140)) / np.sin(2 * angle))):
-        length, diameter = thread * np.sin(theta), thread * np.cos(theta) / (np.pi * turns)
-        state = State(length, thread, turns, diameter / 2, diameter, 1.0)
-        went = Past(state, np.zeros(1), np.zeros(1), np.zeros(1))
-        sensor = DiameterOffset(1e-3, coat=0.4)
-        _, seen = sensor.to_recorded_outputs(jnp.zeros(1), jnp.asarray([diameter]), went, None)
-        agree(np.asarray(seen) - diameter, 1e-3 * (0.6 + 0.4 / area), 1e-10)
+def record_coat(thinning, theta):
+    """Return the offset of a cylinder with a coat of 1 mm at 54.7°, at a braid angle (rad)."""
+    thread, turns = 0.3, 1.5
+    length, diameter = thread * np.sin(theta), thread * np.cos(theta) / (np.pi * turns)
+    state = State(length, thread, turns, diameter / 2, diameter, 1.0)
+    went = Past(state, np.zeros(1), np.zeros(1), np.zeros(1))
+    sensor = DiameterOffset(1e-3, thinning=thinning)
+    _, recorded = sensor.to_recorded_outputs(jnp.zeros(1), jnp.asarray([diameter]), went, None)
+    return float(recorded[0]) - diameter
+
+
+def test_a_coat_of_constant_length_conserves_its_cross_section():
+    # Thickness × diameter is constant. D ∝ cos θ, and cos 54.7° = 1/√3.
+    for degrees in (54.7356103, 60.0, 75.0):
+        theta = np.deg2rad(degrees)
+        agree(record_coat(1.0, theta), 1e-3 / (np.sqrt(3) * np.cos(theta)), 1e-7)
+    # cos 60° = 1/2: the coat of a third of the power is (2/√3)^(1/3) times as thick.
+    agree(record_coat(1 / 3, np.deg2rad(60)), 1e-3 * (2 / np.sqrt(3)) ** (1 / 3), 1e-9)
 
 
 def test_a_coat_of_a_straight_muscle_has_a_finite_thickness():
-    state = State(0.3, 0.3, 1.5, 0.0, 0.0, 0.0)
-    went = Past(state, np.zeros(1), np.zeros(1), np.zeros(1))
-    _, seen = DiameterOffset(1e-3, coat=1.0).to_recorded_outputs(jnp.zeros(1), jnp.zeros(1), went, None)
-    agree(seen, 5e-3, ROUNDING)
+    agree(record_coat(1.0, np.pi / 2), 4e-3, 1e-9)
