@@ -27,6 +27,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pamjax.compile.jax_cache import keep_compiled
+from pamjax.jit import list_compiler_options
 from pamjax.model.history import build_time_history
 from pamjax.model.registry import MECHANISMS
 from pamjax.parameter import list_values, replace_values
@@ -91,12 +92,13 @@ class Task:
 
     @cached_property
     def predict(self) -> Callable:
-        return jax.jit(self.plain)
+        return jax.jit(self.plain, compiler_options=list_compiler_options())
 
     @cached_property
     def slopes(self) -> Callable:
         """Return Jacobian and prediction of a least-squares step, in one program."""
-        return jax.jit(jax.jacfwd(lambda x, at: 2 * (self.plain(x, at),), has_aux=True))
+        slopes = jax.jacfwd(lambda x, at: 2 * (self.plain(x, at),), has_aux=True)
+        return jax.jit(slopes, compiler_options=list_compiler_options())
 
     def by_hand(self, x) -> np.ndarray:
         return self.hand(dict(zip(self.numbers, x, strict=True)))
