@@ -11,12 +11,14 @@ if TYPE_CHECKING:
     from pamjax.diagnosis.result import Diagnosis
     from pamjax.diagnosis.run import diagnose
     from pamjax.diagnosis.settings import DiagnosisSettings
+    from pamjax.diagnosis.validate import validate_model
     from pamjax.errors import BadInput, InputWarning
     from pamjax.infer.fitting.fit import fit
     from pamjax.infer.fitting.identifiability import check_identifiability
     from pamjax.infer.fitting.io import save
     from pamjax.infer.fitting.load import load_muscle
     from pamjax.infer.fitting.result import Fit
+    from pamjax.infer.posterior.compare import compare_posteriors
     from pamjax.infer.posterior.io import save_posterior
     from pamjax.infer.posterior.result import Posterior
     from pamjax.infer.posterior.sample import sample
@@ -71,6 +73,8 @@ _MODULE_OF_NAME = {
     "Discrimination": "pamjax.planning.discriminate",
     "discriminate": "pamjax.planning.discriminate",
     "diagnose": "pamjax.diagnosis.run",
+    "validate_model": "pamjax.diagnosis.validate",
+    "compare_posteriors": "pamjax.infer.posterior.compare",
 }
 
 __all__ = [
@@ -90,6 +94,7 @@ __all__ = [
     "assemble",
     "case_from",
     "check_identifiability",
+    "compare_posteriors",
     "diagnose",
     "discriminate",
     "export",
@@ -107,10 +112,15 @@ __all__ = [
     "save_posterior",
     "simulate",
     "size",
+    "validate_model",
 ]
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("pamjax")
     if name not in _MODULE_OF_NAME:
         raise AttributeError(f"module 'pamjax' has no attribute {name!r}")
     return getattr(import_module(_MODULE_OF_NAME[name]), name)

@@ -25,6 +25,19 @@ SI_UNITS = {
     "count": "1",
 }
 
+#: Name of a unit, with a power of one or two digits.
+_UNIT_NAME = r"(?:[^\W\d_]|°)[\w°]{0,29}(?:\s*(?:\^|\*\*)\s*-?\d{1,2})?"
+
+#: Form of a unit: a product or quotient of names, or 1 over them. Other texts can stop pint's parser with any
+#: error, or occupy it for hours.
+_UNIT_PATTERN = re.compile(
+    rf"(?:1\s*/\s*)?\(?\s*{_UNIT_NAME}"
+    rf"(?:\s*[*/·\s]\s*\(?\s*{_UNIT_NAME}\s*\)?)*\s*\)?"
+)
+
+#: Longest text of a unit.
+MAX_UNIT_CHARACTERS = 60
+
 _QUANTITY_PATTERN = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$")
 
 
@@ -69,15 +82,13 @@ def _convert_unit(unit: str, si: str, kind: str, where: str) -> float:
     import pint
 
     try:
+        if len(unit) > MAX_UNIT_CHARACTERS or not _UNIT_PATTERN.fullmatch(unit):
+            raise ValueError("not the form of a unit")
         quantity = load_unit_registry().Quantity(1.0, unit)
-    except (pint.UndefinedUnitError, pint.errors.DefinitionSyntaxError, ValueError, TypeError) as error:
-        raise refuse(
-            f"unknown unit {unit!r}",
-            where=where,
-            remedy=f"Write {_add_article(kind)} in {suggest_units(kind)}."
-            if kind in SI_UNITS
-            else f"Write it in {si}.",
-        ) from error
+    # Pint's parser raises errors of many types on texts that are no units.
+    except (pint.PintError, ArithmeticError, AssertionError, LookupError, ValueError, TypeError) as error:
+        shown = unit if len(unit) <= MAX_UNIT_CHARACTERS else f"{unit[:MAX_UNIT_CHARACTERS]}..."
+        raise refuse(f"unknown unit {shown!r}", where=where, remedy=_suggest_unit(unit, kind, si)) from error
     if not quantity.check(load_unit_registry().Quantity(1.0, si).dimensionality):
         rule = f"{_add_article(kind)} must have a unit of {kind}"
         if kind not in SI_UNITS:
@@ -91,6 +102,17 @@ def _convert_unit(unit: str, si: str, kind: str, where: str) -> float:
             "This unit has an offset.",
         )
     return float(quantity.to(si).magnitude)
+
+
+def _suggest_unit(unit: str, kind: str, si: str) -> str:
+    if kind not in SI_UNITS:
+        return f"Write it in {si}."
+    in_other_case = [
+        name for name in re.findall(r"[^\s,]+", suggest_units(kind)) if name.lower() == unit.lower()
+    ]
+    if in_other_case:
+        return f"Did you mean `{in_other_case[0]}`?"
+    return f"Write {_add_article(kind)} in {suggest_units(kind)}."
 
 
 def _add_article(kind: str) -> str:

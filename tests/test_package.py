@@ -8,11 +8,22 @@ import sysconfig
 import tomllib
 import venv
 import zipfile
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 
+import pamjax
+
 ROOT = Path(__file__).resolve().parents[1]
+
+
+def test_every_public_name_is_in_the_reference_and_can_be_loaded():
+    reference = (ROOT / "docs" / "reference.md").read_text("utf-8")
+    for name in pamjax.__all__:
+        assert f"pamjax.{name}" in reference
+        assert getattr(pamjax, name).__name__ == name
+    assert pamjax.__version__ == version("pamjax")
 
 
 @pytest.fixture(scope="module")

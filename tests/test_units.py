@@ -81,6 +81,41 @@ def test_invalid_unit_is_refused(text, kind, complaint):
     assert str(error.value) == complaint
 
 
+@pytest.mark.parametrize(
+    "unit",
+    [
+        *('"', "㎜", "mm/", "m(", "m/0", "(m**0)", "m*" * 5000, "m^", "*m"),
+        # Powers of powers occupy pint for hours.
+        *("9**9**9**9", "10**10**10 m", "2**1000000000 m"),
+    ],
+)
+def test_text_that_is_no_unit_is_refused_at_once(unit):
+    with pytest.raises(BadInput, match=r"^unknown unit .* Write a length in mm, cm, m or in.$") as error:
+        parse_unit(unit, "length")
+    assert len(str(error.value)) < 150
+
+
+@pytest.mark.parametrize(
+    ("unit", "kind", "si"),
+    [
+        ("°", "angle", math.pi / 180),
+        ("N/mm²", "pressure", 1e6),
+        ("N mm^-2", "pressure", 1e6),
+        ("kgf/cm**2", "pressure", 98066.5),
+        ("N/(m*m)", "pressure", 1.0),
+        ("1/min", "frequency", 1 / 60),
+        ("m·s^-1", "speed", 1.0),
+    ],
+)
+def test_compound_units_are_accepted(unit, kind, si):
+    agree(parse_unit(unit, kind), si, 1e-9)
+
+
+def test_unit_in_another_case_is_suggested():
+    with pytest.raises(BadInput, match=r"unknown unit .PSI.\. Did you mean `psi`\?"):
+        parse_unit("PSI", "pressure")
+
+
 @pytest.mark.parametrize("text", ["5", " 5 ", "-5e3", "5 1"])
 def test_number_without_its_unit_is_refused(text):
     with pytest.raises(BadInput) as error:
