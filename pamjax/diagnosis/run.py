@@ -33,6 +33,7 @@ from pamjax.diagnosis.library.library_problem import LibraryProblem, build_libra
 from pamjax.diagnosis.next_experiment.experiment import propose_experiments
 from pamjax.diagnosis.noise.sensor_scale import compute_noise_ratios, format_noise_notes
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate
+from pamjax.diagnosis.refit.least_squares import evaluate_estimate
 from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
 from pamjax.diagnosis.refit.noise_correlation import fit_noise_correlation
 from pamjax.diagnosis.refit.scaled_noise import scale_noise
@@ -135,7 +136,7 @@ def diagnose(
         unexplained_probability=choice.unexplained_probability,
         likenesses=choice.likenesses,
         residual_boxes=locate_residual(problem, model) if choice.unexplained else [],
-        residual_share=_compute_residual_share(choice.mismatch, choice.residual_test),
+        residual_share=_compute_residual_share(problem, baseline, model),
         noise_ratios=noise_ratios,
         blocks=blocks_of_case,
         gain=compute_gain(problem, blocks_of_case, held_out_rows, selection.baseline, choice.training_fit),
@@ -268,9 +269,14 @@ def _test_residual(
     )
 
 
-def _compute_residual_share(mismatch: Significance, residual_test: Significance) -> float:
-    before = max(mismatch.mean_square - 1, 0.0)
-    return float(np.clip(max(residual_test.mean_square - 1, 0.0) / before, 0.0, 1.0)) if before > 0 else 0.0
+def _compute_residual_share(problem: LibraryProblem, baseline: CandidateFit, model: CandidateFit) -> float:
+    """Return the share of the baseline's excess χ² that the model leaves, both with the baseline's noise."""
+    before, after = (
+        evaluate_estimate(problem, baseline.noise, fit.estimate.free, fit.estimate.values).chi2
+        - baseline.noise.size
+        for fit in (baseline, model)
+    )
+    return float(np.clip(after / before, 0.0, 1.0)) if before > 0 else 0.0
 
 
 def _collect_estimates(problem: LibraryProblem, fit: CandidateFit) -> dict[str, dict[str, ParameterEstimate]]:
