@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit, predict_fit
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
 from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.records.blocks import Blocks
@@ -62,7 +62,7 @@ def compute_gain(
     fit: CandidateFit,
 ) -> Gain:
     """Return the errors of a baseline and a model that were fitted without the held-out rows."""
-    before, after = predict_fit(problem, baseline), predict_fit(problem, fit)
+    before, after = problem.predict(baseline.estimate.values), problem.predict(fit.estimate.values)
     names = [blocks.names[k] for k in np.unique(blocks.label[held_out_rows]) if k >= 0]
     description = (
         f"{len(names)} of {len(blocks)} {blocks.kind}: {', '.join(names)}"

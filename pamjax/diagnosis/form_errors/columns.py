@@ -1,13 +1,12 @@
-"""Columns of the linear model: form errors of mechanisms, and physics that no mechanism describes."""
+"""Columns of the linear model for the form error of a mechanism."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 
-from pamjax.diagnosis.evidence.coordinates import Coordinates
+from pamjax.diagnosis.form_errors.coordinates import Coordinates
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.candidate_fit import switch_off_candidate
@@ -15,13 +14,6 @@ from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.model.form_error import FormError
 from pamjax.model.registry import list_mechanisms
-
-#: Highest degrees of unknown smooth physics in pressure and length, and their sum.
-MAX_DEGREE, MAX_TOTAL_DEGREE = 4, 6
-#: Local bumps over the stroke, and their width as a share of it.
-BUMP_COUNT, BUMP_WIDTH = 16, 0.04
-#: Periods over the stroke, and over the recording.
-STROKE_HARMONICS, TIME_HARMONICS = range(3, 9), range(1, 17)
 
 
 def get_form_error(candidate: Candidate) -> FormError:
@@ -89,59 +81,6 @@ def _build_course(effect: np.ndarray, factors: Sequence[np.ndarray]) -> np.ndarr
     weights *= np.sqrt(2 / np.sum(weights**2))
     size = np.sqrt(np.mean(effect**2, axis=1))[:, None]
     return np.stack([size * weight * factor for weight, factor in zip(weights, factors, strict=True)])
-
-
-def build_generic_families(problem: LibraryProblem, coordinates: Coordinates) -> list[np.ndarray]:
-    """Return families of generic physics, (g, 2, n) each, dimensionless.
-
-    In force: smooth in pressure and length, dependent on direction, local or periodic in length, and slow in
-    time. In diameter: smooth or slow.
-    """
-    c = coordinates
-    smooth = [
-        c.evaluate_power("pressure", i) * c.evaluate_power("length", k)
-        for i in range(MAX_DEGREE + 1)
-        for k in range(MAX_DEGREE + 1)
-        if i + k <= MAX_TOTAL_DEGREE
-    ]
-    hysteretic = [
-        c.direction * c.evaluate_power("pressure", i) * c.evaluate_power("length", k)
-        for i in range(3)
-        for k in range(3)
-    ]
-    stroke = (c.length + 1) / 2
-    bumps = [np.exp(-0.5 * ((stroke - centre) / BUMP_WIDTH) ** 2) for centre in np.linspace(0, 1, BUMP_COUNT)]
-    periodic = [f(2 * np.pi * k * stroke) for k in STROKE_HARMONICS for f in (np.cos, np.sin)]
-    slow = [] if c.time is None else [c.evaluate_power("time", k) for k in TIME_HARMONICS]
-    slow_pressure = [course * c.pressure for course in slow[:4]]
-    zero = np.zeros(problem.n)
-    in_force = [smooth, hysteretic, bumps + periodic, slow + slow_pressure]
-    in_diameter = [smooth + slow[:4]]
-    families = [[np.stack([f, zero]) for f in family] for family in in_force]
-    families += [[np.stack([zero, f]) for f in family] for family in in_diameter]
-    return [np.stack(family) for family in families if family]
-
-
-def whiten_generic_families(
-    noise: NoiseModel, families: Sequence[np.ndarray]
-) -> tuple[np.ndarray, list[slice]]:
-    """Return whitened generic columns, (g, size), and the rows of each family.
-
-    The columns of a family together have unit variance per sample.
-    """
-    sd = np.ones((len(CHANNELS), 1))
-    for c, channel in enumerate(noise.channels):
-        if channel is not None and noise.rows[c].size:
-            sd[c] = float(np.mean(channel.sd[noise.rows[c]]))
-    whitened = []
-    for columns in families:
-        white = np.nan_to_num(noise.whiten(columns * sd))
-        rms = np.sqrt(np.mean(white**2, axis=1))
-        has_effect = rms > 1e-9
-        if has_effect.any():
-            whitened.append(white[has_effect] / rms[has_effect][:, None] / np.sqrt(has_effect.sum()))
-    bounds = np.cumsum([0, *(len(white) for white in whitened)])
-    return np.concatenate(whitened), [slice(a, b) for a, b in pairwise(bounds.tolist())]
 
 
 def _compute_alternative(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.evidence.discrepancy import add_discrepancy
+from pamjax.diagnosis.form_errors.discrepancy import add_discrepancy, build_free_columns, extend_discrepancy
 from pamjax.infer.noise.ar1_filter import Ar1Noise
 from pamjax.infer.noise.noise_model import NoiseModel
 
@@ -53,3 +53,25 @@ def test_rows_of_one_run_keep_their_form_errors():
     restricted = add_discrepancy(noise, white).restrict_to_rows(mask)
     expected = add_discrepancy(noise.restrict_to_rows(mask), white[:, :25])
     assert restricted.whiten(values) == pytest.approx(expected.whiten(values), abs=1e-9)
+
+
+def test_further_columns_are_added_in_any_order():
+    rng, noise = np.random.default_rng(3), build_noise()
+    columns, white = build_columns(noise, rng)
+    values = rng.standard_normal((2, N))
+    first = add_discrepancy(noise, white[:2])
+    extended = extend_discrepancy(first, first.whiten(columns[2:]))
+    together = add_discrepancy(noise, white)
+    assert extended.log_determinant == pytest.approx(together.log_determinant, abs=1e-8)
+    whitened = (extended.whiten(values), together.whiten(values))
+    # The two filters differ by a rotation, which keeps all products.
+    assert whitened[0] @ whitened[0] == pytest.approx(whitened[1] @ whitened[1], rel=1e-9)
+
+
+def test_a_free_column_removes_its_part_of_a_residual():
+    rng, noise = np.random.default_rng(4), build_noise()
+    columns, white = build_columns(noise, rng)
+    free = add_discrepancy(noise, build_free_columns(white[:1]))
+    size = np.linalg.norm(noise.whiten(50 * columns[0]))
+    assert np.linalg.norm(free.whiten(50 * columns[0])) < 0.02 * size
+    assert np.linalg.norm(free.whiten(50 * columns[1])) > 0.5 * np.linalg.norm(noise.whiten(50 * columns[1]))

@@ -16,6 +16,9 @@ import numpy as np
 
 from pamjax.infer.noise.noise_model import NoiseModel
 
+#: Prior sd of a free column, in sizes that one sample determines.
+FREE_COLUMN_SD = 10.0
+
 #: Singular value below which a column has no effect.
 MIN_SINGULAR_VALUE = 1e-6
 
@@ -56,6 +59,19 @@ class DiscrepancyNoise(NoiseModel):
         return super().log_determinant - 2 * float(np.sum(np.log1p(-self.shrinkage)))
 
 
+def extend_discrepancy(noise: NoiseModel, columns: np.ndarray) -> DiscrepancyNoise:
+    """Return a noise model with further columns, (r, size), already whitened by the noise as it is.
+
+    A column v that the noise whitens to w is C^(1/2) w in the units of the noise of the recording alone.
+    """
+    if not (isinstance(noise, DiscrepancyNoise) and noise.shrinkage.size):
+        return add_discrepancy(noise, columns)
+    growth = 1 / (1 - noise.shrinkage)
+    plain = columns + ((columns @ noise.vectors) * (growth - 1)) @ noise.vectors.T
+    present = (noise.vectors * np.sqrt(growth**2 - 1)).T
+    return add_discrepancy(noise, np.concatenate([present, plain]))
+
+
 def add_discrepancy(noise: NoiseModel, columns: np.ndarray) -> DiscrepancyNoise:
     """Return the noise model with form errors.
 
@@ -71,3 +87,9 @@ def add_discrepancy(noise: NoiseModel, columns: np.ndarray) -> DiscrepancyNoise:
     return DiscrepancyNoise(
         **fields, vectors=vectors[:, has_effect], shrinkage=1 - 1 / np.sqrt(1 + s[has_effect] ** 2)
     )
+
+
+def build_free_columns(columns: np.ndarray) -> np.ndarray:
+    """Return whitened columns, (r, size), scaled to a prior that leaves their sizes free."""
+    information = np.maximum(np.einsum("ij,ij->i", columns, columns), 1e-300)
+    return columns * (FREE_COLUMN_SD * np.sqrt(columns.shape[1] / information))[:, None]
