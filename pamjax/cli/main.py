@@ -38,6 +38,7 @@ for command_name, summary in {
     "sample": "Estimate the posterior uncertainty of the parameters of a muscle.",
     "compare": "Compare posteriors of one recording by their predictions of held-out blocks.",
     "diagnose": "Test the model of a recording and identify missing mechanisms.",
+    "fleet": "Check, fit and diagnose many recordings, and compare their specimens.",
     "validate": "Test a model on recordings that its fit did not use.",
     "prove": "Test `pamjax diagnose` on simulated recordings with concealed effects.",
     "size": "Design a muscle with the smallest diameter, mass, air or cost for a specification.",
