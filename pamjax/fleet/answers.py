@@ -145,7 +145,9 @@ def find_order(cases: pd.DataFrame) -> tuple[str, np.ndarray | None]:
     """
     if cases["date"].notna().sum() > 1:
         days = pd.to_datetime(cases["date"])
-        return "date", ((days - pd.Timestamp("1970-01-01")) / pd.Timedelta(days=DAYS_PER_YEAR)).to_numpy(float)
+        return "date", ((days - pd.Timestamp("1970-01-01")) / pd.Timedelta(days=DAYS_PER_YEAR)).to_numpy(
+            float
+        )
     serials = [_read_serial_number(serial) for serial in cases["serial"]]
     if np.isfinite(serials).sum() > 1:
         return "serial number", np.array(serials)

@@ -75,7 +75,9 @@ class Fleet:
         """
         names = list(self.cases["case"])
         if case not in names:
-            raise refuse(f"unknown case {case!r}", where=str(self.folder), remedy=suggest_word(case, names[:20]))
+            raise refuse(
+                f"unknown case {case!r}", where=str(self.folder), remedy=suggest_word(case, names[:20])
+            )
         file = self.folder / "cases" / case / "fit" / "fit.nc"
         if not file.is_file():
             raise refuse(f"the case {case!r} has no fit", remedy="Run `pamjax fleet` with the stage fit.")

@@ -47,7 +47,9 @@ def count_mechanisms(cases: pd.DataFrame, mechanisms: pd.DataFrame) -> list[Mech
         str(mechanism): {str(case) for case in table["case"]} for mechanism, table in mechanisms.groupby("id")
     }
     comparisons = max(len(affected) * len(names), 1)
-    counts = [_count_mechanism(name, members, benches, names, comparisons) for name, members in affected.items()]
+    counts = [
+        _count_mechanism(name, members, benches, names, comparisons) for name, members in affected.items()
+    ]
     return sorted(counts, key=lambda frequency: (-frequency.count, frequency.id))
 
 

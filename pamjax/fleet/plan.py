@@ -12,7 +12,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pamjax.errors import BadInput, refuse
-from pamjax.fleet.schema import FleetDocument, FitTable, GroupTable, read_fleet_document
+from pamjax.fleet.schema import FitTable, FleetDocument, GroupTable, read_fleet_document
 from pamjax.records.case import MUSCLE_FILE, RECORDING_FILE
 from pamjax.records.files import read_bytes
 from pamjax.records.reading.specimen import Specimen, read_date, read_label
@@ -177,7 +177,9 @@ def _find_by_patterns(folder: Path, patterns: Sequence[str], where: str) -> list
         if not parts or ".." in parts or PurePosixPath(pattern).is_absolute():
             remedy = "Write it relative to `folder`, or change `folder`."
             raise refuse("a pattern of `cases` must lead into the folder", f"{pattern!r}", where, remedy)
-        matches = [path for path in folder.glob(pattern) if is_case_folder(path) and not _is_hidden(path, folder)]
+        matches = [
+            path for path in folder.glob(pattern) if is_case_folder(path) and not _is_hidden(path, folder)
+        ]
         if not matches:
             rule = f"no folder with {RECORDING_FILE} matches {pattern!r}"
             raise refuse(rule, where=where, remedy=f"The pattern is relative to {folder}.")

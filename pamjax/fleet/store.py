@@ -70,9 +70,7 @@ class FleetStore:
 
     def list_tasks(self, plan: FleetPlan, case: FleetCase) -> list[FleetTask]:
         """Return the tasks of a case in their order."""
-        return [
-            build_task(plan, case, stage, self.locate_stage(case.name, stage)) for stage in plan.stages
-        ]
+        return [build_task(plan, case, stage, self.locate_stage(case.name, stage)) for stage in plan.stages]
 
     def write_plan(self, plan: FleetPlan) -> None:
         """Write fleet.json.
@@ -117,7 +115,9 @@ def read_store_document(folder: Path) -> dict[str, Any]:
         raise refuse(f"{folder / FLEET_FILE} must be readable JSON", remedy=remedy) from error
     if not isinstance(document, dict) or document.get("schema") != FLEET_SCHEMA:
         schema = document.get("schema") if isinstance(document, dict) else None
-        raise refuse(f"{folder / FLEET_FILE} must have the schema {FLEET_SCHEMA}", repr(schema), remedy=remedy)
+        raise refuse(
+            f"{folder / FLEET_FILE} must have the schema {FLEET_SCHEMA}", repr(schema), remedy=remedy
+        )
     return document
 
 

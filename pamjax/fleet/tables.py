@@ -28,11 +28,11 @@ TABLE_COLUMNS: dict[str, dict[str, str]] = {
     "cases": {
         "case": "string", "folder": "string", "bench": "string", "serial": "string", "type": "string",
         "date": "date", "checksum": "string", "state": "string", "reason": "string", "report": "string",
-        "law": "string", "rows": "int", "converged": "bool", "force_rmse_N": "float", "force_noise_N": "float",
-        "force_held_out_N": "float", "diameter_rmse_mm": "float", "diameter_noise_mm": "float",
+        "law": "string", "rows": "int", "converged": "bool", "force_rmse_N": "float",
+        "force_noise_N": "float", "force_held_out_N": "float", "diameter_rmse_mm": "float", "diameter_noise_mm": "float",
         "diameter_held_out_mm": "float", "misfit_p_value": "float", "misfit_detected": "bool",
-        "mechanisms": "int", "unexplained": "bool", "unexplained_share": "float", "unexplained_like": "string",
-        "check_task": "string", "fit_task": "string", "diagnose_task": "string",
+        "mechanisms": "int", "unexplained": "bool", "unexplained_share": "float",
+        "unexplained_like": "string", "check_task": "string", "fit_task": "string", "diagnose_task": "string",
     },
     "numbers": {
         "case": "string", "source": "string", "name": "string", "value": "float", "sd": "float",
@@ -44,7 +44,8 @@ TABLE_COLUMNS: dict[str, dict[str, str]] = {
     },
     "regions": {
         "case": "string", "channel": "string", "direction": "string", "pressure_low_kPa": "float",
-        "pressure_high_kPa": "float", "contraction_low": "float", "contraction_high": "float", "share": "float",
+        "pressure_high_kPa": "float", "contraction_low": "float", "contraction_high": "float",
+        "share": "float",
     },
     "tasks": {"case": "string", "stage": "string", "state": "string", "reason": "string", "seconds": "float"},
 }  # fmt: skip

@@ -52,7 +52,12 @@ def build_task(plan: FleetPlan, case: FleetCase, stage: str, target: Path) -> Fl
     True
     """
     settings = list_settings(plan, stage)
-    name = {"stage": stage, "inputs": case.checksum, "settings": settings, "versions": collect_task_versions()}
+    name = {
+        "stage": stage,
+        "inputs": case.checksum,
+        "settings": settings,
+        "versions": collect_task_versions(),
+    }
     key = hashlib.sha256(json.dumps(name, sort_keys=True).encode()).hexdigest()
     return FleetTask(key, case.name, case.folder, target, stage, case.checksum, settings)
 

@@ -12,7 +12,14 @@ from cyclopts import App, Parameter
 
 from pamjax.cli.help import ParagraphFormatter
 from pamjax.cli.options import Json
-from pamjax.cli.screen import check_writable, format_command, print_json, print_text, print_written_files
+from pamjax.cli.screen import (
+    REPORT_FILE,
+    check_writable,
+    format_command,
+    print_json,
+    print_text,
+    print_written_files,
+)
 from pamjax.errors import check_minimum, refuse
 
 if TYPE_CHECKING:
@@ -118,6 +125,29 @@ def status(store: Path, /, *, json: Json = False) -> None:
         _print_summary(store)
 
 
+@fleet.command
+def report(store: Path, /) -> None:
+    """Compare the specimens of a fleet: distributions, outliers, benches, drift, mechanisms.
+
+    Writes report.html and the Parquet tables to the folder of the store. Prints the findings.
+
+    Args:
+        store: folder that `pamjax fleet` wrote.
+    """
+    from pamjax.cluster.connect import check_packages
+    from pamjax.fleet.fleet import open_fleet
+    from pamjax.fleet.tables import build_tables, write_tables
+
+    check_packages()
+    paths = write_tables(build_tables(store), store)
+    result = open_fleet(store)
+    from pamjax.view.reports.fleet import format_report_note, write_fleet_report
+
+    paths.append(write_fleet_report(result, store / REPORT_FILE, format_command()))
+    print_text(format_report_note(result))
+    print_written_files(paths)
+
+
 def _check_options(
     workers: int | None, memory: str | None, scheduler: str | None, timeout: float | None, seed: int | None
 ) -> None:
@@ -157,7 +187,9 @@ def _print_summary(store: Path) -> None:
     state = _build_status(open_fleet(store))
     print_text(f"{state['name']}: {state['cases']} cases")
     for stage, counts in state["tasks"].items():
-        numbers = [f"{counts[name]} {name}" for name in ("done", "refused", "set aside", "open") if name in counts]
+        numbers = [
+            f"{counts[name]} {name}" for name in ("done", "refused", "set aside", "open") if name in counts
+        ]
         print_text(f"  {stage:<9} {', '.join(numbers)}")
     for entry in state["failed"][:MAX_LISTED_CASES]:
         print_text(f"  {entry['state']}: {entry['case']}: {entry['reason']}")
