@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pamjax.errors import check_minimum, refuse
 
@@ -77,6 +77,7 @@ def start_cluster(workers: int | None = None, memory: str | None = None) -> Iter
         check_minimum("workers", workers, 1)
     limit = "auto" if memory is None else parse_memory(memory)
     environment = {"TF_CPP_MIN_LOG_LEVEL": "3"}
+    no_dashboard: Any = None
     with (
         dask.config.set(EMBEDDED_SETTINGS),
         LocalCluster(
@@ -84,7 +85,7 @@ def start_cluster(workers: int | None = None, memory: str | None = None) -> Iter
             threads_per_worker=1,
             processes=True,
             memory_limit=limit,
-            dashboard_address=None,
+            dashboard_address=no_dashboard,
             silence_logs=logging.CRITICAL,
             env=environment,
         ) as cluster,
@@ -121,7 +122,7 @@ def _check_workers(client: Client, store: Path) -> None:
     from pamjax.fleet.task import collect_task_versions
 
     try:
-        answers = client.run(inspect_worker, str(store))
+        answers: Any = client.run(inspect_worker, str(store))
     except ImportError as error:
         remedy = f"Install it there: {INSTALL_COMMAND}."
         raise refuse("every worker must have pamjax", f"a worker without ({error})", remedy=remedy) from error

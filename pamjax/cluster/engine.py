@@ -11,7 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pamjax.fleet.store import DONE, OPEN, TaskOutcome, read_outcome, store_set_aside
 from pamjax.fleet.task import FleetTask
@@ -126,7 +126,7 @@ class TaskEngine:
 
         if future.cancelled():
             return None
-        error = future.exception()
+        error: Any = future.exception()
         if error is None:
             return future.result()
         if not isinstance(error, KilledWorker):
@@ -144,7 +144,8 @@ class TaskEngine:
     def _count_workers(self) -> int:
         """Return the number of worker threads, at least one: a cluster may start its workers later."""
         if time.monotonic() - self.counted_at >= WAIT_STEP:
-            self.workers = max(sum(self.client.nthreads().values()), 1)
+            threads: Any = self.client.nthreads()
+            self.workers = max(sum(threads.values()), 1)
             self.counted_at = time.monotonic()
         return self.workers
 
@@ -155,4 +156,5 @@ def _read_allowed_failures(client: Client) -> int:
     def read_setting(dask_scheduler) -> int:
         return int(dask_scheduler.allowed_failures)
 
-    return int(client.run_on_scheduler(read_setting))
+    allowed: Any = client.run_on_scheduler(read_setting)
+    return int(allowed)

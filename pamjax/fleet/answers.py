@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,9 +13,11 @@ import pandas as pd
 from pamjax.fleet.common_prior import extract_estimates, has_common_prior
 from pamjax.fleet.contrast import Slope, fit_slope
 from pamjax.fleet.fleet import Fleet
+from pamjax.fleet.frames import select_rows
 from pamjax.fleet.frequency import BENCH_P_VALUE, MechanismFrequency, count_mechanisms
 from pamjax.fleet.pooling import MIN_SPECIMENS, PooledNumber, pool_estimates
 from pamjax.fleet.unexplained import UnexplainedSummary, summarise_unexplained
+from pamjax.model.parameters import LENGTH_ERROR_PREFIX
 
 #: Largest p-value of a drift, after a correction for the number of distributions.
 DRIFT_P_VALUE = 0.05
@@ -73,7 +77,7 @@ class FleetAnswers:
 def analyse_fleet(fleet: Fleet) -> FleetAnswers:
     """Return the answers about a fleet from its tables."""
     groups = list(_list_groups(fleet))
-    bench_count = max(fleet.cases["bench"].nunique(), 1)
+    bench_count = max(len(set(fleet.cases["bench"].dropna())), 1)
     distributions = [_build_distribution(fleet, *group, len(groups), bench_count) for group in groups]
     return FleetAnswers(
         tuple(distributions),
@@ -82,17 +86,21 @@ def analyse_fleet(fleet: Fleet) -> FleetAnswers:
     )
 
 
-def _list_groups(fleet: Fleet):
+def _list_groups(fleet: Fleet) -> Iterator[tuple[str, str, pd.DataFrame]]:
     """Yield type, name and rows of each number with enough usable estimates."""
-    numbers = fleet.numbers[fleet.numbers["source"] == "fit"]
+    numbers = select_rows(fleet.numbers, fleet.numbers["source"] == "fit")
     if numbers.empty:
-        numbers = fleet.numbers[fleet.numbers["source"] == "diagnose"]
-    numbers = numbers[~numbers["name"].str.startswith("length_error")]
-    types = fleet.cases.set_index("case")["type"].fillna("")
-    rows = numbers.assign(type=numbers["case"].map(types))
-    for (kind, name), table in rows.groupby(["type", "name"], sort=True):
+        numbers = select_rows(fleet.numbers, fleet.numbers["source"] == "diagnose")
+    types = dict(zip(fleet.cases["case"], fleet.cases["type"].fillna(""), strict=True))
+    places: dict[tuple[str, str], list[int]] = {}
+    for k, (case, name) in enumerate(zip(numbers["case"], numbers["name"], strict=True)):
+        # The error of one length setting is no property of a specimen.
+        if not name.startswith(LENGTH_ERROR_PREFIX):
+            places.setdefault((types[case], name), []).append(k)
+    for (kind, name), rows in sorted(places.items()):
+        table = numbers.iloc[rows]
         if len(extract_estimates(table)) >= MIN_SPECIMENS:
-            yield str(kind), str(name), table
+            yield kind, name, table
 
 
 def _build_distribution(
@@ -143,7 +151,7 @@ def find_order(cases: pd.DataFrame) -> tuple[str, np.ndarray | None]:
     Args:
         cases: rows of `Fleet.cases`.
     """
-    if cases["date"].notna().sum() > 1:
+    if np.count_nonzero(cases["date"].notna()) > 1:
         days = pd.to_datetime(cases["date"])
         return "date", ((days - pd.Timestamp("1970-01-01")) / pd.Timedelta(days=DAYS_PER_YEAR)).to_numpy(
             float
@@ -154,7 +162,7 @@ def find_order(cases: pd.DataFrame) -> tuple[str, np.ndarray | None]:
     return "", None
 
 
-def _read_serial_number(serial: object) -> float:
+def _read_serial_number(serial: Any) -> float:
     """Return the last whole number of a serial number, as 12 of "A-0012"; NaN without one."""
     digits = re.findall(r"\d+", "" if pd.isna(serial) else str(serial))
     return float(digits[-1]) if digits else float("nan")

@@ -16,6 +16,8 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from pamjax.fleet.frames import select_rows
+
 #: Largest ratio s/p at which the recording still determines the number.
 MAX_SD_RATIO = 0.95
 #: Relative difference up to which two priors are the same.
@@ -32,12 +34,12 @@ def extract_estimates(table: pd.DataFrame) -> pd.DataFrame:
         columns `case`, `value` and `sd`; without numbers at a limit, without sd, or from the prior alone.
     """
     usable = table["sd"].gt(0) & np.isfinite(table["value"]) & ~table["at_limit"].fillna(False).astype(bool)
-    rows = table[usable]
+    rows = select_rows(table, usable)
     value, sd = rows["value"].to_numpy(float), rows["sd"].to_numpy(float)
     if has_common_prior(rows):
         prior, prior_sd = rows["prior"].to_numpy(float), rows["prior_sd"].to_numpy(float)
         determined = sd < MAX_SD_RATIO * prior_sd
-        rows, value, sd = rows[determined], value[determined], sd[determined]
+        rows, value, sd = select_rows(rows, determined), value[determined], sd[determined]
         value, sd = remove_prior(value, sd, prior[determined], prior_sd[determined])
     return pd.DataFrame({"case": rows["case"].astype(str).to_numpy(), "value": value, "sd": sd})
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from pamjax.errors import refuse, suggest_word
+from pamjax.fleet.frames import select_rows
 from pamjax.fleet.store import read_store_document
 from pamjax.fleet.tables import read_tables
 
@@ -49,9 +50,9 @@ class Fleet:
         Returns:
             `value` and `sd` (case, number) in the unit of the coordinate `unit`; NaN where a case has none.
         """
-        table = self.numbers[self.numbers["source"] == source]
+        table = select_rows(self.numbers, self.numbers["source"] == source)
         data = table.pivot(index="case", columns="name", values=["value", "sd"])
-        units = table.drop_duplicates("name").set_index("name")["unit"]
+        units = dict(zip(table["name"], table["unit"], strict=True))
         import xarray as xr
 
         names = list(data["value"].columns) if len(table) else []

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import pandas as pd
 from scipy import stats
+
+from pamjax.fleet.frames import select_rows
 
 #: Largest p-value at which a bench differs, after a correction for the number of comparisons.
 BENCH_P_VALUE = 0.05
@@ -40,7 +43,7 @@ def count_mechanisms(cases: pd.DataFrame, mechanisms: pd.DataFrame) -> list[Mech
         cases: `Fleet.cases`; only diagnosed ones count.
         mechanisms: `Fleet.mechanisms`.
     """
-    diagnosed = cases[cases["misfit_p_value"].notna()]
+    diagnosed = select_rows(cases, cases["misfit_p_value"].notna())
     benches = {str(case): bench for case, bench in zip(diagnosed["case"], diagnosed["bench"], strict=True)}
     names = sorted({str(bench) for bench in benches.values() if not pd.isna(bench)})
     affected = {
@@ -68,7 +71,8 @@ def _count_mechanism(
                 [inside, len(members) - inside],
                 [count - inside, total - len(members) - count + inside],
             ]
-            p_values[bench] = float(stats.fisher_exact(table)[1])
+            test: Any = stats.fisher_exact(table)
+            p_values[bench] = float(test.pvalue)
     deviating = tuple(bench for bench, p in p_values.items() if p * comparisons < BENCH_P_VALUE)
     if len(names) == 2 and deviating:
         # With two benches both deviate alike; the one with more cases of the mechanism is reported.

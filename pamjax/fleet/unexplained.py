@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
+
+from pamjax.fleet.frames import list_rows, select_rows
 
 #: Number of cells of the grid of pressure and contraction, in each direction.
 REGION_GRID = 40
@@ -54,10 +57,10 @@ def summarise_unexplained(cases: pd.DataFrame, regions: pd.DataFrame) -> Unexpla
     Args:
         cases, regions: tables of a `Fleet`.
     """
-    diagnosed = cases[cases["misfit_p_value"].notna()]
-    affected = diagnosed[diagnosed["unexplained"].fillna(False).astype(bool)]
+    diagnosed = select_rows(cases, cases["misfit_p_value"].notna())
+    affected = select_rows(diagnosed, diagnosed["unexplained"])
     likenesses = Counter(str(name) for name in affected["unexplained_like"].dropna())
-    region = find_common_region(regions[regions["case"].isin(affected["case"])])
+    region = find_common_region(select_rows(regions, regions["case"].isin(affected["case"].tolist())))
     if region is not None and (region.cases < 2 or region.cases < MIN_COMMON_SHARE * len(affected)):
         region = None
     return UnexplainedSummary(len(affected), len(diagnosed), dict(likenesses.most_common()), region)
@@ -66,24 +69,25 @@ def summarise_unexplained(cases: pd.DataFrame, regions: pd.DataFrame) -> Unexpla
 def find_common_region(regions: pd.DataFrame) -> CommonRegion | None:
     """Return the region of pressure and contraction that most cases have in common."""
     best: CommonRegion | None = None
-    for (channel, direction), table in regions.groupby(["channel", "direction"]):
-        candidate = _intersect(str(channel), str(direction), table)
+    places = sorted(set(zip(regions["channel"], regions["direction"], strict=True)))
+    for channel, direction in places:
+        inside = (regions["channel"] == channel) & (regions["direction"] == direction)
+        candidate = _intersect(channel, direction, list_rows(select_rows(regions, inside)))
         if best is None or candidate.cases > best.cases:
             best = candidate
     return best
 
 
-def _intersect(channel: str, direction: str, table: pd.DataFrame) -> CommonRegion:
-    pressure = _build_centres(table, "pressure_low_kPa", "pressure_high_kPa")
-    contraction = _build_centres(table, "contraction_low", "contraction_high")
-    count = np.zeros((len(pressure), len(contraction)), int)
-    for _, boxes in table.groupby("case"):
-        covered = np.zeros_like(count, dtype=bool)
-        for box in boxes.itertuples():
-            in_pressure = (pressure >= box.pressure_low_kPa) & (pressure <= box.pressure_high_kPa)
-            in_contraction = (contraction >= box.contraction_low) & (contraction <= box.contraction_high)
-            covered |= in_pressure[:, None] & in_contraction
-        count += covered
+def _intersect(channel: str, direction: str, boxes: list[dict[str, Any]]) -> CommonRegion:
+    pressure = _build_centres(boxes, "pressure_low_kPa", "pressure_high_kPa")
+    contraction = _build_centres(boxes, "contraction_low", "contraction_high")
+    covered: dict[str, np.ndarray] = {}
+    for box in boxes:
+        in_pressure = (pressure >= box["pressure_low_kPa"]) & (pressure <= box["pressure_high_kPa"])
+        in_contraction = (contraction >= box["contraction_low"]) & (contraction <= box["contraction_high"])
+        inside = in_pressure[:, None] & in_contraction
+        covered[box["case"]] = covered.get(box["case"], False) | inside
+    count = np.sum(list(covered.values()), axis=0)
     rows, columns = np.nonzero(count == count.max())
     return CommonRegion(
         channel,
@@ -94,7 +98,8 @@ def _intersect(channel: str, direction: str, table: pd.DataFrame) -> CommonRegio
     )
 
 
-def _build_centres(table: pd.DataFrame, low: str, high: str) -> np.ndarray:
-    ends = float(table[low].min()), float(table[high].max())
+def _build_centres(boxes: list[dict[str, Any]], low: str, high: str) -> np.ndarray:
+    """Return the centres of the cells between the lowest and the highest end of all boxes."""
+    ends = min(box[low] for box in boxes), max(box[high] for box in boxes)
     step = (ends[1] - ends[0]) / REGION_GRID
     return np.linspace(ends[0] + step / 2, ends[1] - step / 2, REGION_GRID)

@@ -168,16 +168,16 @@ def _check_options(
 
 
 def _build_status(result: Fleet) -> dict:
-    failed = result.cases[~result.cases["state"].isin(["done", "open"])]
+    from pamjax.fleet.frames import list_rows
+
+    failed = [row for row in list_rows(result.cases) if row["state"] not in ("done", "open")]
     return {
         "name": result.name,
         "cases": len(result.cases),
         "tasks": {
             stage: dict(Counter(table["state"])) for stage, table in result.tasks.groupby("stage", sort=False)
         },
-        "failed": [
-            {"case": row.case, "state": row.state, "reason": row.reason} for row in failed.itertuples()
-        ],
+        "failed": [{key: row[key] for key in ("case", "state", "reason")} for row in failed],
     }
 
 

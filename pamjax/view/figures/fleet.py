@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from pamjax.fleet.answers import DAYS_PER_YEAR, FleetAnswers, NumberDistribution
 from pamjax.fleet.fleet import Fleet
+from pamjax.fleet.frames import list_rows, select_rows
 from pamjax.fleet.summary import format_distribution, name_distribution
 from pamjax.view.figures.layout import create_mark
 from pamjax.view.theme import (
@@ -87,18 +88,18 @@ def select_ridges(estimate: np.ndarray, outliers: np.ndarray) -> np.ndarray:
 
 def plot_mechanism_map(fleet: Fleet, answers: FleetAnswers, narrow: bool = False) -> Figure | None:
     """Return the probability of each mechanism in each case, or its frequency by bench in a large fleet."""
-    diagnosed = fleet.cases[fleet.cases["misfit_p_value"].notna()]
+    diagnosed = select_rows(fleet.cases, fleet.cases["misfit_p_value"].notna())
     names = [frequency.id for frequency in answers.mechanisms]
-    if diagnosed.empty or not (names or diagnosed["unexplained"].any()):
+    if diagnosed.empty or not (names or answers.unexplained.count):
         return None
     if len(diagnosed) > MAX_MAP_CASES:
         return _plot_frequency_map(answers, narrow)
     cases = diagnosed.sort_values(["bench", "date", "case"], na_position="last")
     shares = np.zeros((len(names) + 1, len(cases)))
     columns = {str(case): k for k, case in enumerate(cases["case"])}
-    for row in fleet.mechanisms.itertuples():
-        if row.case in columns:
-            shares[names.index(str(row.id)), columns[str(row.case)]] = row.probability
+    for row in list_rows(fleet.mechanisms):
+        if row["case"] in columns:
+            shares[names.index(row["id"]), columns[row["case"]]] = row["probability"]
     shares[-1] = cases["unexplained"].fillna(False).astype(float)
     title = "Probability of each mechanism in each recording"
     return _draw_map(shares, [*names, "unexplained"], cases, title, narrow)

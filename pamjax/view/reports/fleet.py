@@ -9,10 +9,10 @@ from typing import Any
 from urllib.parse import quote
 
 import numpy as np
-import pandas as pd
 
 from pamjax.fleet.answers import FleetAnswers, NumberDistribution, analyse_fleet
 from pamjax.fleet.fleet import Fleet
+from pamjax.fleet.frames import list_rows
 from pamjax.fleet.summary import (
     format_distribution,
     format_sd,
@@ -59,7 +59,7 @@ def write_fleet_report(fleet: Fleet, path: Path, command: str) -> Path:
     """
     answers = analyse_fleet(fleet)
     findings = list_findings(answers)
-    failed = fleet.cases[~fleet.cases["state"].isin(["done", "open"])]
+    failed = [row for row in list_rows(fleet.cases) if row["state"] not in ("done", "open")]
     return write_page(
         path,
         "fleet.html.jinja",
@@ -84,7 +84,7 @@ def write_fleet_report(fleet: Fleet, path: Path, command: str) -> Path:
         ],
         cases=_build_case_rows(fleet, answers),
         hidden_cases=max(len(fleet.cases) - MAX_TABLE_CASES, 0),
-        failed=[LinkedRow(str(r.case), "", [str(r.state), str(r.reason)]) for r in failed.itertuples()],
+        failed=[LinkedRow(row["case"], "", [row["state"], row["reason"]]) for row in failed],
         inputs=_describe_settings(fleet),
         command=command,
     )
@@ -143,13 +143,12 @@ def _build_case_rows(fleet: Fleet, answers: FleetAnswers) -> list[LinkedRow]:
     deviations = _list_deviations(answers)
     mechanisms = fleet.mechanisms.groupby("case")["id"].agg(list).to_dict()
     rows = []
-    for row in fleet.cases.itertuples():
-        name = str(row.case)
-        origin = [row.bench, row.serial, row.date]
-        cells = ["–" if pd.isna(value) else str(value) for value in origin]
-        cells += [str(row.state), ", ".join(mechanisms.get(name, [])) or "–"]
-        cells += ["yes" if row.unexplained is True else "–", "; ".join(deviations.get(name, [])) or "–"]
-        rows.append(LinkedRow(name, "" if pd.isna(row.report) else quote(str(row.report)), cells))
+    for row in list_rows(fleet.cases):
+        name = row["case"]
+        cells = ["–" if row[key] is None else str(row[key]) for key in ("bench", "serial", "date")]
+        cells += [row["state"], ", ".join(mechanisms.get(name, [])) or "–"]
+        cells += ["yes" if row["unexplained"] else "–", "; ".join(deviations.get(name, [])) or "–"]
+        rows.append(LinkedRow(name, quote(row["report"] or ""), cells))
     if len(rows) > MAX_TABLE_CASES:
         rows = sorted(rows, key=lambda row: row.name not in deviations)[:MAX_TABLE_CASES]
     return rows
