@@ -7,6 +7,7 @@ holds few tasks, and a worker that dies loses the task it ran and no other.
 from __future__ import annotations
 
 import queue
+import secrets
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -65,6 +66,8 @@ class TaskEngine:
         self.flights: dict[str, tuple[Future, _Flight]] = {}
         self.finished: queue.SimpleQueue[str] = queue.SimpleQueue()
         self.counted_at, self.workers, self.submitted = -WAIT_STEP, 1, 0
+        # A scheduler may still hold results of an earlier run under equal keys.
+        self.run_name = secrets.token_hex(4)
         self.deaths_per_error = 1 + _read_allowed_failures(client)
 
     def run(
@@ -103,7 +106,7 @@ class TaskEngine:
     def _submit(self, flight: _Flight) -> None:
         # Two cases with equal files have equal names of their tasks: the number keeps them apart.
         self.submitted += 1
-        key = f"pamjax-{flight.task.stage}-{flight.task.key}-{self.submitted}"
+        key = f"pamjax-{flight.task.stage}-{flight.task.key}-{self.run_name}-{self.submitted}"
         future = self.client.submit(self.work, flight.task, self.timeout, key=key, pure=False)
         self.flights[key] = future, flight
         future.add_done_callback(lambda future: self.finished.put(future.key))

@@ -42,7 +42,7 @@ def test_workers_of_another_version_are_refused(tmp_path):
     connect._check_workers(FakeClient(), tmp_path)
     with pytest.raises(BadInput, match="every worker must have the jax of this process"):
         connect._check_workers(FakeClient(jax="0.1"), tmp_path)
-    with pytest.raises(BadInput, match="every worker must see the folder .*; got tcp://w:1, which does not"):
+    with pytest.raises(BadInput, match=r"every worker must see the folder .*; got tcp://w:1, which does not"):
         connect._check_workers(FakeClient(), tmp_path / "away")
 
 
