@@ -182,7 +182,7 @@ def plot_control_chart(fleet: Fleet, distribution: NumberDistribution, narrow: b
         outside = int((np.abs(pooled.estimate - pooled.mean) > limit).sum())
         panel.set_xlabel(distribution.order_name or "recordings in the order of their names")
         if distribution.order_name == "date":
-            locator = AutoDateLocator(maxticks=4 if narrow else 8)
+            locator = AutoDateLocator(minticks=3, maxticks=7)
             panel.xaxis.set_major_locator(locator)
             panel.xaxis.set_major_formatter(ConciseDateFormatter(locator))
         panel.set_ylabel(_label_axis(distribution))
