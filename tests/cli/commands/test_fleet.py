@@ -37,10 +37,8 @@ def read_store(folder):
     """Return the bytes of each file that must not depend on the run."""
     files = (path for path in folder.rglob("*") if path.is_file())
     names = {path.relative_to(folder).as_posix(): path for path in files}
-    timed = {
-        name for name in names if name.endswith("time.json") or name in ("tables/tasks.parquet", ".lock")
-    }
-    return {name: path.read_bytes() for name, path in names.items() if name not in timed}
+    timed = ("time.json", "tables/tasks.parquet", ".lock")
+    return {name: path.read_bytes() for name, path in names.items() if not name.endswith(timed)}
 
 
 def wait_for_tasks(store, count, process):
