@@ -37,7 +37,7 @@ def test_bench_with_a_wrong_gauge_is_named(tmp_path):
     assert findings[0].startswith(
         "pressure_gain is identified in 12 of 12 recordings of bench south, and in 0 of 12 of the others"
     )
-    assert any("higher on bench south by" in line for line in findings)
+    assert any("lower on bench north by" in line for line in findings)
     (frequency,) = answers.mechanisms
     assert frequency.by_bench == {"north": (0, 12), "south": (12, 12)}
     # Exact interval for 12 of 24 (Clopper and Pearson).

@@ -111,7 +111,7 @@ def _draw_map(shares: np.ndarray, rows: list[str], cases: pd.DataFrame, title: s
         height = 1.3 + 0.2 * len(rows) + (0.7 if named else 0.0)
         drawing = create_figure(SINGLE_COLUMN if narrow else DOUBLE_COLUMN, height)
         panel = drawing.subplots()
-        picture = panel.pcolormesh(shares, cmap="viridis_r", vmin=0, vmax=1, edgecolors="white", lw=0.3)
+        picture = panel.pcolormesh(shares, cmap="Blues", vmin=0, vmax=1, edgecolors="lightgrey", lw=0.3)
         panel.set_gid("mismatch")
         panel.set_yticks(np.arange(len(rows)) + 0.5, rows)
         panel.invert_yaxis()
