@@ -14,7 +14,7 @@ from pamjax.fleet.common_prior import extract_estimates, has_common_prior
 from pamjax.fleet.contrast import Slope, fit_slope
 from pamjax.fleet.fleet import Fleet
 from pamjax.fleet.frames import select_rows
-from pamjax.fleet.frequency import BENCH_P_VALUE, MechanismFrequency, count_mechanisms
+from pamjax.fleet.frequency import BENCH_P_VALUE, BenchFrequency, count_limits, count_mechanisms
 from pamjax.fleet.pooling import MIN_SPECIMENS, PooledNumber, pool_estimates
 from pamjax.fleet.unexplained import UnexplainedSummary, summarise_unexplained
 from pamjax.model.parameters import LENGTH_ERROR_PREFIX
@@ -66,11 +66,13 @@ class FleetAnswers:
     Attributes:
         distributions: one for each type and number with enough specimens.
         mechanisms: frequency of each identified mechanism.
+        limits: frequency of each number that is at its limit.
         unexplained: what remains unexplained.
     """
 
     distributions: tuple[NumberDistribution, ...]
-    mechanisms: tuple[MechanismFrequency, ...]
+    mechanisms: tuple[BenchFrequency, ...]
+    limits: tuple[BenchFrequency, ...]
     unexplained: UnexplainedSummary
 
 
@@ -82,6 +84,7 @@ def analyse_fleet(fleet: Fleet) -> FleetAnswers:
     return FleetAnswers(
         tuple(distributions),
         tuple(count_mechanisms(fleet.cases, fleet.mechanisms)),
+        tuple(count_limits(fleet.cases, fleet.numbers)),
         summarise_unexplained(fleet.cases, fleet.regions),
     )
 

@@ -7,7 +7,7 @@ out, which leaves the recording's own estimate (normal approximation):
     1/l² = 1/s² − 1/p²,    estimate = l² (y/s² − m/p²)
 
 A prior that differs between specimens is a measurement of each specimen, for example of its thread length.
-It stays in the estimate. A specimen whose recording says almost nothing about the number is left out.
+It stays in the estimate. A specimen whose recording has less information than the prior is left out.
 Derived here from the product of two normal densities.
 """
 
@@ -18,8 +18,8 @@ import pandas as pd
 
 from pamjax.fleet.frames import select_rows
 
-#: Largest ratio s/p at which the recording still determines the number.
-MAX_SD_RATIO = 0.95
+#: Largest ratio s/p: the recording has at least as much information on the number as the prior.
+MAX_SD_RATIO = 0.7
 #: Relative difference up to which two priors are the same.
 PRIOR_TOLERANCE = 1e-9
 

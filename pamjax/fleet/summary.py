@@ -8,7 +8,7 @@ import numpy as np
 
 from pamjax.fleet.answers import FleetAnswers, NumberDistribution
 from pamjax.fleet.fleet import Fleet
-from pamjax.fleet.frequency import MechanismFrequency
+from pamjax.fleet.frequency import BenchFrequency
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.units import compute_si_factor, format_count
 
@@ -34,7 +34,8 @@ def format_sd(sd: float, unit: str) -> str:
 def list_findings(answers: FleetAnswers) -> list[str]:
     """Return what stands out in a fleet: benches, specimens, drift, unexplained misfit."""
     findings = [
-        *(line for frequency in answers.mechanisms for line in format_bench_mechanism(frequency)),
+        *(line for f in answers.mechanisms for line in format_bench_frequency(f, "identified")),
+        *(line for f in answers.limits for line in format_bench_frequency(f, "at its limit")),
         *(line for distribution in answers.distributions for line in format_bench_differences(distribution)),
         *(line for distribution in answers.distributions for line in format_outliers(distribution)),
         *(line for distribution in answers.distributions for line in format_drift(distribution)),
@@ -43,12 +44,17 @@ def list_findings(answers: FleetAnswers) -> list[str]:
     return findings or ["No bench, specimen or date stands out."]
 
 
-def format_bench_mechanism(frequency: MechanismFrequency) -> Iterator[str]:
-    """Yield a sentence for each bench on which a mechanism is identified more or less often."""
+def format_bench_frequency(frequency: BenchFrequency, condition: str) -> Iterator[str]:
+    """Yield a sentence for each bench on which a condition is more or less frequent.
+
+    Args:
+        frequency: the frequency of a mechanism, or of a number at its limit.
+        condition: "identified" or "at its limit".
+    """
     for bench in frequency.deviating_benches:
         count, total = frequency.by_bench[bench]
         yield (
-            f"{frequency.id} is identified in {count} of {total} recordings of bench {bench},"
+            f"{frequency.id} is {condition} in {count} of {total} recordings of bench {bench},"
             f" and in {frequency.count - count} of {frequency.total - total} of the others"
             f" (p = {frequency.p_values[bench]:.1g})."
         )

@@ -11,7 +11,7 @@ FIRST_DAY = datetime.date(2026, 3, 2)
 
 
 def write_made_store(
-    folder, values, *, sd=0.5, prior=(100.0, 20.0), benches=None, mechanisms=None, names=None
+    folder, values, *, sd=0.5, prior=(100.0, 20.0), benches=None, mechanisms=None, names=None, limits=()
 ):
     """Write a store, and return its folder.
 
@@ -22,6 +22,7 @@ def write_made_store(
         benches: bench of each specimen.
         mechanisms: list of mechanism ids of each specimen; None for no diagnosis.
         names: names of the cases.
+        limits: indices of the specimens whose number is at its limit.
     """
     names = names or [f"case-{k:02d}" for k in range(len(values))]
     days = [FIRST_DAY + datetime.timedelta(days=7 * k) for k in range(len(names))]
@@ -35,7 +36,9 @@ def write_made_store(
     for k, case in enumerate(cases):
         for task in store.list_tasks(plan, case):
             is_fit = task.stage == "fit"
-            document = build_fit(values[k], sd, prior) if is_fit else build_diagnosis(mechanisms[k])
+            document = (
+                build_fit(values[k], sd, prior, k in limits) if is_fit else build_diagnosis(mechanisms[k])
+            )
             with open_stage_folder(task) as place:
                 (place / ("fit.json" if is_fit else "diagnosis.json")).write_text(json.dumps(document))
                 (place / "report.html").write_text("<p>made</p>")
@@ -43,9 +46,9 @@ def write_made_store(
     return folder
 
 
-def build_fit(value, sd, prior):
+def build_fit(value, sd, prior, at_limit=False):
     """Return a fit.json with one number and one channel."""
-    number = {"value": value, "sd": sd, "unit": "GPa", "at_limit": False}
+    number = {"value": value, "sd": sd, "unit": "GPa", "at_limit": at_limit}
     force = {"value": 1.1, "unit": "N"}
     entry = {"rows": 3, "rmse": {"force": force}, "noise": {"force": {"sd": 2.0}}, "held_out": {}}
     parameters = {"thread.modulus": number | {"prior": dict(zip(("value", "sd"), prior, strict=True))}}

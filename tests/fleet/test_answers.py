@@ -52,6 +52,17 @@ def test_mechanism_on_all_benches_names_no_bench(tmp_path):
     assert frequency.deviating_benches == ()
 
 
+def test_number_at_its_limit_on_one_bench_is_named(tmp_path):
+    """A specimen at a limit has no usable estimate, but a bench with only such specimens is a finding."""
+    answers = answer(tmp_path, draw(16), benches=["north", "south"] * 8, limits=range(1, 16, 2))
+    (line,) = list_findings(answers)
+    assert line.startswith(
+        "thread.modulus is at its limit in 8 of 8 recordings of bench south, and in 0 of 8"
+    )
+    (distribution,) = answers.distributions
+    assert len(distribution.cases) == 8
+
+
 def test_outlier_and_drift_are_named(tmp_path):
     values = draw(24)
     values[5] += 40
