@@ -10,6 +10,7 @@ from typing import Any
 from pamjax.errors import BadInput, refuse
 from pamjax.records.reading.quantity import MeasuredValue
 from pamjax.records.reading.schema import MuscleDocument, MuscleTable, ThreadTable, read_document
+from pamjax.records.reading.specimen import Specimen
 from pamjax.units import format_quantity
 
 __all__ = ["Bladder", "MeasuredValue", "MuscleToml", "Sensors", "parse_muscle_toml", "read_muscle_toml"]
@@ -62,6 +63,7 @@ class MuscleToml:
         sensors: noise of one sample.
         baseline: "inelastic" or "elastic", the baseline model.
         columns: header of recording.csv for each channel.
+        specimen: origin of the recording; no computation on one recording uses it.
     """
 
     name: str
@@ -80,6 +82,7 @@ class MuscleToml:
     sensors: Sensors = field(default_factory=Sensors)
     baseline: str = "inelastic"
     columns: dict[str, str] = field(default_factory=dict)
+    specimen: Specimen = field(default_factory=Specimen)
 
     @property
     def braid(self) -> tuple[float, float]:
@@ -143,6 +146,7 @@ def parse_muscle_toml(document: MuscleDocument | Mapping[str, Any], file: str = 
         ),
         baseline=tables.baseline.model or ("elastic" if elastic else "inelastic"),
         columns=dict(tables.columns),
+        specimen=Specimen(**dict(tables.specimen)),
     )
 
 

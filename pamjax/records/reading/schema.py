@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import math
 import tomllib
 from collections.abc import Callable, Mapping
@@ -20,6 +21,7 @@ from pamjax.records.reading.quantity import (
     read_quantity,
     read_sensor_noise,
 )
+from pamjax.records.reading.specimen import read_date, read_label
 
 
 def _locate_entry(info: ValidationInfo) -> EntryLocation:
@@ -49,6 +51,20 @@ def _read_angle(raw: Any, location: EntryLocation) -> MeasuredValue:
     return angle
 
 
+def _read_specimen_entry(read: Callable[[Any], Any]) -> Callable[[Any, EntryLocation], Any]:
+    """Return a reader whose error message states entry and file."""
+
+    def read_at(raw: Any, location: EntryLocation) -> Any:
+        try:
+            return read(raw)
+        except BadInput as error:
+            raise refuse(f"`{location.name}` {error}", f"{raw!r}", location.file) from error
+
+    return read_at
+
+
+Label = Annotated[str, _build_validator(_read_specimen_entry(read_label))]
+Date = Annotated[datetime.date, _build_validator(_read_specimen_entry(read_date))]
 Length = Annotated[MeasuredValue, _build_quantity_validator("length")]
 Area = Annotated[MeasuredValue, _build_quantity_validator("area")]
 Pressure = Annotated[MeasuredValue, _build_quantity_validator("pressure")]
@@ -112,6 +128,16 @@ class BaselineTable(_TomlTable):
     model: Literal["inelastic", "elastic"] | None = None
 
 
+class SpecimenTable(_TomlTable):
+    """[specimen]: origin of the recording, for the statistics of a fleet."""
+
+    model_config = ConfigDict(title="specimen")
+    bench: Label | None = None
+    serial: Label | None = None
+    type: Label | None = None
+    date: Date | None = None
+
+
 class MuscleDocument(_TomlTable):
     """The whole file."""
 
@@ -121,6 +147,7 @@ class MuscleDocument(_TomlTable):
     sensors: SensorsTable = Field(default_factory=SensorsTable)
     baseline: BaselineTable = Field(default_factory=BaselineTable)
     columns: dict[str, str] = Field(default_factory=dict)
+    specimen: SpecimenTable = Field(default_factory=SpecimenTable)
 
     @classmethod
     def from_mapping(cls, raw: Mapping[str, Any], file: str) -> MuscleDocument:
@@ -200,4 +227,5 @@ _TABLE_CLASSES: dict[str, type[_TomlTable]] = {
     "bladder": BladderTable,
     "sensors": SensorsTable,
     "baseline": BaselineTable,
+    "specimen": SpecimenTable,
 }
