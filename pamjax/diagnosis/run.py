@@ -107,6 +107,9 @@ def diagnose(
     if method not in _METHODS:
         raise refuse(f"unknown method {method!r}", remedy=suggest_word(method, _METHODS))
     case = ensure_case(case)
+    if method == "evidence" and case.recording.measures_length:
+        rule, remedy = "the evidence needs a measured force", 'Use the method "stepwise".'
+        raise refuse(rule, "a measured length ([test] of muscle.toml)", case.name, remedy)
     progress("compiling", 0.0)
     if method == "evidence":
         limit = max(settings.max_prior_deviation_sd, EvidenceSettings().max_prior_deviation_sd)

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT, to_display
+from pamjax.errors import refuse
 from pamjax.infer.fitting.load import LoadedMuscle
 from pamjax.infer.problem.dataset import (
     CHANNELS,

@@ -52,21 +52,41 @@ def read_table(
 
 
 def parse_table(
-    raw: bytes, file: str, columns: Mapping[str, str], default_length: float | None
+    raw: bytes,
+    file: str,
+    columns: Mapping[str, str],
+    default_length: float | None,
+    measures_length: bool = False,
+    load: float | None = None,
 ) -> tuple[Recording, list[str], dict[str, str]]:
-    """Return the recording of a CSV file's bytes, the warnings, and the unit of each column."""
+    """Return the recording of a CSV file's bytes, the warnings, and the unit of each column.
+
+    Args:
+        raw: bytes of the file.
+        file: name of the file, for error messages.
+        columns: header of the file for each channel.
+        default_length: m, the length of every row without such a column.
+        measures_length: whether the force is set and the length is measured.
+        load: N, the set force of every row without a column of force; None for 0 N.
+    """
     header, lines, cells = _split_cells(decode_text(raw, file), file)
-    known_columns, unknown_headers = find_columns(header, columns, file, default_length is not None)
+    known_columns, unknown_headers = find_columns(
+        header, columns, file, default_length is not None, measures_length
+    )
+    if measures_length and load is not None and "force" in known_columns:
+        remedy = "Remove `load` from [test] of muscle.toml, or remove the column."
+        raise refuse("the set force must be stated once", "`load` and a column of force", file, remedy)
     locate = _RowLocator(file, lines)
     values = {name: _parse_column(column, cells, locate) for name, column in known_columns.items()}
     recording = Recording.from_arrays(
         pressure=values["pressure"],
         length=values.get("length", default_length if default_length is not None else np.nan),
-        force=values.get("force"),
+        force=values.get("force", np.full(len(lines), load or 0.0) if measures_length else None),
         diameter=values.get("diameter"),
         time=_check_times(values.get("time"), known_columns, locate),
         cycle=_check_cycles(values.get("cycle"), locate),
         row=lines,
+        measures_length=measures_length,
     )
     for name in ("length", "diameter"):
         if name in known_columns:
