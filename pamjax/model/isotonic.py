@@ -1,7 +1,7 @@
 """The length of a muscle at a set force: a free contraction, or a muscle that carries a weight.
 
-The models predict the force F(P, L) at a pressure and a length. In an isotonic test the force F_set is set and
-the length is measured. One step of Newton's method from the measured length L is the predicted length:
+The models predict the force F(P, L) at a pressure and a length. In an isotonic test the force F_set is set
+and the length is measured. One step of Newton's method from the measured length L is the predicted length:
 
     L̂ = L + (F_set − F(P, L)) / K,     K = [F₀(P, L + h) − F₀(P, L − h)] / (2 h).
 
@@ -15,10 +15,10 @@ the length is measured. One step of Newton's method from the measured length L i
 The measured length is the input of the memories. In a loop, the direction of friction is thus that of the
 measured motion, and no equation with memory must be solved.
 
-Limits: the error of the step is about (L̂ − L)² F″ / (2 K), that is (L̂ − L)² / (2 L) for a bare braid: 5 µm for a
-misfit of 1 mm at 100 mm. Noise of the length reaches the prediction only through the memories.
-Neglects: the stiffness of friction before it slides. A muscle without pressure has no stiffness: there K is at
-least `MIN_STIFFNESS`, and the prediction has no meaning.
+Limits: the error of the step is about (L̂ − L)² F″ / (2 K), that is (L̂ − L)² / (2 L) for a bare braid: 5 µm
+for a misfit of 1 mm at 100 mm. Noise of the length reaches the prediction only through the memories.
+Neglects: the stiffness of friction before it slides. A muscle without pressure has no stiffness: there K is
+at least `MIN_STIFFNESS`, and the prediction has no meaning.
 Source: Newton's method; derived here.
 """
 

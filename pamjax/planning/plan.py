@@ -165,7 +165,7 @@ def plan(
     check_minimum("seed", seed, 0)
     source = ensure_case_or_toml(muscle)
     case, entry = (source, source.entry) if isinstance(source, Case) else (None, source)
-    limits_of_recording = {"highest": _find_highest_pressure(case)} if case else {}
+    limits_of_recording: dict[str, Any] = {"highest": _find_highest_pressure(case)} if case else {}
     if case and not case.recording.measures_length:
         limits_of_recording["recorded"] = case.recording.channels
     capabilities = (

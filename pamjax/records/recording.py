@@ -149,7 +149,7 @@ class Recording:
 
     @property
     def model_channels(self) -> tuple[str, str]:
-        """Return the two channels that a model predicts: force, or length in an isotonic test, and diameter."""
+        """Return the channels that a model predicts: force, or length in an isotonic test, and diameter."""
         return ("length" if self.measures_length else "force", "diameter")
 
     @property

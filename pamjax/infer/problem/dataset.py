@@ -33,8 +33,8 @@ from pamjax.model.muscle import Muscle, MuscleReading
 from pamjax.records.blocks import find_blocks, find_length_settings
 from pamjax.records.case import Case
 
-#: The channels of a fit, in the order of the stacked arrays. In an isotonic test, the length takes the place of
-#: the force; `Recording.model_channels` has both names.
+#: The channels of a fit, in the order of the stacked arrays. In an isotonic test, the length takes the place
+#: of the force; `Recording.model_channels` has both names.
 CHANNELS = ("force", "diameter")
 
 #: A muscle is slack if its force is below this fraction of the largest force.
@@ -317,7 +317,7 @@ def build_rows(case: Case, size: int | None = None) -> PaddedRows:
 
 
 def estimate_starting_sd(case: Case) -> tuple[float, float]:
-    """Return the standard deviations of force (N), or of a measured length (m), and diameter (m) before a fit.
+    """Return the standard deviations of force (N), or a measured length (m), and diameter (m) at the start.
 
     Each is the stated sd of the sensor. Without one, it is one percent of the channel's range. This sets the
     weights of the first fit, and is then replaced by the rms residual.

@@ -199,12 +199,8 @@ def _check_test(tables: MuscleDocument, file: str) -> None:
         raise refuse("a measured length cannot be fixed", "`length` in [muscle]", file, remedy)
     if tables.sensors.length and tables.sensors.length.per == "setting":
         remedy = 'Write the noise of one sample, as length = "0.1 mm".'
-        raise refuse(
-            "a measured length has an error for each sample",
-            'per = "setting"',
-            f"[sensors] of {file}",
-            remedy,
-        )
+        rule = "a measured length has an error for each sample"
+        raise refuse(rule, 'per = "setting"', f"[sensors] of {file}", remedy)
 
 
 def _check_stiffness(muscle: MuscleTable, thread: ThreadTable, file: str) -> None:

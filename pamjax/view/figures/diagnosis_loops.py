@@ -33,6 +33,7 @@ def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
     One setting is a held-out one, if there is any. Held-out blocks are predicted by fits without them.
     """
     row_layout, channel_index = _select_settings(diagnosis), find_main_channel(diagnosis)
+    channel = diagnosis.problem.channels[channel_index]
     predictions = [("baseline", diagnosis.gain.before)]
     if diagnosis.named_mechanisms:
         predictions.append(
@@ -47,12 +48,12 @@ def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
             _plot_loops(panel, diagnosis, row_layout, channel_index, prediction[channel_index])
             rmse_text = format_channel_value(
                 compute_rms(diagnosis.problem.measured[channel_index] - prediction[channel_index]),
-                diagnosis.problem.channels[channel_index],
+                channel,
             )
-            title = f"{label[0].upper()}{label[1:]}: RMS error of {diagnosis.problem.channels[channel_index]} {rmse_text}"
+            title = f"{label[0].upper()}{label[1:]}: RMS error of {channel} {rmse_text}"
             panel.set(
                 xlabel=row_layout.xlabel,
-                ylabel=f"{diagnosis.problem.channels[channel_index]} [{DISPLAY_UNIT[diagnosis.problem.channels[channel_index]]}]",
+                ylabel=f"{channel} [{DISPLAY_UNIT[channel]}]",
             )
             panel.set_title(textwrap.fill(title, 46))
             panel.label_outer()

@@ -81,10 +81,9 @@ def find_main_channel(diagnosis: Diagnosis) -> int:
 
 def list_other_channels(diagnosis: Diagnosis) -> list[int]:
     """Return the channels with a box, except the main channel."""
+    channels = diagnosis.problem.channels
     located_channels = (
-        {diagnosis.problem.channels.index(box.channel) for box in diagnosis.mismatch_boxes}
-        if diagnosis.is_detected
-        else set()
+        {channels.index(box.channel) for box in diagnosis.mismatch_boxes} if diagnosis.is_detected else set()
     )
     return sorted(located_channels - {find_main_channel(diagnosis)})
 
