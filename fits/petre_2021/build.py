@@ -22,7 +22,7 @@ MUSCLE = """\
 [muscle]
 name = "small fluidic muscle, Petre (2021)"
 rest_length = "70 mm"                                 # assumed; only the contraction was measured
-diameter = {value = "11.8 mm", sd = "1.5 mm"}         # assumed: bore of 10 mm, threads in the middle of the wall
+diameter = {value = "11.8 mm", sd = "1.5 mm"}         # assumed: bore 10 mm, threads mid-wall
 braid_angle = {value = "61.4 deg", sd = "1.5 deg"}    # assumed, from the circumference
 
 [bladder]
