@@ -22,6 +22,9 @@ _NUMBER_PATTERN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _DECIMAL_COMMA_PATTERN = re.compile(r"[+-]?\d+,\d+")
 _BLANK_MARKS = {"nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "?"}
 
+#: Relative difference up to which a set force equals the stated load.
+LOAD_TOLERANCE = 1e-3
+
 #: Maximum zero error of a pressure sensor: Pa, and share of the highest pressure. In seven hose recordings
 #: the sensor reads 8 to 10 kPa at atmospheric pressure; laboratory sensors state 0.25 to 1 % of full scale.
 MAX_ZERO_ERROR = 5e3
@@ -73,11 +76,10 @@ def parse_table(
     known_columns, unknown_headers = find_columns(
         header, columns, file, default_length is not None, measures_length
     )
-    if measures_length and load is not None and "force" in known_columns:
-        remedy = "Remove `load` from [test] of muscle.toml, or remove the column."
-        raise refuse("the set force must be stated once", "`load` and a column of force", file, remedy)
     locate = _RowLocator(file, lines)
     values = {name: _parse_column(column, cells, locate) for name, column in known_columns.items()}
+    if measures_length and load is not None and "force" in known_columns:
+        _check_load(values["force"], load, known_columns["force"], locate)
     recording = Recording.from_arrays(
         pressure=values["pressure"],
         length=values.get("length", default_length if default_length is not None else np.nan),
@@ -235,6 +237,16 @@ def _check_positive(values: np.ndarray, column: Column, locate: _RowLocator) -> 
         raise refuse(
             f"`{column.name}` must be positive", format_quantity(values[i], column.unit), locate(i), remedy
         )
+
+
+def _check_load(force: np.ndarray, load: float, column: Column, locate: _RowLocator) -> None:
+    """Refuse a set force that differs from the load of muscle.toml."""
+    is_different = np.isfinite(force) & (np.abs(force - load) > LOAD_TOLERANCE * max(abs(load), 1.0))
+    if is_different.any():
+        i = int(np.argmax(is_different))
+        rule = f"`force` must equal `load` in [test] of muscle.toml ({format_quantity(load, column.unit)})"
+        remedy = "Remove `load`: the column states the set force of each row."
+        raise refuse(rule, format_quantity(force[i], column.unit), locate(i), remedy)
 
 
 def _check_gauge_pressure(pressure: np.ndarray, column: Column, locate: _RowLocator) -> None:
