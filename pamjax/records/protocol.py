@@ -71,8 +71,8 @@ class Protocol(BaseModel):
 
     kind: Literal["strokes", "ramps", "holds"]
     pressures: Annotated[list[str], Field(min_length=1)]
-    contractions: list[Annotated[float, Field(gt=-0.2, lt=0.9)]] = Field(default_factory=list)
-    loads: list[str] = Field(default_factory=list)
+    contractions: list[Annotated[float, Field(gt=-0.2, lt=0.9)]] = Field(default_factory=list, min_length=1)
+    loads: list[str] = Field(default_factory=list, min_length=1)
     cycles: Annotated[int, Field(ge=1, le=1000)] = 3
     speed: str = "1 mm/s"
     duration: str = "10 s"

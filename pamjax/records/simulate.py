@@ -73,7 +73,11 @@ def _simulate_isotonic(
     rng, n = np.random.default_rng(seed), schedule.time.size
     true_load = schedule.load + (sensors.force or 0.0) * rng.standard_normal(n)
     reading, is_solved = solve_lengths(
-        muscle, schedule.pressure, schedule.length, true_load, _build_history(schedule, settled)
+        muscle,
+        jnp.asarray(schedule.pressure),
+        jnp.asarray(schedule.length),
+        jnp.asarray(true_load),
+        _build_history(schedule, settled),
     )
     length, diameter = (
         np.where(is_solved, np.asarray(values), np.nan) for values in (reading.length, reading.diameter)

@@ -107,7 +107,7 @@ class SensorsTable(_TomlTable):
     length: Annotated[SensorNoise, _build_noise_validator("length", allow_per_setting=True)] | None = None
 
 
-class TestTable(_TomlTable):
+class MeasurementTable(_TomlTable):
     """[test]: the measured channel, and the set force of an isotonic test."""
 
     model_config = ConfigDict(title="test")
@@ -129,7 +129,7 @@ class MuscleDocument(_TomlTable):
     thread: ThreadTable = Field(default_factory=ThreadTable)
     bladder: BladderTable | None = None
     sensors: SensorsTable = Field(default_factory=SensorsTable)
-    test: TestTable = Field(default_factory=TestTable)
+    test: MeasurementTable = Field(default_factory=MeasurementTable)
     baseline: BaselineTable = Field(default_factory=BaselineTable)
     columns: dict[str, str] = Field(default_factory=dict)
 
@@ -212,6 +212,6 @@ _TABLE_CLASSES: dict[str, type[_TomlTable]] = {
     "thread": ThreadTable,
     "bladder": BladderTable,
     "sensors": SensorsTable,
-    "test": TestTable,
+    "test": MeasurementTable,
     "baseline": BaselineTable,
 }

@@ -27,7 +27,12 @@ TRUE = {
 }
 LENGTH_SD = 0.1e-3
 PROTOCOL = Protocol(
-    kind="ramps", pressures=["6 bar"], loads=["0 N", "30 N"], cycles=2, duration="20 s", rate="1 Hz",
+    kind="ramps",
+    pressures=["6 bar"],
+    loads=["0 N", "30 N"],
+    cycles=2,
+    duration="20 s",
+    rate="1 Hz",
     diameter_every=0,
 )
 MUSCLE = {
