@@ -44,7 +44,7 @@ MAX_SLACK_FORCE_SHARE = 0.02
 MIN_PRESSURE_SD = 3.0
 
 #: Smallest pressure, relative to the highest, at which the length at a set force is informative.
-MIN_PRESSURE_SHARE = 0.01
+MIN_INFLATED_SHARE = 0.01
 
 #: Number of samples in the running median that detects a slack muscle: maximum, and fraction of the block.
 MAX_MEDIAN_SAMPLES, MEDIAN_BLOCK_SHARE = 15, 1 / 30
@@ -258,12 +258,12 @@ def find_informative_samples(case: Case, channel: str) -> np.ndarray:
     a stroke, it locates the end of the stroke, and is included. At a fixed length, the diameter of a slack
     muscle, or of one without significant pressure, is arbitrary, so it is excluded too. Without stated noise
     of the pressure sensor, every pressure above zero is significant. At a set force, the length is not
-    informative without significant pressure, which is also at least `MIN_PRESSURE_SHARE` of the highest.
+    informative without significant pressure, which is also at least `MIN_INFLATED_SHARE` of the highest.
     """
     informative = case.recording.usable & np.isfinite(getattr(case.recording, channel))
     if case.recording.measures_length:
         pressure = case.recording.pressure
-        threshold = MIN_PRESSURE_SHARE * np.nanmax(pressure[case.recording.usable], initial=0.0)
+        threshold = MIN_INFLATED_SHARE * np.nanmax(pressure[case.recording.usable], initial=0.0)
         noise = MIN_PRESSURE_SD * (case.entry.sensors.pressure or 0.0)
         return informative & np.isfinite(case.recording.force) & (pressure > max(threshold, noise))
     if find_blocks(case.recording).kind != "lengths":

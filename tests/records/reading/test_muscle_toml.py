@@ -260,14 +260,14 @@ def test_right_braid_angle_is_refused(angle):
     )
 
 
-BRAID = {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.2}
+COUNTED_BRAID = {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.2}
 
 
 def test_measured_length_is_read():
-    entry = parse_muscle_toml({"muscle": BRAID, "test": {"measured": "length", "load": "2 kgf"}})
+    entry = parse_muscle_toml({"muscle": COUNTED_BRAID, "test": {"measured": "length", "load": "2 kgf"}})
     assert entry.measures_length
     assert entry.load == pytest.approx(19.6133)
-    assert not parse_muscle_toml({"muscle": BRAID}).measures_length
+    assert not parse_muscle_toml({"muscle": COUNTED_BRAID}).measures_length
 
 
 @pytest.mark.parametrize(
@@ -284,4 +284,4 @@ def test_measured_length_is_read():
 )
 def test_contradiction_of_the_measured_length_is_refused(tables, message):
     with pytest.raises(BadInput, match=message):
-        parse_muscle_toml({"muscle": BRAID, **tables})
+        parse_muscle_toml({"muscle": COUNTED_BRAID, **tables})
