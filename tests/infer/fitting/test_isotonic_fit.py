@@ -23,7 +23,8 @@ TRUE = {
     "bladder_elasticity.modulus": 4e5,
     "bladder_elasticity.inner_diameter": 0.018,
     "bladder_elasticity.thickness": 0.001,
-    "braid_friction.coefficient": 0.3,
+    "braid_friction.coefficient": 1.0,
+    "braid_friction.presliding": 1e-3,
 }
 LENGTH_SD = 0.1e-3
 PROTOCOL = Protocol(
