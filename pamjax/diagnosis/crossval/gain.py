@@ -9,7 +9,6 @@ import numpy as np
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
-from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.records.blocks import Blocks
 
 
@@ -82,7 +81,7 @@ def compute_gain(
 def compute_rmse(problem: LibraryProblem, prediction: np.ndarray, rows: np.ndarray) -> dict[str, float]:
     """Return the rmse of a prediction, (2, n), over some rows, by measured channel, SI."""
     rmse_by_channel = {}
-    for c, channel in enumerate(CHANNELS):
+    for c, channel in enumerate(problem.channels):
         residual = (problem.measured[c] - prediction[c])[rows]
         residual = residual[np.isfinite(residual)]
         if residual.size:

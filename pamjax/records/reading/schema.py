@@ -18,6 +18,7 @@ from pamjax.records.reading.quantity import (
     MeasuredValue,
     SensorNoise,
     read_count,
+    read_load,
     read_quantity,
     read_sensor_noise,
 )
@@ -69,6 +70,7 @@ Length = Annotated[MeasuredValue, _build_quantity_validator("length")]
 Area = Annotated[MeasuredValue, _build_quantity_validator("area")]
 Pressure = Annotated[MeasuredValue, _build_quantity_validator("pressure")]
 Force = Annotated[MeasuredValue, _build_quantity_validator("force")]
+Load = Annotated[float, _build_validator(read_load)]
 Angle = Annotated[MeasuredValue, _build_validator(_read_angle)]
 Number = Annotated[MeasuredValue, _build_quantity_validator("count")]
 Count = Annotated[int, _build_validator(read_count)]
@@ -121,6 +123,14 @@ class SensorsTable(_TomlTable):
     length: Annotated[SensorNoise, _build_noise_validator("length", allow_per_setting=True)] | None = None
 
 
+class MeasurementTable(_TomlTable):
+    """[test]: the measured channel, and the set force of an isotonic test."""
+
+    model_config = ConfigDict(title="test")
+    measured: Literal["force", "length"] = "force"
+    load: Load | None = None
+
+
 class BaselineTable(_TomlTable):
     """[baseline]: the baseline model."""
 
@@ -145,6 +155,7 @@ class MuscleDocument(_TomlTable):
     thread: ThreadTable = Field(default_factory=ThreadTable)
     bladder: BladderTable | None = None
     sensors: SensorsTable = Field(default_factory=SensorsTable)
+    test: MeasurementTable = Field(default_factory=MeasurementTable)
     baseline: BaselineTable = Field(default_factory=BaselineTable)
     columns: dict[str, str] = Field(default_factory=dict)
     specimen: SpecimenTable = Field(default_factory=SpecimenTable)
@@ -201,12 +212,12 @@ def _translate_error(error: ValidationError, file: str) -> BadInput:
     if first["type"] == "missing":
         return refuse(f"{file} must have a table [{path[0]}]", remedy="It describes the muscle.")
     if first["type"] == "literal_error":
-        raw = str(first["input"])
+        raw, choices = str(first["input"]), _CHOICES[path[-1]]
         return refuse(
-            '`model` must be "inelastic" or "elastic"',
+            f"`{path[-1]}` must be " + " or ".join(f'"{choice}"' for choice in choices),
             f"{raw!r}",
             where,
-            suggest_word(raw, ["inelastic", "elastic"]),
+            suggest_word(raw, choices),
         )
     kind = "a table" if len(path) == 1 else "a text in quotes"
     return refuse(f"`{path[-1]}` must be {kind}", f"{first['input']!r}", where)
@@ -221,11 +232,14 @@ def _build_unknown_error(path: list[str], where: str) -> BadInput:
     return refuse(f"unknown entry `{path[1]}`", where=where, remedy=suggest_word(path[1], valid_names))
 
 
+_CHOICES = {"model": ("inelastic", "elastic"), "measured": ("force", "length")}
+
 _TABLE_CLASSES: dict[str, type[_TomlTable]] = {
     "muscle": MuscleTable,
     "thread": ThreadTable,
     "bladder": BladderTable,
     "sensors": SensorsTable,
+    "test": MeasurementTable,
     "baseline": BaselineTable,
     "specimen": SpecimenTable,
 }
