@@ -104,9 +104,6 @@ def diagnose(
         BadInput: for an unknown baseline, or a recording without force and diameter.
     """
     case = ensure_case(case)
-    if method == "evidence" and case.recording.measures_length:
-        rule, remedy = "the evidence needs a measured force", 'Use the method "stepwise".'
-        raise refuse(rule, "a measured length ([test] of muscle.toml)", case.name, remedy)
     progress("compiling", 0.0)
     problem = build_library_problem(case, settings)
     problem.compile()
@@ -161,7 +158,12 @@ def _choose_mechanisms(
         else Selection(training_fit, training_fit, ())
     )
     progress("testing", 0.85)
-    templates = build_templates(build_template_context(problem, blocks_of_case, training_fit))
+    # The templates describe forces; where length is measured, none applies.
+    templates = (
+        []
+        if problem.case.recording.measures_length
+        else build_templates(build_template_context(problem, blocks_of_case, training_fit))
+    )
     selection_before = selection
     selection, prefers_template = _compare_with_templates(problem, ~held_out_rows, selection, templates)
     residual_test = _test_residual(problem, selection, mismatch, seed)
