@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pamjax.errors import refuse, suggest_word
+from pamjax.records.files import read_bytes
 from pamjax.records.reading import toml_errors
+from pamjax.records.toml_text import parse_toml
 from pamjax.units import parse_quantity
 
 
@@ -154,14 +155,7 @@ def read_protocol(path: Path) -> Protocol:
     Raises:
         BadInput: if the file is missing or not TOML, or if an entry is invalid.
     """
-    try:
-        document: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise refuse(
-            "a protocol must be a TOML file", f"no file {path.name}", remedy="Check the path."
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise refuse("a protocol must be a TOML file", str(error), path.name) from error
+    document = parse_toml(read_bytes(path), path.name)
     if set(document) != {"protocol"}:
         raise refuse("a protocol must have one table, [protocol]", ", ".join(document) or "none", path.name)
     try:

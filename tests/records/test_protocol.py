@@ -97,8 +97,8 @@ def test_a_protocol_is_read_from_toml(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (None, "a protocol must be a TOML file; got no file plan.toml. Check the path."),
-        ("kind = ", "a protocol must be a TOML file; got"),
+        (None, "plan.toml does not exist. Check the path."),
+        ("kind = ", "plan.toml must be TOML; got"),
         ("", r"a protocol must have one table, \[protocol\]; got none in plan.toml."),
         (
             PROTOCOL + "[more]\n",

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from pamjax.errors import BadInput, refuse, suggest_word
-from pamjax.records.files import decode_text, read_bytes
+from pamjax.records.files import read_bytes
 from pamjax.records.reading import toml_errors
 from pamjax.records.reading.header import COLUMN_KINDS, split_title
+from pamjax.records.toml_text import parse_toml
 from pamjax.units import parse_quantity, parse_unit
 
 #: Names of pydantic's readers, which occur in the location of an error.
@@ -168,10 +168,7 @@ def read_import_spec(path: str | Path) -> ImportSpec:
         BadInput: if the file is missing or not TOML, or if an entry is unknown or invalid.
     """
     path = Path(path)
-    try:
-        raw = tomllib.loads(decode_text(read_bytes(path), path.name))
-    except tomllib.TOMLDecodeError as error:
-        raise refuse(f"{path.name} must be TOML", f"{error}", remedy="See `pamjax import --help`.") from error
+    raw = parse_toml(read_bytes(path), path.name, "See `pamjax import --help`.")
     try:
         return ImportSpec.model_validate(raw)
     except ValidationError as error:

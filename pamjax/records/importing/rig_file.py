@@ -15,7 +15,7 @@ import pandas as pd
 from pamjax.errors import refuse, suggest_word
 from pamjax.records.files import decode_text, read_bytes
 from pamjax.records.importing.import_spec import FilesTable
-from pamjax.records.quotes import check_quotes, split_lines
+from pamjax.records.quotes import check_line_lengths, check_quotes, split_lines
 from pamjax.records.reading.header import split_title
 
 _CELL_PATTERN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan", re.IGNORECASE)
@@ -86,6 +86,7 @@ def _read_csv(text: str, file_format: FilesTable, file: str) -> dict[str, Any]:
     lines = ["\n" if k < file_format.skip else line for k, line in enumerate(split_lines(text))]
     mark = " " if file_format.separator == "space" else SEPARATORS[file_format.separator]
     header = "".join(lines[file_format.skip : file_format.skip + file_format.header])
+    check_line_lengths(lines, file)
     check_quotes(lines, file, mark, header, skip_spaces=True)
     try:
         with warnings.catch_warnings():

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo
 
 from pamjax.errors import BadInput, refuse, suggest_word
-from pamjax.records.files import decode_text
 from pamjax.records.reading.header import COLUMN_KINDS
 from pamjax.records.reading.quantity import (
     EntryLocation,
@@ -20,6 +18,7 @@ from pamjax.records.reading.quantity import (
     read_quantity,
     read_sensor_noise,
 )
+from pamjax.records.toml_text import parse_toml
 
 
 def _locate_entry(info: ValidationInfo) -> EntryLocation:
@@ -149,16 +148,7 @@ def read_document(raw: bytes, file: str) -> MuscleDocument:
     Raises:
         BadInput: if it is not TOML, or if an entry is unknown or wrong.
     """
-    try:
-        tables = tomllib.loads(decode_text(raw, file).replace("\r\n", "\n"))
-    except tomllib.TOMLDecodeError as error:
-        got = str(error)[:1].lower() + str(error)[1:].rstrip(".")
-        raise refuse(
-            f"{file} must be TOML",
-            got,
-            remedy="Write a text in double quotes, and a table name in [brackets].",
-        ) from error
-    return MuscleDocument.from_mapping(tables, file)
+    return MuscleDocument.from_mapping(parse_toml(raw, file), file)
 
 
 def _translate_error(error: ValidationError, file: str) -> BadInput:
