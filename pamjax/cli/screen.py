@@ -70,19 +70,27 @@ def defer_interrupts() -> Iterator[None]:
 
     _interrupts.clear()
     hook = sys.unraisablehook
-    before = signal.getsignal(signal.SIGINT)
-    handles_interrupts = (
-        before is signal.default_int_handler and threading.current_thread() is threading.main_thread()
-    )
-    if handles_interrupts:
-        signal.signal(signal.SIGINT, record_interrupt)
+    handlers = {}
+    if threading.current_thread() is threading.main_thread():
+        defaults = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+        # Another handler, as in a notebook, has precedence.
+        handlers = {number: h for number, h in defaults.items() if signal.getsignal(number) is h}
+    for number in handlers:
+        signal.signal(number, record_interrupt)
+    if handlers:
         sys.unraisablehook = ignore_interrupt
     try:
         yield
     finally:
-        if handles_interrupts:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        if handlers:
             sys.unraisablehook = hook
-            signal.signal(signal.SIGINT, before)
+
+
+def is_terminated() -> bool:
+    """Return whether another process terminated the command, for example a batch system."""
+    return signal.SIGTERM in _interrupts
 
 
 def raise_interrupt() -> None:
