@@ -36,6 +36,9 @@ class Schedule:
     diameter_measured: np.ndarray
 
 
+#: Largest number of samples of a protocol.
+MAX_SAMPLES = 1_000_000
+
 #: Remedy for a wrong entry.
 KEY_HINTS = {
     "kind": 'Write "strokes", "ramps" or "holds".',
@@ -90,6 +93,7 @@ class Protocol(BaseModel):
         for p in pressures:
             if p < 0:
                 raise refuse("`pressures` must be gauge pressures of at least 0", f"{p / 1e3:g} kPa", where)
+        _check_size(self._compute_duration(rest_length, len(pressures), speed, duration) / step)
         pieces = {"strokes": self._build_strokes, "ramps": self._build_ramps, "holds": self._build_holds}[
             self.kind
         ](
@@ -100,6 +104,14 @@ class Protocol(BaseModel):
             step,
         )
         return _join_pieces(pieces, step, self.diameter_every)
+
+    def _compute_duration(self, rest: float, pressures: int, speed: float, duration: float) -> float:
+        """Return the duration of the protocol, s."""
+        _check_positive("speed", speed)
+        repeats = {"strokes": pressures * self.cycles, "ramps": pressures * self.cycles, "holds": pressures}
+        longest_stroke = 2 * rest * max(map(abs, self.contractions)) / speed
+        each = longest_stroke if self.kind == "strokes" else duration * len(self.contractions)
+        return repeats[self.kind] * each * (2 if self.kind == "ramps" else 1)
 
     def _build_strokes(self, pressures, rest, speed, duration, step):
         max_contractions = self.contractions * (len(pressures) if len(self.contractions) == 1 else 1)
@@ -131,6 +143,13 @@ def _build_ramp_cycle(duration: float, step: float) -> np.ndarray:
     """Return a ramp from 0 to 1 and back; the duration of each is rounded up to whole steps."""
     up = np.linspace(0.0, 1.0, max(math.ceil(duration / step - 1e-9), 1) + 1)
     return np.concatenate([up, up[-2::-1]])
+
+
+def _check_size(samples: float) -> None:
+    """Refuse a schedule that is too long to simulate, before its arrays are made."""
+    if not samples <= MAX_SAMPLES:
+        rule = f"a protocol must have at most {MAX_SAMPLES} samples"
+        raise refuse(rule, f"{samples:.3g}", "[protocol]", "Reduce `rate`, `duration` or `cycles`.")
 
 
 def _check_positive(name: str, value: float) -> float:
