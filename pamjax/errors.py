@@ -6,6 +6,9 @@ import difflib
 import re
 from collections.abc import Iterable
 
+#: Shortest word that is searched inside the valid names.
+MIN_PART_CHARACTERS = 4
+
 #: Longest part of a message; a longer one is cut.
 MAX_PART_CHARACTERS = 400
 
@@ -89,6 +92,8 @@ def suggest_word(word: str, valid_names: Iterable[str], listing: str = "") -> st
     """
     valid_names = list(valid_names)
     matches = difflib.get_close_matches(word, valid_names, n=1, cutoff=0.6)
+    if not matches and len(word) >= MIN_PART_CHARACTERS:
+        matches = [name for name in valid_names if word in name][:1]
     if matches:
         return f"Did you mean `{matches[0]}`?"
     if listing:

@@ -26,6 +26,7 @@ from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.model.registry import find_mechanism
+from pamjax.notebook import NotebookNote
 from pamjax.parameter import Meaning
 from pamjax.records.blocks import Blocks
 from pamjax.records.files import write_atomically
@@ -76,8 +77,8 @@ class Likeness:
     description: str
 
 
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis(NotebookNote):
     """Result of a diagnosis.
 
     Attributes:

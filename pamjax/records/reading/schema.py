@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal
@@ -181,6 +182,9 @@ def _build_unknown_error(path: list[str], where: str) -> BadInput:
             f"unknown table [{path[0]}] in {where}", remedy=suggest_word(path[0], MuscleDocument.model_fields)
         )
     valid_names = _TABLE_CLASSES[path[0]].model_fields
+    if close := difflib.get_close_matches(path[1], MuscleDocument.model_fields, n=1, cutoff=0.8):
+        remedy = f"Did you mean the table [{close[0]}]? Write it on a line of its own."
+        return refuse(f"unknown entry `{path[1]}`", where=where, remedy=remedy)
     return refuse(f"unknown entry `{path[1]}`", where=where, remedy=suggest_word(path[1], valid_names))
 
 

@@ -9,6 +9,7 @@ from pamjax.records.reading.muscle_toml import (
     Bladder,
     MeasuredValue,
     Sensors,
+    describe_unused_bladder,
     parse_muscle_toml,
     read_muscle_toml,
 )
@@ -257,4 +258,19 @@ def test_right_braid_angle_is_refused(angle):
     assert read_error(ANGLED.replace("61.4 deg", angle)) == (
         f"`[muscle] braid_angle` must be between 0 and 90 deg; got {angle} in muscle.toml. Measure it "
         "from the circumference."
+    )
+
+
+def test_unused_bladder_is_reported():
+    note = "The model has no rubber, so [bladder] is not used. `pamjax fit --with bladder_elasticity` adds rubber."
+    entry = read(MUSCLE + '[bladder]\nmodulus = "1 MPa"\n')
+    assert describe_unused_bladder(entry, ()) == [note]
+    assert describe_unused_bladder(entry, ("bladder_elasticity",)) == []
+    assert describe_unused_bladder(read(MUSCLE), ()) == []
+
+
+def test_table_in_another_table_is_suggested_as_a_table():
+    assert read_error(MUSCLE + 'colums = {force = "x"}\n') == (
+        "unknown entry `colums` ([muscle] of muscle.toml). Did you mean the table [columns]? Write it on a line"
+        " of its own."
     )
