@@ -3,7 +3,17 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
+
+#: Shortest word that is searched inside the valid names.
+MIN_PART_CHARACTERS = 4
+
+#: Longest part of a message; a longer one is cut.
+MAX_PART_CHARACTERS = 400
+
+#: Characters that end a line or that a terminal obeys.
+_CONTROL_PATTERN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
 
 
 class BadInput(ValueError):
@@ -28,7 +38,10 @@ def compose_message(rule: str, got: str = "", where: str = "", remedy: str = "")
 
     >>> compose_message("`length` must be positive", "-3 mm", "row 4 of a.csv", "Check its sign.")
     '`length` must be positive; got -3 mm in row 4 of a.csv. Check its sign.'
+
+    Control characters are printed as escapes, and long parts are cut.
     """
+    rule, got, where, remedy = map(format_printable, (rule, got, where, remedy))
     text = rule
     if got:
         text += f"; got {got}"
@@ -36,6 +49,17 @@ def compose_message(rule: str, got: str = "", where: str = "", remedy: str = "")
         text += f" in {where}" if got else f" ({where})"
     text = text.rstrip(".") + "."
     return f"{text} {remedy}".rstrip()
+
+
+def format_printable(text: str, limit: int = MAX_PART_CHARACTERS) -> str:
+    """Return a text without control characters and with at most `limit` characters.
+
+    >>> format_printable("a\\nb"), format_printable("x" * 10, limit=3)
+    ('a\\\\nb', 'xxx…')
+    """
+    if len(text) > limit:
+        text = f"{text[:limit]}…"
+    return _CONTROL_PATTERN.sub(lambda match: repr(match[0])[1:-1], text)
 
 
 def refuse(rule: str, got: str = "", where: str = "", remedy: str = "") -> BadInput:
@@ -68,6 +92,8 @@ def suggest_word(word: str, valid_names: Iterable[str], listing: str = "") -> st
     """
     valid_names = list(valid_names)
     matches = difflib.get_close_matches(word, valid_names, n=1, cutoff=0.6)
+    if not matches and len(word) >= MIN_PART_CHARACTERS:
+        matches = [name for name in valid_names if word in name][:1]
     if matches:
         return f"Did you mean `{matches[0]}`?"
     if listing:

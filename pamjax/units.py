@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import re
+import unicodedata
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -34,6 +36,12 @@ _UNIT_PATTERN = re.compile(
     rf"(?:1\s*/\s*)?\(?\s*{_UNIT_NAME}"
     rf"(?:\s*[*/·\s]\s*\(?\s*{_UNIT_NAME}\s*\)?)*\s*\)?"
 )
+
+#: Smallest and largest magnitude of a number in SI, beside 0; their squares still fit in a float.
+MAGNITUDE_LIMITS = (1e-30, 1e30)
+
+#: Units of length that some people write as a sign.
+UNIT_SIGNS = {'"': "in", "\u2033": "in", "''": "in", "\u201d": "in", "'": "ft"}
 
 #: Longest text of a unit.
 MAX_UNIT_CHARACTERS = 60
@@ -107,11 +115,15 @@ def _convert_unit(unit: str, si: str, kind: str, where: str) -> float:
 def _suggest_unit(unit: str, kind: str, si: str) -> str:
     if kind not in SI_UNITS:
         return f"Write it in {si}."
-    in_other_case = [
-        name for name in re.findall(r"[^\s,]+", suggest_units(kind)) if name.lower() == unit.lower()
-    ]
-    if in_other_case:
-        return f"Did you mean `{in_other_case[0]}`?"
+    known_units = [name for name in re.findall(r"[^\s,]+", suggest_units(kind)) if name != "or"]
+    # Compatibility form: one character such as ㎜ becomes its letters.
+    plain = unicodedata.normalize("NFKC", unit[:MAX_UNIT_CHARACTERS]).strip()
+    lower_case = {name.lower(): name for name in known_units}
+    matches = difflib.get_close_matches(plain.lower(), lower_case, n=1, cutoff=0.75)
+    if plain in UNIT_SIGNS and kind == "length":
+        return f"Did you mean `{UNIT_SIGNS[plain]}`?"
+    if matches:
+        return f"Did you mean `{lower_case[matches[0]]}`?"
     return f"Write {_add_article(kind)} in {suggest_units(kind)}."
 
 
@@ -186,6 +198,15 @@ def compute_si_factor(unit: str) -> float:
         if unit in ("", "1")
         else float(load_unit_registry().Quantity(1.0, unit).to_base_units().magnitude)
     )
+
+
+def is_representable(value: float) -> bool:
+    """Return whether a number is 0, or of a magnitude that a model can compute with.
+
+    >>> is_representable(0.0), is_representable(-1e30), is_representable(1e308), is_representable(1e-320)
+    (True, True, False, False)
+    """
+    return value == 0.0 or MAGNITUDE_LIMITS[0] <= abs(value) <= MAGNITUDE_LIMITS[1]
 
 
 def format_count(count: int, noun: str) -> str:

@@ -14,6 +14,7 @@ import pamjax
 ROOMS = [
     "errors",
     "progress",
+    "notebook",
     "units",
     "channels",
     "parameter",

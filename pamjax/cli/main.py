@@ -13,10 +13,11 @@ from cyclopts import App, CycloptsError
 
 from pamjax.cli.help import ParagraphFormatter
 from pamjax.cli.misused import format_usage_error
+from pamjax.cli.process import describe_missing_device, prepare_streams
 from pamjax.errors import BadInput
 
-#: Exit codes: success, bad input, interruption.
-EXIT_OK, EXIT_REFUSED, EXIT_INTERRUPTED = 0, 2, 130
+#: Exit codes: success, bad input, interruption by Ctrl-C, termination by another process.
+EXIT_OK, EXIT_REFUSED, EXIT_INTERRUPTED, EXIT_TERMINATED = 0, 2, 130, 143
 
 #: File errors that the user can correct: disk full, over quota, read-only, no permission, name too long.
 DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENAMETOOLONG)
@@ -62,10 +63,11 @@ def main(arguments: list[str] | None = None) -> int:
         arguments: arguments after `pamjax`; None uses those of the process.
 
     Returns:
-        the exit code: 0 for success, 2 for bad input, 130 for an interruption.
+        the exit code: 0 for success, 2 for bad input, 130 for Ctrl-C, 143 for a termination.
     """
-    from pamjax.cli.screen import defer_interrupts, raise_interrupt, store_command
+    from pamjax.cli.screen import defer_interrupts, is_terminated, raise_interrupt, store_command
 
+    prepare_streams()
     # Suppress XLA's warnings about slow compilation. Errors still raise exceptions.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     store_command(sys.argv[1:] if arguments is None else arguments)
@@ -91,15 +93,22 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"pamjax: {message}. Use another path.", file=sys.stderr)
         return EXIT_REFUSED
     except KeyboardInterrupt:
-        print("pamjax: interrupted; no incomplete file was written", file=sys.stderr)
-        return EXIT_INTERRUPTED
+        word = "terminated" if is_terminated() else "interrupted"
+        print(f"pamjax: {word}; no incomplete file was written", file=sys.stderr)
+        return EXIT_TERMINATED if is_terminated() else EXIT_INTERRUPTED
+    except (RuntimeError, AssertionError):
+        message = describe_missing_device()
+        if not message:
+            raise
+        print(f"pamjax: {message}", file=sys.stderr)
+        return EXIT_REFUSED
     return EXIT_OK
 
 
 def run() -> NoReturn:
     """Run `main` on the arguments of the process, and exit with its code."""
     code = main()
-    if code == EXIT_INTERRUPTED:
+    if code in (EXIT_INTERRUPTED, EXIT_TERMINATED):
         # After an interrupted compilation, the clean-up of the JAX runtime at exit sometimes causes a
         # segmentation fault. All files are complete here, so skip the clean-up.
         sys.stdout.flush()

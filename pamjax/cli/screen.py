@@ -7,6 +7,7 @@ import shlex
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +20,8 @@ from pamjax.errors import refuse
 
 #: Name of the report that most commands write.
 REPORT_FILE = "report.html"
+#: Time between two lines of progress outside a terminal, s.
+SECONDS_BETWEEN_LINES = 10.0
 #: Arguments of the running command, printed in reports to repeat it.
 _command_words: list[str] = []
 #: Received interruptions.
@@ -39,11 +42,13 @@ def format_command() -> str:
 def show_progress(quiet: bool = False) -> Iterator[Callable[[str, float], None]]:
     """Show a progress bar on standard error; yield the callback for the argument `progress`."""
     console = Console(stderr=True)
+    if not quiet and not console.is_terminal:
+        with _print_steps() as report_step:
+            yield report_step
+            raise_interrupt()
+        return
     columns = TextColumn("{task.description:<20}"), BarColumn(), TimeRemainingColumn()
-    # Outside a terminal, a bar would print blank lines into the log.
-    progress_bar = Progress(
-        *columns, console=console, transient=True, disable=quiet or not console.is_terminal
-    )
+    progress_bar = Progress(*columns, console=console, transient=True, disable=quiet)
     with progress_bar as bar:
         task = bar.add_task("starting", total=1.0)
 
@@ -53,6 +58,32 @@ def show_progress(quiet: bool = False) -> Iterator[Callable[[str, float], None]]
 
         yield report_progress
         raise_interrupt()
+
+
+@contextmanager
+def _print_steps() -> Iterator[Callable[[str, float], None]]:
+    """Print a line with the present step every ten seconds: a log file has no bar."""
+    state = {"step": "starting", "fraction": 0.0}
+    start, is_finished = time.monotonic(), threading.Event()
+
+    def report_progress(step: str, fraction: float) -> None:
+        raise_interrupt()
+        state.update(step=step, fraction=fraction)
+
+    def print_lines() -> None:
+        # A thread of its own, because a compilation reports no progress.
+        while not is_finished.wait(SECONDS_BETWEEN_LINES):
+            elapsed = time.monotonic() - start
+            line = f"pamjax: {state['step']}, {100 * float(state['fraction']):.0f} % after {elapsed:.0f} s"
+            print(line, file=sys.stderr, flush=True)
+
+    printer = threading.Thread(target=print_lines, daemon=True)
+    printer.start()
+    try:
+        yield report_progress
+    finally:
+        is_finished.set()
+        printer.join()
 
 
 @contextmanager
@@ -70,19 +101,27 @@ def defer_interrupts() -> Iterator[None]:
 
     _interrupts.clear()
     hook = sys.unraisablehook
-    before = signal.getsignal(signal.SIGINT)
-    handles_interrupts = (
-        before is signal.default_int_handler and threading.current_thread() is threading.main_thread()
-    )
-    if handles_interrupts:
-        signal.signal(signal.SIGINT, record_interrupt)
+    handlers = {}
+    if threading.current_thread() is threading.main_thread():
+        defaults = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+        # Another handler, as in a notebook, has precedence.
+        handlers = {number: h for number, h in defaults.items() if signal.getsignal(number) is h}
+    for number in handlers:
+        signal.signal(number, record_interrupt)
+    if handlers:
         sys.unraisablehook = ignore_interrupt
     try:
         yield
     finally:
-        if handles_interrupts:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        if handlers:
             sys.unraisablehook = hook
-            signal.signal(signal.SIGINT, before)
+
+
+def is_terminated() -> bool:
+    """Return whether another process terminated the command, for example a batch system."""
+    return signal.SIGTERM in _interrupts
 
 
 def raise_interrupt() -> None:
@@ -108,6 +147,14 @@ def check_writable(folder: Path, label: str = "`--out`") -> None:
             f"{existing_parent}, which is not",
             remedy="Name another folder.",
         )
+
+
+def announce_compilation(folder: Path | None, quiet: bool) -> None:
+    """Print one line before the first diagnosis on a machine, because it compiles the model."""
+    if quiet or (folder is not None and any((folder / "traced").glob("*.stablehlo"))):
+        return
+    line = "pamjax: compiling the model, one to three minutes, once on this machine"
+    print(line, file=sys.stderr, flush=True)
 
 
 def print_text(text: str) -> None:

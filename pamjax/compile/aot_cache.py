@@ -74,19 +74,27 @@ def _compile_and_store(function: Wrapped, leaves: list, file: Path) -> Compiled:
     # Ignore a full, deleted or protected folder: the next process compiles again.
     with suppress(OSError, BadInput), write_atomically(file) as temporary:
         body = bytes(exported_program.serialize())
-        temporary.write_bytes(hashlib.sha256(body).digest() + body)
+        temporary.write_bytes(_compute_checksum(file, body) + body)
     return program
 
 
 def _load_program(file: Path, leaves: list) -> Compiled | None:
-    """Return a cached program, or None if its file cannot be read."""
+    """Return a cached program, or None if its file cannot be read or has a program of another name."""
     content = b""
     with suppress(OSError):
         content = file.read_bytes()
     checksum, body = content[:CHECKSUM_BYTES], content[CHECKSUM_BYTES:]
-    if hashlib.sha256(body).digest() != checksum:
+    if _compute_checksum(file, body) != checksum:
         return None
-    return _compile_exported(jax.export.deserialize(bytearray(body)).call, leaves)
+    # JAX raises errors of many types for a file of another format, or arguments of another type.
+    with suppress(Exception):
+        return _compile_exported(jax.export.deserialize(bytearray(body)).call, leaves)
+    return None
+
+
+def _compute_checksum(file: Path, body: bytes) -> bytes:
+    """Return the checksum of a program; its name is included, so that no program replaces another one."""
+    return hashlib.sha256(file.name.encode() + b"\0" + body).digest()
 
 
 def _compile_exported(function: Callable, leaves: list) -> Compiled:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import stat
+import warnings
 from pathlib import Path
 
 import jax
@@ -20,11 +22,11 @@ def keep_compiled(folder: str | Path | None = None) -> Path | None:
             cache folder.
 
     Returns:
-        the folder; None if no folder was given and the user's cache folder is not writable. Then every
-        process compiles its own programs.
+        the folder; None if no folder was given and the user's cache folder is not writable, or not private.
+        Then every process compiles its own programs.
 
     Raises:
-        BadInput: if a given folder is not writable.
+        BadInput: if a given folder is not writable, or if other users can write to it.
     """
     configured_folder = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
     if configured_folder:
@@ -35,19 +37,43 @@ def keep_compiled(folder: str | Path | None = None) -> Path | None:
         folder = Path(chosen_folder or _find_user_folder()) / "compiled"
     folder = Path(folder)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         if not os.access(folder, os.W_OK):
             raise PermissionError(folder)
+        is_private = _make_private(folder)
     except OSError as error:
         if not chosen_folder:
             return None
         rule = "the folder for compiled programs must be writable"
         raise refuse(rule, f"{chosen_folder}", place, "Choose another folder.") from error
+    if not is_private:
+        if not chosen_folder:
+            return None
+        rule = "only you may write to the folder for compiled programs, because pamjax runs its files"
+        raise refuse(rule, f"{folder}", place, "Choose another folder, or delete this one.")
+    # JAX issues one warning for each program if the disk is full or the folder disappears.
+    warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache")
     jax.config.update("jax_compilation_cache_dir", str(folder))
     # Also cache small programs: all small programs of a fit together compile longer than its largest one.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
     return folder
+
+
+def _make_private(folder: Path) -> bool:
+    """Withdraw the group's right to write to an own folder; return whether only this user can write to it.
+
+    A folder of the administrator is accepted. Without users, as on Windows, every folder is accepted.
+    """
+    if not hasattr(os, "geteuid"):
+        return True
+    status = folder.stat()
+    if status.st_uid not in (0, os.geteuid()) or status.st_mode & stat.S_IWOTH:
+        return False
+    if status.st_mode & stat.S_IWGRP:
+        # Some systems give new folders this right by default.
+        folder.chmod(stat.S_IMODE(status.st_mode) & ~stat.S_IWGRP)
+    return True
 
 
 def _find_user_folder() -> Path:

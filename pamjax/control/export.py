@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebfit, chebvander
@@ -15,7 +16,7 @@ from pamjax.control.command_uncertainty import ForceUncertainty
 from pamjax.control.inverse import CommandLimit, Inverse
 from pamjax.control.neglected import compute_friction_half_loop
 from pamjax.errors import check_minimum, refuse
-from pamjax.records.files import write_atomically
+from pamjax.records.files import write_folder_atomically
 from pamjax.units import format_quantity
 
 #: Degrees of the series, tried in this order until the error is small enough.
@@ -85,11 +86,13 @@ def export(
     """
     check_minimum("seed", seed, 0)
     inverse = narrow_range(inverse)
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.parent.mkdir(parents=True, exist_ok=True)
     table, share, degree = {}, np.inf, 0
     for degree in CHEBYSHEV_DEGREES:
         trial_table = _build_table(inverse, degree)
-        errors_and_shares = _measure_errors(inverse, trial_table, folder, seed)
+        # A trial table has no stated errors, so it must not be in the folder even for a moment.
+        with TemporaryDirectory() as trial_folder:
+            errors_and_shares = _measure_errors(inverse, trial_table, Path(trial_folder), seed)
         if max(errors_and_shares[1].values()) < share:
             table, share, error = trial_table, max(errors_and_shares[1].values()), errors_and_shares[0]
         if share < TARGET_ERROR:
@@ -101,12 +104,11 @@ def export(
     for name, values in rough_outputs.items():
         table[name], error[name] = _fit_rough(inverse, values, seed)
     stated_errors = {name: ERROR_MARGIN * value for name, value in error.items()}
+    table |= {f"error_{name}": np.array(value) for name, value in stated_errors.items()}
+    with write_folder_atomically(folder) as temporary:
+        _write_table(temporary / "controller.npz", table)
+        shutil.copyfile(standalone.__file__, temporary / "controller.py")
     files = folder / "controller.npz", folder / "controller.py"
-    _write_table(
-        files[0], table | {f"error_{name}": np.array(value) for name, value in stated_errors.items()}
-    )
-    with write_atomically(files[1]) as temporary:
-        shutil.copyfile(standalone.__file__, temporary)
     return ExportedController(
         files, inverse.pressures, inverse.lengths, degree, stated_errors, ERROR_MARGIN * share
     )
@@ -273,5 +275,5 @@ def _return_unknown(pressure: np.ndarray, length: np.ndarray) -> np.ndarray:
 
 
 def _write_table(path: Path, table: dict[str, np.ndarray]) -> None:
-    with write_atomically(path) as temporary, temporary.open("wb") as file:
+    with path.open("wb") as file:
         np.savez(file, **table)  # pyright: ignore[reportArgumentType]

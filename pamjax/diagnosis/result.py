@@ -25,6 +25,7 @@ from pamjax.diagnosis.select.selection import NamedMechanism, Selection
 from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.model.registry import find_mechanism
+from pamjax.notebook import NotebookNote
 from pamjax.parameter import Meaning
 from pamjax.records.blocks import Blocks
 from pamjax.records.files import write_atomically
@@ -75,8 +76,8 @@ class Likeness:
     description: str
 
 
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis(NotebookNote):
     """Result of a diagnosis.
 
     Attributes:

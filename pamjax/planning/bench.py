@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from pamjax.errors import refuse, suggest_word
 from pamjax.model.parameters import LENGTH_ERROR_PREFIX
-from pamjax.records.files import decode_text, read_bytes
+from pamjax.records.files import read_bytes
 from pamjax.records.reading.muscle_toml import MuscleToml
+from pamjax.records.toml_text import parse_toml
 from pamjax.units import parse_number, parse_quantity
 
 #: Default standard deviations of sensor zeros, sensor gains and rig compliance, SI: a bench of 20 kN/mm that
@@ -184,10 +184,7 @@ def _parse_entry(name: str, value: Any, file: str) -> float | None:
 
 
 def _read_rig_file(path: Path) -> dict[str, Any]:
-    try:
-        document = tomllib.loads(decode_text(read_bytes(path), path.name))
-    except tomllib.TOMLDecodeError as error:
-        raise refuse("a rig file must be valid TOML", str(error), path.name) from error
+    document = parse_toml(read_bytes(path), path.name)
     if set(document) != {"rig"} or not isinstance(document["rig"], dict):
         raise refuse("a rig file must have one table, [rig]", ", ".join(document) or "none", path.name)
     return document["rig"]

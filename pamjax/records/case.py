@@ -10,6 +10,7 @@ import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT
 from pamjax.errors import refuse, suggest_word
+from pamjax.notebook import NotebookNote
 from pamjax.records.checks.stuck_sensors import find_stuck_sensors
 from pamjax.records.checks.unit_errors import check_units
 from pamjax.records.files import decode_text, read_bytes
@@ -28,8 +29,8 @@ GAP_CHOICES = ("carry", "anew")
 BEFORE_CHOICES = ("relaxed", "settled")
 
 
-@dataclass(frozen=True, eq=False)
-class Case:
+@dataclass(frozen=True, eq=False, repr=False)
+class Case(NotebookNote):
     """Contents of one case folder.
 
     Attributes:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pamjax.errors import refuse, suggest_word
+from pamjax.records.files import read_bytes
 from pamjax.records.reading import toml_errors
 from pamjax.records.reading.quantity import EntryLocation, read_load
+from pamjax.records.toml_text import parse_toml
 from pamjax.units import parse_quantity
 
 
@@ -37,6 +38,9 @@ class Schedule:
     diameter_measured: np.ndarray
     load: np.ndarray | None = None
 
+
+#: Largest number of samples of a protocol.
+MAX_SAMPLES = 1_000_000
 
 #: Remedy for a wrong entry.
 KEY_HINTS = {
@@ -96,6 +100,7 @@ class Protocol(BaseModel):
         for p in pressures:
             if p < 0:
                 raise refuse("`pressures` must be gauge pressures of at least 0", f"{p / 1e3:g} kPa", where)
+        _check_size(self._compute_duration(rest_length, len(pressures), speed, duration) / step)
         pieces = {"strokes": self._build_strokes, "ramps": self._build_ramps, "holds": self._build_holds}[
             self.kind
         ](
@@ -119,6 +124,14 @@ class Protocol(BaseModel):
             raise refuse("a protocol must have `contractions` or `loads`", got, where, remedy)
         if self.loads and self.kind != "ramps":
             raise refuse("`loads` need the kind `ramps`", f"`{self.kind}`", where, 'Write kind = "ramps".')
+
+    def _compute_duration(self, rest: float, pressures: int, speed: float, duration: float) -> float:
+        """Return the duration of the protocol, s."""
+        _check_positive("speed", speed)
+        repeats = {"strokes": pressures * self.cycles, "ramps": pressures * self.cycles, "holds": pressures}
+        longest_stroke = 2 * rest * max(map(abs, self.contractions), default=0.0) / speed
+        each = longest_stroke if self.kind == "strokes" else duration * len(self.contractions or self.loads)
+        return repeats[self.kind] * each * (2 if self.kind == "ramps" else 1)
 
     def _build_strokes(self, pressures, rest, speed, duration, step):
         max_contractions = self.contractions * (len(pressures) if len(self.contractions) == 1 else 1)
@@ -152,6 +165,13 @@ def _build_ramp_cycle(duration: float, step: float) -> np.ndarray:
     return np.concatenate([up, up[-2::-1]])
 
 
+def _check_size(samples: float) -> None:
+    """Refuse a schedule that is too long to simulate, before its arrays are made."""
+    if not samples <= MAX_SAMPLES:
+        rule = f"a protocol must have at most {MAX_SAMPLES} samples"
+        raise refuse(rule, f"{samples:.3g}", "[protocol]", "Reduce `rate`, `duration` or `cycles`.")
+
+
 def _check_positive(name: str, value: float) -> float:
     if value <= 0:
         raise refuse(f"`{name}` must be positive", f"{value:g}", "[protocol]")
@@ -174,14 +194,7 @@ def read_protocol(path: Path) -> Protocol:
     Raises:
         BadInput: if the file is missing or not TOML, or if an entry is invalid.
     """
-    try:
-        document: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise refuse(
-            "a protocol must be a TOML file", f"no file {path.name}", remedy="Check the path."
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise refuse("a protocol must be a TOML file", str(error), path.name) from error
+    document = parse_toml(read_bytes(path), path.name)
     if set(document) != {"protocol"}:
         raise refuse("a protocol must have one table, [protocol]", ", ".join(document) or "none", path.name)
     try:

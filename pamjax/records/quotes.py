@@ -11,10 +11,26 @@ from pamjax.errors import refuse
 #: Maximum number of characters of a cell in an error message.
 MAX_CELL_CHARACTERS = 30
 
+#: Longest line of a table; Python's reader refuses longer cells.
+MAX_LINE_LENGTH = 100_000
+
 
 def split_lines(text: str) -> list[str]:
     """Return the lines of a text, each with its own line ending."""
     return list(io.StringIO(text, newline=""))
+
+
+def check_line_lengths(lines: Sequence[str], file: str) -> None:
+    """Refuse the first line that is too long for a row of a table.
+
+    Raises:
+        BadInput: with the row.
+    """
+    for row, line in enumerate(lines, 1):
+        if len(line) > MAX_LINE_LENGTH:
+            rule = f"a row must have at most {MAX_LINE_LENGTH} characters"
+            remedy = "Check the line breaks of the file."
+            raise refuse(rule, f"{len(line)}", f"row {row} of {file}", remedy)
 
 
 def check_quotes(

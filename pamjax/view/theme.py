@@ -9,8 +9,10 @@ part of viridis, dark for high pressure. The light end has too little contrast o
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +25,8 @@ from matplotlib.colorbar import Colorbar
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.text import Text
+from matplotlib.ticker import FuncFormatter
 
 from pamjax.records.files import write_atomically
 
@@ -43,6 +47,9 @@ OKABE_ITO = {
 
 #: Colour of references, limits and alternatives, less prominent than data and model.
 REFERENCE_COLOUR = "#6E6E6E"
+
+#: Letter of a panel, in bold.
+_LETTER_PATTERN = re.compile(r"\$\\bf\{\([a-l]\)\}\$ ")
 
 _SETTINGS: dict[Any, Any] = {
     "font.family": "sans-serif",
@@ -142,6 +149,39 @@ def add_panel_letters(axes: Sequence[Axes]) -> None:
         panel.set_title(rf"$\bf{{({name})}}$ {panel.get_title('left')}", loc="left")
 
 
+def escape_names(figure: Figure) -> None:
+    """Escape the dollar signs of names in a figure: between two of them, matplotlib reads a formula.
+
+    The letters of panels and the labels of logarithmic axes are formulas and stay as they are.
+    """
+    for text in figure.findobj(Text):
+        assert isinstance(text, Text)
+        text.set_text(_escape_dollars(text.get_text()))
+    for panel in figure.axes:
+        for axis in (panel.xaxis, panel.yaxis):
+            formatter = axis.get_major_formatter()
+            # Matplotlib writes the names at ticks again at each drawing.
+            if isinstance(formatter, FuncFormatter):
+                axis.set_major_formatter(FuncFormatter(partial(_format_name, formatter)))
+
+
+def _format_name(formatter: FuncFormatter, value: float, position: int | None = None) -> str:
+    return _escape_dollars(formatter(value, position))
+
+
+def _escape_dollars(text: str) -> str:
+    """Return a text with a backslash before each dollar sign outside the formulas of this module.
+
+    >>> _escape_dollars("math$_$"), _escape_dollars("math\\\\$")
+    ('math\\\\$_\\\\$', 'math\\\\$')
+    """
+    if text.startswith(r"$\mathdefault{"):
+        return text
+    match = _LETTER_PATTERN.match(text)
+    letter = match[0] if match else ""
+    return letter + re.sub(r"(?<!\\)\$", r"\\$", text[len(letter) :])
+
+
 def save_png(figure: Figure, path: str | Path) -> Path:
     """Write a figure as PNG (200 dots per inch) and return its path.
 
@@ -151,6 +191,7 @@ def save_png(figure: Figure, path: str | Path) -> Path:
     """
     png = Path(path).with_name(f"{Path(path).name}.png")
     png.parent.mkdir(parents=True, exist_ok=True)
+    escape_names(figure)
     with apply_theme(), write_atomically(png) as temporary:
         figure.savefig(temporary, format="png", dpi=200, metadata={"Software": None})
     return png

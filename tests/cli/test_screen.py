@@ -2,10 +2,12 @@
 
 import contextlib
 import signal
+import time
 
 import pytest
 
-from pamjax.cli.screen import defer_interrupts, print_written_files, show_progress
+import pamjax.cli.screen
+from pamjax.cli.screen import announce_compilation, defer_interrupts, print_written_files, show_progress
 
 
 @pytest.fixture(autouse=True)
@@ -55,3 +57,34 @@ def test_report_of_an_earlier_run_is_announced(tmp_path, capsys):
     assert f"{tmp_path / 'report.html'} is from an earlier run" in capsys.readouterr().err
     print_written_files([tmp_path / "fit.json", tmp_path / "report.html"])
     assert "is from an earlier" not in capsys.readouterr().err
+
+
+def test_progress_without_a_terminal_is_a_line_from_time_to_time(capsys, monkeypatch):
+    monkeypatch.setattr(pamjax.cli.screen, "SECONDS_BETWEEN_LINES", 0.05)
+    with show_progress() as progress:
+        progress("fitting", 0.25)
+        time.sleep(0.12)
+    lines = capsys.readouterr().err.splitlines()
+    assert 1 <= len(lines) <= 2
+    assert set(lines) == {"pamjax: fitting, 25 % after 0 s"}
+
+
+def test_short_or_quiet_command_prints_no_progress(capsys, monkeypatch):
+    with show_progress() as progress:
+        progress("fitting", 0.25)
+    monkeypatch.setattr(pamjax.cli.screen, "SECONDS_BETWEEN_LINES", 0.01)
+    with show_progress(quiet=True) as progress:
+        progress("fitting", 0.25)
+        time.sleep(0.03)
+    assert capsys.readouterr().err == ""
+
+
+def test_first_compilation_is_announced(tmp_path, capsys):
+    announce_compilation(tmp_path, quiet=False)
+    line = "pamjax: compiling the model, one to three minutes, once on this machine\n"
+    assert capsys.readouterr().err == line
+    (tmp_path / "traced").mkdir()
+    (tmp_path / "traced" / "a.stablehlo").write_text("")
+    announce_compilation(tmp_path, quiet=False)
+    announce_compilation(tmp_path / "other", quiet=True)
+    assert capsys.readouterr().err == ""

@@ -102,6 +102,24 @@ def test_truncated_file_is_written_again(program_folder, whole):
     assert count_traces(build_arguments()) == 0
 
 
+def test_program_of_another_name_is_not_run(program_folder):
+    """Programs with the same arguments and other values: a copy under another name is traced again."""
+    assert count_traces(build_arguments()) == count_traces(build_arguments(name="b")) == 1
+    file, other = program_folder.glob("*.stablehlo")
+    file.write_bytes(other.read_bytes())
+    other.unlink()
+    assert count_traces(build_arguments()) == count_traces(build_arguments(name="b")) == 1
+
+
+def test_program_of_another_format_is_written_again(program_folder):
+    assert count_traces(build_arguments()) == 1
+    (file,) = program_folder.glob("*.stablehlo")
+    body = b"not a program"
+    file.write_bytes(under_test._compute_checksum(file, body) + body)
+    assert count_traces(build_arguments()) == 1
+    assert count_traces(build_arguments()) == 0
+
+
 def test_folder_errors_disable_the_cache(program_folder, monkeypatch):
     # A file in place of the folder: the folder cannot be created, locked or written to.
     program_folder.write_text("mine")

@@ -1,5 +1,8 @@
 """Folder of compiled programs, and the warning if it cannot be used."""
 
+import os
+import stat
+
 import jax
 import pytest
 
@@ -39,3 +42,42 @@ def test_invalid_default_folder_is_ignored(unset_cache, monkeypatch):
     monkeypatch.setattr(pamjax.compile.jax_cache, "_find_user_folder", lambda: unset_cache)
     assert keep_compiled() is None
     assert jax.config.jax_compilation_cache_dir is None
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="needs users and modes")
+def test_new_folder_is_private(unset_cache, monkeypatch):
+    monkeypatch.setenv("PAMJAX_CACHE_DIR", str(unset_cache.parent / "new"))
+    folder = keep_compiled()
+    assert folder is not None
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="needs users and modes")
+def test_folder_that_others_can_write_to_is_refused(unset_cache, monkeypatch):
+    (unset_cache.parent / "compiled").mkdir()
+    (unset_cache.parent / "compiled").chmod(0o777)
+    monkeypatch.setattr(pamjax.compile.jax_cache, "_find_user_folder", lambda: unset_cache.parent)
+    assert keep_compiled() is None
+    monkeypatch.setenv("PAMJAX_CACHE_DIR", str(unset_cache.parent))
+    message = "only you may write to the folder for compiled programs, because pamjax runs its files; got"
+    with pytest.raises(BadInput, match=f"{message} .*compiled in PAMJAX_CACHE_DIR. Choose another folder"):
+        keep_compiled()
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="needs users and modes")
+def test_folder_of_another_user_is_refused(unset_cache, monkeypatch):
+    monkeypatch.setenv("PAMJAX_CACHE_DIR", str(unset_cache.parent))
+    (unset_cache.parent / "compiled").mkdir()
+    monkeypatch.setattr(os, "geteuid", lambda: 4711)
+    os.chown(unset_cache.parent / "compiled", 4712, -1) if os.getuid() == 0 else pytest.skip("needs root")
+    with pytest.raises(BadInput, match="only you may write to the folder"):
+        keep_compiled()
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="needs users and modes")
+def test_right_of_the_group_is_withdrawn(unset_cache, monkeypatch):
+    folder = unset_cache.parent / "compiled"
+    folder.mkdir()
+    folder.chmod(0o775)
+    assert keep_compiled(folder) == folder
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o755

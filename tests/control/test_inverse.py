@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import pamjax.control.export
 from pamjax.control.export import ExportedController, export, narrow_range
 from pamjax.control.inverse import CommandLimit, Inverse, compute_static_force, inverse
 from pamjax.control.neglected import compute_friction_half_loop
@@ -277,3 +278,18 @@ if __name__ == "__main__":
     begin = time.perf_counter()
     robot.pressure(force, length)
     print(f"{1e6 * (time.perf_counter() - begin) / point_count:.2f} us per point")
+
+
+def test_interrupted_export_leaves_the_folder_as_it_was(of, tmp_path, monkeypatch):
+    """A trial table has no stated errors; a robot must never read one."""
+    (tmp_path / "robot").mkdir()
+    (tmp_path / "robot" / "controller.npz").write_bytes(b"an older table")
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pamjax.control.export, "_fit_rough", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        export(of, tmp_path / "robot")
+    assert [path.name for path in (tmp_path / "robot").iterdir()] == ["controller.npz"]
+    assert (tmp_path / "robot" / "controller.npz").read_bytes() == b"an older table"

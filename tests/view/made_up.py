@@ -89,6 +89,7 @@ def diagnosis(
         is_baseline=np.array([True, True, False]),
         is_logarithmic=np.zeros(3, dtype=bool),
         n=n,
+        channels=recording.model_channels,
         measured=measured,
         dataset=SimpleNamespace(
             history=SimpleNamespace(

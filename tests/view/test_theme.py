@@ -87,3 +87,31 @@ def test_every_isobar_contrasts_with_white():
     contrast = 1.05 / (linear @ [0.2126, 0.7152, 0.0722] + 0.05)
     assert contrast.min() > 2.99
     assert np.all(np.diff(contrast) > 0)
+
+
+HOSTILE_NAMES = ["math$_$", "$\\frac{$", "a$b", "$x^2$", "$$", "\\$5", "\n$_$"]
+
+
+@pytest.mark.parametrize("name", HOSTILE_NAMES)
+def test_name_with_dollar_signs_is_no_formula(name, tmp_path):
+    with apply_theme():
+        figure = create_figure(3.5, 2.5)
+        panel = figure.subplots()
+        panel.plot([1, 10], [1, 2], label=name)
+        panel.set(xlabel=name, title=name, xscale="log")
+        panel.set_yticks([1, 2], [name, "plain"])
+        panel.legend()
+        add_panel_letters([panel])
+    save_figure(figure, tmp_path / "figure")
+    escaped = name.replace("\\$", "$").replace("$", "\\$")
+    assert panel.get_xlabel() == escaped
+    assert panel.get_title("left") == rf"$\bf{{(a)}}$ {escaped}"
+    assert [label.get_text() for label in panel.get_yticklabels()] == [escaped, "plain"]
+    assert any("mathdefault" in label.get_text() for label in panel.get_xticklabels())
+
+
+def test_unescaped_name_is_an_error_of_matplotlib(tmp_path):
+    figure = create_figure(3.5, 2.5)
+    figure.subplots().set_title("math$_$")
+    with pytest.raises(ValueError, match="Expected"):
+        figure.savefig(tmp_path / "figure.png")

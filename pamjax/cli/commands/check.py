@@ -8,24 +8,28 @@ from pamjax.cli.options import Json
 from pamjax.cli.screen import print_json, print_text
 
 
-def check(case: Path, /, *, law: str | None = None, json: Json = False) -> None:
-    """Check a case before a fit: its data, and which parameters it determines.
+def check(cases: list[Path], /, *, law: str | None = None, json: Json = False) -> None:
+    """Check cases before a fit: its data, and which parameters it determines.
 
     The report lists rows, units, ranges, outliers and blocks. It also lists which parameters the recording
     determines, which it determines only in combination, and which come mostly from the prior.
 
     Args:
-        case: case folder with recording.csv and muscle.toml.
+        cases: case folders, each with recording.csv and muscle.toml.
         law: thread law; by default that of the case's baseline model.
         json: print one JSON document.
     """
     from pamjax.records.case import read_case
 
-    parsed_case = read_case(case)
+    parsed_cases = [read_case(folder) for folder in cases]
     from pamjax.compile.jax_cache import keep_compiled
     from pamjax.infer.fitting.case_summary import CaseSummary
     from pamjax.infer.fitting.identifiability import check_identifiability
 
     keep_compiled()
-    summary = CaseSummary(parsed_case, *check_identifiability(parsed_case, law))
-    print_json(summary.as_dict()) if json else print_text(str(summary))
+    summaries = [CaseSummary(case, *check_identifiability(case, law)) for case in parsed_cases]
+    if json:
+        documents = [summary.as_dict() for summary in summaries]
+        print_json(documents[0] if len(documents) == 1 else documents)
+    else:
+        print_text("\n\n".join(map(str, summaries)))

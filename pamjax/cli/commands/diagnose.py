@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from pamjax.cli.options import Json
 from pamjax.cli.screen import (
     REPORT_FILE,
+    announce_compilation,
     check_writable,
     print_json,
     print_text,
@@ -72,7 +73,7 @@ def diagnose(
         from pamjax.diagnosis.batch import diagnose_all
         from pamjax.diagnosis.result import save_diagnosis
 
-        keep_compiled()
+        announce_compilation(keep_compiled(), quiet=json)
         with show_progress(quiet=json) as progress:
             for case, outcome in diagnose_all(parsed_cases, seed=seed, progress=progress):
                 if isinstance(outcome, BadInput):

@@ -13,6 +13,7 @@ from pamjax.infer.fitting.identifiability import ParameterIdentifiability
 from pamjax.model.parameters import find_meaning
 from pamjax.records.blocks import find_blocks
 from pamjax.records.case import Case
+from pamjax.records.reading.muscle_toml import describe_unused_bladder
 from pamjax.units import compute_si_factor, format_count, format_quantity
 
 
@@ -34,7 +35,8 @@ class CaseSummary:
         # The text of the case includes the outliers.
         lines = [str(self.case), f"  {self._format_blocks()}", ""]
         lines += [f"  {self._format_parameter(d)}" for d in self.parameters]
-        return "\n".join([*lines, "", *self.sentences, "The case can be fitted."])
+        notes = describe_unused_bladder(self.case.entry, ())
+        return "\n".join([*lines, "", *self.sentences, *notes, "The case can be fitted."])
 
     def as_dict(self) -> dict[str, Any]:
         """Return the summary as a JSON document, in display units."""

@@ -15,7 +15,7 @@ from pamjax.errors import BadInput, check_minimum, refuse, suggest_word
 from pamjax.infer.fitting.cross_validation import cross_validate
 from pamjax.infer.fitting.least_squares import Loss, Solution, linearise_problem, solve_least_squares
 from pamjax.infer.fitting.prior_bounds import find_limits, solve_within_limits
-from pamjax.infer.fitting.result import CaseFit, Estimate, Fit, HeldOutScore
+from pamjax.infer.fitting.result import CaseFit, Estimate, Fit, HeldOutScore, NamedEstimates
 from pamjax.infer.fitting.reweight import (
     add_whitening,
     compute_mean_square,
@@ -79,8 +79,16 @@ def fit(
         seed: seed of the starting points and of the folds.
         progress: called with the current step and the fraction done.
 
+    Returns:
+        the `Fit`; `print` shows it as a note, `to_frame` returns its estimates as a table.
+
     Raises:
         BadInput: for an unknown law, an unknown shared parameter, or a recording without force and diameter.
+
+    Example:
+        fit = pamjax.fit("mine", mechanisms=["bladder_elasticity"])
+        print(fit)
+        modulus = fit.estimates["thread.modulus"].value  # Pa
     """
     cases = [
         average_fixed_lengths(ensure_case(case))
@@ -346,19 +354,21 @@ def _collect_meanings(cases, law, renames, mechanisms):
 
 def _build_estimates(
     space: ParameterSpace, solution: Solution, sd: np.ndarray, at_limit: set[str], meaning: Mapping
-) -> dict[str, Estimate]:
+) -> NamedEstimates:
     values = np.asarray(space.to_values(solution.u))
-    return {
-        name: Estimate(
-            value=float(values[k]),
-            sd=float(sd[k]) if np.isfinite(sd[k]) and name not in at_limit else None,
-            prior=float(space.mean[k]),
-            prior_sd=float(space.sd[k]),
-            meaning=meaning[name],
-            at_limit=name in at_limit,
-        )
-        for k, name in enumerate(space.names)
-    }
+    return NamedEstimates(
+        {
+            name: Estimate(
+                value=float(values[k]),
+                sd=float(sd[k]) if np.isfinite(sd[k]) and name not in at_limit else None,
+                prior=float(space.mean[k]),
+                prior_sd=float(space.sd[k]),
+                meaning=meaning[name],
+                at_limit=name in at_limit,
+            )
+            for k, name in enumerate(space.names)
+        }
+    )
 
 
 def _build_case_fit(

@@ -22,6 +22,7 @@ from pamjax.model.registry import check_exclusive_pairs
 from pamjax.records.case import MUSCLE_FILE, RECORDING_FILE
 from pamjax.records.files import read_bytes
 from pamjax.records.reading.muscle_toml import MuscleToml, read_muscle_toml
+from pamjax.units import is_representable
 
 
 @dataclass(frozen=True)
@@ -140,7 +141,8 @@ def _load_calibrated(file: Path, case: str | None, settings: Mapping[str, float]
     raw = read_bytes(file)
     try:
         document = json.loads(raw)
-    except ValueError as error:
+    # Python's reader of JSON ends in a RecursionError on thousands of brackets.
+    except (ValueError, RecursionError) as error:
         raise refuse("a calibrated muscle is a fit.json", str(error), file.name) from error
     if not isinstance(document, dict) or document.get("schema") != FIT_SCHEMA:
         got = document.get("schema", "no schema") if isinstance(document, dict) else "no object"
@@ -151,6 +153,14 @@ def _load_calibrated(file: Path, case: str | None, settings: Mapping[str, float]
     except (KeyError, TypeError, AttributeError) as error:
         rule, remedy = "a fit.json must be complete", "Write it again with `pamjax fit`."
         raise refuse(rule, f"no {error}", file.name, remedy) from error
+
+
+def _check_number(name: str, value: object, file: str) -> float:
+    """Return a number of a fit.json; JSON readers of Python also accept NaN and Infinity."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not is_representable(value):
+        rule, remedy = f"`{name}` must be a finite number", "Write the file again with `pamjax fit`."
+        raise refuse(rule, repr(value), file, remedy)
+    return float(value)
 
 
 def _load_case_entry(
@@ -164,12 +174,21 @@ def _load_case_entry(
     if name not in cases:
         raise refuse(f"unknown case {name!r} in {file.name}", remedy=suggest_word(name, cases))
     case_entry = cases[name]
-    numbers = {key: jnp.asarray(value) for key, value in case_entry["muscle"]["numbers"].items()}
+    numbers = {
+        key: jnp.asarray(_check_number(key, value, file.name))
+        for key, value in case_entry["muscle"]["numbers"].items()
+    }
     entry = read_muscle_toml(case_entry["muscle_toml"].encode(), "muscle.toml")
     tube_sizes = {key: jnp.asarray(m.value) for key, m in estimate_tube_sizes(entry).items()}
     muscle = case_entry["muscle"]
     parts = _add_mechanisms(muscle["law"], muscle["mechanisms"], numbers, tube_sizes, settings)
-    ranges = {key: (ranges["low"], ranges["high"]) for key, ranges in case_entry["calibrated"].items()}
+    ranges = {
+        key: (
+            _check_number(f"{key}.low", ends["low"], file.name),
+            _check_number(f"{key}.high", ends["high"], file.name),
+        )
+        for key, ends in case_entry["calibrated"].items()
+    }
     return LoadedMuscle(
         build_muscle(*parts), entry, case_entry["muscle_toml"], ranges, *parts, case_entry.get("checksum", "")
     )

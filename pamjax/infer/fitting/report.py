@@ -12,6 +12,7 @@ from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.infer.fitting.determination import describe_sd_ratio
 from pamjax.infer.noise.sensor_noise import ChannelNoise
 from pamjax.infer.problem.priors import is_length_error
+from pamjax.records.reading.muscle_toml import describe_unused_bladder
 from pamjax.units import compute_si_factor
 
 if TYPE_CHECKING:
@@ -35,6 +36,8 @@ def format_fit_note(fit: Fit) -> str:
     lines = [_format_title(fit), "", *_format_estimates(fit), "", *format_correlations(fit)]
     for case_fit in fit.cases:
         lines += ["", *_format_case(case_fit, len(fit.cases) > 1)]
+        unused_entries = describe_unused_bladder(case_fit.case.entry, fit.mechanisms)
+        lines += [f"  note: {note}" for note in unused_entries]
     return "\n".join([*lines, "", *format_minimiser_state(fit)])
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pamjax.errors import suggest_word
 from pamjax.infer.fitting.determination import DETERMINED, classify_sd_ratio
 from pamjax.infer.fitting.least_squares import Loss, Solution
 from pamjax.infer.noise.sensor_noise import ChannelNoise
@@ -15,11 +16,21 @@ from pamjax.infer.problem.dataset import Dataset
 from pamjax.infer.problem.parameter_space import BOUND_MARGIN, ParameterSpace
 from pamjax.model.balance import Status
 from pamjax.model.muscle import Muscle
+from pamjax.notebook import NotebookNote
 from pamjax.parameter import Meaning
 from pamjax.records.case import Case
+from pamjax.units import compute_si_factor
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
+
+
+class NamedEstimates(dict[str, "Estimate"]):
+    """Estimates by name; an unknown name raises a KeyError with the nearest one."""
+
+    def __missing__(self, name: str) -> Estimate:
+        raise KeyError(f"no estimate {name!r}. {suggest_word(name, self)}")
 
 
 @dataclass(frozen=True)
@@ -138,8 +149,8 @@ class CaseFit:
         return build_xarray_dataset(self)
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit(NotebookNote):
     """One or several muscles, calibrated on recordings; prints as a report.
 
     Attributes:
@@ -178,6 +189,24 @@ class Fit:
         """Return the calibrated muscle of a fit of one case, without its mechanisms."""
         (only,) = self.cases
         return only.muscle
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the estimates as a table: value, sd, prior, prior_sd and unit, in display units, by name."""
+        import pandas as pd
+
+        rows = {}
+        for name, estimate in self.estimates.items():
+            scale = compute_si_factor(estimate.meaning.show)
+            sd = math.nan if estimate.sd is None else estimate.sd / scale
+            rows[name] = {
+                "value": estimate.value / scale,
+                "sd": sd,
+                "prior": estimate.prior / scale,
+                "prior_sd": estimate.prior_sd / scale,
+                "unit": estimate.meaning.show,
+                "at_limit": estimate.at_limit,
+            }
+        return pd.DataFrame.from_dict(rows, orient="index")
 
     def __str__(self) -> str:
         from pamjax.infer.fitting.report import format_fit_note

@@ -8,7 +8,6 @@ low = "50 GPa"      # each entry is optional; bounds must be within the physical
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,8 @@ from pamjax.errors import refuse, suggest_word
 from pamjax.infer.posterior.ar1_likelihood import find_noise_units
 from pamjax.model.parameters import find_meaning
 from pamjax.parameter import Meaning
-from pamjax.records.files import decode_text, read_bytes
+from pamjax.records.files import read_bytes
+from pamjax.records.toml_text import parse_toml
 from pamjax.units import format_quantity, parse_number
 
 PRIOR_KEYS = ("value", "sd", "low", "high")
@@ -28,10 +28,7 @@ def read_priors(path: Path) -> dict[str, dict[str, float]]:
     Raises:
         BadInput: if the file cannot be read, or has an unknown parameter or entry, or a wrong unit.
     """
-    try:
-        document = tomllib.loads(decode_text(read_bytes(path), path.name))
-    except tomllib.TOMLDecodeError as error:
-        raise refuse("priors are a TOML file", str(error), path.name) from error
+    document = parse_toml(read_bytes(path), path.name)
     return {name: _parse_prior(name, entry, path.name) for name, entry in document.items()}
 
 

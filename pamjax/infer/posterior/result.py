@@ -14,6 +14,7 @@ from pamjax.infer.posterior.convergence import ConvergenceDiagnostics
 from pamjax.infer.posterior.identifiability_report import Verdict, build_verdicts
 from pamjax.infer.posterior.laplace import GaussianApproximation
 from pamjax.infer.posterior.log_density import PosteriorDensity
+from pamjax.notebook import NotebookNote
 
 
 @dataclass(frozen=True)
@@ -27,8 +28,8 @@ class Marginal:
     high: float
 
 
-@dataclass(frozen=True, eq=False)
-class Posterior:
+@dataclass(frozen=True, eq=False, repr=False)
+class Posterior(NotebookNote):
     """Draws of the parameters of muscle and noise; prints as a report.
 
     Attributes:

@@ -34,6 +34,9 @@ MIN_LENGTH_NEAR_REST = 0.97
 #: A message suggests a unit error if |log(ratio / factor)| is at most this, thus within a factor of 1.6.
 MAX_LOG_RATIO_NAMED = 0.5
 
+#: Pa; a higher pressure with a small force is probably in another unit, because air muscles burst before.
+MAX_USUAL_PRESSURE = 1.5e6
+
 #: Units that are often confused.
 CONFUSED_UNITS = {
     "pressure": ("Pa", "kPa", "bar", "MPa", "psi"),
@@ -117,16 +120,19 @@ def _check_force(
     if low < -FORCE_RATIO_LIMITS[0] and ratio < FORCE_RATIO_LIMITS[0]:
         got = f"{low:.4g} times the force of the ideal braid"
         raise refuse("`force` must be positive when the muscle pulls", got, file, "Change its sign.")
-    if ratio < FORCE_RATIO_LIMITS[0] and not has_rows_near_rest:
+    # A factor of the pressure multiplies the ideal force, and divides the ratio.
+    pressure_errors = [
+        (1.0 / factor, name) for factor, name in _list_unit_errors("pressure", column_units["pressure"])
+    ]
+    has_pressure_error = np.nanmax(recording.pressure) > MAX_USUAL_PRESSURE and any(
+        ratio > 0 and abs(math.log(ratio / factor)) < MAX_LOG_RATIO_NAMED for factor, _ in pressure_errors
+    )
+    if ratio < FORCE_RATIO_LIMITS[0] and not has_rows_near_rest and not has_pressure_error:
         return [
             f"`force` in {file} is {got}: the muscle is slack or very stiff, or a unit is wrong."
             " Check the units in the headers."
         ]
-    # A factor of the pressure multiplies the ideal force, and divides the ratio.
-    unit_errors = [
-        (1.0 / factor, name) for factor, name in _list_unit_errors("pressure", column_units["pressure"])
-    ]
-    unit_errors += _list_unit_errors("force", column_units["force"])
+    unit_errors = pressure_errors + _list_unit_errors("force", column_units["force"])
     raise refuse(
         "`force` and `pressure` must agree with the braid", got, file, _suggest_remedy(ratio, unit_errors)
     )

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
 
 from pamjax.errors import BadInput, refuse, suggest_word
-from pamjax.records.files import decode_text, read_bytes
+from pamjax.records.files import read_bytes
 from pamjax.records.reading import toml_errors
 from pamjax.records.reading.header import COLUMN_KINDS, split_title
+from pamjax.records.toml_text import parse_toml
 from pamjax.units import parse_quantity, parse_unit
 
 #: Names of pydantic's readers, which occur in the location of an error.
@@ -29,6 +37,7 @@ class FilesTable(_ImportTable):
     Attributes:
         separator: separator of cells.
         decimal: decimal mark.
+        thousands: mark between thousands, as "." in 1.130,0; empty if there is none.
         header: whether there is a header line.
         skip: number of lines before the header, or before the first row if there is no header.
         matrix: name of the variable of a MAT file, if the channels are columns of one matrix.
@@ -37,10 +46,25 @@ class FilesTable(_ImportTable):
 
     separator: Literal[",", ";", "tab", "space"] = ","
     decimal: Literal[".", ","] = "."
+    thousands: Literal["", ".", ",", " ", "'"] = ""
     header: bool = True
     skip: Annotated[int, Field(ge=0)] = 0
     matrix: str = ""
     rate: str = ""
+
+    @model_validator(mode="after")
+    def _check_marks(self) -> FilesTable:
+        if self.thousands == self.decimal:
+            rule, remedy = "`thousands` and `decimal` must differ", "Correct one of them."
+            raise refuse(rule, repr(self.decimal), "[files]", remedy)
+        return self
+
+
+def _check_scale(scale: float) -> float:
+    if scale == 0.0:
+        remedy = "Write the channel's units per unit of the file."
+        raise refuse("`scale` must not be zero", "0", "[columns]", remedy)
+    return scale
 
 
 class ChannelEntry(_ImportTable):
@@ -55,8 +79,8 @@ class ChannelEntry(_ImportTable):
 
     column: Annotated[int, Field(ge=1)] | str
     unit: str = ""
-    zero: float = 0.0
-    scale: float = 1.0
+    zero: Annotated[float, Field(allow_inf_nan=False)] = 0.0
+    scale: Annotated[float, Field(allow_inf_nan=False), AfterValidator(_check_scale)] = 1.0
 
     def to_si(self, name: str, where: str) -> float:
         """Return the SI value of one unit of the file."""
@@ -151,6 +175,8 @@ def _check_test(spec: ImportSpec, test: TestTable, k: int) -> None:
         if not any(sources):
             remedy = f'Add it to [columns], or state it for the test: {name} = "...".'
             raise refuse(f"`{name}` must be a column or stated for the test", "neither", where, remedy)
+    if not test.file:
+        raise refuse("`file` must name at least one file", repr(test.file), where, "Write a path.")
     if isinstance(test.file, dict):
         channels = set(spec.columns) - {"time"}
         if set(test.file) != channels:
@@ -168,10 +194,7 @@ def read_import_spec(path: str | Path) -> ImportSpec:
         BadInput: if the file is missing or not TOML, or if an entry is unknown or invalid.
     """
     path = Path(path)
-    try:
-        raw = tomllib.loads(decode_text(read_bytes(path), path.name))
-    except tomllib.TOMLDecodeError as error:
-        raise refuse(f"{path.name} must be TOML", f"{error}", remedy="See `pamjax import --help`.") from error
+    raw = parse_toml(read_bytes(path), path.name, "See `pamjax import --help`.")
     try:
         return ImportSpec.model_validate(raw)
     except ValidationError as error:

@@ -24,6 +24,8 @@ from pamjax.records.recording import Recording
 from pamjax.records.writing.case_folder import write_case
 from pamjax.units import format_count, format_quantity, parse_quantity
 
+#: Longest time between two tests, s: ten years.
+MAX_GAP = 3.2e8
 #: Order in which channels are read; the file of the first one determines the time of a test.
 CHANNEL_ORDER = ("force", "pressure", "length", "diameter", "cycle")
 
@@ -82,9 +84,10 @@ def import_case(rig: str | Path, folder: str | Path) -> ImportResult:
     """
     rig, folder = Path(rig), Path(folder)
     spec, base_folder = read_import_spec(rig), rig.absolute().parent
-    if not (base_folder / spec.muscle).is_file():
+    if not spec.muscle or not (base_folder / spec.muscle).is_file():
         remedy = "Check the path, or create one with `pamjax new`."
         raise refuse("`muscle` must be the path of a muscle.toml", spec.muscle, rig.name, remedy)
+    _check_inside(base_folder / spec.muscle, base_folder, spec.muscle, rig.name)
     muscle = read_bytes(base_folder / spec.muscle)
     read_muscle_toml(muscle, Path(spec.muscle).name)
     tests = [(files, test) for test in spec.tests for files in _find_files(test, base_folder)]
@@ -133,6 +136,8 @@ def _match_patterns(patterns: str | list[str], base_folder: Path) -> list[Path]:
     files = []
     for pattern in [patterns] if isinstance(patterns, str) else patterns:
         paths = glob.glob(os.path.join(glob.escape(str(base_folder)), pattern))
+        for path in paths:
+            _check_inside(Path(path), base_folder, pattern, "[[tests]]")
         if not paths:
             got = f"no match for {pattern}"
             raise refuse("each test needs a file", got, f"{base_folder}", "Check `file` in [[tests]].")
@@ -140,9 +145,16 @@ def _match_patterns(patterns: str | list[str], base_folder: Path) -> list[Path]:
     return [Path(path) for path in files]
 
 
+def _check_inside(path: Path, base_folder: Path, text: str, where: str) -> None:
+    """Refuse a file outside the folder of the specification: messages quote cells of the files."""
+    if not path.resolve().is_relative_to(base_folder.resolve()):
+        rule = "files of an import must be in the folder of its TOML file, or below"
+        raise refuse(rule, text, where, "Copy the files there.")
+
+
 def _build_sort_key(text: str) -> list:
     """Return a sort key of natural order: test 10 after test 9."""
-    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", text)]
+    return [int(part) if part.isdecimal() else part for part in re.split(r"([0-9]+)", text)]
 
 
 def _read_test(
@@ -242,6 +254,8 @@ def _thin_columns(columns: dict[str, np.ndarray], block: float) -> dict[str, np.
 def _join_tests(pieces: Sequence[dict[str, np.ndarray]], spec: ImportSpec) -> Recording:
     """Return all tests as one recording, numbered in `cycle` if there is no such column."""
     gap = parse_quantity(spec.gap, "time", "`gap`")
+    if not 0.0 < gap <= MAX_GAP:
+        raise refuse("`gap` must be positive and at most 10 years", spec.gap, "", "Write it as `1 s`.")
     has_time = {"time" in piece for piece in pieces} == {True}
     if spec.median:
         block = parse_quantity(spec.median, "time", "`median`")

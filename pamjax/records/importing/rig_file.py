@@ -5,18 +5,21 @@ from __future__ import annotations
 import io
 import re
 import warnings
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from pamjax.errors import refuse, suggest_word
+from pamjax.errors import format_printable, refuse, suggest_word
 from pamjax.records.files import decode_text, read_bytes
 from pamjax.records.importing.import_spec import FilesTable
-from pamjax.records.quotes import check_quotes, split_lines
+from pamjax.records.importing.mat_file import read_mat
+from pamjax.records.quotes import MAX_CELL_CHARACTERS, check_line_lengths, check_quotes, split_lines
 from pamjax.records.reading.header import split_title
+
+#: A number such as 1.130,0 or 1 130: the mark of thousands, and the decimal mark if there is one.
+_THOUSANDS_PATTERN = re.compile(r"[+-]?\d{1,3}(?:([.,' ])\d{3})(?:\1\d{3})*(?:(?!\1)([.,])\d*)?")
 
 _CELL_PATTERN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan", re.IGNORECASE)
 
@@ -35,9 +38,10 @@ class RigFile:
         self.name = path.name
         #: Number of lines above the first row of numbers; the rows of a MAT file count from 1.
         self.lines_above = 0
+        self._format = file_format
         raw = read_bytes(path)
         if path.suffix.lower() == ".mat":
-            self._columns = _read_mat(raw, file_format.matrix, self.name)
+            self._columns = read_mat(path, file_format.matrix)
         else:
             self.lines_above = file_format.skip + file_format.header
             self._columns = _read_csv(decode_text(raw, self.name), file_format, self.name)
@@ -72,20 +76,43 @@ class RigFile:
     def _parse_cells(self, cells: Any, column: str) -> np.ndarray:
         if isinstance(cells, np.ndarray) and cells.dtype.kind in "biuf":
             return cells.astype(float)
-        text = np.array(["" if pd.isna(cell) else str(cell).strip() for cell in cells])
-        invalid = [i for i, cell in enumerate(text) if cell and not _CELL_PATTERN.fullmatch(cell)]
+        # One cell that is no number makes a column of texts, so the marks are replaced here.
+        raw_texts = ["" if pd.isna(cell) else str(cell).strip() for cell in cells]
+        texts = [self._replace_marks(cell) for cell in raw_texts]
+        invalid = [i for i, cell in enumerate(texts) if cell and not _CELL_PATTERN.fullmatch(cell)]
         if invalid:
-            remedy = "Check `skip`, `header` and `decimal` in [files]."
+            cell = raw_texts[invalid[0]]
             rule = f"column {column} must contain only numbers or blanks"
-            raise refuse(rule, f"'{text[invalid[0]]}'", self.locate_row(invalid[0]), remedy)
-        return np.where(text == "", "nan", text).astype(float)
+            got = repr(format_printable(cell, MAX_CELL_CHARACTERS))
+            raise refuse(rule, got, self.locate_row(invalid[0]), _suggest_format(cell))
+        return np.array([cell or "nan" for cell in texts], dtype=float)
+
+    def _replace_marks(self, cell: str) -> str:
+        """Return a cell without marks of thousands, and with a decimal point."""
+        if self._format.thousands:
+            cell = cell.replace(self._format.thousands, "")
+        return cell if self._format.decimal == "." else cell.replace(".", "x").replace(",", ".")
+
+
+def _suggest_format(cell: str) -> str:
+    """Return the remedy for a cell that is no number."""
+    match = _THOUSANDS_PATTERN.fullmatch(cell)
+    if match:
+        decimal = f' and decimal = "{match[2]}"' if match[2] else ""
+        return f'If "{match[1]}" separates thousands, write thousands = "{match[1]}"{decimal} in [files].'
+    return "Check `skip`, `header` and `decimal` in [files]."
 
 
 def _read_csv(text: str, file_format: FilesTable, file: str) -> dict[str, Any]:
+    lines = split_lines(text)
+    if file_format.skip >= len(lines):
+        rule = f"`skip` must be less than the number of lines of {file} ({len(lines)})"
+        raise refuse(rule, f"{file_format.skip}", "[files]", "Count the lines above the header.")
     # The lines above the table may contain any characters.
-    lines = ["\n" if k < file_format.skip else line for k, line in enumerate(split_lines(text))]
+    lines = ["\n" if k < file_format.skip else line for k, line in enumerate(lines)]
     mark = " " if file_format.separator == "space" else SEPARATORS[file_format.separator]
     header = "".join(lines[file_format.skip : file_format.skip + file_format.header])
+    check_line_lengths(lines, file)
     check_quotes(lines, file, mark, header, skip_spaces=True)
     try:
         with warnings.catch_warnings():
@@ -96,6 +123,7 @@ def _read_csv(text: str, file_format: FilesTable, file: str) -> dict[str, Any]:
                 index_col=False,
                 sep=SEPARATORS[file_format.separator],
                 decimal=file_format.decimal,
+                thousands=file_format.thousands or None,
                 header=0 if file_format.header else None,
                 skiprows=file_format.skip,
                 skip_blank_lines=False,
@@ -130,49 +158,3 @@ def _guess_separator(text: str, file_format: FilesTable) -> str:
     line = next((line for line in text.splitlines()[file_format.skip :] if line.strip()), "")
     marks = {";": ";", "\t": "tab", ",": "," if file_format.decimal == "." else ""}
     return next((name for mark, name in marks.items() if mark in line and name != file_format.separator), "")
-
-
-def _read_mat(raw: bytes, matrix: str, file: str) -> dict[str, Any]:
-    """Return the arrays of a MAT file by name ("structure.field"), or the columns of a matrix by number."""
-    try:
-        arrays = dict(_iterate_arrays(_load_variables(raw)))
-    except (ValueError, OSError, TypeError) as error:
-        raise refuse(
-            f"{file} must be a MAT file", str(error).rstrip("."), remedy="Save it again in MATLAB."
-        ) from error
-    if not matrix:
-        return {name: values.ravel() for name, values in arrays.items() if values.size == max(values.shape)}
-    if matrix not in arrays:
-        raise refuse(f"{file} must have a variable `{matrix}`", "none", remedy=suggest_word(matrix, arrays))
-    table = np.atleast_2d(arrays[matrix])
-    if table.shape[0] < table.shape[1]:  # one row per sample, also for a transposed matrix
-        table = table.T
-    return {str(k): column for k, column in enumerate(table.T, 1)}
-
-
-def _load_variables(raw: bytes) -> Mapping[str, Any]:
-    from scipy.io import loadmat
-
-    if raw[:4] == b"\x89HDF" or b"MATLAB 7.3" in raw[:128]:
-        import h5py
-
-        return _unfold_group(h5py.File(io.BytesIO(raw), "r"))
-    return loadmat(io.BytesIO(raw), simplify_cells=True)
-
-
-def _unfold_group(group: Any) -> dict[str, Any]:
-    return {
-        name: _unfold_group(part) if hasattr(part, "keys") else np.asarray(part)
-        for name, part in group.items()
-        if not name.startswith("#")
-    }
-
-
-def _iterate_arrays(variables: Mapping[str, Any], prefix: str = ""):
-    for name, value in variables.items():
-        if name.startswith("__"):
-            continue
-        if isinstance(value, Mapping):
-            yield from _iterate_arrays(value, f"{prefix}{name}.")
-        elif np.ndim(value) and np.asarray(value).dtype.kind in "biuf":
-            yield f"{prefix}{name}", np.asarray(value)

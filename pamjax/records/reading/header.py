@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -24,7 +23,8 @@ ABSOLUTE_UNITS = {"psia": "psi", "bara": "bar", "kPaa": "kPa", "kPa(a)": "kPa"}
 #: Units that mean a dimensionless count.
 NO_UNIT_MARKS = ("", "1", "-", "#")
 
-_TITLE_PATTERN = re.compile(r"^\s*(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))\s*$")
+#: Opening and closing mark of a unit.
+_UNIT_BRACKETS = ("[]", "()")
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,12 @@ def split_title(header: str) -> tuple[str, str | None]:
     >>> split_title("cycle")
     ('cycle', None)
     """
-    match = _TITLE_PATTERN.match(header)
-    if match is None:
-        return header.strip(), None
-    unit = match[2] if match[2] is not None else match[3]
-    return match[1], unit.strip()
+    title = header.strip()
+    for opening, closing in _UNIT_BRACKETS:
+        start = title.rfind(opening)
+        if title.endswith(closing) and start >= 0 and closing not in title[start:-1]:
+            return title[:start].rstrip(), title[start + 1 : -1].strip()
+    return title, None
 
 
 def find_columns(
@@ -70,11 +71,12 @@ def find_columns(
         measures_length: whether the force is set, so that no column of force or diameter is required.
 
     Raises:
-        BadInput: if a required column is missing, occurs twice, or has a wrong unit.
+        BadInput: if a required column is missing, occurs twice, or has a wrong unit; all units at once.
     """
     titles = [cell.strip() for cell in header]
     names = _match_names(titles, mapping, file)
     columns: dict[str, Column] = {}
+    errors: list[BadInput] = []
     for index, (title, name) in enumerate(zip(titles, names, strict=True)):
         if name is None:
             continue
@@ -82,7 +84,12 @@ def find_columns(
             got = f"`{columns[name].header}` and `{title}`"
             remedy = "Remove one, or map the correct one in [columns] of muscle.toml."
             raise refuse(f"only one column can be `{name}`", got, file, remedy)
-        columns[name] = _build_column(name, title, index, file)
+        try:
+            columns[name] = _build_column(name, title, index, file)
+        except BadInput as error:
+            errors.append(error)
+    if errors:
+        raise BadInput(" Also: ".join(map(str, errors)))
     _check_required(columns, titles, file, fixed_length, measures_length)
     return columns, [
         title or "(no header)" for title, name in zip(titles, names, strict=True) if name is None

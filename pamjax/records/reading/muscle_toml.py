@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -155,6 +155,21 @@ def parse_muscle_toml(document: MuscleDocument | Mapping[str, Any], file: str = 
         columns=dict(tables.columns),
         specimen=Specimen(**dict(tables.specimen)),
     )
+
+
+def describe_unused_bladder(entry: MuscleToml, mechanisms: Iterable[str]) -> list[str]:
+    """Return a note if muscle.toml states a rubber tube and the model has no rubber; else an empty list.
+
+    Args:
+        entry: contents of muscle.toml.
+        mechanisms: mechanisms of the model.
+    """
+    if entry.bladder is None or "bladder_elasticity" in mechanisms:
+        return []
+    return [
+        "The model has no rubber, so [bladder] is not used."
+        " `pamjax fit --with bladder_elasticity` adds rubber."
+    ]
 
 
 def _find_rest_length(muscle: MuscleTable, file: str) -> MeasuredValue:

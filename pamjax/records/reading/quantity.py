@@ -8,7 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from pamjax.errors import refuse, suggest_word
-from pamjax.units import parse_quantity, suggest_units
+from pamjax.units import MAGNITUDE_LIMITS, is_representable, parse_quantity, suggest_units
+
+#: Largest count, such as the number of threads.
+MAX_COUNT = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -126,6 +129,9 @@ def read_count(raw: Any, location: EntryLocation) -> int:
     ):
         rule = f"`{location.name}` must be a positive whole number"
         raise refuse(rule, f"{raw!r}", location.file, "Write it without quotes and without a unit.")
+    if raw > MAX_COUNT:
+        rule = f"`{location.name}` must be at most {MAX_COUNT}"
+        raise refuse(rule, f"{raw!r}", location.file, "Check its digits.")
     return int(raw)
 
 
@@ -145,6 +151,10 @@ def _parse_number(raw: Any, kind: str, where: str) -> float:
         raise refuse(
             "a quantity must be finite", f"{raw!r}", where, "Remove the entry if the value is unknown."
         )
+    if not is_representable(value):
+        low, high = MAGNITUDE_LIMITS
+        rule = f"a quantity must be between {low:g} and {high:g} in SI units"
+        raise refuse(rule, f"{raw!r}", where, "Check the number and its unit.")
     return value
 
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import datetime
+import difflib
 import math
-import tomllib
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo
 
 from pamjax.errors import BadInput, refuse, suggest_word
-from pamjax.records.files import decode_text
 from pamjax.records.reading.header import COLUMN_KINDS
 from pamjax.records.reading.quantity import (
     EntryLocation,
@@ -23,6 +22,7 @@ from pamjax.records.reading.quantity import (
     read_sensor_noise,
 )
 from pamjax.records.reading.specimen import read_date, read_label
+from pamjax.records.toml_text import parse_toml
 
 
 def _locate_entry(info: ValidationInfo) -> EntryLocation:
@@ -187,16 +187,7 @@ def read_document(raw: bytes, file: str) -> MuscleDocument:
     Raises:
         BadInput: if it is not TOML, or if an entry is unknown or wrong.
     """
-    try:
-        tables = tomllib.loads(decode_text(raw, file).replace("\r\n", "\n"))
-    except tomllib.TOMLDecodeError as error:
-        got = str(error)[:1].lower() + str(error)[1:].rstrip(".")
-        raise refuse(
-            f"{file} must be TOML",
-            got,
-            remedy="Write a text in double quotes, and a table name in [brackets].",
-        ) from error
-    return MuscleDocument.from_mapping(tables, file)
+    return MuscleDocument.from_mapping(parse_toml(raw, file), file)
 
 
 def _translate_error(error: ValidationError, file: str) -> BadInput:
@@ -229,6 +220,9 @@ def _build_unknown_error(path: list[str], where: str) -> BadInput:
             f"unknown table [{path[0]}] in {where}", remedy=suggest_word(path[0], MuscleDocument.model_fields)
         )
     valid_names = _TABLE_CLASSES[path[0]].model_fields
+    if close := difflib.get_close_matches(path[1], MuscleDocument.model_fields, n=1, cutoff=0.8):
+        remedy = f"Did you mean the table [{close[0]}]? Write it on a line of its own."
+        return refuse(f"unknown entry `{path[1]}`", where=where, remedy=remedy)
     return refuse(f"unknown entry `{path[1]}`", where=where, remedy=suggest_word(path[1], valid_names))
 
 

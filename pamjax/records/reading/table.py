@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pamjax.errors import BadInput, InputWarning, refuse
+from pamjax.errors import BadInput, InputWarning, format_printable, refuse
 from pamjax.records.files import decode_text, read_bytes
-from pamjax.records.quotes import check_quotes, split_lines
+from pamjax.records.quotes import MAX_CELL_CHARACTERS, check_line_lengths, check_quotes, split_lines
 from pamjax.records.reading.header import Column, find_columns
 from pamjax.records.reading.outliers import remove_outliers
 from pamjax.records.recording import Recording
-from pamjax.units import format_quantity
+from pamjax.units import MAGNITUDE_LIMITS, format_quantity, is_representable
 
 _NUMBER_PATTERN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _DECIMAL_COMMA_PATTERN = re.compile(r"[+-]?\d+,\d+")
@@ -118,6 +118,7 @@ def _split_cells(text: str, file: str) -> tuple[list[str], list[int], list[list[
     # A comment may contain any characters.
     content = [line if not line.lstrip().startswith("#") else "\n" for line in split_lines(text)]
     titles = next((line for line in content if line.strip(" ,\t\r\n")), "")
+    check_line_lengths(content, file)
     check_quotes(content, file, ",", titles)
     rows = list(enumerate(csv.reader(content), 1))
     rows = [(line, cells) for line, cells in rows if any(c.strip() for c in cells)]
@@ -175,16 +176,27 @@ def _parse_column(column: Column, cells: list[list[str]], locate: _RowLocator) -
 
 def _parse_cell(text: str, column: Column, locate: _RowLocator, i: int) -> float:
     value = float(text) if _NUMBER_PATTERN.fullmatch(text) else np.nan
-    if np.isfinite(value):
+    if np.isfinite(value) and is_representable(value * column.factor):
         return value
+    if np.isfinite(value):
+        low, high = MAGNITUDE_LIMITS
+        rule = f"`{column.name}` must be 0 or between {low:g} and {high:g} in SI units"
+        raise refuse(rule, _quote_cell(text), locate(i, column.header), "Check the digits of the cell.")
     remedy = "Leave the cell blank if it was not measured."
     if _DECIMAL_COMMA_PATTERN.fullmatch(text):
         remedy = f"Write a decimal point: {text.replace(',', '.')}."
     elif text.lower() not in _BLANK_MARKS and "inf" not in text.lower() and np.isnan(value):
         remedy = "Write a number here and the unit in the header. " + remedy
     raise refuse(
-        f"`{column.name}` must be a finite number or blank", f"{text!r}", locate(i, column.header), remedy
+        f"`{column.name}` must be a finite number or blank",
+        _quote_cell(text),
+        locate(i, column.header),
+        remedy,
     )
+
+
+def _quote_cell(text: str) -> str:
+    return repr(format_printable(text, MAX_CELL_CHARACTERS))
 
 
 def _check_times(

@@ -52,7 +52,7 @@ def test_posterior_is_written_and_reused(tmp_path, capsys):
             '["thread.modulus"]\nsd = 5',
             "this value needs a unit; got '5' in [thread.modulus] of priors.toml.",
         ),
-        ("=", "priors are a TOML file; got"),
+        ("=", "must be TOML; got"),
     ],
 )
 def test_invalid_prior_is_refused(tmp_path, capsys, text, message):

@@ -1,6 +1,8 @@
 """A fit on disk: complete, without NaN, and unchanged after reading."""
 
 import json
+import pickle
+from html import escape
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,6 +13,7 @@ from pamjax.errors import BadInput
 from pamjax.infer.fitting.fit import fit
 from pamjax.infer.fitting.io import FIT_SCHEMA, build_fit_document, save
 from pamjax.infer.fitting.load import load_muscle
+from pamjax.infer.fitting.report import format_estimate
 from pamjax.model.muscle import predict
 from pamjax.records.case import read_case
 from pamjax.records.writing.case_folder import write_case
@@ -161,3 +164,56 @@ def test_interrupted_save_leaves_no_partial_file(fitted, tmp_path, monkeypatch):
         save(fitted, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["fit.json"]
     json.loads((tmp_path / "fit.json").read_text("utf-8"))
+
+
+@pytest.mark.parametrize("value", ["NaN", "Infinity", "1e308", "null", "true", '"3"', "[]"])
+@pytest.mark.parametrize("place", ["numbers", "calibrated"])
+def test_file_with_a_value_that_is_no_number_is_refused(written, tmp_path, value, place):
+    document = json.loads((written / "fit.json").read_text("utf-8"))
+    (case,) = document["cases"].values()
+    if place == "numbers":
+        case["muscle"]["numbers"]["muscle.turns"] = "HERE"
+    else:
+        case["calibrated"]["pressure"]["high"] = "HERE"
+    (tmp_path / "fit.json").write_text(json.dumps(document).replace('"HERE"', value))
+    name = "muscle.turns" if place == "numbers" else "pressure.high"
+    with pytest.raises(BadInput) as error:
+        load_muscle(tmp_path / "fit.json")
+    assert str(error.value).startswith(f"`{name}` must be a finite number; got ")
+    assert str(error.value).endswith(" in fit.json. Write the file again with `pamjax fit`.")
+
+
+def test_deeply_nested_file_is_refused(tmp_path):
+    (tmp_path / "fit.json").write_text("[" * 100_000)
+    with pytest.raises(BadInput, match=r"a calibrated muscle is a fit\.json; got"):
+        load_muscle(tmp_path / "fit.json")
+
+
+def test_estimates_are_a_table_in_display_units(fitted):
+    table = fitted.to_frame()
+    assert list(table.index) == list(fitted.estimates)
+    assert list(table.columns) == ["value", "sd", "prior", "prior_sd", "unit", "at_limit"]
+    for name, estimate in fitted.estimates.items():
+        assert table.loc[name, "unit"] == estimate.meaning.show
+        assert format_estimate(estimate.value, None, estimate.meaning.show).startswith(
+            f"{table.loc[name, 'value']:.5g}"
+        )
+
+
+def test_unknown_estimate_has_a_suggestion(fitted):
+    name = next(iter(fitted.estimates))
+    with pytest.raises(KeyError, match=rf"no estimate '{name[:-1]}'. Did you mean `{name}`\?"):
+        fitted.estimates[name[:-1]]
+
+
+def test_results_are_short_in_a_notebook(fitted):
+    (case_fit,) = fitted.cases
+    assert repr(case_fit.case).startswith("<Case: hose: ")
+    assert "\n" not in repr(case_fit.case)
+    assert "\n" not in repr(fitted)
+    assert len(repr(fitted)) < 120
+    assert fitted._repr_html_() == f"<pre>{escape(str(fitted))}</pre>"
+
+
+def test_fit_is_the_same_after_pickling(fitted):
+    assert str(pickle.loads(pickle.dumps(fitted))) == str(fitted)

@@ -9,6 +9,7 @@ from pamjax.records.reading.muscle_toml import (
     Bladder,
     MeasuredValue,
     Sensors,
+    describe_unused_bladder,
     parse_muscle_toml,
     read_muscle_toml,
 )
@@ -285,3 +286,21 @@ def test_measured_length_is_read():
 def test_contradiction_of_the_measured_length_is_refused(tables, message):
     with pytest.raises(BadInput, match=message):
         parse_muscle_toml({"muscle": COUNTED_BRAID, **tables})
+
+
+def test_unused_bladder_is_reported():
+    note = (
+        "The model has no rubber, so [bladder] is not used."
+        " `pamjax fit --with bladder_elasticity` adds rubber."
+    )
+    entry = read(MUSCLE + '[bladder]\nmodulus = "1 MPa"\n')
+    assert describe_unused_bladder(entry, ()) == [note]
+    assert describe_unused_bladder(entry, ("bladder_elasticity",)) == []
+    assert describe_unused_bladder(read(MUSCLE), ()) == []
+
+
+def test_table_in_another_table_is_suggested_as_a_table():
+    assert read_error(MUSCLE + 'colums = {force = "x"}\n') == (
+        "unknown entry `colums` ([muscle] of muscle.toml). Did you mean the table [columns]?"
+        " Write it on a line of its own."
+    )

@@ -1,0 +1,64 @@
+"""Parsing of TOML files, with limits on size, nesting and numbers."""
+
+from __future__ import annotations
+
+import tomllib
+from typing import Any
+
+from pamjax.errors import refuse
+from pamjax.records.files import decode_text
+
+#: Largest file, bytes: about 20,000 lines. Python's reader needs seconds for larger ones.
+MAX_TOML_BYTES = 1_000_000
+#: Longest line; the reader's time grows with the square of the number of keys in a dotted name.
+MAX_LINE_CHARACTERS = 10_000
+#: Largest whole number that TOML has.
+MAX_TOML_INTEGER = 2**63 - 1
+
+
+def parse_toml(
+    raw: bytes, file: str, remedy: str = "Write a text in double quotes, and a table name in [brackets]."
+) -> dict[str, Any]:
+    """Return the tables of a TOML file.
+
+    Args:
+        raw: bytes of the file.
+        file: name of the file, for the messages.
+        remedy: instruction to the user, if the text is not TOML.
+
+    Raises:
+        BadInput: if it is not TOML, too large, nested too deeply, or has a whole number of more than 64 bits.
+    """
+    if len(raw) > MAX_TOML_BYTES:
+        raise refuse(f"{file} must have at most 1 MB", f"{len(raw) / 1e6:.1f} MB", remedy="Remove entries.")
+    text = decode_text(raw, file).replace("\r\n", "\n")
+    for number, line in enumerate(text.split("\n"), 1):
+        if len(line) > MAX_LINE_CHARACTERS:
+            rule = f"a line must have at most {MAX_LINE_CHARACTERS} characters"
+            raise refuse(rule, f"{len(line)}", f"line {number} of {file}", "Break the line.")
+    try:
+        document = tomllib.loads(text)
+    except RecursionError as error:
+        rule = f"{file} must not have deeply nested brackets"
+        raise refuse(rule, remedy="Close each bracket.") from error
+    # TOMLDecodeError is a ValueError; Python refuses numbers of more than 4300 digits with a plain one.
+    except ValueError as error:
+        got = str(error)[:1].lower() + str(error)[1:].rstrip(".")
+        if not isinstance(error, tomllib.TOMLDecodeError):
+            got = "a number with thousands of digits"
+        raise refuse(f"{file} must be TOML", got, remedy=remedy) from error
+    _check_integers(document, "", file)
+    return document
+
+
+def _check_integers(value: Any, name: str, file: str) -> None:
+    """Refuse a whole number that TOML does not have, and that no float can hold."""
+    if isinstance(value, dict):
+        for key, part in value.items():
+            _check_integers(part, key, file)
+    elif isinstance(value, list):
+        for part in value:
+            _check_integers(part, name, file)
+    elif isinstance(value, int) and abs(value) > MAX_TOML_INTEGER:
+        got = f"a number of {len(str(abs(value)))} digits"
+        raise refuse(f"`{name}` must be a whole number below 2^63", got, file, "Remove digits.")
