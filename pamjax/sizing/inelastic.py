@@ -63,7 +63,7 @@ def _compute_cost(
     if spec.entries.threads.diameters is not None:
         kind = replace(kind, diameters=spec.entries.threads.diameters)
     choices = [
-        replace(base_choice, thread=kind, threads=count, diameter=diameter)
+        replace(base_choice, thread=kind, threads=count, diameter=diameter, tube=None)
         for count in spec.counts
         for diameter in kind.diameters
     ]

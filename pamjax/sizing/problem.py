@@ -19,6 +19,7 @@ from pamjax.sizing.candidate import (
     locate_output,
 )
 from pamjax.sizing.materials import BladderKind, ThreadKind
+from pamjax.sizing.parts import Tube, find_yarn_count
 from pamjax.sizing.requirements import MIN_LOG_RATIO, SizingTask, compute_margin, compute_margin_slope
 from pamjax.sizing.spec import PACKING_RATIOS, Spec
 from pamjax.units import format_quantity
@@ -55,6 +56,7 @@ class Choice:
         diameter: diameter of one thread, m.
         parallel: number of muscles in parallel.
         outer_diameter: standard outer diameter of the bladder, m; None if it is a free coordinate.
+        tube: tube that is sold; None if diameter and wall are free coordinates.
     """
 
     thread: ThreadKind
@@ -63,6 +65,12 @@ class Choice:
     diameter: float
     parallel: int
     outer_diameter: float | None = None
+    tube: Tube | None = None
+
+    @property
+    def yarn_count(self) -> float | None:
+        """Return the count of the yarn, kg/m; None if the thread is not a yarn of the table."""
+        return find_yarn_count(self.thread, self.diameter)
 
     def make_build(self, transfer: CalibrationTransfer | None = None) -> MuscleBuild:
         """Return the build of a candidate with typical or calibrated material properties."""
@@ -87,9 +95,24 @@ class Choice:
             packing=PACKING_RATIOS[self.parallel - 1] if self.parallel <= len(PACKING_RATIOS) else 1.0,
         )
 
+    def describe_thread(self) -> str:
+        """Return the size of a thread: the count of a yarn, else the diameter."""
+        diameter = format_quantity(self.diameter, "mm", 2)
+        if self.yarn_count is None:
+            return format_quantity(self.diameter, "mm")
+        return f"{format_quantity(self.yarn_count, 'dtex')} ({diameter})"
+
+    def describe_bladder(self) -> str:
+        """Return the rubber, and the size of the tube if it is one that is sold."""
+        return (
+            f"{self.bladder.name} bladder"
+            if self.tube is None
+            else f"{self.bladder.name} tube {self.tube.size}"
+        )
+
     def __str__(self) -> str:
-        thread = f"{self.threads} {self.thread.name} threads of {format_quantity(self.diameter, 'mm')}"
-        muscle = f"{thread}, {self.bladder.name} bladder"
+        thread = f"{self.threads} {self.thread.name} threads of {self.describe_thread()}"
+        muscle = f"{thread}, {self.describe_bladder()}"
         return muscle if self.parallel == 1 else f"{self.parallel} muscles in parallel, each with {muscle}"
 
 
@@ -127,6 +150,8 @@ def compute_bounds(spec: Spec, task: SizingTask, choice: Choice) -> tuple[np.nda
     if choice.outer_diameter is not None:
         diameters = (choice.outer_diameter, choice.outer_diameter)
     wall = limits.wall or choice.bladder.walls
+    if choice.tube is not None:
+        diameters, wall = (choice.tube.outer_diameter,) * 2, (choice.tube.wall,) * 2
     pressure = (0.02 * spec.supply, BOUND_EXTENSION * spec.supply)
     angle = limits.braid_angle or ANGLE_RANGE
     logs = [np.log(pair) for pair in (rest_lengths, diameters, wall, pressure)]

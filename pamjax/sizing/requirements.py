@@ -209,7 +209,7 @@ def _list_stated_requirements(spec: Spec, point_count: int) -> list[Requirement]
         )
     ]
     if envelope.length is not None:
-        fitting_lengths = 2 * (envelope.fittings or 0.0)
+        fitting_lengths = 2 * spec.fittings
         description = f"length at most {format_quantity(envelope.length, 'mm')}"
         requirements.append(
             _require_at_most(

@@ -1,0 +1,95 @@
+"""Discrete search after the continuous one: tubes that are sold, for the best choices of thread and rubber.
+
+Each choice is combined with each tube of its rubber. All combinations are screened in one batched program, and
+the best of them are optimised in the three coordinates that remain: rest length, braid angle and pressure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pamjax.progress import Progress, ignore_progress
+from pamjax.sizing.calibration import CalibrationTransfer
+from pamjax.sizing.enumerate import ChoiceResult, rank_result, screen_choices, search_choice
+from pamjax.sizing.parts import Tube, list_tubes
+from pamjax.sizing.problem import Choice, SizingProblem, build_problem
+from pamjax.sizing.requirements import SizingTask
+from pamjax.sizing.spec import Spec
+
+#: Largest number of choices that are combined with tubes, and number of screened candidates of each pair.
+MAX_BASES, SCREENING_POINTS = 120, 32
+#: Largest number of combinations that are optimised, and of those that share one tube.
+MAX_COMBINATIONS, MAX_PER_TUBE = 80, 6
+#: Relative difference up to which a tube has the outer diameter that the spec states.
+SIZE_TOLERANCE = 0.02
+
+
+def list_fitting_tubes(spec: Spec, choice: Choice) -> list[Tube]:
+    """Return the tubes of the rubber of a choice within the limits of the spec."""
+    limits, outer_diameter = spec.entries.limits, choice.outer_diameter
+
+    def fits(tube: Tube) -> bool:
+        ranges = ((limits.diameter, tube.outer_diameter), (limits.wall, tube.wall))
+        in_range = all(r is None or r[0] * 0.999 <= value <= r[1] * 1.001 for r, value in ranges)
+        is_stated = (
+            outer_diameter is None or abs(tube.outer_diameter / outer_diameter - 1) <= SIZE_TOLERANCE
+        )
+        return in_range and is_stated
+
+    return [tube for tube in list_tubes() if tube.rubber == choice.bladder.name and fits(tube)]
+
+
+def search_stock(
+    results: Sequence[ChoiceResult],
+    spec: Spec,
+    task: SizingTask,
+    transfer: CalibrationTransfer,
+    seed: int,
+    progress: Progress = ignore_progress,
+) -> list[ChoiceResult]:
+    """Return the feasible muscles with tubes that are sold, the best first.
+
+    Args:
+        results: feasible choices of the continuous search, the best first.
+        spec, task, transfer: of this search.
+        seed: seed of the screening.
+        progress: receives the current step and the completed fraction.
+
+    Returns:
+        the results. A rubber without tubes in the table keeps its free diameter and wall.
+    """
+    kept_results: list[ChoiceResult] = []
+    problems: list[SizingProblem] = []
+    for result in results[:MAX_BASES]:
+        choice = result.problem.choice
+        if not any(tube.rubber == choice.bladder.name for tube in list_tubes()):
+            kept_results.append(result)
+        problems += [
+            build_problem(spec, task, replace(choice, tube=tube), transfer)
+            for tube in list_fitting_tubes(spec, choice)
+        ]
+    if not problems:
+        return kept_results
+    starts_by_problem, merits = screen_choices(problems, seed, SCREENING_POINTS)
+    order = _limit_per_tube(problems, np.argsort(merits, kind="stable"))
+    for rank, k in enumerate(order):
+        progress(f"tube {rank + 1} of {len(order)}", rank / len(order))
+        result = search_choice(problems[k], starts_by_problem[k][:3], stop_after=1)
+        if result.optimum is not None:
+            kept_results.append(result)
+    return sorted(kept_results, key=rank_result)
+
+
+def _limit_per_tube(problems: Sequence[SizingProblem], order: np.ndarray) -> list[int]:
+    """Return the first combinations, with at most `MAX_PER_TUBE` of one tube, so that tubes are compared."""
+    counts: dict[Tube | None, int] = {}
+    chosen: list[int] = []
+    for k in order:
+        tube = problems[k].choice.tube
+        counts[tube] = counts.get(tube, 0) + 1
+        if counts[tube] <= MAX_PER_TUBE:
+            chosen.append(int(k))
+    return chosen[:MAX_COMBINATIONS]
