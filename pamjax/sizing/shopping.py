@@ -67,10 +67,10 @@ def list_parts(design: Design) -> list[Part]:
         ),
     ]
     barb = find_barb(n["bore"])
-    barb_name = f"hose barb for {barb} tube" if barb else f"turned plug for a bore of {bore}"
+    barb_name = f"hose barbs for {barb} tube" if barb else f"turned plugs for a bore of {bore}"
     parts.append(Part(barb_name, str(ends), "one bored and one closed for each muscle"))
     clamp = format_quantity(n["diameter"] + 2 * choice.diameter, "mm", 3)
-    parts.append(Part("clamp", str(ends), f"ear clamp or crimped ring for {clamp}, over tube and braid"))
+    parts.append(Part("clamps", str(ends), f"ear clamps or crimped rings for {clamp}, over tube and braid"))
     return parts
 
 
