@@ -221,8 +221,12 @@ def format_errors(design: Design) -> str:
         for name, unit in TOLERANCE_UNITS.items()
     }
     parts["pressure"] = f"pressure ± {100 * errors.pressure:.2g} %"
-    return ", ".join(
-        text if name in errors.stated else f"{text} (assumed)" for name, text in parts.items()
+    stated = [text for name, text in parts.items() if name in errors.stated]
+    assumed = [text for name, text in parts.items() if name not in errors.stated]
+    return "; ".join(
+        f"{', '.join(texts)} ({origin})"
+        for texts, origin in ((stated, "from the spec"), (assumed, "assumed"))
+        if texts
     )
 
 

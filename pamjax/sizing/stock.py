@@ -1,11 +1,13 @@
 """Discrete search after the continuous one: tubes that are sold, for the best choices of thread and rubber.
 
 Each choice is combined with each tube of its rubber. All combinations are screened in one batched program, and
-the best of them are optimised in the three coordinates that remain: rest length, braid angle and pressure.
+the best of them are optimised in the coordinates that remain: rest length, braid angle and pressure. Diameter
+and pressure do not increase with the rest length, so a muscle that minimises one of them uses the whole length.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -23,6 +25,8 @@ from pamjax.sizing.spec import Spec
 MAX_BASES, SCREENING_POINTS = 120, 32
 #: Largest number of combinations that are optimised, and of those that share one tube.
 MAX_COMBINATIONS, MAX_PER_TUBE = 80, 6
+#: Objectives that a longer muscle does not increase.
+LENGTHLESS_OBJECTIVES = ("diameter", "pressure")
 #: Relative difference up to which a tube has the outer diameter that the spec states.
 SIZE_TOLERANCE = 0.02
 
@@ -68,7 +72,7 @@ def search_stock(
         if not any(tube.rubber == choice.bladder.name for tube in list_tubes()):
             kept_results.append(result)
         problems += [
-            build_problem(spec, task, replace(choice, tube=tube), transfer)
+            _use_whole_length(build_problem(spec, task, replace(choice, tube=tube), transfer), spec)
             for tube in list_fitting_tubes(spec, choice)
         ]
     if not problems:
@@ -81,6 +85,16 @@ def search_stock(
         if result.optimum is not None:
             kept_results.append(result)
     return sorted(kept_results, key=rank_result)
+
+
+def _use_whole_length(problem: SizingProblem, spec: Spec) -> SizingProblem:
+    """Return the problem with the rest length that the spec makes available, if a shorter one has no merit."""
+    length = problem.task.find_requirement("length")
+    if length is None or spec.entries.limits.rest_length or problem.objective not in LENGTHLESS_OBJECTIVES:
+        return problem
+    low, high, start_high = (x.copy() for x in (problem.low, problem.high, problem.start_high))
+    low[0] = high[0] = start_high[0] = math.log(length.bounds[0])
+    return problem.copy_with(low=low, high=high, start_high=start_high)
 
 
 def _limit_per_tube(problems: Sequence[SizingProblem], order: np.ndarray) -> list[int]:
