@@ -12,8 +12,9 @@ import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT
 from pamjax.control.command_uncertainty import compute_force_sd, read_unexplained_force
+from pamjax.control.evaluate_command import evaluate_command
 from pamjax.control.inverse import CommandLimit, Inverse
-from pamjax.control.neglected import compute_friction_half_loop, list_neglected
+from pamjax.control.neglected import list_neglected
 from pamjax.control.posterior_draws import INTERVAL_SHARE, CommandSpread, PosteriorDraws
 from pamjax.units import format_quantity
 
@@ -242,7 +243,8 @@ def solve_command(
     """
     quantity, given_value = ("pressure", length) if length is not None else ("length", pressure)
     assert given_value is not None
-    command = (inverse.pressure if length is not None else inverse.length)(force, given_value)
+    numbers = evaluate_command(inverse, force, given_value, by_length=length is not None)
+    command = numbers.command
     value, by_force, by_given, stiffness = (
         float(np.asarray(x)[0])
         for x in (command.value, command.by_force, command.by_given, command.stiffness)
@@ -254,7 +256,7 @@ def solve_command(
     value = value if abs(value) > ZERO_SHARE * value_range[1] else 0.0
     p, l = (value, given_value) if length is not None else (given_value, value)
     spread = draws.compute_spread(inverse, force, length=length, pressure=pressure) if draws else None
-    reached_force = float(inverse.force(p, l)[0][0])
+    reached_force = float(numbers.reached_force)
     reached_force = reached_force if abs(reached_force) > ZERO_SHARE * abs(force) else 0.0
     unexplained_force = (read_unexplained_force(file) if file else None) or 0.0
     if spread is not None:
@@ -263,7 +265,7 @@ def solve_command(
         force_error = compute_force_sd(file, np.array([p]), np.array([l]), case)[0] if file else math.nan
         sd = abs(by_force) * math.hypot(float(force_error), unexplained_force)
     limit = CommandLimit(int(np.asarray(command.status)[0]))
-    by_pressure, by_length = inverse.stiffness_slopes(p, l)[0]
+    by_pressure, by_length = numbers.stiffness_slopes
     neglected_history, neglected_rig = list_neglected(inverse.muscle)
     return CommandResult(
         quantity,
@@ -280,7 +282,7 @@ def solve_command(
         spread,
         unexplained_force,
         reached_force,
-        float(compute_friction_half_loop(inverse.muscle, p, l)[0]),
+        float(numbers.half_loop),
         given_range,
         _list_extrapolations(calibrated_range or {}, {"pressure": p, "length": l}),
         neglected_history,

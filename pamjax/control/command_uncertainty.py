@@ -12,14 +12,15 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from pamjax.compile.programs import run_compiled
 from pamjax.control.inverse import compute_static_force
 from pamjax.errors import refuse, suggest_word
-from pamjax.jit import compile_on_call
 from pamjax.model.assembly import assemble, assemble_bench
 from pamjax.records.files import read_bytes
 from pamjax.units import compute_si_factor
@@ -76,10 +77,10 @@ def compute_force_sd(
     correlation = np.array(document["correlation"]["matrix"])[np.ix_(indices, indices)]
     numbers = {n: jnp.asarray(v) for n, v in muscle["numbers"].items()}
     start = jnp.array([numbers[short] for short in free_names.values()])
-    force_slopes = _compute_force_slopes(
-        (muscle["law"], tuple(muscle["mechanisms"]), tuple(free_names.values())), numbers, start,
-        jnp.asarray(pressure, float), jnp.asarray(length, float),
-    )  # fmt: skip
+    model = _ModelKey(muscle["law"], tuple(muscle["mechanisms"]), tuple(free_names.values()))
+    force_slopes = run_compiled(
+        _compute_force_slopes, model, numbers, start, jnp.asarray(pressure, float), jnp.asarray(length, float)
+    )
     scaled_slopes = np.asarray(force_slopes) * sd
     return np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", scaled_slopes, correlation, scaled_slopes), 0.0))
 
@@ -101,15 +102,25 @@ def read_unexplained_force(file: Path) -> float | None:
     return math.sqrt(max(rmse**2 - noise**2, 0.0))
 
 
-@compile_on_call
-def _compute_force_slopes(
-    model_key, numbers: dict[str, Array], start: Array, pressure: Array, length: Array
-) -> Array:
-    law, ids, free_names = model_key
+class _ModelKey(eqx.Module):
+    """The kind of a muscle: thread law, mechanisms and names of the free parameters."""
 
+    law: str = eqx.field(static=True)
+    ids: tuple[str, ...] = eqx.field(static=True)
+    free_names: tuple[str, ...] = eqx.field(static=True)
+
+
+@jax.jit
+def _compute_force_slopes(
+    model: _ModelKey, numbers: dict[str, Array], start: Array, pressure: Array, length: Array
+) -> Array:
     def force(values, p, l):
-        all_numbers = numbers | dict(zip(free_names, values, strict=True))
-        muscle = assemble_bench(law, ids, all_numbers) if ids else assemble(law, all_numbers)
+        all_numbers = numbers | dict(zip(model.free_names, values, strict=True))
+        muscle = (
+            assemble_bench(model.law, model.ids, all_numbers)
+            if model.ids
+            else assemble(model.law, all_numbers)
+        )
         return compute_static_force(muscle, p, l)[0]
 
     return jax.vmap(jax.jacfwd(force), in_axes=(None, 0, 0))(start, pressure, length)
