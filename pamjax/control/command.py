@@ -11,11 +11,16 @@ from typing import Any
 import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT
-from pamjax.control.command_uncertainty import compute_force_sd, read_unexplained_force
+from pamjax.control.command_uncertainty import (
+    compute_force_sd,
+    find_uncertainty_source,
+    read_unexplained_force,
+)
 from pamjax.control.evaluate_command import evaluate_command
 from pamjax.control.inverse import CommandLimit, Inverse
 from pamjax.control.neglected import list_neglected
 from pamjax.control.posterior_draws import INTERVAL_SHARE, CommandSpread, PosteriorDraws
+from pamjax.control.standalone import UNCERTAINTY_TEXTS
 from pamjax.units import format_quantity
 
 #: Share of the largest value below which a number is a rounding error, and tolerance of the calibrated range.
@@ -29,7 +34,7 @@ class CommandResult:
     Attributes:
         quantity: the commanded quantity, "pressure" or "length".
         value: Pa or m; the nearest possible value if the limit is not OK.
-        sd: standard deviation of the value from the calibration; NaN without a covariance.
+        sd: standard deviation of the value; NaN if the uncertainty is unknown.
         force: wanted force, N.
         given: the given length, m, or pressure, Pa.
         by_force, by_given: derivatives of the value.
@@ -44,6 +49,7 @@ class CommandResult:
         extrapolations: a sentence for pressure and for length outside the calibrated range.
         neglected_history: ids of neglected mechanisms of memory and speed.
         neglected_rig: ids of neglected mechanisms of sensors and rig.
+        uncertainty: source of `sd`, a key of `standalone.UNCERTAINTY_TEXTS`.
     """
 
     quantity: str
@@ -65,6 +71,7 @@ class CommandResult:
     extrapolations: tuple[str, ...] = ()
     neglected_history: tuple[str, ...] = ()
     neglected_rig: tuple[str, ...] = ()
+    uncertainty: str = "unknown"
 
     @property
     def friction_shift(self) -> float:
@@ -116,6 +123,7 @@ class CommandResult:
             "says": self.reason,
             "there": _finite_or_none(self.reached_force),
         }
+        document["uncertainty"] = self.uncertainty
         document["left_out"], document["beyond"] = (
             [*self.neglected_history, *self.neglected_rig],
             list(self.extrapolations),
@@ -178,7 +186,18 @@ class CommandResult:
                 f"the ± includes {error_text} for a force error of {unexplained_text} beyond noise"
                 " on held-out blocks"
             )
+        if self.uncertainty != "calibration" or not self.unexplained_force:
+            lines.append(self._format_source())
         return lines
+
+    def _format_source(self) -> str:
+        """Return a sentence on the source of the standard deviation, or that none is known."""
+        text = UNCERTAINTY_TEXTS[self.uncertainty]
+        if self.uncertainty == "unknown":
+            return text
+        if not self.unexplained_force:
+            text = text.removesuffix(", and the force error on held-out blocks")
+        return f"the ± is one standard deviation, from {text}"
 
     def _format_neglected(self) -> list[str]:
         """Return a line for each neglected effect and each extrapolation."""
@@ -258,7 +277,7 @@ def solve_command(
     spread = draws.compute_spread(inverse, force, length=length, pressure=pressure) if draws else None
     reached_force = float(numbers.reached_force)
     reached_force = reached_force if abs(reached_force) > ZERO_SHARE * abs(force) else 0.0
-    unexplained_force = (read_unexplained_force(file) if file else None) or 0.0
+    unexplained_force = (read_unexplained_force(file, case) if file else None) or 0.0
     if spread is not None:
         sd = math.hypot(spread.sd, by_force * unexplained_force)
     else:
@@ -287,4 +306,5 @@ def solve_command(
         _list_extrapolations(calibrated_range or {}, {"pressure": p, "length": l}),
         neglected_history,
         neglected_rig,
+        find_uncertainty_source(file, draws is not None),
     )

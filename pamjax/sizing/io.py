@@ -18,6 +18,7 @@ from pamjax.records.files import write_folder_atomically
 from pamjax.sizing.candidate import MUSCLE_OUTPUTS, locate_output
 from pamjax.sizing.problem import OBJECTIVE_UNITS
 from pamjax.sizing.result import Design
+from pamjax.sizing.scatter import build_scatter_document
 from pamjax.sizing.shopping import list_checks, list_parts
 from pamjax.sizing.tolerances import TOLERANCE_UNITS
 from pamjax.units import compute_si_factor, format_quantity
@@ -288,6 +289,7 @@ def build_model_document(design: Design) -> dict[str, Any]:
     return {
         "schema": FIT,
         "versions": {"pamjax": version("pamjax")},
+        **build_scatter_document(design, numbers),
         "cases": {
             "designed": {
                 "checksum": "designed, not measured",
