@@ -28,6 +28,9 @@ from pamjax.units import format_quantity
 MAX_CHOICES = 5000
 #: Default range of the braid angle at rest, rad: 50 to 84 degrees.
 ANGLE_RANGE = (math.radians(50.0), math.radians(84.0))
+#: The same for a muscle of sold parts, a judgement: sleeves and braids are seldom closer than 15 degrees to the
+#: axis, see `data/materials/sleeves.csv`.
+BUILDABLE_ANGLE_RANGE = (math.radians(50.0), math.radians(75.0))
 #: Upper limit of the contraction of any muscle.
 MAX_SIZING_CONTRACTION = 0.5
 #: Factor by which a search may exceed a stated bound, so that the violation of an infeasible spec is known.
@@ -153,7 +156,7 @@ def compute_bounds(spec: Spec, task: SizingTask, choice: Choice) -> tuple[np.nda
     if choice.tube is not None:
         diameters, wall = (choice.tube.outer_diameter,) * 2, (choice.tube.wall,) * 2
     pressure = (0.02 * spec.supply, BOUND_EXTENSION * spec.supply)
-    angle = limits.braid_angle or ANGLE_RANGE
+    angle = limits.braid_angle or (BUILDABLE_ANGLE_RANGE if spec.stock else ANGLE_RANGE)
     logs = [np.log(pair) for pair in (rest_lengths, diameters, wall, pressure)]
     low, high = (np.array([logs[0][k], angle[k], *(pair[k] for pair in logs[1:])]) for k in (0, 1))
     start_high = np.log([free_length, 1.0, max(0.9 * max_diameter, diameters[0]), wall[1], spec.supply])

@@ -1,8 +1,9 @@
 """Discrete search after the continuous one: tubes that are sold, for the best choices of thread and rubber.
 
-Each choice is combined with each tube of its rubber. All combinations are screened in one batched program, and
-the best of them are optimised in the coordinates that remain: rest length, braid angle and pressure. Diameter
-and pressure do not increase with the rest length, so a muscle that minimises one of them uses the whole length.
+Each choice is combined with each tube of its rubber. All combinations are screened in one batched program. The
+best choices of each tube are optimised, then more choices of the best tubes, in the coordinates that remain:
+rest length, braid angle and pressure. Diameter and pressure do not increase with the rest length, so a muscle
+that minimises one of them uses the whole length.
 """
 
 from __future__ import annotations
@@ -22,9 +23,11 @@ from pamjax.sizing.requirements import SizingTask
 from pamjax.sizing.spec import Spec
 
 #: Largest number of choices that are combined with tubes, and number of screened candidates of each pair.
-MAX_BASES, SCREENING_POINTS = 120, 32
-#: Largest number of combinations that are optimised, and of those that share one tube.
-MAX_COMBINATIONS, MAX_PER_TUBE = 80, 6
+MAX_BASES, SCREENING_POINTS = 150, 64
+#: Number of best choices of each tube that are optimised first; number of best tubes and of further choices.
+FIRST_CHOICES, BEST_TUBES, FURTHER_CHOICES = 2, 5, 8
+#: Screened merit, relative to the best one, above which a tube is not optimised.
+MAX_MERIT_EXCESS = 8.0
 #: Objectives that a longer muscle does not increase.
 LENGTHLESS_OBJECTIVES = ("diameter", "pressure")
 #: Relative difference up to which a tube has the outer diameter that the spec states.
@@ -78,13 +81,30 @@ def search_stock(
     if not problems:
         return kept_results
     starts_by_problem, merits = screen_choices(problems, seed, SCREENING_POINTS)
-    order = _limit_per_tube(problems, np.argsort(merits, kind="stable"))
-    for rank, k in enumerate(order):
-        progress(f"tube {rank + 1} of {len(order)}", rank / len(order))
-        result = search_choice(problems[k], starts_by_problem[k][:3], stop_after=1)
-        if result.optimum is not None:
-            kept_results.append(result)
-    return sorted(kept_results, key=rank_result)
+    ranks_by_tube: dict[Tube | None, list[int]] = {}
+    for k in np.argsort(merits, kind="stable"):
+        if merits[k] <= merits.min() + MAX_MERIT_EXCESS:
+            ranks_by_tube.setdefault(problems[k].choice.tube, []).append(int(k))
+
+    def search(ranks: Sequence[int], step: str) -> list[ChoiceResult]:
+        feasible = []
+        for rank, k in enumerate(ranks):
+            progress(f"{step} {rank + 1} of {len(ranks)}", rank / len(ranks))
+            result = search_choice(problems[k], starts_by_problem[k][:2], stop_after=1)
+            if result.optimum is not None:
+                feasible.append(result)
+        return feasible
+
+    first = [k for ranks in ranks_by_tube.values() for k in ranks[:FIRST_CHOICES]]
+    kept_results += search(first, "tube")
+    kept_results.sort(key=rank_result)
+    best_tubes = list(dict.fromkeys(result.problem.choice.tube for result in kept_results))[:BEST_TUBES]
+    further = [
+        k
+        for tube in best_tubes
+        for k in ranks_by_tube.get(tube, [])[FIRST_CHOICES : FIRST_CHOICES + FURTHER_CHOICES]
+    ]
+    return sorted(kept_results + search(further, "yarn"), key=rank_result)
 
 
 def _use_whole_length(problem: SizingProblem, spec: Spec) -> SizingProblem:
@@ -95,15 +115,3 @@ def _use_whole_length(problem: SizingProblem, spec: Spec) -> SizingProblem:
     low, high, start_high = (x.copy() for x in (problem.low, problem.high, problem.start_high))
     low[0] = high[0] = start_high[0] = math.log(length.bounds[0])
     return problem.copy_with(low=low, high=high, start_high=start_high)
-
-
-def _limit_per_tube(problems: Sequence[SizingProblem], order: np.ndarray) -> list[int]:
-    """Return the first combinations, with at most `MAX_PER_TUBE` of one tube, so that tubes are compared."""
-    counts: dict[Tube | None, int] = {}
-    chosen: list[int] = []
-    for k in order:
-        tube = problems[k].choice.tube
-        counts[tube] = counts.get(tube, 0) + 1
-        if counts[tube] <= MAX_PER_TUBE:
-            chosen.append(int(k))
-    return chosen[:MAX_COMBINATIONS]
