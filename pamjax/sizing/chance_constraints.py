@@ -66,7 +66,7 @@ def draw_builds(
     shares = qmc.Sobol(len(_DRAWN), rng=np.random.default_rng([seed, 21])).random_base2(
         max(1, math.ceil(math.log2(count)))
     )
-    share = dict(zip(_DRAWN, np.clip(shares[:count], 1e-9, 1 - 1e-9).T, strict=True))
+    share: dict[str, np.ndarray] = dict(zip(_DRAWN, np.clip(shares[:count], 1e-9, 1 - 1e-9).T, strict=True))
     size = len(next(iter(transfer.draws.values()))) if transfer.draws else 1
     # The same posterior draws for all parameters, to keep their correlation.
     rows = (share["posterior"] * size).astype(int)
@@ -158,7 +158,8 @@ def meet_probability(result: ChoiceResult, draws: BuildDraws, target: float) -> 
     if optimum is None:
         return best
     problem, keys = result.problem, [requirement.key for requirement in result.problem.task.requirements]
-    z, back_off, search_target = optimum.z, np.zeros(len(keys)), target
+    first_z = z = optimum.z
+    back_off, search_target = np.zeros(len(keys)), target
     for round_number in range(MAX_ROUNDS):
         drawn_margins = compute_margins(problem, z, draws)
         joint_probability = float(np.mean(np.all(drawn_margins >= -MARGIN_TOLERANCE, axis=1)))
@@ -176,7 +177,7 @@ def meet_probability(result: ChoiceResult, draws: BuildDraws, target: float) -> 
         )
         back_off = _compute_back_off(drawn_margins - own_margins, own_margins, search_target)
         strict = result.problem.copy_with(back_off=dict(zip(keys, back_off, strict=True)))
-        strict_optimum = _search_feasible(strict, (z, result.optimum.z, result.start))
+        strict_optimum = _search_feasible(strict, (z, first_z, result.start))
         if strict_optimum is None:
             relaxed = _share_back_off(strict, z)
             if relaxed is None or round_number > TRACKING_ROUNDS:

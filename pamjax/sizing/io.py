@@ -16,6 +16,7 @@ from pamjax.parameter import list_field_meanings
 from pamjax.records.case import MUSCLE_FILE
 from pamjax.records.files import write_folder_atomically
 from pamjax.sizing.candidate import MUSCLE_OUTPUTS, locate_output
+from pamjax.sizing.enumerate import ChoiceResult
 from pamjax.sizing.problem import OBJECTIVE_UNITS
 from pamjax.sizing.result import Design
 from pamjax.sizing.scatter import build_scatter_document
@@ -92,9 +93,10 @@ def _describe_nominal(design: Design) -> dict[str, float | None]:
     """Return the objective at typical properties: of any size, and with sold parts, in its unit."""
     unit = compute_si_factor(OBJECTIVE_UNITS[design.spec.entries.minimise])
 
-    def get_value(result) -> float | None:
-        is_feasible = result is not None and result.optimum is not None
-        return math.exp(result.optimum.log_objective) / unit if is_feasible else None
+    def get_value(result: ChoiceResult | None) -> float | None:
+        if result is None or result.optimum is None:
+            return None
+        return math.exp(result.optimum.log_objective) / unit
 
     return {"any_size": get_value(design.nominal), "sold_parts": get_value(design.nominal_stock)}
 

@@ -137,7 +137,9 @@ def format_probability(design: Design) -> list[str]:
     """Return the sentences on the probability of the design and on what it costs."""
     target, reached = design.spec.entries.probability, format_probability_value(design.probability)
     if not target:
-        first = f"all requirements hold together with probability {reached}: `probability = 0` gives no margin"
+        first = (
+            f"all requirements hold together with probability {reached}: `probability = 0` gives no margin"
+        )
         return [first, *_format_cost(design)]
     if design.misses_probability:
         limit, limit_probability = find_weakest(design)

@@ -91,9 +91,7 @@ def format_sleeve(design: Design) -> str:
 def list_checks(design: Design) -> list[str]:
     """Return the measurements on arrival, each with its expected value and range."""
     n, choice, build = design.numbers, design.choice, design.problem.build
-    wall_error = (
-        choice.tube.wall_tolerance if choice.tube is not None else math.sqrt(3) * design.errors.wall
-    )
+    wall_error = choice.tube.wall_tolerance if choice.tube is not None else math.sqrt(3) * design.errors.wall
     rubber_area = math.pi * (n["diameter"] - n["wall"]) * n["wall"]
     stretch, m = TUBE_STRETCH, float(build.mooney)
     factor = rubber_area * (stretch - stretch**-2) * (1 - m + m / stretch)

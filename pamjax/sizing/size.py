@@ -24,6 +24,7 @@ from pamjax.sizing.result import Design
 from pamjax.sizing.spec import Spec, read_spec
 from pamjax.sizing.stock import search_stock
 
+
 def size(
     spec: str | Path | Mapping[str, Any],
     *,

@@ -41,9 +41,7 @@ def list_fitting_tubes(spec: Spec, choice: Choice) -> list[Tube]:
     def fits(tube: Tube) -> bool:
         ranges = ((limits.diameter, tube.outer_diameter), (limits.wall, tube.wall))
         in_range = all(r is None or r[0] * 0.999 <= value <= r[1] * 1.001 for r, value in ranges)
-        is_stated = (
-            outer_diameter is None or abs(tube.outer_diameter / outer_diameter - 1) <= SIZE_TOLERANCE
-        )
+        is_stated = outer_diameter is None or abs(tube.outer_diameter / outer_diameter - 1) <= SIZE_TOLERANCE
         return in_range and is_stated
 
     return [tube for tube in list_tubes() if tube.rubber == choice.bladder.name and fits(tube)]

@@ -113,7 +113,9 @@ if __name__ == "__main__":
     # python -m tests.sizing.test_sizings [--json FILE]: excess of the grid over the search.
     file, figures = arguments()[1], {}
     for name in NAMES:
-        value, grid_value, violation = compare_with_grid(pamjax.size(HOME / f"{name}.toml", margins=False, stock=False))
+        value, grid_value, violation = compare_with_grid(
+            pamjax.size(HOME / f"{name}.toml", margins=False, stock=False)
+        )
         excess = 100 * (np.exp(grid_value - value) - 1)
         figures[f"{name}, grid above search [%]"] = excess
         print(

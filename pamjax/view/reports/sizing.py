@@ -152,7 +152,11 @@ def _list_muscle_rows(design: Design) -> list[list[str]]:
             format_quantity(dimensions["diameter"], "mm"),
             f"at rest; {choice.bladder.about}",
         ],
-        ["bladder wall", format_quantity(dimensions["wall"], "mm", 3), f"unstretched; {choice.describe_bladder()}"],
+        [
+            "bladder wall",
+            format_quantity(dimensions["wall"], "mm", 3),
+            f"unstretched; {choice.describe_bladder()}",
+        ],
         [
             "working pressure",
             format_quantity(dimensions["pressure"], "kPa"),
