@@ -15,7 +15,7 @@ from typing import Any
 import pamjax
 from pamjax.records.shipped_tables import convert_to_si, read_quantities, read_shipped
 
-#: Wall of the factory hoses, m, and angle of their threads from the circumference, deg: Martens & Boblan 2017.
+#: Wall of the factory hoses, m, and angle of their threads, deg: Martens & Boblan 2017.
 FACTORY_WALL, FACTORY_ANGLE = 1.8e-3, 90 - 28.6
 
 

@@ -214,7 +214,7 @@ def _compute_stiffness_slopes(muscle, pressure, length):
 
 
 def compute_stiffness_slopes(muscle: Muscle | Bench, point: Array) -> Array:
-    """Return the derivatives of the stiffness by pressure and length, (2,), at a pressure and length, (2,)."""
+    """Return the derivatives of the stiffness by pressure and length, (2,), at a point, (2,)."""
 
     def stiffness(point):
         return jax.jvp(

@@ -45,7 +45,7 @@ class Tube:
 
 @dataclass(frozen=True)
 class Sleeve:
-    """An expandable braided sleeve, SI: its thread, its size as ordered, and its range of diameter and angle."""
+    """An expandable braided sleeve, SI: thread, size as ordered, range of diameter and angle."""
 
     thread: str
     size: str

@@ -28,8 +28,8 @@ from pamjax.units import format_quantity
 MAX_CHOICES = 5000
 #: Default range of the braid angle at rest, rad: 50 to 84 degrees.
 ANGLE_RANGE = (math.radians(50.0), math.radians(84.0))
-#: The same for a muscle of sold parts, a judgement: sleeves and braids are seldom closer than 15 degrees to the
-#: axis, see `data/materials/sleeves.csv`.
+#: The same for sold parts, a judgement: braids are seldom closer than 15 degrees to the axis,
+#: see `data/materials/sleeves.csv`.
 BUILDABLE_ANGLE_RANGE = (math.radians(50.0), math.radians(75.0))
 #: Upper limit of the contraction of any muscle.
 MAX_SIZING_CONTRACTION = 0.5

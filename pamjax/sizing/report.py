@@ -77,9 +77,8 @@ def _format_requirements(design: Design) -> list[str]:
             continue
         margin = float(requirement.compute_margins(design.outputs).min())
         margin_text = _format_tight_margin(margin, requirement)
-        lines.append(
-            f"  {requirement.description:<54} {margin_text}, probability {format_probability_value(probability)}"
-        )
+        value = format_probability_value(probability)
+        lines.append(f"  {requirement.description:<54} {margin_text}, probability {value}")
     return lines
 
 

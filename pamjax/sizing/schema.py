@@ -241,7 +241,7 @@ class CoordinateLimits(_SpecTable):
 
 
 class Tolerance(_SpecTable):
-    """[tolerance]: errors of manufacture, of the set length and of the pressure, one standard deviation each."""
+    """[tolerance]: errors of manufacture, set length and pressure, one standard deviation each."""
 
     model_config = ConfigDict(title="tolerance")
     rest_length: Length | None = None

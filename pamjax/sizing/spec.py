@@ -62,7 +62,7 @@ class Spec:
 
     @property
     def fittings(self) -> float:
-        """Return the length of one fitting, m: that of the spec, else that of a barb and a clamp if parts are sold."""
+        """Return the length of one fitting, m: of the spec, or assumed for sold parts."""
         envelope = self.entries.envelope
         if envelope.fittings is not None or envelope.length is None or not self.stock:
             return envelope.fittings or 0.0

@@ -1,6 +1,6 @@
 """Discrete search after the continuous one: tubes that are sold, for the best choices of thread and rubber.
 
-Each choice is combined with each tube of its rubber. All combinations are screened in one batched program. The
+Each choice is combined with each tube of its rubber. All are screened in one batched program. The
 best choices of each tube are optimised, then more choices of the best tubes, in the coordinates that remain:
 rest length, braid angle and pressure. Diameter and pressure do not increase with the rest length, so a muscle
 that minimises one of them uses the whole length.
@@ -106,7 +106,7 @@ def search_stock(
 
 
 def _use_whole_length(problem: SizingProblem, spec: Spec) -> SizingProblem:
-    """Return the problem with the rest length that the spec makes available, if a shorter one has no merit."""
+    """Return the problem with the rest length that is available, if a shorter one has no merit."""
     length = problem.task.find_requirement("length")
     if length is None or spec.entries.limits.rest_length or problem.objective not in LENGTHLESS_OBJECTIVES:
         return problem

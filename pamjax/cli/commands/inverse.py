@@ -28,8 +28,8 @@ def inverse(
     """Compute the pressure or length for a wanted force, or export a table for a controller.
 
     With `--force` and `--length` the result is the pressure. With `--force` and `--pressure` it is the
-    length. The result has a standard deviation if the muscle was fitted or sized. Otherwise it states that none is
-    known.
+    length. The result has a standard deviation if the muscle was fitted or sized. Otherwise it states
+    that none is known.
 
     Args:
         muscle: a fit.json or model.json of a fitted muscle, or a case folder or muscle.toml with stated

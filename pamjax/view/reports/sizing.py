@@ -235,7 +235,7 @@ def _format_choices_caption(design: Design) -> str:
         return "Best choices of the catalogue at typical material properties: shortfall of the requirements"
     target = design.spec.entries.probability
     if not target:
-        return f"Best choices at typical material properties, without a margin: minimum {design.spec.entries.minimise}"
+        return f"Best choices at typical properties, without a margin: minimum {design.spec.entries.minimise}"
     return (
         f"Choices that were optimised for the probability of {target:g}. Those that reach it come first,"
         f" sorted by {design.spec.entries.minimise}"
