@@ -2,7 +2,8 @@
 
 python fits/sizing/real_muscles.py
 
-prints the table of the README. Each muscle is sized twice: with the braid angle, the rubber and the wall of the
+prints the table of the README. Each muscle is sized twice: with
+the braid angle, the rubber and the wall of the
 real muscle, to test the model; and freely, with parts that are sold and a probability of 0.9.
 """
 
