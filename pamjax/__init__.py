@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from pamjax.diagnosis.settings import DiagnosisSettings
     from pamjax.diagnosis.validate import validate_model
     from pamjax.errors import BadInput, InputWarning
+    from pamjax.fleet.fleet import Fleet, open_fleet
     from pamjax.infer.fitting.fit import fit
     from pamjax.infer.fitting.identifiability import check_identifiability
     from pamjax.infer.fitting.io import save
@@ -75,6 +76,8 @@ _MODULE_OF_NAME = {
     "diagnose": "pamjax.diagnosis.run",
     "validate_model": "pamjax.diagnosis.validate",
     "compare_posteriors": "pamjax.infer.posterior.compare",
+    "Fleet": "pamjax.fleet.fleet",
+    "open_fleet": "pamjax.fleet.fleet",
 }
 
 __all__ = [
@@ -85,6 +88,7 @@ __all__ = [
     "DiagnosisSettings",
     "Discrimination",
     "Fit",
+    "Fleet",
     "InputWarning",
     "Inverse",
     "Muscle",
@@ -104,6 +108,7 @@ __all__ = [
     "keep_compiled",
     "list_parameters",
     "load_muscle",
+    "open_fleet",
     "plan",
     "predict",
     "read_case",

@@ -24,11 +24,6 @@ settings.register_profile(
 settings.load_profile("pamjax")
 
 
-def pytest_addoption(parser):
-    """Add the method with which `tests/diagnosis/test_bank.py` diagnoses its recordings."""
-    parser.addoption("--diagnosis-method", help="method of the diagnoses of the bank")
-
-
 def pytest_configure(config):
     """Set one cache folder for all workers and their child processes, never that of the user."""
     if "PAMJAX_CACHE_DIR" not in os.environ:

@@ -28,7 +28,9 @@ ROOMS = [
     "sizing",
     "planning",
     "benchmark",
+    "fleet",
     "view",
+    "cluster",
     "cli",
 ]
 HOME = Path(pamjax.__file__).parent

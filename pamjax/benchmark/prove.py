@@ -152,7 +152,7 @@ def read_trials(file: Path) -> list[Trial]:
 
 def build_tasks(
     counts: dict[str, int], correlations: Iterable[float], *, stage: str = "all", seed: int = 0,
-    with_baselines: bool = False, form_error: float = 0.0, bank: str = "own", method: str = "",
+    with_baselines: bool = False, form_error: float = 0.0, bank: str = "own",
 ) -> list[TrialTask]:  # fmt: skip
     """Return `counts` tasks of each kind at each correlation, in alternating order.
 
@@ -160,7 +160,7 @@ def build_tasks(
     [('nothing', 0), ('pair', 0), ('pair', 1)]
     """
     return [
-        TrialTask(stage, kind, correlation, number, seed, with_baselines, form_error, bank, method)
+        TrialTask(stage, kind, correlation, number, seed, with_baselines, form_error, bank)
         for number in range(max(counts.values(), default=0))
         for correlation in correlations
         for kind, count in counts.items()

@@ -41,8 +41,8 @@ MIN_EFFECT_SD, MAX_EFFECT_SD = 3.0, 25.0
 #: Banks of simulated recordings: effects with the equations of the fit, or in other forms.
 BANKS = ("own", "other-forms")
 
-#: Identifies a trial: stage, kind, correlation, number, seed, form error, bank, method.
-TrialKey = tuple[str, str, float, int, int, float, str, str]
+#: Identifies a trial: stage, kind, correlation, number, seed, form error, bank.
+TrialKey = tuple[str, str, float, int, int, float, str]
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,6 @@ class TrialTask:
         with_baselines: whether to evaluate common practice too.
         form_error: rms share by which effects deviate from their equations.
         bank: one of `BANKS`.
-        method: method of the diagnosis; "" for its default.
     """
 
     stage: str
@@ -69,14 +68,13 @@ class TrialTask:
     with_baselines: bool = False
     form_error: float = 0.0
     bank: str = "own"
-    method: str = ""
 
     @property
     def key(self) -> TrialKey:
         """Key that identifies the trial."""
         return (
             self.stage, self.kind, round(self.correlation, 6), self.number, self.seed,
-            round(self.form_error, 6), self.bank, self.method,
+            round(self.form_error, 6), self.bank,
         )  # fmt: skip
 
 
@@ -96,7 +94,7 @@ class Trial:
     """Result of one simulated recording.
 
     Attributes:
-        stage, kind, correlation, number, seed, form_error, bank, method: as in its task.
+        stage, kind, correlation, number, seed, form_error, bank: as in its task.
         law: thread law of the baseline.
         blocks: kind of the recording's blocks.
         concealed: ids of the injected effects.
@@ -150,7 +148,6 @@ class Trial:
     seconds: float = 0.0
     error: str = ""
     bank: str = "own"
-    method: str = ""
     forms: tuple[str, ...] = ()
     outside: str = ""
     outside_size: float = 0.0
@@ -162,7 +159,7 @@ class Trial:
         """Key of its task."""
         return TrialTask(
             self.stage, self.kind, self.correlation, self.number, self.seed, form_error=self.form_error,
-            bank=self.bank, method=self.method,
+            bank=self.bank,
         ).key  # fmt: skip
 
     @property
@@ -225,7 +222,7 @@ def run_trial(task: TrialTask) -> Trial:
     ground_truth = draw_ground_truth(task)
     values: dict[str, Any] = {
         "stage": task.stage, "kind": task.kind, "correlation": task.correlation,
-        "number": task.number, "seed": task.seed, "form_error": task.form_error, "method": task.method,
+        "number": task.number, "seed": task.seed, "form_error": task.form_error,
         "law": ground_truth.case.entry.baseline,
         "blocks": find_blocks(ground_truth.case.recording).kind,
         "concealed": ground_truth.effect_ids, "sizes": ground_truth.effect_sizes,
@@ -243,9 +240,8 @@ def run_trial(task: TrialTask) -> Trial:
 
 
 def diagnose_trial(case: Case, task: TrialTask) -> Diagnosis:
-    """Return the diagnosis of a recording by the method of its task."""
-    options: dict[str, Any] = {"method": task.method} if task.method else {}
-    return diagnose(case, seed=task.number, **options)
+    """Return the diagnosis of a recording with the seed of its task."""
+    return diagnose(case, seed=task.number)
 
 
 def draw_ground_truth(task: TrialTask) -> GroundTruth:

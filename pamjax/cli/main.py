@@ -39,6 +39,7 @@ for command_name, summary in {
     "compare": "Compare posteriors of one recording by their predictions of held-out blocks.",
     "diagnose": "Test the model of a recording and identify missing mechanisms.",
     "validate": "Test a model on recordings that its fit did not use.",
+    "fleet": "Check, fit and diagnose many recordings, and compare their specimens.",
     "prove": "Test `pamjax diagnose` on simulated recordings with concealed effects.",
     "size": "Design a muscle with the smallest diameter, mass, air or cost for a specification.",
     "inverse": "Compute the pressure or length for a wanted force, or export a table of it.",

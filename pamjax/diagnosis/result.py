@@ -24,7 +24,6 @@ from pamjax.diagnosis.saved_model import build_model_document
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
 from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.infer.fitting.report import format_estimate
-from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.model.registry import find_mechanism
 from pamjax.parameter import Meaning
 from pamjax.records.blocks import Blocks
@@ -200,7 +199,7 @@ class Diagnosis:
             "block": [self.blocks.names[k] if k >= 0 else "" for k in self.blocks.label],
             "held_out": gain.held_out.astype(int),
         }
-        for c, channel in enumerate(CHANNELS):
+        for c, channel in enumerate(self.problem.channels):
             for when, prediction in (("before", gain.before), ("after", gain.after)):
                 columns[f"{channel}_{when} [{DISPLAY_UNIT[channel]}]"] = to_display(channel, prediction[c])
         return pd.DataFrame(columns)
@@ -265,14 +264,14 @@ def _compute_channel_rmse(problem: LibraryProblem, fit: CandidateFit) -> dict[st
     misfit = problem.measured - problem.predict(fit.estimate.values)
     return {
         channel: float(np.sqrt(np.nanmean(misfit[c] ** 2)))
-        for c, channel in enumerate(CHANNELS)
+        for c, channel in enumerate(problem.channels)
         if np.isfinite(misfit[c]).any()
     }
 
 
 def _serialise_noise(diagnosis: Diagnosis) -> dict[str, Any]:
     out = {}
-    for c, channel in enumerate(CHANNELS):
+    for c, channel in enumerate(diagnosis.problem.channels):
         channel_noise, rows = diagnosis.model.noise.channels[c], diagnosis.model.noise.rows[c]
         if channel_noise is None:
             continue

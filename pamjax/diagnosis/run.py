@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -22,17 +22,16 @@ from pamjax.diagnosis.detect.residual_test import (
     run_residual_test,
 )
 from pamjax.diagnosis.detect.significance import Significance
-from pamjax.diagnosis.evidence.evidence_selection import (
-    fit_baseline,
-    fit_with_form_errors,
-    select_by_evidence,
-)
-from pamjax.diagnosis.evidence.settings import EvidenceSettings
+from pamjax.diagnosis.form_errors.fit import FormErrorFit, add_form_errors
 from pamjax.diagnosis.identifiability import format_notes
 from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem
 from pamjax.diagnosis.next_experiment.experiment import propose_experiments
 from pamjax.diagnosis.noise.sensor_scale import compute_noise_ratios, format_noise_notes
+from pamjax.diagnosis.outside.rival_templates import find_better_template, list_likenesses
+from pamjax.diagnosis.outside.template_context import build_template_context
+from pamjax.diagnosis.outside.templates import Template, build_templates
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate
+from pamjax.diagnosis.refit.least_squares import evaluate_estimate
 from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
 from pamjax.diagnosis.refit.noise_correlation import fit_noise_correlation
 from pamjax.diagnosis.refit.scaled_noise import scale_noise
@@ -44,15 +43,17 @@ from pamjax.diagnosis.result import (
     build_parameter_estimate,
 )
 from pamjax.diagnosis.select.model_averaging import average_models
-from pamjax.diagnosis.select.selection import Selection, drop_small_effects, select_mechanisms
+from pamjax.diagnosis.select.search import fit_without_mechanism
+from pamjax.diagnosis.select.selection import (
+    Selection,
+    drop_small_effects,
+    restrict_selection,
+    select_mechanisms,
+)
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
-from pamjax.errors import refuse, suggest_word
 from pamjax.progress import Progress, ignore_progress
 from pamjax.records.blocks import Blocks, find_blocks
 from pamjax.records.case import Case, ensure_case
-
-#: How mechanisms are chosen. "evidence" is experimental: form errors are part of the model.
-Method = Literal["stepwise", "evidence"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +90,6 @@ def diagnose(
     *,
     seed: int = 0,
     settings: DiagnosisSettings = DEFAULT_SETTINGS,
-    method: Method = "stepwise",
     progress: Progress = ignore_progress,
 ) -> Diagnosis:
     """Return the mechanisms that the baseline of a recording omits.
@@ -98,24 +98,21 @@ def diagnose(
         case: the recording and the stated values of its muscle, or their folder.
         seed: seed of the random draws for the p-values.
         settings: thresholds of the diagnosis.
-        method: choice of mechanisms: "stepwise", or "evidence" (experimental; see docs/statistics.md).
         progress: called with the name of the step and the share done.
 
     Raises:
-        BadInput: for an unknown baseline or method, or a recording without force and diameter.
+        BadInput: for an unknown baseline, or a recording without force and diameter.
     """
-    if method not in _METHODS:
-        raise refuse(f"unknown method {method!r}", remedy=suggest_word(method, _METHODS))
     case = ensure_case(case)
+    if method == "evidence" and case.recording.measures_length:
+        rule, remedy = "the evidence needs a measured force", 'Use the method "stepwise".'
+        raise refuse(rule, "a measured length ([test] of muscle.toml)", case.name, remedy)
     progress("compiling", 0.0)
-    if method == "evidence":
-        limit = max(settings.max_prior_deviation_sd, EvidenceSettings().max_prior_deviation_sd)
-        settings = replace(settings, max_prior_deviation_sd=limit)
     problem = build_library_problem(case, settings)
     problem.compile()
     blocks_of_case = find_blocks(case.recording)
     held_out_rows = select_held_out_rows(blocks_of_case, problem.settings)
-    choice = _METHODS[method](problem, blocks_of_case, held_out_rows, seed, progress)
+    choice = _choose_mechanisms(problem, blocks_of_case, held_out_rows, seed, progress)
     selection, baseline, model = choice.selection, choice.baseline, choice.model
     noise_ratios = compute_noise_ratios(problem, model.estimate.values)
     progress("done", 1.0)
@@ -135,7 +132,7 @@ def diagnose(
         unexplained_probability=choice.unexplained_probability,
         likenesses=choice.likenesses,
         residual_boxes=locate_residual(problem, model) if choice.unexplained else [],
-        residual_share=_compute_residual_share(choice.mismatch, choice.residual_test),
+        residual_share=_compute_residual_share(problem, baseline, model),
         noise_ratios=noise_ratios,
         blocks=blocks_of_case,
         gain=compute_gain(problem, blocks_of_case, held_out_rows, selection.baseline, choice.training_fit),
@@ -151,7 +148,7 @@ def diagnose(
     )
 
 
-def _choose_stepwise(
+def _choose_mechanisms(
     problem: LibraryProblem, blocks_of_case: Blocks, held_out_rows: np.ndarray, seed: int, progress: Progress
 ) -> _Choice:
     """Choose mechanisms one after the other, and test them on held-out blocks."""
@@ -164,14 +161,21 @@ def _choose_stepwise(
         else Selection(training_fit, training_fit, ())
     )
     progress("testing", 0.85)
+    templates = build_templates(build_template_context(problem, blocks_of_case, training_fit))
+    selection_before = selection
+    selection, prefers_template = _compare_with_templates(problem, ~held_out_rows, selection, templates)
     residual_test = _test_residual(problem, selection, mismatch, seed)
-    is_unexplained = is_detected and is_residual_significant(mismatch, residual_test, problem.settings)
+    is_unexplained = is_detected and (
+        prefers_template or is_residual_significant(mismatch, residual_test, problem.settings)
+    )
     if is_unexplained and selection.fit_before_small_effects is not None:
         # Small effects are reported only if nothing is unexplained: otherwise they can absorb that part.
         selection = drop_small_effects(problem, selection)
         residual_test = _test_residual(problem, selection, mismatch, seed)
-        is_unexplained = is_residual_significant(mismatch, residual_test, problem.settings)
-    selection_before = selection
+        is_unexplained = prefers_template or is_residual_significant(
+            mismatch, residual_test, problem.settings
+        )
+        selection_before = selection
     if selection.named_mechanisms:
         # Mechanisms can absorb physics outside the library, so that the residual is no longer significant.
         validated_selection, is_predictive = cross_validate_selection(
@@ -184,8 +188,10 @@ def _choose_stepwise(
         if validated_selection.model is not selection.model:
             residual_test = _test_residual(problem, validated_selection, mismatch, seed)
         selection = validated_selection
-        is_unexplained = not is_predictive or is_residual_significant(
-            mismatch, residual_test, problem.settings
+        is_unexplained = (
+            prefers_template
+            or not is_predictive
+            or is_residual_significant(mismatch, residual_test, problem.settings)
         )
     if selection.named_mechanisms and is_unexplained:
         selection = reduce_certainty(selection, problem.settings)
@@ -195,56 +201,19 @@ def _choose_stepwise(
     if selection.named_mechanisms:
         model = fit_noise_correlation(problem, _fit_selection(problem, selection, all_rows))
         model = average_models(problem, model, selection.named_mechanisms)
+        selection = _state_form_errors(selection, add_form_errors(problem, model))
     return _Choice(
         selection=selection,
         mismatch=mismatch,
         residual_test=residual_test,
         unexplained=is_unexplained,
         unexplained_probability=float(is_unexplained),
-        likenesses=(),
+        likenesses=list_likenesses(problem, templates, selection.model) if is_unexplained else (),
         training_fit=_fit_selection(problem, selection, ~held_out_rows),
         baseline=baseline,
         model=model,
         notes=format_dropped_mechanisms(selection_before, selection) if is_unexplained else [],
     )
-
-
-def _choose_by_evidence(
-    problem: LibraryProblem, blocks_of_case: Blocks, held_out_rows: np.ndarray, seed: int, progress: Progress
-) -> _Choice:
-    """Choose the set of mechanisms with the largest evidence; form errors are part of each model."""
-    training_fit = fit_baseline(problem, ~held_out_rows, problem.neutral)
-    mismatch = run_baseline_test(problem, training_fit, seed)
-    is_detected = mismatch.p_value < problem.settings.detection_p_value
-    selection, unexplained_probability, likenesses = (
-        select_by_evidence(problem, blocks_of_case, ~held_out_rows, training_fit, progress)
-        if is_detected
-        else (Selection(training_fit, training_fit, ()), 0.0, ())
-    )
-    progress("testing", 0.85)
-    all_rows = np.ones(problem.n, dtype=bool)
-    baseline = fit_baseline(problem, all_rows, training_fit.estimate.values)
-    return _Choice(
-        selection=selection,
-        mismatch=mismatch,
-        residual_test=run_residual_test(problem, selection.model, seed)
-        if selection.named_mechanisms
-        else mismatch,
-        unexplained=unexplained_probability >= problem.settings.established_probability,
-        unexplained_probability=unexplained_probability,
-        likenesses=likenesses,
-        training_fit=selection.model,
-        baseline=baseline,
-        model=fit_with_form_errors(
-            problem, all_rows, selection.model.mechanisms, selection.model.estimate.values
-        )
-        if selection.named_mechanisms
-        else baseline,
-        notes=[],
-    )
-
-
-_METHODS = {"stepwise": _choose_stepwise, "evidence": _choose_by_evidence}
 
 
 def _fit_selection(problem: LibraryProblem, selection: Selection, rows: np.ndarray) -> CandidateFit:
@@ -257,20 +226,48 @@ def _fit_selection(problem: LibraryProblem, selection: Selection, rows: np.ndarr
     )
 
 
+def _compare_with_templates(
+    problem: LibraryProblem, training_rows: np.ndarray, selection: Selection, templates: Sequence[Template]
+) -> tuple[Selection, bool]:
+    """Return the selection without mechanisms that a template replaces, and whether one does."""
+    if not selection.named_mechanisms:
+        return selection, False
+    count = len(selection.model.mechanisms)
+    smaller_fits = (
+        [fit_without_mechanism(problem, selection.model, k) for k in range(count)] if count > 1 else []
+    )
+    better = find_better_template(problem, templates, selection.model, [selection.baseline, *smaller_fits])
+    if better is None:
+        return selection, False
+    kept = [name for name in selection.named_mechanisms if name.id in better.fit.ids]
+    return restrict_selection(problem, training_rows, selection, kept), True
+
+
+def _state_form_errors(selection: Selection, fit: CandidateFit) -> Selection:
+    ratios = fit.form_ratios if isinstance(fit, FormErrorFit) else {}
+    names = tuple(replace(name, form_error=ratios.get(name.id)) for name in selection.named_mechanisms)
+    return replace(selection, named_mechanisms=names)
+
+
 def _test_residual(
     problem: LibraryProblem, selection: Selection, mismatch: Significance, seed: int
 ) -> Significance:
-    """Test the residual of the selected model; without mechanisms, return the test of the baseline."""
+    """Test the residual beyond form errors; without mechanisms, return the test of the baseline."""
     return (
-        run_residual_test(problem, scale_noise(problem, selection.model), seed)
+        run_residual_test(problem, add_form_errors(problem, scale_noise(problem, selection.model)), seed)
         if selection.model.mechanisms
         else mismatch
     )
 
 
-def _compute_residual_share(mismatch: Significance, residual_test: Significance) -> float:
-    before = max(mismatch.mean_square - 1, 0.0)
-    return float(np.clip(max(residual_test.mean_square - 1, 0.0) / before, 0.0, 1.0)) if before > 0 else 0.0
+def _compute_residual_share(problem: LibraryProblem, baseline: CandidateFit, model: CandidateFit) -> float:
+    """Return the share of the baseline's excess χ² that the model leaves, both with the baseline's noise."""
+    before, after = (
+        evaluate_estimate(problem, baseline.noise, fit.estimate.free, fit.estimate.values).chi2
+        - baseline.noise.size
+        for fit in (baseline, model)
+    )
+    return float(np.clip(after / before, 0.0, 1.0)) if before > 0 else 0.0
 
 
 def _collect_estimates(problem: LibraryProblem, fit: CandidateFit) -> dict[str, dict[str, ParameterEstimate]]:

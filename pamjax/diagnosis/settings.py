@@ -186,6 +186,9 @@ class DiagnosisSettings:
     min_direction_chi2_share: float = _select(0.5, "share of the χ² of the smallest effect", 0.0, 1.0,
         "Permit the end of the search if the best candidate reduces χ² by less than this",
         "the search ends earlier")
+    max_form_share: float = _select(0.3, "share of the effect", 0.0, 1.0,
+        "Allow for a difference of at most this (rms) between an effect and its textbook equation",
+        "fewer mechanisms are added beside another one")
     shortlist_length: int = _select(6, "count", 1, 100,
         "Refit this many mechanisms roughly at each step",
         "slower; fewer mechanisms are missed")
@@ -275,6 +278,9 @@ class DiagnosisSettings:
     min_explained_fraction: float = _crossval(5 / 6, "share of the excess χ²", 0.0, 1.0,
         "Report a part as unexplained if the mechanisms explain less than this share of left-out misfit",
         "an unexplained part is reported more often")
+    min_single_explained_fraction: float = _crossval(2 / 3, "share of the excess χ²", 0.0, 1.0,
+        "Drop a mechanism that is tested alone and explains less than this share of left-out misfit",
+        "fewer mechanisms are identified beside an unexplained part")
     min_blocks_for_cross_validation: int = _crossval(3, "count", 2, 1000,
         "Cross-validate mechanisms if the recording has at least this many blocks",
         "fewer recordings are cross-validated")

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT, to_display
+from pamjax.errors import refuse
 from pamjax.infer.fitting.load import LoadedMuscle
 from pamjax.infer.problem.dataset import (
     CHANNELS,
@@ -135,6 +136,9 @@ def validate_model(model: LoadedMuscle, case: Case, training_checksums: Collecti
         training_checksums: checksums of the recordings that the model was fitted to, from
             `read_training_checksums`. The recording that `model` was calibrated on is always included.
     """
+    if case.recording.measures_length:
+        rule, got = "a validation needs a measured force", "a measured length ([test] of muscle.toml)"
+        raise refuse(rule, got, case.name, "Diagnose this recording: it tests held-out blocks.")
     case = average_fixed_lengths(case)
     recording = case.recording
     good = recording.usable

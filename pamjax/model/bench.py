@@ -291,6 +291,12 @@ def _repeat_last(values: Array, row_count: Array) -> Array:
     return jnp.where(is_repeated, values[row_count - 1], values)
 
 
+def remove_memories(bench: Bench) -> Bench:
+    """Return the bench without the mechanisms whose effect depends on earlier samples."""
+    static = tuple(m for m in bench.mechanisms if not isinstance(m, HISTORY_DEPENDENT))
+    return Bench(bench.thread_length, bench.turns, static)
+
+
 def clip_slack_force(force: Samples, slack: Bool[Array, " n"]) -> Samples:
     """Return the force with zero in place of negative values where the muscle can be slack."""
     return jnp.where(slack, jnp.maximum(force, 0.0), force)

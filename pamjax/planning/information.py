@@ -346,6 +346,13 @@ def _update_with_recording(prior_information: PriorInformation, case: Case) -> P
         prior_information.law,
         [*shared_parameters, *errors],
     )
+    if case.recording.measures_length:
+        # The information of the fit itself, whose misfit and autocorrelation are in the weights.
+        slope, scale = np.asarray(solution.slope), prior_information.scale[:muscle_count]
+        measured = np.asarray(solution.information) / np.outer(slope, slope) * np.outer(scale, scale)
+        updated_matrix = prior_information.matrix.copy()
+        updated_matrix[:muscle_count, :muscle_count] += measured
+        return replace(prior_information, mean=values, matrix=updated_matrix)
     label, matrix = np.zeros(case.recording.n, dtype=int), recorded_information.matrix
     for channel, channel_noise in noise.items():
         # Without a stated noise, use the larger of the residual and the default.

@@ -165,9 +165,9 @@ def plan(
     check_minimum("seed", seed, 0)
     source = ensure_case_or_toml(muscle)
     case, entry = (source, source.entry) if isinstance(source, Case) else (None, source)
-    limits_of_recording = (
-        {"recorded": case.recording.channels, "highest": _find_highest_pressure(case)} if case else {}
-    )
+    limits_of_recording: dict[str, Any] = {"highest": _find_highest_pressure(case)} if case else {}
+    if case and not case.recording.measures_length:
+        limits_of_recording["recorded"] = case.recording.channels
     capabilities = (
         rig
         if isinstance(rig, RigCapabilities)

@@ -9,6 +9,9 @@ half. The recording itself determines the blocks, for any protocol:
 | moves         | few settings  | lengths                                                           |
 | few settings  | few settings  | holds; if all pairs were set, the channel with fewer changes      |
 | else          | else          | cycles, or sequences of rows, or single rows                      |
+
+In an isotonic test the length is measured, so it is no setting. The blocks are its loads if there are at
+least three, else its cycles, else its isobars.
 """
 
 from __future__ import annotations
@@ -41,7 +44,7 @@ class Blocks:
     Attributes:
         label: (n,) index of each row's block; -1 for unusable rows and rows between two settings.
         names: name of each block, as "isobar 138 kPa".
-        kind: "isobars", "lengths", "holds", "cycles" or "rows".
+        kind: "isobars", "lengths", "loads", "holds", "cycles" or "rows".
     """
 
     label: np.ndarray
@@ -58,7 +61,11 @@ class Blocks:
 
 def find_blocks(recording: Recording) -> Blocks:
     """Return the blocks of a recording."""
-    row_blocks = _find_settings(recording) or _find_cycles(recording) or _split_rows(recording)
+    if recording.measures_length:
+        row_blocks = _find_loads(recording) or _find_cycles(recording) or _find_isobars(recording)
+        row_blocks = row_blocks or _split_rows(recording)
+    else:
+        row_blocks = _find_settings(recording) or _find_cycles(recording) or _split_rows(recording)
     return _drop_unusable_rows(row_blocks, recording.usable)
 
 
@@ -102,6 +109,25 @@ def find_length_settings(recording: Recording) -> np.ndarray:
     if not len(levels):
         levels = np.array([np.nanmedian(recording.length)])
     return find_nearest_level(recording.length, levels)
+
+
+def _find_loads(recording: Recording) -> Blocks | None:
+    """Return the set forces of an isotonic test; None if they are too few."""
+    loads, label = np.unique(recording.force.round(6), return_inverse=True)
+    loads = loads[np.isfinite(loads)]
+    if not MIN_BLOCK_COUNT <= loads.size <= recording.n / MIN_BLOCK_COUNT:
+        return None
+    label = np.where(np.isfinite(recording.force), label, -1)
+    return Blocks(label, tuple(f"load {format_quantity(load, 'N', 4)}" for load in loads), "loads")
+
+
+def _find_isobars(recording: Recording) -> Blocks | None:
+    """Return the pressures of an isotonic test; None if they are too few."""
+    pressures = find_levels(recording.pressure, recording.has_time)
+    if len(pressures) < MIN_BLOCK_COUNT:
+        return None
+    names = _name_levels("isobar", pressures, "kPa")
+    return Blocks(assign_levels(recording.pressure, pressures), names, "isobars")
 
 
 def _find_settings(recording: Recording) -> Blocks | None:

@@ -145,7 +145,9 @@ def build_case(
     _check_choice("gaps", gaps, GAP_CHOICES)
     _check_choice("before", before, BEFORE_CHOICES)
     entry = read_muscle_toml(toml_bytes, MUSCLE_FILE)
-    recording, notes, units = parse_table(csv_bytes, file, entry.columns, entry.length)
+    recording, notes, units = parse_table(
+        csv_bytes, file, entry.columns, entry.length, entry.measures_length, entry.load
+    )
     notes += [*check_units(recording, entry, units, file), *find_stuck_sensors(recording, file)]
     _check_length_below_thread(recording, entry, units.get("length", DISPLAY_UNIT["length"]), file)
     return Case(

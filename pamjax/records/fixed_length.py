@@ -43,13 +43,14 @@ MIN_FIXED_ROW_SHARE = 0.99
 def average_fixed_lengths(case: Case) -> Case:
     """Return the case with the length averaged at each fixed length.
 
-    The case is unchanged if its blocks are not lengths, or if its length error is stated per setting.
+    The case is unchanged if its blocks are not lengths, if its length error is stated per setting, or if the
+    length is what was measured.
 
     Args:
         case: the case to average.
     """
     recording, sensors = case.recording, case.entry.sensors
-    if recording.time is None or sensors.length_per_setting:
+    if recording.time is None or recording.measures_length or sensors.length_per_setting:
         return case
     case_blocks = find_blocks(recording)
     if case_blocks.kind != "lengths":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pamjax.errors import refuse, suggest_word
 from pamjax.records.reading import toml_errors
+from pamjax.records.reading.quantity import EntryLocation, read_load
 from pamjax.units import parse_quantity
 
 
@@ -26,6 +27,7 @@ class Schedule:
         length: (n,) m.
         cycle: (n,) number of the stroke, ramp or hold.
         diameter_measured: (n,) bool, whether the diameter is measured at this sample.
+        load: (n,) set force, N, if the length follows from it; None if the length is set.
     """
 
     time: np.ndarray
@@ -33,12 +35,14 @@ class Schedule:
     length: np.ndarray
     cycle: np.ndarray
     diameter_measured: np.ndarray
+    load: np.ndarray | None = None
 
 
 #: Remedy for a wrong entry.
 KEY_HINTS = {
     "kind": 'Write "strokes", "ramps" or "holds".',
     "pressures": 'Write a list, as ["100 kPa", "3 bar"].',
+    "loads": 'Write a list, as ["0 N", "2 kgf"].',
     "contractions": "Write a list of shares of the rest length, as [0.1, 0.2].",
     "speed": 'Write a number and its unit, as "1 mm/s".',
     "duration": 'Write a number and its unit, as "10 s".',
@@ -55,6 +59,7 @@ class Protocol(BaseModel):
         pressures: the pressures with units; for "ramps" the maximum of each ramp.
         contractions: 1 − length/rest length; for "strokes" the maximum of each stroke (one number, or
             one for each pressure).
+        loads: the set forces of an isotonic test, with units, in place of `contractions`; only for "ramps".
         cycles: number of strokes or ramps at each setting.
         speed: speed of a stroke, with its unit.
         duration: duration of a ramp up or of a hold, with its unit.
@@ -66,7 +71,8 @@ class Protocol(BaseModel):
 
     kind: Literal["strokes", "ramps", "holds"]
     pressures: Annotated[list[str], Field(min_length=1)]
-    contractions: Annotated[list[Annotated[float, Field(gt=-0.2, lt=0.9)]], Field(min_length=1)]
+    contractions: list[Annotated[float, Field(gt=-0.2, lt=0.9)]] = Field(default_factory=list, min_length=1)
+    loads: list[str] = Field(default_factory=list, min_length=1)
     cycles: Annotated[int, Field(ge=1, le=1000)] = 3
     speed: str = "1 mm/s"
     duration: str = "10 s"
@@ -80,6 +86,7 @@ class Protocol(BaseModel):
             BadInput: for a wrong unit, a negative pressure, or a wrong number of contractions.
         """
         where = "[protocol]"
+        self._check_settings(where)
         pressures = [parse_quantity(p, "pressure", where) for p in self.pressures]
         speed, duration = (
             parse_quantity(self.speed, "speed", where),
@@ -98,7 +105,20 @@ class Protocol(BaseModel):
             _check_positive("duration", duration),
             step,
         )
-        return _join_pieces(pieces, step, self.diameter_every)
+        schedule = _join_pieces(pieces, step, self.diameter_every)
+        if not self.loads:
+            return schedule
+        loads = [read_load(load, EntryLocation("loads", where)) for load in self.loads]
+        return replace(schedule, load=np.repeat(loads, schedule.time.size // len(loads)))
+
+    def _check_settings(self, where: str) -> None:
+        """Refuse a protocol without a set length or force, or with both."""
+        if bool(self.contractions) == bool(self.loads):
+            got = "both" if self.loads else "neither"
+            remedy = "The first list sets the length, the second the force."
+            raise refuse("a protocol must have `contractions` or `loads`", got, where, remedy)
+        if self.loads and self.kind != "ramps":
+            raise refuse("`loads` need the kind `ramps`", f"`{self.kind}`", where, 'Write kind = "ramps".')
 
     def _build_strokes(self, pressures, rest, speed, duration, step):
         max_contractions = self.contractions * (len(pressures) if len(self.contractions) == 1 else 1)
@@ -115,7 +135,7 @@ class Protocol(BaseModel):
 
     def _build_ramps(self, pressures, rest, speed, duration, step):
         cycle_share = _build_ramp_cycle(duration, step)
-        for contraction in self.contractions:
+        for contraction in self.contractions or [0.0] * len(self.loads):
             for cycle, pressure in enumerate(np.tile(pressures, self.cycles)):
                 yield pressure * cycle_share, np.full(cycle_share.size, rest * (1 - contraction)), cycle + 1
 

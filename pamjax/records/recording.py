@@ -63,6 +63,7 @@ class Recording:
         cycle: (n,) number of the stroke, step or test; 0 before the first; 1 everywhere if not given.
         row: (n,) line of the CSV file, whose header is line 1.
         outliers: the outlying cells that were ignored.
+        measures_length: whether the force was set and the length was measured (isotonic test).
     """
 
     time: np.ndarray | None
@@ -73,6 +74,7 @@ class Recording:
     cycle: np.ndarray
     row: np.ndarray
     outliers: tuple[Outlier, ...] = field(default=())
+    measures_length: bool = False
 
     @classmethod
     def from_arrays(
@@ -86,6 +88,7 @@ class Recording:
         cycle: Sequence[int] | np.ndarray | None = None,
         row: Sequence[int] | np.ndarray | None = None,
         outliers: tuple[Outlier, ...] = (),
+        measures_length: bool = False,
     ) -> Recording:
         """Return a recording from SI arrays; a single `length` applies to every row.
 
@@ -120,6 +123,7 @@ class Recording:
             cycle=arrays["cycle"].astype(int),
             row=arrays["row"].astype(int),
             outliers=outliers,
+            measures_length=measures_length,
         )
 
     def __len__(self) -> int:
@@ -137,8 +141,16 @@ class Recording:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Return those of force and diameter that were measured in at least one row."""
-        return tuple(name for name in ("force", "diameter") if np.isfinite(getattr(self, name)).any())
+        """Return those of force and diameter that were measured in at least one row.
+
+        In an isotonic test, the force was set, and the length takes its place.
+        """
+        return tuple(name for name in self.model_channels if np.isfinite(getattr(self, name)).any())
+
+    @property
+    def model_channels(self) -> tuple[str, str]:
+        """Return the channels that a model predicts: force, or length in an isotonic test, and diameter."""
+        return ("length" if self.measures_length else "force", "diameter")
 
     @property
     def usable(self) -> np.ndarray:
@@ -168,7 +180,8 @@ class Recording:
         }
         time = None if self.time is None else self.time[mask]
         kept_rows = set(columns["row"].tolist())
-        return Recording(time=time, **columns, outliers=tuple(o for o in self.outliers if o.row in kept_rows))
+        outliers = tuple(o for o in self.outliers if o.row in kept_rows)
+        return Recording(time=time, **columns, outliers=outliers, measures_length=self.measures_length)
 
     def blank_cells(self, cells: dict[str, np.ndarray], outliers: tuple[Outlier, ...]) -> Recording:
         """Return a copy in which the masked cells of each named column are not measured."""
@@ -182,7 +195,8 @@ class Recording:
         table = {
             f"{name} [{unit}]": getattr(self, name) / compute_si_factor(unit)
             for name, unit in DISPLAY_UNIT.items()
-            if name in ("pressure", "length", *self.channels) or (name == "time" and self.has_time)
+            if name in ("pressure", "length", *(("force",) if self.measures_length else ()), *self.channels)
+            or (name == "time" and self.has_time)
         }
         return pd.DataFrame({**table, "cycle": self.cycle})
 

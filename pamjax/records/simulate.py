@@ -7,12 +7,14 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 
+from pamjax.errors import refuse
 from pamjax.model.balance import Status
 from pamjax.model.bench import Bench, record_bench
-from pamjax.model.history import build_time_history
+from pamjax.model.history import History, build_time_history
+from pamjax.model.isotonic import solve_lengths
 from pamjax.model.muscle import Muscle, predict
 from pamjax.records.protocol import Schedule
-from pamjax.records.reading.muscle_toml import Sensors
+from pamjax.records.reading.muscle_toml import MuscleToml, Sensors
 from pamjax.records.recording import Recording
 
 
@@ -28,7 +30,8 @@ def simulate(
     """Return a simulated recording of a schedule.
 
     Force is NaN where the muscle has no equilibrium or would push. Diameter is NaN where the muscle has no
-    equilibrium.
+    equilibrium. If the schedule sets the force, the length is simulated, and the noise of `sensors.force` is
+    that of the set force. Length and diameter are NaN where the muscle has no equilibrium length.
 
     Args:
         muscle: the true muscle, or a bench with the muscle.
@@ -41,6 +44,8 @@ def simulate(
     Returns:
         a recording with the rows of the schedule.
     """
+    if schedule.load is not None:
+        return _simulate_isotonic(muscle, schedule, sensors, seed, settled)
     rng = np.random.default_rng(seed)
     n = schedule.time.size
     reading = _predict_readings(muscle, schedule, settled)
@@ -60,21 +65,54 @@ def simulate(
     )
 
 
+def _simulate_isotonic(
+    muscle: Muscle | Bench, schedule: Schedule, sensors: Sensors, seed: int, settled: bool
+) -> Recording:
+    """Return a simulated recording of the length at a set force."""
+    assert schedule.load is not None
+    rng, n = np.random.default_rng(seed), schedule.time.size
+    true_load = schedule.load + (sensors.force or 0.0) * rng.standard_normal(n)
+    reading, is_solved = solve_lengths(
+        muscle,
+        jnp.asarray(schedule.pressure),
+        jnp.asarray(schedule.length),
+        jnp.asarray(true_load),
+        _build_history(schedule, settled),
+    )
+    length, diameter = (
+        np.where(is_solved, np.asarray(values), np.nan) for values in (reading.length, reading.diameter)
+    )
+    diameter = np.where(schedule.diameter_measured, diameter, np.nan)
+    return Recording.from_arrays(
+        time=schedule.time,
+        pressure=schedule.pressure + (sensors.pressure or 0.0) * rng.standard_normal(n),
+        length=length + (sensors.length or 0.0) * rng.standard_normal(n),
+        force=schedule.load,
+        diameter=diameter + (sensors.diameter or 0.0) * rng.standard_normal(n),
+        cycle=schedule.cycle,
+        measures_length=True,
+    )
+
+
 def _predict_readings(muscle: Muscle | Bench, schedule: Schedule, settled: bool):
     pressure, length = jnp.asarray(schedule.pressure), jnp.asarray(schedule.length)
     if isinstance(muscle, Muscle):
         return predict(muscle, pressure, length)
+    return record_bench(muscle, pressure, length, _build_history(schedule, settled))
+
+
+def _build_history(schedule: Schedule, settled: bool) -> History:
+    """Return the order of the samples of a schedule."""
     # The continuous parts are those of the written recording. No delay acts across the step between two.
     exact_recording = Recording.from_arrays(
         time=schedule.time, pressure=schedule.pressure, length=schedule.length, cycle=schedule.cycle
     )
-    path_history = build_time_history(
+    return build_time_history(
         schedule.time,
         exact_recording.starts,
         settled=settled,
         stroke_channels=exact_recording.length_and_pressure,
     )
-    return record_bench(muscle, pressure, length, path_history)
 
 
 def _draw_length_error(schedule: Schedule, sensors: Sensors, rng: np.random.Generator) -> np.ndarray:
@@ -97,6 +135,24 @@ def draw_ar1_noise(rng: np.random.Generator, n: int, correlation: float) -> np.n
     return np.asarray(lfilter([1.0], [1.0, -correlation], white))
 
 
+def check_set_channel(schedule: Schedule, entry: MuscleToml) -> None:
+    """Refuse a schedule that sets the channel which muscle.toml declares as measured.
+
+    Raises:
+        BadInput: if one sets the force and the other the length, or if their loads differ.
+    """
+    if entry.measures_length and schedule.load is None:
+        rule = "a muscle with a measured length needs a protocol that sets the force"
+        remedy = 'Write a protocol with kind = "ramps" and loads = ["0 N"], or remove [test] of muscle.toml.'
+        raise refuse(rule, "a protocol that sets the length", remedy=remedy)
+    if schedule.load is not None and not entry.measures_length:
+        remedy = 'Write measured = "length" in the table [test].'
+        raise refuse("`loads` need a muscle.toml with a measured length", "a measured force", remedy=remedy)
+    if schedule.load is not None and entry.load is not None and (schedule.load != entry.load).any():
+        rule = f"`loads` must equal `load` in [test] of muscle.toml ({entry.load:g} N)"
+        raise refuse(rule, f"up to {schedule.load.max():g} N", remedy="Remove `load` from [test].")
+
+
 def describe_extrapolation(calibrated_range: dict[str, tuple[float, float]], schedule: Schedule) -> list[str]:
     """Return sentences about pressures (Pa) and lengths (m) of a schedule outside the calibrated range.
 
@@ -109,7 +165,7 @@ def describe_extrapolation(calibrated_range: dict[str, tuple[float, float]], sch
     """
     sentences = []
     for name, unit, scale in (("pressure", "kPa", 1e3), ("length", "mm", 1e-3)):
-        if name not in calibrated_range:
+        if name not in calibrated_range or (name == "length" and schedule.load is not None):
             continue
         low, high = calibrated_range[name]
         values = getattr(schedule, name)

@@ -37,7 +37,7 @@ def make_up(task):
     ids = ("end_taper", "force_gain", "braid_friction")[:count]
     return replace(
         build_trial(task.kind, ids, ids if task.number % 2 else (), p_value=1.0 if not ids else 1e-9),
-        correlation=task.correlation, number=task.number, seed=task.seed, method=task.method,
+        correlation=task.correlation, number=task.number, seed=task.seed,
         outside="ripple" if has_outside else "", outside_size=5.0 * has_outside, unexplained=has_outside,
         misstated=bool(task.number % 2),
     )  # fmt: skip
@@ -111,8 +111,8 @@ def test_killed_run_continues_after_a_truncated_line(tmp_path):
     again = run_proof(tasks, file, attempt=lambda task: done.append(task) or make_up(task))
     assert (again, len(done)) == (trials, 1)
     assert [parse_trial(trial.format_line()) for trial in trials] == trials
-    # Another method and the other bank are other trials.
-    other = build_tasks(COUNTS, (0.0, 0.9), bank="other-forms", seed=4, method="evidence")
+    # Another seed and the other bank are other trials.
+    other = build_tasks(COUNTS, (0.0, 0.9), bank="other-forms", seed=5)
     run_proof(other, file, attempt=make_up)
     assert len(read_trials(file)) == 48
     assert not {t.key for t in other} & {t.key for t in build_tasks(COUNTS, (0.0, 0.9), seed=4)}
@@ -122,9 +122,6 @@ def test_tasks_draw_the_same_recording_again():
     task = TrialTask("all", "single", 0.5, 2, seed=7, bank="other-forms")
     first, again = (build_bank_case(draw_task_recording(task), "x") for _ in range(2))
     assert first.checksum == again.checksum
-    # The method of the diagnosis does not change the recording.
-    method = draw_task_recording(replace(task, method="evidence"))
-    assert build_bank_case(method, "x").checksum == first.checksum
     other = draw_task_recording(replace(task, seed=8))
     assert build_bank_case(other, "x").checksum != first.checksum
 

@@ -7,7 +7,6 @@ that a diagnosis can name. All recordings share one compiled program.
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache
@@ -20,15 +19,11 @@ from pamjax.benchmark.inject_effect import GroundTruth, inject_effects
 from pamjax.benchmark.setups import Setup, build_reference_setup
 from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem
 from pamjax.diagnosis.result import Diagnosis
-from pamjax.diagnosis.run import Method
 from pamjax.records.case import Case
 from pamjax.records.recording import Recording
 
 #: Probability from which a named mechanism counts as certain.
 CERTAIN_PROBABILITY = 0.9
-
-#: Method of a diagnosis that names none.
-DEFAULT_METHOD: Method = inspect.signature(diagnose).parameters["method"].default
 
 
 @dataclass(frozen=True)
@@ -104,14 +99,10 @@ def simulate_bank(definition: BankRecording) -> GroundTruth:
     return replace(ground_truth, case=replace_recording(ground_truth.case, force=force))
 
 
-def diagnose_bank(definition: BankRecording, method: Method = DEFAULT_METHOD) -> Diagnosis:
-    """Return the diagnosis of a recording with the ordinary settings, by any method."""
-    return _diagnose_once(definition, method)
-
-
 @cache
-def _diagnose_once(definition: BankRecording, method: Method) -> Diagnosis:
-    return diagnose(simulate_bank(definition).case, method=method)
+def diagnose_bank(definition: BankRecording) -> Diagnosis:
+    """Return the diagnosis of a recording with the ordinary settings."""
+    return diagnose(simulate_bank(definition).case)
 
 
 @cache

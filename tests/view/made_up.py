@@ -159,7 +159,6 @@ def _model(values, measured):
         noise=NoiseModel(channel_noise, rows, tuple(np.zeros((0, 2), int) for _ in rows)),
         estimate=estimate,
         mechanisms=(),
-        form_prediction=0.0,
         excess_chi2=0.0,
         within_model_covariance=np.diag(sd[:2] ** 2),
         sd=lambda k: sd[k],

@@ -79,7 +79,9 @@ def diagnose(
                     errors.append(_name_case(case.folder, outcome) if len(cases) > 1 else outcome)
                     continue
                 save_diagnosis(outcome, out / case.name)
-                comparison = compare_models(outcome, seed) if beside else None
+                # The empirical formulas predict a force, which an isotonic test does not measure.
+                has_force = not case.recording.measures_length
+                comparison = compare_models(outcome, seed) if beside and has_force else None
                 if comparison:
                     save_comparison(comparison, out / case.name)
                 if report:
@@ -90,12 +92,19 @@ def diagnose(
         print_json([outcome.as_dict() for outcome in diagnoses])
     else:
         print_text("\n\n".join(notes))
-    optional_files = [*(["gain.json"] if beside else []), *([REPORT_FILE] if report else [])]
-    files = ["diagnosis.json", "prediction.csv", "model.json", *optional_files]
-    print_written_files([out / outcome.problem.case.name / name for outcome in diagnoses for name in files])
+    print_written_files([path for outcome in diagnoses for path in _list_files(outcome, out, beside, report)])
     if errors:
         _print_errors(errors[reported_count:-1])
         raise errors[-1]  # `main` prints this one
+
+
+def _list_files(diagnosis: Diagnosis, out: Path, beside: bool, report: bool) -> list[Path]:
+    """Return the files that the command wrote for a case."""
+    case = diagnosis.problem.case
+    has_comparison = beside and not case.recording.measures_length
+    optional_files = [*(["gain.json"] if has_comparison else []), *([REPORT_FILE] if report else [])]
+    names = ["diagnosis.json", "prediction.csv", "model.json", *optional_files]
+    return [out / case.name / name for name in names]
 
 
 def _print_errors(errors: list[BadInput]) -> None:

@@ -29,7 +29,6 @@ def prove(
     correlation: Annotated[list[float] | None, Parameter(negative="")] = None,
     stage: Literal["all", "score"] = "all",
     bank: Literal["own", "other-forms"] = "own",
-    method: Literal["stepwise", "evidence"] | None = None,
     form_error: float = 0.0,
     rivals: bool = True,
     quick: bool = False,
@@ -58,7 +57,6 @@ def prove(
             without an effect).
         bank: own (concealed effects have the equations of the fit) or other-forms (no mechanism has its
             equation, sensors may be misstated; docs/validation.md describes it).
-        method: how the diagnosis chooses mechanisms, by default as `pamjax diagnose` does.
         form_error: relative difference between concealed effects and the equations of their mechanisms, 0 to
             0.5; it varies smoothly over pressure and length.
         rivals: also evaluate common practice, BIC selection and a Gaussian process.
@@ -96,7 +94,6 @@ def prove(
     tasks = build_tasks(
         counts, correlations, stage=stage, seed=seed,
         with_baselines=rivals and stage == "all" and bank == "own", form_error=form_error, bank=bank,
-        method=method or "",
     )  # fmt: skip
     if write is not None:
         _write_recordings(write, tasks, seed, json)

@@ -48,7 +48,7 @@ def simulate(
     from pamjax.infer.fitting.load import load_muscle
     from pamjax.records.protocol import PAPER_PROTOCOL, read_protocol
     from pamjax.records.reading.muscle_toml import Sensors
-    from pamjax.records.simulate import describe_extrapolation
+    from pamjax.records.simulate import check_set_channel, describe_extrapolation
     from pamjax.records.simulate import simulate as simulate_recording
     from pamjax.records.writing.case_folder import write_case
     from pamjax.units import format_count, parse_quantity
@@ -57,6 +57,7 @@ def simulate(
     loaded_muscle = load_muscle(muscle, law, case, parse_settings(with_ or ()))
     plan = read_protocol(protocol) if protocol else PAPER_PROTOCOL
     schedule = plan.build_schedule(loaded_muscle.entry.rest_length.value)
+    check_set_channel(schedule, loaded_muscle.entry)
     warnings = (
         list(describe_extrapolation(loaded_muscle.calibrated_range, schedule))
         if loaded_muscle.calibrated_range

@@ -2,22 +2,20 @@
 
 Unmodelled physics is often absorbed by the nearest mechanism in the library: a saturated load cell resembles
 a compliant rig. Such a fit fails on other blocks. Therefore each training block is left out once
-(`explained_fraction.py`). If all mechanisms together explain less than 5/6 of the misfit of the left-out
-blocks (setting `min_explained_fraction`), a part of the misfit is unexplained, even if their residual in the
-fit is only noise.
+(`explained_fraction.py`), with the form errors of the mechanisms as noise. If all mechanisms together explain
+less than 5/6 of the misfit of the left-out blocks (setting `min_explained_fraction`), a part of the misfit is
+unexplained, even if their residual in the fit is only noise.
 
-In that case only the mechanism with the largest explained fraction keeps its name. Mechanisms beside it fit
-what its equation leaves, and their fractions do not show which of them are real. If the set predicts the
-left-out blocks but leaves a large residual in the fit, each mechanism is tested alone. Its probability is
-multiplied by its explained fraction, and mechanisms below `established_probability` are dropped. This is
-done once, with all mechanisms in the model.
+In that case, or if the residual in the fit is large, each mechanism is also tested alone. Its probability is
+multiplied by the fraction of left-out misfit that it explains. A mechanism is dropped if that fraction is
+below 2/3 (setting `min_single_explained_fraction`), or its probability below `established_probability`. This
+is done once, with all mechanisms in the model.
 
 If a part of the misfit is unexplained, the certainty of the remaining mechanisms, the distance of their
 probability from even chances, is halved (setting `unexplained_certainty_share`).
 
-Limits: a mechanism whose true equation has another form than the textbook's, and one that replaces physics
-outside the library, can explain the same fraction. Both are named with a low probability, beside an
-unexplained part.
+Limits: a mechanism that replaces physics outside the library can explain left-out blocks too. It is then
+named with a low probability, beside an unexplained part.
 """
 
 from __future__ import annotations
@@ -28,12 +26,13 @@ from dataclasses import replace
 import numpy as np
 
 from pamjax.diagnosis.crossval.explained_fraction import BlockCrossValidation
+from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import fit_candidate, switch_off_candidate
 from pamjax.diagnosis.select.selection import (
     NamedMechanism,
     Selection,
     rank_mechanisms,
+    restrict_selection,
 )
 from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.infer.fitting.identifiability import format_list
@@ -58,45 +57,35 @@ def cross_validate_selection(
         judge_each: whether to test each mechanism alone in any case; done if the residual of the fit is
             large.
     """
-    cross_validation = BlockCrossValidation.from_blocks(problem, blocks, training_rows, selection.model)
+    cross_validation = BlockCrossValidation.from_blocks(
+        problem, blocks, training_rows, add_form_errors(problem, selection.model)
+    )
     is_predictive = not cross_validation.fails_out_of_sample
     if is_predictive and not judge_each:
         return selection, is_predictive
-    explained_fractions = cross_validation.explained_fraction_by_mechanism
-    remaining = (
-        _weight_each(selection.named_mechanisms, explained_fractions, problem.settings)
-        if is_predictive
-        else _keep_best(selection.named_mechanisms, explained_fractions, problem.settings)
+    remaining = _weight_each(
+        selection.named_mechanisms, cross_validation.explained_fraction_by_mechanism, problem.settings
     )
-    return _restrict_selection(problem, training_rows, selection, remaining), is_predictive
+    return restrict_selection(problem, training_rows, selection, remaining), is_predictive
 
 
 def _weight_each(
     mechanisms: Sequence[NamedMechanism], fractions: dict[str, float], settings: DiagnosisSettings
 ) -> list[NamedMechanism]:
-    """Return the mechanisms that are probable after multiplication by their explained fractions."""
-    weighted = [replace(m, probability=m.probability * fractions[m.id]) for m in mechanisms]
+    """Return the mechanisms that explain enough, with probabilities multiplied by their fractions."""
+    weighted = [
+        replace(m, probability=m.probability * fractions[m.id])
+        for m in mechanisms
+        if fractions[m.id] >= settings.min_single_explained_fraction
+    ]
     return [m for m in weighted if m.probability >= settings.established_probability]
-
-
-def _keep_best(
-    mechanisms: Sequence[NamedMechanism], fractions: dict[str, float], settings: DiagnosisSettings
-) -> list[NamedMechanism]:
-    """Return the mechanism with the largest explained fraction, or none if no fraction is above zero."""
-    best = max(mechanisms, key=lambda m: fractions[m.id])
-    return [_scale_certainty(best, fractions[best.id], settings)] if fractions[best.id] > 0 else []
-
-
-def _scale_certainty(mechanism: NamedMechanism, share: float, settings: DiagnosisSettings) -> NamedMechanism:
-    """Return the mechanism with a share of the distance of its probability from `established_probability`."""
-    limit = settings.established_probability
-    return replace(mechanism, probability=limit + share * (mechanism.probability - limit))
 
 
 def reduce_certainty(selection: Selection, settings: DiagnosisSettings) -> Selection:
     """Return the selection with probabilities closer to `established_probability`."""
+    limit, share = settings.established_probability, settings.unexplained_certainty_share
     new_mechanisms = [
-        _scale_certainty(mechanism, settings.unexplained_certainty_share, settings)
+        replace(mechanism, probability=limit + share * (mechanism.probability - limit))
         for mechanism in selection.named_mechanisms
     ]
     return replace(selection, named_mechanisms=rank_mechanisms(new_mechanisms))
@@ -113,27 +102,3 @@ def format_dropped_mechanisms(before: Selection, after: Selection) -> list[str]:
         f"{format_list(dropped_ids)} {explain} too little of the misfit of left-out blocks and {are} not"
         f" reported."
     ]
-
-
-def _restrict_selection(
-    problem: LibraryProblem,
-    training_rows: np.ndarray,
-    selection: Selection,
-    named_mechanisms: Sequence[NamedMechanism],
-) -> Selection:
-    """Return the selection with some of its mechanisms only, refitted if others are dropped."""
-    ids = {name.id for name in named_mechanisms}
-    if len(ids) == len(selection.model.mechanisms):
-        return replace(selection, named_mechanisms=rank_mechanisms(named_mechanisms))
-    values = selection.start_values
-    for candidate in selection.model.mechanisms:
-        values = values if candidate.id in ids else switch_off_candidate(problem, values, candidate)
-    mechanisms = [candidate for candidate in selection.model.mechanisms if candidate.id in ids]
-    fit = fit_candidate(problem, training_rows, mechanisms, values) if mechanisms else selection.baseline
-    return replace(
-        selection,
-        model=fit,
-        named_mechanisms=rank_mechanisms(named_mechanisms),
-        weighted_values=None,
-        fit_before_small_effects=None,
-    )

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit, predict_fit
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
-from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.records.blocks import Blocks
 
 
@@ -62,7 +61,7 @@ def compute_gain(
     fit: CandidateFit,
 ) -> Gain:
     """Return the errors of a baseline and a model that were fitted without the held-out rows."""
-    before, after = predict_fit(problem, baseline), predict_fit(problem, fit)
+    before, after = problem.predict(baseline.estimate.values), problem.predict(fit.estimate.values)
     names = [blocks.names[k] for k in np.unique(blocks.label[held_out_rows]) if k >= 0]
     description = (
         f"{len(names)} of {len(blocks)} {blocks.kind}: {', '.join(names)}"
@@ -82,7 +81,7 @@ def compute_gain(
 def compute_rmse(problem: LibraryProblem, prediction: np.ndarray, rows: np.ndarray) -> dict[str, float]:
     """Return the rmse of a prediction, (2, n), over some rows, by measured channel, SI."""
     rmse_by_channel = {}
-    for c, channel in enumerate(CHANNELS):
+    for c, channel in enumerate(problem.channels):
         residual = (problem.measured[c] - prediction[c])[rows]
         residual = residual[np.isfinite(residual)]
         if residual.size:

@@ -64,7 +64,7 @@ def locate_effects(problem: LibraryProblem, baseline: CandidateFit, fit: Candida
         for c, size in enumerate(sizes):
             if size > 0 and size >= settings.min_box_rms_ratio * max(sizes):
                 standard = _standardise_channel(problem, fit, candidate_effect, c)
-                boxes.append(_build_box(settings, baseline, axes, c, standard**2, candidate_effect[c]))
+                boxes.append(_build_box(problem, baseline, axes, c, standard**2, candidate_effect[c]))
     return _divide_shares(problem, baseline, residual, boxes)
 
 
@@ -97,7 +97,7 @@ def locate_residual(problem: LibraryProblem, fit: CandidateFit) -> list[Box]:
         problem,
         fit,
         residual,
-        [_build_box(settings, fit, axes, c, weight, residual[c]) for c, weight in kept],
+        [_build_box(problem, fit, axes, c, weight, residual[c]) for c, weight in kept],
     )
 
 
@@ -132,8 +132,9 @@ class _UnsharedBox:
 
 
 def _build_box(
-    settings: DiagnosisSettings, fit: CandidateFit, axes: RecordingAxes, c: int, weight, signed
+    problem: LibraryProblem, fit: CandidateFit, axes: RecordingAxes, c: int, weight, signed
 ) -> _UnsharedBox:
+    settings = problem.settings
     rows = np.flatnonzero(np.nan_to_num(weight) > 0)
     weights = weight[rows]
     pressure, contraction, time = (
@@ -150,7 +151,7 @@ def _build_box(
         inside &= (values >= low) & (values <= high)
     if direction != "both":
         inside &= axes.direction == (SHORTENING if direction == "shortening" else LENGTHENING)
-    channel, channel_noise = CHANNELS[c], fit.noise.channels[c]
+    channel, channel_noise = problem.channels[c], fit.noise.channels[c]
     sd = np.zeros(weight.size) if channel_noise is None else channel_noise.sd
     description = _format_box(settings, channel, direction, pressure, contraction, signed, inside, axes, sd)
     box = Box(channel, direction, pressure, contraction, time, 0.0, description)
@@ -189,7 +190,7 @@ def _divide_shares(
     for c in range(len(CHANNELS)):
         standard = _standardise_channel(problem, fit, residual, c)
         excess.append(np.where(np.isfinite(standard), standard**2 - 1, 0.0))
-    parts = np.array([excess[CHANNELS.index(r.box.channel)] @ d for r, d in _divide_rows(regions)])
+    parts = np.array([excess[problem.channels.index(r.box.channel)] @ d for r, d in _divide_rows(regions)])
     # Outside the boxes the residual may be below its noise.
     total = max(float(np.sum(excess)), float(np.clip(parts, 0.0, None).sum()))
     shares = np.clip(parts / total, 0.0, 1.0) if np.sum(excess) > 0 else np.zeros(len(regions))

@@ -21,7 +21,6 @@ from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
 from pamjax.errors import refuse
 from pamjax.infer.fitting.fit import build_joint_space
 from pamjax.infer.problem.dataset import (
-    CHANNELS,
     Dataset,
     build_history,
     build_rows,
@@ -113,6 +112,11 @@ class LibraryProblem:
         return np.array([m.neutral is not None for m in self.meanings])
 
     @property
+    def channels(self) -> tuple[str, str]:
+        """Names of the two predicted channels: force, or length in an isotonic test, and diameter."""
+        return self.case.recording.model_channels
+
+    @property
     def n(self) -> int:
         """Number of rows of the recording."""
         return self.case.recording.n
@@ -193,8 +197,7 @@ def _sweep_derivatives(
     dataset = eqx.tree_at(lambda m: m.history.has_memory, dataset, with_memory, is_leaf=lambda x: x is None)
 
     def predict(x):
-        reading = dataset.predict(x)
-        return jnp.stack([reading.force, reading.diameter])
+        return dataset.predict_channels(x)
 
     def fill(k, carry):
         _, jacobian = carry
@@ -278,7 +281,10 @@ def build_library_problem(case: Case, settings: DiagnosisSettings = DEFAULT_SETT
         channel_weights=jnp.ones(2),
     )
     measured = np.stack(
-        [np.where(find_informative_samples(case, c), getattr(recording, c), np.nan) for c in CHANNELS]
+        [
+            np.where(find_informative_samples(case, c), getattr(recording, c), np.nan)
+            for c in recording.model_channels
+        ]
     )
     if not np.isfinite(measured).any():
         raise refuse(

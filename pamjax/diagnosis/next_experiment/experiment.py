@@ -66,8 +66,11 @@ def propose_experiments(
         named_mechanisms: the identified mechanisms with their alternatives.
 
     Returns:
-        one experiment for each chosen protocol; empty without alternatives.
+        one experiment for each chosen protocol; empty without alternatives, and for an isotonic test, whose
+        noise of force is not known.
     """
+    if problem.case.recording.measures_length:
+        return []
     pairs = [
         (name.id, rival)
         for name in named_mechanisms

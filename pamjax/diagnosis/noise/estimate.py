@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -11,7 +12,7 @@ from pamjax.diagnosis.noise.input_noise import propagate_input_noise
 from pamjax.infer.noise.estimate import compute_noise_variances, estimate_noise_model
 from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.noise.static_table import estimate_table_variance
-from pamjax.infer.problem.dataset import CHANNELS
+from pamjax.infer.problem.dataset import CHANNELS, Dataset
 
 
 def estimate_noise(
@@ -30,12 +31,28 @@ def estimate_noise(
         problem.measured - problem.predict(values),
         np.isfinite(problem.measured),
         training_rows,
-        compute_noise_variances(problem.case, problem.dataset, values),
+        compute_noise_variances(
+            problem.case, problem.dataset, values, lambda dataset: _predict_dataset(problem, dataset, values)
+        ),
         tables=_estimate_table_variances(problem, training_rows),
         input_noise=propagate_input_noise(problem, values),
         settings=problem.settings,
         free_scale=free_scale,
     )
+
+
+def _predict_dataset(problem: LibraryProblem, dataset: Dataset, values: np.ndarray) -> np.ndarray:
+    """Return both predicted channels of the problem with other inputs, (2, rows of the program), SI.
+
+    Args:
+        problem: the recording and the library.
+        dataset: its dataset with other pressures, lengths or set forces.
+        values: (p,) parameter values, SI.
+    """
+    reduced = dataclasses.replace(problem.reduced_dataset, rows=dataset.rows)
+    prediction = dataclasses.replace(problem, dataset=dataset, reduced_dataset=reduced).predict(values)
+    padding = dataset.rows.pressure.size - prediction.shape[1]
+    return np.pad(prediction, ((0, 0), (0, padding)))
 
 
 def _estimate_table_variances(

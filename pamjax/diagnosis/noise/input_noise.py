@@ -53,20 +53,30 @@ def compute_input_noise_chi2(
     differences = propagate_input_noise(problem, values)
     if differences is None:
         return 0.0
-    by_pressure, by_length = (
-        np.asarray(s)[:, : problem.n] for s in compute_sensitivities(problem.dataset, jnp.asarray(values))
-    )
     total, size = 0.0, 0
-    for difference, (pressure, length) in zip(differences, sample_input_noise(problem), strict=True):
-        with_memory, without_memory = (
-            whiten(difference),
-            whiten(np.nan_to_num(by_pressure * pressure + by_length * length)),
-        )
+    for difference, static in zip(differences, _propagate_without_memory(problem, values), strict=True):
+        with_memory, without_memory = whiten(difference), whiten(np.nan_to_num(static))
         total, size = (
             total + float(with_memory @ with_memory - without_memory @ without_memory),
             with_memory.size,
         )
     return min(total / INPUT_NOISE_DRAWS, problem.settings.max_input_noise_chi2_share * size)
+
+
+def _propagate_without_memory(problem: LibraryProblem, values: np.ndarray) -> list[np.ndarray]:
+    """Return the change of the prediction of the muscle without memory by each draw, (2, n), SI."""
+    draws = sample_input_noise(problem)
+    if problem.case.recording.measures_length:
+        # The length at a set force depends on its input through the memories only.
+        names = problem.names
+        has_memory = np.array([n.partition(".")[0] in MECHANISMS_NEEDING_TIME for n in names])
+        static_values = np.where(has_memory & problem.is_switch, problem.neutral, values)
+        prediction = problem.predict(static_values)
+        return [_perturb_problem(problem, *draw).predict(static_values) - prediction for draw in draws]
+    by_pressure, by_length = (
+        np.asarray(s)[:, : problem.n] for s in compute_sensitivities(problem.dataset, jnp.asarray(values))
+    )
+    return [by_pressure * pressure + by_length * length for pressure, length in draws]
 
 
 def propagate_input_noise(problem: LibraryProblem, values: np.ndarray) -> np.ndarray | None:

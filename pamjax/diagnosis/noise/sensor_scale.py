@@ -13,7 +13,7 @@ import numpy as np
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.estimate import estimate_noise
 from pamjax.infer.noise.noise_model import NoiseModel
-from pamjax.infer.problem.dataset import CHANNELS
+from pamjax.infer.problem.dataset import get_stated_sds
 
 #: Ratio above which, or below whose inverse, a note reports it. A data sheet seldom states less than 15 %.
 MIN_REPORTED_RATIO = 1.15
@@ -30,12 +30,13 @@ def compute_noise_ratios(problem: LibraryProblem, values: np.ndarray) -> dict[st
     stated_noise, estimated_noise = (
         estimate_noise(problem, values, rows, free_scale=free_scale) for free_scale in (False, True)
     )
-    sensors = problem.case.entry.sensors
     return {
         channel: None
-        if getattr(sensors, channel) is None
+        if stated is None
         else _compute_rms_sd(estimated_noise, c) / _compute_rms_sd(stated_noise, c)
-        for c, channel in enumerate(CHANNELS)
+        for c, (channel, stated) in enumerate(
+            zip(problem.channels, get_stated_sds(problem.case), strict=True)
+        )
         if stated_noise.channels[c] is not None
     }
 

@@ -29,7 +29,6 @@ class CandidateFit:
         between_model_covariance: (k, k) covariance of the free parameters between models that fit equally
             well, SI.
         errors_in_variables_bias: (k,) bias of the free parameters due to input noise, SI.
-        form_prediction: (2, n) estimated form errors of the mechanisms, SI; zero without.
     """
 
     mechanisms: tuple[Candidate, ...]
@@ -38,7 +37,6 @@ class CandidateFit:
     input_noise_chi2: float = 0.0
     between_model_covariance: np.ndarray | float = 0.0
     errors_in_variables_bias: np.ndarray | float = 0.0
-    form_prediction: np.ndarray | float = 0.0
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -97,11 +95,6 @@ class CandidateFit:
             return float("nan")
         k = self.estimate.free.index(index)
         return float(np.sqrt(max(self.covariance[k, k], 0.0)))
-
-
-def predict_fit(problem: LibraryProblem, fit: CandidateFit) -> np.ndarray:
-    """Return the prediction of a fit with its form errors, (2, n), SI."""
-    return problem.predict(fit.estimate.values) + fit.form_prediction
 
 
 def fit_candidate(

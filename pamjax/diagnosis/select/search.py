@@ -8,6 +8,8 @@ substantial   it explains a good part of the remaining misfit: textbook equation
 sizeable      the misfit that it alone explains is not small relative to that of the baseline, or it explains
               all of the remaining misfit
 
+All three tests allow for the form errors of the mechanisms that are in the model already.
+
 The third test is omitted if small effects together leave only noise. A wrong first mechanism can mislead the
 search, so a search with a large residual restarts from the best pairs of mechanisms.
 """
@@ -24,6 +26,7 @@ from scipy.stats import chi2
 
 from pamjax.compile.parallel import parallel_map
 from pamjax.diagnosis.detect.score_test import ScoreDirection, compute_score_directions
+from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.input_noise import compute_input_noise_chi2
@@ -164,7 +167,9 @@ def run_search(
     fit = prune_mechanisms(search, largest_fit)
     if not fit.mechanisms or fit.excess_chi2 < search.settings.min_effect_rms**2 * fit.noise.size:
         return fit
-    if fit is largest_fit and not (refused_fit and search.is_worthwhile(fit, refused_fit, small=True)):
+    if fit is largest_fit and not (
+        refused_fit and search.is_worthwhile(add_form_errors(search.problem, fit), refused_fit, small=True)
+    ):
         return fit
     # Small effects stay if the residual is then only noise.
     best = refused_fit if fit is largest_fit else None
@@ -181,15 +186,16 @@ def _add_candidates(
 ) -> tuple[CandidateFit, CandidateFit | None]:
     """Return the model with further mechanisms, and the best extension that is not worthwhile.
 
-    Mechanisms are added one at a time as long as each is worthwhile. Known score directions at the model, or
-    its known best extension, are not computed again.
+    Mechanisms are added one at a time as long as each is worthwhile beside the form errors of the others.
+    Known score directions at the model, or its known best extension, are not computed again.
     """
     while len(fit.mechanisms) < search.settings.max_mechanisms:
         search.progress("selecting mechanisms", 0.1 + 0.1 * len(fit.mechanisms))
+        tolerant_fit = add_form_errors(search.problem, fit)
         best = best or _fit_best_candidate(
-            search, fit, search.score_candidates(fit) if directions is None else directions
+            search, tolerant_fit, search.score_candidates(tolerant_fit) if directions is None else directions
         )
-        if best is None or not search.is_worthwhile(fit, best, small):
+        if best is None or not search.is_worthwhile(tolerant_fit, best, small):
             return fit, best
         fit, directions, best = _swap_mechanisms(search, search.refit(best)), None, None
     return fit, None

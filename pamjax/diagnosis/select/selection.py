@@ -7,7 +7,7 @@ reduces the probability.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,8 +15,9 @@ from pamjax.compile.parallel import parallel_map
 from pamjax.diagnosis.detect.score_test import compute_score_directions
 from pamjax.diagnosis.library.candidates import Candidate, build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate, switch_off_candidate
 from pamjax.diagnosis.select.pair_swap import swap_pairs
+from pamjax.diagnosis.select.redundant import remove_redundant
 from pamjax.diagnosis.select.search import (
     MechanismSearch,
     compute_rough_limit,
@@ -93,7 +94,9 @@ def select_mechanisms(
     candidates = build_candidates(problem)
     baseline_directions = compute_score_directions(problem, baseline.noise, baseline.estimate, candidates)
     search = MechanismSearch(problem, training_rows, baseline, candidates, progress)
-    fit_before_small_effects = swap_pairs(search, search_mechanisms(search, baseline_directions))
+    fit_before_small_effects = remove_redundant(
+        search, swap_pairs(search, search_mechanisms(search, baseline_directions))
+    )
     fit = add_small_effects(problem, fit_before_small_effects, candidates, progress)
     progress("comparing alternatives", 0.75)
     named_mechanisms = assess_mechanisms(problem, fit, candidates)
@@ -117,6 +120,30 @@ def drop_small_effects(problem: LibraryProblem, selection: Selection) -> Selecti
         selection.baseline,
         selection.fit_before_small_effects,
         assess_mechanisms(problem, selection.fit_before_small_effects),
+    )
+
+
+def restrict_selection(
+    problem: LibraryProblem,
+    training_rows: np.ndarray,
+    selection: Selection,
+    named_mechanisms: Sequence[NamedMechanism],
+) -> Selection:
+    """Return the selection with some of its mechanisms only, refitted if others are dropped."""
+    ids = {name.id for name in named_mechanisms}
+    if len(ids) == len(selection.model.mechanisms):
+        return replace(selection, named_mechanisms=rank_mechanisms(named_mechanisms))
+    values = selection.start_values
+    for candidate in selection.model.mechanisms:
+        values = values if candidate.id in ids else switch_off_candidate(problem, values, candidate)
+    mechanisms = [candidate for candidate in selection.model.mechanisms if candidate.id in ids]
+    fit = fit_candidate(problem, training_rows, mechanisms, values) if mechanisms else selection.baseline
+    return replace(
+        selection,
+        model=fit,
+        named_mechanisms=rank_mechanisms(named_mechanisms),
+        weighted_values=None,
+        fit_before_small_effects=None,
     )
 
 

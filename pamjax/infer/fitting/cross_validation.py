@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from pamjax.infer.fitting.least_squares import Loss, Solution, solve_least_squares
-from pamjax.infer.problem.dataset import CHANNELS, Dataset, predict_rows
+from pamjax.infer.problem.dataset import Dataset, predict_rows
 from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.records.blocks import Blocks, split_folds
 from pamjax.records.case import Case
@@ -44,7 +44,9 @@ def cross_validate(
         by channel, SI, NaN where no block was held out.
     """
     folds_of_cases = [split_folds(b, fold_count, seed) if len(b.names) > 1 else [] for b in blocks_of_cases]
-    predictions = [{c: np.full(case.recording.n, np.nan) for c in CHANNELS} for case in cases]
+    predictions = [
+        {c: np.full(case.recording.n, np.nan) for c in case.recording.model_channels} for case in cases
+    ]
     rounds = max((len(folds) for folds in folds_of_cases), default=0)
     for k in range(rounds):
         progress(k / rounds)

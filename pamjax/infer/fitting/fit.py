@@ -23,7 +23,6 @@ from pamjax.infer.fitting.reweight import (
     set_variance_inflation,
 )
 from pamjax.infer.problem.dataset import (
-    CHANNELS,
     Dataset,
     build_dataset,
     find_informative_samples,
@@ -377,7 +376,7 @@ def _build_case_fit(
     n = case.recording.n
     status = np.asarray(reading.status)[:n]
     has_failed = case.recording.usable & (status != Status.OK)
-    prediction = {c: np.asarray(getattr(reading, c))[:n] for c in CHANNELS}
+    prediction = {c: np.asarray(getattr(reading, c))[:n] for c in case.recording.model_channels}
     names = tuple(
         tuple(case_blocks.names[k] for k in np.unique(case_blocks.label[mask]) if k >= 0)
         for mask in held_out_masks

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pamjax.channels import DISPLAY_UNIT, to_display
+from pamjax.channels import DISPLAY_UNIT, SI_UNIT, to_display
 from pamjax.records.files import write_atomically
 from pamjax.units import compute_si_factor
 
@@ -103,7 +103,10 @@ def build_xarray_dataset(case_fit: CaseFit):
     }
     if recording.time is not None:
         columns["time"] = (recording.time, "s", "time")
-    for channel, unit in (("force", "N"), ("diameter", "m")):
+    if recording.measures_length:
+        columns["force"] = (recording.force, "N", "set force")
+    for channel in recording.model_channels:
+        unit = SI_UNIT[channel]
         measured, model = getattr(recording, channel), case_fit.prediction[channel]
         columns |= {
             channel: (measured, unit, f"measured {channel}"),

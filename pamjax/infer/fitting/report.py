@@ -136,6 +136,8 @@ def _format_case(case_fit: CaseFit, several: bool) -> Iterator[str]:
                 f" {format_channel_value(case_fit.held_out.rmse[channel], channel)}"
             )
         yield line
+        if channel == "length":
+            yield f"    {format_contraction_error(case_fit, value)}"
         if noise.autocorrelation_time > 1.5:
             duration = f" over {_format_seconds(noise.correlation_time)}" if noise.correlation_time else ""
             yield (
@@ -145,6 +147,17 @@ def _format_case(case_fit: CaseFit, several: bool) -> Iterator[str]:
         if exceeds_noise(noise):
             yield f"    {format_misfit(channel, value, noise)}"
     yield from (f"  {line}" for line in format_remarks(case_fit))
+
+
+def format_contraction_error(case_fit: CaseFit, rmse: float) -> str:
+    """Return the error of a measured length, m, as a share of the rest length.
+
+    Args:
+        case_fit: fit of an isotonic recording.
+        rmse: rms error of the length, m.
+    """
+    share = 100 * rmse / case_fit.case.entry.rest_length.value
+    return f"force is set and length is measured: an error of {share:.2g} % contraction"
 
 
 def _describe_noise_source(noise: ChannelNoise) -> str:

@@ -21,10 +21,10 @@ from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.noise.noise_settings import NOISE_SETTINGS
 from pamjax.infer.noise.sensor_noise import ChannelNoise, compute_correlation_time, compute_effective_sd
 from pamjax.infer.problem.dataset import (
-    CHANNELS,
     Dataset,
     estimate_starting_sd,
     find_informative_samples,
+    get_stated_sds,
 )
 from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.jit import compile_on_call
@@ -65,7 +65,8 @@ def reweight_dataset(
     misfit = compute_si_residuals(dataset, space.to_values(solution.u))
     weights, channel_weights, noise = np.zeros_like(misfit), np.ones(2), {}
     fitted_parameters = _count_effective_parameters(solution)
-    for k, (channel, stated_sd) in enumerate(zip(CHANNELS, (sensors.force, sensors.diameter), strict=True)):
+    channels = case.recording.model_channels
+    for k, (channel, stated_sd) in enumerate(zip(channels, get_stated_sds(case), strict=True)):
         measured = np.isfinite(misfit[k])
         if not measured.any():
             continue
@@ -131,7 +132,8 @@ def _whiten_dataset(
     model, residual = estimate_noise_of_dataset(case, dataset, space.to_values(solution.u))
     weights, noise = np.zeros((2, dataset.rows.pressure.size)), {}
     fitted_parameters = _count_effective_parameters(solution)
-    for k, (name, channel, rows) in enumerate(zip(CHANNELS, model.channels, model.rows, strict=True)):
+    names = case.recording.model_channels
+    for k, (name, channel, rows) in enumerate(zip(names, model.channels, model.rows, strict=True)):
         if channel is None:
             continue
         weights[k, rows] = 1 / channel.sd[rows]

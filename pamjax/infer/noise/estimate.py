@@ -7,7 +7,7 @@ model of the misfit. `fit` and `diagnose` use this estimate.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from pamjax.infer.noise.ar1_filter import Ar1Noise, compute_correlation_error
 from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.noise.noise_settings import NOISE_SETTINGS, NoiseThresholds
-from pamjax.infer.noise.sensor_noise import compute_sensitivities
+from pamjax.infer.noise.sensor_noise import compute_isotonic_variance, compute_sensitivities
 from pamjax.infer.noise.unknown_sensor import (
     DIFFERENCE_LAGS,
     DifferenceStatistics,
@@ -24,12 +24,21 @@ from pamjax.infer.noise.unknown_sensor import (
     estimate_stated_noise,
     estimate_unknown_noise,
 )
-from pamjax.infer.problem.dataset import CHANNELS, Dataset, estimate_starting_sd
+from pamjax.infer.problem.dataset import (
+    CHANNELS,
+    Dataset,
+    estimate_starting_sd,
+    get_stated_sds,
+    predict_row_channels,
+)
 from pamjax.records.case import Case
 
 
 def compute_noise_variances(
-    case: Case, dataset: Dataset, values: np.ndarray
+    case: Case,
+    dataset: Dataset,
+    values: np.ndarray,
+    predict: Callable[[Dataset], np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the variance of sensor noise, (2, 1), and of propagated pressure and length noise, (2, n), SI.
 
@@ -37,14 +46,19 @@ def compute_noise_variances(
         case: the recording and its muscle.toml.
         dataset: its dataset.
         values: (p,) parameter values, SI.
+        predict: both predicted channels of a dataset at these values, (2, n), for an isotonic recording.
     """
     sensors, n = case.entry.sensors, case.recording.n
+    own_variance = np.square(np.array(estimate_starting_sd(case)))[:, None]
+    if case.recording.measures_length:
+        predict = predict or (lambda d: np.asarray(predict_row_channels(d, jnp.asarray(values))))
+        return own_variance, compute_isotonic_variance(dataset, sensors, predict)[:, :n]
     by_pressure, by_length = (
         np.asarray(s)[:, :n] for s in compute_sensitivities(dataset, jnp.asarray(values))
     )
     length = 0.0 if sensors.length_per_setting else sensors.length or 0.0
     input_variance = ((sensors.pressure or 0.0) * by_pressure) ** 2 + (length * by_length) ** 2
-    return np.square(np.array(estimate_starting_sd(case)))[:, None], np.nan_to_num(input_variance)
+    return own_variance, np.nan_to_num(input_variance)
 
 
 def estimate_noise_model(
@@ -77,10 +91,10 @@ def estimate_noise_model(
     starts = np.cumsum(case.recording.starts | np.diff(rows_in_use, prepend=rows_in_use[:1]))
     sensors = case.entry.sensors
     input_noise_unknown = sensors.pressure is None or (
-        sensors.length is None and not sensors.length_per_setting
+        sensors.length is None and not sensors.length_per_setting and not case.recording.measures_length
     )
     channels, rows, runs = [], [], []
-    for c, stated in enumerate((sensors.force, sensors.diameter)):
+    for c, stated in enumerate(get_stated_sds(case)):
         channel_rows = np.flatnonzero(measured[c] & rows_in_use)
         edges = np.flatnonzero(np.diff(starts[channel_rows])) + 1
         bounds = np.concatenate([[0], edges, [channel_rows.size]]).astype(int)

@@ -3,18 +3,23 @@
 The model propagates the noise of pressure P and length L to force and diameter y:
 
     sd² = sd_channel² + (∂y/∂P sd_P)² + (∂y/∂L sd_L)²
+
+In an isotonic test, y is the length at the set force. The noise of the set force F takes the place of that of
+the length, and the propagated noise is the change of the prediction by one sd of P and of F.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from pamjax.infer.problem.dataset import Dataset
+from pamjax.infer.problem.dataset import Dataset, predict_row_channels
 from pamjax.jit import compile_on_call
 from pamjax.records.reading.muscle_toml import Sensors
 from pamjax.records.recording import Recording
@@ -73,11 +78,41 @@ def compute_effective_sd(
         sensors: the stated noise.
         own_sd: standard deviations of the force sensor and of the diameter sensor, SI.
     """
+    if dataset.rows.set_force is not None:
+        variance = compute_isotonic_variance(
+            dataset, sensors, lambda d: np.asarray(predict_row_channels(d, values))
+        )
+        return np.sqrt(np.asarray(own_sd)[:, None] ** 2 + variance)
     by_pressure, by_length = (np.asarray(s) for s in compute_sensitivities(dataset, values))
     pressure = (sensors.pressure or 0.0) * by_pressure
     # An error of a length setting is a parameter of the fit, not noise.
     length = (0.0 if sensors.length_per_setting else sensors.length or 0.0) * by_length
     return np.sqrt(np.asarray(own_sd)[:, None] ** 2 + pressure**2 + length**2)
+
+
+def compute_isotonic_variance(
+    dataset: Dataset, sensors: Sensors, predict: Callable[[Dataset], np.ndarray]
+) -> np.ndarray:
+    """Return the variance of length and diameter by the noise of pressure and set force, SI, (2, n).
+
+    The diameter also contains the noise of the length at which it is predicted.
+
+    Args:
+        dataset: an isotonic recording.
+        sensors: the stated noise.
+        predict: both predicted channels of a dataset, (2, n), SI.
+    """
+    stated_sds = {"pressure": sensors.pressure, "set_force": sensors.force, "length": sensors.length}
+    exact, variance = None, np.zeros((2, 1))
+    for name, sd in stated_sds.items():
+        if sd is None:
+            continue
+        exact = predict(dataset) if exact is None else exact
+        shifted = eqx.tree_at(lambda d, n=name: getattr(d.rows, n), dataset, getattr(dataset.rows, name) + sd)
+        change = np.nan_to_num(predict(shifted) - exact)
+        # The noise of the length itself is that of its sensor.
+        variance = variance + (change * [[0.0], [1.0]] if name == "length" else change) ** 2
+    return np.broadcast_to(variance, (2, dataset.rows.pressure.size))
 
 
 def compute_correlation_time(

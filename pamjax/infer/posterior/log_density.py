@@ -120,6 +120,13 @@ def build_density(
     if fit.loss != "square":
         remedy = "Fit with `--loss square`, or remove the outliers."
         raise refuse("a posterior needs a likelihood", f"a {fit.loss} loss", remedy=remedy)
+    for case_fit in fit.cases:
+        if case_fit.case.recording.measures_length:
+            rule, got = (
+                "a posterior needs a measured force or diameter",
+                "a measured length ([test] of muscle.toml)",
+            )
+            raise refuse(rule, got, case_fit.case.name, "Use the standard deviations of `pamjax fit`.")
     priors = dict(priors or {})
     parameters = [
         _apply_prior(_build_free_parameter(name, e), priors.pop(name, None))

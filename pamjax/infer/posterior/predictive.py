@@ -125,8 +125,7 @@ def _predict_batch(
     density: PosteriorDensity, index: int, values: Float[Array, "w p"]
 ) -> Float[Array, "w 2 n"]:
     def predict_draw(v):
-        reading = density.datasets[index].predict(v)
-        return jnp.stack([reading.force, reading.diameter])
+        return density.datasets[index].predict_channels(v)
 
     return jax.vmap(predict_draw)(values)
 

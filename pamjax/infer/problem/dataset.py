@@ -26,13 +26,15 @@ from pamjax.infer.problem.priors import (
 from pamjax.infer.problem.whitening import Whitening
 from pamjax.jit import compile_on_call
 from pamjax.model.assembly import assemble, assemble_bench
-from pamjax.model.bench import Bench, BenchReading, clip_slack_force
+from pamjax.model.bench import Bench, BenchReading, clip_slack_force, remove_memories
 from pamjax.model.history import History, build_time_history
+from pamjax.model.isotonic import LengthReading, predict_length
 from pamjax.model.muscle import Muscle, MuscleReading
 from pamjax.records.blocks import find_blocks, find_length_settings
 from pamjax.records.case import Case
 
-#: The channels of a fit, in the order of the stacked arrays.
+#: The channels of a fit, in the order of the stacked arrays. In an isotonic test, the length takes the place
+#: of the force; `Recording.model_channels` has both names.
 CHANNELS = ("force", "diameter")
 
 #: A muscle is slack if its force is below this fraction of the largest force.
@@ -40,6 +42,9 @@ MAX_SLACK_FORCE_SHARE = 0.02
 
 #: Smallest significant pressure, standard deviations of its sensor.
 MIN_PRESSURE_SD = 3.0
+
+#: Smallest pressure, relative to the highest, at which the length at a set force is informative.
+MIN_INFLATED_SHARE = 0.01
 
 #: Number of samples in the running median that detects a slack muscle: maximum, and fraction of the block.
 MAX_MEDIAN_SAMPLES, MEDIAN_BLOCK_SHARE = 15, 1 / 30
@@ -52,11 +57,13 @@ class PaddedRows(eqx.Module):
 
     Attributes:
         pressure, length: (n,) inputs, SI.
-        force, diameter: (n,) measurements, SI; zero where not measured.
+        force, diameter: (n,) measurements, SI; zero where not measured. In an isotonic test, `force` is the
+            measured length, and `force_weight` its weight.
         force_weight, diameter_weight: (n,) 1 / standard deviation of a sample, or zero.
         length_setting: (n,) index of the length setting of a row.
         is_slack: (n,) whether the muscle exerts nearly no force.
         training_mask: (n,) one for a row of the fit, zero for a held-out or padded row.
+        set_force: (n,) set force of an isotonic test, N; None if the force is measured.
     """
 
     pressure: Float[Array, " n"]
@@ -68,6 +75,7 @@ class PaddedRows(eqx.Module):
     length_setting: Int[Array, " n"]
     is_slack: Bool[Array, " n"]
     training_mask: Float[Array, " n"]
+    set_force: Float[Array, " n"] | None = None
 
 
 class Dataset(eqx.Module):
@@ -108,23 +116,48 @@ class Dataset(eqx.Module):
         """Return the muscle with its mechanisms, from the free parameters, (p,), SI."""
         return assemble_bench(self.law, self.mechanisms, self.collect_parameters(values))
 
-    def predict(self, values: Float[Array, " p"]) -> MuscleReading | BenchReading:
-        """Return the predicted reading at every row."""
+    def predict(self, values: Float[Array, " p"]) -> MuscleReading | BenchReading | LengthReading:
+        """Return the predicted reading at every row; the length at the set force in an isotonic test."""
         length = self.rows.length
         if self.length_error_indices:
             length = length + values[jnp.array(self.length_error_indices)][self.rows.length_setting]
+        if self.rows.set_force is not None:
+            return self._predict_length(values, length)
         if self.mechanisms:
             return self.build_bench(values)(self.rows.pressure, length, self.history, self.rows.is_slack)
         ideal = jax.vmap(self.build_muscle(values))(self.rows.pressure, length)
         return eqx.tree_at(lambda r: r.force, ideal, clip_slack_force(ideal.force, self.rows.is_slack))
 
-    def compute_standardised_residuals(self, values: Float[Array, " p"]) -> tuple[Array, Array]:
-        """Return (measured − model) / sd of force and of diameter, (n,) each; zero where not measured."""
-        reading, rows = self.predict(values), self.rows
-        return (
-            (rows.force - reading.force) * rows.force_weight,
-            (rows.diameter - reading.diameter) * rows.diameter_weight,
+    def _predict_length(self, values: Float[Array, " p"], length: Float[Array, " n"]) -> LengthReading:
+        """Return the length at the set force, predicted from the measured length."""
+        rows = self.rows
+        assert rows.set_force is not None
+        if not self.mechanisms:
+            muscle = self.build_muscle(values)
+
+            def predict_ideal(length):
+                return jax.vmap(muscle)(rows.pressure, length)
+
+            return predict_length(predict_ideal, predict_ideal, length, rows.set_force)
+        bench = self.build_bench(values)
+        static_bench = remove_memories(bench)
+        return predict_length(
+            lambda x: bench(rows.pressure, x, self.history),
+            lambda x: static_bench(rows.pressure, x, self.history),
+            length,
+            rows.set_force,
         )
+
+    def predict_channels(self, values: Float[Array, " p"]) -> Float[Array, "2 n"]:
+        """Return the predicted force, or length in an isotonic test, and diameter, SI."""
+        reading = self.predict(values)
+        first = reading.length if isinstance(reading, LengthReading) else reading.force
+        return jnp.stack([first, reading.diameter])
+
+    def compute_standardised_residuals(self, values: Float[Array, " p"]) -> tuple[Array, Array]:
+        """Return (measured − model) / sd of both channels, (n,) each; zero where not measured."""
+        (first, diameter), rows = self.predict_channels(values), self.rows
+        return (rows.force - first) * rows.force_weight, (rows.diameter - diameter) * rows.diameter_weight
 
     def compute_weighted_residuals(self, values: Float[Array, " p"]) -> tuple[Array, Array]:
         """Return the residuals of force and of diameter of the rows in use, (n,) each.
@@ -185,9 +218,17 @@ def build_history(case: Case, size: int | None = None, compute_padding: bool = T
 
 
 @compile_on_call
-def predict_rows(dataset: Dataset, values: Float[Array, " p"]) -> MuscleReading | BenchReading:
+def predict_rows(
+    dataset: Dataset, values: Float[Array, " p"]
+) -> MuscleReading | BenchReading | LengthReading:
     """Return the predicted reading at every (padded) row, compiled."""
     return dataset.predict(values)
+
+
+@compile_on_call
+def predict_row_channels(dataset: Dataset, values: Float[Array, " p"]) -> Float[Array, "2 n"]:
+    """Return both predicted channels at every (padded) row, compiled; see `Dataset.predict_channels`."""
+    return dataset.predict_channels(values)
 
 
 def find_slack_samples(case: Case) -> np.ndarray:
@@ -195,8 +236,10 @@ def find_slack_samples(case: Case) -> np.ndarray:
 
     A criterion on the sample's own force would select samples by their noise, and bias the force near the
     threshold. Only a sample that is below the threshold by more than noise is slack by its own force: where a
-    muscle tightens quickly, the neighbours have a force.
+    muscle tightens quickly, the neighbours have a force. A set force of zero does not mean a slack muscle.
     """
+    if case.recording.measures_length:
+        return np.zeros(case.recording.n, dtype=bool)
     recording, sd = case.recording, case.entry.sensors.force
     top = np.nanmax(np.abs(recording.force[recording.usable]), initial=0.0)
     force = pd.Series(np.where(recording.usable, recording.force, np.nan))
@@ -214,9 +257,15 @@ def find_informative_samples(case: Case, channel: str) -> np.ndarray:
     At a fixed length, the force of a slack or bowed muscle is zero for any parameters, so it is excluded. On
     a stroke, it locates the end of the stroke, and is included. At a fixed length, the diameter of a slack
     muscle, or of one without significant pressure, is arbitrary, so it is excluded too. Without stated noise
-    of the pressure sensor, every pressure above zero is significant.
+    of the pressure sensor, every pressure above zero is significant. At a set force, the length is not
+    informative without significant pressure, which is also at least `MIN_INFLATED_SHARE` of the highest.
     """
     informative = case.recording.usable & np.isfinite(getattr(case.recording, channel))
+    if case.recording.measures_length:
+        pressure = case.recording.pressure
+        threshold = MIN_INFLATED_SHARE * np.nanmax(pressure[case.recording.usable], initial=0.0)
+        noise = MIN_PRESSURE_SD * (case.entry.sensors.pressure or 0.0)
+        return informative & np.isfinite(case.recording.force) & (pressure > max(threshold, noise))
     if find_blocks(case.recording).kind != "lengths":
         return informative
     informative = informative & ~find_slack_samples(case)
@@ -248,7 +297,7 @@ def build_rows(case: Case, size: int | None = None) -> PaddedRows:
         measured = np.where(informative, getattr(recording, name), 0.0)
         return pad(measured), pad(np.where(informative, 1.0 / sd, 0.0))
 
-    force, force_weight = channel("force", force_sd)
+    force, force_weight = channel(recording.model_channels[0], force_sd)
     diameter, diameter_weight = channel("diameter", diameter_sd)
     pressure = np.where(usable, recording.pressure, 0.0)
     length = np.where(usable, recording.length, case.entry.rest_length.value)
@@ -263,20 +312,27 @@ def build_rows(case: Case, size: int | None = None) -> PaddedRows:
         length_setting=pad(find_length_settings(recording).clip(min=0), 0),
         is_slack=pad(find_slack_samples(case), False),
         training_mask=pad(usable.astype(float)),
+        set_force=pad(np.nan_to_num(recording.force)) if recording.measures_length else None,
     )
 
 
 def estimate_starting_sd(case: Case) -> tuple[float, float]:
-    """Return the standard deviations of force (N) and diameter (m) before a fit.
+    """Return the standard deviations of force (N), or a measured length (m), and diameter (m) at the start.
 
     Each is the stated sd of the sensor. Without one, it is one percent of the channel's range. This sets the
     weights of the first fit, and is then replaced by the rms residual.
     """
-    recording, sensors = case.recording, case.entry.sensors
-    return (
-        sensors.force or _compute_one_percent(recording.force),
-        sensors.diameter or _compute_one_percent(recording.diameter),
+    first, diameter = (
+        stated or _compute_one_percent(getattr(case.recording, name))
+        for name, stated in zip(case.recording.model_channels, get_stated_sds(case), strict=True)
     )
+    return first, diameter
+
+
+def get_stated_sds(case: Case) -> tuple[float | None, float | None]:
+    """Return the stated noise of force, or of a measured length, and of diameter, SI; None if not stated."""
+    sensors = case.entry.sensors
+    return sensors.length if case.recording.measures_length else sensors.force, sensors.diameter
 
 
 def _compute_one_percent(channel: np.ndarray) -> float:

@@ -63,8 +63,11 @@ def check_units(recording: Recording, entry: MuscleToml, units: dict[str, str], 
     """
     column_units = {**DISPLAY_UNIT, **units}
     warnings = _check_length(recording, entry, column_units, file)
-    warnings += _check_force(recording, entry, column_units, file)
     _check_diameter(recording, entry, column_units, file)
+    if recording.measures_length:
+        # A set force does not depend on the pressure.
+        return warnings
+    warnings += _check_force(recording, entry, column_units, file)
     return warnings + _check_gauge(recording, entry, file)
 
 

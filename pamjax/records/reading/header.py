@@ -54,7 +54,11 @@ def split_title(header: str) -> tuple[str, str | None]:
 
 
 def find_columns(
-    header: Sequence[str], mapping: Mapping[str, str], file: str, fixed_length: bool
+    header: Sequence[str],
+    mapping: Mapping[str, str],
+    file: str,
+    fixed_length: bool,
+    measures_length: bool = False,
 ) -> tuple[dict[str, Column], list[str]]:
     """Return the columns of a header by channel, and the unknown headers.
 
@@ -63,6 +67,7 @@ def find_columns(
         mapping: header of the file for each channel, as in `[columns]`.
         file: name of the file, for error messages.
         fixed_length: whether the length is stated without a column.
+        measures_length: whether the force is set, so that no column of force or diameter is required.
 
     Raises:
         BadInput: if a required column is missing, occurs twice, or has a wrong unit.
@@ -78,7 +83,7 @@ def find_columns(
             remedy = "Remove one, or map the correct one in [columns] of muscle.toml."
             raise refuse(f"only one column can be `{name}`", got, file, remedy)
         columns[name] = _build_column(name, title, index, file)
-    _check_required(columns, titles, file, fixed_length)
+    _check_required(columns, titles, file, fixed_length, measures_length)
     return columns, [
         title or "(no header)" for title, name in zip(titles, names, strict=True) if name is None
     ]
@@ -134,7 +139,7 @@ def _build_column(name: str, title: str, index: int, file: str) -> Column:
 
 
 def _check_required(
-    columns: Mapping[str, Column], titles: Sequence[str], file: str, fixed_length: bool
+    columns: Mapping[str, Column], titles: Sequence[str], file: str, fixed_length: bool, measures_length: bool
 ) -> None:
     if "pressure" not in columns:
         raise _build_missing_error("pressure", titles, file)
@@ -142,7 +147,7 @@ def _check_required(
         raise _build_missing_error(
             "length", titles, file, " For a fixed length, state `length` in [muscle] of muscle.toml."
         )
-    if "force" not in columns and "diameter" not in columns:
+    if not measures_length and "force" not in columns and "diameter" not in columns:
         raise _build_missing_error("force", titles, file, " A recording must have force, diameter, or both.")
 
 

@@ -10,6 +10,7 @@ from typing import Any
 from pamjax.errors import BadInput, refuse
 from pamjax.records.reading.quantity import MeasuredValue
 from pamjax.records.reading.schema import MuscleDocument, MuscleTable, ThreadTable, read_document
+from pamjax.records.reading.specimen import Specimen
 from pamjax.units import format_quantity
 
 __all__ = ["Bladder", "MeasuredValue", "MuscleToml", "Sensors", "parse_muscle_toml", "read_muscle_toml"]
@@ -60,8 +61,11 @@ class MuscleToml:
         stiffness: N, of all threads together, n·E·A.
         bladder: None if the file has no such table.
         sensors: noise of one sample.
+        measures_length: whether the force is set and the length is measured (isotonic test).
+        load: N, the set force of an isotonic recording without a force column.
         baseline: "inelastic" or "elastic", the baseline model.
         columns: header of recording.csv for each channel.
+        specimen: origin of the recording; no computation on one recording uses it.
     """
 
     name: str
@@ -78,8 +82,11 @@ class MuscleToml:
     stiffness: MeasuredValue | None = None
     bladder: Bladder | None = None
     sensors: Sensors = field(default_factory=Sensors)
+    measures_length: bool = False
+    load: float | None = None
     baseline: str = "inelastic"
     columns: dict[str, str] = field(default_factory=dict)
+    specimen: Specimen = field(default_factory=Specimen)
 
     @property
     def braid(self) -> tuple[float, float]:
@@ -118,6 +125,7 @@ def parse_muscle_toml(document: MuscleDocument | Mapping[str, Any], file: str = 
     rest_length = _find_rest_length(muscle, file)
     _check_braid(muscle, rest_length, file)
     _check_stiffness(muscle, thread, file)
+    _check_test(tables, file)
     elastic = thread.modulus is not None or thread.stiffness is not None
     sensors = tables.sensors
     return MuscleToml(
@@ -141,8 +149,11 @@ def parse_muscle_toml(document: MuscleDocument | Mapping[str, Any], file: str = 
             length=sensors.length.sd if sensors.length else None,
             length_per_setting=sensors.length is not None and sensors.length.per == "setting",
         ),
+        measures_length=tables.test.measured == "length",
+        load=tables.test.load,
         baseline=tables.baseline.model or ("elastic" if elastic else "inelastic"),
         columns=dict(tables.columns),
+        specimen=Specimen(**dict(tables.specimen)),
     )
 
 
@@ -177,6 +188,23 @@ def _build_braid_error(stated_names: list[str], file: str) -> BadInput:
     if len(stated_names) == 2:
         remedy = "Complete one pair and remove the other."
     return refuse(rule, got, file, remedy)
+
+
+def _check_test(tables: MuscleDocument, file: str) -> None:
+    """Refuse entries that contradict the measured channel of the test."""
+    test = tables.test
+    if test.measured == "force":
+        if test.load is not None:
+            remedy = 'Write measured = "length" if a weight sets the force; otherwise remove `load`.'
+            raise refuse("`load` needs a measured length", 'measured = "force"', f"[test] of {file}", remedy)
+        return
+    if tables.muscle.length is not None:
+        remedy = "Remove `length`, or remove [test]."
+        raise refuse("a measured length cannot be fixed", "`length` in [muscle]", file, remedy)
+    if tables.sensors.length and tables.sensors.length.per == "setting":
+        remedy = 'Write the noise of one sample, as length = "0.1 mm".'
+        rule = "a measured length has an error for each sample"
+        raise refuse(rule, 'per = "setting"', f"[sensors] of {file}", remedy)
 
 
 def _check_stiffness(muscle: MuscleTable, thread: ThreadTable, file: str) -> None:

@@ -76,6 +76,19 @@ def read_quantity(raw: Any, kind: str, location: EntryLocation) -> MeasuredValue
     return MeasuredValue(value, sd)
 
 
+def read_load(raw: Any, location: EntryLocation) -> float:
+    """Return a set force, N, that is not negative, from a text such as "20 N".
+
+    Raises:
+        BadInput: with the location, if it is not such a force.
+    """
+    load = _parse_number(raw, "force", str(location))
+    if load < 0:
+        remedy = "A weight that stretches the muscle is positive. Write 0 N for a free muscle."
+        raise refuse(f"`{location.name}` must not be negative", f"{raw}", location.file, remedy)
+    return load
+
+
 def read_sensor_noise(raw: Any, kind: str, location: EntryLocation, allow_per_setting: bool) -> SensorNoise:
     """Return a sensor's noise from a text, or from a table of `sd` and, if allowed, `per`."""
     per, where = "sample", str(location)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import math
 import tomllib
 from collections.abc import Callable, Mapping
@@ -17,9 +18,11 @@ from pamjax.records.reading.quantity import (
     MeasuredValue,
     SensorNoise,
     read_count,
+    read_load,
     read_quantity,
     read_sensor_noise,
 )
+from pamjax.records.reading.specimen import read_date, read_label
 
 
 def _locate_entry(info: ValidationInfo) -> EntryLocation:
@@ -49,10 +52,25 @@ def _read_angle(raw: Any, location: EntryLocation) -> MeasuredValue:
     return angle
 
 
+def _read_specimen_entry(read: Callable[[Any], Any]) -> Callable[[Any, EntryLocation], Any]:
+    """Return a reader whose error message states entry and file."""
+
+    def read_at(raw: Any, location: EntryLocation) -> Any:
+        try:
+            return read(raw)
+        except BadInput as error:
+            raise refuse(f"`{location.name}` {error}", f"{raw!r}", location.file) from error
+
+    return read_at
+
+
+Label = Annotated[str, _build_validator(_read_specimen_entry(read_label))]
+Date = Annotated[datetime.date, _build_validator(_read_specimen_entry(read_date))]
 Length = Annotated[MeasuredValue, _build_quantity_validator("length")]
 Area = Annotated[MeasuredValue, _build_quantity_validator("area")]
 Pressure = Annotated[MeasuredValue, _build_quantity_validator("pressure")]
 Force = Annotated[MeasuredValue, _build_quantity_validator("force")]
+Load = Annotated[float, _build_validator(read_load)]
 Angle = Annotated[MeasuredValue, _build_validator(_read_angle)]
 Number = Annotated[MeasuredValue, _build_quantity_validator("count")]
 Count = Annotated[int, _build_validator(read_count)]
@@ -105,11 +123,29 @@ class SensorsTable(_TomlTable):
     length: Annotated[SensorNoise, _build_noise_validator("length", allow_per_setting=True)] | None = None
 
 
+class MeasurementTable(_TomlTable):
+    """[test]: the measured channel, and the set force of an isotonic test."""
+
+    model_config = ConfigDict(title="test")
+    measured: Literal["force", "length"] = "force"
+    load: Load | None = None
+
+
 class BaselineTable(_TomlTable):
     """[baseline]: the baseline model."""
 
     model_config = ConfigDict(title="baseline")
     model: Literal["inelastic", "elastic"] | None = None
+
+
+class SpecimenTable(_TomlTable):
+    """[specimen]: origin of the recording, for the statistics of a fleet."""
+
+    model_config = ConfigDict(title="specimen")
+    bench: Label | None = None
+    serial: Label | None = None
+    type: Label | None = None
+    date: Date | None = None
 
 
 class MuscleDocument(_TomlTable):
@@ -119,8 +155,10 @@ class MuscleDocument(_TomlTable):
     thread: ThreadTable = Field(default_factory=ThreadTable)
     bladder: BladderTable | None = None
     sensors: SensorsTable = Field(default_factory=SensorsTable)
+    test: MeasurementTable = Field(default_factory=MeasurementTable)
     baseline: BaselineTable = Field(default_factory=BaselineTable)
     columns: dict[str, str] = Field(default_factory=dict)
+    specimen: SpecimenTable = Field(default_factory=SpecimenTable)
 
     @classmethod
     def from_mapping(cls, raw: Mapping[str, Any], file: str) -> MuscleDocument:
@@ -174,12 +212,12 @@ def _translate_error(error: ValidationError, file: str) -> BadInput:
     if first["type"] == "missing":
         return refuse(f"{file} must have a table [{path[0]}]", remedy="It describes the muscle.")
     if first["type"] == "literal_error":
-        raw = str(first["input"])
+        raw, choices = str(first["input"]), _CHOICES[path[-1]]
         return refuse(
-            '`model` must be "inelastic" or "elastic"',
+            f"`{path[-1]}` must be " + " or ".join(f'"{choice}"' for choice in choices),
             f"{raw!r}",
             where,
-            suggest_word(raw, ["inelastic", "elastic"]),
+            suggest_word(raw, choices),
         )
     kind = "a table" if len(path) == 1 else "a text in quotes"
     return refuse(f"`{path[-1]}` must be {kind}", f"{first['input']!r}", where)
@@ -194,10 +232,14 @@ def _build_unknown_error(path: list[str], where: str) -> BadInput:
     return refuse(f"unknown entry `{path[1]}`", where=where, remedy=suggest_word(path[1], valid_names))
 
 
+_CHOICES = {"model": ("inelastic", "elastic"), "measured": ("force", "length")}
+
 _TABLE_CLASSES: dict[str, type[_TomlTable]] = {
     "muscle": MuscleTable,
     "thread": ThreadTable,
     "bladder": BladderTable,
     "sensors": SensorsTable,
+    "test": MeasurementTable,
     "baseline": BaselineTable,
+    "specimen": SpecimenTable,
 }

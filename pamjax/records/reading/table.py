@@ -22,6 +22,9 @@ _NUMBER_PATTERN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _DECIMAL_COMMA_PATTERN = re.compile(r"[+-]?\d+,\d+")
 _BLANK_MARKS = {"nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "?"}
 
+#: Relative difference up to which a set force equals the stated load.
+LOAD_TOLERANCE = 1e-3
+
 #: Maximum zero error of a pressure sensor: Pa, and share of the highest pressure. In seven hose recordings
 #: the sensor reads 8 to 10 kPa at atmospheric pressure; laboratory sensors state 0.25 to 1 % of full scale.
 MAX_ZERO_ERROR = 5e3
@@ -52,21 +55,40 @@ def read_table(
 
 
 def parse_table(
-    raw: bytes, file: str, columns: Mapping[str, str], default_length: float | None
+    raw: bytes,
+    file: str,
+    columns: Mapping[str, str],
+    default_length: float | None,
+    measures_length: bool = False,
+    load: float | None = None,
 ) -> tuple[Recording, list[str], dict[str, str]]:
-    """Return the recording of a CSV file's bytes, the warnings, and the unit of each column."""
+    """Return the recording of a CSV file's bytes, the warnings, and the unit of each column.
+
+    Args:
+        raw: bytes of the file.
+        file: name of the file, for error messages.
+        columns: header of the file for each channel.
+        default_length: m, the length of every row without such a column.
+        measures_length: whether the force is set and the length is measured.
+        load: N, the set force of every row without a column of force; None for 0 N.
+    """
     header, lines, cells = _split_cells(decode_text(raw, file), file)
-    known_columns, unknown_headers = find_columns(header, columns, file, default_length is not None)
+    known_columns, unknown_headers = find_columns(
+        header, columns, file, default_length is not None, measures_length
+    )
     locate = _RowLocator(file, lines)
     values = {name: _parse_column(column, cells, locate) for name, column in known_columns.items()}
+    if measures_length and load is not None and "force" in known_columns:
+        _check_load(values["force"], load, known_columns["force"], locate)
     recording = Recording.from_arrays(
         pressure=values["pressure"],
         length=values.get("length", default_length if default_length is not None else np.nan),
-        force=values.get("force"),
+        force=values.get("force", np.full(len(lines), load or 0.0) if measures_length else None),
         diameter=values.get("diameter"),
         time=_check_times(values.get("time"), known_columns, locate),
         cycle=_check_cycles(values.get("cycle"), locate),
         row=lines,
+        measures_length=measures_length,
     )
     for name in ("length", "diameter"):
         if name in known_columns:
@@ -215,6 +237,16 @@ def _check_positive(values: np.ndarray, column: Column, locate: _RowLocator) -> 
         raise refuse(
             f"`{column.name}` must be positive", format_quantity(values[i], column.unit), locate(i), remedy
         )
+
+
+def _check_load(force: np.ndarray, load: float, column: Column, locate: _RowLocator) -> None:
+    """Refuse a set force that differs from the load of muscle.toml."""
+    is_different = np.isfinite(force) & (np.abs(force - load) > LOAD_TOLERANCE * max(abs(load), 1.0))
+    if is_different.any():
+        i = int(np.argmax(is_different))
+        rule = f"`force` must equal `load` in [test] of muscle.toml ({format_quantity(load, column.unit)})"
+        remedy = "Remove `load`: the column states the set force of each row."
+        raise refuse(rule, format_quantity(force[i], column.unit), locate(i), remedy)
 
 
 def _check_gauge_pressure(pressure: np.ndarray, column: Column, locate: _RowLocator) -> None:

@@ -87,6 +87,12 @@ length = "0.02 mm"
 # Model that you assume before a diagnosis: "inelastic" or "elastic" threads.
 model = "elastic"
 
+# Origin of the recording, for `pamjax fleet`. Optional.
+# [specimen]
+# bench = "north"
+# serial = "A-0012"
+# date = 2026-03-02
+
 # Your headers in recording.csv, if they differ from the names of the channels.
 # [columns]
 # force = "Load (lbf)"

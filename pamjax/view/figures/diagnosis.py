@@ -23,7 +23,6 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.select.selection import NamedMechanism
-from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.units import compute_si_factor
 from pamjax.view.figures.diagnosis_loops import compute_rms, format_channel_value
 from pamjax.view.figures.layout import create_mark
@@ -80,7 +79,7 @@ def plot_held_out_scores(diagnosis: Diagnosis, narrow: bool = False) -> Figure |
 
 
 def _plot_scores(panel: Panel, diagnosis: Diagnosis, channel: str, block_names: list[str]) -> None:
-    channel_index = CHANNELS.index(channel)
+    channel_index = diagnosis.problem.channels.index(channel)
     rmse = {}
     for kind, prediction in (("before", diagnosis.gain.before), ("after", diagnosis.gain.after)):
         misfit = np.where(

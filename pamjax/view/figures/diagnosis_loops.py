@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 
 from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.result import Diagnosis
-from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.view.figures.layout import Layout, add_key, build_layout, create_mark, iterate_lines
 from pamjax.view.figures.mismatch_map import find_main_channel
 from pamjax.view.theme import (
@@ -34,6 +33,7 @@ def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
     One setting is a held-out one, if there is any. Held-out blocks are predicted by fits without them.
     """
     row_layout, channel_index = _select_settings(diagnosis), find_main_channel(diagnosis)
+    channel = diagnosis.problem.channels[channel_index]
     predictions = [("baseline", diagnosis.gain.before)]
     if diagnosis.named_mechanisms:
         predictions.append(
@@ -48,12 +48,12 @@ def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
             _plot_loops(panel, diagnosis, row_layout, channel_index, prediction[channel_index])
             rmse_text = format_channel_value(
                 compute_rms(diagnosis.problem.measured[channel_index] - prediction[channel_index]),
-                CHANNELS[channel_index],
+                channel,
             )
-            title = f"{label[0].upper()}{label[1:]}: RMS error of {CHANNELS[channel_index]} {rmse_text}"
+            title = f"{label[0].upper()}{label[1:]}: RMS error of {channel} {rmse_text}"
             panel.set(
                 xlabel=row_layout.xlabel,
-                ylabel=f"{CHANNELS[channel_index]} [{DISPLAY_UNIT[CHANNELS[channel_index]]}]",
+                ylabel=f"{channel} [{DISPLAY_UNIT[channel]}]",
             )
             panel.set_title(textwrap.fill(title, 46))
             panel.label_outer()
@@ -94,7 +94,7 @@ def _select_settings(diagnosis: Diagnosis) -> Layout:
 def _plot_loops(
     panel: Panel, diagnosis: Diagnosis, row_layout: Layout, channel_index: int, prediction: np.ndarray
 ) -> None:
-    channel = CHANNELS[channel_index]
+    channel = diagnosis.problem.channels[channel_index]
     measured_values, predicted_values = (
         to_display(channel, diagnosis.problem.measured[channel_index]),
         to_display(channel, prediction),
@@ -127,7 +127,7 @@ def plot_explained_residuals(diagnosis: Diagnosis, narrow: bool = False) -> Figu
     if not diagnosis.named_mechanisms:
         return None
     row_layout, channel_index = _select_settings(diagnosis), find_main_channel(diagnosis)
-    channel = CHANNELS[channel_index]
+    channel = diagnosis.problem.channels[channel_index]
     residual = to_display(
         channel, diagnosis.problem.measured[channel_index] - diagnosis.gain.before[channel_index]
     )

@@ -23,6 +23,7 @@ from pamjax.channels import DISPLAY_UNIT
 from pamjax.errors import refuse
 from pamjax.infer.fitting.report import exceeds_noise, format_estimate
 from pamjax.infer.fitting.result import CaseFit, Estimate, Fit
+from pamjax.records.case import Case
 from pamjax.units import compute_si_factor, format_quantity
 from pamjax.view.figures.layout import (
     Layout,
@@ -65,6 +66,8 @@ def plot_prediction(case_fit: CaseFit, narrow: bool = False) -> Figure:
                 ylabel=f"{channel} [{DISPLAY_UNIT[channel]}]",
                 title=format_misfit_title(case_fit, channel),
             )
+            if channel == "length":
+                add_contraction_axis(panel, case_fit.case)
         style = {"ls": "-"} if row_layout.is_connected else {"marker": "x"}
         add_key(
             drawing,
@@ -74,6 +77,20 @@ def plot_prediction(case_fit: CaseFit, narrow: bool = False) -> Figure:
             create_mark("fitted model", **style),
         )
     return drawing
+
+
+def add_contraction_axis(panel: Axes, case: Case) -> None:
+    """Add an axis of contraction in % to a panel whose vertical axis is the length in mm."""
+    rest_length = case.entry.rest_length.value / compute_si_factor(DISPLAY_UNIT["length"])
+
+    def convert_length(length):
+        return 100 * (1 - length / rest_length)
+
+    def convert_contraction(contraction):
+        return rest_length * (1 - contraction / 100)
+
+    axis = panel.secondary_yaxis("right", functions=(convert_length, convert_contraction))
+    axis.set_ylabel("contraction [%]")
 
 
 def _plot_points_and_lines(panel: Axes, case_fit: CaseFit, row_layout: Layout, channel: str) -> None:

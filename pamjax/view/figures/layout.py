@@ -70,6 +70,14 @@ def select_axes(case: Case) -> dict[str, np.ndarray]:
 def build_layout(case: Case) -> Layout:
     """Return the layout: isobars over contraction, lengths over pressure, others over time or pressure."""
     recording, columns = case.recording, select_axes(case)
+    if recording.measures_length:
+        return _assemble_layout(
+            case,
+            "pressure [kPa]",
+            np.zeros(recording.n, dtype=int),
+            ["all rows"],
+            is_connected=recording.has_time,
+        )
     lengths, isobars = find_levels(recording.length), find_levels(recording.pressure)
     kind = find_blocks(recording).kind
     if kind != "holds" and len(lengths) and (kind == "lengths" or not 0 < len(isobars) < len(lengths)):

@@ -18,7 +18,6 @@ from pamjax.diagnosis.detect.regions import LENGTHENING, SHORTENING, STILL, Reco
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.result import Diagnosis
-from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.records.levels import assign_levels, find_levels
 from pamjax.view.theme import DOUBLE_COLUMN, SINGLE_COLUMN, apply_theme, create_figure
 
@@ -72,7 +71,7 @@ def compute_standard_residual(problem: LibraryProblem, candidate_fit: CandidateF
 def find_main_channel(diagnosis: Diagnosis) -> int:
     """Return the channel of the first box, else the channel with the largest misfit."""
     if diagnosis.is_detected and diagnosis.mismatch_boxes:
-        return CHANNELS.index(diagnosis.mismatch_boxes[0].channel)
+        return diagnosis.problem.channels.index(diagnosis.mismatch_boxes[0].channel)
     square = compute_standard_residual(diagnosis.problem, diagnosis.baseline) ** 2
     mean_squares = [
         np.nanmean(channel_square) if np.isfinite(channel_square).any() else -1.0 for channel_square in square
@@ -82,8 +81,9 @@ def find_main_channel(diagnosis: Diagnosis) -> int:
 
 def list_other_channels(diagnosis: Diagnosis) -> list[int]:
     """Return the channels with a box, except the main channel."""
+    channels = diagnosis.problem.channels
     located_channels = (
-        {CHANNELS.index(box.channel) for box in diagnosis.mismatch_boxes} if diagnosis.is_detected else set()
+        {channels.index(box.channel) for box in diagnosis.mismatch_boxes} if diagnosis.is_detected else set()
     )
     return sorted(located_channels - {find_main_channel(diagnosis)})
 
@@ -106,7 +106,7 @@ def plot_map(diagnosis: Diagnosis, channel: int | None = None, narrow: bool = Fa
     boxes = [
         (number, box)
         for number, box in enumerate(diagnosis.mismatch_boxes, 1)
-        if diagnosis.is_detected and box.channel == CHANNELS[channel_index]
+        if diagnosis.is_detected and box.channel == diagnosis.problem.channels[channel_index]
     ]
     cells = [_compute_cell_means(x, y, np.where(rows, residual, np.nan)) for _, _, rows in panel_parts]
     colour_limit = max(2.0, float(np.nanquantile(np.abs(np.stack(cells)), COLOUR_QUANTILE)))
@@ -128,10 +128,12 @@ def plot_map(diagnosis: Diagnosis, channel: int | None = None, narrow: bool = Fa
             {"location": "bottom", "aspect": 35, "shrink": 0.8} if is_stacked else {"aspect": 25, "pad": 0.02}
         )
         bar = drawing.colorbar(mesh, ax=panels, **bar_position)
-        bar.set_label(f"{CHANNELS[channel_index]}: measured − baseline [noise sd]")
+        bar.set_label(f"{diagnosis.problem.channels[channel_index]}: measured − baseline [noise sd]")
         bar.outline.set_visible(False)
         drawing.suptitle(
-            textwrap.fill(format_location(diagnosis, CHANNELS[channel_index]), 48 if narrow else 104),
+            textwrap.fill(
+                format_location(diagnosis, diagnosis.problem.channels[channel_index]), 48 if narrow else 104
+            ),
             x=0.01,
             ha="left",
         )

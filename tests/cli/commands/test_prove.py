@@ -59,10 +59,9 @@ def test_prove_grades_the_bank_of_other_forms(capsys, tmp_path, monkeypatch):
         pamjax.benchmark.bank_trial, "run_bank_trial", lambda task: run_tasks.append(task) or make_up(task)
     )
     words = ["prove", "--bank", "other-forms", "--out", str(tmp_path), "--single", "4", "--mixed", "1"]
-    assert main([*words, "--method", "evidence"]) == 0
+    assert main(words) == 0
     assert "recall, effects in another form" in capsys.readouterr().out
     assert [task.kind for task in run_tasks].count("mixed") == 1
-    assert {task.method for task in run_tasks} == {"evidence"}
     assert {p.name for p in tmp_path.iterdir()} == {"trials.jsonl", "table.md", "table.csv", "table.json"}
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pamjax import diagnose
+from pamjax.diagnosis.crossval.cross_validated import format_dropped_mechanisms
 from tests.agreement import SOLVED, agree
 from tests.diagnosis.bank import (
     BankRecording,
@@ -55,12 +56,12 @@ def test_whole_isobars_inside_the_range_are_held_out():
 
 
 def test_a_mechanism_beside_an_unexplained_effect_has_half_of_its_certainty():
-    diagnosis = diagnose_bank(replace(RUBBER, unmodelled="zero_step"), "stepwise")
+    diagnosis = diagnose_bank(replace(RUBBER, unmodelled="zero_step"))
     assert diagnosis.unexplained
     assert list_missing(diagnosis, ["bladder_elasticity"]) == []
     assert all(m.probability <= MAX_PROBABILITY_BESIDE_MISFIT for m in diagnosis.named_mechanisms)
     # Without the other effect the mechanism is certain.
-    assert diagnose_bank(RUBBER, "stepwise").named_mechanisms[0].probability > MAX_PROBABILITY_BESIDE_MISFIT
+    assert diagnose_bank(RUBBER).named_mechanisms[0].probability > MAX_PROBABILITY_BESIDE_MISFIT
 
 
 def test_a_few_isobars_are_divided_into_cycles():
@@ -82,3 +83,11 @@ def test_a_block_without_readings_is_ignored():
     lowest = diagnose_bank(RUBBER).blocks.label == 0
     blank = {c: np.where(lowest, np.nan, getattr(case.recording, c)) for c in ("force", "diameter")}
     check_identified(diagnose(replace_recording(case, **blank)), ["bladder_elasticity"])
+
+
+def test_dropped_mechanisms_are_in_a_note():
+    before = diagnose_bank(RUBBER).selection
+    assert format_dropped_mechanisms(before, before) == []
+    assert format_dropped_mechanisms(before, replace(before, named_mechanisms=())) == [
+        "`bladder_elasticity` explains too little of the misfit of left-out blocks and is not reported."
+    ]

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pamjax.jit import compile_on_call
 from pamjax.model.bench import record_bench
 from pamjax.model.history import build_time_history
 from pamjax.model.mechanism import (
@@ -53,9 +54,9 @@ class Program:
         self.bench, self.at = full(*(kind() for kind in ALTERNATIVES)), strokes()
         self.names = list(list_values(self.bench))
         self.neutral = np.array([float(v) for v in list_values(self.bench).values()])
-        self.row_count = jax.jit(jax.vmap(self.plain))
-        self.slopes = jax.jit(jax.jacfwd(lambda x: 2 * (self.plain(x),), has_aux=True))
-        self.pull = jax.jit(lambda x, w: jax.vjp(self.plain, x)[1](w)[0])
+        self.row_count = compile_on_call(jax.vmap(self.plain))
+        self.slopes = compile_on_call(jax.jacfwd(lambda x: 2 * (self.plain(x),), has_aux=True))
+        self.pull = compile_on_call(lambda x, w: jax.vjp(self.plain, x)[1](w)[0])
 
     def plain(self, x):
         shown = replace_values(self.bench, dict(zip(self.names, x, strict=True)))(*self.at)

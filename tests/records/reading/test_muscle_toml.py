@@ -258,3 +258,30 @@ def test_right_braid_angle_is_refused(angle):
         f"`[muscle] braid_angle` must be between 0 and 90 deg; got {angle} in muscle.toml. Measure it "
         "from the circumference."
     )
+
+
+COUNTED_BRAID = {"rest_length": "200 mm", "thread_length": "214 mm", "turns": 1.2}
+
+
+def test_measured_length_is_read():
+    entry = parse_muscle_toml({"muscle": COUNTED_BRAID, "test": {"measured": "length", "load": "2 kgf"}})
+    assert entry.measures_length
+    assert entry.load == pytest.approx(19.6133)
+    assert not parse_muscle_toml({"muscle": COUNTED_BRAID}).measures_length
+
+
+@pytest.mark.parametrize(
+    ("tables", "message"),
+    [
+        ({"test": {"measured": "width"}}, '`measured` must be "force" or "length"; got .width.'),
+        ({"test": {"load": "2 N"}}, "`load` needs a measured length"),
+        ({"test": {"measured": "length", "load": "-2 N"}}, "must not be negative"),
+        (
+            {"test": {"measured": "length"}, "sensors": {"length": {"sd": "1 mm", "per": "setting"}}},
+            "a measured length has an error for each sample",
+        ),
+    ],
+)
+def test_contradiction_of_the_measured_length_is_refused(tables, message):
+    with pytest.raises(BadInput, match=message):
+        parse_muscle_toml({"muscle": COUNTED_BRAID, **tables})

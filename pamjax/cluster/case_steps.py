@@ -1,0 +1,97 @@
+"""The stages of one case: the files that `pamjax check`, `fit` and `diagnose` write, in a given folder."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from pamjax.errors import refuse
+from pamjax.records.case import Case, read_case
+
+#: Name of the report of a stage.
+CASE_REPORT_FILE = "report.html"
+
+
+def read_unchanged_case(folder: Path, checksum: str) -> Case:
+    """Return a case whose files are those of the task.
+
+    Raises:
+        BadInput: as `read_case`, or if the files changed.
+    """
+    case = read_case(folder)
+    if case.checksum != checksum:
+        raise refuse(f"the files of {folder} changed after the run began", remedy="Start the fleet again.")
+    return case
+
+
+def run_check(case: Case, out: Path, settings: dict[str, Any]) -> None:
+    """Write check.json: rows, blocks, and which parameters the recording determines."""
+    from pamjax.infer.fitting.case_summary import CaseSummary
+    from pamjax.infer.fitting.identifiability import check_identifiability
+
+    summary = CaseSummary(case, *check_identifiability(case, settings["law"]))
+    text = json.dumps(summary.as_dict(), indent=1, allow_nan=False) + "\n"
+    (out / "check.json").write_text(text, "utf-8")
+
+
+def run_fit(case: Case, out: Path, settings: dict[str, Any]) -> None:
+    """Write the files of `pamjax fit`."""
+    from pamjax.infer.fitting.fit import fit
+    from pamjax.infer.fitting.io import save
+
+    result = fit(
+        [case],
+        settings["law"],
+        [],
+        settings["mechanisms"],
+        loss=settings["loss"],
+        starts=settings["starts"],
+        fold_count=settings["folds"],
+        seed=settings["seed"],
+    )
+    save(result, out)
+    if settings["figures"]:
+        from pamjax.view.figures.fit import save_fit_figures
+
+        save_fit_figures(result, out)
+    if settings["report"]:
+        from pamjax.view.reports.fit import write_fit_report
+
+        write_fit_report(result, out / CASE_REPORT_FILE, _format_fit_command(case, settings))
+
+
+def run_diagnose(case: Case, out: Path, settings: dict[str, Any]) -> None:
+    """Write the files of `pamjax diagnose`."""
+    from pamjax.baselines.comparison import compare_models, save_comparison
+    from pamjax.diagnosis.result import save_diagnosis
+    from pamjax.diagnosis.run import diagnose
+
+    diagnosis = diagnose(case, seed=settings["seed"])
+    save_diagnosis(diagnosis, out)
+    comparison = compare_models(diagnosis, settings["seed"])
+    save_comparison(comparison, out)
+    if settings["report"]:
+        from pamjax.view.reports.diagnosis import write_diagnosis_report
+
+        command = shlex.join(["pamjax", "diagnose", str(case.folder), "--seed", str(settings["seed"])])
+        write_diagnosis_report(diagnosis, out / CASE_REPORT_FILE, command, comparison)
+
+
+#: Function of each stage.
+STEPS: dict[str, Callable[[Case, Path, dict[str, Any]], None]] = {
+    "check": run_check,
+    "fit": run_fit,
+    "diagnose": run_diagnose,
+}
+
+
+def _format_fit_command(case: Case, settings: dict[str, Any]) -> str:
+    """Return the command that repeats a fit."""
+    words = ["pamjax", "fit", str(case.folder), "--seed", str(settings["seed"])]
+    words += ["--law", settings["law"]] if settings["law"] else []
+    words += ["--with", *settings["mechanisms"]] if settings["mechanisms"] else []
+    words += ["--loss", settings["loss"], "--starts", str(settings["starts"])]
+    return shlex.join([*words, "--folds", str(settings["folds"])])

@@ -1,1 +1,0 @@
-"""Choice of mechanisms by evidence, with form errors."""

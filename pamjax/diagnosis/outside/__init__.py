@@ -1,0 +1,1 @@
+"""Effects outside the library, which compete with its mechanisms."""

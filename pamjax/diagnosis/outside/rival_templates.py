@@ -1,0 +1,133 @@
+"""Templates that explain a recording better than the selected mechanisms.
+
+Several mechanisms together can imitate an effect outside the library, as a stop or a step of the force zero.
+Such an effect is a template of known shape and unknown size. Each mechanism of a set, and all of them, are
+replaced by the best template. Both models have the form errors of their mechanisms, and are compared by
+
+    −2 ln L + k ln n,
+
+with k parameters that are not the baseline's, n samples, and the columns of the template as noise with a wide
+prior. A template at one of N places counts as ln N² worse.
+
+Source: G. Schwarz, Ann. Stat. 6, 461 (1978).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import softmax
+
+from pamjax.compile.parallel import parallel_map
+from pamjax.diagnosis.form_errors.discrepancy import build_free_columns, extend_discrepancy
+from pamjax.diagnosis.form_errors.fit import add_form_errors
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.outside.templates import Template
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit
+from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.diagnosis.result import Likeness
+
+#: Share of the information of a template that the parameters must not absorb.
+MIN_FREE_SHARE = 1e-3
+
+#: Probability of a family, and share of the misfit that it explains, from which a likeness is reported.
+MIN_LIKENESS, MIN_LIKENESS_SHARE = 0.05, 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class TemplateFit:
+    """A fit with one template.
+
+    Attributes:
+        fit: the mechanisms in it, without the template.
+        template: the template.
+        cost: −2 ln L + k ln n with the template, and the cost of its place.
+    """
+
+    fit: CandidateFit
+    template: Template
+    cost: float
+
+
+def find_better_template(
+    problem: LibraryProblem,
+    templates: Sequence[Template],
+    fit: CandidateFit,
+    reduced_fits: Sequence[CandidateFit],
+) -> TemplateFit | None:
+    """Return the smaller model that explains more with a template than the fit; None if there is none.
+
+    Args:
+        problem: the recording and the library.
+        templates: all templates at all places.
+        fit: the fit with the selected mechanisms.
+        reduced_fits: fits with some of them.
+    """
+    limit = add_form_errors(problem, fit).full_bic
+    template_fits = parallel_map(
+        lambda reduced_fit: fit_best_template(problem, templates, reduced_fit), list(reduced_fits)
+    )
+    better = [each for each in template_fits if each is not None and each.cost < limit]
+    return min(better, key=lambda each: each.cost) if better else None
+
+
+def fit_best_template(
+    problem: LibraryProblem, templates: Sequence[Template], fit: CandidateFit
+) -> TemplateFit | None:
+    """Return the fit with the template that explains most of its residual; None if no template applies."""
+    tolerant_fit = add_form_errors(problem, fit)
+    gains = compute_template_gains(tolerant_fit, templates)
+    if not np.isfinite(gains).any():
+        return None
+    best = templates[int(np.argmax(gains))]
+    columns = np.nan_to_num(tolerant_fit.noise.whiten(best.columns))
+    noise = extend_discrepancy(tolerant_fit.noise, build_free_columns(columns))
+    estimate = fit_parameters(problem, noise, fit.estimate.free, tolerant_fit.estimate.values)
+    cost = replace(fit, noise=noise, estimate=estimate).full_bic - 2 * math.log(best.share)
+    return TemplateFit(fit, best, cost)
+
+
+def list_likenesses(
+    problem: LibraryProblem, templates: Sequence[Template], fit: CandidateFit
+) -> tuple[Likeness, ...]:
+    """Return the families of templates that the residual of a fit resembles, most probable first.
+
+    A family is listed if it explains at least half of the misfit and has a probability of at least 5 %.
+    """
+    tolerant_fit = add_form_errors(problem, fit)
+    gains = compute_template_gains(tolerant_fit, templates)
+    scale = max(tolerant_fit.estimate.chi2 / max(tolerant_fit.noise.size, 1), 1.0)
+    probabilities = softmax(np.append(gains, 0.0) / (2 * scale))[:-1]
+    out: dict[str, Likeness] = {}
+    for k in np.argsort(-probabilities):
+        template = templates[k]
+        total = sum(
+            float(p) for p, other in zip(probabilities, templates, strict=True) if other.id == template.id
+        )
+        if template.id not in out and total >= MIN_LIKENESS:
+            if gains[k] < MIN_LIKENESS_SHARE * tolerant_fit.excess_chi2:
+                continue
+            out[template.id] = Likeness(template.id, total, template.description)
+    return tuple(out.values())
+
+
+def compute_template_gains(fit: CandidateFit, templates: Sequence[Template]) -> np.ndarray:
+    """Return by template the reduction of −2 ln L + k ln n in the linear model; −∞ where it has no effect."""
+    jacobian = fit.estimate.jacobian
+    information = jacobian.T @ jacobian + np.diag(1 / fit.estimate.prior_sd**2)
+    # Scaled to a unit diagonal: newtons and pascals are many orders of magnitude apart.
+    unit = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    covariance = np.linalg.pinv(information / np.outer(unit, unit), rcond=1e-12, hermitian=True)
+    gains = np.full(len(templates), -np.inf)
+    for k, template in enumerate(templates):
+        columns = np.nan_to_num(fit.noise.whiten(template.columns))
+        own, across = columns @ columns.T, (columns @ jacobian) / unit
+        free = own - across @ covariance @ across.T
+        if np.all(np.diag(own) > 0) and np.all(np.diag(free) > MIN_FREE_SHARE * np.diag(own)):
+            along = columns @ fit.estimate.residual
+            explained = along @ np.linalg.lstsq(free, along, rcond=1e-9)[0]
+            gains[k] = explained - len(columns) * math.log(fit.noise.size) + 2 * math.log(template.share)
+    return gains

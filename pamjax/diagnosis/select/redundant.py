@@ -1,0 +1,44 @@
+"""Removal of mechanisms that the form errors of the other mechanisms replace.
+
+A wrong mechanism can fit the difference between another one and its textbook equation. Each mechanism of a
+set is therefore removed once, and both models are refitted with the form errors of their mechanisms. The
+mechanism stays if the likelihood with it is significantly larger.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from pamjax.compile.parallel import parallel_map
+from pamjax.diagnosis.form_errors.fit import add_form_errors
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit
+from pamjax.diagnosis.select.search import MechanismSearch, fit_without_mechanism, is_reduction_significant
+
+
+def remove_redundant(search: MechanismSearch, fit: CandidateFit) -> CandidateFit:
+    """Return the model without mechanisms that form errors of the others replace, the least likely first."""
+    while len(fit.mechanisms) > 1:
+        cost = _compute_cost(add_form_errors(search.problem, fit))
+        reduced_fits = parallel_map(
+            partial(fit_without_mechanism, search.problem, fit), range(len(fit.mechanisms))
+        )
+        losses = [
+            _compute_cost(add_form_errors(search.problem, reduced_fit)) - cost for reduced_fit in reduced_fits
+        ]
+        k = int(np.argmin(losses))
+        if is_reduction_significant(
+            losses[k],
+            len(fit.mechanisms[k].free_parameters),
+            len(search.candidates),
+            search.settings.false_inclusion_probability,
+        ):
+            break
+        fit = search.refit(reduced_fits[k])
+    return fit
+
+
+def _compute_cost(fit: CandidateFit) -> float:
+    """Return −2 ln L with the priors, up to a constant."""
+    return fit.corrected_chi2 + fit.noise.log_determinant

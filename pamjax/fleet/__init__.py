@@ -1,0 +1,1 @@
+"""Fleets of recordings: their cases, their store, and statistics over specimens."""

@@ -1,0 +1,72 @@
+"""Differences between benches and drift: regressions with the sd between specimens as a parameter.
+
+The model is that of `pooling.py` with a second column: yᵢ ~ N(a + b xᵢ, τ² + sᵢ²). τ has the largest
+restricted likelihood; b is the generalised least-squares estimate at this τ. Its p-value is from Student's t
+with n − 2 degrees of freedom.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+from scipy.optimize import minimize_scalar
+
+#: Smallest number of specimens of a regression.
+MIN_REGRESSION_SPECIMENS = 5
+
+
+@dataclass(frozen=True)
+class Slope:
+    """Change of a number with a quantity.
+
+    Attributes:
+        value, sd: change for one unit of the quantity.
+        p_value: two-sided, of no change.
+        intercept: value of the number where the quantity is zero.
+    """
+
+    value: float
+    sd: float
+    p_value: float
+    intercept: float
+
+
+def fit_slope(estimate: np.ndarray, sd: np.ndarray, x: np.ndarray) -> Slope | None:
+    """Return the change of a number with x, or None with too few specimens or one value of x only.
+
+    Args:
+        estimate, sd: (n,) estimates of the specimens and their sd.
+        x: (n,) the quantity; 1 for the specimens of one bench and 0 for the others.
+    """
+    n = len(estimate)
+    if n < MIN_REGRESSION_SPECIMENS or np.ptp(x) == 0:
+        return None
+    scale = float(np.ptp(estimate) + sd.max())
+    y, s = (estimate - np.median(estimate)) / scale, sd / scale
+    design = np.column_stack([np.ones(n), (x - x.min()) / np.ptp(x)])
+    result = minimize_scalar(
+        lambda tau: -_compute_log_likelihood(y, s, design, tau), bounds=(0.0, 3.0), method="bounded"
+    )
+    taus = [0.0, float(result.x)]
+    tau = max(taus, key=lambda tau: _compute_log_likelihood(y, s, design, tau))
+    coefficients, covariance = _solve(y, s, design, tau)
+    slope, slope_sd = coefficients[1], float(np.sqrt(covariance[1, 1]))
+    p_value = float(2 * stats.t.sf(abs(slope) / slope_sd, n - 2))
+    change = scale * slope / np.ptp(x)
+    start = float(np.median(estimate)) + scale * coefficients[0]
+    return Slope(float(change), float(scale * slope_sd / np.ptp(x)), p_value, float(start - change * x.min()))
+
+
+def _solve(y: np.ndarray, s: np.ndarray, design: np.ndarray, tau: float) -> tuple[np.ndarray, np.ndarray]:
+    weight = 1 / (tau**2 + s**2)
+    covariance = np.linalg.inv(design.T @ (weight[:, None] * design))
+    return covariance @ (design.T @ (weight * y)), covariance
+
+
+def _compute_log_likelihood(y: np.ndarray, s: np.ndarray, design: np.ndarray, tau: float) -> float:
+    coefficients, covariance = _solve(y, s, design, tau)
+    variance = tau**2 + s**2
+    misfit = ((y - design @ coefficients) ** 2 / variance).sum()
+    return float(-0.5 * (np.log(variance).sum() - np.linalg.slogdet(covariance)[1] + misfit))

@@ -1,0 +1,110 @@
+"""A fleet in Python: its tables as pandas frames, and the results of each case."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from pamjax.errors import refuse, suggest_word
+from pamjax.fleet.frames import select_rows
+from pamjax.fleet.store import read_store_document
+from pamjax.fleet.tables import read_tables
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+@dataclass(frozen=True, eq=False)
+class Fleet:
+    """Results of a fleet.
+
+    Attributes:
+        folder: folder of the store.
+        name: name of the fleet.
+        cases: one row for each case: origin, state, errors and noise, unexplained part.
+        numbers: one row for each calibrated number of a case, in its display unit.
+        mechanisms: one row for each identified mechanism of a case.
+        regions: one row for each region with unexplained misfit.
+        tasks: one row for each task, with its computing time in s.
+        settings: settings and versions of the last run.
+    """
+
+    folder: Path
+    name: str
+    cases: pd.DataFrame
+    numbers: pd.DataFrame
+    mechanisms: pd.DataFrame
+    regions: pd.DataFrame
+    tasks: pd.DataFrame
+    settings: dict[str, Any] = field(repr=False, default_factory=dict)
+
+    def to_xarray(self, source: str = "fit") -> xr.Dataset:
+        """Return value and sd of the calibrated numbers as an xarray Dataset over case and number.
+
+        Args:
+            source: "fit", "diagnose" for the baseline of a diagnosis, or "mechanism".
+
+        Returns:
+            `value` and `sd` (case, number) in the unit of the coordinate `unit`; NaN where a case has none.
+        """
+        table = select_rows(self.numbers, self.numbers["source"] == source)
+        data = table.pivot(index="case", columns="name", values=["value", "sd"])
+        units = dict(zip(table["name"], table["unit"], strict=True))
+        import xarray as xr
+
+        names = list(data["value"].columns) if len(table) else []
+        columns = {
+            column: (("case", "number"), data[column].to_numpy(float) if len(table) else [[]][:0])
+            for column in ("value", "sd")
+            if len(table)
+        }
+        coordinates = {
+            "case": [str(case) for case in data.index],
+            "number": [str(name) for name in names],
+            "unit": ("number", [str(units[name]) for name in names]),
+        }
+        return xr.Dataset(columns, coordinates)
+
+    def read_rows(self, case: str) -> xr.Dataset:
+        """Return every row of a fitted case: measurement, prediction and residual, SI, as in fit.nc.
+
+        Raises:
+            BadInput: for an unknown case, or one without a fit.
+        """
+        names = list(self.cases["case"])
+        if case not in names:
+            raise refuse(
+                f"unknown case {case!r}", where=str(self.folder), remedy=suggest_word(case, names[:20])
+            )
+        file = self.folder / "cases" / case / "fit" / "fit.nc"
+        if not file.is_file():
+            raise refuse(f"the case {case!r} has no fit", remedy="Run `pamjax fleet` with the stage fit.")
+        import xarray as xr
+
+        return xr.load_dataset(file, engine="h5netcdf")
+
+
+def open_fleet(store: str | Path) -> Fleet:
+    """Return the results of a fleet from its store.
+
+    Needs the optional packages: `pip install 'pamjax[fleet]'`.
+
+    Args:
+        store: folder that `pamjax fleet` wrote.
+
+    Raises:
+        BadInput: if the folder is no store, or pyarrow is not installed.
+    """
+    from importlib.util import find_spec
+
+    if find_spec("pyarrow") is None:
+        remedy = "Install it: pip install 'pamjax[fleet]'."
+        raise refuse("a fleet needs pyarrow", "an installation without", remedy=remedy)
+    folder = Path(store)
+    document = read_store_document(folder)
+    frames = read_tables(folder).frames
+    settings = {name: document[name] for name in ("settings", "versions", "stages", "folder")}
+    return Fleet(folder, document["name"], settings=settings, **frames)

@@ -1,0 +1,124 @@
+"""Schema of FLEET.toml: its entries, and the error messages for wrong ones."""
+
+from __future__ import annotations
+
+import datetime
+import tomllib
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from pamjax.errors import BadInput, refuse, suggest_word
+from pamjax.records.files import decode_text
+from pamjax.records.reading.specimen import Specimen, read_date, read_label
+from pamjax.records.reading.toml_errors import format_input, format_rule
+
+Stage = Literal["check", "fit", "diagnose"]
+#: Stages in the order in which a case runs through them.
+STAGES: tuple[Stage, ...] = ("check", "fit", "diagnose")
+
+Label = Annotated[str, BeforeValidator(read_label)]
+Date = Annotated[datetime.date, BeforeValidator(read_date)]
+
+
+def _list_patterns(raw: Any) -> Any:
+    return [raw] if isinstance(raw, str) else raw
+
+
+Patterns = Annotated[list[str], BeforeValidator(_list_patterns)]
+
+
+class _FleetTable(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class GroupTable(_FleetTable):
+    """[[groups]]: what several cases have in common.
+
+    Attributes:
+        cases: patterns of case folders, relative to the folder of the fleet.
+        bench: test bench that recorded them.
+        serial: serial number of the specimen.
+        type: type of the muscle; cases of one type are compared with each other.
+        date: day of the recording.
+    """
+
+    cases: Patterns
+    bench: Label | None = None
+    serial: Label | None = None
+    type: Label | None = None
+    date: Date | None = None
+
+    @property
+    def specimen(self) -> Specimen:
+        return Specimen(bench=self.bench, serial=self.serial, type=self.type, date=self.date)
+
+
+class FitTable(_FleetTable):
+    """[fit]: options of `pamjax fit` for every case."""
+
+    law: str | None = None
+    mechanisms: list[str] = Field(default_factory=list)
+    loss: Literal["square", "soft"] = "square"
+    starts: Annotated[int, Field(ge=1)] = 4
+    folds: Annotated[int, Field(ge=2)] = 5
+
+
+class FleetDocument(_FleetTable):
+    """The whole file.
+
+    Attributes:
+        name: name of the fleet.
+        folder: folder of the cases, relative to the file.
+        cases: patterns of case folders, relative to `folder`; "**" means every folder below.
+        stages: commands to run for each case.
+        seed: random seed of fit and diagnose.
+        figures, report: write the figures and report.html of each case.
+    """
+
+    name: str = ""
+    folder: str = "."
+    cases: Patterns = ["**"]
+    stages: Annotated[list[Stage], Field(min_length=1)] = list(STAGES)
+    seed: Annotated[int, Field(ge=0)] = 0
+    figures: bool = True
+    report: bool = True
+    groups: list[GroupTable] = Field(default_factory=list)
+    fit: FitTable = Field(default_factory=FitTable)
+
+
+_TABLES: dict[str, type[_FleetTable]] = {"groups": GroupTable, "fit": FitTable}
+
+
+def read_fleet_document(raw: bytes, file: str) -> FleetDocument:
+    """Return the validated entries of a FLEET.toml.
+
+    Raises:
+        BadInput: if it is no TOML, or an entry is unknown or wrong; the message reports the first error.
+    """
+    try:
+        tables = tomllib.loads(decode_text(raw, file).replace("\r\n", "\n"))
+    except tomllib.TOMLDecodeError as error:
+        got = str(error)[:1].lower() + str(error)[1:].rstrip(".")
+        remedy = "Write a text in double quotes, and a table name in [brackets]."
+        raise refuse(f"{file} must be TOML", got, remedy=remedy) from error
+    try:
+        return FleetDocument.model_validate(tables)
+    except ValidationError as error:
+        raise _translate_error(error, file) from error
+
+
+def _translate_error(error: ValidationError, file: str) -> BadInput:
+    """Return the first error of pydantic as a message of this package."""
+    # A misspelt entry may also be reported as missing; the misspelling comes first.
+    first = sorted(error.errors(), key=lambda detail: detail["type"] != "extra_forbidden")[0]
+    path = [part for part in first["loc"] if isinstance(part, str)]
+    where = f"[{path[0]}] of {file}" if len(path) > 1 else file
+    name = path[-1] if path else file
+    own_error = first.get("ctx", {}).get("error")
+    if isinstance(own_error, BadInput):
+        return refuse(f"`{name}` {own_error}".rstrip("."), format_input(first), where)
+    if first["type"] == "extra_forbidden":
+        known = (_TABLES[path[0]] if len(path) > 1 else FleetDocument).model_fields
+        return refuse(f"unknown entry `{name}`", where=where, remedy=suggest_word(name, known))
+    return refuse(format_rule(first, name), format_input(first), where)

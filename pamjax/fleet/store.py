@@ -1,0 +1,199 @@
+"""The store of a fleet: a folder with the results of each case.
+
+    fleet.json                  cases, settings and versions of the last run
+    cases/NAME/STAGE/           files of `pamjax check`, `fit` or `diagnose`
+    cases/NAME/STAGE/task.json  name and outcome of the task
+    cases/NAME/STAGE/time.json  computing time; the only file that differs between equal runs
+    tables/                     the same results as Parquet tables
+
+A folder of a stage appears in one step, complete. A task is done if its folder has its name.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from pamjax.errors import refuse
+from pamjax.fleet.plan import FleetCase, FleetPlan
+from pamjax.fleet.task import FleetTask, build_task, collect_task_versions, describe_task
+from pamjax.records.files import write_atomically
+from pamjax.records.reading.specimen import Specimen, read_date
+
+FLEET_SCHEMA = "pamjax.fleet/1"
+FLEET_FILE, TASK_FILE, TIME_FILE, ERROR_FILE = "fleet.json", "task.json", "time.json", "error.txt"
+
+#: Outcome of a task: complete, input refused, or set aside after an unexpected end.
+State = Literal["done", "refused", "set aside"]
+DONE, REFUSED, SET_ASIDE = "done", "refused", "set aside"
+#: State of a task without an outcome.
+OPEN = "open"
+
+
+@dataclass(frozen=True)
+class TaskOutcome:
+    """Outcome of a task.
+
+    Attributes:
+        key: name of the task.
+        state: "done", "refused" or "set aside"; "open" if it has no outcome.
+        reason: why it is not done, one sentence.
+        seconds: computing time, s.
+    """
+
+    key: str
+    state: str
+    reason: str = ""
+    seconds: float = 0.0
+
+
+class FleetStore:
+    """Folder of a fleet's results.
+
+    Args:
+        folder: path of the folder; need not exist.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(os.path.abspath(folder))
+
+    def locate_stage(self, case: str, stage: str) -> Path:
+        """Return the folder of a stage of a case."""
+        return self.folder / "cases" / case / stage
+
+    def list_tasks(self, plan: FleetPlan, case: FleetCase) -> list[FleetTask]:
+        """Return the tasks of a case in their order."""
+        return [build_task(plan, case, stage, self.locate_stage(case.name, stage)) for stage in plan.stages]
+
+    def write_plan(self, plan: FleetPlan) -> None:
+        """Write fleet.json.
+
+        Raises:
+            BadInput: if the folder has other files and is no store.
+        """
+        if self.folder.is_dir() and any(self.folder.iterdir()):
+            read_store_document(self.folder)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        document = {
+            "schema": FLEET_SCHEMA,
+            "name": plan.name,
+            "folder": str(plan.folder),
+            "stages": list(plan.stages),
+            "settings": {
+                "seed": plan.seed,
+                "figures": plan.figures,
+                "report": plan.report,
+                "fit": plan.fit.model_dump(),
+            },
+            "versions": collect_task_versions(),
+            "cases": [_serialise_case(self, plan, case) for case in plan.cases],
+        }
+        with write_atomically(self.folder / FLEET_FILE) as temporary:
+            temporary.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", "utf-8")
+
+
+def read_store_document(folder: Path) -> dict[str, Any]:
+    """Return the contents of fleet.json.
+
+    Raises:
+        BadInput: if the folder is no store, or of another version.
+    """
+    rule = f"the store of a fleet must be a folder with {FLEET_FILE}"
+    remedy = "Name the folder that `pamjax fleet` wrote, or an empty one for a new fleet."
+    try:
+        document = json.loads((folder / FLEET_FILE).read_text("utf-8"))
+    except FileNotFoundError as error:
+        raise refuse(rule, f"{folder}, which has none", remedy=remedy) from error
+    except (OSError, ValueError) as error:
+        raise refuse(f"{folder / FLEET_FILE} must be readable JSON", remedy=remedy) from error
+    if not isinstance(document, dict) or document.get("schema") != FLEET_SCHEMA:
+        schema = document.get("schema") if isinstance(document, dict) else None
+        raise refuse(
+            f"{folder / FLEET_FILE} must have the schema {FLEET_SCHEMA}", repr(schema), remedy=remedy
+        )
+    return document
+
+
+def read_specimen_entry(entry: dict[str, Any]) -> Specimen:
+    """Return the origin of a case from its entry in fleet.json."""
+    return Specimen(
+        bench=entry["bench"], serial=entry["serial"], type=entry["type"], date=read_date(entry["date"])
+    )
+
+
+def read_outcome(folder: Path, key: str) -> TaskOutcome:
+    """Return the outcome of a task in its folder; "open" if the folder has none of this name."""
+    document = read_json(folder / TASK_FILE)
+    if document.get("key") != key or document.get("state") not in (DONE, REFUSED, SET_ASIDE):
+        return TaskOutcome(key, OPEN)
+    seconds = read_json(folder / TIME_FILE).get("seconds", 0.0)
+    return TaskOutcome(key, document["state"], document.get("reason", ""), seconds)
+
+
+def read_json(file: Path) -> dict[str, Any]:
+    """Return a JSON document; empty if the file does not exist or is no such document."""
+    with suppress(OSError, ValueError):
+        document = json.loads(file.read_text("utf-8"))
+        return document if isinstance(document, dict) else {}
+    return {}
+
+
+@contextmanager
+def open_stage_folder(task: FleetTask) -> Iterator[Path]:
+    """Yield a temporary folder that replaces the task's folder at the end, complete.
+
+    After an exception, the former folder is unchanged. Leftovers of a killed process are removed.
+    """
+    task.target.parent.mkdir(parents=True, exist_ok=True)
+    for leftover in task.target.parent.glob(f".{task.target.name}-*"):
+        shutil.rmtree(leftover, ignore_errors=True)
+    temporary = task.target.with_name(f".{task.target.name}-{secrets.token_hex(4)}")
+    temporary.mkdir()
+    try:
+        yield temporary
+        former = task.target.with_name(f".{task.target.name}-former-{secrets.token_hex(4)}")
+        with suppress(FileNotFoundError):
+            os.rename(task.target, former)
+        # A process that is killed here leaves no folder, and the task runs again.
+        os.rename(temporary, task.target)
+        shutil.rmtree(former, ignore_errors=True)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def write_outcome(folder: Path, task: FleetTask, outcome: TaskOutcome) -> None:
+    """Write task.json and time.json of an outcome."""
+    document = describe_task(task) | {"state": outcome.state, "reason": outcome.reason}
+    texts = {
+        TASK_FILE: json.dumps(document, indent=1, sort_keys=True, ensure_ascii=False) + "\n",
+        TIME_FILE: json.dumps({"seconds": round(outcome.seconds, 3)}) + "\n",
+    }
+    for name, text in texts.items():
+        (folder / name).write_text(text, "utf-8")
+
+
+def store_set_aside(task: FleetTask, reason: str, seconds: float = 0.0) -> TaskOutcome:
+    """Write the outcome of a task that ended unexpectedly, and return it."""
+    outcome = TaskOutcome(task.key, SET_ASIDE, reason, seconds)
+    with open_stage_folder(task) as folder:
+        write_outcome(folder, task, outcome)
+    return outcome
+
+
+def _serialise_case(store: FleetStore, plan: FleetPlan, case: FleetCase) -> dict[str, Any]:
+    origin = asdict(case.specimen)
+    return {
+        "name": case.name,
+        "folder": str(case.folder),
+        **origin,
+        "date": None if origin["date"] is None else origin["date"].isoformat(),
+        "checksum": case.checksum,
+        "tasks": {task.stage: task.key for task in store.list_tasks(plan, case)},
+    }

@@ -1,0 +1,152 @@
+"""Sentences about a fleet: one finding each, the most important first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from pamjax.fleet.answers import FleetAnswers, NumberDistribution
+from pamjax.fleet.fleet import Fleet
+from pamjax.fleet.frequency import BenchFrequency
+from pamjax.infer.fitting.report import format_estimate
+from pamjax.units import compute_si_factor, format_count
+
+#: Largest number of specimens in one sentence about outliers.
+MAX_NAMED_SPECIMENS = 5
+
+
+def format_value(value: float, sd: float | None, unit: str) -> str:
+    """Return a value in its display unit as text, with the digits of its sd.
+
+    >>> format_value(83.512, 3.43, "GPa")
+    '83.5 ± 3.4 GPa'
+    """
+    factor = compute_si_factor(unit)
+    return format_estimate(value * factor, None if sd is None else sd * factor, unit)
+
+
+def format_sd(sd: float, unit: str) -> str:
+    """Return a standard deviation in its display unit as text with two digits."""
+    return f"{sd:.2g}" if unit == "1" else f"{sd:.2g} {unit}"
+
+
+def list_findings(answers: FleetAnswers) -> list[str]:
+    """Return what stands out in a fleet: benches, specimens, drift, unexplained misfit."""
+    findings = [
+        *(line for f in answers.mechanisms for line in format_bench_frequency(f, "identified")),
+        *(line for f in answers.limits for line in format_bench_frequency(f, "at its limit")),
+        *(line for distribution in answers.distributions for line in format_bench_differences(distribution)),
+        *(line for distribution in answers.distributions for line in format_outliers(distribution)),
+        *(line for distribution in answers.distributions for line in format_drift(distribution)),
+        *format_unexplained(answers),
+    ]
+    return findings or ["No bench, specimen or date stands out."]
+
+
+def format_bench_frequency(frequency: BenchFrequency, condition: str) -> Iterator[str]:
+    """Yield a sentence for each bench on which a condition is more or less frequent.
+
+    Args:
+        frequency: the frequency of a mechanism, or of a number at its limit.
+        condition: "identified" or "at its limit".
+    """
+    for bench in frequency.deviating_benches:
+        count, total = frequency.by_bench[bench]
+        yield (
+            f"{frequency.id} is {condition} in {count} of {total} recordings of bench {bench},"
+            f" and in {frequency.count - count} of {frequency.total - total} of the others"
+            f" (p = {frequency.p_values[bench]:.1g})."
+        )
+
+
+def format_bench_differences(distribution: NumberDistribution) -> Iterator[str]:
+    """Yield a sentence for each bench whose specimens differ in a number."""
+    for bench in distribution.deviating_benches:
+        slope = distribution.benches[bench]
+        direction = "higher" if slope.value > 0 else "lower"
+        change = format_value(abs(slope.value), slope.sd, distribution.unit)
+        yield (
+            f"{name_distribution(distribution)} is {direction} on bench {bench} by {change}"
+            f" (p = {slope.p_value:.1g})."
+        )
+
+
+def format_outliers(distribution: NumberDistribution) -> Iterator[str]:
+    """Yield a sentence about the specimens that stand out in a number, the farthest first."""
+    pooled = distribution.pooled
+    places = [int(k) for k in np.argsort(-np.abs(pooled.deviation)) if pooled.outliers[k]]
+    for k in places[:MAX_NAMED_SPECIMENS]:
+        value = format_value(float(pooled.estimate[k]), float(pooled.sd[k]), distribution.unit)
+        direction = "above" if pooled.deviation[k] > 0 else "below"
+        yield (
+            f"{distribution.cases[k]} stands out in {name_distribution(distribution)}: {value},"
+            f" {abs(pooled.deviation[k]):.1f} sd {direction} the other specimens."
+        )
+    if len(places) > MAX_NAMED_SPECIMENS:
+        yield f"{len(places) - MAX_NAMED_SPECIMENS} more stand out in {name_distribution(distribution)}."
+
+
+def format_drift(distribution: NumberDistribution) -> Iterator[str]:
+    """Yield a sentence about a significant drift."""
+    if distribution.drift is None or not distribution.drifts:
+        return
+    slope, unit = distribution.drift, "year" if distribution.order_name == "date" else "specimen"
+    direction = "increases" if slope.value > 0 else "decreases"
+    change = format_value(abs(slope.value), slope.sd, distribution.unit)
+    yield (
+        f"{name_distribution(distribution)} {direction} with {distribution.order_name} by {change}"
+        f" per {unit} (p = {slope.p_value:.1g})."
+    )
+
+
+def format_unexplained(answers: FleetAnswers) -> Iterator[str]:
+    """Yield sentences about misfit that no mechanism explains."""
+    summary = answers.unexplained
+    if not summary.count:
+        return
+    like = ", ".join(f"{name} in {count}" for name, count in list(summary.likenesses.items())[:3])
+    tail = f"; it resembles {like}" if like else ""
+    yield f"{summary.count} of {summary.total} diagnosed recordings have unexplained misfit{tail}."
+    region = summary.region
+    if region is not None:
+        yield (
+            f"{region.cases} of them have it in {region.channel} ({region.direction}) between"
+            f" {region.pressure[0]:.0f} and {region.pressure[1]:.0f} kPa,"
+            f" {region.contraction[0]:.0%} to {region.contraction[1]:.0%} contracted."
+        )
+
+
+def format_distribution(distribution: NumberDistribution) -> str:
+    """Return mean and sd between specimens of a number in one sentence."""
+    pooled, unit = distribution.pooled, distribution.unit
+    low, high = pooled.between_interval
+    spread = (
+        f"sd between specimens {format_sd(pooled.between_sd, unit)}"
+        f" (95 % interval {format_sd(low, '1')} to {format_sd(high, unit)})"
+        if pooled.between_sd > 0
+        else f"no spread between specimens detected (below {format_sd(high, unit)})"
+    )
+    mean = format_value(pooled.mean, pooled.mean_sd, unit)
+    return f"{name_distribution(distribution)}: {mean}, {spread}, {len(distribution.cases)} specimens"
+
+
+def name_distribution(distribution: NumberDistribution) -> str:
+    """Return the name of a number with the type of its muscles."""
+    return f"{distribution.name} of {distribution.type}" if distribution.type else distribution.name
+
+
+def format_states(fleet: Fleet) -> str:
+    """Return how many cases are complete, refused, set aside or open."""
+    counts = fleet.cases["state"].value_counts()
+    parts = [
+        f"{counts[state]} {label}"
+        for state, label in (
+            ("done", "complete"),
+            ("refused", "refused"),
+            ("set aside", "set aside"),
+            ("open", "not finished"),
+        )
+        if state in counts
+    ]
+    return f"{format_count(len(fleet.cases), 'case')}: {', '.join(parts)}"

@@ -1,0 +1,274 @@
+"""Tables of a fleet: one row for each case, calibrated number and identified mechanism.
+
+The tables follow from the files of the cases alone. Equal results therefore give equal tables, in whatever
+order the tasks ran. Times are in a table of their own.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from pamjax.fleet.store import DONE, OPEN, read_json, read_outcome, read_store_document
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+#: Folder of the tables in a store.
+TABLE_FOLDER = "tables"
+
+#: Columns of each table with their types.
+TABLE_COLUMNS: dict[str, dict[str, str]] = {
+    "cases": {
+        "case": "string", "folder": "string", "bench": "string", "serial": "string", "type": "string",
+        "date": "date", "checksum": "string", "state": "string", "reason": "string", "report": "string",
+        "law": "string", "rows": "int", "converged": "bool", "force_rmse_N": "float",
+        "force_noise_N": "float", "force_held_out_N": "float", "diameter_rmse_mm": "float",
+        "diameter_noise_mm": "float", "diameter_held_out_mm": "float", "misfit_p_value": "float",
+        "misfit_detected": "bool", "mechanisms": "int", "unexplained": "bool",
+        "unexplained_share": "float", "unexplained_like": "string", "check_task": "string",
+        "fit_task": "string", "diagnose_task": "string",
+    },
+    "numbers": {
+        "case": "string", "source": "string", "name": "string", "value": "float", "sd": "float",
+        "unit": "string", "prior": "float", "prior_sd": "float", "at_limit": "bool",
+    },
+    "mechanisms": {
+        "case": "string", "id": "string", "name": "string", "probability": "float", "form_error": "float",
+        "indistinguishable_from": "string",
+    },
+    "regions": {
+        "case": "string", "channel": "string", "direction": "string", "pressure_low_kPa": "float",
+        "pressure_high_kPa": "float", "contraction_low": "float", "contraction_high": "float",
+        "share": "float",
+    },
+    "tasks": {"case": "string", "stage": "string", "state": "string", "reason": "string", "seconds": "float"},
+}  # fmt: skip
+
+_PANDAS_TYPES = {"string": "string", "float": "float64", "int": "Int64", "bool": "boolean", "date": "object"}
+
+
+@dataclass(frozen=True)
+class FleetTables:
+    """Tables of a store as pandas frames, by name, and what they were built from.
+
+    Attributes:
+        frames: "cases", "numbers", "mechanisms", "regions" and "tasks".
+        digest: SHA-256 of fleet.json and of all outcomes.
+    """
+
+    frames: dict[str, pd.DataFrame]
+    digest: str
+
+
+def build_tables(folder: Path) -> FleetTables:
+    """Return the tables of a store from the files of its cases.
+
+    Raises:
+        BadInput: if the folder is no store.
+    """
+    document = read_store_document(folder)
+    rows: dict[str, list[dict[str, Any]]] = {name: [] for name in TABLE_COLUMNS}
+    for entry in document["cases"]:
+        _collect_case(folder, entry, rows)
+    frames = {name: _build_frame(name, table_rows) for name, table_rows in rows.items()}
+    return FleetTables(frames, compute_digest(folder, document))
+
+
+def compute_digest(folder: Path, document: dict[str, Any]) -> str:
+    """Return the SHA-256 of fleet.json and of the states of all tasks."""
+    digest = hashlib.sha256(json.dumps(document, sort_keys=True).encode())
+    for entry in document["cases"]:
+        for stage, key in entry["tasks"].items():
+            digest.update(read_outcome(folder / "cases" / entry["name"] / stage, key).state.encode())
+    return digest.hexdigest()
+
+
+def write_tables(tables: FleetTables, folder: Path) -> list[Path]:
+    """Write the tables of a store as Parquet files atomically, and return their paths."""
+    import pyarrow.parquet as pq
+
+    from pamjax.records.files import write_atomically
+
+    (folder / TABLE_FOLDER).mkdir(exist_ok=True)
+    paths = []
+    for name, frame in tables.frames.items():
+        paths.append(folder / TABLE_FOLDER / f"{name}.parquet")
+        with write_atomically(paths[-1]) as temporary:
+            pq.write_table(_to_arrow(name, frame, tables.digest), temporary)
+    return paths
+
+
+def read_tables(folder: Path) -> FleetTables:
+    """Return the tables of a store: from its Parquet files, or from its cases if these are newer.
+
+    Raises:
+        BadInput: if the folder is no store.
+    """
+    import pyarrow.parquet as pq
+
+    document = read_store_document(folder)
+    digest, frames = compute_digest(folder, document), {}
+    for name in TABLE_COLUMNS:
+        try:
+            table = pq.read_table(folder / TABLE_FOLDER / f"{name}.parquet")
+        except (OSError, ValueError):
+            return build_tables(folder)
+        if (table.schema.metadata or {}).get(b"digest") != digest.encode():
+            return build_tables(folder)
+        frames[name] = _build_frame(name, table.to_pylist())
+    return FleetTables(frames, digest)
+
+
+def _to_arrow(name: str, frame: pd.DataFrame, digest: str) -> pa.Table:
+    import pyarrow as pa
+
+    types = {
+        "string": pa.string(),
+        "float": pa.float64(),
+        "int": pa.int64(),
+        "bool": pa.bool_(),
+        "date": pa.date32(),
+    }
+    columns = TABLE_COLUMNS[name]
+    schema = pa.schema([(column, types[kind]) for column, kind in columns.items()], {"digest": digest})
+    arrays = [
+        pa.array([None if pd.isna(v) else v for v in frame[column]], types[kind])
+        for column, kind in columns.items()
+    ]
+    return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def _build_frame(name: str, rows: list[dict[str, Any]]) -> pd.DataFrame:
+    columns = TABLE_COLUMNS[name]
+    data = {
+        column: pd.Series([row.get(column) for row in rows], dtype=_PANDAS_TYPES[kind])
+        for column, kind in columns.items()
+    }
+    return pd.DataFrame(data)
+
+
+def _collect_case(folder: Path, entry: dict[str, Any], rows: dict[str, list[dict[str, Any]]]) -> None:
+    """Append the rows of one case."""
+    name, case_folder = entry["name"], folder / "cases" / entry["name"]
+    outcomes = {stage: read_outcome(case_folder / stage, key) for stage, key in entry["tasks"].items()}
+    done = [stage for stage, outcome in outcomes.items() if outcome.state == DONE]
+    failed = next(((s, o) for s, o in outcomes.items() if o.state != DONE), None)
+    rows["tasks"] += [
+        {"case": name, "stage": s, "state": o.state, "reason": o.reason or None, "seconds": o.seconds}
+        for s, o in outcomes.items()
+    ]
+    row: dict[str, Any] = {key: entry[key] for key in ("folder", "bench", "serial", "type", "checksum")}
+    row |= {
+        "case": name,
+        "date": None if entry["date"] is None else pd.Timestamp(entry["date"]).date(),
+        "state": DONE if failed is None else failed[1].state,
+        "reason": f"{failed[0]}: {failed[1].reason}" if failed and failed[1].state != OPEN else None,
+        "report": _find_report(folder, name, done),
+        **{f"{stage}_task": key for stage, key in entry["tasks"].items() if stage in done},
+    }
+    if "fit" in done:
+        row |= _read_fit(name, read_json(case_folder / "fit" / "fit.json"), rows)
+    if "diagnose" in done:
+        row |= _read_diagnosis(name, read_json(case_folder / "diagnose" / "diagnosis.json"), rows)
+    rows["cases"].append(row)
+
+
+def _find_report(folder: Path, case: str, stages: list[str]) -> str | None:
+    """Return the path of the last report of a case, relative to the store."""
+    for stage in reversed(stages):
+        path = folder / "cases" / case / stage / "report.html"
+        if path.is_file():
+            return path.relative_to(folder).as_posix()
+    return None
+
+
+def _read_fit(case: str, document: dict[str, Any], rows: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
+    """Append the numbers of a fit, and return its entries in the row of the case."""
+    rows["numbers"] += [
+        {
+            "case": case,
+            "source": "fit",
+            "name": name,
+            "value": number["value"],
+            "sd": number["sd"],
+            "unit": number["unit"],
+            "prior": number["prior"]["value"],
+            "prior_sd": number["prior"]["sd"],
+            "at_limit": number["at_limit"],
+        }
+        for name, number in document["parameters"].items()
+    ]
+    (case_entry,) = document["cases"].values()
+    row = {"law": document["law"], "converged": document["converged"], "rows": case_entry["rows"]}
+    for channel, unit in (("force", "N"), ("diameter", "mm")):
+        for column, key, table in (
+            ("rmse", "value", case_entry["rmse"]),
+            ("noise", "sd", case_entry["noise"]),
+            ("held_out", "value", case_entry["held_out"].get("rmse", {})),
+        ):
+            row[f"{channel}_{column}_{unit}"] = table.get(channel, {}).get(key)
+    return row
+
+
+def _read_diagnosis(
+    case: str, document: dict[str, Any], rows: dict[str, list[dict[str, Any]]]
+) -> dict[str, Any]:
+    """Append mechanisms, their parameters and unexplained regions; return the entries of the case."""
+    for mechanism in document["missing_physics"]:
+        rows["mechanisms"].append(
+            {
+                "case": case,
+                "id": mechanism["id"],
+                "name": mechanism["name"],
+                "probability": mechanism["probability"],
+                "form_error": mechanism.get("form_error"),
+                "indistinguishable_from": ", ".join(mechanism["indistinguishable_from"]) or None,
+            }
+        )
+        rows["numbers"] += list(_list_mechanism_numbers(case, mechanism))
+    rows["numbers"] += [
+        _build_number(case, "diagnose", name, number)
+        for name, number in document["baseline"]["parameters"].items()
+    ]
+    unexplained = document["unexplained"]
+    rows["regions"] += [_build_region(case, box) for box in unexplained["where"]]
+    likeness = unexplained.get("likeness") or [{}]
+    return {
+        "law": document["baseline"]["model"],
+        "misfit_p_value": document["mismatch"]["p_value"],
+        "misfit_detected": document["mismatch"]["detected"],
+        "mechanisms": len(document["missing_physics"]),
+        "unexplained": unexplained["detected"],
+        "unexplained_share": unexplained["share"],
+        "unexplained_like": likeness[0].get("id"),
+    }
+
+
+def _list_mechanism_numbers(case: str, mechanism: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    for name, number in mechanism["parameters"].items():
+        yield _build_number(case, "mechanism", f"{mechanism['id']}.{name}", number)
+
+
+def _build_number(case: str, source: str, name: str, number: dict[str, Any]) -> dict[str, Any]:
+    return {"case": case, "source": source, "name": name} | {k: number[k] for k in ("value", "sd", "unit")}
+
+
+def _build_region(case: str, box: dict[str, Any]) -> dict[str, Any]:
+    (pressure_low, pressure_high), (low, high) = box["pressure_kPa"], box["contraction"]
+    return {
+        "case": case,
+        "channel": box["channel"],
+        "direction": box["direction"],
+        "pressure_low_kPa": pressure_low,
+        "pressure_high_kPa": pressure_high,
+        "contraction_low": low,
+        "contraction_high": high,
+        "share": box["share"],
+    }

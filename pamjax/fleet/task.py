@@ -1,0 +1,87 @@
+"""Tasks of a fleet: each is named by the checksum of its inputs, versions and settings."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from dataclasses import asdict, dataclass
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pamjax
+from pamjax.fleet.plan import FleetCase, FleetPlan
+
+#: Packages whose versions are part of a task's name, besides Python's.
+NUMERIC_PACKAGES = ("pamjax", "jax", "jaxlib", "numpy", "scipy", "optimistix")
+
+
+@dataclass(frozen=True)
+class FleetTask:
+    """One stage of one case.
+
+    Attributes:
+        key: SHA-256 of inputs, versions and settings, hexadecimal.
+        case: name of the case.
+        folder: case folder.
+        target: folder of the results.
+        stage: command to run.
+        checksum: SHA-256 of the inputs.
+        settings: settings of the stage.
+    """
+
+    key: str
+    case: str
+    folder: Path
+    target: Path
+    stage: str
+    checksum: str
+    settings: dict[str, Any]
+
+
+def build_task(plan: FleetPlan, case: FleetCase, stage: str, target: Path) -> FleetTask:
+    """Return the task of a stage of a case.
+
+    >>> from pamjax.records.reading.specimen import Specimen
+    >>> case = FleetCase("a", Path("a"), Specimen(), "12")
+    >>> plan = FleetPlan("f", Path(), (case,), ("check",))
+    >>> task = build_task(plan, case, "check", Path("out"))
+    >>> task.key == build_task(plan, case, "check", Path("elsewhere")).key
+    True
+    """
+    settings = list_settings(plan, stage)
+    name = {
+        "stage": stage,
+        "inputs": case.checksum,
+        "settings": settings,
+        "versions": collect_task_versions(),
+    }
+    key = hashlib.sha256(json.dumps(name, sort_keys=True).encode()).hexdigest()
+    return FleetTask(key, case.name, case.folder, target, stage, case.checksum, settings)
+
+
+def list_settings(plan: FleetPlan, stage: str) -> dict[str, Any]:
+    """Return the settings that a stage uses."""
+    fit = plan.fit.model_dump()
+    if stage == "check":
+        return {"law": fit["law"]}
+    files = {"seed": plan.seed, "report": plan.report}
+    return files | fit | {"figures": plan.figures} if stage == "fit" else files
+
+
+@cache
+def collect_task_versions() -> dict[str, str]:
+    """Return the versions of Python and of the numeric packages, and the SHA-256 of pamjax's sources."""
+    sources, root = hashlib.sha256(), Path(pamjax.__file__).parent
+    for source in sorted(root.rglob("*.py")):
+        sources.update(source.relative_to(root).as_posix().encode() + b"\0" + source.read_bytes())
+    versions = {package: version(package) for package in NUMERIC_PACKAGES}
+    return versions | {"python": platform.python_version(), "sources": sources.hexdigest()}
+
+
+def describe_task(task: FleetTask) -> dict[str, Any]:
+    """Return the task as a JSON document, without the paths of this machine."""
+    entries = asdict(task) | {"versions": collect_task_versions()}
+    return {name: value for name, value in entries.items() if name not in ("folder", "target")}

@@ -1,0 +1,141 @@
+"""Plans of a fleet: cases by folder and pattern, origins, names of tasks, and refused entries."""
+
+import datetime
+
+import pytest
+
+from pamjax.cli.main import main
+from pamjax.errors import BadInput
+from pamjax.fleet.plan import read_plan
+from pamjax.fleet.store import FleetStore, TaskOutcome, open_stage_folder, read_outcome, write_outcome
+from pamjax.fleet.task import build_task
+
+
+@pytest.fixture
+def bench(tmp_path):
+    """Return a folder with the cases north/a, north/b and south/a."""
+    assert main(["new", str(tmp_path / "north" / "a")]) == 2  # its parent must exist
+    for name in ("north/a", "north/b", "south/a"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        assert main(["new", str(tmp_path / name)]) == 0
+    return tmp_path
+
+
+def write_fleet(folder, text):
+    (folder / "FLEET.toml").write_text(text)
+    return folder / "FLEET.toml"
+
+
+def test_folder_patterns_and_files_give_the_same_cases(bench):
+    names = ["north/a", "north/b", "south/a"]
+    assert [case.name for case in read_plan([bench]).cases] == names
+    assert [case.name for case in read_plan([write_fleet(bench, "")]).cases] == names
+    assert [case.name for case in read_plan([bench / "north" / "*"]).cases] == ["a", "b"]
+    two = read_plan([bench / "north" / "a", bench / "south" / "a"])
+    assert [case.name for case in two.cases] == ["north/a", "south/a"]
+    assert read_plan([bench / "south" / "a"]).cases[0].name == "a"
+
+
+def test_groups_and_muscle_toml_state_the_origin(bench):
+    muscle = bench / "north" / "a" / "muscle.toml"
+    muscle.write_text(muscle.read_text() + '\n[specimen]\nserial = 12\ntype = "short"\nbench = "old"\n')
+    text = """
+stages = ["fit"]
+[[groups]]
+cases = "north/*"
+bench = "north"
+date = 2026-03-02
+[[groups]]
+cases = ["north/b"]
+date = "2026-03-09"
+"""
+    plan = read_plan([write_fleet(bench, text)])
+    first, second, third = (case.specimen for case in plan.cases)
+    assert (first.bench, first.serial, first.type) == ("north", "12", "short")
+    assert first.date == datetime.date(2026, 3, 2)
+    assert (second.date, second.type) == (datetime.date(2026, 3, 9), "example muscle")
+    assert third.bench is None
+    assert plan.stages == ("fit",)
+
+
+def test_task_is_named_by_inputs_and_settings(bench):
+    def name_task(stage="fit", **changes):
+        plan = read_plan([bench], **changes)
+        return build_task(plan, plan.cases[0], stage, bench).key
+
+    before = name_task()
+    assert before == name_task(stages=["fit"])
+    assert before != name_task(seed=1)
+    assert before != name_task(report=False)
+    assert before != name_task("check")
+    assert name_task("check") == name_task("check", seed=1)
+    file = bench / "north" / "a" / "recording.csv"
+    file.write_text(file.read_text() + "1.5,200,175,500,,1\n")
+    assert before != name_task()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("stage = 1", "unknown entry `stage` (FLEET.toml). Did you mean `stages`?"),
+        ('stages = ["fti"]', '`stages` must be "check", "fit" or "diagnose"; got \'fti\' in FLEET.toml.'),
+        ("stages = []", "`stages` must not be empty"),
+        ("seed = -1", "`seed` must be at least 0; got -1 in FLEET.toml."),
+        ("cases = 3", "`cases` must be a list in brackets; got 3 in FLEET.toml."),
+        ('cases = "../x"', "a pattern of `cases` must lead into the folder; got '../x' in FLEET.toml."),
+        ('cases = "/etc/*"', "a pattern of `cases` must lead into the folder; got '/etc/*' in FLEET.toml."),
+        ('cases = "west/*"', "no folder with recording.csv matches 'west/*' (FLEET.toml)."),
+        ('folder = "west"', "`folder` must be a folder; got"),
+        ('[[groups]]\nbench = "n"', "`cases` must be stated ([groups] of FLEET.toml)."),
+        ('[[groups]]\ncases = "*/a"\nbench = 1.5', "`bench` must be a text in quotes or a whole number"),
+        ('[[groups]]\ncases = "*/a"\ndate = "soon"', "`date` must be a day such as 2026-03-02; got 'soon'"),
+        ("[fit]\nfolds = 1", "`folds` must be at least 2; got 1 in [fit] of FLEET.toml."),
+        ("[fit", "FLEET.toml must be TOML"),
+    ],
+)
+def test_refused_files(bench, text, message):
+    with pytest.raises(BadInput) as error:
+        read_plan([write_fleet(bench, text)])
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_nested_cases_and_missing_paths_are_refused(bench):
+    assert main(["new", str(bench / "north" / "a" / "inner")]) == 0
+    with pytest.raises(BadInput, match="case folders must be apart"):
+        read_plan([bench])
+    with pytest.raises(BadInput, match=r"a fleet must be a FLEET\.toml, a folder of cases, or case folders"):
+        read_plan([bench / "nowhere"])
+
+
+def test_foreign_folder_is_no_store(bench):
+    (bench / "out").mkdir()
+    (bench / "out" / "notes.txt").write_text("mine")
+    with pytest.raises(BadInput, match=r"the store of a fleet must be a folder with fleet\.json"):
+        FleetStore(bench / "out").write_plan(read_plan([bench]))
+
+
+def test_stage_folder_appears_complete_or_not_at_all(bench):
+    plan, store = read_plan([bench]), FleetStore(bench / "out")
+    (task, *_) = store.list_tasks(plan, plan.cases[0])
+
+    def write(text, fails=False):
+        with open_stage_folder(task) as folder:
+            (folder / "note.txt").write_text(text)
+            write_outcome(folder, task, TaskOutcome(task.key, "done"))
+            if fails:
+                raise OSError("disk full")
+
+    with pytest.raises(OSError, match="disk full"):
+        write("first", fails=True)
+    assert read_outcome(task.target, task.key).state == "open"
+    write("second")
+    with pytest.raises(OSError, match="disk full"):
+        write("third", fails=True)
+    (task.target.parent / f".{task.target.name}-left").mkdir()
+    assert (task.target / "note.txt").read_text() == "second"
+    assert read_outcome(task.target, task.key).state == "done"
+    assert read_outcome(task.target, "another key").state == "open"
+    write("fourth")
+    assert [path.name for path in task.target.parent.iterdir()] == [task.target.name]
+    assert (task.target / "note.txt").read_text() == "fourth"

@@ -1,0 +1,98 @@
+"""Tables of a store: rows, missing values, stale files, and the frames of `open_fleet`."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import pamjax
+from pamjax.errors import BadInput
+from tests.fleet.made_store import write_made_store
+
+pytest.importorskip("pyarrow", reason="needs the extra pamjax[fleet]")
+
+from pamjax.fleet.tables import build_tables, read_tables, write_tables
+
+
+@pytest.fixture
+def store(tmp_path):
+    mechanisms = [["pressure_gain"], [], ["unexplained"]]
+    return write_made_store(tmp_path, [80.0, 90.0, 100.0], benches=["n", "n", "s"], mechanisms=mechanisms)
+
+
+def test_one_row_a_case_and_one_a_mechanism(store):
+    fleet = pamjax.open_fleet(store)
+    assert fleet.cases["case"].tolist() == ["case-00", "case-01", "case-02"]
+    assert fleet.cases["bench"].tolist() == ["n", "n", "s"]
+    assert fleet.cases["unexplained"].tolist() == [False, False, True]
+    assert fleet.cases["report"][0] == "cases/case-00/diagnose/report.html"
+    assert fleet.mechanisms[["case", "id"]].values.tolist() == [["case-00", "pressure_gain"]]
+    assert fleet.numbers["value"].tolist() == [80.0, 1.06, 90.0, 100.0]
+    assert str(fleet.cases["date"][1]) == "2026-03-09"
+    assert fleet.tasks["seconds"].tolist() == [1.0, 1.0, 2.0, 2.0, 3.0, 3.0]
+
+
+def test_written_tables_equal_those_in_memory(store):
+    built = build_tables(store)
+    write_tables(built, store)
+    # Only the files of the tables can give these frames.
+    for file in store.glob("cases/*/*/*is.json"):
+        file.unlink()
+    read = read_tables(store)
+    for name, frame in built.frames.items():
+        pd.testing.assert_frame_equal(frame, read.frames[name])
+
+
+def test_tables_older_than_their_cases_are_not_used(store):
+    write_tables(build_tables(store), store)
+    (store / "cases/case-01/fit/task.json").unlink()
+    assert pamjax.open_fleet(store).cases["state"].tolist() == ["done", "open", "done"]
+
+
+def test_numbers_as_xarray(store):
+    data = pamjax.open_fleet(store).to_xarray()
+    assert data["value"].sel(number="thread.modulus").values.tolist() == [80.0, 90.0, 100.0]
+    assert data["unit"].values.tolist() == ["GPa"]
+    gains = pamjax.open_fleet(store).to_xarray("mechanism")
+    assert gains["value"].sel(case="case-00", number="pressure_gain.gain") == 1.06
+    assert pamjax.open_fleet(store).to_xarray("diagnose").sizes == {"case": 0, "number": 0}
+
+
+def test_equal_results_give_equal_bytes(store, tmp_path):
+    first = {path.name: path.read_bytes() for path in write_tables(build_tables(store), store)}
+    for file in store.glob("cases/*/*/time.json"):
+        file.write_text('{"seconds": 99}')
+    second = {path.name: path.read_bytes() for path in write_tables(build_tables(store), store)}
+    assert {name for name in first if first[name] != second[name]} == {"tasks.parquet"}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (None, "the store of a fleet must be a folder with fleet.json; got .*, which has none"),
+        ("{", "must be readable JSON"),
+        ("[]", "must have the schema pamjax.fleet/1; got None"),
+        ('{"schema": "pamjax.fleet/9"}', "must have the schema pamjax.fleet/1; got 'pamjax.fleet/9'"),
+    ],
+)
+def test_refused_stores(tmp_path, text, message):
+    if text is not None:
+        (tmp_path / "fleet.json").write_text(text)
+    with pytest.raises(BadInput, match=message):
+        pamjax.open_fleet(tmp_path)
+
+
+def test_unknown_case_is_refused(store):
+    with pytest.raises(BadInput, match=r"unknown case 'case-1'.*Did you mean `case-01`"):
+        pamjax.open_fleet(store).read_rows("case-1")
+    with pytest.raises(BadInput, match="the case 'case-01' has no fit"):
+        pamjax.open_fleet(store).read_rows("case-01")
+
+
+def test_values_that_are_not_finite_stay_missing(store):
+    file = store / "cases/case-00/fit/fit.json"
+    document = json.loads(file.read_text())
+    document["parameters"]["thread.modulus"]["sd"] = None
+    file.write_text(json.dumps(document))
+    assert np.isnan(pamjax.open_fleet(store).numbers["sd"][0])

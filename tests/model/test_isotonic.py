@@ -1,0 +1,106 @@
+"""The length at a set force: one step from the measured length, and the solved length."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from pamjax.model.assembly import assemble, assemble_bench
+from pamjax.model.bench import remove_memories
+from pamjax.model.history import build_time_history
+from pamjax.model.isotonic import MIN_STIFFNESS, compute_stiffness, predict_length, solve_lengths
+from tests.agreement import SOLVED, agree
+
+BRAID = {"muscle.rest_length": 0.2, "muscle.thread_length": 0.214, "muscle.turns": 1.2}
+RUBBER = {
+    "bladder_elasticity.modulus": 4e5,
+    "bladder_elasticity.inner_diameter": 0.018,
+    "bladder_elasticity.thickness": 0.001,
+}
+PRESSURE, LOAD = np.array([1e5, 3e5, 6e5]), np.array([0.0, 20.0, 50.0])
+
+
+def find_roots(muscle):
+    """Return the lengths, m, at which the force equals the load, by bisection."""
+    return np.array(
+        [
+            brentq(lambda x, p=p, f=f: float(muscle(p, x).force) - f, 0.09, 0.21, xtol=1e-13)
+            for p, f in zip(PRESSURE, LOAD, strict=True)
+        ]
+    )
+
+
+def predict_at(muscle, length):
+    def predict(x):
+        return jax.vmap(muscle)(jnp.asarray(PRESSURE), x)
+
+    return predict_length(predict, predict, jnp.asarray(length), jnp.asarray(LOAD))
+
+
+@pytest.fixture(scope="module")
+def muscle():
+    return assemble("elastic", BRAID | {"thread.stiffness": 0.59e6})
+
+
+@pytest.fixture(scope="module")
+def roots(muscle):
+    return find_roots(muscle)
+
+
+@pytest.mark.parametrize("misfit", [-2e-3, -5e-4, 5e-4, 2e-3])
+def test_step_reaches_the_root_within_its_stated_error(muscle, roots, misfit):
+    length = roots + misfit
+    error = np.asarray(predict_at(muscle, length).length) - roots
+    # F″/2K is 1/2L for the bare braid; threads that stretch change it by less than a tenth.
+    assert np.all(np.abs(error) < 1.2 * misfit**2 / (2 * length))
+    assert np.all(np.abs(error) > 0.5 * misfit**2 / (2 * length))
+
+
+def test_wrong_stiffness_misses_the_root(muscle, roots):
+    length = roots + 5e-4
+    reading = predict_at(muscle, length)
+    wrong = length + (np.asarray(reading.length) - length) / 2
+    assert np.all(np.abs(wrong - roots) > 1e-4)
+
+
+def test_free_contraction_of_the_bare_braid_is_its_closed_form():
+    free, is_solved = solve_lengths(
+        assemble("inelastic", BRAID), PRESSURE, np.full(3, 0.2), np.zeros(3), build_history(3)
+    )
+    assert np.all(is_solved)
+    agree(free.length, 0.214 / np.sqrt(3), SOLVED)
+
+
+def build_history(n):
+    return build_time_history(10.0 * np.arange(n), np.arange(n) == 0, stroke_channels=np.zeros((2, n)))
+
+
+def test_length_without_equilibrium_is_not_solved():
+    _, is_solved = solve_lengths(
+        assemble("inelastic", BRAID), np.array([0.0]), np.array([0.2]), np.array([20.0]), build_history(1)
+    )
+    assert not np.any(is_solved)
+
+
+def test_stiffness_without_pressure_has_a_lower_limit(muscle):
+    stiffness = compute_stiffness(lambda x: jax.vmap(muscle)(jnp.zeros(2), x), jnp.array([0.15, 0.19]))
+    agree(stiffness, MIN_STIFFNESS, SOLVED)
+
+
+def test_friction_delays_the_length_in_both_directions():
+    ids, friction = ("bladder_elasticity", "braid_friction"), {"braid_friction.coefficient": 0.3}
+    bench = assemble_bench("inelastic", ids, BRAID | RUBBER | friction | {"braid_friction.presliding": 1e-3})
+    pressure = np.concatenate([np.linspace(1e5, 6e5, 21), np.linspace(6e5, 1e5, 21)[1:]])
+    history = build_time_history(
+        10.0 * np.arange(41), np.arange(41) == 0, stroke_channels=np.stack([pressure, pressure])
+    )
+    start, load = np.full(41, 0.16), np.zeros(41)
+    rubbed, is_solved = solve_lengths(bench, pressure, start, load, history)
+    smooth, _ = solve_lengths(remove_memories(bench), pressure, start, load, history)
+    assert np.all(is_solved)
+    excess = np.asarray(rubbed.length - smooth.length)
+    assert np.all(excess[5:20] > 1e-4)
+    assert np.all(excess[26:36] < -1e-4)
+    # The solved length is a root of the whole model, memories included.
+    agree(bench(jnp.asarray(pressure), rubbed.length, history).force, 0.0, 1e-5, scale=1.0)
