@@ -2,9 +2,8 @@
 
 python fits/sizing/real_muscles.py
 
-prints the table of the README. Each muscle is sized twice: with
-the braid angle, the rubber and the wall of the
-real muscle, to test the model; and freely, with parts that are sold and a probability of 0.9.
+prints the table of the README. Each muscle is sized twice: with the braid angle, the rubber and the wall of
+the real muscle, to test the model; and freely, with parts that are sold and a probability of 0.9.
 """
 
 from __future__ import annotations
@@ -12,6 +11,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 import pamjax
 from pamjax.records.shipped_tables import convert_to_si, read_quantities, read_shipped
@@ -57,11 +58,10 @@ def list_muscles() -> list[RealMuscle]:
 
 def _read_factory_muscle(name: str, bore: float, rest_length: float) -> RealMuscle:
     table = convert_to_si(read_shipped(f"martens_boblan_2017/{name}"))
-    pressure = min(table["pressure"].unique(), key=lambda p: abs(p - 600e3))
-    rows = table[(table["pressure"] == pressure) & (table["force"] > 0)]
-    forces = tuple(
-        (1 - float(row["length"]) / rest_length, float(row["force"])) for _, row in rows.iterrows()
-    )
+    pressures, lengths, measured = (table[name].to_numpy(float) for name in ("pressure", "length", "force"))
+    pressure = pressures[np.argmin(np.abs(pressures - 600e3))]
+    rows = np.flatnonzero((pressures == pressure) & (measured > 0))
+    forces = tuple((1 - float(lengths[k]) / rest_length, float(measured[k])) for k in rows)
     # The threads lie in the middle of the wall.
     return RealMuscle(
         name, rest_length, bore + FACTORY_WALL, FACTORY_WALL, FACTORY_ANGLE, float(pressure), forces,

@@ -152,7 +152,10 @@ def _summarise_sds(
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the median and the largest sd of the force, N, and of the commanded pressure, Pa."""
     rng = np.random.default_rng(seed)
-    p, l = (rng.uniform(*ends, ROUGH_TEST_POINTS) for ends in (controller.pressures, controller.lengths))
+    p, l = (
+        rng.uniform(low, high, ROUGH_TEST_POINTS)
+        for low, high in (controller.pressures, controller.lengths)
+    )
     force_sd = controller.sd(p, l)
     pressure_sd = force_sd / controller.pull(p, l)
     return tuple((float(np.median(x)), float(np.max(x))) for x in (force_sd, pressure_sd))  # pyright: ignore[reportReturnType]

@@ -104,9 +104,6 @@ def diagnose(
         BadInput: for an unknown baseline, or a recording without force and diameter.
     """
     case = ensure_case(case)
-    if method == "evidence" and case.recording.measures_length:
-        rule, remedy = "the evidence needs a measured force", 'Use the method "stepwise".'
-        raise refuse(rule, "a measured length ([test] of muscle.toml)", case.name, remedy)
     progress("compiling", 0.0)
     problem = build_library_problem(case, settings)
     problem.compile()
