@@ -153,8 +153,8 @@ def _summarise_sds(
     """Return the median and the largest sd of the force, N, and of the commanded pressure, Pa."""
     rng = np.random.default_rng(seed)
     p, l = (
-        rng.uniform(low, high, ROUGH_TEST_POINTS)
-        for low, high in (controller.pressures, controller.lengths)
+        rng.uniform(ends[0], ends[1], ROUGH_TEST_POINTS)
+        for ends in (controller.pressures, controller.lengths)
     )
     force_sd = controller.sd(p, l)
     pressure_sd = force_sd / controller.pull(p, l)
