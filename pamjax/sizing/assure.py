@@ -14,7 +14,7 @@ from pamjax.progress import Progress, ignore_progress
 from pamjax.sizing import chance_constraints as chance
 from pamjax.sizing.calibration import CalibrationTransfer
 from pamjax.sizing.enumerate import ChoiceResult
-from pamjax.sizing.spec import Spec
+from pamjax.sizing.specification.spec import Spec
 
 #: Largest number of choices that are optimised for the probability; of these that fail before one succeeds.
 MAX_ASSURED_CHOICES, MAX_FAILURES = 30, 16

@@ -25,10 +25,10 @@ from scipy.stats import qmc
 from pamjax.sizing.calibration import CalibrationTransfer
 from pamjax.sizing.candidate import MuscleBuild, evaluate_many, locate_output
 from pamjax.sizing.enumerate import ChoiceResult
-from pamjax.sizing.materials import PropertyRange
 from pamjax.sizing.optimise import MARGIN_TOLERANCE, SearchResult, minimise_violation, search_optimum
 from pamjax.sizing.problem import SizingProblem
-from pamjax.sizing.schema import Tolerance
+from pamjax.sizing.specification.materials import PropertyRange
+from pamjax.sizing.specification.schema import Tolerance
 from pamjax.sizing.tolerances import BuildErrors, choose_errors
 
 #: Numbers of draws for the search and for the reported probability, powers of two.

@@ -18,10 +18,10 @@ from pamjax.sizing.candidate import (
     evaluate_candidate,
     locate_output,
 )
-from pamjax.sizing.materials import BladderKind, ThreadKind
-from pamjax.sizing.parts import Tube, find_yarn_count
 from pamjax.sizing.requirements import MIN_LOG_RATIO, SizingTask, compute_margin, compute_margin_slope
-from pamjax.sizing.spec import PACKING_RATIOS, Spec
+from pamjax.sizing.specification.materials import BladderKind, ThreadKind
+from pamjax.sizing.specification.parts import Tube, find_yarn_count
+from pamjax.sizing.specification.spec import PACKING_RATIOS, Spec
 from pamjax.units import format_quantity
 
 #: Largest number of discrete choices.

@@ -19,7 +19,7 @@ from pamjax.sizing.pareto import ParetoFront
 from pamjax.sizing.problem import OBJECTIVE_OUTPUTS, Choice, SizingProblem
 from pamjax.sizing.requirements import SizingTask
 from pamjax.sizing.sensitivity import ShadowPrice
-from pamjax.sizing.spec import Spec
+from pamjax.sizing.specification.spec import Spec
 from pamjax.sizing.tolerances import BuildErrors
 
 

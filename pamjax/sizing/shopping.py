@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pamjax.sizing.parts import find_barb, find_sleeve
+from pamjax.sizing.specification.parts import find_barb, find_sleeve
 from pamjax.units import format_quantity
 
 if TYPE_CHECKING:

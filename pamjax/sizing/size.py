@@ -21,7 +21,7 @@ from pamjax.sizing.pareto import compute_front, select_second_objective
 from pamjax.sizing.problem import build_problem, list_choices
 from pamjax.sizing.requirements import SizingTask, build_task
 from pamjax.sizing.result import Design
-from pamjax.sizing.spec import Spec, read_spec
+from pamjax.sizing.specification.spec import Spec, read_spec
 from pamjax.sizing.stock import search_stock
 
 

@@ -17,10 +17,10 @@ import numpy as np
 from pamjax.progress import Progress, ignore_progress
 from pamjax.sizing.calibration import CalibrationTransfer
 from pamjax.sizing.enumerate import ChoiceResult, rank_result, screen_choices, search_choice
-from pamjax.sizing.parts import Tube, list_tubes
 from pamjax.sizing.problem import Choice, SizingProblem, build_problem
 from pamjax.sizing.requirements import SizingTask
-from pamjax.sizing.spec import Spec
+from pamjax.sizing.specification.parts import Tube, list_tubes
+from pamjax.sizing.specification.spec import Spec
 
 #: Largest number of choices that are combined with tubes, and number of screened candidates of each pair.
 MAX_BASES, SCREENING_POINTS = 150, 64

@@ -3,7 +3,8 @@
 The defaults are standard deviations. Those of lengths and turns follow from the half widths that Chambers and
 Wereley (Actuators 2022, 11, 219) state for their muscle, divided by √3: 0.8 mm of 235.7 mm, 0.8 mm of
 251.2 mm and 0.005 of 1.09 turns. That of the wall follows from the tolerance of the tube. A wall without
-a tube has that of stock tubing, see `data/materials/tubes.csv`. Those of pressure and of the set length are a judgement.
+a tube has that of stock tubing, see `data/materials/tubes.csv`. Those of pressure and of the set length
+are a judgement.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import math
 from dataclasses import dataclass
 
 from pamjax.sizing.problem import Choice
-from pamjax.sizing.schema import Tolerance
+from pamjax.sizing.specification.schema import Tolerance
 
 #: Default standard deviations, relative to the dimension; of `position` relative to the rest length.
 DEFAULT_SHARES = {

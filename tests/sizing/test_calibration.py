@@ -15,8 +15,8 @@ from pamjax.sizing.candidate import build_bench, evaluate_many, locate_output
 from pamjax.sizing.chance_constraints import draw_builds
 from pamjax.sizing.problem import build_problem, list_choices
 from pamjax.sizing.requirements import build_task
-from pamjax.sizing.schema import Calibration
-from pamjax.sizing.spec import PACKING_RATIOS, read_spec
+from pamjax.sizing.specification.schema import Calibration
+from pamjax.sizing.specification.spec import PACKING_RATIOS, read_spec
 from pamjax.sizing.tolerances import BuildErrors
 from tests.agreement import ROUNDING, agree
 

@@ -16,8 +16,8 @@ from pamjax.sizing.optimise import search_optimum
 from pamjax.sizing.pareto import compute_front
 from pamjax.sizing.problem import build_problem, list_choices
 from pamjax.sizing.requirements import build_task
-from pamjax.sizing.schema import Calibration
-from pamjax.sizing.spec import read_spec
+from pamjax.sizing.specification.schema import Calibration
+from pamjax.sizing.specification.spec import read_spec
 from pamjax.sizing.tolerances import BuildErrors
 from tests.agreement import SOLVED, agree
 

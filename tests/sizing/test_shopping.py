@@ -7,12 +7,12 @@ from types import SimpleNamespace
 
 import pytest
 
-from pamjax.sizing.parts import list_tubes
 from pamjax.sizing.problem import list_choices
 from pamjax.sizing.shopping import format_sleeve, list_checks, list_parts
-from pamjax.sizing.spec import read_spec
+from pamjax.sizing.specification.parts import list_tubes
+from pamjax.sizing.specification.spec import read_spec
 from pamjax.sizing.tolerances import BuildErrors
-from tests.sizing.test_parts import SPEC
+from tests.sizing.specification.test_parts import SPEC
 
 
 def build_design(tube=True, parallel=1):

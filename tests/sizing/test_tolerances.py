@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from pamjax.sizing.calibration import CalibrationTransfer
-from pamjax.sizing.parts import list_tubes
 from pamjax.sizing.problem import build_problem, list_choices
 from pamjax.sizing.requirements import build_task
 from pamjax.sizing.scatter import PARAMETER_UNITS, build_scatter_document
-from pamjax.sizing.schema import Tolerance
-from pamjax.sizing.spec import read_spec
+from pamjax.sizing.specification.parts import list_tubes
+from pamjax.sizing.specification.schema import Tolerance
+from pamjax.sizing.specification.spec import read_spec
 from pamjax.sizing.tolerances import DEFAULT_SHARES, BuildErrors, choose_errors
 from tests.agreement import ROUNDING, agree
-from tests.sizing.test_parts import SPEC
+from tests.sizing.specification.test_parts import SPEC
 
 DIMENSIONS = {"rest_length": 0.2, "thread_length": 0.25, "turns": 2.0, "wall": 1e-3}
 #: Relative error of a standard deviation from 4096 points of a Sobol sequence.

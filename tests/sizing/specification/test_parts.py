@@ -6,8 +6,10 @@ from types import SimpleNamespace
 import pytest
 
 from pamjax.sizing.calibration import CalibrationTransfer
-from pamjax.sizing.materials import list_bladders, list_threads
-from pamjax.sizing.parts import (
+from pamjax.sizing.problem import build_problem, list_choices
+from pamjax.sizing.requirements import build_task
+from pamjax.sizing.specification.materials import list_bladders, list_threads
+from pamjax.sizing.specification.parts import (
     compute_yarn_diameter,
     find_barb,
     find_sleeve,
@@ -16,9 +18,7 @@ from pamjax.sizing.parts import (
     list_tubes,
     list_yarn_counts,
 )
-from pamjax.sizing.problem import build_problem, list_choices
-from pamjax.sizing.requirements import build_task
-from pamjax.sizing.spec import read_spec
+from pamjax.sizing.specification.spec import read_spec
 from pamjax.sizing.stock import list_fitting_tubes, search_stock
 from tests.agreement import ROUNDING, agree
 

@@ -9,10 +9,17 @@ from typing import Any
 
 from pamjax.errors import refuse
 from pamjax.records.files import read_bytes
-from pamjax.sizing import materials
-from pamjax.sizing.materials import BladderKind, PropertyRange, ThreadKind
-from pamjax.sizing.parts import compute_yarn_diameter, list_yarn_counts
-from pamjax.sizing.schema import OBJECTIVES, ForceDemand, OwnBladder, OwnThread, SpecEntries, read_entries
+from pamjax.sizing.specification import materials
+from pamjax.sizing.specification.materials import BladderKind, PropertyRange, ThreadKind
+from pamjax.sizing.specification.parts import compute_yarn_diameter, list_yarn_counts
+from pamjax.sizing.specification.schema import (
+    OBJECTIVES,
+    ForceDemand,
+    OwnBladder,
+    OwnThread,
+    SpecEntries,
+    read_entries,
+)
 from pamjax.units import format_quantity
 
 #: Usual numbers of threads of braiding machines, both families together.

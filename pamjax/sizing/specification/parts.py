@@ -13,7 +13,7 @@ from functools import cache
 from typing import Any
 
 from pamjax.records.shipped_tables import convert_to_si, read_shipped
-from pamjax.sizing.materials import ThreadKind
+from pamjax.sizing.specification.materials import ThreadKind
 
 #: Largest barb / inner diameter of its tube: the tube is stretched over the barb.
 MAX_BARB_RATIO = 1.3
