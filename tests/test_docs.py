@@ -89,7 +89,7 @@ def test_every_entry_of_a_file_is_documented():
 
     from pamjax.planning import bench as means
     from pamjax.records.protocol import Protocol
-    from pamjax.sizing import schema
+    from pamjax.sizing.specification import schema
 
     page = (ROOT / "docs/files.md").read_text("utf-8")
     tables = [t for t in vars(schema).values() if isinstance(t, type) and issubclass(t, BaseModel)]

@@ -11,10 +11,16 @@ from typing import Any
 import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT
-from pamjax.control.command_uncertainty import compute_force_sd, read_unexplained_force
+from pamjax.control.command_uncertainty import (
+    compute_force_sd,
+    find_uncertainty_source,
+    read_unexplained_force,
+)
+from pamjax.control.evaluate_command import evaluate_command
 from pamjax.control.inverse import CommandLimit, Inverse
-from pamjax.control.neglected import compute_friction_half_loop, list_neglected
+from pamjax.control.neglected import list_neglected
 from pamjax.control.posterior_draws import INTERVAL_SHARE, CommandSpread, PosteriorDraws
+from pamjax.control.standalone import UNCERTAINTY_TEXTS
 from pamjax.units import format_quantity
 
 #: Share of the largest value below which a number is a rounding error, and tolerance of the calibrated range.
@@ -28,7 +34,7 @@ class CommandResult:
     Attributes:
         quantity: the commanded quantity, "pressure" or "length".
         value: Pa or m; the nearest possible value if the limit is not OK.
-        sd: standard deviation of the value from the calibration; NaN without a covariance.
+        sd: standard deviation of the value; NaN if the uncertainty is unknown.
         force: wanted force, N.
         given: the given length, m, or pressure, Pa.
         by_force, by_given: derivatives of the value.
@@ -43,6 +49,7 @@ class CommandResult:
         extrapolations: a sentence for pressure and for length outside the calibrated range.
         neglected_history: ids of neglected mechanisms of memory and speed.
         neglected_rig: ids of neglected mechanisms of sensors and rig.
+        uncertainty: source of `sd`, a key of `standalone.UNCERTAINTY_TEXTS`.
     """
 
     quantity: str
@@ -64,6 +71,7 @@ class CommandResult:
     extrapolations: tuple[str, ...] = ()
     neglected_history: tuple[str, ...] = ()
     neglected_rig: tuple[str, ...] = ()
+    uncertainty: str = "unknown"
 
     @property
     def friction_shift(self) -> float:
@@ -115,6 +123,7 @@ class CommandResult:
             "says": self.reason,
             "there": _finite_or_none(self.reached_force),
         }
+        document["uncertainty"] = self.uncertainty
         document["left_out"], document["beyond"] = (
             [*self.neglected_history, *self.neglected_rig],
             list(self.extrapolations),
@@ -177,7 +186,18 @@ class CommandResult:
                 f"the ± includes {error_text} for a force error of {unexplained_text} beyond noise"
                 " on held-out blocks"
             )
+        if self.uncertainty != "calibration" or not self.unexplained_force:
+            lines.append(self._format_source())
         return lines
+
+    def _format_source(self) -> str:
+        """Return a sentence on the source of the standard deviation, or that none is known."""
+        text = UNCERTAINTY_TEXTS[self.uncertainty]
+        if self.uncertainty == "unknown":
+            return text
+        if not self.unexplained_force:
+            text = text.removesuffix(", and the force error on held-out blocks")
+        return f"the ± is one standard deviation, from {text}"
 
     def _format_neglected(self) -> list[str]:
         """Return a line for each neglected effect and each extrapolation."""
@@ -242,7 +262,8 @@ def solve_command(
     """
     quantity, given_value = ("pressure", length) if length is not None else ("length", pressure)
     assert given_value is not None
-    command = (inverse.pressure if length is not None else inverse.length)(force, given_value)
+    numbers = evaluate_command(inverse, force, given_value, by_length=length is not None)
+    command = numbers.command
     value, by_force, by_given, stiffness = (
         float(np.asarray(x)[0])
         for x in (command.value, command.by_force, command.by_given, command.stiffness)
@@ -254,16 +275,16 @@ def solve_command(
     value = value if abs(value) > ZERO_SHARE * value_range[1] else 0.0
     p, l = (value, given_value) if length is not None else (given_value, value)
     spread = draws.compute_spread(inverse, force, length=length, pressure=pressure) if draws else None
-    reached_force = float(inverse.force(p, l)[0][0])
+    reached_force = float(numbers.reached_force)
     reached_force = reached_force if abs(reached_force) > ZERO_SHARE * abs(force) else 0.0
-    unexplained_force = (read_unexplained_force(file) if file else None) or 0.0
+    unexplained_force = (read_unexplained_force(file, case) if file else None) or 0.0
     if spread is not None:
         sd = math.hypot(spread.sd, by_force * unexplained_force)
     else:
         force_error = compute_force_sd(file, np.array([p]), np.array([l]), case)[0] if file else math.nan
         sd = abs(by_force) * math.hypot(float(force_error), unexplained_force)
     limit = CommandLimit(int(np.asarray(command.status)[0]))
-    by_pressure, by_length = inverse.stiffness_slopes(p, l)[0]
+    by_pressure, by_length = numbers.stiffness_slopes
     neglected_history, neglected_rig = list_neglected(inverse.muscle)
     return CommandResult(
         quantity,
@@ -280,9 +301,10 @@ def solve_command(
         spread,
         unexplained_force,
         reached_force,
-        float(compute_friction_half_loop(inverse.muscle, p, l)[0]),
+        float(numbers.half_loop),
         given_range,
         _list_extrapolations(calibrated_range or {}, {"pressure": p, "length": l}),
         neglected_history,
         neglected_rig,
+        find_uncertainty_source(file, draws is not None),
     )

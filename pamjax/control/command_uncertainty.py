@@ -1,8 +1,9 @@
 """Standard deviation of a calibrated muscle's force, from the covariance of its parameters.
 
 sd_F² = gᵀ C g with g = ∂F/∂θ at a pressure and length, and the covariance C of the fit. A commanded pressure
-has the standard deviation sd_F / F_P, a commanded length sd_F / F_L. The force error that a diagnosis does
-not explain is added to sd_F in quadrature.
+has the standard deviation sd_F / F_P, a commanded length sd_F / F_L. The force error on held-out blocks
+beyond noise is added to sd_F in quadrature. A sized muscle has no fit: C is the scatter of its materials and
+of its manufacture.
 """
 
 from __future__ import annotations
@@ -12,14 +13,15 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from pamjax.compile.programs import run_compiled
 from pamjax.control.inverse import compute_static_force
 from pamjax.errors import refuse, suggest_word
-from pamjax.jit import compile_on_call
 from pamjax.model.assembly import assemble, assemble_bench
 from pamjax.records.files import read_bytes
 from pamjax.units import compute_si_factor
@@ -40,7 +42,7 @@ def combine_force_sd(
     """
     if file.suffix != ".json":
         return posterior_sd
-    unexplained_force = read_unexplained_force(file) or 0.0
+    unexplained_force = read_unexplained_force(file, case) or 0.0
     return lambda p, l: np.hypot(
         posterior_sd(p, l) if posterior_sd else compute_force_sd(file, p, l, case), unexplained_force
     )
@@ -52,7 +54,7 @@ def compute_force_sd(
     """Return the standard deviation of the force at rest, N, (n,); NaN if the file has no covariance.
 
     Args:
-        file: a fit.json or model.json; the model.json of a sized muscle has no covariance.
+        file: a fit.json or model.json; that of a sized muscle has the scatter of the design.
         pressure, length: (n,) Pa and m.
         case: name of one of several cases. Default: the first.
     """
@@ -76,40 +78,75 @@ def compute_force_sd(
     correlation = np.array(document["correlation"]["matrix"])[np.ix_(indices, indices)]
     numbers = {n: jnp.asarray(v) for n, v in muscle["numbers"].items()}
     start = jnp.array([numbers[short] for short in free_names.values()])
-    force_slopes = _compute_force_slopes(
-        (muscle["law"], tuple(muscle["mechanisms"]), tuple(free_names.values())), numbers, start,
-        jnp.asarray(pressure, float), jnp.asarray(length, float),
-    )  # fmt: skip
+    model = _ModelKey(muscle["law"], tuple(muscle["mechanisms"]), tuple(free_names.values()))
+    force_slopes = run_compiled(
+        _compute_force_slopes, model, numbers, start, jnp.asarray(pressure, float), jnp.asarray(length, float)
+    )
     scaled_slopes = np.asarray(force_slopes) * sd
     return np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", scaled_slopes, correlation, scaled_slopes), 0.0))
 
 
-def read_unexplained_force(file: Path) -> float | None:
-    """Return the force error on held-out blocks beyond noise, N, √(rmse² − sd²).
+def read_unexplained_force(file: Path, case: str | None = None) -> float | None:
+    """Return the force error on held-out blocks beyond noise, N, √(rmse² − sd²); None if it is unknown.
 
-    The diagnosis.json next to a model.json has the held-out error and the noise; None without this file.
+    The diagnosis.json next to a model.json has the held-out error and the noise. A fit.json has its own.
+
+    Args:
+        file: a fit.json or model.json.
+        case: name of one of several cases. Default: the first.
     """
     diagnosis_file = file.parent / "diagnosis.json"
-    if file.name != "model.json" or not diagnosis_file.exists():
-        return None
     try:
-        diagnosis = json.loads(read_bytes(diagnosis_file))
-        rmse = float(diagnosis["improvement"]["held_out"]["force"]["rmse_after"])
-        noise = float(diagnosis["noise"]["force"]["sd"])
+        if file.name == "model.json":
+            diagnosis = json.loads(read_bytes(diagnosis_file)) if diagnosis_file.exists() else {}
+            rmse = float(diagnosis["improvement"]["held_out"]["force"]["rmse_after"])
+            noise = float(diagnosis["noise"]["force"]["sd"])
+        else:
+            cases = json.loads(read_bytes(file))["cases"]
+            entry = cases[case or next(iter(cases))]
+            rmse = float(entry["held_out"]["rmse"]["force"]["value"])
+            noise = float(entry["noise"]["force"]["sd"])
     except (KeyError, TypeError, ValueError):
         return None
     return math.sqrt(max(rmse**2 - noise**2, 0.0))
 
 
-@compile_on_call
-def _compute_force_slopes(
-    model_key, numbers: dict[str, Array], start: Array, pressure: Array, length: Array
-) -> Array:
-    law, ids, free_names = model_key
+def find_uncertainty_source(file: Path | None, has_draws: bool = False) -> str:
+    """Return the source of the standard deviation of a muscle, a key of `standalone.UNCERTAINTY_TEXTS`.
 
+    Args:
+        file: a fit.json or model.json; None for a muscle with stated values.
+        has_draws: whether posterior draws are used.
+    """
+    if has_draws:
+        return "posterior"
+    if file is None or file.suffix != ".json":
+        return "unknown"
+    document = json.loads(read_bytes(file))
+    if "correlation" not in document:
+        return "unknown"
+    return "design" if document.get("uncertainty") == "design" else "calibration"
+
+
+class _ModelKey(eqx.Module):
+    """The kind of a muscle: thread law, mechanisms and names of the free parameters."""
+
+    law: str = eqx.field(static=True)
+    ids: tuple[str, ...] = eqx.field(static=True)
+    free_names: tuple[str, ...] = eqx.field(static=True)
+
+
+@jax.jit
+def _compute_force_slopes(
+    model: _ModelKey, numbers: dict[str, Array], start: Array, pressure: Array, length: Array
+) -> Array:
     def force(values, p, l):
-        all_numbers = numbers | dict(zip(free_names, values, strict=True))
-        muscle = assemble_bench(law, ids, all_numbers) if ids else assemble(law, all_numbers)
+        all_numbers = numbers | dict(zip(model.free_names, values, strict=True))
+        muscle = (
+            assemble_bench(model.law, model.ids, all_numbers)
+            if model.ids
+            else assemble(model.law, all_numbers)
+        )
         return compute_static_force(muscle, p, l)[0]
 
     return jax.vmap(jax.jacfwd(force), in_axes=(None, 0, 0))(start, pressure, length)

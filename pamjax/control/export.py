@@ -49,6 +49,9 @@ class ExportedController:
         degree: polynomial degree of the series.
         error: stated error by output, SI: twice the largest measured error.
         largest_share: the largest stated error as a share of its output's range.
+        uncertainty: source of the force's standard deviation, a key of `standalone.UNCERTAINTY_TEXTS`.
+        force_sd: median and largest standard deviation of the force over the range, N; NaN if unknown.
+        pressure_sd: the same of the commanded pressure, Pa.
     """
 
     files: tuple[Path, Path]
@@ -57,6 +60,9 @@ class ExportedController:
     degree: int
     error: dict[str, float]
     largest_share: float
+    uncertainty: str = "unknown"
+    force_sd: tuple[float, float] = (np.nan, np.nan)
+    pressure_sd: tuple[float, float] = (np.nan, np.nan)
 
     def __str__(self) -> str:
         units = {"pressure": "Pa", "length": "um", "force": "N", "stiffness": "N/m"}
@@ -66,11 +72,30 @@ class ExportedController:
             f"{format_quantity(low, 'kPa')} to {format_quantity(high, 'kPa')},"
             f" {format_quantity(short, 'mm')} to {format_quantity(long, 'mm')}"
         )
-        return f"range {covered_range}; Chebyshev series of degree {self.degree}; error below {errors}"
+        return (
+            f"range {covered_range}; Chebyshev series of degree {self.degree}"
+            f"\n  interpolation error below {errors}\n  {self._format_uncertainty()}"
+        )
+
+    def _format_uncertainty(self) -> str:
+        source = standalone.UNCERTAINTY_TEXTS[self.uncertainty]
+        if not np.isfinite(self.force_sd[0]):
+            return f"uncertainty of the model: {standalone.UNCERTAINTY_TEXTS['unknown']}"
+        (force, max_force), (pressure, max_pressure) = self.force_sd, self.pressure_sd
+        return (
+            f"uncertainty of the model, one standard deviation: force {format_quantity(force, 'N', 2)}"
+            f" (at most {format_quantity(max_force, 'N', 2)}), pressure {format_quantity(pressure, 'kPa', 2)}"
+            f" (at most {format_quantity(max_pressure, 'kPa', 2)}); from {source}"
+        )
 
 
 def export(
-    inverse: Inverse, folder: Path, *, force_sd: ForceUncertainty | None = None, seed: int = 0
+    inverse: Inverse,
+    folder: Path,
+    *,
+    force_sd: ForceUncertainty | None = None,
+    uncertainty: str = "calibration",
+    seed: int = 0,
 ) -> ExportedController:
     """Write controller.npz and controller.py, and return their range and errors.
 
@@ -79,6 +104,7 @@ def export(
             highest is possible.
         folder: folder for the files.
         force_sd: function for the force's standard deviation; None if it is unknown.
+        uncertainty: its source, a key of `standalone.UNCERTAINTY_TEXTS`.
         seed: seed of the random test points.
 
     Raises:
@@ -105,13 +131,36 @@ def export(
         table[name], error[name] = _fit_rough(inverse, values, seed)
     stated_errors = {name: ERROR_MARGIN * value for name, value in error.items()}
     table |= {f"error_{name}": np.array(value) for name, value in stated_errors.items()}
+    uncertainty = uncertainty if np.isfinite(error["sd"]) else "unknown"
+    table["uncertainty"] = np.array(uncertainty)
     with write_folder_atomically(folder) as temporary:
         _write_table(temporary / "controller.npz", table)
         shutil.copyfile(standalone.__file__, temporary / "controller.py")
     files = folder / "controller.npz", folder / "controller.py"
     return ExportedController(
-        files, inverse.pressures, inverse.lengths, degree, stated_errors, ERROR_MARGIN * share
+        files,
+        inverse.pressures,
+        inverse.lengths,
+        degree,
+        stated_errors,
+        ERROR_MARGIN * share,
+        uncertainty,
+        *_summarise_sds(standalone.Controller(files[0]), seed),
     )
+
+
+def _summarise_sds(
+    controller: standalone.Controller, seed: int
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the median and the largest sd of the force, N, and of the commanded pressure, Pa."""
+    rng = np.random.default_rng(seed)
+    p, l = (
+        rng.uniform(ends[0], ends[1], ROUGH_TEST_POINTS)
+        for ends in (controller.pressures, controller.lengths)
+    )
+    force_sd = controller.sd(p, l)
+    pressure_sd = force_sd / controller.pull(p, l)
+    return tuple((float(np.median(x)), float(np.max(x))) for x in (force_sd, pressure_sd))  # pyright: ignore[reportReturnType]
 
 
 def narrow_range(inverse: Inverse) -> Inverse:

@@ -209,13 +209,19 @@ def _compute_forces(muscle, pressure, length):
 @compile_on_call
 def _compute_stiffness_slopes(muscle, pressure, length):
     """Return the derivatives of the stiffness by pressure and length, (n, 2)."""
+    points = jnp.stack([pressure, length], axis=1)
+    return jax.vmap(lambda point: compute_stiffness_slopes(muscle, point))(points)
+
+
+def compute_stiffness_slopes(muscle: Muscle | Bench, point: Array) -> Array:
+    """Return the derivatives of the stiffness by pressure and length, (2,), at a point, (2,)."""
 
     def stiffness(point):
         return jax.jvp(
             lambda l: compute_static_force(muscle, point[0], l)[0], (point[1],), (jnp.ones_like(point[1]),)
         )[1]
 
-    return jax.vmap(jax.jacfwd(stiffness))(jnp.stack([pressure, length], axis=1))
+    return jax.jacfwd(stiffness)(point)
 
 
 def _evaluate_force(muscle, pressure, length):

@@ -53,10 +53,11 @@ def compute_friction_half_loop(muscle: Muscle | Bench, pressure: ArrayLike, leng
 
 @compile_on_call
 def _compute_half_loops(muscle: Bench, pressure: Array, length: Array) -> Array:
-    return jax.vmap(lambda p, l: _compute_half_loop(muscle, p, l))(pressure, length)
+    return jax.vmap(lambda p, l: compute_half_loop(muscle, p, l))(pressure, length)
 
 
-def _compute_half_loop(muscle: Bench, pressure: Array, length: Array) -> Array:
+def compute_half_loop(muscle: Bench, pressure: Array, length: Array) -> Array:
+    """Return half the width of the friction loop at one pressure, Pa, and length, m; N."""
     bench = remove_rig(muscle)
     past, _ = solve_at_rest(bench, pressure, length)
 

@@ -6,10 +6,13 @@
     force = muscle.force(sum(muscle.pressures) / 2, length)               # N
     pressure, status = muscle.pressure(force, length)                     # Pa, 0 if possible
     print(pressure, STATUS_TEXTS[int(status)])
-    sd = muscle.sd(pressure, length) / muscle.pull(pressure, length)      # Pa; NaN if the table has no sd
+    print(muscle.uncertainty)                                             # source of the sd
+    if muscle.uncertainty != "unknown":
+        print(muscle.sd(pressure, length) / muscle.pull(pressure, length))  # sd of the pressure, Pa
 
 All values are scalars or arrays in SI units. Each function of two variables is a Chebyshev series.
 `muscle.error` states each function's interpolation error: twice the largest error at random points.
+`muscle.sd` is the uncertainty of the model, which is usually much larger; `muscle.uncertainty` is its source.
 Outside `muscle.pressures` and `muscle.lengths`, all functions of pressure and length return NaN.
 The commands `pressure` and `length` return the nearest possible value and a status (`STATUS_TEXTS`).
 """
@@ -23,6 +26,15 @@ STATUS_TEXTS = {
     1: "the force is above the maximum, which is at the highest pressure or the longest length",
     2: "the force is below the minimum, which is at the lowest pressure or the shortest length",
     3: "the pressure or length is outside the range",
+}
+
+
+#: Meaning of each source of the standard deviation.
+UNCERTAINTY_TEXTS = {
+    "calibration": "the covariance of the calibrated parameters, and the force error on held-out blocks",
+    "posterior": "posterior draws, and the force error on held-out blocks",
+    "design": "the scatter of materials and manufacture of a design; no muscle was measured",
+    "unknown": "no uncertainty is known, because the muscle was not fitted",
 }
 
 
@@ -47,6 +59,7 @@ class Controller:
             pressure the muscle has no stiffness.
         lengths: shortest and longest length, m.
         error: twice the largest measured interpolation error, by function name, SI.
+        uncertainty: source of `sd`, a key of `UNCERTAINTY_TEXTS`.
     """
 
     def __init__(self, path):
@@ -55,6 +68,7 @@ class Controller:
         self.pressures, self.lengths = tuple(table["pressures"]), tuple(table["lengths"])
         self.holding = tuple(table["holding"])
         self.error = {k[6:]: float(v) for k, v in table.items() if k.startswith("error_")}
+        self.uncertainty = str(table.get("uncertainty", "unknown"))
         self._table = table
 
     def force(self, pressure, length):
@@ -82,7 +96,7 @@ class Controller:
         return self._evaluate("friction", pressure, length)
 
     def sd(self, pressure, length):
-        """Return the standard deviation of the calibrated force, N; NaN if the calibration has none."""
+        """Return the standard deviation of the force, N; NaN if `uncertainty` is "unknown"."""
         return self._evaluate("sd", pressure, length)
 
     def pressure(self, force, length):

@@ -23,8 +23,8 @@ from pamjax.model.mechanism import AbstractMechanism
 from pamjax.model.mechanisms.bladder_elasticity import BladderElasticity
 from pamjax.model.mechanisms.braid_elasticity import BraidElasticity
 from pamjax.model.thread import LinearThread
-from pamjax.sizing.materials import BladderKind, ThreadKind, list_bladders, list_threads
-from pamjax.sizing.schema import Calibration
+from pamjax.sizing.specification.materials import BladderKind, ThreadKind, list_bladders, list_threads
+from pamjax.sizing.specification.schema import Calibration
 
 #: Transferred mechanisms besides threads and rubber, with the transferred parameters of each.
 TRANSFERABLE_NUMBERS = {

@@ -72,6 +72,7 @@ class MuscleBuild(NamedTuple):
         shear, mooney, elongation: of the rubber, Pa, 1 and 1; rubber_density: kg/m³; rubber_price: per kg.
         parallel: number of muscles; packing: diameter of the circle around them / diameter of one.
         length_error, thread_error, turns_error, wall_error: manufacturing errors, m, m, 1, m.
+        position_error, pressure_error: errors of the set length, m, and of the pressure, as a fraction of it.
         force_error: model error of the force, as a fraction of the blocked force at the same pressure.
     """
 
@@ -94,6 +95,8 @@ class MuscleBuild(NamedTuple):
     thread_error: Any = 0.0
     turns_error: Any = 0.0
     wall_error: Any = 0.0
+    position_error: Any = 0.0
+    pressure_error: Any = 0.0
     force_error: Any = 0.0
 
 
@@ -184,8 +187,11 @@ def compute_outputs(
     rest_length, t, working_pressure = jnp.exp(c[0]), jnp.exp(c[3]), jnp.exp(c[4])
     bench = build_bench(c, build, ids, numbers).prepare()
     pressure = jnp.asarray(points.supply_share * working_pressure + points.pressure)
-    length = jnp.asarray((rest_length + build.length_error) * (1 - points.contraction) - points.shortening)
-    past, status = _solve_points(bench, pressure, length, rest_length + build.length_error)
+    pressure = pressure * (1 + build.pressure_error)
+    real_rest_length = rest_length + build.length_error
+    length = jnp.asarray(real_rest_length * (1 - points.contraction) - points.shortening)
+    length = length + build.position_error
+    past, status = _solve_points(bench, pressure, length, real_rest_length)
     state, n = past.state, build.threads
     blocked_force = braid.gaylord_force(pressure, rest_length, bench.thread_length, bench.turns)
     force = build.parallel * (past.force + build.force_error * blocked_force)

@@ -50,29 +50,35 @@ class ChoiceResult:
     start_count: int = 1
 
 
-def screen_choices(problems: Sequence[SizingProblem], seed: int) -> list[np.ndarray]:
-    """Return the starts of each choice, (SCREENING_POINTS, free), the best first; one batched evaluation."""
-    points = qmc.Sobol(5, rng=np.random.default_rng(seed)).random(SCREENING_POINTS)
+def screen_choices(
+    problems: Sequence[SizingProblem], seed: int, point_count: int = SCREENING_POINTS
+) -> tuple[list[np.ndarray], np.ndarray]:
+    """Return the starts of each choice, (point_count, free), the best first, and the merit of its best start.
+
+    The merit is ln(objective) plus a penalty for the largest violation; one batched evaluation computes all.
+    """
+    points = qmc.Sobol(5, rng=np.random.default_rng(seed)).random(point_count)
     c = np.concatenate([p.low + points * (p.start_high - p.low) for p in problems])
-    build = jax.tree.map(
-        lambda *x: np.repeat(np.array(x, float), SCREENING_POINTS), *[p.build for p in problems]
-    )
+    build = jax.tree.map(lambda *x: np.repeat(np.array(x, float), point_count), *[p.build for p in problems])
     first_problem = problems[0]
     y = evaluate_many(c, build, first_problem.numbers, first_problem.task.points, first_problem.ids).reshape(
-        len(problems), SCREENING_POINTS, -1
+        len(problems), point_count, -1
     )
-    starts = []
-    for p, rows, coordinates in zip(problems, y, c.reshape(len(problems), SCREENING_POINTS, 5), strict=True):
-        violation = np.maximum(-np.min(p.compute_margins(rows), axis=1), 0.0)
+    starts, merits = [], np.zeros(len(problems))
+    for row, (p, outputs, coordinates) in enumerate(
+        zip(problems, y, c.reshape(len(problems), point_count, 5), strict=True)
+    ):
+        violation = np.maximum(-np.min(p.compute_margins(outputs), axis=1), 0.0)
         merit = (
-            np.log(np.maximum(rows[:, locate_output(OBJECTIVE_OUTPUTS[p.objective])], 1e-12))
+            np.log(np.maximum(outputs[:, locate_output(OBJECTIVE_OUTPUTS[p.objective])], 1e-12))
             + VIOLATION_WEIGHT * violation
         )
         merit = np.where(
-            rows[:, locate_output("unsolved")] > 0, np.inf, np.where(np.isfinite(merit), merit, np.inf)
+            outputs[:, locate_output("unsolved")] > 0, np.inf, np.where(np.isfinite(merit), merit, np.inf)
         )
         starts.append(np.array([p.to_scaled(coordinates[k]) for k in np.argsort(merit, kind="stable")]))
-    return starts
+        merits[row] = merit.min()
+    return starts, merits
 
 
 def search_choices(
@@ -95,7 +101,7 @@ def search_choices(
     Returns:
         the results, the best first, and the number of choices that were screened but not optimised.
     """
-    starts_by_choice = screen_choices(problems, seed)
+    starts_by_choice, _ = screen_choices(problems, seed)
     order = sorted(
         range(len(problems)), key=lambda k: _compute_penalised_objective(problems[k], starts_by_choice[k][0])
     )
@@ -105,8 +111,8 @@ def search_choices(
             f"choice {rank + 1} of {min(len(order), MAX_SEARCHED_CHOICES)}",
             rank / min(len(order), MAX_SEARCHED_CHOICES),
         )
-        results.append(_search_choice(problems[k], starts_by_choice[k][:FIRST_STARTS], stop_after=1))
-    results.sort(key=_rank_result)
+        results.append(search_choice(problems[k], starts_by_choice[k][:FIRST_STARTS], stop_after=1))
+    results.sort(key=rank_result)
     starts_by_problem = {
         id(problem): choice_starts for problem, choice_starts in zip(problems, starts_by_choice, strict=True)
     }
@@ -114,20 +120,20 @@ def search_choices(
         # Most searches for the smallest violation end at a local minimum: more starts are needed.
         nearest = results[:INFEASIBLE_CHOICES]
         results[:INFEASIBLE_CHOICES] = [
-            _search_choice(
+            search_choice(
                 result.problem, starts_by_problem[id(result.problem)][:INFEASIBLE_STARTS], stop_after=1
             )
             for result in nearest
         ]
-        results.sort(key=_rank_result)
+        results.sort(key=rank_result)
     for position, result in enumerate(results[:FINAL_CHOICES]):
         if result.optimum is not None:
             extra_starts = np.concatenate(
                 [result.optimum.z[None], starts_by_problem[id(result.problem)][1:starts]]
             )
-            refined_result = _search_choice(result.problem, extra_starts, method)
+            refined_result = search_choice(result.problem, extra_starts, method)
             results[position] = refined_result if refined_result.optimum is not None else result
-    results.sort(key=_rank_result)
+    results.sort(key=rank_result)
     return results, max(0, len(order) - MAX_SEARCHED_CHOICES)
 
 
@@ -136,11 +142,12 @@ def _compute_penalised_objective(problem: SizingProblem, z: np.ndarray) -> float
     return value + VIOLATION_WEIGHT * max(0.0, -float(np.min(margins)))
 
 
-def _rank_result(result: ChoiceResult) -> tuple[int, float]:
+def rank_result(result: ChoiceResult) -> tuple[int, float]:
+    """Return the sort key of a result: feasible ones by objective, then the others by violation."""
     return (0, result.optimum.log_objective) if result.optimum is not None else (1, result.violation)
 
 
-def _search_choice(
+def search_choice(
     problem: SizingProblem, starts: np.ndarray, method: str = "slsqp", stop_after: int = 1000
 ) -> ChoiceResult:
     """Return the best of several searches of one choice; without a feasible one, the smallest violation.

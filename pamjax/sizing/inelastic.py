@@ -13,10 +13,10 @@ import numpy as np
 from pamjax.sizing.calibration import CalibrationTransfer
 from pamjax.sizing.candidate import locate_output
 from pamjax.sizing.enumerate import ChoiceResult, search_choices
-from pamjax.sizing.materials import list_threads
 from pamjax.sizing.problem import OBJECTIVE_OUTPUTS, Choice, build_problem
 from pamjax.sizing.requirements import SizingTask
-from pamjax.sizing.spec import Spec
+from pamjax.sizing.specification.materials import list_threads
+from pamjax.sizing.specification.spec import Spec
 
 #: Threads for which the errors are reported.
 COMPARED_THREADS = ("aramid", "pet", "nylon")
@@ -63,7 +63,7 @@ def _compute_cost(
     if spec.entries.threads.diameters is not None:
         kind = replace(kind, diameters=spec.entries.threads.diameters)
     choices = [
-        replace(base_choice, thread=kind, threads=count, diameter=diameter)
+        replace(base_choice, thread=kind, threads=count, diameter=diameter, tube=None)
         for count in spec.counts
         for diameter in kind.diameters
     ]

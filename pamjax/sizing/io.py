@@ -16,13 +16,17 @@ from pamjax.parameter import list_field_meanings
 from pamjax.records.case import MUSCLE_FILE
 from pamjax.records.files import write_folder_atomically
 from pamjax.sizing.candidate import MUSCLE_OUTPUTS, locate_output
+from pamjax.sizing.enumerate import ChoiceResult
 from pamjax.sizing.problem import OBJECTIVE_UNITS
 from pamjax.sizing.result import Design
-from pamjax.units import compute_si_factor
+from pamjax.sizing.scatter import build_scatter_document
+from pamjax.sizing.shopping import list_checks, list_parts
+from pamjax.sizing.tolerances import TOLERANCE_UNITS
+from pamjax.units import compute_si_factor, format_quantity
 
 DESIGN_SCHEMA = "pamjax.design/1"
-#: Start of the text on manufacturing tolerances in a receipt.
-TOLERANCE_LABEL = "manufacturing tolerances: "
+#: Start of the text on the errors of manufacture and sensors in a receipt.
+TOLERANCE_LABEL = "manufacture and sensors, one standard deviation: "
 
 
 def build_design_document(design: Design) -> dict[str, Any]:
@@ -47,7 +51,11 @@ def build_design_document(design: Design) -> dict[str, Any]:
             "thread_diameter": choice.diameter,
             "bladder": choice.bladder.name,
             "parallel": choice.parallel,
+            "yarn_count": choice.yarn_count,
+            "tube": choice.tube.size if choice.tube is not None else None,
         },
+        "sold_parts": design.spec.stock and not design.misses_stock,
+        "nominal": _describe_nominal(design),
         "muscle": design.numbers,
         "shows": {name: float(design.outputs[locate_output(name)]) for name in MUSCLE_OUTPUTS},
         "places": [_describe_point(design, k) for k in range(design.task.point_count)],
@@ -55,7 +63,7 @@ def build_design_document(design: Design) -> dict[str, Any]:
             _describe_requirement(design, requirement) for requirement in design.task.requirements
         ],
         "probability": _finite_or_none(design.probability),
-        "probability_wanted": entries.probability,
+        "probability_wanted": entries.probability or None,
         "probability_reached": not design.misses_probability,
         "sensitivity": {
             "requirements": {
@@ -68,6 +76,8 @@ def build_design_document(design: Design) -> dict[str, Any]:
         "would_have_to_give": [_describe_relaxation(relaxation) for relaxation in design.relaxations],
         "inelastic_assumption": [_describe_cost(cost) for cost in design.inelastic_costs],
         "front": _describe_front(design),
+        "parts": [vars(part) for part in list_parts(design)] if design.feasible else [],
+        "checks": list_checks(design) if design.feasible else [],
         "searched": {
             "choices": len(design.results),
             "left_out": design.unsearched_count,
@@ -77,6 +87,18 @@ def build_design_document(design: Design) -> dict[str, Any]:
         },
         "receipt": build_receipt(design),
     }
+
+
+def _describe_nominal(design: Design) -> dict[str, float | None]:
+    """Return the objective at typical properties: of any size, and with sold parts, in its unit."""
+    unit = compute_si_factor(OBJECTIVE_UNITS[design.spec.entries.minimise])
+
+    def get_value(result: ChoiceResult | None) -> float | None:
+        if result is None or result.optimum is None:
+            return None
+        return math.exp(result.optimum.log_objective) / unit
+
+    return {"any_size": get_value(design.nominal), "sold_parts": get_value(design.nominal_stock)}
 
 
 def _hash_text(text: str) -> str | None:
@@ -102,6 +124,7 @@ def _describe_point(design: Design, k: int) -> dict[str, Any]:
         "contraction": 1 - length / design.numbers["rest_length"],
         "wanted": _finite_or_none(float(design.task.loads[k])),
         "force": design.output("force", k),
+        "force_sd": float(design.force_sds[k]) if k < design.force_sds.size else None,
         "diameter": design.output("diameter", k),
         "tension": design.output("tension", k),
     }
@@ -165,10 +188,7 @@ def build_receipt(design: Design) -> dict[str, list[str]]:
         uncertain.append(f"thread modulus {_format_range(choice.thread.modulus, 'GPa')}")
     if design.transfer.shear is None or design.transfer.bladder != choice.bladder.name:
         uncertain.append(f"shear modulus of the rubber {_format_range(choice.bladder.modulus, 'MPa')}")
-    tolerances = [
-        name for name in ("rest_length", "thread_length", "turns", "wall") if getattr(entries.tolerance, name)
-    ]
-    uncertain.append(TOLERANCE_LABEL + (", ".join(tolerances) or "none stated, assumed exact"))
+    uncertain.append(TOLERANCE_LABEL + format_errors(design))
     sensitive = [
         f"{price.requirement.description}: 1 % relaxation reduces {entries.minimise}"
         f" by {price.percent_saved:.3g} %"
@@ -180,7 +200,12 @@ def build_receipt(design: Design) -> dict[str, list[str]]:
         if abs(share) > 1e-3
     ]
     sensitive += list(design.active_limits)
+    if design.finalists and entries.probability:
+        reached = sum(finalist.reaches(entries.probability) for finalist in design.finalists)
+        uncertain.append(f"{reached} of {len(design.finalists)} choices reach the probability")
     search_texts = [f"{len(design.results)} choices optimised, {design.unsearched_count} more only screened"]
+    if design.spec.stock:
+        search_texts.append(f"{design.choice_count} feasible combinations with tubes that are sold")
     search_texts.append("local searches from several starts do not prove a global optimum")
     return {
         "assumed": assumptions,
@@ -189,6 +214,23 @@ def build_receipt(design: Design) -> dict[str, list[str]]:
         "sensitive to": sensitive,
         "searched": search_texts,
     }
+
+
+def format_errors(design: Design) -> str:
+    """Return the standard deviations of the errors of manufacture, length and pressure as text."""
+    errors = design.errors
+    parts = {
+        name: f"{name.replace('_', ' ')} ± {format_quantity(getattr(errors, name), unit, 2)}"
+        for name, unit in TOLERANCE_UNITS.items()
+    }
+    parts["pressure"] = f"pressure ± {100 * errors.pressure:.2g} %"
+    stated = [text for name, text in parts.items() if name in errors.stated]
+    assumed = [text for name, text in parts.items() if name not in errors.stated]
+    return "; ".join(
+        f"{', '.join(texts)} ({origin})"
+        for texts, origin in ((stated, "from the spec"), (assumed, "assumed"))
+        if texts
+    )
 
 
 def _format_range(known_range, unit: str) -> str:
@@ -249,6 +291,7 @@ def build_model_document(design: Design) -> dict[str, Any]:
     return {
         "schema": FIT,
         "versions": {"pamjax": version("pamjax")},
+        **build_scatter_document(design, numbers),
         "cases": {
             "designed": {
                 "checksum": "designed, not measured",

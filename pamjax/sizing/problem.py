@@ -18,15 +18,19 @@ from pamjax.sizing.candidate import (
     evaluate_candidate,
     locate_output,
 )
-from pamjax.sizing.materials import BladderKind, ThreadKind
 from pamjax.sizing.requirements import MIN_LOG_RATIO, SizingTask, compute_margin, compute_margin_slope
-from pamjax.sizing.spec import PACKING_RATIOS, Spec
+from pamjax.sizing.specification.materials import BladderKind, ThreadKind
+from pamjax.sizing.specification.parts import Tube, find_yarn_count
+from pamjax.sizing.specification.spec import PACKING_RATIOS, Spec
 from pamjax.units import format_quantity
 
 #: Largest number of discrete choices.
 MAX_CHOICES = 5000
 #: Default range of the braid angle at rest, rad: 50 to 84 degrees.
 ANGLE_RANGE = (math.radians(50.0), math.radians(84.0))
+#: The same for sold parts, a judgement: braids are seldom closer than 15 degrees to the axis,
+#: see `data/materials/sleeves.csv`.
+BUILDABLE_ANGLE_RANGE = (math.radians(50.0), math.radians(75.0))
 #: Upper limit of the contraction of any muscle.
 MAX_SIZING_CONTRACTION = 0.5
 #: Factor by which a search may exceed a stated bound, so that the violation of an infeasible spec is known.
@@ -55,6 +59,7 @@ class Choice:
         diameter: diameter of one thread, m.
         parallel: number of muscles in parallel.
         outer_diameter: standard outer diameter of the bladder, m; None if it is a free coordinate.
+        tube: tube that is sold; None if diameter and wall are free coordinates.
     """
 
     thread: ThreadKind
@@ -63,6 +68,12 @@ class Choice:
     diameter: float
     parallel: int
     outer_diameter: float | None = None
+    tube: Tube | None = None
+
+    @property
+    def yarn_count(self) -> float | None:
+        """Return the count of the yarn, kg/m; None if the thread is not a yarn of the table."""
+        return find_yarn_count(self.thread, self.diameter)
 
     def make_build(self, transfer: CalibrationTransfer | None = None) -> MuscleBuild:
         """Return the build of a candidate with typical or calibrated material properties."""
@@ -87,9 +98,24 @@ class Choice:
             packing=PACKING_RATIOS[self.parallel - 1] if self.parallel <= len(PACKING_RATIOS) else 1.0,
         )
 
+    def describe_thread(self) -> str:
+        """Return the size of a thread: the count of a yarn, else the diameter."""
+        diameter = format_quantity(self.diameter, "mm", 2)
+        if self.yarn_count is None:
+            return format_quantity(self.diameter, "mm")
+        return f"{format_quantity(self.yarn_count, 'dtex')} ({diameter})"
+
+    def describe_bladder(self) -> str:
+        """Return the rubber, and the size of the tube if it is one that is sold."""
+        return (
+            f"{self.bladder.name} bladder"
+            if self.tube is None
+            else f"{self.bladder.name} tube {self.tube.size}"
+        )
+
     def __str__(self) -> str:
-        thread = f"{self.threads} {self.thread.name} threads of {format_quantity(self.diameter, 'mm')}"
-        muscle = f"{thread}, {self.bladder.name} bladder"
+        thread = f"{self.threads} {self.thread.name} threads of {self.describe_thread()}"
+        muscle = f"{thread}, {self.describe_bladder()}"
         return muscle if self.parallel == 1 else f"{self.parallel} muscles in parallel, each with {muscle}"
 
 
@@ -127,8 +153,10 @@ def compute_bounds(spec: Spec, task: SizingTask, choice: Choice) -> tuple[np.nda
     if choice.outer_diameter is not None:
         diameters = (choice.outer_diameter, choice.outer_diameter)
     wall = limits.wall or choice.bladder.walls
+    if choice.tube is not None:
+        diameters, wall = (choice.tube.outer_diameter,) * 2, (choice.tube.wall,) * 2
     pressure = (0.02 * spec.supply, BOUND_EXTENSION * spec.supply)
-    angle = limits.braid_angle or ANGLE_RANGE
+    angle = limits.braid_angle or (BUILDABLE_ANGLE_RANGE if spec.stock else ANGLE_RANGE)
     logs = [np.log(pair) for pair in (rest_lengths, diameters, wall, pressure)]
     low, high = (np.array([logs[0][k], angle[k], *(pair[k] for pair in logs[1:])]) for k in (0, 1))
     start_high = np.log([free_length, 1.0, max(0.9 * max_diameter, diameters[0]), wall[1], spec.supply])

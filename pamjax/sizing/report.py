@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from pamjax.sizing.infeasible import format_amount
 from pamjax.sizing.problem import OBJECTIVE_UNITS
 from pamjax.sizing.requirements import MIN_LOG_RATIO
+from pamjax.sizing.shopping import list_parts
 from pamjax.units import compute_si_factor, format_quantity
 
 if TYPE_CHECKING:
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 
 #: Maximum number of listed sensitivities and of listed relaxations.
 MAX_PRICES, MAX_RELAXATIONS = 3, 6
+#: Probability above which a requirement of pamjax is not listed.
+CERTAIN = 0.995
 #: Margin below which a requirement counts as exactly met.
 TIGHT_MARGIN = 1e-4
 
@@ -31,9 +34,10 @@ def format_design_note(design: Design) -> str:
                 *_format_relaxations(design),
             ]
         )
-    objective_text = f"{entries.minimise} {format_objective(design)}, lowest of {len(design.results)} choices"
+    objective_text = f"{entries.minimise} {format_objective(design)}, lowest of {design.choice_count} choices"
     lines = [f"{head}; {objective_text}", "", *_format_muscle(design), "", *_format_requirements(design), ""]
-    lines += _format_prices(design) + _format_probability(design) + _format_inelastic_costs(design)
+    lines += [f"  {sentence}" for sentence in format_probability(design)]
+    lines += _format_prices(design) + _format_inelastic_costs(design) + _format_parts(design)
     return "\n".join(lines)
 
 
@@ -67,15 +71,28 @@ def _format_muscle(design: Design) -> list[str]:
 def _format_requirements(design: Design) -> list[str]:
     lines = []
     for requirement in design.task.requirements:
-        if not requirement.stated or requirement.key in ("supply",):
+        probability = design.requirement_probabilities.get(requirement.key, 1.0)
+        is_listed = requirement.stated and requirement.key != "supply"
+        if not is_listed and probability > CERTAIN:
             continue
         margin = float(requirement.compute_margins(design.outputs).min())
-        lines.append(f"  {requirement.description:<54} {_format_tight_margin(margin, requirement)}")
+        margin_text = _format_tight_margin(margin, requirement)
+        value = format_probability_value(probability)
+        lines.append(f"  {requirement.description:<54} {margin_text}, probability {value}")
     return lines
 
 
 def _format_tight_margin(margin: float, requirement) -> str:
     return "exactly met" if abs(margin) < TIGHT_MARGIN else format_margin(margin, requirement)
+
+
+def format_probability_value(probability: float) -> str:
+    """Return a probability with two digits, rounded down: a required value that is missed stays missed.
+
+    >>> format_probability_value(0.8999), format_probability_value(0.9)
+    ('0.89', '0.90')
+    """
+    return f"{math.floor(100 * probability + 1e-9) / 100:.2f}"
 
 
 def format_margin(margin: float, requirement) -> str:
@@ -115,44 +132,74 @@ def _format_prices(design: Design) -> list[str]:
     return [f"  reduction of {objective} if one requirement is relaxed by 1 %: " + "; ".join(parts)]
 
 
-def _format_probability(design: Design) -> list[str]:
-    target = design.spec.entries.probability
+def format_probability(design: Design) -> list[str]:
+    """Return the sentences on the probability of the design and on what it costs."""
+    target, reached = design.spec.entries.probability, format_probability_value(design.probability)
+    if not target:
+        first = (
+            f"all requirements hold together with probability {reached}: `probability = 0` gives no margin"
+        )
+        return [first, *_format_cost(design)]
     if design.misses_probability:
+        limit, limit_probability = find_weakest(design)
         return [
-            f"  no choice reaches the required probability {target:g}; this one reaches"
-            f" {design.probability:.2f}"
+            f"no choice reaches the probability {target:g}: this one reaches {reached};"
+            f" the limit is “{limit}” ({format_probability_value(limit_probability)})",
+            *_format_cost(design),
         ]
-    advice = "" if target else "; set `probability` in the spec to require a value"
-    required_text = f", required: {target:g}" if target else ""
+    return [
+        f"all requirements hold together with probability {reached} ({target:g} required)",
+        *_format_cost(design),
+    ]
+
+
+def find_weakest(design: Design) -> tuple[str, float]:
+    """Return the requirement with the smallest probability, as text, and its probability."""
     weakest_key = min(design.requirement_probabilities, key=lambda key: design.requirement_probabilities[key])
     description = next(
         requirement.description for requirement in design.task.requirements if requirement.key == weakest_key
     )
-    weakest = (
-        ""
-        if design.requirement_probabilities[weakest_key] > 0.995
-        else f"; least probable: {description} ({design.requirement_probabilities[weakest_key]:.2f})"
-    )
-    return [
-        f"  all requirements hold with probability {design.probability:.2f}"
-        f" (independent draws{required_text}){weakest}{advice}"
-    ]
+    return description, design.requirement_probabilities[weakest_key]
+
+
+def _format_cost(design: Design) -> list[str]:
+    """Return the sentence that compares the objective with that of the nominal design."""
+    if design.nominal is None or design.nominal.optimum is None:
+        return []
+    name = design.spec.entries.minimise
+    unit = OBJECTIVE_UNITS[name]
+    nominal = math.exp(design.nominal.optimum.log_objective)
+    steps = [(nominal, "for the nominal design (typical properties, any size)")]
+    if design.spec.stock and design.nominal_stock is not None and design.nominal_stock.optimum is not None:
+        sold = math.exp(design.nominal_stock.optimum.log_objective)
+        steps.append((sold, f"with parts that are sold ({_format_change(sold, nominal)})"))
+    if design.spec.entries.probability:
+        last = steps[-1][0]
+        steps.append((design.objective, f"with this probability ({_format_change(design.objective, last)})"))
+    if len(steps) == 1:
+        return []
+    texts = [f"{format_quantity(value, unit, 4)} {text}" for value, text in steps]
+    return [f"{name}: {', '.join(texts)}"]
+
+
+def _format_change(value: float, reference: float) -> str:
+    change = 100 * (value / reference - 1)
+    return "no change" if abs(change) < 0.05 else f"{change:+.2g} %"
 
 
 def _format_inelastic_costs(design: Design) -> list[str]:
-    lines = []
+    parts = []
     for cost in design.inelastic_costs:
         if cost.choice is None:
-            lines.append(f"    {cost.thread}: no solution, even with inelastic threads")
+            parts.append(f"{cost.thread} no solution")
             continue
-        force_error = (
-            f"force {format_quantity(cost.shortfall, 'N', 3)} ({100 * cost.share:.2g} %) too low {cost.place}"
-        )
-        diameter_error = (
-            f"diameter {format_quantity(cost.overrun, 'mm', 2)} ({100 * cost.wider:.2g} %) too large"
-        )
-        lines.append(f"    {cost.thread:<8} {force_error}, {diameter_error}")
-    return ["  errors of a design that assumes inelastic threads:", *lines] if lines else []
+        force = f"force {format_quantity(cost.shortfall, 'N', 2)} ({100 * cost.share:.2g} %) too low"
+        parts.append(f"{cost.thread} {force}, diameter {100 * cost.wider:.2g} % too large")
+    return ["  error of inelastic threads: " + "; ".join(parts)] if parts else []
+
+
+def _format_parts(design: Design) -> list[str]:
+    return [f"  to buy: {part.quantity} {part.name}" for part in list_parts(design)]
 
 
 def _format_relaxations(design: Design) -> list[str]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pamjax.sizing.candidate import POINT_COUNT, OperatingPoints, locate_output
-from pamjax.sizing.spec import STROKE_SHARES, Spec, format_force_place
+from pamjax.sizing.specification.spec import STROKE_SHARES, Spec, format_force_place
 from pamjax.units import format_quantity
 
 #: Upper limit of hoop pull of pressure / stiffness of the threads. At 1 the threads stretch without limit.
@@ -209,7 +209,7 @@ def _list_stated_requirements(spec: Spec, point_count: int) -> list[Requirement]
         )
     ]
     if envelope.length is not None:
-        fitting_lengths = 2 * (envelope.fittings or 0.0)
+        fitting_lengths = 2 * spec.fittings
         description = f"length at most {format_quantity(envelope.length, 'mm')}"
         requirements.append(
             _require_at_most(

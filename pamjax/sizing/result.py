@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from pamjax.model.bench import Bench
+from pamjax.sizing.assure import Finalist
 from pamjax.sizing.calibration import CalibrationTransfer
 from pamjax.sizing.candidate import OperatingPoints, build_bench, evaluate_many, locate_output
 from pamjax.sizing.enumerate import ChoiceResult
@@ -18,7 +19,8 @@ from pamjax.sizing.pareto import ParetoFront
 from pamjax.sizing.problem import OBJECTIVE_OUTPUTS, Choice, SizingProblem
 from pamjax.sizing.requirements import SizingTask
 from pamjax.sizing.sensitivity import ShadowPrice
-from pamjax.sizing.spec import Spec
+from pamjax.sizing.specification.spec import Spec
+from pamjax.sizing.tolerances import BuildErrors
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,13 @@ class Design:
         unsearched_count: number of choices that were screened but not optimised.
         seed, method: of the search.
         misses_probability: whether no choice reaches the required probability.
+        misses_stock: whether no tube that is sold fits, so that the bladder has any diameter and wall.
+        errors: standard deviations of the errors of manufacture, length and pressure.
+        nominal: best choice of any size at typical properties; None if infeasible.
+        nominal_stock: best choice of the parts that are sold, at typical properties; None if infeasible.
+        finalists: choices that were optimised for the probability, the chosen one first.
+        choice_count: number of optimised choices, with sold parts if these are used.
+        force_sds: (points,) standard deviation of the force over the draws, N.
     """
 
     spec: Spec
@@ -59,6 +68,13 @@ class Design:
     seed: int = 0
     method: str = "slsqp"
     misses_probability: bool = False
+    misses_stock: bool = False
+    errors: BuildErrors = field(default_factory=BuildErrors)
+    nominal: ChoiceResult | None = None
+    nominal_stock: ChoiceResult | None = None
+    finalists: tuple[Finalist, ...] = ()
+    choice_count: int = 0
+    force_sds: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def feasible(self) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from pamjax.errors import check_minimum, refuse, suggest_word
 from pamjax.progress import Progress, ignore_progress
 from pamjax.sizing import chance_constraints as chance
 from pamjax.sizing import sensitivity
+from pamjax.sizing.assure import Finalist, assure_probability
 from pamjax.sizing.calibration import CalibrationTransfer, transfer_calibration
 from pamjax.sizing.enumerate import ChoiceResult, search_choices
 from pamjax.sizing.inelastic import compute_inelastic_costs
@@ -21,10 +21,8 @@ from pamjax.sizing.pareto import compute_front, select_second_objective
 from pamjax.sizing.problem import build_problem, list_choices
 from pamjax.sizing.requirements import SizingTask, build_task
 from pamjax.sizing.result import Design
-from pamjax.sizing.spec import Spec, read_spec
-
-#: Largest number of best choices that are optimised for a required probability.
-MAX_ASSURED_CHOICES = 6
+from pamjax.sizing.specification.spec import Spec, read_spec
+from pamjax.sizing.stock import search_stock
 
 
 def size(
@@ -34,15 +32,19 @@ def size(
     method: str = "slsqp",
     seed: int = 0,
     margins: bool = True,
+    stock: bool = True,
     progress: Progress = ignore_progress,
 ) -> Design:
     """Return the geometry and material of a muscle that meets the requirements of a spec.
+
+    All requirements hold together with the `probability` of the spec, by default 0.9.
 
     Args:
         spec: a TOML file, or a mapping with the same entries.
         starts: number of searches of each of the best choices.
         method: "slsqp", or "trust-constr", which also uses exact second derivatives.
         seed: seed of the screening and of the random draws.
+        stock: whether to use tubes and yarns of sizes that are sold; otherwise any diameter and wall.
         margins: whether to compute the errors of the inelastic assumption, and the front of two objectives.
         progress: receives the current step and the completed fraction.
 
@@ -62,8 +64,8 @@ def size(
     ...     },
     ...     margins=False,
     ... )
-    >>> design.feasible, round(design.output("force", 1))
-    (True, 300)
+    >>> design.feasible, design.probability >= 0.9, design.choice.tube.rubber
+    (True, True, 'latex')
     """
     if method not in METHODS:
         raise refuse(
@@ -71,7 +73,7 @@ def size(
         )
     check_minimum("starts", starts, 1)
     check_minimum("seed", seed, 0)
-    parsed_spec = read_spec(spec)
+    parsed_spec = read_spec(spec, stock)
     task = build_task(parsed_spec)
     transfer = transfer_calibration(
         parsed_spec.entries.calibration,
@@ -118,24 +120,29 @@ def _build_feasible_design(
     spec, task, transfer, results, unsearched_count, seed, method, margins, progress
 ) -> Design:
     entries = spec.entries
-    best, misses_probability = [result for result in results if result.optimum is not None], False
+    pool, nominal = [result for result in results if result.optimum is not None], results[0]
+    if spec.stock:
+        stock_pool = search_stock(pool, spec, task, transfer, seed, progress)
+        pool, misses_stock = stock_pool or pool, not stock_pool
+    else:
+        misses_stock = False
+    finalists = [Finalist(result) for result in pool]
     if entries.probability:
-        progress("probability", 0.0)
-        assured_results = _assure_probability(best[:MAX_ASSURED_CHOICES], transfer, spec, seed)
-        misses_probability, best = not assured_results, assured_results or best
-    best_result, optimum = best[0], best[0].optimum
+        finalists = assure_probability(pool, transfer, spec, seed, progress)
+    best_result = finalists[0].result
+    optimum = best_result.optimum
     assert optimum is not None
     z = optimum.z
-    draws = chance.draw_builds(
-        best_result.problem, transfer, entries.tolerance, chance.REPORT_DRAWS, seed + 1
-    )
+    errors = chance.choose_problem_errors(best_result, entries.tolerance)
+    draws = chance.draw_builds(best_result.problem, transfer, errors, chance.REPORT_DRAWS, seed + 1)
+    probability = chance.estimate_probability(best_result.problem, z, draws)
     design = Design(
         spec,
         task,
         transfer,
         tuple(results),
         best_result,
-        probability=chance.estimate_probability(best_result.problem, z, draws),
+        probability=probability,
         requirement_probabilities=chance.estimate_probabilities(best_result.problem, z, draws),
         prices=tuple(sensitivity.compute_prices(best_result.problem, optimum)),
         property_sensitivities=sensitivity.compute_property_sensitivities(best_result.problem, optimum),
@@ -143,32 +150,22 @@ def _build_feasible_design(
         unsearched_count=unsearched_count,
         seed=seed,
         method=method,
-        misses_probability=misses_probability,
+        misses_probability=probability < entries.probability,
+        misses_stock=misses_stock,
+        errors=errors,
+        nominal=nominal,
+        nominal_stock=pool[0],
+        finalists=tuple(finalists),
+        choice_count=len(pool) if spec.stock else len(results),
+        force_sds=chance.estimate_force_sds(best_result.problem, z, draws),
     )
     if not margins:
         return design
     progress("inelastic threads", 0.5)
     inelastic_costs = compute_inelastic_costs(spec, task, transfer, design.choice, seed)
     progress("two objectives", 0.9)
-    pareto_front = compute_front(best, select_second_objective(entries.minimise, entries.against))
-    return replace(design, inelastic_costs=tuple(inelastic_costs), front=pareto_front)
-
-
-def _assure_probability(
-    best: Sequence[ChoiceResult], transfer: CalibrationTransfer, spec: Spec, seed: int
-) -> list[ChoiceResult]:
-    """Return the choices that reach the required probability, the best first."""
-    target = spec.entries.probability
-    assert target is not None
-    assured_results = []
-    for result in best:
-        draws = chance.draw_builds(
-            result.problem, transfer, spec.entries.tolerance, chance.SEARCH_DRAWS, seed
-        )
-        assured_result = chance.meet_probability(result, draws, target)
-        if assured_result is not None and assured_result.optimum is not None:
-            assured_results.append(assured_result)
-    assured_results.sort(
-        key=lambda result: result.optimum.log_objective if result.optimum is not None else math.inf
+    best = [finalist.result for finalist in finalists if finalist.reaches(entries.probability)]
+    pareto_front = compute_front(
+        best or [best_result], select_second_objective(entries.minimise, entries.against)
     )
-    return assured_results
+    return replace(design, inelastic_costs=tuple(inelastic_costs), front=pareto_front)

@@ -26,7 +26,10 @@ NAMES = (
     "martens_boblan_2017/dmsp-20-300",
     "petre_2021/zero-load",
 )
-MATERIALS = ("materials/bladders", "materials/threads")
+MATERIALS = (
+    "materials/bladders", "materials/fittings", "materials/sleeves", "materials/threads", "materials/tubes",
+    "materials/yarns",
+)  # fmt: skip
 KINDS = {"pressure": "pressure", "modulus": "pressure", "force": "force", "diameter": "length"}
 
 

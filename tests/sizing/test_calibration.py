@@ -15,8 +15,9 @@ from pamjax.sizing.candidate import build_bench, evaluate_many, locate_output
 from pamjax.sizing.chance_constraints import draw_builds
 from pamjax.sizing.problem import build_problem, list_choices
 from pamjax.sizing.requirements import build_task
-from pamjax.sizing.schema import Calibration
-from pamjax.sizing.spec import PACKING_RATIOS, read_spec
+from pamjax.sizing.specification.schema import Calibration
+from pamjax.sizing.specification.spec import PACKING_RATIOS, read_spec
+from pamjax.sizing.tolerances import BuildErrors
 from tests.agreement import ROUNDING, agree
 
 SPEC = {
@@ -110,9 +111,9 @@ def test_posterior_draws_keep_their_correlation(folder):
     samples = {"thread.modulus": thread, "bladder_elasticity.modulus": shear, "thread_crimp.crimp": crimp}
     data = {name: (("chain", "draw"), values[None]) for name, values in samples.items()}
     xr.Dataset(data).to_netcdf(folder / "posterior.nc", group="posterior", engine="h5netcdf")
-    spec, transfer = transfer_from(folder, posterior="posterior.nc")
+    _, transfer = transfer_from(folder, posterior="posterior.nc")
     (problem,) = build_problems(SPEC, transfer)
-    draws = draw_builds(problem, transfer, spec.entries.tolerance, 4000, 0)
+    draws = draw_builds(problem, transfer, BuildErrors(), 4000, 0)
     agree(draws.build.modulus.mean(), 12e9, 5 * 0.1 / math.sqrt(4000))
     agree(draws.build.modulus.std(), 0.1 * 12e9, 0.1)
     agree(draws.build.shear.std(), 0.05 * 0.5e6, 0.1)
@@ -126,11 +127,11 @@ def test_posterior_draws_keep_their_correlation(folder):
 def test_misfit_of_a_diagnosis_becomes_a_model_error_of_the_force(folder):
     diagnosis = {"improvement": {"held_out": {"force": {"rmse_after": 5.0}}}, "noise": {"force": {"sd": 3.0}}}
     (folder / "diagnosis.json").write_text(json.dumps(diagnosis))
-    spec, transfer = transfer_from(folder)
+    _, transfer = transfer_from(folder)
     blocked = 5e5 * (3 * 0.2**2 - 0.215**2) / (4 * math.pi * 1.2**2)
     agree(transfer.discrepancy, 4.0 / blocked, ROUNDING)
     (problem,) = build_problems(SPEC, transfer)
-    draws = draw_builds(problem, transfer, spec.entries.tolerance, 4000, 0)
+    draws = draw_builds(problem, transfer, BuildErrors(), 4000, 0)
     agree(draws.build.force_error.std(), 4.0 / blocked, 0.1)
     # A misfit within the noise gives no model error.
     diagnosis["improvement"]["held_out"]["force"]["rmse_after"] = 2.0

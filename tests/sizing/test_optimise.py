@@ -16,8 +16,9 @@ from pamjax.sizing.optimise import search_optimum
 from pamjax.sizing.pareto import compute_front
 from pamjax.sizing.problem import build_problem, list_choices
 from pamjax.sizing.requirements import build_task
-from pamjax.sizing.schema import Calibration
-from pamjax.sizing.spec import read_spec
+from pamjax.sizing.specification.schema import Calibration
+from pamjax.sizing.specification.spec import read_spec
+from pamjax.sizing.tolerances import BuildErrors
 from tests.agreement import SOLVED, agree
 
 SPEC = {
@@ -109,7 +110,7 @@ def test_trust_constr_agrees_with_slsqp(result):
 @pytest.mark.slow
 def test_relaxation_makes_an_infeasible_spec_feasible():
     entries = change_entry("force", 0, "at_least", to="9 kN")
-    design = pamjax.size(entries)
+    design = pamjax.size(entries, stock=False)
     assert not design.feasible
     assert "no muscle of this catalogue meets all requirements" in str(design)
     by_key = {relaxation.requirement.key: relaxation for relaxation in design.relaxations}
@@ -117,7 +118,7 @@ def test_relaxation_makes_an_infeasible_spec_feasible():
     assert 400 < relaxed_force < 9000
     for share, feasible in ((0.98, True), (1.02, False)):
         relaxed_entries = change_entry("force", 0, "at_least", to=f"{share * relaxed_force:.6f} N")
-        assert pamjax.size(relaxed_entries, margins=False).feasible == feasible
+        assert pamjax.size(relaxed_entries, margins=False, stock=False).feasible == feasible
 
 
 @pytest.mark.slow
@@ -128,14 +129,14 @@ def test_nearest_muscle_has_an_equilibrium():
         "threads": {"kinds": "aramid", "counts": 48, "diameters": "0.2 mm"},
         "bladders": {"kinds": "silicone"},
     }
-    design = pamjax.size(entries)
+    design = pamjax.size(entries, stock=False)
     assert not design.feasible
     assert design.output("unsolved") == 0
     by_key = {relaxation.requirement.key: relaxation for relaxation in design.relaxations}
     assert 50 < by_key["force 1"].relaxed_bound < 900
     relaxed_force = f"{0.95 * by_key['force 1'].relaxed_bound:.6f} N"
     relaxed_entries = change_entry("force", 0, "at_least", to=relaxed_force)
-    assert pamjax.size(entries | {"force": relaxed_entries["force"]}, margins=False).feasible
+    assert pamjax.size(entries | {"force": relaxed_entries["force"]}, margins=False, stock=False).feasible
 
 
 @pytest.mark.slow
@@ -148,21 +149,21 @@ def test_relaxed_length_includes_the_fittings():
         "bladders": {"kinds": "latex"},
         "parallel": [2],
     }
-    relaxations = pamjax.size(entries).relaxations
+    relaxations = pamjax.size(entries, stock=False).relaxations
     relaxation = next(item for item in relaxations if item.requirement.key == "length")
     assert relaxation.relaxed_bound > 0.3
     for share, feasible in ((0.99, False), (1.01, True)):
         envelope = {"length": f"{1e3 * share * relaxation.relaxed_bound:.3f} mm", "fittings": "40 mm"}
-        assert pamjax.size(entries | {"envelope": envelope}, margins=False).feasible == feasible
+        assert pamjax.size(entries | {"envelope": envelope}, margins=False, stock=False).feasible == feasible
 
 
 @pytest.mark.slow
 def test_required_probability_holds_on_independent_draws(result):
-    entries = SPEC | {"tolerance": {"thread_length": "0.5 mm", "turns": 0.01}}
-    spec, (problem,) = build_problems(entries)
-    draws = draw_builds(problem, CalibrationTransfer(), spec.entries.tolerance, 256, 0)
-    assured = meet_probability(result, draws, 0.9)
-    independent_draws = draw_builds(problem, CalibrationTransfer(), spec.entries.tolerance, 1024, 1)
+    _, (problem,) = build_problems(SPEC)
+    errors = BuildErrors(thread_length=0.5e-3, turns=0.01)
+    draws = draw_builds(problem, CalibrationTransfer(), errors, 256, 0)
+    assured, _ = meet_probability(result, draws, 0.9)
+    independent_draws = draw_builds(problem, CalibrationTransfer(), errors, 1024, 1)
     assert estimate_probability(result.problem, result.optimum.z, independent_draws) < 0.5
     # Four standard errors of a probability that is estimated from 256 draws.
     probability = estimate_probability(problem, assured.optimum.z, independent_draws)
@@ -189,7 +190,7 @@ def test_front_is_the_optimum_over_all_choices_under_each_cap():
 
 @pytest.mark.slow
 def test_materials_of_a_calibrated_muscle_are_transferred(tmp_path):
-    design = pamjax.size(SPEC, margins=False)
+    design = pamjax.size(SPEC, margins=False, stock=False)
     save_design(design, tmp_path)
     path = tmp_path / "model.json"
     text = path.read_text()
@@ -205,7 +206,7 @@ def test_materials_of_a_calibrated_muscle_are_transferred(tmp_path):
     assert transfer.discrepancy == pytest.approx(0.02)
     _, (problem,) = build_problems(SPEC, transfer)
     agree(problem.build.shear, 1.2 * shear, SOLVED)
-    draws = draw_builds(problem, transfer, spec.entries.tolerance, 64, 0)
+    draws = draw_builds(problem, transfer, BuildErrors(), 64, 0)
     assert np.ptp(draws.build.shear) == 0
     assert np.ptp(draws.build.strength) > 0
     assert draws.build.force_error.std() == pytest.approx(0.02, rel=0.5)

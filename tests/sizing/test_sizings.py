@@ -23,7 +23,7 @@ NAMES = ("elbow-orthosis", "lift-2kN", "gripper-3mm")
 
 @pytest.fixture(scope="module", params=NAMES)
 def design(request):
-    return pamjax.size(HOME / f"{request.param}.toml", margins=request.param == "lift-2kN")
+    return pamjax.size(HOME / f"{request.param}.toml", margins=request.param == "lift-2kN", stock=False)
 
 
 def compare_with_grid(design):
@@ -75,7 +75,7 @@ def test_design_is_stationary_and_its_report_is_short(design):
     assert design.spec.name in str(design)
     json.dumps(build_design_document(design), allow_nan=False)
     target = design.spec.entries.probability
-    assert target is None or design.probability > target - 0.03
+    assert design.misses_probability or design.probability >= target
     objectives = [result.optimum.log_objective for result in design.results if result.optimum is not None]
     assert (np.diff(objectives) >= 0).all()
 
@@ -113,7 +113,9 @@ if __name__ == "__main__":
     # python -m tests.sizing.test_sizings [--json FILE]: excess of the grid over the search.
     file, figures = arguments()[1], {}
     for name in NAMES:
-        value, grid_value, violation = compare_with_grid(pamjax.size(HOME / f"{name}.toml", margins=False))
+        value, grid_value, violation = compare_with_grid(
+            pamjax.size(HOME / f"{name}.toml", margins=False, stock=False)
+        )
         excess = 100 * (np.exp(grid_value - value) - 1)
         figures[f"{name}, grid above search [%]"] = excess
         print(

@@ -28,7 +28,8 @@ def inverse(
     """Compute the pressure or length for a wanted force, or export a table for a controller.
 
     With `--force` and `--length` the result is the pressure. With `--force` and `--pressure` it is the
-    length. The result has a standard deviation if the muscle was fitted.
+    length. The result has a standard deviation if the muscle was fitted or sized. Otherwise it states
+    that none is known.
 
     Args:
         muscle: a fit.json or model.json of a fitted muscle, or a case folder or muscle.toml with stated
@@ -83,11 +84,14 @@ def inverse(
         )
         print_json(command.as_dict()) if json else print_text(str(command))
     if export is not None:
-        from pamjax.control.command_uncertainty import combine_force_sd
+        from pamjax.control.command_uncertainty import combine_force_sd, find_uncertainty_source
         from pamjax.control.export import export as write
 
         force_uncertainty = combine_force_sd(muscle, case, draws.compute_force_sd if draws else None)
-        exported_controller = write(muscle_inverse, export, force_sd=force_uncertainty, seed=seed)
+        source = find_uncertainty_source(muscle, draws is not None)
+        exported_controller = write(
+            muscle_inverse, export, force_sd=force_uncertainty, uncertainty=source, seed=seed
+        )
         if not json:
             print_text(str(exported_controller))
         print_written_files(list(exported_controller.files))

@@ -25,11 +25,14 @@ def size(
     starts: int = 8,
     method: Literal["slsqp", "trust-constr"] = "slsqp",
     seed: int = 0,
+    stock: bool = True,
     report: bool = True,
     json: Json = False,
 ) -> None:
     """Design a muscle that satisfies a specification and has the smallest objective, for example mass.
 
+    All requirements hold together with the probability of the specification, by default 0.9. The tube and the
+    yarn have sizes that are sold; the report has a shopping list.
     Writes design.json, report.html and figures. If a muscle satisfies the specification, the command also
     writes model.json, an input of `pamjax simulate` and `pamjax inverse`, and muscle/muscle.toml, which
     excludes the rubber. Prints a summary. If no muscle satisfies the specification, the summary names the
@@ -41,6 +44,7 @@ def size(
         starts: number of starting points for each of the best combinations of threads and bladder.
         method: optimisation method; trust-constr also uses exact second derivatives and compiles longer.
         seed: random seed for the starting points and the probability draws.
+        stock: use tubes and yarns of sizes that are sold; with --no-stock any diameter and wall.
         report: write report.html for a web browser, and the figures.
         json: print design.json instead of the summary.
     """
@@ -52,7 +56,7 @@ def size(
     from pamjax.sizing.size import size as choose
 
     with show_progress(quiet=json) as progress:
-        design = choose(spec, starts=starts, method=method, seed=seed, progress=progress)
+        design = choose(spec, starts=starts, method=method, seed=seed, stock=stock, progress=progress)
     paths = save_design(design, out)
     if report:
         from pamjax.view.figures.sizing import save_design_figures

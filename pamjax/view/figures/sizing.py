@@ -236,7 +236,7 @@ def plot_front(design: Design, narrow: bool = False) -> Figure | None:
         panel.set_title(
             f"{_format_percent(x)} more {front.first} gives {_format_percent(y)} less {front.second}"
         )
-        drawing.legend(loc="outside lower left", ncols=1)
+        drawing.legend(loc="outside lower left", ncols=1, fontsize=6)
     return drawing
 
 

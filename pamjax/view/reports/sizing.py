@@ -13,9 +13,12 @@ from pamjax.sizing.report import (
     format_joint_conflict,
     format_margin,
     format_objective,
+    format_probability,
+    format_probability_value,
     format_slope,
 )
 from pamjax.sizing.result import Design
+from pamjax.sizing.shopping import format_sleeve, list_checks, list_parts
 from pamjax.units import format_quantity
 from pamjax.view.figures import sizing as figures
 from pamjax.view.reports.page import build_picture, write_page
@@ -67,7 +70,15 @@ def write_design_report(design: Design, path: str | Path, command: str = "") -> 
         slopes=[_build_price_row(design, price) for price in design.prices],
         costs=[_build_cost_row(cost, design) for cost in design.inelastic_costs],
         choices_caption=_format_choices_caption(design),
-        choices=[_build_choice_row(item, design) for item in design.results[:MAX_CHOICE_ROWS]],
+        choices_head=["choice", f"minimum {design.spec.entries.minimise}", "probability", "status"]
+        if design.feasible
+        else ["choice", "at typical properties", "status"],
+        choices=_build_choice_rows(design),
+        parts=[[part.name, part.quantity, part.remark] for part in list_parts(design)]
+        if design.feasible
+        else [],
+        checks=list_checks(design) if design.feasible else [],
+        sleeve=format_sleeve(design) if design.feasible else "",
         receipt=build_page_receipt(design),
         spec=design.spec.text,
         checksum=hashlib.sha256(design.spec.text.encode()).hexdigest() if design.spec.text else "",
@@ -110,24 +121,10 @@ def format_answer(design: Design) -> list[str]:
         f"At {format_quantity(dimensions['pressure'], 'kPa')} the largest outer diameter is"
         f" {format_quantity(design.output('widest'), 'mm')}.",
     ]
-    target = design.spec.entries.probability
-    probability_text = f"{design.probability:.2f}"
-    if design.misses_probability:
-        return [
-            " ".join(sentences),
-            f"No choice meets all requirements with the required probability of {target:g}."
-            f" This one reaches {probability_text}.",
-        ]
-    advice = (
-        f"The required probability is {target:g}."
-        if target
-        else "For a design with a margin, state a probability in the spec, such as `probability = 0.9`."
-    )
-    return [
-        " ".join(sentences),
-        f"The muscle meets all requirements with probability {probability_text}, given the uncertainty of"
-        f" materials and dimensions. {advice}",
-    ]
+    texts = [" ".join(sentences), *(f"{capitalise_sentence(text)}." for text in format_probability(design))]
+    if design.misses_stock:
+        texts.append("No tube of the table fits, so the bladder must be made to these dimensions.")
+    return texts
 
 
 def _format_front(design: Design) -> str:
@@ -149,13 +146,17 @@ def _list_muscle_rows(design: Design) -> list[list[str]]:
             f"{math.degrees(dimensions['braid_angle']):.2f} deg",
             "from the circumference, at rest",
         ],
-        ["threads", f"{choice.threads} of {format_quantity(choice.diameter, 'mm')}", choice.thread.about],
+        ["threads", f"{choice.threads} of {choice.describe_thread()}", choice.thread.about],
         [
             "bladder outer diameter",
             format_quantity(dimensions["diameter"], "mm"),
             f"at rest; {choice.bladder.about}",
         ],
-        ["bladder wall", format_quantity(dimensions["wall"], "mm", 3), "unstretched"],
+        [
+            "bladder wall",
+            format_quantity(dimensions["wall"], "mm", 3),
+            f"unstretched; {choice.describe_bladder()}",
+        ],
         [
             "working pressure",
             format_quantity(dimensions["pressure"], "kPa"),
@@ -188,7 +189,7 @@ def _build_margin_row(design: Design, requirement) -> list[str]:
     probability = design.requirement_probabilities.get(requirement.key)
     is_active = abs(margin) < TIGHT_MARGIN
     margin_text = "exactly met" if is_active else format_margin(margin, requirement).removeprefix("margin ")
-    probability_cell = [] if probability is None else [f"{probability:.2f}"]
+    probability_cell = [] if probability is None else [format_probability_value(probability)]
     return [
         requirement.description,
         margin_text,
@@ -230,23 +231,34 @@ def _build_cost_row(cost, design: Design) -> list[str]:
 
 def _format_choices_caption(design: Design) -> str:
     """Return the caption of the table of choices."""
-    shown_value = (
-        f"minimum {design.spec.entries.minimise}" if design.feasible else "shortfall of the requirements"
-    )
-    head = f"Best choices of the catalogue at typical material properties: {shown_value}"
+    if not design.feasible:
+        return "Best choices of the catalogue at typical material properties: shortfall of the requirements"
     target = design.spec.entries.probability
-    if not design.feasible or not target or design.misses_probability:
-        return head
+    if not target:
+        return f"Best choices at typical properties, without a margin: minimum {design.spec.entries.minimise}"
     return (
-        f"{head}. A margin for the probability of {target:g} increases it. Among the choices that reach this"
-        f" probability, the chosen one has the minimum, {format_objective(design)}"
+        f"Choices that were optimised for the probability of {target:g}. Those that reach it come first,"
+        f" sorted by {design.spec.entries.minimise}"
     )
 
 
-def _build_choice_row(result, design: Design) -> list[str]:
+def _build_choice_rows(design: Design) -> list[list[str]]:
+    if not design.feasible:
+        return [
+            [
+                str(result.problem.choice),
+                f"{100 * (1 - math.exp(-result.violation)):.2g} % short",
+                "nearest" if result.problem.choice == design.choice else "",
+            ]
+            for result in design.results[:MAX_CHOICE_ROWS]
+        ]
     unit = OBJECTIVE_UNITS[design.spec.entries.minimise]
-    is_chosen = result.problem.choice == design.choice
-    mark = ("chosen" if design.feasible else "nearest") if is_chosen else ""
-    if result.optimum is None:
-        return [str(result.problem.choice), f"{100 * (1 - math.exp(-result.violation)):.2g} % short", mark]
-    return [str(result.problem.choice), format_quantity(math.exp(result.optimum.log_objective), unit), mark]
+    return [
+        [
+            str(finalist.result.problem.choice),
+            format_quantity(math.exp(finalist.log_objective), unit),
+            "" if math.isnan(finalist.probability) else format_probability_value(finalist.probability),
+            "chosen" if finalist.result.problem.choice == design.choice else "",
+        ]
+        for finalist in design.finalists[:MAX_CHOICE_ROWS]
+    ]

@@ -3,13 +3,8 @@
 from __future__ import annotations
 
 from pamjax.records.shipped_tables import read_sidecar
-from pamjax.sizing.io import TOLERANCE_LABEL, build_receipt
+from pamjax.sizing.io import build_receipt
 from pamjax.sizing.result import Design
-from pamjax.units import format_quantity
-
-#: Units of manufacturing tolerances in reports.
-TOLERANCE_UNITS = {"rest_length": "mm", "thread_length": "mm", "turns": "1", "wall": "mm"}
-
 
 #: Headings of the sections of a receipt.
 SECTION_HEADINGS = {
@@ -30,27 +25,22 @@ def build_page_receipt(design: Design) -> dict[str, list[str]]:
         sections["assumed"] = [
             line.removesuffix(f", sources {material.source}") for line in sections["assumed"]
         ]
-    sections["not known"] = [line for line in sections["not known"] if not line.startswith(TOLERANCE_LABEL)]
-    tolerance_text = _format_tolerances(design)
-    if tolerance_text:
-        sections["not known"].append(f"{TOLERANCE_LABEL}{tolerance_text} (one standard deviation)")
-    else:
-        sections["assumed"].append("no manufacturing errors: the spec states no [tolerance]")
     page_sections = {SECTION_HEADINGS[key]: lines for key, lines in sections.items()}
     page_sections["Sources of the material data"] = [
         line for table, material in materials for line in _list_sources(table, material.name, material.source)
     ]
+    page_sections["Sources of the sizes of parts"] = _list_part_sources(design)
     return {heading: lines for heading, lines in page_sections.items() if lines}
 
 
-def _format_tolerances(design: Design) -> str:
-    tolerance = design.spec.entries.tolerance
-    parts = {name: getattr(tolerance, name) for name in TOLERANCE_UNITS}
-    return ", ".join(
-        f"{n.replace('_', ' ')} ± {format_quantity(sd, TOLERANCE_UNITS[n], 2)}"
-        for n, sd in parts.items()
-        if sd
-    )
+def _list_part_sources(design: Design) -> list[str]:
+    """Return the sources of the sizes of the tube and of the yarn; empty without sold parts."""
+    choice, lines = design.choice, []
+    if choice.tube is not None:
+        lines += _list_sources("tubes", f"tube {choice.tube.size}", choice.tube.source)
+    if choice.yarn_count is not None:
+        lines += _list_sources("yarns", f"yarn of {choice.describe_thread()}", "count")
+    return lines
 
 
 def _list_sources(table: str, name: str, keys: str) -> list[str]:

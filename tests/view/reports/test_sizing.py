@@ -1,5 +1,6 @@
 """The report of a sizing: diameters at rest and under pressure, tables, and the shortfall if infeasible."""
 
+import math
 import re
 from functools import cache
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 
 import pamjax
 from pamjax.sizing.infeasible import format_amount
+from pamjax.sizing.shopping import list_checks
 from pamjax.view.figures.sizing import plot_chart, plot_prices
 from pamjax.view.reports.sizing import format_answer, format_headline, write_design_report
 from tests.view.html_page import Page
@@ -38,7 +40,7 @@ pytestmark = pytest.mark.slow
 @cache
 def size_spec(hard):
     """Return a feasible design with a required probability, or an infeasible one if `hard`."""
-    return pamjax.size(HARD if hard else SPEC | {"probability": 0.9}, margins=False, starts=2)
+    return pamjax.size(HARD if hard else SPEC, margins=False, starts=2)
 
 
 @cache
@@ -57,11 +59,15 @@ def test_each_diameter_is_labelled_at_rest_or_under_pressure():
 
 
 def test_table_of_choices_marks_the_chosen_and_the_nearest():
-    rows = page(False).table(["choice", "at typical properties"])
-    assert [mark for _, mark in rows.values()].count("chosen") == 1
-    typical, _ = rows[str(size_spec(False).choice)]
-    assert float(typical.split()[0]) < 1e3 * size_spec(False).objective
-    assert "A margin for the probability of 0.9 increases it." in page(False).text
+    design = size_spec(False)
+    rows = page(False).table(["choice", "minimum diameter"])
+    assert [mark for _, _, mark in rows.values()].count("chosen") == 1
+    value, probability, _ = rows[str(design.choice)]
+    assert float(value.split()[0]) == pytest.approx(1e3 * design.objective, rel=1e-3)
+    assert float(probability) >= 0.9
+    # The chosen one is the best of those that reach the probability.
+    reaching = [float(row[0].split()[0]) for row in rows.values() if float(row[1]) >= 0.9]
+    assert min(reaching) == float(value.split()[0])
     assert page(True).table(["choice", "at typical properties"])[str(size_spec(True).choice)][1] == "nearest"
 
 
@@ -75,10 +81,35 @@ def test_table_of_requirements_has_no_empty_column():
 
 def test_receipt_lists_sources_and_tolerances():
     for hard in (False, True):
-        assert not re.search(r"sources \w+;|assumed exact", page(hard).text)
+        assert not re.search(r"sources \w+;", page(hard).text)
         assert "Tension Technology International" in page(hard).text
-    assert "manufacturing tolerances: turns ± 0.005 (one standard deviation)" in page(False).text
-    assert "no manufacturing errors: the spec states no [tolerance]" in page(True).text
+    assert "one standard deviation: turns ± 0.005 (from the spec); rest length ±" in page(False).text
+    assert "Ace Hose" in page(False).text
+
+
+def test_page_states_the_cost_of_the_probability_and_of_sold_parts():
+    design, sentences = size_spec(False), format_answer(size_spec(False))
+    nominal, sold = (
+        1e3 * math.exp(result.optimum.log_objective) for result in (design.nominal, design.nominal_stock)
+    )
+    assert nominal <= sold <= 1e3 * design.objective
+    assert f"{nominal:.4g} mm for the nominal design" in sentences[2]
+    assert f"{sold:.4g} mm with parts that are sold" in sentences[2]
+    assert f"{1e3 * design.objective:.4g} mm with this probability" in sentences[2]
+    # Each requirement is at least as probable as all of them together.
+    rows = page(False).table(["requirement", "margin"])
+    assert min(float(row[1]) for row in rows.values()) >= float(sentences[1].split()[6])
+    assert all(0 <= float(row[1]) <= 1 for row in rows.values())
+
+
+def test_page_lists_the_parts_and_their_checks():
+    design = size_spec(False)
+    parts = page(False).table(["part", "quantity"])
+    assert len(parts) == 4
+    assert f"{design.choice.threads} bobbins" in " ".join(row[0] for row in parts.values())
+    for check in list_checks(design):
+        assert check in page(False).text
+    assert "Parts to buy" not in page(True).text
 
 
 def test_infeasible_design_reports_the_shortfall():

@@ -6,8 +6,8 @@ import pytest
 
 from pamjax.errors import BadInput
 from pamjax.sizing.requirements import build_task, compute_margin, compute_margin_slope
-from pamjax.sizing.schema import read_entries
-from pamjax.sizing.spec import read_spec
+from pamjax.sizing.specification.schema import read_entries
+from pamjax.sizing.specification.spec import read_spec
 from tests.agreement import BY_DIFFERENCE, agree, difference
 
 GOOD = {

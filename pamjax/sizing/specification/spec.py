@@ -9,13 +9,24 @@ from typing import Any
 
 from pamjax.errors import refuse
 from pamjax.records.files import read_bytes
-from pamjax.sizing import materials
-from pamjax.sizing.materials import BladderKind, PropertyRange, ThreadKind
-from pamjax.sizing.schema import OBJECTIVES, ForceDemand, OwnBladder, OwnThread, SpecEntries, read_entries
+from pamjax.sizing.specification import materials
+from pamjax.sizing.specification.materials import BladderKind, PropertyRange, ThreadKind
+from pamjax.sizing.specification.parts import compute_yarn_diameter, list_yarn_counts
+from pamjax.sizing.specification.schema import (
+    OBJECTIVES,
+    ForceDemand,
+    OwnBladder,
+    OwnThread,
+    SpecEntries,
+    read_entries,
+)
 from pamjax.units import format_quantity
 
 #: Usual numbers of threads of braiding machines, both families together.
 THREAD_COUNTS = (16, 24, 32, 48, 64, 96, 144)
+
+#: Assumed length of one fitting, m, and its largest share of the available length.
+DEFAULT_FITTING, MAX_FITTING_SHARE = 15e-3, 0.08
 
 #: Fractions of a stroke at which its load is checked.
 STROKE_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -36,6 +47,7 @@ class Spec:
         file: name of the file; folder: folder of the relative paths in it.
         threads, bladders: the catalogue.
         text: content of the file, "" for a spec from Python.
+        stock: whether the muscle is built of parts that are sold.
     """
 
     entries: SpecEntries
@@ -44,6 +56,7 @@ class Spec:
     threads: tuple[ThreadKind, ...]
     bladders: tuple[BladderKind, ...]
     text: str = ""
+    stock: bool = False
 
     @property
     def name(self) -> str:
@@ -55,13 +68,25 @@ class Spec:
         return self.entries.supply.pressure
 
     @property
+    def fittings(self) -> float:
+        """Return the length of one fitting, m: of the spec, or assumed for sold parts."""
+        envelope = self.entries.envelope
+        if envelope.fittings is not None or envelope.length is None or not self.stock:
+            return envelope.fittings or 0.0
+        return min(DEFAULT_FITTING, MAX_FITTING_SHARE * envelope.length)
+
+    @property
     def counts(self) -> tuple[int, ...]:
         """Return the permitted numbers of threads."""
         return self.entries.threads.counts or THREAD_COUNTS
 
 
-def read_spec(source: str | Path | Mapping[str, Any]) -> Spec:
+def read_spec(source: str | Path | Mapping[str, Any], stock: bool = False) -> Spec:
     """Return the spec of a TOML file, or of a mapping with the same entries.
+
+    Args:
+        source: the file or the mapping.
+        stock: whether threads are yarns that are sold, unless the spec states their diameters.
 
     Raises:
         BadInput: if the spec is invalid.
@@ -78,7 +103,7 @@ def read_spec(source: str | Path | Mapping[str, Any]) -> Spec:
     _check_pressures(entries, file)
     _check_parallel(entries, file)
     _check_objectives(entries, file)
-    threads = _select_threads(entries, file)
+    threads = _select_threads(entries, file, stock)
     bladders = _select_bladders(entries, file)
     if "cost" in (entries.minimise, entries.against):
         for kind in (*threads, *bladders):
@@ -91,7 +116,7 @@ def read_spec(source: str | Path | Mapping[str, Any]) -> Spec:
                     file,
                     remedy,
                 )
-    return Spec(entries, file, folder, threads, bladders, text)
+    return Spec(entries, file, folder, threads, bladders, text, stock)
 
 
 def _check_demands(entries: SpecEntries, file: str) -> None:
@@ -150,7 +175,7 @@ def _check_objectives(entries: SpecEntries, file: str) -> None:
         raise refuse(rule, entries.minimise, file, f"Write one of {others}.")
 
 
-def _select_threads(entries: SpecEntries, file: str) -> tuple[ThreadKind, ...]:
+def _select_threads(entries: SpecEntries, file: str, stock: bool) -> tuple[ThreadKind, ...]:
     threads_by_name = dict(materials.list_threads())
     for own_thread in entries.thread:
         threads_by_name[own_thread.name] = _build_own_thread(
@@ -159,14 +184,24 @@ def _select_threads(entries: SpecEntries, file: str) -> tuple[ThreadKind, ...]:
     names = (
         entries.threads.kinds
         or tuple(own_thread.name for own_thread in entries.thread)
-        or tuple(threads_by_name)
+        or tuple(name for name in threads_by_name if not stock or list_yarn_counts(name))
     )
     kinds = [
         materials.find_material(name, threads_by_name, "thread", f"[threads] of {file}") for name in names
     ]
     if entries.threads.diameters is not None:
-        kinds = [replace(kind, diameters=entries.threads.diameters) for kind in kinds]
+        return tuple(replace(kind, diameters=entries.threads.diameters) for kind in kinds)
+    if stock:
+        own_names = {own_thread.name for own_thread in entries.thread if own_thread.diameters is not None}
+        kinds = [kind if kind.name in own_names else _use_yarns(kind) for kind in kinds]
     return tuple(kinds)
+
+
+def _use_yarns(kind: ThreadKind) -> ThreadKind:
+    """Return the thread with the diameters of its yarns, or unchanged if it has none."""
+    counts = list_yarn_counts(kind.name)
+    diameters = tuple(compute_yarn_diameter(kind, count) for count in counts)
+    return replace(kind, diameters=diameters) if diameters else kind
 
 
 def _build_own_thread(own_thread: OwnThread, shipped_thread: ThreadKind | None, file: str) -> ThreadKind:

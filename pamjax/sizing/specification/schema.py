@@ -16,6 +16,9 @@ from pamjax.units import parse_number
 Objective = Literal["diameter", "mass", "air", "pressure", "cost", "length"]
 OBJECTIVES: tuple[str, ...] = get_args(Objective)
 
+#: Required probability that all requirements hold together, if the spec states none.
+DEFAULT_PROBABILITY = 0.9
+
 #: Title of the entries outside all tables.
 SPEC_TITLE = "the spec"
 
@@ -238,13 +241,15 @@ class CoordinateLimits(_SpecTable):
 
 
 class Tolerance(_SpecTable):
-    """[tolerance]: manufacturing tolerances, one standard deviation each."""
+    """[tolerance]: errors of manufacture, set length and pressure, one standard deviation each."""
 
     model_config = ConfigDict(title="tolerance")
     rest_length: Length | None = None
     thread_length: Length | None = None
     turns: Number | None = None
     wall: Length | None = None
+    position: Length | None = None
+    pressure: Share | None = None
 
 
 class Calibration(_SpecTable):
@@ -265,7 +270,7 @@ class SpecEntries(_SpecTable):
     name: str = ""
     minimise: Objective = "diameter"
     against: Objective | None = None
-    probability: Share | None = None
+    probability: Share = DEFAULT_PROBABILITY
     free_contraction: Share | None = None
     air: Volume | None = None
     parallel: Counts = (1,)
