@@ -93,7 +93,7 @@ def suggest_word(word: str, valid_names: Iterable[str], listing: str = "") -> st
     valid_names = list(valid_names)
     matches = difflib.get_close_matches(word, valid_names, n=1, cutoff=0.6)
     if not matches and len(word) >= MIN_PART_CHARACTERS:
-        matches = [name for name in valid_names if word in name][:1]
+        matches = sorted((name for name in valid_names if word in name), key=len)[:1]
     if matches:
         return f"Did you mean `{matches[0]}`?"
     if listing:

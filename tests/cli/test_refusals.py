@@ -45,7 +45,7 @@ def read_error(words, capsys):
         ),
         (["fit", "a", "--sede", "3"], "unknown option `--sede` of `pamjax fit`. Did you mean `--seed`?"),
         (["new", "a", "b"], "unexpected argument 'b' of `pamjax new`. See `pamjax new --help`."),
-        (["explain", "bladder"], "Did you mean `bladder_elasticity.modulus`?"),
+        (["explain", "bladder"], "Did you mean `bladder_elasticity`?"),
         (["prove", "--empty-correlation"], "unknown option `--empty-correlation` of `pamjax prove`."),
         (["explain", "thread.moduls"], "Did you mean `thread.modulus`?"),
         (["explain", "braid_frction"], "Did you mean `braid_friction`?"),
