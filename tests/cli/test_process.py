@@ -10,6 +10,8 @@ import pytest
 
 from pamjax.cli.process import replace_characters
 
+pytestmark = pytest.mark.slow
+
 START = [sys.executable, "-m", "pamjax"]
 C_LOCALE = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 

@@ -14,6 +14,8 @@ from pamjax.fleet.store import TaskOutcome, read_outcome
 from pamjax.fleet.task import FleetTask
 from tests.cluster import works
 
+pytestmark = pytest.mark.slow
+
 NAMES = ("a", "b", "poison", "c", "d")
 
 
