@@ -89,7 +89,6 @@ class Diagnosis(NotebookNote):
         mismatch_boxes: location of the mismatch.
         residual_test: test of the residual of `model`.
         unexplained: whether a part of the misfit is explained by no mechanism of the library.
-        unexplained_probability: probability that it is.
         likenesses: effects outside the library that this part resembles, most probable first.
         residual_boxes: location of the unexplained part.
         residual_share: unexplained share of the excess misfit.
@@ -110,7 +109,6 @@ class Diagnosis(NotebookNote):
     mismatch_boxes: list[Box]
     residual_test: Significance
     unexplained: bool
-    unexplained_probability: float
     likenesses: tuple[Likeness, ...]
     residual_boxes: list[Box]
     residual_share: float
@@ -175,7 +173,8 @@ class Diagnosis(NotebookNote):
             ],
             "unexplained": {
                 "detected": self.unexplained,
-                "probability": self.unexplained_probability,
+                # The choice decides: this probability is not calibrated.
+                "probability": float(self.unexplained),
                 "p_value": self.residual_test.p_value,
                 "share": self.residual_share,
                 "likeness": [

@@ -43,7 +43,7 @@ from pamjax.diagnosis.result import (
     build_parameter_estimate,
 )
 from pamjax.diagnosis.select.model_averaging import average_models
-from pamjax.diagnosis.select.search import fit_without_mechanism
+from pamjax.diagnosis.select.neighbour_fits import fit_without_mechanism
 from pamjax.diagnosis.select.selection import (
     Selection,
     drop_small_effects,
@@ -65,7 +65,6 @@ class _Choice:
         mismatch: test of the baseline's residual.
         residual_test: test of the residual with the mechanisms.
         unexplained: whether physics is left that no mechanism explains.
-        unexplained_probability: probability that it is.
         likenesses: effects outside the library that it resembles.
         training_fit: the fit with the mechanisms to the training rows.
         baseline: the baseline, fitted to all rows.
@@ -77,7 +76,6 @@ class _Choice:
     mismatch: Significance
     residual_test: Significance
     unexplained: bool
-    unexplained_probability: float
     likenesses: tuple[Likeness, ...]
     training_fit: CandidateFit
     baseline: CandidateFit
@@ -126,7 +124,6 @@ def diagnose(
         ),
         residual_test=choice.residual_test,
         unexplained=choice.unexplained,
-        unexplained_probability=choice.unexplained_probability,
         likenesses=choice.likenesses,
         residual_boxes=locate_residual(problem, model) if choice.unexplained else [],
         residual_share=_compute_residual_share(problem, baseline, model),
@@ -160,9 +157,9 @@ def _choose_mechanisms(
     progress("testing", 0.85)
     # The templates describe forces; where length is measured, none applies.
     templates = (
-        []
-        if problem.case.recording.measures_length
-        else build_templates(build_template_context(problem, blocks_of_case, training_fit))
+        build_templates(build_template_context(problem, blocks_of_case, training_fit))
+        if is_detected and not problem.case.recording.measures_length
+        else []
     )
     selection_before = selection
     selection, prefers_template = _compare_with_templates(problem, ~held_out_rows, selection, templates)
@@ -209,7 +206,6 @@ def _choose_mechanisms(
         mismatch=mismatch,
         residual_test=residual_test,
         unexplained=is_unexplained,
-        unexplained_probability=float(is_unexplained),
         likenesses=list_likenesses(problem, templates, selection.model) if is_unexplained else (),
         training_fit=_fit_selection(problem, selection, ~held_out_rows),
         baseline=baseline,

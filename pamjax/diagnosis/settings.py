@@ -341,6 +341,13 @@ class DiagnosisSettings:
         "State the places of two parts in a sentence if they are farther apart than this",
         "fewer sentences give places")
 
+    min_likeness: float = _report(0.05, "1", 0.0, 1.0,
+        "Describe an unexplained part by an effect outside the library if its probability is at least this",
+        "fewer descriptions")
+    min_likeness_excess_share: float = _report(0.5, "share of the excess χ²", 0.0, 1.0,
+        "Describe an unexplained part by such an effect if it explains at least this share of it",
+        "fewer descriptions")
+
     # Next experiment.
     false_alarm_rate: float = _next(0.05, "1", 0.001, 0.5,
         "Accept this probability that a protocol rejects the true one of two mechanisms",

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import datetime
-import tomllib
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from pamjax.errors import BadInput, refuse, suggest_word
-from pamjax.records.files import decode_text
 from pamjax.records.reading.specimen import Specimen, read_date, read_label
 from pamjax.records.reading.toml_errors import format_input, format_rule
+from pamjax.records.toml_text import parse_toml
 
 Stage = Literal["check", "fit", "diagnose"]
 #: Stages in the order in which a case runs through them.
@@ -96,12 +95,7 @@ def read_fleet_document(raw: bytes, file: str) -> FleetDocument:
     Raises:
         BadInput: if it is no TOML, or an entry is unknown or wrong; the message reports the first error.
     """
-    try:
-        tables = tomllib.loads(decode_text(raw, file).replace("\r\n", "\n"))
-    except tomllib.TOMLDecodeError as error:
-        got = str(error)[:1].lower() + str(error)[1:].rstrip(".")
-        remedy = "Write a text in double quotes, and a table name in [brackets]."
-        raise refuse(f"{file} must be TOML", got, remedy=remedy) from error
+    tables = parse_toml(raw, file)
     try:
         return FleetDocument.model_validate(tables)
     except ValidationError as error:

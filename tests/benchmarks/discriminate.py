@@ -47,7 +47,7 @@ from pamjax.diagnosis.next_experiment.protocols import PROTOCOL_MENU
 from pamjax.diagnosis.next_experiment.testbed import SimulatedTestbed, compute_contrast, get_direct_readings
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import MapEstimate, fit_parameters
-from pamjax.diagnosis.select.search import shortlist_candidates
+from pamjax.diagnosis.select.neighbour_fits import shortlist_candidates
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.planning.discriminate import fit_baseline, fit_mechanism

@@ -65,6 +65,7 @@ DEFAULTS = {
     "min_moving_misfit_share": 0.5, "min_box_rms_ratio": 0.5, "min_channel_excess_share": 0.2,
     "max_boxes": 5, "smoothing_rows": 7, "min_one_sided_ratio": 0.4, "min_trend_correlation": 0.9,
     "trend_end_share": 0.1, "ranges_per_box": 5, "min_part_share": 0.02, "min_part_distance_share": 0.2,
+    "min_likeness": 0.05, "min_likeness_excess_share": 0.5,
     "false_alarm_rate": 0.05, "sufficient_power": 0.9, "power_draws": 4000,
     "rival_candidates_refitted": 3, "max_rivals_per_mechanism": 2, "max_rival_pairs": 4,
 }  # fmt: skip

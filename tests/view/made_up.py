@@ -122,7 +122,6 @@ def diagnosis(
         mismatch_boxes=[box],
         residual_test=Significance(1e-6 if unexplained else 0.2, 3.0, 258, 1.1),
         unexplained=unexplained,
-        unexplained_probability=0.97 if unexplained else 0.03,
         likenesses=(Likeness("stop", 0.7, "a stop beyond 12.0 % contraction"),) if unexplained else (),
         residual_boxes=[box],
         residual_share=0.12,

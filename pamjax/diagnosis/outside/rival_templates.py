@@ -33,9 +33,6 @@ from pamjax.diagnosis.result import Likeness
 #: Share of the information of a template that the parameters must not absorb.
 MIN_FREE_SHARE = 1e-3
 
-#: Probability of a family, and share of the misfit that it explains, from which a likeness is reported.
-MIN_LIKENESS, MIN_LIKENESS_SHARE = 0.05, 0.5
-
 
 @dataclass(frozen=True, eq=False)
 class TemplateFit:
@@ -95,9 +92,9 @@ def list_likenesses(
 ) -> tuple[Likeness, ...]:
     """Return the families of templates that the residual of a fit resembles, most probable first.
 
-    A family is listed if it explains at least half of the misfit and has a probability of at least 5 %.
+    A family is listed if it has the probability `min_likeness` and explains `min_likeness_excess_share`.
     """
-    tolerant_fit = add_form_errors(problem, fit)
+    settings, tolerant_fit = problem.settings, add_form_errors(problem, fit)
     gains = compute_template_gains(tolerant_fit, templates)
     scale = max(tolerant_fit.estimate.chi2 / max(tolerant_fit.noise.size, 1), 1.0)
     probabilities = softmax(np.append(gains, 0.0) / (2 * scale))[:-1]
@@ -107,8 +104,8 @@ def list_likenesses(
         total = sum(
             float(p) for p, other in zip(probabilities, templates, strict=True) if other.id == template.id
         )
-        if template.id not in out and total >= MIN_LIKENESS:
-            if gains[k] < MIN_LIKENESS_SHARE * tolerant_fit.excess_chi2:
+        if template.id not in out and total >= settings.min_likeness:
+            if gains[k] < settings.min_likeness_excess_share * tolerant_fit.excess_chi2:
                 continue
             out[template.id] = Likeness(template.id, total, template.description)
     return tuple(out.values())

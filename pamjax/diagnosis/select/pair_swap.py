@@ -38,11 +38,7 @@ from pamjax.diagnosis.refit.candidate_fit import (
     switch_on_candidate,
 )
 from pamjax.diagnosis.refit.least_squares import fit_parameters
-from pamjax.diagnosis.select.search import (
-    MechanismSearch,
-    prune_mechanisms,
-    run_search,
-)
+from pamjax.diagnosis.select.search import MechanismSearch, prune_mechanisms, run_search
 from pamjax.model.registry import EXCLUSIVE_PAIRS
 from pamjax.progress import ignore_progress
 

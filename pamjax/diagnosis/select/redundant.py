@@ -14,7 +14,8 @@ import numpy as np
 from pamjax.compile.parallel import parallel_map
 from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
-from pamjax.diagnosis.select.search import MechanismSearch, fit_without_mechanism, is_reduction_significant
+from pamjax.diagnosis.select.neighbour_fits import fit_without_mechanism, is_reduction_significant
+from pamjax.diagnosis.select.search import MechanismSearch
 
 
 def remove_redundant(search: MechanismSearch, fit: CandidateFit) -> CandidateFit:

@@ -16,16 +16,15 @@ from pamjax.diagnosis.detect.score_test import compute_score_directions
 from pamjax.diagnosis.library.candidates import Candidate, build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate, switch_off_candidate
-from pamjax.diagnosis.select.pair_swap import swap_pairs
-from pamjax.diagnosis.select.redundant import remove_redundant
-from pamjax.diagnosis.select.search import (
-    MechanismSearch,
+from pamjax.diagnosis.select.neighbour_fits import (
     compute_rough_limit,
     fit_replacements,
     fit_without_mechanism,
     refit_fully,
-    search_mechanisms,
 )
+from pamjax.diagnosis.select.pair_swap import swap_pairs
+from pamjax.diagnosis.select.redundant import remove_redundant
+from pamjax.diagnosis.select.search import MechanismSearch, search_mechanisms
 from pamjax.diagnosis.select.small_effects import add_small_effects
 from pamjax.progress import Progress, ignore_progress
 

@@ -36,10 +36,7 @@ from pamjax.diagnosis.refit.candidate_fit import (
 )
 from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit, fit_parameters
 from pamjax.diagnosis.refit.misfit_weighting import reweight_by_misfit
-from pamjax.diagnosis.select.search import (
-    is_reduction_significant,
-    shortlist_candidates,
-)
+from pamjax.diagnosis.select.neighbour_fits import is_reduction_significant, shortlist_candidates
 from pamjax.progress import Progress, ignore_progress
 
 

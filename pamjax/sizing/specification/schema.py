@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo
 
 from pamjax.errors import BadInput, refuse, suggest_word
-from pamjax.records.files import decode_text
 from pamjax.records.reading.quantity import EntryLocation, read_count, read_quantity
+from pamjax.records.toml_text import parse_toml
 from pamjax.units import parse_number
 
 Objective = Literal["diameter", "mass", "air", "pressure", "cost", "length"]
@@ -295,12 +294,7 @@ def read_entries(raw: Mapping[str, Any] | bytes, file: str) -> SpecEntries:
         BadInput: if it is no valid TOML, or an entry is invalid; the message reports the first error.
     """
     if isinstance(raw, bytes):
-        try:
-            raw = tomllib.loads(decode_text(raw, file).replace("\r\n", "\n"))
-        except tomllib.TOMLDecodeError as error:
-            got = str(error)[:1].lower() + str(error)[1:].rstrip(".")
-            remedy = "Write texts in double quotes, and names of tables in [brackets]."
-            raise refuse(f"{file} must be valid TOML", got, remedy=remedy) from error
+        raw = parse_toml(raw, file)
     try:
         return SpecEntries.model_validate(dict(raw), context={"file": file})
     except ValidationError as error:

@@ -1,0 +1,147 @@
+"""Refits of a model with one mechanism more, one less, or another one in its place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import chi2
+
+from pamjax.compile.parallel import parallel_map
+from pamjax.diagnosis.detect.score_test import ScoreDirection, compute_score_directions
+from pamjax.diagnosis.library.candidates import Candidate
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.noise.input_noise import compute_input_noise_chi2
+from pamjax.diagnosis.refit.candidate_fit import (
+    CandidateFit,
+    build_corrected_fit,
+    get_free_indices,
+    switch_off_candidate,
+    switch_on_candidate,
+)
+from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.model.registry import EXCLUSIVE_PAIRS
+
+
+def is_reduction_significant(
+    chi2_reduction: float, parameter_count: int, candidate_count: int, significance_level: float
+) -> bool:
+    """Return whether a reduction of χ² is improbable for noise, over all tested candidates."""
+    return bool(
+        chi2_reduction > 0 and candidate_count * chi2.sf(chi2_reduction, parameter_count) < significance_level
+    )
+
+
+def shortlist_candidates(
+    directions: Sequence[ScoreDirection],
+    mechanism_ids: Sequence[str],
+    count: int,
+) -> list[ScoreDirection]:
+    """Return the best candidate of each of the most promising mechanisms that can be added."""
+    best: dict[str, ScoreDirection] = {}
+    excluded_ids = {
+        *mechanism_ids,
+        *(id for pair in EXCLUSIVE_PAIRS if pair & set(mechanism_ids) for id in pair),
+    }
+    for direction in directions:
+        id = direction.candidate.id
+        if id not in excluded_ids and (id not in best or direction.chi2_reduction > best[id].chi2_reduction):
+            best[id] = direction
+    return sorted(best.values(), key=lambda s: -s.chi2_reduction)[:count]
+
+
+def fit_with_candidate(problem: LibraryProblem, fit: CandidateFit, direction: ScoreDirection) -> CandidateFit:
+    """Return the model with one more candidate, roughly refitted with the same noise.
+
+    This candidate may have driven parameters of the baseline to their limits. In that case a second refit
+    starts from the stated values.
+    """
+    starts = [fit.estimate.values]
+    if not fit.mechanisms and _is_strained(problem, fit):
+        starts.append(problem.neutral)
+    mechanisms = (*fit.mechanisms, direction.candidate)
+    free = get_free_indices(problem, mechanisms)
+    estimates = []
+    for start in starts:
+        values = switch_on_candidate(problem, start, direction.candidate, direction.amplitudes)
+        estimates.append(fit_parameters(problem, fit.noise, free, values, problem.settings.rough_evaluations))
+    estimate = min(estimates, key=lambda estimate: estimate.chi2_with_priors)
+    # A rough refit includes the χ² due to input noise, but no correction of its bias.
+    return CandidateFit(
+        mechanisms, fit.noise, estimate, compute_input_noise_chi2(problem, fit.noise.whiten, estimate.values)
+    )
+
+
+def _is_strained(problem: LibraryProblem, fit: CandidateFit) -> bool:
+    """Return whether a baseline parameter is far from its stated value."""
+    stated_indices = np.flatnonzero(problem.is_baseline & np.isfinite(problem.prior_sd))
+    return bool(
+        np.any(
+            np.abs(fit.estimate.values[stated_indices] - problem.start[stated_indices])
+            > problem.settings.strained_prior_sd * problem.prior_sd[stated_indices]
+        )
+    )
+
+
+def refit_most_promising(
+    problem: LibraryProblem, reduced_fit: CandidateFit, trials: Sequence[CandidateFit]
+) -> list[CandidateFit]:
+    """Return the most promising rough refits, refitted to the minimum, best first.
+
+    `reduced_fit` is the model without the added candidate.
+    """
+    first = sorted(trials, key=lambda trial: trial.bic)[: problem.settings.final_refit_count]
+    return refit_fully(
+        problem,
+        [
+            trial
+            for trial in first
+            if trial is first[0] or trial.bic < compute_rough_limit(reduced_fit, first[0])
+        ],
+    )
+
+
+def refit_fully(problem: LibraryProblem, rough_fits: Sequence[CandidateFit]) -> list[CandidateFit]:
+    """Return rough refits, refitted to the minimum, best first."""
+
+    def refit_rough(m: CandidateFit) -> CandidateFit:
+        return build_corrected_fit(
+            problem,
+            m.mechanisms,
+            m.noise,
+            fit_parameters(problem, m.noise, m.estimate.free, m.estimate.values),
+        )
+
+    return sorted(parallel_map(refit_rough, rough_fits), key=lambda trial: trial.bic)
+
+
+def compute_rough_limit(reduced_fit: CandidateFit, fit: CandidateFit) -> float:
+    """Return the BIC below which a rough refit with an alternative is refitted to the minimum."""
+    return (reduced_fit.bic + fit.bic) / 2
+
+
+def fit_replacements(
+    problem, reduced_fit: CandidateFit, candidate: Candidate, candidates
+) -> list[CandidateFit]:
+    """Return models with an alternative in the place of a candidate, roughly refitted."""
+    scores = compute_score_directions(
+        problem, reduced_fit.noise, reduced_fit.estimate, [c for c in candidates if c.id != candidate.id]
+    )
+    return parallel_map(
+        lambda s: fit_with_candidate(problem, reduced_fit, s),
+        shortlist_candidates(scores, reduced_fit.ids, problem.settings.rivals_refitted),
+    )
+
+
+def fit_without_mechanism(problem: LibraryProblem, fit: CandidateFit, k: int) -> CandidateFit:
+    """Return the model without its k-th mechanism, refitted with the same noise."""
+    candidate = fit.mechanisms[k]
+    remaining = fit.mechanisms[:k] + fit.mechanisms[k + 1 :]
+    free = get_free_indices(problem, remaining)
+    values = switch_off_candidate(problem, fit.estimate.values, candidate)
+    return build_corrected_fit(
+        problem,
+        remaining,
+        fit.noise,
+        fit_parameters(problem, fit.noise, free, values, 2 * problem.settings.rough_evaluations),
+    )
