@@ -9,7 +9,7 @@ import signal
 import tempfile
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from pamjax.errors import refuse
@@ -120,15 +120,20 @@ def _move_files(source: Path, target: Path) -> None:
 
 @contextmanager
 def _delay_interrupt() -> Iterator[None]:
-    """Delay Ctrl-C until the files are renamed."""
+    """Delay Ctrl-C and a termination, for example by a batch system, until the files are renamed."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    interrupts: list[int] = []
-    previous_handler = signal.signal(signal.SIGINT, lambda number, frame: interrupts.append(number))
-    try:
+    received_signals: list[int] = []
+    with ExitStack() as stack:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            previous_handler = signal.getsignal(number)
+            if previous_handler is None:  # set by another language: Python cannot restore it
+                continue
+            signal.signal(number, lambda received, _: received_signals.append(received))
+            stack.callback(signal.signal, number, previous_handler)
         yield
-    finally:
-        signal.signal(signal.SIGINT, previous_handler)
-        if interrupts:
-            signal.raise_signal(signal.SIGINT)
+    # The first handler may raise an exception; the stack calls the other one also then.
+    with ExitStack() as stack:
+        for number in dict.fromkeys(received_signals):
+            stack.callback(signal.raise_signal, number)

@@ -71,18 +71,26 @@ def test_interrupted_write_leaves_the_folder_unchanged(tmp_path, exists):
     assert not exists or (folder / "a.txt").read_text() == "old"
 
 
-def test_ctrl_c_during_the_renames_is_delayed(tmp_path, monkeypatch, interruptible):
+@pytest.mark.parametrize(
+    "numbers", [(signal.SIGINT,), (signal.SIGTERM,), (signal.SIGINT, signal.SIGTERM)], ids=str
+)
+def test_signal_during_the_renames_is_delayed(tmp_path, monkeypatch, interruptible, numbers):
+    from pamjax.cli.screen import defer_interrupts, is_terminated
     from pamjax.records import files
 
     move_files = files._move_files
 
     def interrupted(source, target):
-        signal.raise_signal(signal.SIGINT)
+        for number in numbers:
+            signal.raise_signal(number)
         move_files(source, target)
 
     monkeypatch.setattr(files, "_move_files", interrupted)
-    with pytest.raises(KeyboardInterrupt), write_folder_atomically(tmp_path / "out") as temporary:  # noqa: PT012
-        (temporary / "a.txt").write_text("a")
-        (temporary / "b.txt").write_text("b")
+    with pytest.raises(KeyboardInterrupt), defer_interrupts():  # noqa: PT012, SIM117
+        with write_folder_atomically(tmp_path / "out") as temporary:
+            (temporary / "a.txt").write_text("a")
+            (temporary / "b.txt").write_text("b")
     assert names(tmp_path / "out") == ["a.txt", "b.txt"]
     assert names(tmp_path) == ["out"]
+    assert is_terminated() == (signal.SIGTERM in numbers)
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL

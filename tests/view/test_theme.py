@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
+from pamjax.view.reports.page import render_svg
 from pamjax.view.theme import (
     OKABE_ITO,
     REFERENCE_COLOUR,
@@ -102,6 +103,7 @@ def test_name_with_dollar_signs_is_no_formula(name, tmp_path):
         panel.set_yticks([1, 2], [name, "plain"])
         panel.legend()
         add_panel_letters([panel])
+    assert f">{name.strip().replace('\\$', '$')}</text>" in render_svg(figure, "names", "")
     save_figure(figure, tmp_path / "figure")
     escaped = name.replace("\\$", "$").replace("$", "\\$")
     assert panel.get_xlabel() == escaped

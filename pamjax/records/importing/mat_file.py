@@ -44,7 +44,8 @@ def read_mat(path: Path, matrix: str) -> dict[str, np.ndarray]:
 
 
 def _read_arrays(path: Path) -> dict[str, np.ndarray]:
-    words = [sys.executable, "-m", "pamjax.records.importing.mat_child", str(path)]
+    # With -P the working directory, which may have a numpy.py among the data, is not in sys.path.
+    words = [sys.executable, "-P", "-m", "pamjax.records.importing.mat_child", str(path)]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     rule = f"{path.name} must be a MAT file"
     try:

@@ -21,7 +21,7 @@ from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
 from pamjax.records.files import write_atomically
-from pamjax.view.theme import apply_theme
+from pamjax.view.theme import apply_theme, escape_names
 
 #: Packages whose versions each page lists at its end.
 VERSIONED_PACKAGES = ("pamjax", "jax", "numpy", "scipy")
@@ -79,6 +79,7 @@ def render_svg(figure: Figure, name: str, alt: str) -> Markup:
         name: prefix of the ids inside it, which must be unique on a page.
         alt: alternative text.
     """
+    escape_names(figure)
     text = io.StringIO()
     with apply_theme(), matplotlib.rc_context(_SVG_SETTINGS):
         metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))

@@ -192,3 +192,11 @@ def test_hostile_hdf5_file_is_one_sentence(change, message, tmp_path):
     assert read_mat_error(tmp_path / "a.mat") == (
         f"a.mat must be a MAT file; got {message}. Save it again in MATLAB."
     )
+
+
+def test_module_in_the_working_directory_is_not_executed(tmp_path, monkeypatch):
+    write_mat(tmp_path / "a.mat")
+    (tmp_path / "numpy.py").write_text("open('executed', 'w').close()")
+    monkeypatch.chdir(tmp_path)
+    assert set(read_mat(tmp_path / "a.mat", "")) == {"bench.t", "bench.p", "bench.F"}
+    assert not (tmp_path / "executed").exists()
