@@ -18,9 +18,13 @@ from pamjax.sizing.specification.spec import Spec
 
 #: Largest number of choices that are optimised for the probability; of these that fail before one succeeds.
 MAX_ASSURED_CHOICES, MAX_FAILURES = 30, 16
-#: Excess of the search's probability over the target, as shares of the distance to one, tried in this order:
-#: a candidate that is optimised on the draws of the search is a little less probable on other draws.
-EXCESS_SHARES = (0.05, 0.1, 0.2)
+#: Excess of the search's probability over the target, standard errors, tried in this order: a candidate that
+#: is optimised on the draws of the search is a little less probable on other draws.
+SEARCH_EXCESSES = (2.0, 3.0, 5.0)
+#: Excess at which no further one is tried, standard errors: the reported probability has draws of its own.
+SUFFICIENT_EXCESS = 1.0
+#: Largest excess, as a share of the distance from the target to one.
+MAX_EXCESS_SHARE = 0.5
 #: Probability, as a share of the target, below which a choice is given up.
 HOPELESS_SHARE = 0.95
 
@@ -50,7 +54,8 @@ def assure_probability(
 ) -> list[Finalist]:
     """Return the optimised choices: those that reach the probability by objective, then the most probable.
 
-    The probabilities are estimated from independent draws.
+    The probabilities are estimated from draws that no search used. They select the best choice, so its
+    reported probability needs draws of its own (`chance_constraints.draw_reported_builds`).
 
     Args:
         pool: feasible choices, the best first.
@@ -74,22 +79,27 @@ def assure_probability(
 def _assure_choice(result: ChoiceResult, transfer: CalibrationTransfer, spec: Spec, seed: int) -> Finalist:
     target, tolerance = spec.entries.probability, spec.entries.tolerance
     best, start = Finalist(result, 0.0), result
-    for excess in EXCESS_SHARES:
+    for excess in SEARCH_EXCESSES:
         # The errors are shares of the dimensions, which change with each pass.
         errors = chance.choose_problem_errors(start, tolerance)
         draws = chance.draw_builds(result.problem, transfer, errors, chance.SEARCH_DRAWS, seed)
-        start, _ = chance.meet_probability(result, draws, target + excess * (1 - target))
-        probability = estimate_reported_probability(start, transfer, spec, seed)
+        start, _ = chance.meet_probability(result, draws, _raise_target(target, excess))
+        probability = _estimate_selection_probability(start, transfer, spec, seed)
         best = max(best, Finalist(start, probability), key=lambda finalist: finalist.probability)
-        if probability >= target or probability < HOPELESS_SHARE * target:
+        if probability >= _raise_target(target, SUFFICIENT_EXCESS) or probability < HOPELESS_SHARE * target:
             break
     return best
 
 
-def estimate_reported_probability(
+def _raise_target(target: float, excess: float) -> float:
+    """Return the target plus an excess in standard errors, at most `MAX_EXCESS_SHARE` of the way to one."""
+    return target + min(excess * chance.compute_standard_error(target), MAX_EXCESS_SHARE * (1 - target))
+
+
+def _estimate_selection_probability(
     result: ChoiceResult, transfer: CalibrationTransfer, spec: Spec, seed: int
 ) -> float:
-    """Return the probability that all requirements hold, from draws that no search has used."""
+    """Return the probability that all requirements hold, from draws that select a choice."""
     assert result.optimum is not None
     errors = chance.choose_problem_errors(result, spec.entries.tolerance)
     draws = chance.draw_builds(result.problem, transfer, errors, chance.REPORT_DRAWS, seed + 1)

@@ -2,12 +2,13 @@
 
 Drawn: materials and friction from the posterior of a calibration, else uniformly over the range of the
 table's sources; errors of manufacture, of the set length and of the pressure (`tolerances.py`); and the model
-error of the force. A search aims at two standard errors above the required probability.
+error of the force. The draws are of three seeds: those of the search, those that select the design, and those
+of the reported probability. The reported probability is thus computed once, from draws that no choice used.
 
 Each requirement j has a back-off b_j: its margin without errors must be at least b_j. b_j is a quantile of
 the margin's decrease over the draws. The quantile's level is the same for all requirements: the largest at
 which all hold together with the required probability. The candidate is optimised with b, and b is computed
-again, until the probability is reached. The reported probability is estimated from independent draws.
+again, until the probability is reached.
 
 If no candidate reaches the probability, the best one has the largest share s of the back-off: its margins are
 at least s b_j, and s = 1 would be sufficient.
@@ -31,7 +32,7 @@ from pamjax.sizing.specification.materials import PropertyRange
 from pamjax.sizing.specification.schema import Tolerance
 from pamjax.sizing.tolerances import BuildErrors, choose_errors
 
-#: Numbers of draws for the search and for the reported probability, powers of two.
+#: Numbers of draws for the search, and for the selection and the reported probability; powers of two.
 SEARCH_DRAWS, REPORT_DRAWS = 1024, 4096
 #: Largest number of updates of the back-off.
 MAX_ROUNDS = 12
@@ -100,6 +101,26 @@ def draw_builds(
         for name, value in problem.numbers.items()
     }
     return BuildDraws(drawn_build, numbers, count)
+
+
+def draw_reported_builds(
+    problem: SizingProblem, transfer: CalibrationTransfer, errors: BuildErrors, seed: int
+) -> BuildDraws:
+    """Return the draws of the reported probability, independent of those of the search and the selection.
+
+    Args:
+        seed: seed of the search; the selection uses the next one.
+    """
+    return draw_builds(problem, transfer, errors, REPORT_DRAWS, seed + 2)
+
+
+def compute_standard_error(probability: float) -> float:
+    """Return the standard error of a probability from `REPORT_DRAWS` random draws.
+
+    >>> round(compute_standard_error(0.9), 4)
+    0.0047
+    """
+    return math.sqrt(probability * (1 - probability) / REPORT_DRAWS)
 
 
 def _draw_ratio(transfer: CalibrationTransfer, name: str, rows: np.ndarray) -> np.ndarray:

@@ -204,7 +204,9 @@ def build_receipt(design: Design) -> dict[str, list[str]]:
         reached = sum(finalist.reaches(entries.probability) for finalist in design.finalists)
         uncertain.append(f"{reached} of {len(design.finalists)} choices reach the probability")
     search_texts = [f"{len(design.results)} choices optimised, {design.unsearched_count} more only screened"]
-    if design.spec.stock:
+    if design.misses_stock:
+        search_texts.append("no tube that is sold fits")
+    elif design.spec.stock:
         search_texts.append(f"{design.choice_count} feasible combinations with tubes that are sold")
     search_texts.append("local searches from several starts do not prove a global optimum")
     return {

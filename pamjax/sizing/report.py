@@ -142,8 +142,11 @@ def format_probability(design: Design) -> list[str]:
         return [first, *_format_cost(design)]
     if design.misses_probability:
         limit, limit_probability = find_weakest(design)
+        # The draws that select a choice are others than those of its reported probability.
+        other_reaches = any(finalist.reaches(target) for finalist in design.finalists)
+        subject = "the chosen muscle does not reach" if other_reaches else "no choice reaches"
         return [
-            f"no choice reaches the probability {target:g}: this one reaches {reached};"
+            f"{subject} the probability {target:g}: this one reaches {reached};"
             f" the limit is “{limit}” ({format_probability_value(limit_probability)})",
             *_format_cost(design),
         ]
@@ -170,7 +173,7 @@ def _format_cost(design: Design) -> list[str]:
     unit = OBJECTIVE_UNITS[name]
     nominal = math.exp(design.nominal.optimum.log_objective)
     steps = [(nominal, "for the nominal design (typical properties, any size)")]
-    if design.spec.stock and design.nominal_stock is not None and design.nominal_stock.optimum is not None:
+    if design.nominal_stock is not None and design.nominal_stock.optimum is not None:
         sold = math.exp(design.nominal_stock.optimum.log_objective)
         steps.append((sold, f"with parts that are sold ({_format_change(sold, nominal)})"))
     if design.spec.entries.probability:

@@ -45,7 +45,8 @@ class Design:
         misses_stock: whether no tube that is sold fits, so that the bladder has any diameter and wall.
         errors: standard deviations of the errors of manufacture, length and pressure.
         nominal: best choice of any size at typical properties; None if infeasible.
-        nominal_stock: best choice of the parts that are sold, at typical properties; None if infeasible.
+        nominal_stock: best choice of the parts that are sold, at typical properties; None if infeasible, if
+            no tube fits, or if any size is allowed.
         finalists: choices that were optimised for the probability, the chosen one first.
         choice_count: number of optimised choices, with sold parts if these are used.
         force_sds: (points,) standard deviation of the force over the draws, N.

@@ -33,9 +33,7 @@ def build_scatter_document(design: Design, numbers: dict[str, float]) -> dict[st
         design: a feasible design.
         numbers: parameters of the muscle by name, SI.
     """
-    draws = chance.draw_builds(
-        design.problem, design.transfer, design.errors, chance.REPORT_DRAWS, design.seed + 1
-    )
+    draws = chance.draw_reported_builds(design.problem, design.transfer, design.errors, design.seed)
     drawn, build = draws.build, design.problem.build
     deviations = np.stack(
         [

@@ -127,6 +127,7 @@ def _build_feasible_design(
         pool, misses_stock = stock_pool or pool, not stock_pool
     else:
         misses_stock = False
+    has_sold_parts = spec.stock and not misses_stock
     finalists = [Finalist(result) for result in pool]
     if entries.probability:
         finalists = assure_probability(pool, transfer, spec, seed, progress)
@@ -135,8 +136,11 @@ def _build_feasible_design(
     assert optimum is not None
     z = optimum.z
     errors = chance.choose_problem_errors(best_result, entries.tolerance)
-    draws = chance.draw_builds(best_result.problem, transfer, errors, chance.REPORT_DRAWS, seed + 1)
+    draws = chance.draw_reported_builds(best_result.problem, transfer, errors, seed)
     probability = chance.estimate_probability(best_result.problem, z, draws)
+    if entries.probability:
+        # The probability that selected this choice is too high, because the selection used it.
+        finalists[0] = Finalist(best_result, probability)
     design = Design(
         spec,
         task,
@@ -155,9 +159,9 @@ def _build_feasible_design(
         misses_stock=misses_stock,
         errors=errors,
         nominal=nominal,
-        nominal_stock=pool[0],
+        nominal_stock=pool[0] if has_sold_parts else None,
         finalists=tuple(finalists),
-        choice_count=len(pool) if spec.stock else len(results),
+        choice_count=len(pool) if has_sold_parts else len(results),
         force_sds=chance.estimate_force_sds(best_result.problem, z, draws),
     )
     if not margins:

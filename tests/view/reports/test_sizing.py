@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 import pamjax
+from pamjax.sizing import chance_constraints
 from pamjax.sizing.infeasible import format_amount
+from pamjax.sizing.io import build_design_document
 from pamjax.sizing.shopping import list_checks
 from pamjax.view.figures.sizing import plot_chart, plot_prices
 from pamjax.view.reports.sizing import format_answer, format_headline, write_design_report
@@ -135,3 +137,45 @@ def test_operating_point_above_the_supply_has_an_isobar():
 
 def test_title_reports_the_saving_of_a_relaxation():
     assert re.search(r"” by 1 % reduces diameter by \S+ %", plot_prices(size_spec(False)).get_suptitle())
+
+
+def test_without_a_fitting_tube_no_part_counts_as_sold():
+    # No latex tube of the table has a wall between 0.79 and 1.19 mm.
+    design = pamjax.size(SPEC | {"limits": {"wall": ["0.9 mm", "1.1 mm"]}}, margins=False, starts=2)
+    assert design.feasible
+    assert design.misses_stock
+    assert design.nominal_stock is None
+    assert design.choice_count == len(design.results)
+    assert "with parts that are sold" not in str(design)
+    assert "No tube of the table fits" in format_answer(design)[-1]
+    document = build_design_document(design)
+    assert document["nominal"]["any_size"] == pytest.approx(
+        1e3 * math.exp(design.nominal.optimum.log_objective)
+    )
+    assert document["nominal"]["sold_parts"] is None
+    assert not document["sold_parts"]
+    assert "no tube that is sold fits" in document["receipt"]["searched"]
+    assert not any("with tubes that are sold" in line for line in document["receipt"]["searched"])
+    with TemporaryDirectory() as folder:
+        text = write_design_report(design, Path(folder) / "report.html").read_text("utf-8")
+    assert "no tube that is sold fits" in text
+
+
+def test_probability_of_the_table_is_that_of_the_answer():
+    design = size_spec(False)
+    assert design.finalists[0].probability == design.probability
+
+
+def test_reported_probability_has_draws_that_selected_nothing(monkeypatch):
+    draw_builds, uses = chance_constraints.draw_builds, []
+
+    def record(problem, transfer, errors, count, seed):
+        uses.append((count, seed))
+        return draw_builds(problem, transfer, errors, count, seed)
+
+    monkeypatch.setattr(chance_constraints, "draw_builds", record)
+    design = pamjax.size(SPEC, margins=False, starts=2, stock=False, seed=5)
+    assert design.misses_probability == (design.probability < 0.9)
+    *selecting, reporting = uses
+    assert reporting == (chance_constraints.REPORT_DRAWS, 7)
+    assert {seed for _, seed in selecting} == {5, 6}
