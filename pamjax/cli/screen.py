@@ -150,11 +150,18 @@ def check_writable(folder: Path, label: str = "`--out`") -> None:
 
 
 def announce_compilation(folder: Path | None, quiet: bool) -> None:
-    """Print one line before the first diagnosis on a machine, because it compiles the model."""
-    if quiet or (folder is not None and any((folder / "traced").glob("*.stablehlo"))):
+    """Print one line before the first diagnosis on a machine, because it compiles the model.
+
+    Args:
+        folder: the folder for compiled programs; None if each process compiles its own.
+        quiet: whether to print nothing.
+    """
+    from pamjax.compile.aot_cache import has_programs
+
+    if quiet or has_programs("pamjax.diagnosis"):
         return
-    line = "pamjax: compiling the model, one to three minutes, once on this machine"
-    print(line, file=sys.stderr, flush=True)
+    repetition = "once on this machine" if folder else "in each run, because it has no folder for programs"
+    print(f"pamjax: compiling the model, one to three minutes, {repetition}", file=sys.stderr, flush=True)
 
 
 def print_text(text: str) -> None:

@@ -1,8 +1,8 @@
 """Cache of traced programs (StableHLO) on disk.
 
 JAX finds a compiled program by its trace. Every process therefore traces again, which takes about twenty
-seconds. This cache stores the trace. Its file name is a hash of the function, the shapes and types of its
-arguments, the sources of pamjax, and the versions of JAX and Equinox. The file is written after the program
+seconds. This cache stores the trace. Its file name has the function and two hashes: one of the sources of pamjax
+and the versions of JAX and Equinox, one of the shapes and types of the arguments. The file is written after the program
 is compiled. Other processes that need the same program wait for it. If the folder cannot be used, a process
 compiles without the cache.
 
@@ -13,6 +13,7 @@ pamjax, or for devices other than the CPU. It does not detect code that is patch
 from __future__ import annotations
 
 import hashlib
+import re
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -37,6 +38,9 @@ TRACING_PACKAGES = ("jax", "jaxlib", "equinox")
 
 #: Longest time to wait for a program of another process, s.
 LOCK_TIMEOUT = 240.0
+
+#: Largest number of characters of the function in a file name.
+MAX_FUNCTION_NAME = 100
 
 #: Length of the checksum at the start of a file, bytes.
 CHECKSUM_BYTES = 32
@@ -65,6 +69,16 @@ def load_or_compile(function: Any, *arguments: Any) -> Compiled:
             if not file.is_file():
                 return _compile_and_store(flat, leaves, file)
     return _load_program(file, leaves) or _compile_and_store(flat, leaves, file)
+
+
+def has_programs(package: str) -> bool:
+    """Return whether the cache has programs of a package, traced by these versions and sources.
+
+    Args:
+        package: for example "pamjax.diagnosis".
+    """
+    folder = _get_folder()
+    return folder is not None and any(folder.glob(f"{package}.*-{_hash_tracer()}-*.stablehlo"))
 
 
 def _compile_and_store(function: Wrapped, leaves: list, file: Path) -> Compiled:
@@ -116,16 +130,27 @@ def _lock_program(file: Path) -> Iterator[None]:
 
 def _locate_program(function: Any, arguments: tuple) -> Path | None:
     """Return the file of a program, or None if it is not cached."""
-    folder = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
+    folder = _get_folder()
     is_own = all(owner.__module__.startswith("pamjax.") for owner in (function, *MECHANISMS, *ALTERNATIVES))
     leaves = jax.tree_util.tree_leaves(arguments)
     on_cpu = all(device.platform == "cpu" for leaf in leaves for device in leaf.devices())
-    if not folder or "://" in folder or not (is_own and on_cpu and _are_sources_unchanged()):
+    if folder is None or not (is_own and on_cpu and _are_sources_unchanged()):
         return None
     shapes = eqx.tree_pformat(arguments, width=10**6)
     function_name = f"{function.__module__}.{function.__qualname__}"
-    name = hashlib.sha256("\n".join([function_name, shapes, _describe_tracer()]).encode()).hexdigest()
-    return Path(folder) / "traced" / f"{name}.stablehlo"
+    name = hashlib.sha256(f"{function_name}\n{shapes}".encode()).hexdigest()
+    readable_name = re.sub(r"[^\w.]", "_", function_name)[:MAX_FUNCTION_NAME]
+    return folder / f"{readable_name}-{_hash_tracer()}-{name}.stablehlo"
+
+
+def _get_folder() -> Path | None:
+    """Return the folder of traced programs, or None without a local cache folder."""
+    folder = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
+    return None if not folder or "://" in folder else Path(folder) / "traced"
+
+
+def _hash_tracer() -> str:
+    return hashlib.sha256(_describe_tracer().encode()).hexdigest()
 
 
 def _list_sources() -> list[Path]:

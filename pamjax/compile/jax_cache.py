@@ -40,7 +40,7 @@ def keep_compiled(folder: str | Path | None = None) -> Path | None:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         if not os.access(folder, os.W_OK):
             raise PermissionError(folder)
-        is_private = _make_private(folder)
+        is_private = _is_private(folder) or (not chosen_folder and _withdraw_group(folder))
     except OSError as error:
         if not chosen_folder:
             return None
@@ -50,7 +50,8 @@ def keep_compiled(folder: str | Path | None = None) -> Path | None:
         if not chosen_folder:
             return None
         rule = "only you may write to the folder for compiled programs, because pamjax runs its files"
-        raise refuse(rule, f"{folder}", place, "Choose another folder, or delete this one.")
+        remedy = "Choose another folder, delete this one, or withdraw the rights of others (chmod go-w)."
+        raise refuse(rule, f"{folder}", place, remedy)
     # JAX issues one warning for each program if the disk is full or the folder disappears.
     warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache")
     jax.config.update("jax_compilation_cache_dir", str(folder))
@@ -60,20 +61,26 @@ def keep_compiled(folder: str | Path | None = None) -> Path | None:
     return folder
 
 
-def _make_private(folder: Path) -> bool:
-    """Withdraw the group's right to write to an own folder; return whether only this user can write to it.
+def _is_private(folder: Path) -> bool:
+    """Return whether only this user, or the administrator, can write to a folder.
 
-    A folder of the administrator is accepted. Without users, as on Windows, every folder is accepted.
+    Without users, as on Windows, every folder is accepted.
     """
     if not hasattr(os, "geteuid"):
         return True
     status = folder.stat()
-    if status.st_uid not in (0, os.geteuid()) or status.st_mode & stat.S_IWOTH:
-        return False
-    if status.st_mode & stat.S_IWGRP:
-        # Some systems give new folders this right by default.
+    return status.st_uid in (0, os.geteuid()) and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+
+
+def _withdraw_group(folder: Path) -> bool:
+    """Withdraw the group's right to write to pamjax's own folder; return whether it is then private.
+
+    Some systems give new folders this right by default. The mode of a folder that the user named is unchanged.
+    """
+    status = folder.stat()
+    if status.st_uid == os.geteuid():
         folder.chmod(stat.S_IMODE(status.st_mode) & ~stat.S_IWGRP)
-    return True
+    return _is_private(folder)
 
 
 def _find_user_folder() -> Path:

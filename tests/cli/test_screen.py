@@ -4,10 +4,13 @@ import contextlib
 import signal
 import time
 
+import jax
 import pytest
 
 import pamjax.cli.screen
+import pamjax.compile.aot_cache
 from pamjax.cli.screen import announce_compilation, defer_interrupts, print_written_files, show_progress
+from pamjax.compile.aot_cache import load_or_compile
 
 
 @pytest.fixture(autouse=True)
@@ -79,12 +82,45 @@ def test_short_or_quiet_command_prints_no_progress(capsys, monkeypatch):
     assert capsys.readouterr().err == ""
 
 
-def test_first_compilation_is_announced(tmp_path, capsys):
-    announce_compilation(tmp_path, quiet=False)
+@pytest.fixture
+def program_folder(tmp_path):
+    """Use a temporary folder for compiled programs."""
+    before = jax.config.jax_compilation_cache_dir
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path))
+    yield tmp_path
+    jax.config.update("jax_compilation_cache_dir", before)
+
+
+def store_program(home):
+    def double(x):
+        return 2 * x
+
+    double.__module__ = home
+    load_or_compile(jax.jit(double), jax.numpy.ones(3))
+
+
+def test_first_compilation_is_announced(program_folder, capsys):
     line = "pamjax: compiling the model, one to three minutes, once on this machine\n"
+    # The programs of an inverse command are not those of a diagnosis.
+    store_program("pamjax.control.inverse")
+    announce_compilation(program_folder, quiet=False)
     assert capsys.readouterr().err == line
-    (tmp_path / "traced").mkdir()
-    (tmp_path / "traced" / "a.stablehlo").write_text("")
-    announce_compilation(tmp_path, quiet=False)
-    announce_compilation(tmp_path / "other", quiet=True)
+    announce_compilation(program_folder, quiet=True)
+    store_program("pamjax.diagnosis.library.library_problem")
+    announce_compilation(program_folder, quiet=False)
     assert capsys.readouterr().err == ""
+
+
+def test_programs_of_other_sources_do_not_count(program_folder, capsys, monkeypatch):
+    store_program("pamjax.diagnosis.library.library_problem")
+    monkeypatch.setattr(pamjax.compile.aot_cache, "_describe_tracer", lambda: "other sources")
+    announce_compilation(program_folder, quiet=False)
+    assert "once on this machine" in capsys.readouterr().err
+
+
+def test_without_a_cache_folder_each_run_compiles(program_folder, capsys):
+    jax.config.update("jax_compilation_cache_dir", None)
+    announce_compilation(None, quiet=False)
+    line = capsys.readouterr().err
+    assert "in each run" in line
+    assert "once" not in line

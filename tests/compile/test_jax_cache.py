@@ -75,9 +75,22 @@ def test_folder_of_another_user_is_refused(unset_cache, monkeypatch):
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="needs users and modes")
-def test_right_of_the_group_is_withdrawn(unset_cache, monkeypatch):
+def test_right_of_the_group_is_withdrawn_in_the_default_folder(unset_cache, monkeypatch):
     folder = unset_cache.parent / "compiled"
     folder.mkdir()
     folder.chmod(0o775)
-    assert keep_compiled(folder) == folder
+    monkeypatch.setattr(pamjax.compile.jax_cache, "_find_user_folder", lambda: unset_cache.parent)
+    assert keep_compiled() == folder
     assert stat.S_IMODE(folder.stat().st_mode) == 0o755
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="needs users and modes")
+@pytest.mark.parametrize("by_argument", [True, False])
+def test_named_folder_of_a_group_is_refused_and_unchanged(unset_cache, monkeypatch, by_argument):
+    folder = unset_cache.parent / "compiled"
+    folder.mkdir()
+    folder.chmod(0o775)
+    monkeypatch.setenv("PAMJAX_CACHE_DIR", str(unset_cache.parent))
+    with pytest.raises(BadInput, match=r"only you may write .*withdraw the rights of others \(chmod go-w\)"):
+        keep_compiled(folder if by_argument else None)
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o775

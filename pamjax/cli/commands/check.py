@@ -9,7 +9,7 @@ from pamjax.cli.screen import print_json, print_text
 
 
 def check(cases: list[Path], /, *, law: str | None = None, json: Json = False) -> None:
-    """Check cases before a fit: its data, and which parameters it determines.
+    """Check cases before a fit: their data, and which parameters they determine.
 
     The report lists rows, units, ranges, outliers and blocks. It also lists which parameters the recording
     determines, which it determines only in combination, and which come mostly from the prior.
@@ -17,7 +17,7 @@ def check(cases: list[Path], /, *, law: str | None = None, json: Json = False) -
     Args:
         cases: case folders, each with recording.csv and muscle.toml.
         law: thread law; by default that of the case's baseline model.
-        json: print one JSON document.
+        json: print one JSON document: an object for one case, a list of objects for several.
     """
     from pamjax.records.case import read_case
 
