@@ -10,6 +10,7 @@ import pamjax
 from pamjax.infer.fitting.load import load_muscle
 from pamjax.model.bench import record_bench
 from pamjax.model.history import build_time_history
+from pamjax.sizing import chance_constraints as chance
 from pamjax.sizing.candidate import evaluate_many
 from pamjax.sizing.io import build_design_document, save_design
 from pamjax.sizing.problem import compute_bounds
@@ -19,8 +20,8 @@ from tests.sizing import by_grid
 
 HOME = Path(__file__).parents[2] / "fits" / "sizing"
 NAMES = ("elbow-orthosis", "lift-2kN", "gripper-3mm")
-#: Problems with a required probability, and whether their design reaches it.
-REACHED = {"elbow-orthosis": True}
+#: Names of the specs whose design reaches the required probability.
+REACHED = {"elbow orthosis", "2 kN lift", "3 mm gripper"}
 
 
 @pytest.fixture(scope="module", params=NAMES)
@@ -78,6 +79,23 @@ def test_design_is_stationary_and_its_report_is_short(design):
     json.dumps(build_design_document(design), allow_nan=False)
     objectives = [result.optimum.log_objective for result in design.results if result.optimum is not None]
     assert (np.diff(objectives) >= 0).all()
+
+
+@pytest.mark.slow
+def test_required_probability_is_reached_also_in_fresh_draws(design):
+    target = design.spec.entries.probability
+    assert target == 0.9
+    assert (design.probability >= target) == (design.spec.name in REACHED)
+    assert design.misses_probability == (design.spec.name not in REACHED)
+    fresh_draws = chance.draw_builds(
+        design.problem, design.transfer, design.errors, chance.REPORT_DRAWS, design.seed + 100
+    )
+    fresh = chance.estimate_probability(design.problem, design.z, fresh_draws)
+    standard_error = chance.compute_standard_error(design.probability)
+    if design.spec.name in REACHED:
+        assert fresh >= target - 4 * standard_error
+    # The reported draws selected nothing, so that both estimates differ by their errors only.
+    assert abs(fresh - design.probability) < 4 * np.sqrt(2) * standard_error
 
 
 @pytest.mark.slow
