@@ -3,14 +3,13 @@
 The models predict the force F(P, L) at a pressure and a length. In an isotonic test the force F_set is set
 and the length is measured. One step of Newton's method from the measured length L is the predicted length:
 
-    L̂ = L + (F_set − F(P, L)) / K,     K = [F₀(P, L + h) − F₀(P, L − h)] / (2 h).
+    L̂ = L + (F_set − F(P, L)) / K,     K = ∂F₀/∂L at constant P.
 
 | symbol | meaning                                                        | unit |
 |--------|----------------------------------------------------------------|------|
 | F      | force of the bench, memories (friction, relaxation) included   | N    |
 | F₀     | force of the bench without memories                            | N    |
 | K      | stiffness of the muscle at constant pressure                   | N/m  |
-| h      | `STEP_SHARE` of the length                                     | m    |
 
 The measured length is the input of the memories. In a loop, the direction of friction is thus that of the
 measured motion, and no equation with memory must be solved.
@@ -24,13 +23,10 @@ Source: Newton's method; derived here.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Int
 
 from pamjax.jit import compile_on_call
 from pamjax.model.balance import Status
@@ -39,8 +35,6 @@ from pamjax.model.history import History
 from pamjax.model.mechanism import Samples
 from pamjax.model.muscle import Muscle
 
-#: Half the distance of the two lengths that give the stiffness, relative to the length.
-STEP_SHARE = 1e-4
 #: Smallest stiffness, N/m.
 MIN_STIFFNESS = 1.0
 
@@ -67,36 +61,43 @@ class LengthReading(eqx.Module):
 
 
 def predict_length(
-    predict: Callable[[Samples], Any],
-    predict_static: Callable[[Samples], Any],
-    length: Float[Array, " n"],
-    set_force: Float[Array, " n"],
+    muscle: Muscle | Bench, pressure: Samples, length: Samples, set_force: Samples, history: History
 ) -> LengthReading:
     """Return the length at which the model's force is the set force, to first order.
 
     Args:
-        predict: reading (force in N, diameter in m, status) at lengths, (n,) m.
-        predict_static: the same without memories.
+        muscle: the muscle, or a bench with the muscle.
+        pressure: (n,) gauge pressure, Pa.
         length: (n,) measured length, m.
         set_force: (n,) N.
+        history: time and order of the samples.
     """
-    reading = predict(length)
-    stiffness = compute_stiffness(predict_static, length)
+    if isinstance(muscle, Muscle):
+        reading, stiffness = jax.vmap(muscle)(pressure, length), compute_stiffness(muscle, pressure, length)
+    else:
+        reading = muscle(pressure, length, history)
+        stiffness = compute_stiffness(muscle, pressure, length, history)
     predicted_length = length + (set_force - reading.force) / stiffness
     return LengthReading(predicted_length, reading.diameter, stiffness, reading.status)
 
 
-def compute_stiffness(predict_static: Callable[[Samples], Any], length: Float[Array, " n"]) -> Array:
-    """Return the stiffness at constant pressure, (n,) N/m, at least `MIN_STIFFNESS`.
+def compute_stiffness(
+    muscle: Muscle | Bench, pressure: Samples, length: Samples, history: History | None = None
+) -> Array:
+    """Return the stiffness at constant pressure without memories, (n,) N/m, at least `MIN_STIFFNESS`.
 
     Args:
-        predict_static: reading at lengths, (n,) m, without memories.
-        length: (n,) m.
+        muscle, pressure, length: as for `predict_length`.
+        history: of the samples; only a bench needs it.
     """
-    step = STEP_SHARE * length
-    # With a loop the static model is compiled once for both lengths.
-    above, below = jax.lax.map(lambda x: predict_static(x).force, jnp.stack([length + step, length - step]))
-    stiffness = (above - below) / (2 * step)
+
+    def compute_force(x):
+        if isinstance(muscle, Muscle):
+            return jax.vmap(muscle)(pressure, x).force
+        return remove_memories(muscle)(pressure, x, history).force
+
+    # All lengths change alike: a delay of the force channel mixes rows.
+    _, stiffness = jax.jvp(compute_force, (length,), (jnp.ones_like(length),))
     return jnp.where(stiffness > MIN_STIFFNESS, stiffness, MIN_STIFFNESS)
 
 
@@ -132,18 +133,4 @@ def solve_lengths(
     return reading, is_solved
 
 
-@compile_on_call
-def _step_length(
-    muscle: Muscle | Bench, pressure: Samples, length: Samples, set_force: Samples, history: History
-) -> LengthReading:
-    """Return one step of Newton's method for the lengths at the set force."""
-    if isinstance(muscle, Muscle):
-
-        def predict_ideal(x):
-            return jax.vmap(muscle)(pressure, x)
-
-        return predict_length(predict_ideal, predict_ideal, length, set_force)
-    static = remove_memories(muscle)
-    return predict_length(
-        lambda x: muscle(pressure, x, history), lambda x: static(pressure, x, history), length, set_force
-    )
+_step_length = compile_on_call(predict_length)

@@ -1,13 +1,12 @@
 """The length at a set force: one step from the measured length, and the solved length."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
 from pamjax.model.assembly import assemble, assemble_bench
-from pamjax.model.bench import remove_memories
+from pamjax.model.bench import record_bench, remove_memories
 from pamjax.model.history import build_time_history
 from pamjax.model.isotonic import MIN_STIFFNESS, compute_stiffness, predict_length, solve_lengths
 from tests.agreement import SOLVED, agree
@@ -32,10 +31,8 @@ def find_roots(muscle):
 
 
 def predict_at(muscle, length):
-    def predict(x):
-        return jax.vmap(muscle)(jnp.asarray(PRESSURE), x)
-
-    return predict_length(predict, predict, jnp.asarray(length), jnp.asarray(LOAD))
+    samples = (jnp.asarray(x) for x in (PRESSURE, length, LOAD))
+    return predict_length(muscle, *samples, build_history(3))
 
 
 @pytest.fixture(scope="module")
@@ -84,8 +81,25 @@ def test_length_without_equilibrium_is_not_solved():
 
 
 def test_stiffness_without_pressure_has_a_lower_limit(muscle):
-    stiffness = compute_stiffness(lambda x: jax.vmap(muscle)(jnp.zeros(2), x), jnp.array([0.15, 0.19]))
+    stiffness = compute_stiffness(muscle, jnp.zeros(2), jnp.array([0.15, 0.19]))
     agree(stiffness, MIN_STIFFNESS, SOLVED)
+
+
+def test_stiffness_of_the_bare_braid_is_its_closed_form():
+    # F = P (3 L² − B²) / (4 π N²), so that ∂F/∂L = 3 P L / (2 π N²).
+    length, expected = jnp.array([0.14, 0.16, 0.19]), 3 * PRESSURE / (2 * np.pi * 1.2**2)
+    muscle = assemble("inelastic", BRAID)
+    agree(compute_stiffness(muscle, jnp.asarray(PRESSURE), length), expected * length, 1e-12)
+    bench = assemble_bench("inelastic", (), BRAID)
+    agree(compute_stiffness(bench, jnp.asarray(PRESSURE), length, build_history(3)), expected * length, 1e-12)
+
+
+def test_stiffness_of_a_bench_is_the_slope_of_its_force():
+    ids = ("bladder_elasticity", "thread_crimp", "end_taper", "rig_compliance")
+    bench, history, step = assemble_bench("inelastic", ids, BRAID | RUBBER), build_history(3), 1e-5
+    pressure, length = jnp.asarray(PRESSURE), jnp.array([0.14, 0.16, 0.18])
+    above, below = (record_bench(bench, pressure, length + s, history).force for s in (step, -step))
+    agree(compute_stiffness(bench, pressure, length, history), (above - below) / (2 * step), 1e-6)
 
 
 def test_friction_delays_the_length_in_both_directions():

@@ -26,7 +26,7 @@ from pamjax.infer.problem.priors import (
 from pamjax.infer.problem.whitening import Whitening
 from pamjax.jit import compile_on_call
 from pamjax.model.assembly import assemble, assemble_bench
-from pamjax.model.bench import Bench, BenchReading, clip_slack_force, remove_memories
+from pamjax.model.bench import Bench, BenchReading, clip_slack_force
 from pamjax.model.history import History, build_time_history
 from pamjax.model.isotonic import LengthReading, predict_length
 from pamjax.model.muscle import Muscle, MuscleReading
@@ -122,31 +122,12 @@ class Dataset(eqx.Module):
         if self.length_error_indices:
             length = length + values[jnp.array(self.length_error_indices)][self.rows.length_setting]
         if self.rows.set_force is not None:
-            return self._predict_length(values, length)
+            muscle = self.build_bench(values) if self.mechanisms else self.build_muscle(values)
+            return predict_length(muscle, self.rows.pressure, length, self.rows.set_force, self.history)
         if self.mechanisms:
             return self.build_bench(values)(self.rows.pressure, length, self.history, self.rows.is_slack)
         ideal = jax.vmap(self.build_muscle(values))(self.rows.pressure, length)
         return eqx.tree_at(lambda r: r.force, ideal, clip_slack_force(ideal.force, self.rows.is_slack))
-
-    def _predict_length(self, values: Float[Array, " p"], length: Float[Array, " n"]) -> LengthReading:
-        """Return the length at the set force, predicted from the measured length."""
-        rows = self.rows
-        assert rows.set_force is not None
-        if not self.mechanisms:
-            muscle = self.build_muscle(values)
-
-            def predict_ideal(length):
-                return jax.vmap(muscle)(rows.pressure, length)
-
-            return predict_length(predict_ideal, predict_ideal, length, rows.set_force)
-        bench = self.build_bench(values)
-        static_bench = remove_memories(bench)
-        return predict_length(
-            lambda x: bench(rows.pressure, x, self.history),
-            lambda x: static_bench(rows.pressure, x, self.history),
-            length,
-            rows.set_force,
-        )
 
     def predict_channels(self, values: Float[Array, " p"]) -> Float[Array, "2 n"]:
         """Return the predicted force, or length in an isotonic test, and diameter, SI."""
