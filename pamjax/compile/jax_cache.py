@@ -75,7 +75,7 @@ def _is_private(folder: Path) -> bool:
 def _withdraw_group(folder: Path) -> bool:
     """Withdraw the group's right to write to pamjax's own folder; return whether it is then private.
 
-    Some systems give new folders this right by default. The mode of a folder that the user named is unchanged.
+    Some systems give new folders this right by default. A folder that the user named keeps its mode.
     """
     status = folder.stat()
     if status.st_uid == os.geteuid():

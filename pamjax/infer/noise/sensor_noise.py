@@ -8,7 +8,8 @@ In an isotonic test, y is the length at the set force. The noise of the set forc
 the length, and the propagated noise is the change of the prediction by one sd of P and of F.
 
 Neglects: in an isotonic test, the noise of the measured length that reaches the predicted length through the
-memories. In the samples after a reversal, friction increases the sd of the residual by a factor of 1.1 to 1.6.
+memories. In simulated ramps with friction, the sd of the residual is up to three times that of the sensor in
+the samples after a reversal. Elsewhere it is about that of the sensor.
 """
 
 from __future__ import annotations

@@ -1,13 +1,16 @@
 """Fits of a free contraction: a simulated recording with known parameters, in length."""
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from pamjax.infer.fitting.fit import fit
 from pamjax.infer.fitting.identifiability import check_identifiability
 from pamjax.infer.fitting.io import build_fit_document, build_xarray_dataset
-from pamjax.infer.problem.dataset import find_informative_samples
+from pamjax.infer.problem.dataset import build_history, find_informative_samples
 from pamjax.model.assembly import assemble_bench
+from pamjax.model.isotonic import predict_length
 from pamjax.records.dataframe import case_from
 from pamjax.records.protocol import Protocol
 from pamjax.records.reading.muscle_toml import Sensors
@@ -120,3 +123,23 @@ def test_rows_of_a_free_contraction_are_informative(recording):
     assert informative[usable].sum() == (isotonic.recording.pressure[usable] > 6e3).sum()
     parameters, _ = check_identifiability(isotonic, "inelastic")
     assert parameters[0].sd_ratio < 0.1
+
+
+def test_friction_increases_the_length_noise_after_a_reversal():
+    """The noise model neglects this part: the docstring of `sensor_noise.py` states its size."""
+    recording = simulate(assemble_bench("inelastic", IDS, TRUE), PROTOCOL.build_schedule(0.2), Sensors())
+    pressure, length, force = (jnp.asarray(getattr(recording, k)) for k in ("pressure", "length", "force"))
+    history = build_history(build_case(recording), size=recording.n)
+    bench = assemble_bench("inelastic", IDS, TRUE)
+
+    @jax.jit
+    @jax.vmap
+    def compute_residual(measured_length):
+        return measured_length - predict_length(bench, pressure, measured_length, force, history).length
+
+    noise = LENGTH_SD * np.random.default_rng(0).standard_normal((200, recording.n))
+    sd_ratios = np.std(compute_residual(length + noise), axis=0) / LENGTH_SD
+    sd_ratios = sd_ratios[np.asarray(pressure) > 0]  # without pressure the muscle has no stiffness
+    assert np.median(sd_ratios) == pytest.approx(1.0, abs=0.1)
+    assert np.mean(sd_ratios > 1.3) < 0.3
+    assert 2.5 < np.max(sd_ratios) < 3.5
