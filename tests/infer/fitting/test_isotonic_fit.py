@@ -127,7 +127,9 @@ def test_rows_of_a_free_contraction_are_informative(recording):
 
 def test_friction_increases_the_length_noise_after_a_reversal():
     """The noise model neglects this part: the docstring of `sensor_noise.py` states its size."""
-    recording = simulate(assemble_bench("inelastic", IDS, TRUE), PROTOCOL.build_schedule(0.2), Sensors())
+    # Without pressure a load has no equilibrium, and the memories keep its NaN: simulate one load alone.
+    schedule = PROTOCOL.model_copy(update={"loads": PROTOCOL.loads[:1]}).build_schedule(0.2)
+    recording = simulate(assemble_bench("inelastic", IDS, TRUE), schedule, Sensors())
     pressure, length, force = (jnp.asarray(getattr(recording, k)) for k in ("pressure", "length", "force"))
     history = build_history(build_case(recording), size=recording.n)
     bench = assemble_bench("inelastic", IDS, TRUE)
@@ -139,7 +141,8 @@ def test_friction_increases_the_length_noise_after_a_reversal():
 
     noise = LENGTH_SD * np.random.default_rng(0).standard_normal((200, recording.n))
     sd_ratios = np.std(compute_residual(length + noise), axis=0) / LENGTH_SD
-    sd_ratios = sd_ratios[np.asarray(pressure) > 0]  # without pressure the muscle has no stiffness
+    assert np.mean(np.isfinite(sd_ratios)) > 0.9
+    sd_ratios = sd_ratios[np.isfinite(sd_ratios)]
     assert np.median(sd_ratios) == pytest.approx(1.0, abs=0.1)
     assert np.mean(sd_ratios > 1.3) < 0.3
     assert 2.5 < np.max(sd_ratios) < 3.5
