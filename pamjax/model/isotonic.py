@@ -72,23 +72,18 @@ def predict_length(
         set_force: (n,) N.
         history: time and order of the samples.
     """
-    if isinstance(muscle, Muscle):
-        reading, stiffness = jax.vmap(muscle)(pressure, length), compute_stiffness(muscle, pressure, length)
-    else:
-        reading = muscle(pressure, length, history)
-        stiffness = compute_stiffness(muscle, pressure, length, history)
+    is_bare = isinstance(muscle, Muscle)
+    reading = jax.vmap(muscle)(pressure, length) if is_bare else muscle(pressure, length, history)
+    stiffness = compute_stiffness(muscle, pressure, length, history)
     predicted_length = length + (set_force - reading.force) / stiffness
     return LengthReading(predicted_length, reading.diameter, stiffness, reading.status)
 
 
-def compute_stiffness(
-    muscle: Muscle | Bench, pressure: Samples, length: Samples, history: History | None = None
-) -> Array:
+def compute_stiffness(muscle: Muscle | Bench, pressure: Samples, length: Samples, history: History) -> Array:
     """Return the stiffness at constant pressure without memories, (n,) N/m, at least `MIN_STIFFNESS`.
 
     Args:
-        muscle, pressure, length: as for `predict_length`.
-        history: of the samples; only a bench needs it.
+        muscle, pressure, length, history: as for `predict_length`.
     """
 
     def compute_force(x):

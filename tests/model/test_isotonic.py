@@ -81,7 +81,7 @@ def test_length_without_equilibrium_is_not_solved():
 
 
 def test_stiffness_without_pressure_has_a_lower_limit(muscle):
-    stiffness = compute_stiffness(muscle, jnp.zeros(2), jnp.array([0.15, 0.19]))
+    stiffness = compute_stiffness(muscle, jnp.zeros(2), jnp.array([0.15, 0.19]), build_history(2))
     agree(stiffness, MIN_STIFFNESS, SOLVED)
 
 
@@ -89,7 +89,9 @@ def test_stiffness_of_the_bare_braid_is_its_closed_form():
     # F = P (3 L² − B²) / (4 π N²), so that ∂F/∂L = 3 P L / (2 π N²).
     length, expected = jnp.array([0.14, 0.16, 0.19]), 3 * PRESSURE / (2 * np.pi * 1.2**2)
     muscle = assemble("inelastic", BRAID)
-    agree(compute_stiffness(muscle, jnp.asarray(PRESSURE), length), expected * length, 1e-12)
+    agree(
+        compute_stiffness(muscle, jnp.asarray(PRESSURE), length, build_history(3)), expected * length, 1e-12
+    )
     bench = assemble_bench("inelastic", (), BRAID)
     agree(compute_stiffness(bench, jnp.asarray(PRESSURE), length, build_history(3)), expected * length, 1e-12)
 
