@@ -29,6 +29,8 @@ from pamjax.records.reading.specimen import Specimen, read_date
 
 FLEET_SCHEMA = "pamjax.fleet/1"
 FLEET_FILE, TASK_FILE, TIME_FILE, ERROR_FILE = "fleet.json", "task.json", "time.json", "error.txt"
+#: File that a running fleet locks.
+LOCK_FILE = ".lock"
 
 #: Outcome of a task: complete, input refused, or set aside after an unexpected end.
 State = Literal["done", "refused", "set aside"]
@@ -72,15 +74,19 @@ class FleetStore:
         """Return the tasks of a case in their order."""
         return [build_task(plan, case, stage, self.locate_stage(case.name, stage)) for stage in plan.stages]
 
-    def write_plan(self, plan: FleetPlan) -> None:
-        """Write fleet.json.
+    def prepare(self) -> None:
+        """Create the folder if it does not exist; change no file of a store.
 
         Raises:
             BadInput: if the folder has other files and is no store.
         """
-        if self.folder.is_dir() and any(self.folder.iterdir()):
+        # A run that has locked an empty folder may not have written its plan yet.
+        if self.folder.is_dir() and any(path.name != LOCK_FILE for path in self.folder.iterdir()):
             read_store_document(self.folder)
         self.folder.mkdir(parents=True, exist_ok=True)
+
+    def write_plan(self, plan: FleetPlan) -> None:
+        """Write fleet.json to a prepared folder that no other run has locked."""
         document = {
             "schema": FLEET_SCHEMA,
             "name": plan.name,

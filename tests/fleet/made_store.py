@@ -32,6 +32,7 @@ def write_made_store(
     cases = [FleetCase(name, folder / name, origins[k], f"{k:064x}") for k, name in enumerate(names)]
     stages = ("fit",) if mechanisms is None else ("fit", "diagnose")
     plan, store = FleetPlan("made", folder, tuple(cases), stages), FleetStore(folder)
+    store.prepare()
     store.write_plan(plan)
     for k, case in enumerate(cases):
         for task in store.list_tasks(plan, case):

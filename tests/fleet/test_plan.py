@@ -112,7 +112,15 @@ def test_foreign_folder_is_no_store(bench):
     (bench / "out").mkdir()
     (bench / "out" / "notes.txt").write_text("mine")
     with pytest.raises(BadInput, match=r"the store of a fleet must be a folder with fleet\.json"):
-        FleetStore(bench / "out").write_plan(read_plan([bench]))
+        FleetStore(bench / "out").prepare()
+
+
+def test_locked_folder_without_a_plan_is_prepared(bench):
+    """A run that has just started has its lock and no plan yet."""
+    (bench / "out").mkdir()
+    (bench / "out" / ".lock").touch()
+    FleetStore(bench / "out").prepare()
+    assert [path.name for path in (bench / "out").iterdir()] == [".lock"]
 
 
 def test_stage_folder_appears_complete_or_not_at_all(bench):

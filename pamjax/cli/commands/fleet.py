@@ -80,13 +80,14 @@ def run(
     check_writable(out)
     plan = read_plan(sources, stages=stage, seed=seed, figures=figures, report=report)
     store = FleetStore(out)
-    store.write_plan(plan)
+    store.prepare()
     from pamjax.cli.fleet_progress import show_fleet_progress
     from pamjax.cluster.run_fleet import list_open_chains, lock_store, run_chains
     from pamjax.fleet.tables import build_tables, write_tables
 
     hint = "" if scheduler else " (crashed, killed, or above its memory limit)"
     with lock_store(store):
+        store.write_plan(plan)
         chains = list_open_chains(store, plan, retry)
         try:
             if chains:

@@ -1,6 +1,5 @@
 """`pamjax fleet`: a killed run continues, workers do not change the store, and refused options."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -133,11 +132,12 @@ def test_second_run_in_one_store_is_refused(cases, tmp_path, capsys):
     from pamjax.fleet.store import FleetStore
 
     store = FleetStore(tmp_path / "out")
-    store.folder.mkdir()
     from pamjax.fleet.plan import read_plan
 
+    store.prepare()
     store.write_plan(read_plan([cases]))
+    plan = (store.folder / "fleet.json").read_bytes()
     with lock_store(store):
-        message = read_error(capsys, cases, "--out", store.folder)
+        message = read_error(capsys, cases, "--out", store.folder, "--stage", "check")
     assert message.startswith(f"pamjax: only one `pamjax fleet` may write to {store.folder}; got another one")
-    assert os.path.exists(store.folder / "fleet.json")
+    assert (store.folder / "fleet.json").read_bytes() == plan
