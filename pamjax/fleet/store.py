@@ -15,6 +15,7 @@ import json
 import os
 import secrets
 import shutil
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
@@ -31,6 +32,9 @@ FLEET_SCHEMA = "pamjax.fleet/1"
 FLEET_FILE, TASK_FILE, TIME_FILE, ERROR_FILE = "fleet.json", "task.json", "time.json", "error.txt"
 #: File that a running fleet locks.
 LOCK_FILE = ".lock"
+
+#: A stage and the thread of its time limit may both replace the folder of a task.
+_RENAME_LOCK = threading.Lock()
 
 #: Outcome of a task: complete, input refused, or set aside after an unexpected end.
 State = Literal["done", "refused", "set aside"]
@@ -155,23 +159,28 @@ def read_json(file: Path) -> dict[str, Any]:
 def open_stage_folder(task: FleetTask) -> Iterator[Path]:
     """Yield a temporary folder that replaces the task's folder at the end, complete.
 
-    After an exception, the former folder is unchanged. Leftovers of a killed process are removed.
+    After an exception, the former folder is unchanged.
     """
     task.target.parent.mkdir(parents=True, exist_ok=True)
-    for leftover in task.target.parent.glob(f".{task.target.name}-*"):
-        shutil.rmtree(leftover, ignore_errors=True)
     temporary = task.target.with_name(f".{task.target.name}-{secrets.token_hex(4)}")
     temporary.mkdir()
     try:
         yield temporary
         former = task.target.with_name(f".{task.target.name}-former-{secrets.token_hex(4)}")
-        with suppress(FileNotFoundError):
-            os.rename(task.target, former)
-        # A process that is killed here leaves no folder, and the task runs again.
-        os.rename(temporary, task.target)
+        with _RENAME_LOCK:
+            with suppress(FileNotFoundError):
+                os.rename(task.target, former)
+            # A process that is killed here leaves no folder, and the task runs again.
+            os.rename(temporary, task.target)
         shutil.rmtree(former, ignore_errors=True)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+def remove_leftovers(task: FleetTask) -> None:
+    """Remove the temporary folders of a task whose process ended; no process may still run the task."""
+    for leftover in task.target.parent.glob(f".{task.target.name}-*"):
+        shutil.rmtree(leftover, ignore_errors=True)
 
 
 def write_outcome(folder: Path, task: FleetTask, outcome: TaskOutcome) -> None:
