@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from pamjax.errors import refuse
 from pamjax.fleet.plan import FleetCase, FleetPlan
@@ -36,11 +36,8 @@ LOCK_FILE = ".lock"
 #: A stage and the thread of its time limit may both replace the folder of a task.
 _RENAME_LOCK = threading.Lock()
 
-#: Outcome of a task: complete, input refused, or set aside after an unexpected end.
-State = Literal["done", "refused", "set aside"]
-DONE, REFUSED, SET_ASIDE = "done", "refused", "set aside"
-#: State of a task without an outcome.
-OPEN = "open"
+#: States of a task: complete, input refused, set aside after an unexpected end, and without an outcome.
+STATES = DONE, REFUSED, SET_ASIDE, OPEN = "done", "refused", "set aside", "open"
 
 
 @dataclass(frozen=True)

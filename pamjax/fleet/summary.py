@@ -9,6 +9,7 @@ import numpy as np
 from pamjax.fleet.answers import FleetAnswers, NumberDistribution
 from pamjax.fleet.fleet import Fleet
 from pamjax.fleet.frequency import BenchFrequency
+from pamjax.fleet.store import DONE, OPEN, REFUSED, SET_ASIDE
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.units import compute_si_factor, format_count
 
@@ -142,10 +143,10 @@ def format_states(fleet: Fleet) -> str:
     parts = [
         f"{counts[state]} {label}"
         for state, label in (
-            ("done", "complete"),
-            ("refused", "refused"),
-            ("set aside", "set aside"),
-            ("open", "not finished"),
+            (DONE, "complete"),
+            (REFUSED, "refused"),
+            (SET_ASIDE, "set aside"),
+            (OPEN, "not finished"),
         )
         if state in counts
     ]

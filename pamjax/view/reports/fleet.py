@@ -10,9 +10,10 @@ from urllib.parse import quote
 
 import numpy as np
 
-from pamjax.fleet.answers import FleetAnswers, NumberDistribution, analyse_fleet
+from pamjax.fleet.answers import FleetAnswers, NumberDistribution
 from pamjax.fleet.fleet import Fleet
 from pamjax.fleet.frames import list_rows
+from pamjax.fleet.store import DONE, OPEN
 from pamjax.fleet.summary import (
     format_distribution,
     format_sd,
@@ -49,17 +50,17 @@ class LinkedRow:
     cells: list[str]
 
 
-def write_fleet_report(fleet: Fleet, path: Path, command: str) -> Path:
+def write_fleet_report(fleet: Fleet, answers: FleetAnswers, path: Path, command: str) -> Path:
     """Write the report of a fleet.
 
     Args:
         fleet: the fleet.
+        answers: its answers.
         path: the HTML file, in the folder of the store, so that its links lead to the reports of the cases.
         command: shell command that repeats the report.
     """
-    answers = analyse_fleet(fleet)
     findings = list_findings(answers)
-    failed = [row for row in list_rows(fleet.cases) if row["state"] not in ("done", "open")]
+    failed = [row for row in list_rows(fleet.cases) if row["state"] not in (DONE, OPEN)]
     return write_page(
         path,
         "fleet.html.jinja",
@@ -174,8 +175,7 @@ def _describe_settings(fleet: Fleet) -> list[list[str]]:
     return [*rows, *([f"version of {name}", str(value)] for name, value in versions.items())]
 
 
-def format_report_note(fleet: Fleet) -> str:
+def format_report_note(fleet: Fleet, answers: FleetAnswers) -> str:
     """Return the findings and distributions of a fleet as text for the screen."""
-    answers = analyse_fleet(fleet)
     lines = [f"{fleet.name}: {format_states(fleet)}", *(f"  {line}" for line in list_findings(answers))]
     return "\n".join(lines + [f"  {format_distribution(d)}" for d in answers.distributions])

@@ -8,6 +8,7 @@ import time
 import pytest
 
 from pamjax.cli.main import main
+from tests.fleet.made_store import write_made_store
 
 pytest.importorskip("distributed", reason="needs the extra pamjax[fleet]")
 
@@ -125,6 +126,17 @@ def test_refused_options(cases, tmp_path, capsys):
     assert "which does not exist as such" in read_error(capsys, tmp_path / "nowhere", *out)
     assert "got" in read_error(capsys, "status", tmp_path)
     assert "fleet.json" in read_error(capsys, "report", tmp_path)
+
+
+def test_report_analyses_its_fleet_once(tmp_path, monkeypatch, capsys):
+    from pamjax.fleet import answers
+
+    counts, analyse = [], answers.analyse_fleet
+    monkeypatch.setattr(answers, "analyse_fleet", lambda fleet: counts.append(1) or analyse(fleet))
+    store = write_made_store(tmp_path, [80.0, 90.0, 100.0])
+    assert main(["fleet", "report", str(store)]) == 0
+    assert "thread.modulus of made: 90" in capsys.readouterr().out
+    assert counts == [1]
 
 
 def test_second_run_in_one_store_is_refused(cases, tmp_path, capsys):

@@ -4,6 +4,7 @@ import pytest
 
 pytest.importorskip("pyarrow", reason="needs the extra pamjax[fleet]")
 
+from pamjax.fleet.answers import analyse_fleet
 from pamjax.fleet.fleet import open_fleet
 from pamjax.view.reports.fleet import write_fleet_report
 from tests.fleet.made_store import write_made_store
@@ -13,7 +14,8 @@ from tests.view.html_page import Page
 def write_report(folder, count=12, **entries):
     values = [90.0 + 2 * ((7 * k) % 5) for k in range(count)]
     store = write_made_store(folder, values, **entries)
-    path = write_fleet_report(open_fleet(store), store / "report.html", "pamjax fleet report store")
+    fleet = open_fleet(store)
+    path = write_fleet_report(fleet, analyse_fleet(fleet), store / "report.html", "pamjax fleet report store")
     return path.read_text("utf-8")
 
 
