@@ -1,4 +1,4 @@
-"""Report of a fleet: what stands out, distributions over specimens, mechanisms, and a row for each case."""
+"""Report of a fleet: its findings, distributions over specimens, mechanisms, and a row for each case."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from pamjax.fleet.summary import (
     format_value,
     list_findings,
     name_distribution,
+    name_frequency,
 )
 from pamjax.units import format_count
 from pamjax.view.figures import fleet as figures
@@ -68,14 +69,14 @@ def write_fleet_report(fleet: Fleet, answers: FleetAnswers, path: Path, command:
         kicker=f"Fleet {fleet.name} · {format_states(fleet)}",
         answer=findings[1:MAX_TOP_FINDINGS],
         more=findings[MAX_TOP_FINDINGS:],
-        distributions=_draw_distributions(fleet, answers),
+        distributions=_draw_distributions(answers),
         summary=[_build_distribution_row(distribution) for distribution in answers.distributions],
         mechanism_map=build_picture(
             lambda narrow: figures.plot_mechanism_map(fleet, answers, narrow), "mechanisms"
         ),
         frequencies=[
             [
-                frequency.id,
+                name_frequency(frequency),
                 f"{frequency.count} of {frequency.total}",
                 f"{frequency.interval[0]:.0%} to {frequency.interval[1]:.0%}",
                 ", ".join(f"{bench} {n} of {total}" for bench, (n, total) in frequency.by_bench.items())
@@ -91,7 +92,7 @@ def write_fleet_report(fleet: Fleet, answers: FleetAnswers, path: Path, command:
     )
 
 
-def _draw_distributions(fleet: Fleet, answers: FleetAnswers) -> list[dict[str, Any]]:
+def _draw_distributions(answers: FleetAnswers) -> list[dict[str, Any]]:
     """Return the figures of the distributions with findings first."""
     ranked = sorted(answers.distributions, key=lambda d: -_count_findings(d))[:MAX_DRAWN_DISTRIBUTIONS]
     return [
@@ -99,7 +100,7 @@ def _draw_distributions(fleet: Fleet, answers: FleetAnswers) -> list[dict[str, A
             "name": name_distribution(distribution),
             "ridge": _draw(partial(figures.plot_ridge, distribution), f"ridge-{k}"),
             "ridge_caption": _format_ridge_caption(distribution),
-            "chart": _draw(partial(figures.plot_control_chart, fleet, distribution), f"chart-{k}"),
+            "chart": _draw(partial(figures.plot_control_chart, distribution), f"chart-{k}"),
         }
         for k, distribution in enumerate(ranked)
     ]
@@ -118,12 +119,13 @@ def _format_ridge_caption(distribution: NumberDistribution) -> str:
     """Return what the curves of a ridge are, and which specimens it leaves out."""
     text = "Each curve: one specimen with its own uncertainty. Lowest curve: the distribution over specimens."
     if distribution.shares_prior:
-        text += " The prior that all specimens share is taken out."
+        text += " A prior that several specimens share is taken out."
     if distribution.left_out:
-        text += f" {format_count(distribution.left_out, 'specimen')} without a usable estimate left out."
+        text += f" {format_count(distribution.left_out, 'recording')} without a usable estimate left out."
     drawn = len(figures.select_ridges(distribution.pooled.estimate, distribution.pooled.outliers))
-    if drawn < len(distribution.cases):
-        text += f" {drawn} of {len(distribution.cases)} specimens are drawn."
+    count = len(distribution.pooled.estimate)
+    if drawn < count:
+        text += f" {drawn} of {count} specimens are drawn."
     return text
 
 
@@ -132,7 +134,7 @@ def _build_distribution_row(distribution: NumberDistribution) -> list[str]:
     low, high = pooled.between_interval
     return [
         name_distribution(distribution),
-        str(len(distribution.cases)),
+        str(len(pooled.estimate)),
         format_value(pooled.mean, pooled.mean_sd, unit),
         format_sd(pooled.between_sd, unit),
         f"{format_sd(low, '1')} to {format_sd(high, unit)}",
@@ -156,12 +158,13 @@ def _build_case_rows(fleet: Fleet, answers: FleetAnswers) -> list[LinkedRow]:
 
 
 def _list_deviations(answers: FleetAnswers) -> dict[str, list[str]]:
-    """Return the numbers in which a case stands out, with its deviation."""
+    """Return the numbers in which the specimen of a case is an outlier, with its deviation."""
     deviations: dict[str, list[str]] = {}
     for distribution in answers.distributions:
         for k in np.flatnonzero(distribution.pooled.outliers):
             text = f"{distribution.name} {distribution.pooled.deviation[k]:+.1f} sd"
-            deviations.setdefault(distribution.cases[k], []).append(text)
+            for case in distribution.estimates.cases[k]:
+                deviations.setdefault(case, []).append(text)
     return deviations
 
 
