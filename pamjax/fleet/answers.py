@@ -107,7 +107,8 @@ def _list_groups(fleet: Fleet) -> list[_NumberGroup]:
     if numbers.empty:
         # A diagnosis does not state its priors, so that its numbers are used only in a store without fits.
         numbers = select_rows(fleet.numbers, fleet.numbers["source"] == "diagnose")
-    specimens, cases = number_specimens(fleet.cases), fleet.cases.set_index("case", drop=False)
+    specimens = number_specimens(fleet.cases)
+    positions = {case: k for k, case in enumerate(fleet.cases["case"])}
     numbers = numbers.assign(specimen=[specimens[case] for case in numbers["case"]])
     types = dict(zip(fleet.cases["case"], fleet.cases["type"].fillna(""), strict=True))
     places: dict[tuple[str, str], list[int]] = {}
@@ -119,8 +120,8 @@ def _list_groups(fleet: Fleet) -> list[_NumberGroup]:
     for (kind, name), rows in sorted(places.items()):
         table = numbers.iloc[rows]
         usable, shares_prior = extract_estimates(table)
-        case_rows = cases.loc[usable["case"]]
-        if usable["specimen"].nunique() >= MIN_SPECIMENS:
+        case_rows = fleet.cases.iloc[[positions[case] for case in usable["case"]]]
+        if len(set(usable["specimen"])) >= MIN_SPECIMENS:
             estimates, unit = combine_recordings(usable, case_rows), str(table["unit"].iloc[0])
             left_out = len(table) - len(usable)
             groups.append(_NumberGroup(kind, name, unit, case_rows, estimates, shares_prior, left_out))
@@ -129,7 +130,7 @@ def _list_groups(fleet: Fleet) -> list[_NumberGroup]:
 
 def _build_distribution(group: _NumberGroup, group_count: int, bench_count: int) -> NumberDistribution:
     estimates = group.estimates
-    benches = _compare_benches(estimates, group.cases["bench"])
+    benches = _compare_benches(estimates, group.cases["bench"].tolist())
     order_name, order = find_order(group.cases)
     drift = None
     if order is not None:
@@ -153,12 +154,12 @@ def _build_distribution(group: _NumberGroup, group_count: int, bench_count: int)
     )
 
 
-def _compare_benches(estimates: SpecimenEstimates, bench: pd.Series) -> dict[str, Slope]:
+def _compare_benches(estimates: SpecimenEstimates, benches: list[Any]) -> dict[str, Slope]:
     """Return the difference of each bench; a specimen on two benches counts in part for each."""
     slopes = {}
-    for name in sorted(set(bench.dropna())):
-        share = estimates.average((bench == name).fillna(False).to_numpy(float))
-        slope = fit_slope(estimates.value, estimates.sd, share)
+    for name in sorted({bench for bench in benches if not pd.isna(bench)}):
+        is_there = [not pd.isna(bench) and bench == name for bench in benches]
+        slope = fit_slope(estimates.value, estimates.sd, estimates.average(np.array(is_there, float)))
         if slope is not None:
             slopes[str(name)] = slope
     return slopes

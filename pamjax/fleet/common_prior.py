@@ -47,7 +47,8 @@ def extract_estimates(table: pd.DataFrame) -> tuple[pd.DataFrame, bool]:
     removed &= kept
     value[removed], sd[removed] = remove_prior(value[removed], sd[removed], prior[removed], prior_sd[removed])
     entries = {"case": rows["case"].astype(str).to_numpy(), "specimen": rows["specimen"].to_numpy(int)}
-    return pd.DataFrame({**entries, "value": value, "sd": sd})[kept], bool(is_shared.any())
+    estimates = pd.DataFrame({**entries, "value": value, "sd": sd})
+    return select_rows(estimates, kept), bool(is_shared.any())
 
 
 def find_shared_priors(rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:

@@ -201,8 +201,8 @@ def _locate_specimens(distribution: NumberDistribution) -> np.ndarray:
 def _draw_specimens(panel: Axes, distribution: NumberDistribution, x: np.ndarray) -> list:
     """Draw the estimates with their sd, a colour for each bench; return the entries of the legend."""
     pooled, benches, handles = distribution.pooled, distribution.estimates.benches, []
-    labels: list[str | None] = sorted({bench for bench in benches if bench is not None})
-    labels += [None] if None in benches else []
+    stated = sorted({bench for bench in benches if bench is not None})
+    labels = [*stated, *([None] if None in benches else [])]
     is_split = labels != [None] and len(labels) <= len(_BENCH_COLOURS)
     for colour, name in zip(_BENCH_COLOURS, labels if is_split else [None], strict=False):
         members = np.array([not is_split or bench == name for bench in benches])
