@@ -88,6 +88,7 @@ def diagnose_hose(folder: Path, out: Path, samples: int = 6) -> tuple[Diagnosis,
     diagnosis = diagnose(take_medians(case, samples))
     save_diagnosis(diagnosis, out / case.name)
     comparison = compare_models(diagnosis)
+    assert comparison is not None  # the hoses measure force
     save_comparison(comparison, out / case.name)
     print(diagnosis, comparison, sep="\n", end="\n\n", flush=True)
     floor = measure_floor(case)

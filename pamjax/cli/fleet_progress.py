@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from pamjax.cli.screen import raise_interrupt
+from pamjax.fleet.store import REFUSED, SET_ASIDE
 
 if TYPE_CHECKING:
     from pamjax.cluster.run_fleet import RunProgress
@@ -44,7 +45,7 @@ def show_fleet_progress() -> Iterator[Callable[[RunProgress], None]]:
 def format_progress(progress: RunProgress) -> str:
     """Return the numbers of a run in one line."""
     text = f"{progress.finished} of {progress.total} tasks"
-    for state in ("refused", "set aside"):
+    for state in (REFUSED, SET_ASIDE):
         if progress.states[state]:
             text += f", {progress.states[state]} {state}"
     left = progress.seconds_left

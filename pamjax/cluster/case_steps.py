@@ -72,7 +72,8 @@ def run_diagnose(case: Case, out: Path, settings: dict[str, Any]) -> None:
     diagnosis = diagnose(case, seed=settings["seed"])
     save_diagnosis(diagnosis, out)
     comparison = compare_models(diagnosis, settings["seed"])
-    save_comparison(comparison, out)
+    if comparison is not None:
+        save_comparison(comparison, out)
     if settings["report"]:
         from pamjax.view.reports.diagnosis import write_diagnosis_report
 

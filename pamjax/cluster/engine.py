@@ -6,6 +6,7 @@ holds few tasks, and a worker that dies loses the task it ran and no other.
 
 from __future__ import annotations
 
+import math
 import queue
 import secrets
 import time
@@ -14,7 +15,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from pamjax.fleet.store import DONE, OPEN, TaskOutcome, read_outcome, store_set_aside
+from pamjax.fleet.store import (
+    DONE,
+    OPEN,
+    TaskOutcome,
+    read_outcome,
+    remove_leftovers,
+    store_set_aside,
+)
 from pamjax.fleet.task import FleetTask
 
 if TYPE_CHECKING:
@@ -23,7 +31,7 @@ if TYPE_CHECKING:
 #: Function that runs a task in a worker; called with the task and the time limit, s.
 Work = Callable[[FleetTask, float | None], TaskOutcome]
 
-#: A task whose worker dies so many times is set aside.
+#: A task whose worker dies, or that is cancelled, so many times is set aside.
 MAX_DEATHS = 2
 
 #: Time between two calls of `on_wait` and two counts of the workers, s.
@@ -128,20 +136,26 @@ class TaskEngine:
         from distributed import KilledWorker
 
         if future.cancelled():
-            return None
-        error: Any = future.exception()
-        if error is None:
-            return future.result()
-        if not isinstance(error, KilledWorker):
-            raise error
+            deaths, cause = 1, "the scheduler cancelled it"
+            # Without its scheduler, a client has no workers to count, and the run ends.
+            self.counted_at = -math.inf
+        else:
+            error: Any = future.exception()
+            if error is None:
+                return future.result()
+            if not isinstance(error, KilledWorker):
+                raise error
+            deaths, cause = self.deaths_per_error, "its worker process ended"
+            remove_leftovers(flight.task)
         # A task at its time limit stores its outcome before it ends its worker.
         outcome = read_outcome(flight.task.target, flight.task.key)
         if outcome.state != OPEN:
             return outcome
-        flight.deaths += self.deaths_per_error
+        flight.deaths += deaths
         if flight.deaths < MAX_DEATHS:
             return None
-        reason = f"its worker process ended {flight.deaths} times{self.death_hint}"
+        hint = "" if future.cancelled() else self.death_hint
+        reason = f"{cause} {flight.deaths} times{hint}"
         return store_set_aside(flight.task, reason)
 
     def _count_workers(self) -> int:

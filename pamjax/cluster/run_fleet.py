@@ -16,14 +16,11 @@ from pamjax.cluster.engine import TaskChain, TaskEngine, Work
 from pamjax.cluster.run_task import run_task
 from pamjax.errors import refuse
 from pamjax.fleet.plan import FleetPlan
-from pamjax.fleet.store import DONE, OPEN, SET_ASIDE, FleetStore, TaskOutcome, read_outcome
+from pamjax.fleet.store import DONE, LOCK_FILE, OPEN, SET_ASIDE, FleetStore, TaskOutcome, read_outcome
 from pamjax.fleet.task import FleetTask
 
 if TYPE_CHECKING:
     from distributed import Client
-
-#: File that a running fleet locks.
-LOCK_FILE = ".lock"
 
 
 @dataclass

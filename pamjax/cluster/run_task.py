@@ -22,6 +22,7 @@ from pamjax.fleet.store import (
     TaskOutcome,
     open_stage_folder,
     read_outcome,
+    remove_leftovers,
     store_set_aside,
     write_outcome,
 )
@@ -54,6 +55,7 @@ def run_task(task: FleetTask, timeout: float | None = None) -> TaskOutcome:
 def _run_stage(task: FleetTask) -> TaskOutcome:
     begin = time.perf_counter()
     state, reason, details = DONE, "", ""
+    remove_leftovers(task)
     with open_stage_folder(task) as folder:
         try:
             _write_results(task, folder)

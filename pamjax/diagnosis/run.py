@@ -51,6 +51,7 @@ from pamjax.diagnosis.select.selection import (
     select_mechanisms,
 )
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
+from pamjax.infer.fitting.identifiability import format_list
 from pamjax.progress import Progress, ignore_progress
 from pamjax.records.blocks import Blocks, find_blocks
 from pamjax.records.case import Case, ensure_case
@@ -69,7 +70,7 @@ class _Choice:
         training_fit: the fit with the mechanisms to the training rows.
         baseline: the baseline, fitted to all rows.
         model: the fit with the mechanisms to all rows.
-        notes: mechanisms that were dropped.
+        notes: mechanisms that were replaced by a template, or dropped.
     """
 
     selection: Selection
@@ -161,20 +162,19 @@ def _choose_mechanisms(
         if is_detected and not problem.case.recording.measures_length
         else []
     )
-    selection_before = selection
-    selection, prefers_template = _compare_with_templates(problem, ~held_out_rows, selection, templates)
+    selection, replaced = _compare_with_templates(problem, ~held_out_rows, selection, templates)
     residual_test = _test_residual(problem, selection, mismatch, seed)
     is_unexplained = is_detected and (
-        prefers_template or is_residual_significant(mismatch, residual_test, problem.settings)
+        bool(replaced) or is_residual_significant(mismatch, residual_test, problem.settings)
     )
     if is_unexplained and selection.fit_before_small_effects is not None:
         # Small effects are reported only if nothing is unexplained: otherwise they can absorb that part.
-        selection = drop_small_effects(problem, selection)
-        residual_test = _test_residual(problem, selection, mismatch, seed)
-        is_unexplained = prefers_template or is_residual_significant(
-            mismatch, residual_test, problem.settings
+        selection, replaced = _compare_with_templates(
+            problem, ~held_out_rows, drop_small_effects(problem, selection), templates
         )
-        selection_before = selection
+        residual_test = _test_residual(problem, selection, mismatch, seed)
+        is_unexplained = bool(replaced) or is_residual_significant(mismatch, residual_test, problem.settings)
+    selection_before = selection
     if selection.named_mechanisms:
         # Mechanisms can absorb physics outside the library, so that the residual is no longer significant.
         validated_selection, is_predictive = cross_validate_selection(
@@ -188,7 +188,7 @@ def _choose_mechanisms(
             residual_test = _test_residual(problem, validated_selection, mismatch, seed)
         selection = validated_selection
         is_unexplained = (
-            prefers_template
+            bool(replaced)
             or not is_predictive
             or is_residual_significant(mismatch, residual_test, problem.settings)
         )
@@ -210,7 +210,10 @@ def _choose_mechanisms(
         training_fit=_fit_selection(problem, selection, ~held_out_rows),
         baseline=baseline,
         model=model,
-        notes=format_dropped_mechanisms(selection_before, selection) if is_unexplained else [],
+        notes=[
+            *replaced,
+            *(format_dropped_mechanisms(selection_before, selection) if is_unexplained else ()),
+        ],
     )
 
 
@@ -226,19 +229,21 @@ def _fit_selection(problem: LibraryProblem, selection: Selection, rows: np.ndarr
 
 def _compare_with_templates(
     problem: LibraryProblem, training_rows: np.ndarray, selection: Selection, templates: Sequence[Template]
-) -> tuple[Selection, bool]:
-    """Return the selection without mechanisms that a template replaces, and whether one does."""
+) -> tuple[Selection, list[str]]:
+    """Return the selection without mechanisms that a template replaces, and a note on them; none if none."""
     if not selection.named_mechanisms:
-        return selection, False
+        return selection, []
     count = len(selection.model.mechanisms)
     smaller_fits = (
         [fit_without_mechanism(problem, selection.model, k) for k in range(count)] if count > 1 else []
     )
     better = find_better_template(problem, templates, selection.model, [selection.baseline, *smaller_fits])
     if better is None:
-        return selection, False
+        return selection, []
     kept = [name for name in selection.named_mechanisms if name.id in better.fit.ids]
-    return restrict_selection(problem, training_rows, selection, kept), True
+    ids = [f"`{name.id}`" for name in selection.named_mechanisms if name not in kept]
+    note = f"{better.template.description} explains the misfit better than {format_list(ids)}"
+    return restrict_selection(problem, training_rows, selection, kept), [f"{note[0].upper()}{note[1:]}."]
 
 
 def _state_form_errors(selection: Selection, fit: CandidateFit) -> Selection:

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from pamjax.fleet.common_prior import extract_estimates, has_common_prior
+from pamjax.fleet.common_prior import extract_estimates
 from pamjax.fleet.contrast import Slope, fit_slope
 from pamjax.fleet.fleet import Fleet
 from pamjax.fleet.frames import select_rows
 from pamjax.fleet.frequency import BENCH_P_VALUE, BenchFrequency, count_limits, count_mechanisms
 from pamjax.fleet.pooling import MIN_SPECIMENS, PooledNumber, pool_estimates
+from pamjax.fleet.specimens import SpecimenEstimates, combine_recordings, number_specimens
 from pamjax.fleet.unexplained import UnexplainedSummary, summarise_unexplained
 from pamjax.model.parameters import LENGTH_ERROR_PREFIX
 
@@ -32,13 +32,13 @@ class NumberDistribution:
     Attributes:
         type: type of the muscle.
         name, unit: the number and its display unit.
-        cases: names of the cases, in the order of the arrays in `pooled`.
+        estimates: estimate of each specimen, in the order of the arrays in `pooled`.
         pooled: the distribution.
-        shares_prior: whether a prior that all specimens share was taken out.
-        left_out: number of specimens without a usable estimate.
+        shares_prior: whether a prior that several specimens share was taken out.
+        left_out: number of recordings without a usable estimate.
         benches: by bench, difference of its specimens to all others.
         deviating_benches: benches that differ, with a Bonferroni correction over benches and distributions.
-        order: (n,) date or serial number of each case, NaN if not stated; None without any order.
+        order: (n,) date or serial number of each specimen, NaN if not stated; None without any order.
         order_name: "date" (years), "serial number", or "" without any.
         drift: change for one unit of `order`; None if it cannot be estimated.
         drifts: whether the drift is significant, with a Bonferroni correction over distributions.
@@ -47,7 +47,7 @@ class NumberDistribution:
     type: str
     name: str
     unit: str
-    cases: tuple[str, ...]
+    estimates: SpecimenEstimates
     pooled: PooledNumber
     shares_prior: bool
     left_out: int
@@ -76,56 +76,75 @@ class FleetAnswers:
     unexplained: UnexplainedSummary
 
 
+@dataclass(frozen=True, eq=False)
+class _NumberGroup:
+    """Usable estimates of one number of one type, and the rows of their cases in the same order."""
+
+    type: str
+    name: str
+    unit: str
+    cases: pd.DataFrame
+    estimates: SpecimenEstimates
+    shares_prior: bool
+    left_out: int
+
+
 def analyse_fleet(fleet: Fleet) -> FleetAnswers:
     """Return the answers about a fleet from its tables."""
-    groups = list(_list_groups(fleet))
+    groups = _list_groups(fleet)
     bench_count = max(len(set(fleet.cases["bench"].dropna())), 1)
-    distributions = [_build_distribution(fleet, *group, len(groups), bench_count) for group in groups]
     return FleetAnswers(
-        tuple(distributions),
+        tuple(_build_distribution(group, len(groups), bench_count) for group in groups),
         tuple(count_mechanisms(fleet.cases, fleet.mechanisms)),
         tuple(count_limits(fleet.cases, fleet.numbers)),
         summarise_unexplained(fleet.cases, fleet.regions),
     )
 
 
-def _list_groups(fleet: Fleet) -> Iterator[tuple[str, str, pd.DataFrame]]:
-    """Yield type, name and rows of each number with enough usable estimates."""
+def _list_groups(fleet: Fleet) -> list[_NumberGroup]:
+    """Return the numbers with usable estimates of enough specimens, by type and name."""
     numbers = select_rows(fleet.numbers, fleet.numbers["source"] == "fit")
     if numbers.empty:
+        # A diagnosis does not state its priors, so that its numbers are used only in a store without fits.
         numbers = select_rows(fleet.numbers, fleet.numbers["source"] == "diagnose")
+    specimens = number_specimens(fleet.cases)
+    positions = {case: k for k, case in enumerate(fleet.cases["case"])}
+    numbers = numbers.assign(specimen=[specimens[case] for case in numbers["case"]])
     types = dict(zip(fleet.cases["case"], fleet.cases["type"].fillna(""), strict=True))
     places: dict[tuple[str, str], list[int]] = {}
     for k, (case, name) in enumerate(zip(numbers["case"], numbers["name"], strict=True)):
         # The error of one length setting is no property of a specimen.
         if not name.startswith(LENGTH_ERROR_PREFIX):
             places.setdefault((types[case], name), []).append(k)
+    groups = []
     for (kind, name), rows in sorted(places.items()):
         table = numbers.iloc[rows]
-        if len(extract_estimates(table)) >= MIN_SPECIMENS:
-            yield kind, name, table
+        usable, shares_prior = extract_estimates(table)
+        case_rows = fleet.cases.iloc[[positions[case] for case in usable["case"]]]
+        if len(set(usable["specimen"])) >= MIN_SPECIMENS:
+            estimates, unit = combine_recordings(usable, case_rows), str(table["unit"].iloc[0])
+            left_out = len(table) - len(usable)
+            groups.append(_NumberGroup(kind, name, unit, case_rows, estimates, shares_prior, left_out))
+    return groups
 
 
-def _build_distribution(
-    fleet: Fleet, kind: str, name: str, table: pd.DataFrame, group_count: int, bench_count: int
-) -> NumberDistribution:
-    estimates = extract_estimates(table)
-    cases = fleet.cases.set_index("case").loc[estimates["case"]]
-    value, sd = estimates["value"].to_numpy(), estimates["sd"].to_numpy()
-    benches = _compare_benches(value, sd, cases["bench"])
-    order_name, order = find_order(cases)
+def _build_distribution(group: _NumberGroup, group_count: int, bench_count: int) -> NumberDistribution:
+    estimates = group.estimates
+    benches = _compare_benches(estimates, group.cases["bench"].tolist())
+    order_name, order = find_order(group.cases)
     drift = None
     if order is not None:
+        order = estimates.average(order)
         stated = np.isfinite(order)
-        drift = fit_slope(value[stated], sd[stated], order[stated])
+        drift = fit_slope(estimates.value[stated], estimates.sd[stated], order[stated])
     return NumberDistribution(
-        type=kind,
-        name=name,
-        unit=str(table["unit"].iloc[0]),
-        cases=tuple(estimates["case"]),
-        pooled=pool_estimates(value, sd),
-        shares_prior=has_common_prior(table),
-        left_out=len(table) - len(estimates),
+        type=group.type,
+        name=group.name,
+        unit=group.unit,
+        estimates=estimates,
+        pooled=pool_estimates(estimates.value, estimates.sd, group_count),
+        shares_prior=group.shares_prior,
+        left_out=group.left_out,
         benches=benches,
         deviating_benches=_select_benches(benches, group_count * bench_count),
         order=order,
@@ -135,10 +154,12 @@ def _build_distribution(
     )
 
 
-def _compare_benches(value: np.ndarray, sd: np.ndarray, bench: pd.Series) -> dict[str, Slope]:
+def _compare_benches(estimates: SpecimenEstimates, benches: list[Any]) -> dict[str, Slope]:
+    """Return the difference of each bench; a specimen on two benches counts in part for each."""
     slopes = {}
-    for name in sorted(set(bench.dropna())):
-        slope = fit_slope(value, sd, (bench == name).fillna(False).to_numpy(float))
+    for name in sorted({bench for bench in benches if not pd.isna(bench)}):
+        is_there = [not pd.isna(bench) and bench == name for bench in benches]
+        slope = fit_slope(estimates.value, estimates.sd, estimates.average(np.array(is_there, float)))
         if slope is not None:
             slopes[str(name)] = slope
     return slopes

@@ -1,13 +1,14 @@
-"""Estimates of specimens as they follow from their recordings, without a prior that all of them share.
+"""Estimates of specimens as they follow from their recordings, without a prior that several of them share.
 
-A posterior y ± s from a prior m ± p and a recording contains the prior. If all specimens state the same
+A posterior y ± s from a prior m ± p and a recording contains the prior. If several specimens state the same
 prior, for example the modulus of a data sheet, it is one statement and not one per specimen. It is then taken
 out, which leaves the recording's own estimate (normal approximation):
 
     1/l² = 1/s² − 1/p²,    estimate = l² (y/s² − m/p²)
 
-A prior that differs between specimens is a measurement of each specimen, for example of its thread length.
-It stays in the estimate. A specimen whose recording has less information than the prior is left out.
+A prior that one specimen alone states is a measurement of this specimen, for example of its thread length.
+It stays in the estimate, and in one of several recordings of this specimen. A recording that has less
+information than a prior to take out is left out. Numbers without a prior stay as they are.
 Derived here from the product of two normal densities.
 """
 
@@ -20,37 +21,54 @@ from pamjax.fleet.frames import select_rows
 
 #: Largest ratio s/p: the recording has at least as much information on the number as the prior.
 MAX_SD_RATIO = 0.7
-#: Relative difference up to which two priors are the same.
-PRIOR_TOLERANCE = 1e-9
+#: Number of decimal digits in which two equal priors agree.
+PRIOR_DIGITS = 9
 
 
-def extract_estimates(table: pd.DataFrame) -> pd.DataFrame:
+def extract_estimates(table: pd.DataFrame) -> tuple[pd.DataFrame, bool]:
     """Return the estimates of one number that are usable for a distribution over specimens.
 
     Args:
-        table: rows of `Fleet.numbers` of one name and one source.
+        table: rows of `Fleet.numbers` of one name and one source, with the column `specimen` from
+            `number_specimens`.
 
     Returns:
-        columns `case`, `value` and `sd`; without numbers at a limit, without sd, or from the prior alone.
+        columns `case`, `specimen`, `value` and `sd`, without numbers at a limit, without sd, or with less
+        information than a prior that was taken out; and whether specimens share a prior.
     """
     usable = table["sd"].gt(0) & np.isfinite(table["value"]) & ~table["at_limit"].fillna(False).astype(bool)
     rows = select_rows(table, usable)
-    value, sd = rows["value"].to_numpy(float), rows["sd"].to_numpy(float)
-    if has_common_prior(rows):
-        prior, prior_sd = rows["prior"].to_numpy(float), rows["prior_sd"].to_numpy(float)
-        determined = sd < MAX_SD_RATIO * prior_sd
-        rows, value, sd = select_rows(rows, determined), value[determined], sd[determined]
-        value, sd = remove_prior(value, sd, prior[determined], prior_sd[determined])
-    return pd.DataFrame({"case": rows["case"].astype(str).to_numpy(), "value": value, "sd": sd})
+    value, sd, prior, prior_sd = (
+        rows[name].to_numpy(float, copy=True) for name in ("value", "sd", "prior", "prior_sd")
+    )
+    is_shared, is_repeated = find_shared_priors(rows)
+    removed = is_shared | is_repeated
+    kept = ~removed | (sd < MAX_SD_RATIO * prior_sd)
+    removed &= kept
+    value[removed], sd[removed] = remove_prior(value[removed], sd[removed], prior[removed], prior_sd[removed])
+    entries = {"case": rows["case"].astype(str).to_numpy(), "specimen": rows["specimen"].to_numpy(int)}
+    estimates = pd.DataFrame({**entries, "value": value, "sd": sd})
+    return select_rows(estimates, kept), bool(is_shared.any())
 
 
-def has_common_prior(table: pd.DataFrame) -> bool:
-    """Return whether at least two specimens have one prior in common, with an sd."""
-    prior, prior_sd = table["prior"].to_numpy(float), table["prior_sd"].to_numpy(float)
-    if len(table) < 2 or not np.isfinite(prior_sd).all():
-        return False
-    tolerance = PRIOR_TOLERANCE * np.abs(prior).max()
-    return bool(np.ptp(prior) <= tolerance and np.ptp(prior_sd) <= PRIOR_TOLERANCE * prior_sd.max())
+def find_shared_priors(rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
+    """Return (r,) which recordings have the prior of another specimen, and which repeat that of their own.
+
+    Args:
+        rows: columns `specimen`, `prior` and `prior_sd`, one row for each recording.
+    """
+    places: dict[str, list[int]] = {}
+    for k, (prior, prior_sd) in enumerate(zip(rows["prior"], rows["prior_sd"], strict=True)):
+        if np.isfinite(prior) and np.isfinite(prior_sd):
+            places.setdefault(f"{prior:.{PRIOR_DIGITS - 1}e} {prior_sd:.{PRIOR_DIGITS - 1}e}", []).append(k)
+    specimen = rows["specimen"].to_numpy(int)
+    is_shared, is_repeated = np.zeros((2, len(rows)), dtype=bool)
+    for members in places.values():
+        if len(set(specimen[members])) > 1:
+            is_shared[members] = True
+        else:
+            is_repeated[members[1:]] = True
+    return is_shared, is_repeated
 
 
 def remove_prior(

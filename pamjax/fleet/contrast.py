@@ -1,6 +1,6 @@
 """Differences between benches and drift: regressions with the sd between specimens as a parameter.
 
-The model is that of `pooling.py` with a second column: yᵢ ~ N(a + b xᵢ, τ² + sᵢ²). τ has the largest
+The model is that of `restricted_likelihood.py` with a line: yᵢ ~ N(a + b xᵢ, τ² + sᵢ²). τ has the largest
 restricted likelihood; b is the generalised least-squares estimate at this τ. Its p-value is from Student's t
 with n − 2 degrees of freedom.
 """
@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 from scipy.optimize import minimize_scalar
+
+from pamjax.fleet.restricted_likelihood import compute_log_likelihoods, fit_coefficients
 
 #: Smallest number of specimens of a regression.
 MIN_REGRESSION_SPECIMENS = 5
@@ -38,7 +40,7 @@ def fit_slope(estimate: np.ndarray, sd: np.ndarray, x: np.ndarray) -> Slope | No
 
     Args:
         estimate, sd: (n,) estimates of the specimens and their sd.
-        x: (n,) the quantity; 1 for the specimens of one bench and 0 for the others.
+        x: (n,) the quantity; for a bench the share of its recordings, from 0 to 1.
     """
     n = len(estimate)
     if n < MIN_REGRESSION_SPECIMENS or np.ptp(x) == 0:
@@ -47,26 +49,15 @@ def fit_slope(estimate: np.ndarray, sd: np.ndarray, x: np.ndarray) -> Slope | No
     y, s = (estimate - np.median(estimate)) / scale, sd / scale
     design = np.column_stack([np.ones(n), (x - x.min()) / np.ptp(x)])
     result = minimize_scalar(
-        lambda tau: -_compute_log_likelihood(y, s, design, tau), bounds=(0.0, 3.0), method="bounded"
+        lambda tau: -compute_log_likelihoods(y, s, design, np.array([tau]))[0],
+        bounds=(0.0, 3.0),
+        method="bounded",
     )
-    taus = [0.0, float(result.x)]
-    tau = max(taus, key=lambda tau: _compute_log_likelihood(y, s, design, tau))
-    coefficients, covariance = _solve(y, s, design, tau)
+    taus = np.array([0.0, float(result.x)])
+    tau = float(taus[np.argmax(compute_log_likelihoods(y, s, design, taus))])
+    coefficients, covariance = fit_coefficients(y, s, design, tau)
     slope, slope_sd = coefficients[1], float(np.sqrt(covariance[1, 1]))
     p_value = float(2 * stats.t.sf(abs(slope) / slope_sd, n - 2))
     change = scale * slope / np.ptp(x)
     start = float(np.median(estimate)) + scale * coefficients[0]
     return Slope(float(change), float(scale * slope_sd / np.ptp(x)), p_value, float(start - change * x.min()))
-
-
-def _solve(y: np.ndarray, s: np.ndarray, design: np.ndarray, tau: float) -> tuple[np.ndarray, np.ndarray]:
-    weight = 1 / (tau**2 + s**2)
-    covariance = np.linalg.inv(design.T @ (weight[:, None] * design))
-    return covariance @ (design.T @ (weight * y)), covariance
-
-
-def _compute_log_likelihood(y: np.ndarray, s: np.ndarray, design: np.ndarray, tau: float) -> float:
-    coefficients, covariance = _solve(y, s, design, tau)
-    variance = tau**2 + s**2
-    misfit = ((y - design @ coefficients) ** 2 / variance).sum()
-    return float(-0.5 * (np.log(variance).sum() - np.linalg.slogdet(covariance)[1] + misfit))

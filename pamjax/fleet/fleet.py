@@ -10,8 +10,8 @@ import pandas as pd
 
 from pamjax.errors import refuse, suggest_word
 from pamjax.fleet.frames import select_rows
-from pamjax.fleet.store import read_store_document
-from pamjax.fleet.tables import read_tables
+from pamjax.fleet.store import FleetStore
+from pamjax.fleet.tables import FleetTables, read_tables
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -57,7 +57,7 @@ class Fleet:
 
         names = list(data["value"].columns) if len(table) else []
         columns = {
-            column: (("case", "number"), data[column].to_numpy(float) if len(table) else [[]][:0])
+            column: (("case", "number"), data[column].to_numpy(float))
             for column in ("value", "sd")
             if len(table)
         }
@@ -79,7 +79,7 @@ class Fleet:
             raise refuse(
                 f"unknown case {case!r}", where=str(self.folder), remedy=suggest_word(case, names[:20])
             )
-        file = self.folder / "cases" / case / "fit" / "fit.nc"
+        file = FleetStore(self.folder).locate_stage(case, "fit") / "fit.nc"
         if not file.is_file():
             raise refuse(f"the case {case!r} has no fit", remedy="Run `pamjax fleet` with the stage fit.")
         import xarray as xr
@@ -103,8 +103,11 @@ def open_fleet(store: str | Path) -> Fleet:
     if find_spec("pyarrow") is None:
         remedy = "Install it: pip install 'pamjax[fleet]'."
         raise refuse("a fleet needs pyarrow", "an installation without", remedy=remedy)
-    folder = Path(store)
-    document = read_store_document(folder)
-    frames = read_tables(folder).frames
+    return build_fleet(Path(store), read_tables(Path(store)))
+
+
+def build_fleet(folder: Path, tables: FleetTables) -> Fleet:
+    """Return the results of a fleet from its tables."""
+    document = tables.document
     settings = {name: document[name] for name in ("settings", "versions", "stages", "folder")}
-    return Fleet(folder, document["name"], settings=settings, **frames)
+    return Fleet(folder, document["name"], settings=settings, **tables.frames)

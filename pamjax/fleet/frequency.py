@@ -1,4 +1,4 @@
-"""How often a mechanism is identified, or a number is at its limit: in all recordings and on each bench."""
+"""How often a mechanism is identified, or a number is at its limit: for each type and bench."""
 
 from __future__ import annotations
 
@@ -16,17 +16,19 @@ BENCH_P_VALUE = 0.05
 
 @dataclass(frozen=True)
 class BenchFrequency:
-    """Number of recordings in which a mechanism is identified, or a number is at its limit.
+    """Number of recordings of one type in which a mechanism is identified, or a number is at its limit.
 
     Attributes:
+        type: type of the muscle.
         id: the mechanism or the number.
-        count, total: affected recordings, and all diagnosed or fitted ones.
+        count, total: affected recordings, and all diagnosed or fitted ones of this type.
         interval: exact 95 % interval of the share (Clopper and Pearson).
         by_bench: count and total of each bench.
         p_values: by bench, Fisher's exact test of this bench against all others.
-        deviating_benches: benches that differ, with a Bonferroni correction over benches and ids.
+        deviating_benches: benches that differ, with a Bonferroni correction over types, benches and ids.
     """
 
+    type: str
     id: str
     count: int
     total: int
@@ -37,7 +39,7 @@ class BenchFrequency:
 
 
 def count_mechanisms(cases: pd.DataFrame, mechanisms: pd.DataFrame) -> list[BenchFrequency]:
-    """Return the frequency of each identified mechanism, most frequent first.
+    """Return the frequency of each identified mechanism in each type, most frequent first.
 
     Args:
         cases: `Fleet.cases`; only diagnosed ones count.
@@ -51,7 +53,7 @@ def count_mechanisms(cases: pd.DataFrame, mechanisms: pd.DataFrame) -> list[Benc
 
 
 def count_limits(cases: pd.DataFrame, numbers: pd.DataFrame) -> list[BenchFrequency]:
-    """Return how often each number of a fit is at its limit, most frequent first.
+    """Return how often each number of a fit is at its limit in each type, most frequent first.
 
     A wrong gauge may drive a number to its limit on one bench.
 
@@ -67,19 +69,45 @@ def count_limits(cases: pd.DataFrame, numbers: pd.DataFrame) -> list[BenchFreque
     return _count_all(fitted, affected)
 
 
+@dataclass(frozen=True)
+class _TypeGroup:
+    """Recordings of one type.
+
+    Attributes:
+        type: the type.
+        benches: bench by recording; None if not stated.
+        names: names of the benches.
+        affected: affected recordings by id.
+    """
+
+    type: str
+    benches: dict[str, str | None]
+    names: list[str]
+    affected: dict[str, set[str]]
+
+
 def _count_all(cases: pd.DataFrame, affected: dict[str, set[str]]) -> list[BenchFrequency]:
-    """Return the frequency of each id among cases, most frequent first."""
-    benches = {str(case): bench for case, bench in zip(cases["case"], cases["bench"], strict=True)}
-    names = sorted({str(bench) for bench in benches.values() if not pd.isna(bench)})
-    comparisons = max(len(affected) * len(names), 1)
-    counts = [_count_one_id(name, members, benches, names, comparisons) for name, members in affected.items()]
-    return sorted(counts, key=lambda frequency: (-frequency.count, frequency.id))
+    """Return the frequency of each id among the recordings of each type, most frequent first."""
+    types = cases["type"].fillna("")
+    groups = [_build_group(kind, select_rows(cases, types == kind), affected) for kind in sorted(set(types))]
+    comparisons = max(sum(len(group.affected) * len(group.names) for group in groups), 1)
+    counts = [_count_one_id(group, name, comparisons) for group in groups for name in group.affected]
+    return sorted(counts, key=lambda frequency: (-frequency.count, frequency.id, frequency.type))
 
 
-def _count_one_id(
-    name: str, affected: set[str], benches: dict[str, str], names: list[str], comparisons: int
-) -> BenchFrequency:
-    total, count = len(benches), len(affected & set(benches))
+def _build_group(kind: str, cases: pd.DataFrame, affected: dict[str, set[str]]) -> _TypeGroup:
+    benches = {
+        str(case): None if pd.isna(bench) else str(bench)
+        for case, bench in zip(cases["case"], cases["bench"], strict=True)
+    }
+    names = sorted({bench for bench in benches.values() if bench is not None})
+    present = {name: members & benches.keys() for name, members in affected.items()}
+    return _TypeGroup(kind, benches, names, {name: members for name, members in present.items() if members})
+
+
+def _count_one_id(group: _TypeGroup, name: str, comparisons: int) -> BenchFrequency:
+    benches, names, affected = group.benches, group.names, group.affected[name]
+    total, count = len(benches), len(affected)
     interval = stats.binomtest(count, total).proportion_ci(0.95, "exact")
     by_bench, p_values = {}, {}
     for bench in names:
@@ -98,5 +126,12 @@ def _count_one_id(
         # With two benches both deviate alike; the one with more affected cases is reported.
         deviating = (max(names, key=lambda bench: by_bench[bench][0] / by_bench[bench][1]),)
     return BenchFrequency(
-        name, count, total, (float(interval.low), float(interval.high)), by_bench, p_values, deviating
+        group.type,
+        name,
+        count,
+        total,
+        (float(interval.low), float(interval.high)),
+        by_bench,
+        p_values,
+        deviating,
     )

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import os
-import tomllib
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pamjax.errors import BadInput, refuse
-from pamjax.fleet.schema import FitTable, FleetDocument, GroupTable, read_fleet_document
+from pamjax.fleet.schema import STAGES, FitTable, FleetDocument, GroupTable, read_fleet_document
 from pamjax.records.case import MUSCLE_FILE, RECORDING_FILE
 from pamjax.records.files import read_bytes
 from pamjax.records.reading.specimen import Specimen, read_date, read_label
+from pamjax.records.toml_text import parse_toml
 
 #: Characters of a pattern.
 WILDCARDS = "*?["
@@ -60,17 +60,25 @@ class FleetPlan:
     fit: FitTable = field(default_factory=FitTable)
 
 
-def read_plan(sources: Sequence[Path], **changes: Any) -> FleetPlan:
+def read_plan(
+    sources: Sequence[Path],
+    *,
+    stages: Sequence[str] | None = None,
+    seed: int | None = None,
+    figures: bool | None = None,
+    report: bool | None = None,
+) -> FleetPlan:
     """Return the plan of a FLEET.toml, of a folder of cases, or of case folders and patterns.
 
     Args:
         sources: one FLEET.toml, or folders and patterns.
-        changes: settings that replace those of the file; None keeps a setting.
+        stages, seed, figures, report: settings that replace those of the file; None keeps a setting.
 
     Raises:
         BadInput: for a wrong file, a path that does not exist, or no case folder.
     """
-    changes = {name: value for name, value in changes.items() if value is not None}
+    stated = {"stages": stages, "seed": seed, "figures": figures, "report": report}
+    changes = {name: value for name, value in stated.items() if value is not None}
     if len(sources) == 1 and sources[0].suffix == ".toml" and not sources[0].is_dir():
         file = sources[0]
         document = read_fleet_document(read_bytes(file), file.name)
@@ -84,7 +92,12 @@ def read_plan(sources: Sequence[Path], **changes: Any) -> FleetPlan:
 
 
 def _build_plan(
-    name: str, folder: Path, case_folders: Iterable[Path], document: FleetDocument, file: str, changes: dict
+    name: str,
+    folder: Path,
+    case_folders: Iterable[Path],
+    document: FleetDocument,
+    file: str,
+    changes: dict[str, Any],
 ) -> FleetPlan:
     origins = _assign_groups(folder, document.groups, file)
     case_folders = sorted(set(case_folders))
@@ -96,7 +109,7 @@ def _build_plan(
         name=name,
         folder=folder,
         cases=tuple(sorted(cases, key=lambda case: case.name)),
-        stages=tuple(stage for stage in FleetDocument().stages if stage in wanted),
+        stages=tuple(stage for stage in STAGES if stage in wanted),
         fit=document.fit,
         **settings,
     )
@@ -137,13 +150,13 @@ def _read_origin(muscle: bytes) -> Specimen:
     Wrong entries are left out here; the task of the case reports them.
     """
     tables: dict[str, Any] = {}
-    with suppress(UnicodeDecodeError, tomllib.TOMLDecodeError):
-        tables = tomllib.loads(muscle.decode("utf-8-sig").replace("\r\n", "\n"))
+    with suppress(BadInput):
+        tables = parse_toml(muscle, MUSCLE_FILE)
     stated, muscle_table = tables.get("specimen"), tables.get("muscle")
-    entries: dict[str, Any] = {}
+    known, entries = {entry.name for entry in fields(Specimen)}, {}
     for key, raw in (stated if isinstance(stated, dict) else {}).items():
         with suppress(BadInput):
-            if key in ("bench", "serial", "type", "date"):
+            if key in known:
                 entries[key] = read_date(raw) if key == "date" else read_label(raw)
     if not entries.get("type") and isinstance(muscle_table, dict):
         with suppress(BadInput):

@@ -4,16 +4,12 @@ Specimen i has the estimate yᵢ ± sᵢ and the true value θᵢ:
 
     yᵢ ~ N(θᵢ, sᵢ²),    θᵢ ~ N(μ, τ²)
 
-With μ integrated out, the log-likelihood of the between-specimen sd τ is (restricted likelihood, REML)
-
-    ℓ(τ) = −½ [Σ log vᵢ + log Σ 1/vᵢ + Σ (yᵢ − μ̂)² / vᵢ],    vᵢ = τ² + sᵢ²,    μ̂ = Σ yᵢ/vᵢ / Σ 1/vᵢ
-
-The interval of τ has all values with ℓ within 1.92 of the maximum (95 %). The estimate of a specimen moves
-towards the mean by its share sᵢ² / vᵢ. Neglected: correlation between the numbers of one specimen, and
+The sd between specimens τ has the largest restricted likelihood ℓ(τ) of `restricted_likelihood.py`. Its
+interval has all values with ℓ within 1.92 of the maximum (95 %). The estimate of a specimen moves towards the
+mean by its share sᵢ² / (τ² + sᵢ²). Neglected: correlation between the numbers of one specimen, and
 distributions with heavy tails.
 
-Source: A. Gelman et al., Bayesian Data Analysis, 3rd ed. (2013), section 5.4, and Patterson & Thompson,
-Biometrika 58 (1971) 545.
+Source: A. Gelman et al., Bayesian Data Analysis, 3rd ed. (2013), section 5.4.
 """
 
 from __future__ import annotations
@@ -24,6 +20,7 @@ import numpy as np
 from scipy import stats
 
 from pamjax.errors import refuse
+from pamjax.fleet.restricted_likelihood import compute_log_likelihoods, fit_coefficients
 
 #: Number of values of τ in the first and in each finer grid.
 GRID_SIZE = 120
@@ -33,7 +30,7 @@ REFINEMENTS = 2
 PROFILE_FALL = float(stats.chi2.ppf(0.95, 1)) / 2
 #: Smallest number of specimens of a distribution.
 MIN_SPECIMENS = 3
-#: Probability of any false alarm among all specimens of one number.
+#: Probability of any false alarm among all specimens of all distributions.
 OUTLIER_P_VALUE = 0.05
 
 
@@ -49,6 +46,7 @@ class PooledNumber:
         shrunken, shrunken_sd: (n,) the same after partial pooling.
         deviation: (n,) difference to the prediction from the other specimens, in sd of this difference.
         p_value: (n,) two-sided p-value of the deviation, from Student's t with n − 2 degrees of freedom.
+        distribution_count: number of distributions that are searched for outliers.
     """
 
     mean: float
@@ -61,19 +59,24 @@ class PooledNumber:
     shrunken_sd: np.ndarray
     deviation: np.ndarray
     p_value: np.ndarray
+    distribution_count: int = 1
 
     @property
     def outliers(self) -> np.ndarray:
-        """Return (n,) whether a specimen stands out, with a Bonferroni correction for all specimens."""
-        return self.p_value * len(self.p_value) < OUTLIER_P_VALUE
+        """Return (n,) whether a specimen is an outlier.
+
+        The Bonferroni correction is for all specimens of all distributions.
+        """
+        return self.p_value * len(self.p_value) * self.distribution_count < OUTLIER_P_VALUE
 
 
-def pool_estimates(estimate: np.ndarray, sd: np.ndarray) -> PooledNumber:
+def pool_estimates(estimate: np.ndarray, sd: np.ndarray, distribution_count: int = 1) -> PooledNumber:
     """Return the distribution over specimens.
 
     Args:
         estimate: (n,) estimates of independent specimens.
         sd: (n,) their standard deviations, positive.
+        distribution_count: number of distributions that are searched for outliers.
 
     Raises:
         BadInput: for fewer than `MIN_SPECIMENS` specimens, or an sd that is not positive.
@@ -91,7 +94,8 @@ def pool_estimates(estimate: np.ndarray, sd: np.ndarray) -> PooledNumber:
     centre, scale = float(np.median(estimate)), float(np.ptp(estimate) + sd.max())
     y, s = (estimate - centre) / scale, sd / scale
     tau, interval = maximise_likelihood(y, s)
-    mean, mean_sd = _compute_mean(y, s, tau)
+    coefficients, covariance = fit_coefficients(y, s, np.ones((len(y), 1)), tau)
+    mean, mean_sd = float(coefficients[0]), float(covariance[0, 0] ** 0.5)
     share = s**2 / (s**2 + tau**2)
     deviation, p_value = _compare_with_others(y, s)
     return PooledNumber(
@@ -105,6 +109,7 @@ def pool_estimates(estimate: np.ndarray, sd: np.ndarray) -> PooledNumber:
         shrunken_sd=scale * np.sqrt((1 - share) * s**2 + (share * mean_sd) ** 2),
         deviation=deviation,
         p_value=p_value,
+        distribution_count=distribution_count,
     )
 
 
@@ -151,18 +156,8 @@ def _build_grid(y: np.ndarray, s: np.ndarray, factor: float = 3.0) -> np.ndarray
 
 
 def _compute_log_likelihoods(y: np.ndarray, s: np.ndarray, taus: np.ndarray) -> np.ndarray:
-    """Return (m,) restricted log-likelihoods of (m,) values of τ."""
-    variance = taus[:, None] ** 2 + s**2
-    weight = 1 / variance
-    total = weight.sum(1)
-    mean = (weight * y).sum(1) / total
-    misfit = (weight * (y - mean[:, None]) ** 2).sum(1)
-    return -0.5 * (np.log(variance).sum(1) + np.log(total) + misfit)
-
-
-def _compute_mean(y: np.ndarray, s: np.ndarray, tau: float) -> tuple[float, float]:
-    weight = 1 / (tau**2 + s**2)
-    return float((weight * y).sum() / weight.sum()), float(weight.sum() ** -0.5)
+    """Return (m,) restricted log-likelihoods of (m,) values of τ, with a common mean."""
+    return compute_log_likelihoods(y, s, np.ones((len(y), 1)), taus)
 
 
 def _compare_with_others(y: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -15,11 +15,12 @@ import json
 import os
 import secrets
 import shutil
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from pamjax.errors import refuse
 from pamjax.fleet.plan import FleetCase, FleetPlan
@@ -29,12 +30,14 @@ from pamjax.records.reading.specimen import Specimen, read_date
 
 FLEET_SCHEMA = "pamjax.fleet/1"
 FLEET_FILE, TASK_FILE, TIME_FILE, ERROR_FILE = "fleet.json", "task.json", "time.json", "error.txt"
+#: File that a running fleet locks.
+LOCK_FILE = ".lock"
 
-#: Outcome of a task: complete, input refused, or set aside after an unexpected end.
-State = Literal["done", "refused", "set aside"]
-DONE, REFUSED, SET_ASIDE = "done", "refused", "set aside"
-#: State of a task without an outcome.
-OPEN = "open"
+#: A stage and the thread of its time limit may both replace the folder of a task.
+_RENAME_LOCK = threading.Lock()
+
+#: States of a task: complete, input refused, set aside after an unexpected end, and without an outcome.
+STATES = DONE, REFUSED, SET_ASIDE, OPEN = "done", "refused", "set aside", "open"
 
 
 @dataclass(frozen=True)
@@ -72,15 +75,19 @@ class FleetStore:
         """Return the tasks of a case in their order."""
         return [build_task(plan, case, stage, self.locate_stage(case.name, stage)) for stage in plan.stages]
 
-    def write_plan(self, plan: FleetPlan) -> None:
-        """Write fleet.json.
+    def prepare(self) -> None:
+        """Create the folder if it does not exist; change no file of a store.
 
         Raises:
             BadInput: if the folder has other files and is no store.
         """
-        if self.folder.is_dir() and any(self.folder.iterdir()):
+        # A run that has locked an empty folder may not have written its plan yet.
+        if self.folder.is_dir() and any(path.name != LOCK_FILE for path in self.folder.iterdir()):
             read_store_document(self.folder)
         self.folder.mkdir(parents=True, exist_ok=True)
+
+    def write_plan(self, plan: FleetPlan) -> None:
+        """Write fleet.json to a prepared folder that no other run has locked."""
         document = {
             "schema": FLEET_SCHEMA,
             "name": plan.name,
@@ -149,23 +156,28 @@ def read_json(file: Path) -> dict[str, Any]:
 def open_stage_folder(task: FleetTask) -> Iterator[Path]:
     """Yield a temporary folder that replaces the task's folder at the end, complete.
 
-    After an exception, the former folder is unchanged. Leftovers of a killed process are removed.
+    After an exception, the former folder is unchanged.
     """
     task.target.parent.mkdir(parents=True, exist_ok=True)
-    for leftover in task.target.parent.glob(f".{task.target.name}-*"):
-        shutil.rmtree(leftover, ignore_errors=True)
     temporary = task.target.with_name(f".{task.target.name}-{secrets.token_hex(4)}")
     temporary.mkdir()
     try:
         yield temporary
         former = task.target.with_name(f".{task.target.name}-former-{secrets.token_hex(4)}")
-        with suppress(FileNotFoundError):
-            os.rename(task.target, former)
-        # A process that is killed here leaves no folder, and the task runs again.
-        os.rename(temporary, task.target)
+        with _RENAME_LOCK:
+            with suppress(FileNotFoundError):
+                os.rename(task.target, former)
+            # A process that is killed here leaves no folder, and the task runs again.
+            os.rename(temporary, task.target)
         shutil.rmtree(former, ignore_errors=True)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+def remove_leftovers(task: FleetTask) -> None:
+    """Remove the temporary folders of a task whose process ended; no process may still run the task."""
+    for leftover in task.target.parent.glob(f".{task.target.name}-*"):
+        shutil.rmtree(leftover, ignore_errors=True)
 
 
 def write_outcome(folder: Path, task: FleetTask, outcome: TaskOutcome) -> None:

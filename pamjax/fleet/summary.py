@@ -9,6 +9,7 @@ import numpy as np
 from pamjax.fleet.answers import FleetAnswers, NumberDistribution
 from pamjax.fleet.fleet import Fleet
 from pamjax.fleet.frequency import BenchFrequency
+from pamjax.fleet.store import DONE, OPEN, REFUSED, SET_ASIDE
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.units import compute_si_factor, format_count
 
@@ -32,7 +33,7 @@ def format_sd(sd: float, unit: str) -> str:
 
 
 def list_findings(answers: FleetAnswers) -> list[str]:
-    """Return what stands out in a fleet: benches, specimens, drift, unexplained misfit."""
+    """Return the findings of a fleet: differing benches, outliers, drift, unexplained misfit."""
     findings = [
         *(line for f in answers.mechanisms for line in format_bench_frequency(f, "identified")),
         *(line for f in answers.limits for line in format_bench_frequency(f, "at its limit")),
@@ -41,7 +42,7 @@ def list_findings(answers: FleetAnswers) -> list[str]:
         *(line for distribution in answers.distributions for line in format_drift(distribution)),
         *format_unexplained(answers),
     ]
-    return findings or ["No bench, specimen or date stands out."]
+    return findings or ["No outlier, no difference between benches and no drift."]
 
 
 def format_bench_frequency(frequency: BenchFrequency, condition: str) -> Iterator[str]:
@@ -51,10 +52,11 @@ def format_bench_frequency(frequency: BenchFrequency, condition: str) -> Iterato
         frequency: the frequency of a mechanism, or of a number at its limit.
         condition: "identified" or "at its limit".
     """
+    kind = f" of {frequency.type}" if frequency.type else ""
     for bench in frequency.deviating_benches:
         count, total = frequency.by_bench[bench]
         yield (
-            f"{frequency.id} is {condition} in {count} of {total} recordings of bench {bench},"
+            f"{frequency.id} is {condition} in {count} of {total} recordings{kind} on bench {bench},"
             f" and in {frequency.count - count} of {frequency.total - total} of the others"
             f" (p = {frequency.p_values[bench]:.1g})."
         )
@@ -73,25 +75,26 @@ def format_bench_differences(distribution: NumberDistribution) -> Iterator[str]:
 
 
 def format_outliers(distribution: NumberDistribution) -> Iterator[str]:
-    """Yield a sentence about the specimens that stand out in a number, the farthest first."""
+    """Yield a sentence about each outlier of a number, the farthest first."""
     pooled = distribution.pooled
     places = [int(k) for k in np.argsort(-np.abs(pooled.deviation)) if pooled.outliers[k]]
     for k in places[:MAX_NAMED_SPECIMENS]:
         value = format_value(float(pooled.estimate[k]), float(pooled.sd[k]), distribution.unit)
         direction = "above" if pooled.deviation[k] > 0 else "below"
         yield (
-            f"{distribution.cases[k]} stands out in {name_distribution(distribution)}: {value},"
+            f"{distribution.estimates.names[k]} is an outlier in {name_distribution(distribution)}: {value},"
             f" {abs(pooled.deviation[k]):.1f} sd {direction} the other specimens."
         )
     if len(places) > MAX_NAMED_SPECIMENS:
-        yield f"{len(places) - MAX_NAMED_SPECIMENS} more stand out in {name_distribution(distribution)}."
+        rest = format_count(len(places) - MAX_NAMED_SPECIMENS, "more outlier")
+        yield f"{name_distribution(distribution)} has {rest}."
 
 
 def format_drift(distribution: NumberDistribution) -> Iterator[str]:
     """Yield a sentence about a significant drift."""
     if distribution.drift is None or not distribution.drifts:
         return
-    slope, unit = distribution.drift, "year" if distribution.order_name == "date" else "specimen"
+    slope, unit = distribution.drift, "year" if distribution.order_name == "date" else "serial number"
     direction = "increases" if slope.value > 0 else "decreases"
     change = format_value(abs(slope.value), slope.sd, distribution.unit)
     yield (
@@ -128,12 +131,17 @@ def format_distribution(distribution: NumberDistribution) -> str:
         else f"no spread between specimens detected (below {format_sd(high, unit)})"
     )
     mean = format_value(pooled.mean, pooled.mean_sd, unit)
-    return f"{name_distribution(distribution)}: {mean}, {spread}, {len(distribution.cases)} specimens"
+    return f"{name_distribution(distribution)}: {mean}, {spread}, {len(pooled.estimate)} specimens"
 
 
 def name_distribution(distribution: NumberDistribution) -> str:
     """Return the name of a number with the type of its muscles."""
     return f"{distribution.name} of {distribution.type}" if distribution.type else distribution.name
+
+
+def name_frequency(frequency: BenchFrequency) -> str:
+    """Return a mechanism, or a number at its limit, with the type of its muscles."""
+    return f"{frequency.id} of {frequency.type}" if frequency.type else frequency.id
 
 
 def format_states(fleet: Fleet) -> str:
@@ -142,10 +150,10 @@ def format_states(fleet: Fleet) -> str:
     parts = [
         f"{counts[state]} {label}"
         for state, label in (
-            ("done", "complete"),
-            ("refused", "refused"),
-            ("set aside", "set aside"),
-            ("open", "not finished"),
+            (DONE, "complete"),
+            (REFUSED, "refused"),
+            (SET_ASIDE, "set aside"),
+            (OPEN, "not finished"),
         )
         if state in counts
     ]

@@ -15,7 +15,15 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from pamjax.fleet.store import DONE, OPEN, read_json, read_outcome, read_store_document
+from pamjax.fleet.store import (
+    DONE,
+    OPEN,
+    FleetStore,
+    TaskOutcome,
+    read_json,
+    read_outcome,
+    read_store_document,
+)
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -30,8 +38,9 @@ TABLE_COLUMNS: dict[str, dict[str, str]] = {
         "date": "date", "checksum": "string", "state": "string", "reason": "string", "report": "string",
         "law": "string", "rows": "int", "converged": "bool", "force_rmse_N": "float",
         "force_noise_N": "float", "force_held_out_N": "float", "diameter_rmse_mm": "float",
-        "diameter_noise_mm": "float", "diameter_held_out_mm": "float", "misfit_p_value": "float",
-        "misfit_detected": "bool", "mechanisms": "int", "unexplained": "bool",
+        "diameter_noise_mm": "float", "diameter_held_out_mm": "float", "length_rmse_mm": "float",
+        "length_noise_mm": "float", "length_held_out_mm": "float", "baseline_law": "string",
+        "misfit_p_value": "float", "misfit_detected": "bool", "mechanisms": "int", "unexplained": "bool",
         "unexplained_share": "float", "unexplained_like": "string", "check_task": "string",
         "fit_task": "string", "diagnose_task": "string",
     },
@@ -61,10 +70,12 @@ class FleetTables:
     Attributes:
         frames: "cases", "numbers", "mechanisms", "regions" and "tasks".
         digest: SHA-256 of fleet.json and of all outcomes.
+        document: contents of fleet.json.
     """
 
     frames: dict[str, pd.DataFrame]
     digest: str
+    document: dict[str, Any]
 
 
 def build_tables(folder: Path) -> FleetTables:
@@ -73,20 +84,37 @@ def build_tables(folder: Path) -> FleetTables:
     Raises:
         BadInput: if the folder is no store.
     """
-    document = read_store_document(folder)
+    document, store = read_store_document(folder), FleetStore(folder)
+    return _build_tables(store, document, _read_outcomes(store, document))
+
+
+def _build_tables(
+    store: FleetStore, document: dict[str, Any], outcomes: list[dict[str, TaskOutcome]]
+) -> FleetTables:
     rows: dict[str, list[dict[str, Any]]] = {name: [] for name in TABLE_COLUMNS}
-    for entry in document["cases"]:
-        _collect_case(folder, entry, rows)
+    for entry, case_outcomes in zip(document["cases"], outcomes, strict=True):
+        _collect_case(store, entry, case_outcomes, rows)
     frames = {name: _build_frame(name, table_rows) for name, table_rows in rows.items()}
-    return FleetTables(frames, compute_digest(folder, document))
+    return FleetTables(frames, _compute_digest(document, outcomes), document)
 
 
-def compute_digest(folder: Path, document: dict[str, Any]) -> str:
+def _read_outcomes(store: FleetStore, document: dict[str, Any]) -> list[dict[str, TaskOutcome]]:
+    """Return the outcome of each stage of each case."""
+    return [
+        {
+            stage: read_outcome(store.locate_stage(entry["name"], stage), key)
+            for stage, key in entry["tasks"].items()
+        }
+        for entry in document["cases"]
+    ]
+
+
+def _compute_digest(document: dict[str, Any], outcomes: list[dict[str, TaskOutcome]]) -> str:
     """Return the SHA-256 of fleet.json and of the states of all tasks."""
     digest = hashlib.sha256(json.dumps(document, sort_keys=True).encode())
-    for entry in document["cases"]:
-        for stage, key in entry["tasks"].items():
-            digest.update(read_outcome(folder / "cases" / entry["name"] / stage, key).state.encode())
+    for case_outcomes in outcomes:
+        for outcome in case_outcomes.values():
+            digest.update(outcome.state.encode())
     return digest.hexdigest()
 
 
@@ -113,17 +141,18 @@ def read_tables(folder: Path) -> FleetTables:
     """
     import pyarrow.parquet as pq
 
-    document = read_store_document(folder)
-    digest, frames = compute_digest(folder, document), {}
+    document, store = read_store_document(folder), FleetStore(folder)
+    outcomes = _read_outcomes(store, document)
+    digest, frames = _compute_digest(document, outcomes), {}
     for name in TABLE_COLUMNS:
         try:
             table = pq.read_table(folder / TABLE_FOLDER / f"{name}.parquet")
         except (OSError, ValueError):
-            return build_tables(folder)
+            return _build_tables(store, document, outcomes)
         if (table.schema.metadata or {}).get(b"digest") != digest.encode():
-            return build_tables(folder)
+            return _build_tables(store, document, outcomes)
         frames[name] = _build_frame(name, table.to_pylist())
-    return FleetTables(frames, digest)
+    return FleetTables(frames, digest, document)
 
 
 def _to_arrow(name: str, frame: pd.DataFrame, digest: str) -> pa.Table:
@@ -154,10 +183,14 @@ def _build_frame(name: str, rows: list[dict[str, Any]]) -> pd.DataFrame:
     return pd.DataFrame(data)
 
 
-def _collect_case(folder: Path, entry: dict[str, Any], rows: dict[str, list[dict[str, Any]]]) -> None:
+def _collect_case(
+    store: FleetStore,
+    entry: dict[str, Any],
+    outcomes: dict[str, TaskOutcome],
+    rows: dict[str, list[dict[str, Any]]],
+) -> None:
     """Append the rows of one case."""
-    name, case_folder = entry["name"], folder / "cases" / entry["name"]
-    outcomes = {stage: read_outcome(case_folder / stage, key) for stage, key in entry["tasks"].items()}
+    name = entry["name"]
     done = [stage for stage, outcome in outcomes.items() if outcome.state == DONE]
     failed = next(((s, o) for s, o in outcomes.items() if o.state != DONE), None)
     rows["tasks"] += [
@@ -170,22 +203,23 @@ def _collect_case(folder: Path, entry: dict[str, Any], rows: dict[str, list[dict
         "date": None if entry["date"] is None else pd.Timestamp(entry["date"]).date(),
         "state": DONE if failed is None else failed[1].state,
         "reason": f"{failed[0]}: {failed[1].reason}" if failed and failed[1].state != OPEN else None,
-        "report": _find_report(folder, name, done),
+        "report": _find_report(store, name, done),
         **{f"{stage}_task": key for stage, key in entry["tasks"].items() if stage in done},
     }
     if "fit" in done:
-        row |= _read_fit(name, read_json(case_folder / "fit" / "fit.json"), rows)
+        row |= _read_fit(name, read_json(store.locate_stage(name, "fit") / "fit.json"), rows)
     if "diagnose" in done:
-        row |= _read_diagnosis(name, read_json(case_folder / "diagnose" / "diagnosis.json"), rows)
+        file = store.locate_stage(name, "diagnose") / "diagnosis.json"
+        row |= _read_diagnosis(name, read_json(file), rows)
     rows["cases"].append(row)
 
 
-def _find_report(folder: Path, case: str, stages: list[str]) -> str | None:
+def _find_report(store: FleetStore, case: str, stages: list[str]) -> str | None:
     """Return the path of the last report of a case, relative to the store."""
     for stage in reversed(stages):
-        path = folder / "cases" / case / stage / "report.html"
+        path = store.locate_stage(case, stage) / "report.html"
         if path.is_file():
-            return path.relative_to(folder).as_posix()
+            return path.relative_to(store.folder).as_posix()
     return None
 
 
@@ -207,7 +241,7 @@ def _read_fit(case: str, document: dict[str, Any], rows: dict[str, list[dict[str
     ]
     (case_entry,) = document["cases"].values()
     row = {"law": document["law"], "converged": document["converged"], "rows": case_entry["rows"]}
-    for channel, unit in (("force", "N"), ("diameter", "mm")):
+    for channel, unit in (("force", "N"), ("diameter", "mm"), ("length", "mm")):
         for column, key, table in (
             ("rmse", "value", case_entry["rmse"]),
             ("noise", "sd", case_entry["noise"]),
@@ -241,7 +275,7 @@ def _read_diagnosis(
     rows["regions"] += [_build_region(case, box) for box in unexplained["where"]]
     likeness = unexplained.get("likeness") or [{}]
     return {
-        "law": document["baseline"]["model"],
+        "baseline_law": document["baseline"]["model"],
         "misfit_p_value": document["mismatch"]["p_value"],
         "misfit_detected": document["mismatch"]["detected"],
         "mechanisms": len(document["missing_physics"]),

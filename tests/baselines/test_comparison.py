@@ -1,5 +1,7 @@
 """Comparison methods: predictions of a Gaussian process and of formulas on rows that they did not use."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -46,6 +48,16 @@ def test_gaussian_process_interpolates_between_isobars(monkeypatch):
     # Negative control: with a free length scale, it fits each isobar separately.
     monkeypatch.setattr("pamjax.baselines.gaussian_process.find_widest_gap", lambda values: 0.03)
     assert between_isobars() > 0.25
+
+
+def test_isotonic_test_has_no_comparison():
+    """The formulas predict a force, which an isotonic test does not measure."""
+    result = diagnosis()
+    result.problem.case = dataclasses.replace(
+        result.problem.case,
+        recording=dataclasses.replace(result.problem.case.recording, measures_length=True),
+    )
+    assert compare_models(result) is None
 
 
 @pytest.mark.slow

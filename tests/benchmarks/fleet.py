@@ -62,6 +62,7 @@ def measure_fleet(cases: Path, out: Path, workers: int) -> tuple[float, float]:
     """Return the time of a run, without the start of its workers, and the sum of its tasks' times, s."""
     plan = read_plan([cases], stages=["check", "fit"], figures=False, report=False)
     store = FleetStore(out)
+    store.prepare()
     store.write_plan(plan)
     # One case for each worker loads the programs before the measurement.
     warm_up = dataclasses.replace(plan, cases=plan.cases[:workers])

@@ -11,33 +11,48 @@ FIRST_DAY = datetime.date(2026, 3, 2)
 
 
 def write_made_store(
-    folder, values, *, sd=0.5, prior=(100.0, 20.0), benches=None, mechanisms=None, names=None, limits=()
+    folder,
+    values,
+    *,
+    sd=0.5,
+    prior=(100.0, 20.0),
+    benches=None,
+    mechanisms=None,
+    names=None,
+    limits=(),
+    serials=None,
+    types=None,
 ):
     """Write a store, and return its folder.
 
     Args:
         folder: the folder.
         values: estimate of `thread.modulus` in GPa of each specimen.
-        sd, prior: its sd, and mean and sd of its prior.
+        sd, prior: its sd, and mean and sd of its prior; for the prior also a list with one for each.
         benches: bench of each specimen.
         mechanisms: list of mechanism ids of each specimen; None for no diagnosis.
         names: names of the cases.
         limits: indices of the specimens whose number is at its limit.
+        serials, types: serial number and type of each specimen.
     """
     names = names or [f"case-{k:02d}" for k in range(len(values))]
     days = [FIRST_DAY + datetime.timedelta(days=7 * k) for k in range(len(names))]
+    serials = serials or [f"A-{k:03d}" for k in range(len(names))]
+    types = types or ["made"] * len(names)
     origins = [
-        Specimen(benches[k] if benches else None, f"A-{k:03d}", "made", day) for k, day in enumerate(days)
+        Specimen(benches[k] if benches else None, serials[k], types[k], day) for k, day in enumerate(days)
     ]
+    priors = prior if isinstance(prior, list) else [prior] * len(names)
     cases = [FleetCase(name, folder / name, origins[k], f"{k:064x}") for k, name in enumerate(names)]
     stages = ("fit",) if mechanisms is None else ("fit", "diagnose")
     plan, store = FleetPlan("made", folder, tuple(cases), stages), FleetStore(folder)
+    store.prepare()
     store.write_plan(plan)
     for k, case in enumerate(cases):
         for task in store.list_tasks(plan, case):
             is_fit = task.stage == "fit"
             document = (
-                build_fit(values[k], sd, prior, k in limits) if is_fit else build_diagnosis(mechanisms[k])
+                build_fit(values[k], sd, priors[k], k in limits) if is_fit else build_diagnosis(mechanisms[k])
             )
             with open_stage_folder(task) as place:
                 (place / ("fit.json" if is_fit else "diagnosis.json")).write_text(json.dumps(document))

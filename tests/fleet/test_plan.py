@@ -58,6 +58,16 @@ date = "2026-03-09"
     assert plan.stages == ("fit",)
 
 
+@pytest.mark.parametrize(
+    "line", [f"x = {'[' * 5000}", f"x = {'9' * 5000}", "x = '\xff"], ids=["nested", "long number", "no UTF-8"]
+)
+def test_unreadable_muscle_toml_leaves_the_other_cases(bench, line):
+    """The task of the case reports such a file."""
+    (bench / "north" / "a" / "muscle.toml").write_bytes(line.encode("latin-1"))
+    first, second, _ = read_plan([bench]).cases
+    assert (first.specimen.type, second.specimen.type) == (None, "example muscle")
+
+
 def test_task_is_named_by_inputs_and_settings(bench):
     def name_task(stage="fit", **changes):
         plan = read_plan([bench], **changes)
@@ -112,7 +122,15 @@ def test_foreign_folder_is_no_store(bench):
     (bench / "out").mkdir()
     (bench / "out" / "notes.txt").write_text("mine")
     with pytest.raises(BadInput, match=r"the store of a fleet must be a folder with fleet\.json"):
-        FleetStore(bench / "out").write_plan(read_plan([bench]))
+        FleetStore(bench / "out").prepare()
+
+
+def test_locked_folder_without_a_plan_is_prepared(bench):
+    """A run that has just started has its lock and no plan yet."""
+    (bench / "out").mkdir()
+    (bench / "out" / ".lock").touch()
+    FleetStore(bench / "out").prepare()
+    assert [path.name for path in (bench / "out").iterdir()] == [".lock"]
 
 
 def test_stage_folder_appears_complete_or_not_at_all(bench):
@@ -132,7 +150,6 @@ def test_stage_folder_appears_complete_or_not_at_all(bench):
     write("second")
     with pytest.raises(OSError, match="disk full"):
         write("third", fails=True)
-    (task.target.parent / f".{task.target.name}-left").mkdir()
     assert (task.target / "note.txt").read_text() == "second"
     assert read_outcome(task.target, task.key).state == "done"
     assert read_outcome(task.target, "another key").state == "open"

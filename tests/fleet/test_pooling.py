@@ -71,7 +71,7 @@ def test_simulated_spread_is_recovered():
     assert shrunken_error < 0.6 * own_error
 
 
-def test_specimen_that_differs_stands_out():
+def test_specimen_that_differs_is_an_outlier():
     random = np.random.default_rng(2)
     _, y, sd = simulate(random)
     y[7] += 12.0

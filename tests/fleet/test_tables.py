@@ -12,6 +12,7 @@ from tests.fleet.made_store import write_made_store
 
 pytest.importorskip("pyarrow", reason="needs the extra pamjax[fleet]")
 
+from pamjax.fleet.store import read_outcome
 from pamjax.fleet.tables import build_tables, read_tables, write_tables
 
 
@@ -48,6 +49,46 @@ def test_tables_older_than_their_cases_are_not_used(store):
     write_tables(build_tables(store), store)
     (store / "cases/case-01/fit/task.json").unlink()
     assert pamjax.open_fleet(store).cases["state"].tolist() == ["done", "open", "done"]
+
+
+def test_each_outcome_is_read_once(store, monkeypatch):
+    folders = []
+
+    def read(folder, key):
+        folders.append(folder)
+        return read_outcome(folder, key)
+
+    monkeypatch.setattr("pamjax.fleet.tables.read_outcome", read)
+    write_tables(build_tables(store), store)
+    assert len(folders) == len(set(folders)) == 6
+    (store / "cases/case-01/fit/task.json").unlink()
+    read_tables(store)  # older than their cases, so that they are built again
+    assert len(folders) == 12
+
+
+def test_law_of_the_fit_and_of_the_diagnosis(store):
+    file = store / "cases/case-00/diagnose/diagnosis.json"
+    document = json.loads(file.read_text())
+    document["baseline"]["model"] = "inelastic"
+    file.write_text(json.dumps(document))
+    cases = pamjax.open_fleet(store).cases
+    assert (cases["law"][0], cases["baseline_law"][0]) == ("elastic", "inelastic")
+
+
+def test_errors_of_an_isotonic_test(store):
+    file = store / "cases/case-01/fit/fit.json"
+    document = json.loads(file.read_text())
+    (entry,) = document["cases"].values()
+    length = {"value": 0.4, "unit": "mm"}
+    entry |= {
+        "rmse": {"length": length},
+        "noise": {"length": {"sd": 0.3}},
+        "held_out": {"rmse": {"length": length}},
+    }
+    file.write_text(json.dumps(document))
+    row = pamjax.open_fleet(store).cases.iloc[1]
+    assert (row["length_rmse_mm"], row["length_noise_mm"], row["length_held_out_mm"]) == (0.4, 0.3, 0.4)
+    assert np.isnan(row["force_rmse_N"])
 
 
 def test_numbers_as_xarray(store):

@@ -64,7 +64,7 @@ def diagnose(
         if names.count(name) > 1:
             rule = "cases of one command must have different names"
             raise refuse(rule, f"{name!r} twice", remedy="Rename one folder.")
-    diagnoses, notes, reported_count = [], [], 0
+    diagnoses, notes, paths, reported_count = [], [], [], 0
     if parsed_cases:
         _print_errors(errors)  # before the long computation
         reported_count = len(errors)
@@ -80,30 +80,28 @@ def diagnose(
                     errors.append(_name_case(case.folder, outcome) if len(cases) > 1 else outcome)
                     continue
                 save_diagnosis(outcome, out / case.name)
-                # The empirical formulas predict a force, which an isotonic test does not measure.
-                has_force = not case.recording.measures_length
-                comparison = compare_models(outcome, seed) if beside and has_force else None
-                if comparison:
+                comparison = compare_models(outcome, seed) if beside else None
+                if comparison is not None:
                     save_comparison(comparison, out / case.name)
                 if report:
                     _write_report(outcome, comparison, out, seed)
                 diagnoses.append(outcome)
                 notes.append(_format_note(outcome, comparison))
+                paths += _list_files(outcome, out, comparison is not None, report)
     if json:
         print_json([outcome.as_dict() for outcome in diagnoses])
     else:
         print_text("\n\n".join(notes))
-    print_written_files([path for outcome in diagnoses for path in _list_files(outcome, out, beside, report)])
+    print_written_files(paths)
     if errors:
         _print_errors(errors[reported_count:-1])
         raise errors[-1]  # `main` prints this one
 
 
-def _list_files(diagnosis: Diagnosis, out: Path, beside: bool, report: bool) -> list[Path]:
+def _list_files(diagnosis: Diagnosis, out: Path, compared: bool, report: bool) -> list[Path]:
     """Return the files that the command wrote for a case."""
     case = diagnosis.problem.case
-    has_comparison = beside and not case.recording.measures_length
-    optional_files = [*(["gain.json"] if has_comparison else []), *([REPORT_FILE] if report else [])]
+    optional_files = [*(["gain.json"] if compared else []), *([REPORT_FILE] if report else [])]
     names = ["diagnosis.json", "prediction.csv", "model.json", *optional_files]
     return [out / case.name / name for name in names]
 

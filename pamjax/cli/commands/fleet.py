@@ -80,13 +80,15 @@ def run(
     check_writable(out)
     plan = read_plan(sources, stages=stage, seed=seed, figures=figures, report=report)
     store = FleetStore(out)
-    store.write_plan(plan)
+    store.prepare()
     from pamjax.cli.fleet_progress import show_fleet_progress
     from pamjax.cluster.run_fleet import list_open_chains, lock_store, run_chains
+    from pamjax.fleet.fleet import build_fleet
     from pamjax.fleet.tables import build_tables, write_tables
 
     hint = "" if scheduler else " (crashed, killed, or above its memory limit)"
     with lock_store(store):
+        store.write_plan(plan)
         chains = list_open_chains(store, plan, retry)
         try:
             if chains:
@@ -100,8 +102,9 @@ def run(
         except KeyboardInterrupt:
             print(f"to continue: {format_command()}", file=sys.stderr)
             raise
-        paths = write_tables(build_tables(store.folder), store.folder)
-    _print_summary(out)
+        tables = build_tables(store.folder)
+        paths = write_tables(tables, store.folder)
+    _print_summary(build_fleet(out, tables))
     print_text(f"next: pamjax fleet report {shlex.quote(str(out))}")
     print_written_files([out / path.relative_to(store.folder) for path in paths])
 
@@ -117,12 +120,12 @@ def status(store: Path, /, *, json: Json = False) -> None:
     from pamjax.cluster.connect import check_packages
 
     check_packages()
-    if json:
-        from pamjax.fleet.fleet import open_fleet
+    from pamjax.fleet.fleet import open_fleet
 
+    if json:
         print_json(_build_status(open_fleet(store)))
     else:
-        _print_summary(store)
+        _print_summary(open_fleet(store))
 
 
 @fleet.command
@@ -135,16 +138,19 @@ def report(store: Path, /) -> None:
         store: folder that `pamjax fleet` wrote.
     """
     from pamjax.cluster.connect import check_packages
-    from pamjax.fleet.fleet import open_fleet
+    from pamjax.fleet.answers import analyse_fleet
+    from pamjax.fleet.fleet import build_fleet
     from pamjax.fleet.tables import build_tables, write_tables
 
     check_packages()
-    paths = write_tables(build_tables(store), store)
-    result = open_fleet(store)
+    tables = build_tables(store)
+    paths = write_tables(tables, store)
+    result = build_fleet(store, tables)
+    answers = analyse_fleet(result)
     from pamjax.view.reports.fleet import format_report_note, write_fleet_report
 
-    paths.append(write_fleet_report(result, store / REPORT_FILE, format_command()))
-    print_text(format_report_note(result))
+    paths.append(write_fleet_report(result, answers, store / REPORT_FILE, format_command()))
+    print_text(format_report_note(result, answers))
     print_written_files(paths)
 
 
@@ -169,8 +175,9 @@ def _check_options(
 
 def _build_status(result: Fleet) -> dict:
     from pamjax.fleet.frames import list_rows
+    from pamjax.fleet.store import DONE, OPEN
 
-    failed = [row for row in list_rows(result.cases) if row["state"] not in ("done", "open")]
+    failed = [row for row in list_rows(result.cases) if row["state"] not in (DONE, OPEN)]
     return {
         "name": result.name,
         "cases": len(result.cases),
@@ -181,18 +188,16 @@ def _build_status(result: Fleet) -> dict:
     }
 
 
-def _print_summary(store: Path) -> None:
-    from pamjax.fleet.fleet import open_fleet
+def _print_summary(result: Fleet) -> None:
+    from pamjax.fleet.store import STATES
 
-    state = _build_status(open_fleet(store))
+    state = _build_status(result)
     print_text(f"{state['name']}: {state['cases']} cases")
     for stage, counts in state["tasks"].items():
-        numbers = [
-            f"{counts[name]} {name}" for name in ("done", "refused", "set aside", "open") if name in counts
-        ]
+        numbers = [f"{counts[name]} {name}" for name in STATES if name in counts]
         print_text(f"  {stage:<9} {', '.join(numbers)}")
     for entry in state["failed"][:MAX_LISTED_CASES]:
         print_text(f"  {entry['state']}: {entry['case']}: {entry['reason']}")
     rest = len(state["failed"]) - MAX_LISTED_CASES
     if rest > 0:
-        print_text(f"  {rest} more: `pamjax fleet status {shlex.quote(str(store))} --json` lists all")
+        print_text(f"  {rest} more: `pamjax fleet status {shlex.quote(str(result.folder))} --json` lists all")

@@ -21,6 +21,7 @@ from functools import cached_property
 import numpy as np
 
 from pamjax.compile.parallel import parallel_map
+from pamjax.diagnosis.form_errors.discrepancy import DiscrepancyNoise
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, get_parameter_indices, switch_off_candidate
@@ -134,8 +135,13 @@ class BlockCrossValidation:
         )
         for candidate in removed_candidates:
             values = switch_off_candidate(self.problem, values, candidate)
+        removed_ids = {candidate.id for candidate in removed_candidates}
+        splits_without = [
+            (_remove_form_errors(training, removed_ids), _remove_form_errors(held_out, removed_ids))
+            for training, held_out in self.noise_splits
+        ]
         fits_without = _fit_without_blocks(
-            self.problem, remaining, values, self.noise_splits, self.fixed_indices
+            self.problem, remaining, values, splits_without, self.fixed_indices
         )
         excess_with, excess_without = (
             np.array([block_fit.excess_chi2 for block_fit in fits])
@@ -148,6 +154,11 @@ class BlockCrossValidation:
             excess_without.sum(),
             self.problem.settings.min_information_share,
         )
+
+
+def _remove_form_errors(noise: NoiseModel, ids: set[str]) -> NoiseModel:
+    """Return the noise without the form errors of removed mechanisms, which could replace their effects."""
+    return noise.remove_columns(ids) if isinstance(noise, DiscrepancyNoise) else noise
 
 
 def _compute_explained_share(

@@ -30,6 +30,7 @@ from scipy.stats import t as student
 
 from pamjax.diagnosis.detect.regions import compute_region_shifts
 from pamjax.diagnosis.detect.score_test import NuisanceProjection, ScoreDirection
+from pamjax.diagnosis.form_errors.discrepancy import DiscrepancyNoise
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.uncertainty import NORMAL_NODES, NoiseUncertainty, estimate_noise_uncertainty
 from pamjax.diagnosis.refit.least_squares import MapEstimate
@@ -223,6 +224,8 @@ def _find_largest_mean_square(
 ) -> tuple[float, float]:
     """Return the largest mean square of a channel's residual and its excess over 1 in standard errors."""
     residual = problem.measured - problem.predict(estimate.values)
+    if isinstance(noise, DiscrepancyNoise):
+        residual = residual - noise.estimate_discrepancy(residual)
     worst = (1.0, -math.inf)
     for c, channel in enumerate(noise.channels):
         if channel is None or not channel.stated:

@@ -10,10 +10,14 @@ from pamjax.diagnosis.form_errors.coordinates import Coordinates
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.candidate_fit import switch_off_candidate
-from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.model.form_error import FormError
 from pamjax.model.registry import list_mechanisms
+
+#: Largest factor on a column: a Legendre polynomial of degree four has a third of the rms of its limits.
+MAX_GROWTH = 3.0
+#: Share of the rms of the effect below which a column counts as zero.
+MIN_COLUMN_RMS = 1e-9
 
 
 def get_form_error(candidate: Candidate) -> FormError:
@@ -67,7 +71,7 @@ def build_columns_of_effect(
     columns = [_remove_parallel(effect * factor, effect) for factor in factors] + list(alternatives)
     if not columns:
         return np.zeros((0, *effect.shape))
-    return _equalise(np.stack(columns), effect) / np.sqrt(len(columns))
+    return _equalise(np.stack(columns), effect)
 
 
 def _build_course(effect: np.ndarray, factors: Sequence[np.ndarray]) -> np.ndarray:
@@ -101,12 +105,9 @@ def _remove_parallel(column: np.ndarray, effect: np.ndarray) -> np.ndarray:
 
 
 def _equalise(columns: np.ndarray, effect: np.ndarray) -> np.ndarray:
-    """Return columns scaled to the rms of the effect."""
+    """Return columns that together have the rms of the effect; a small column grows by `MAX_GROWTH`."""
     scale = np.where(np.mean(effect**2, axis=1) > 0, np.mean(effect**2, axis=1), np.inf)
     size = np.sqrt(np.mean(columns**2 / scale[:, None], axis=(1, 2)) * 2 / np.isfinite(scale).sum().clip(1))
-    return columns / np.where(size > 1e-9, size, np.inf)[:, None, None]
-
-
-def stack_whitened(noise: NoiseModel, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return blocks of columns, (r, 2, n) each, whitened, (r, size) each."""
-    return [np.nan_to_num(noise.whiten(block)) if len(block) else block[:, 0, :0] for block in blocks]
+    count = max(int(np.count_nonzero(size > MIN_COLUMN_RMS)), 1)
+    growth = np.where(size > MIN_COLUMN_RMS, 1 / np.maximum(size, 1 / MAX_GROWTH), 0.0)
+    return columns * (growth / np.sqrt(count))[:, None, None]

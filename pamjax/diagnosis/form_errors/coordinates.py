@@ -44,7 +44,7 @@ class Coordinates:
         return cls(
             pressure=_scale(recording.pressure, is_compared),
             length=_scale(recording.length, is_compared),
-            force=_scale(np.nan_to_num(problem.measured[0]), is_compared),
+            force=_scale(np.nan_to_num(recording.force), is_compared),
             direction=np.tanh(rate / (HOLD_SPEED_SHARE * typical)),
             speed=speed - speed[is_compared].mean(),
             time=None if time is None else (time - time[0]) / max(float(np.ptp(time)), 1e-9),

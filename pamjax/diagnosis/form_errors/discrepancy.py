@@ -10,11 +10,15 @@ Source: matrix inversion lemma; generalised least squares.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from pamjax.infer.noise.noise_model import NoiseModel
+from pamjax.infer.problem.dataset import CHANNELS
 
 #: Prior sd of a free column, in sizes that one sample determines.
 FREE_COLUMN_SD = 10.0
@@ -28,68 +32,80 @@ class DiscrepancyNoise(NoiseModel):
     """Noise of a recording plus the form errors of a model.
 
     Attributes:
-        vectors: (size, r) orthonormal shapes of the form errors, whitened.
-        shrinkage: (r,) share by which each is reduced.
+        columns: (r, 2, n) shapes of the form errors, multiplied by their standard deviations, SI.
+        owners: for each column, the id of its mechanism or template.
     """
 
-    vectors: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-    shrinkage: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    columns: np.ndarray = field(default_factory=lambda: np.zeros((0, len(CHANNELS), 0)))
+    owners: tuple[str, ...] = ()
+
+    @cached_property
+    def _shapes(self) -> tuple[np.ndarray, np.ndarray]:
+        """(size, r) orthonormal shapes, whitened, and (r,) their sizes."""
+        white = np.nan_to_num(NoiseModel.whiten(self, self.columns))
+        vectors, sizes, _ = np.linalg.svd(white.T, full_matrices=False)
+        has_effect = sizes > MIN_SINGULAR_VALUE
+        return vectors[:, has_effect], sizes[has_effect]
 
     def whiten(self, values: np.ndarray) -> np.ndarray:
         """Return values whitened by noise and form errors, (…, size); NaN stays NaN."""
         white = super().whiten(values)
-        if not self.shrinkage.size:
+        if not len(self.columns):
             return white
+        vectors, sizes = self._shapes
         missing = ~np.isfinite(white)
         white_or_zero = np.where(missing, 0.0, white)
-        out = white_or_zero - ((white_or_zero @ self.vectors) * self.shrinkage) @ self.vectors.T
+        reduction = 1 - 1 / np.sqrt(1 + sizes**2)
+        out = white_or_zero - ((white_or_zero @ vectors) * reduction) @ vectors.T
         return np.where(missing, np.nan, out)
-
-    def restrict_to_rows(self, mask: np.ndarray) -> NoiseModel:
-        """Return the same noise model for the rows of a mask, (n,), only."""
-        row_noise = super().restrict_to_rows(mask)
-        is_kept = np.concatenate([mask[rows] for rows in self.rows])
-        s = np.sqrt(1 / (1 - self.shrinkage) ** 2 - 1)
-        plain = NoiseModel(row_noise.channels, row_noise.rows, row_noise.runs, row_noise.weight)
-        return add_discrepancy(plain, (self.vectors[is_kept] * s).T) if s.size else row_noise
 
     @property
     def log_determinant(self) -> float:
         """Logarithm of the determinant of the covariance, SI."""
-        return super().log_determinant - 2 * float(np.sum(np.log1p(-self.shrinkage)))
+        sizes = self._shapes[1] if len(self.columns) else np.zeros(0)
+        return super().log_determinant + float(np.sum(np.log1p(sizes**2)))
+
+    def estimate_discrepancy(self, residual: np.ndarray, owner: str | None = None) -> np.ndarray:
+        """Return the posterior mean of all form errors, or those of one owner, in a residual, (2, n), SI."""
+        white = np.nan_to_num(NoiseModel.whiten(self, self.columns))
+        along = white @ np.nan_to_num(NoiseModel.whiten(self, residual))
+        coefficients = np.linalg.solve(np.eye(len(white)) + white @ white.T, along)
+        if owner is not None:
+            coefficients = np.where([other == owner for other in self.owners], coefficients, 0.0)
+        return np.einsum("r,rcn->cn", coefficients, self.columns)
+
+    def remove_columns(self, owners: Collection[str]) -> DiscrepancyNoise:
+        """Return the noise without the form errors of some mechanisms."""
+        kept = [k for k, owner in enumerate(self.owners) if owner not in owners]
+        return replace(self, columns=self.columns[kept], owners=tuple(self.owners[k] for k in kept))
 
 
-def extend_discrepancy(noise: NoiseModel, columns: np.ndarray) -> DiscrepancyNoise:
-    """Return a noise model with further columns, (r, size), already whitened by the noise as it is.
-
-    A column v that the noise whitens to w is C^(1/2) w in the units of the noise of the recording alone.
-    """
-    if not (isinstance(noise, DiscrepancyNoise) and noise.shrinkage.size):
-        return add_discrepancy(noise, columns)
-    growth = 1 / (1 - noise.shrinkage)
-    plain = columns + ((columns @ noise.vectors) * (growth - 1)) @ noise.vectors.T
-    present = (noise.vectors * np.sqrt(growth**2 - 1)).T
-    return add_discrepancy(noise, np.concatenate([present, plain]))
-
-
-def add_discrepancy(noise: NoiseModel, columns: np.ndarray) -> DiscrepancyNoise:
-    """Return the noise model with form errors.
+def add_discrepancy(noise: NoiseModel, columns: np.ndarray, owners: Sequence[str]) -> DiscrepancyNoise:
+    """Return the noise model with further form errors.
 
     Args:
-        noise: noise of the recording.
-        columns: (r, size) whitened columns, multiplied by their standard deviations.
+        noise: noise of the recording, with form errors or without.
+        columns: (r, 2, n) shapes, multiplied by their standard deviations, SI.
+        owners: for each column, the id of its mechanism or template.
     """
+    if isinstance(noise, DiscrepancyNoise):
+        columns = np.concatenate([noise.columns, columns])
+        owners = (*noise.owners, *owners)
     fields = {"channels": noise.channels, "rows": noise.rows, "runs": noise.runs, "weight": noise.weight}
-    if not len(columns):
-        return DiscrepancyNoise(**fields)
-    vectors, s, _ = np.linalg.svd(columns.T, full_matrices=False)
-    has_effect = s > MIN_SINGULAR_VALUE
-    return DiscrepancyNoise(
-        **fields, vectors=vectors[:, has_effect], shrinkage=1 - 1 / np.sqrt(1 + s[has_effect] ** 2)
-    )
+    return DiscrepancyNoise(**fields, columns=columns, owners=tuple(owners))
 
 
-def build_free_columns(columns: np.ndarray) -> np.ndarray:
-    """Return whitened columns, (r, size), scaled to a prior that leaves their sizes free."""
-    information = np.maximum(np.einsum("ij,ij->i", columns, columns), 1e-300)
-    return columns * (FREE_COLUMN_SD * np.sqrt(columns.shape[1] / information))[:, None]
+def build_free_columns(noise: NoiseModel, columns: np.ndarray) -> np.ndarray:
+    """Return columns, (r, 2, n), scaled to a prior that leaves their sizes free."""
+    white = np.nan_to_num(noise.whiten(columns))
+    information = np.maximum(np.einsum("ij,ij->i", white, white), 1e-300)
+    scale = FREE_COLUMN_SD * np.sqrt(white.shape[1] / information)
+    return columns * scale[:, None, None]
+
+
+def compute_free_column_cost(count: int) -> float:
+    """Return what the width of their prior adds to −2 ln L of some free columns.
+
+    Each costs ln(1 + n sd²): this much more than the ln n of a parameter in the BIC.
+    """
+    return 2 * count * math.log(FREE_COLUMN_SD)

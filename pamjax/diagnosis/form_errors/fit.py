@@ -18,12 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from pamjax.diagnosis.form_errors.columns import build_form_columns, compute_effect_of, stack_whitened
+from pamjax.diagnosis.form_errors.columns import build_form_columns, compute_effect_of
 from pamjax.diagnosis.form_errors.coordinates import Coordinates
-from pamjax.diagnosis.form_errors.discrepancy import add_discrepancy
+from pamjax.diagnosis.form_errors.discrepancy import DiscrepancyNoise, add_discrepancy
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import (
@@ -53,34 +54,45 @@ class FormErrorFit(CandidateFit):
     form_ratios: dict[str, float] = field(default_factory=dict)
 
 
+#: Fits with form errors, as long as the fit without them exists: the steps of a diagnosis share them.
+_FITS: WeakKeyDictionary[CandidateFit, CandidateFit] = WeakKeyDictionary()
+
+
 def add_form_errors(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
     """Return the fit, refitted with the form errors of its mechanisms as noise.
 
     Args:
         problem: the recording and the library.
-        fit: a fit without form errors; returned unchanged if its mechanisms have none.
+        fit: a fit of this recording without form errors; returned unchanged if its mechanisms have none.
     """
+    if fit not in _FITS:
+        tolerant_fit = _refit_with_form_errors(problem, fit)
+        if tolerant_fit is fit:
+            return fit
+        _FITS[fit] = tolerant_fit
+    return _FITS[fit]
+
+
+def _refit_with_form_errors(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
     coordinates, values, out = Coordinates.from_problem(problem), fit.estimate.values, fit
     for _ in range(ROUNDS):
-        columns = [build_form_columns(problem, coordinates, values, m) for m in fit.mechanisms]
-        forms = {
-            m.id: white
-            for m, white in zip(fit.mechanisms, stack_whitened(fit.noise, columns), strict=True)
-            if white.any()
-        }
-        if not forms:
+        forms = {m.id: build_form_columns(problem, coordinates, values, m) for m in fit.mechanisms}
+        white = {id: np.nan_to_num(fit.noise.whiten(f)) for id, f in forms.items() if len(f)}
+        white = {id: columns for id, columns in white.items() if columns.any()}
+        if not white:
             return fit
         estimate = evaluate_estimate(problem, fit.noise, fit.estimate.free, values)
-        shares = estimate_form_shares(problem, estimate, list(forms.values()))
+        shares = estimate_form_shares(problem, estimate, list(white.values()))
         noise = add_discrepancy(
             fit.noise,
-            np.concatenate([share * form for share, form in zip(shares, forms.values(), strict=True)]),
+            np.concatenate([share * forms[id] for id, share in zip(white, shares, strict=True)]),
+            [id for id in white for _ in forms[id]],
         )
         estimate = fit_parameters(problem, noise, fit.estimate.free, values)
         values = estimate.values
         out = FormErrorFit(
             **{**vars(fit), "noise": noise, "estimate": estimate},
-            form_ratios=_compute_form_ratios(problem, fit, values, forms, shares),
+            form_ratios=_compute_form_ratios(problem, fit, values, noise),
         )
     return out
 
@@ -133,28 +145,22 @@ class _FormCost:
         return float(np.linalg.slogdet(inflation)[1] - explained)
 
 
-def _scale_forms(forms: dict[str, np.ndarray], shares: Sequence[float]) -> np.ndarray:
-    return np.concatenate([share * form for share, form in zip(shares, forms.values(), strict=True)])
-
-
 def _compute_form_ratios(
-    problem: LibraryProblem,
-    fit: CandidateFit,
-    values: np.ndarray,
-    forms: dict[str, np.ndarray],
-    shares: Sequence[float],
+    problem: LibraryProblem, fit: CandidateFit, values: np.ndarray, noise: DiscrepancyNoise
 ) -> dict[str, float]:
     """Return the rms of each estimated form error over the rms of its effect, whitened."""
-    columns = _scale_forms(forms, shares)
-    residual = np.nan_to_num(fit.noise.whiten(problem.measured - problem.predict(values)))
-    coefficients = np.linalg.solve(np.eye(len(columns)) + columns @ columns.T, columns @ residual)
-    parts = np.split(coefficients[:, None] * columns, np.cumsum([len(form) for form in forms.values()])[:-1])
-    effects = {m.id: compute_effect_of(problem, values, m) for m in fit.mechanisms if m.id in forms}
-    return {
-        id: _compute_rms(part.sum(axis=0))
-        / max(_compute_rms(np.nan_to_num(fit.noise.whiten(effects[id]))), 1e-12)
-        for id, part in zip(forms, parts, strict=True)
-    }
+    residual, out = problem.measured - problem.predict(values), {}
+    for candidate in fit.mechanisms:
+        if candidate.id in noise.owners:
+            form, effect = (
+                _compute_rms(np.nan_to_num(fit.noise.whiten(part)))
+                for part in (
+                    noise.estimate_discrepancy(residual, candidate.id),
+                    compute_effect_of(problem, values, candidate),
+                )
+            )
+            out[candidate.id] = form / max(effect, 1e-12)
+    return out
 
 
 def _compute_rms(values: np.ndarray) -> float:

@@ -22,7 +22,11 @@ import numpy as np
 from scipy.special import softmax
 
 from pamjax.compile.parallel import parallel_map
-from pamjax.diagnosis.form_errors.discrepancy import build_free_columns, extend_discrepancy
+from pamjax.diagnosis.form_errors.discrepancy import (
+    add_discrepancy,
+    build_free_columns,
+    compute_free_column_cost,
+)
 from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.outside.templates import Template
@@ -80,10 +84,11 @@ def fit_best_template(
     if not np.isfinite(gains).any():
         return None
     best = templates[int(np.argmax(gains))]
-    columns = np.nan_to_num(tolerant_fit.noise.whiten(best.columns))
-    noise = extend_discrepancy(tolerant_fit.noise, build_free_columns(columns))
+    columns = build_free_columns(tolerant_fit.noise, best.columns)
+    noise = add_discrepancy(tolerant_fit.noise, columns, [best.id] * len(columns))
     estimate = fit_parameters(problem, noise, fit.estimate.free, tolerant_fit.estimate.values)
-    cost = replace(fit, noise=noise, estimate=estimate).full_bic - 2 * math.log(best.share)
+    cost = replace(fit, noise=noise, estimate=estimate).full_bic - compute_free_column_cost(len(columns))
+    cost -= 2 * math.log(best.share)
     return TemplateFit(fit, best, cost)
 
 

@@ -26,6 +26,8 @@ MIN_STUCK_READINGS = 3
 MIN_CLIPPED_READINGS = 5
 #: Number of frequencies of an interference that are tried, of those with the largest amplitude.
 FREQUENCY_COUNT = 3
+#: Fewest periods of an interference in a recording.
+MIN_PERIODS = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +90,9 @@ def build_templates(context: TemplateContext) -> list[Template]:
             for says, columns in build(context)
         ]
         variants = [(says, columns) for says, columns in variants if np.abs(columns).sum() > 0]
-        out += [Template(id, says, columns, 1 / len(variants)) for says, columns in variants]
+        # An interference has one of all frequencies, of which the largest are built.
+        places = max(len(variants), context.problem.n if id == "interference" else 0)
+        out += [Template(id, says, columns, 1 / places) for says, columns in variants]
     return out
 
 
@@ -181,9 +185,9 @@ def build_interference(context: TemplateContext) -> Variants:
     even = np.arange(0, duration, step)
     spectrum = np.abs(np.fft.rfft(np.interp(even, time, context.residual)))
     frequencies = np.fft.rfftfreq(even.size, step)
-    # Slow courses are drifts: a disturbance has at least ten periods.
-    spectrum[:10] = 0
-    for k in np.argsort(-spectrum)[:FREQUENCY_COUNT]:
+    # Slow courses are drifts.
+    fast = np.arange(MIN_PERIODS, frequencies.size)
+    for k in fast[np.argsort(-spectrum[fast])[:FREQUENCY_COUNT]]:
         phase = 2 * np.pi * frequencies[k] * time
         pair = [np.cos(phase), np.sin(phase)]
         says = f"a disturbance with a period of {1 / frequencies[k]:.2g} s"

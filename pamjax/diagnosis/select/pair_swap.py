@@ -27,6 +27,7 @@ import numpy as np
 
 from pamjax.compile.parallel import parallel_map
 from pamjax.diagnosis.detect.score_test import ScoreDirection, compute_score_directions, stack_residual
+from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.candidate_fit import (
@@ -63,7 +64,7 @@ def _find_better_pair(search: MechanismSearch, fit: CandidateFit) -> CandidateFi
     """Return the model with a pair in the place of others, if its BIC is clearly lower; else None."""
     # Without stated noise, enough mechanisms can explain any residual.
     is_noise_stated = all(channel is None or channel.stated for channel in fit.noise.channels)
-    removed_counts = range(3) if is_noise_stated and not _leaves_only_noise(search, fit) else (2,)
+    removed_counts = range(3) if is_noise_stated and not leaves_only_noise(search, fit) else (2,)
     positions = chain.from_iterable(
         combinations(range(len(fit.mechanisms)), count) for count in removed_counts
     )
@@ -75,12 +76,17 @@ def _find_better_pair(search: MechanismSearch, fit: CandidateFit) -> CandidateFi
         for trial, result in (
             (trial, _finish_search(search, trial)) for trial in promising[: search.settings.final_refit_count]
         )
-        if result.full_bic < fit.full_bic - search.settings.tie_chi2
+        if _compute_bic(search, result) < _compute_bic(search, fit) - search.settings.tie_chi2
         and _is_acceptable(
             search, fit, result, has_more_mechanisms=len(trial.mechanisms) > len(fit.mechanisms)
         )
     ]
-    return min(results, key=lambda result: result.full_bic, default=None)
+    return min(results, key=partial(_compute_bic, search), default=None)
+
+
+def _compute_bic(search: MechanismSearch, fit: CandidateFit) -> float:
+    """Return the BIC of a model with the form errors of its mechanisms."""
+    return add_form_errors(search.problem, fit).full_bic
 
 
 def _is_acceptable(
@@ -92,7 +98,7 @@ def _is_acceptable(
     before, the pair must leave little more than noise.
     """
     if has_more_mechanisms or search.leaves_large_residual(fit):
-        return search.is_complete(result, fit) or _leaves_only_noise(search, result)
+        return search.is_complete(result, fit) or leaves_only_noise(search, result)
     return not search.leaves_large_residual(result)
 
 
@@ -102,17 +108,19 @@ def _finish_search(search: MechanismSearch, rough_fit: CandidateFit) -> Candidat
         search.problem, search.training_rows, rough_fit.mechanisms, rough_fit.estimate.values
     )
     result = run_search(search, start_fit)
-    if not _leaves_only_noise(search, start_fit):
+    if not leaves_only_noise(search, start_fit):
         return result
     complete = prune_mechanisms(search, start_fit, small=True)
-    is_better = _leaves_only_noise(search, complete) and complete.full_bic < result.full_bic
+    is_better = leaves_only_noise(search, complete) and _compute_bic(search, complete) < _compute_bic(
+        search, result
+    )
     return complete if is_better else result
 
 
-def _leaves_only_noise(search: MechanismSearch, fit: CandidateFit) -> bool:
-    """Return whether the excess χ² is that of noise, or too small for an effect."""
+def leaves_only_noise(search: MechanismSearch, fit: CandidateFit) -> bool:
+    """Return whether the excess χ² beyond form errors is that of noise, or too small for an effect."""
     n = fit.noise.size
-    return fit.excess_chi2 < max(
+    return add_form_errors(search.problem, fit).excess_chi2 < max(
         search.settings.min_effect_rms**2 * n, search.settings.max_noise_chi2_sd * np.sqrt(2 * n)
     )
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
+from scipy.stats import chi2
 
 from pamjax.compile.parallel import parallel_map
 from pamjax.diagnosis.form_errors.fit import add_form_errors
@@ -19,27 +20,24 @@ from pamjax.diagnosis.select.search import MechanismSearch
 
 
 def remove_redundant(search: MechanismSearch, fit: CandidateFit) -> CandidateFit:
-    """Return the model without mechanisms that form errors of the others replace, the least likely first."""
+    """Return the model without mechanisms that form errors of the others replace."""
     while len(fit.mechanisms) > 1:
-        cost = _compute_cost(add_form_errors(search.problem, fit))
+        cost = _compute_cost(search, fit)
         reduced_fits = parallel_map(
             partial(fit_without_mechanism, search.problem, fit), range(len(fit.mechanisms))
         )
-        losses = [
-            _compute_cost(add_form_errors(search.problem, reduced_fit)) - cost for reduced_fit in reduced_fits
-        ]
-        k = int(np.argmin(losses))
+        losses = np.array(parallel_map(partial(_compute_cost, search), reduced_fits)) - cost
+        counts = [len(candidate.free_parameters) for candidate in fit.mechanisms]
+        k = int(np.argmax(chi2.logsf(np.maximum(losses, 0.0), counts)))
         if is_reduction_significant(
-            losses[k],
-            len(fit.mechanisms[k].free_parameters),
-            len(search.candidates),
-            search.settings.false_inclusion_probability,
+            float(losses[k]), counts[k], len(search.candidates), search.settings.false_inclusion_probability
         ):
             break
         fit = search.refit(reduced_fits[k])
     return fit
 
 
-def _compute_cost(fit: CandidateFit) -> float:
-    """Return −2 ln L with the priors, up to a constant."""
-    return fit.corrected_chi2 + fit.noise.log_determinant
+def _compute_cost(search: MechanismSearch, fit: CandidateFit) -> float:
+    """Return −2 ln L with the priors and the form errors, up to a constant."""
+    tolerant_fit = add_form_errors(search.problem, fit)
+    return tolerant_fit.corrected_chi2 + tolerant_fit.noise.log_determinant

@@ -123,15 +123,19 @@ class MechanismSearch:
         )
 
     def is_complete(self, fit: CandidateFit, other: CandidateFit) -> bool:
-        """Return whether a model explains nearly all excess misfit of another model, with a lower BIC."""
+        """Return whether a model explains nearly all excess misfit of another model, with a lower BIC.
+
+        Both have the form errors of their mechanisms.
+        """
+        fit, other = add_form_errors(self.problem, fit), add_form_errors(self.problem, other)
         return (
             fit.excess_chi2 < (1 - self.settings.complete_excess_share) * other.excess_chi2
             and fit.full_bic < other.full_bic
         )
 
     def leaves_large_residual(self, fit: CandidateFit) -> bool:
-        """Return whether the residual is large compared with the noise and the baseline's residual."""
-        return fit.excess_chi2 > max(
+        """Return whether the residual beyond form errors is large, compared with noise and baseline."""
+        return add_form_errors(self.problem, fit).excess_chi2 > max(
             self.settings.min_unexplained_rms**2 * fit.noise.size,
             self.settings.min_unexplained_rms_share**2 * self.baseline.excess_chi2,
         )

@@ -22,7 +22,7 @@ from pamjax.diagnosis.select.neighbour_fits import (
     fit_without_mechanism,
     refit_fully,
 )
-from pamjax.diagnosis.select.pair_swap import swap_pairs
+from pamjax.diagnosis.select.pair_swap import leaves_only_noise, swap_pairs
 from pamjax.diagnosis.select.redundant import remove_redundant
 from pamjax.diagnosis.select.search import MechanismSearch, search_mechanisms
 from pamjax.diagnosis.select.small_effects import add_small_effects
@@ -96,7 +96,11 @@ def select_mechanisms(
     fit_before_small_effects = remove_redundant(
         search, swap_pairs(search, search_mechanisms(search, baseline_directions))
     )
-    fit = add_small_effects(problem, fit_before_small_effects, candidates, progress)
+    fit = (
+        fit_before_small_effects
+        if leaves_only_noise(search, fit_before_small_effects)
+        else add_small_effects(problem, fit_before_small_effects, candidates, progress)
+    )
     progress("comparing alternatives", 0.75)
     named_mechanisms = assess_mechanisms(problem, fit, candidates)
     if fit is fit_before_small_effects:

@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from pamjax.fleet.answers import DAYS_PER_YEAR, FleetAnswers, NumberDistribution
 from pamjax.fleet.fleet import Fleet
 from pamjax.fleet.frames import list_rows, select_rows
-from pamjax.fleet.summary import format_distribution, name_distribution
+from pamjax.fleet.frequency import BenchFrequency
+from pamjax.fleet.summary import format_distribution, name_distribution, name_frequency
 from pamjax.view.figures.layout import create_mark
 from pamjax.view.theme import (
     DOUBLE_COLUMN,
@@ -55,12 +56,12 @@ def plot_ridge(distribution: NumberDistribution, narrow: bool = False) -> Figure
             _draw_ridge(panel, x, float(pooled.estimate[k]), float(pooled.sd[k]), row + 1, colour)
         spread = float(np.hypot(pooled.between_sd, pooled.mean_sd))
         _draw_ridge(panel, x, pooled.mean, spread, 0, OKABE_ITO["black"])
-        names = ["all specimens", *(shorten_name(distribution.cases[k]) for k in shown)]
+        names = ["all specimens", *(shorten_name(distribution.estimates.names[k]) for k in shown)]
         panel.set_yticks(range(len(names)), names)
         panel.tick_params(axis="y", length=0)
         panel.set_xlabel(_label_axis(distribution))
         panel.spines["left"].set_visible(False)
-        panel.set_title(_wrap(escape_text(format_distribution(distribution)), narrow))
+        panel.set_title(_wrap(format_distribution(distribution), narrow))
     return drawing
 
 
@@ -89,7 +90,7 @@ def select_ridges(estimate: np.ndarray, outliers: np.ndarray) -> np.ndarray:
 def plot_mechanism_map(fleet: Fleet, answers: FleetAnswers, narrow: bool = False) -> Figure | None:
     """Return the probability of each mechanism in each case, or its frequency by bench in a large fleet."""
     diagnosed = select_rows(fleet.cases, fleet.cases["misfit_p_value"].notna())
-    names = [frequency.id for frequency in answers.mechanisms]
+    names = list(dict.fromkeys(frequency.id for frequency in answers.mechanisms))
     if diagnosed.empty or not (names or answers.unexplained.count):
         return None
     if len(diagnosed) > MAX_MAP_CASES:
@@ -145,27 +146,25 @@ def _plot_frequency_map(answers: FleetAnswers, narrow: bool) -> Figure | None:
     """Return the share of recordings with each mechanism on each bench."""
     if not answers.mechanisms:
         return None
-    benches = list(answers.mechanisms[0].by_bench)
+    benches = sorted({bench for frequency in answers.mechanisms for bench in frequency.by_bench})
     columns = benches or ["all"]
-    shares = np.array(
-        [
-            [
-                frequency.by_bench[bench][0] / max(frequency.by_bench[bench][1], 1) if benches
-                else frequency.count / frequency.total
-                for bench in columns
-            ]
-            for frequency in answers.mechanisms
-        ]
-    )  # fmt: skip
+    shares = np.array([_list_shares(frequency, benches) for frequency in answers.mechanisms])
     table = pd.DataFrame({"case": columns, "bench": [None] * len(columns)})
     title = "Share of the recordings of each bench in which a mechanism is identified"
-    return _draw_map(shares, [frequency.id for frequency in answers.mechanisms], table, title, narrow)
+    return _draw_map(shares, [name_frequency(f) for f in answers.mechanisms], table, title, narrow)
 
 
-def plot_control_chart(fleet: Fleet, distribution: NumberDistribution, narrow: bool = False) -> Figure:
+def _list_shares(frequency: BenchFrequency, benches: list[str]) -> list[float]:
+    """Return the share of affected recordings on each bench, NaN for a bench without this type."""
+    if not benches:
+        return [frequency.count / frequency.total]
+    counts = [frequency.by_bench.get(bench, (0, 0)) for bench in benches]
+    return [count / total if total else float("nan") for count, total in counts]
+
+
+def plot_control_chart(distribution: NumberDistribution, narrow: bool = False) -> Figure:
     """Return a number against date or serial number, with its mean and limits of three sd."""
     pooled = distribution.pooled
-    benches = fleet.cases.set_index("case").loc[list(distribution.cases), "bench"]
     x = _locate_specimens(distribution)
     limit = CONTROL_SD * np.sqrt(pooled.between_sd**2 + pooled.sd**2)
     order = np.argsort(x, kind="stable")
@@ -176,18 +175,18 @@ def plot_control_chart(fleet: Fleet, distribution: NumberDistribution, narrow: b
         for sign in (-1, 1):
             y = pooled.mean + sign * limit[order]
             panel.plot(x[order], y, color=REFERENCE_COLOUR, ls="--", lw=0.8)
-        handles = _draw_specimens(panel, distribution, x, benches)
+        handles = _draw_specimens(panel, distribution, x)
         handles.append(create_mark("mean", ls="-", color=REFERENCE_COLOUR))
         handles.append(create_mark("limits of 3 sd", ls="--", color=REFERENCE_COLOUR))
         outside = int((np.abs(pooled.estimate - pooled.mean) > limit).sum())
-        panel.set_xlabel(distribution.order_name or "recordings in the order of their names")
+        panel.set_xlabel(distribution.order_name or "specimens in the order of their names")
         if distribution.order_name == "date":
             locator = AutoDateLocator(minticks=3, maxticks=7)
             panel.xaxis.set_major_locator(locator)
             panel.xaxis.set_major_formatter(ConciseDateFormatter(locator))
         panel.set_ylabel(_label_axis(distribution))
         title = f"{outside} of {len(x)} specimens are outside the limits of {name_distribution(distribution)}"
-        panel.set_title(_wrap(escape_text(title), narrow))
+        panel.set_title(_wrap(title, narrow))
         drawing.legend(handles=handles, loc="outside lower center", ncols=2 if narrow else 5)
     return drawing
 
@@ -195,41 +194,32 @@ def plot_control_chart(fleet: Fleet, distribution: NumberDistribution, narrow: b
 def _locate_specimens(distribution: NumberDistribution) -> np.ndarray:
     """Return the position of each specimen on the axis: days, serial number, or its rank by name."""
     if distribution.order is None:
-        return np.arange(len(distribution.cases), dtype=float)
+        return np.arange(len(distribution.pooled.estimate), dtype=float)
     return distribution.order * (DAYS_PER_YEAR if distribution.order_name == "date" else 1.0)
 
 
-def _draw_specimens(panel: Axes, distribution: NumberDistribution, x: np.ndarray, benches: pd.Series) -> list:
+def _draw_specimens(panel: Axes, distribution: NumberDistribution, x: np.ndarray) -> list:
     """Draw the estimates with their sd, a colour for each bench; return the entries of the legend."""
-    pooled, handles = distribution.pooled, []
-    names = sorted(set(benches.dropna()))
-    labels = names if 0 < len(names) <= len(_BENCH_COLOURS) else [None]
-    for colour, name in zip(_BENCH_COLOURS, labels, strict=False):
-        members = (benches == name).fillna(False).to_numpy(bool) if name else np.ones(len(x), bool)
+    pooled, benches, handles = distribution.pooled, distribution.estimates.benches, []
+    stated = sorted({bench for bench in benches if bench is not None})
+    labels = [*stated, *([None] if None in benches else [])]
+    is_split = labels != [None] and len(labels) <= len(_BENCH_COLOURS)
+    for colour, name in zip(_BENCH_COLOURS, labels if is_split else [None], strict=False):
+        members = np.array([not is_split or bench == name for bench in benches])
         style = {"fmt": "o", "ms": 3, "lw": 0.7, "color": OKABE_ITO[colour]}
         panel.errorbar(x[members], pooled.estimate[members], pooled.sd[members], **style)
-        text = f"bench {shorten_name(str(name))}" if name else "specimens"
-        handles.append(create_mark(text, marker="o", color=OKABE_ITO[colour]))
+        text = f"bench {shorten_name(name)}" if name else "no or several benches"
+        handles.append(create_mark(text if is_split else "specimens", marker="o", color=OKABE_ITO[colour]))
     if pooled.outliers.any():
         style = {"marker": "o", "ms": 8, "mfc": "none", "ls": "", "color": OKABE_ITO["vermilion"]}
         panel.plot(x[pooled.outliers], pooled.estimate[pooled.outliers], **style)
-        handles.append(create_mark("stands out", marker="o", mfc="none", color=OKABE_ITO["vermilion"]))
+        handles.append(create_mark("outlier", marker="o", mfc="none", color=OKABE_ITO["vermilion"]))
     return handles
 
 
-def escape_text(text: str) -> str:
-    """Return a text in which a dollar sign is no formula.
-
-    >>> escape_text("a$b")
-    'a\\\\$b'
-    """
-    return text.replace("$", r"\$")
-
-
 def shorten_name(name: str) -> str:
-    """Return the end of a name for an axis, without formulas."""
-    short = name if len(name) <= MAX_NAME_LENGTH else f"…{name[1 - MAX_NAME_LENGTH :]}"
-    return escape_text(short)
+    """Return the end of a name for an axis."""
+    return name if len(name) <= MAX_NAME_LENGTH else f"…{name[1 - MAX_NAME_LENGTH :]}"
 
 
 def _label_axis(distribution: NumberDistribution) -> str:

@@ -1,4 +1,4 @@
-"""Report of a fleet: what stands out, distributions over specimens, mechanisms, and a row for each case."""
+"""Report of a fleet: its findings, distributions over specimens, mechanisms, and a row for each case."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from urllib.parse import quote
 
 import numpy as np
 
-from pamjax.fleet.answers import FleetAnswers, NumberDistribution, analyse_fleet
+from pamjax.fleet.answers import FleetAnswers, NumberDistribution
 from pamjax.fleet.fleet import Fleet
 from pamjax.fleet.frames import list_rows
+from pamjax.fleet.store import DONE, OPEN
 from pamjax.fleet.summary import (
     format_distribution,
     format_sd,
@@ -20,6 +21,7 @@ from pamjax.fleet.summary import (
     format_value,
     list_findings,
     name_distribution,
+    name_frequency,
 )
 from pamjax.units import format_count
 from pamjax.view.figures import fleet as figures
@@ -49,17 +51,17 @@ class LinkedRow:
     cells: list[str]
 
 
-def write_fleet_report(fleet: Fleet, path: Path, command: str) -> Path:
+def write_fleet_report(fleet: Fleet, answers: FleetAnswers, path: Path, command: str) -> Path:
     """Write the report of a fleet.
 
     Args:
         fleet: the fleet.
+        answers: its answers.
         path: the HTML file, in the folder of the store, so that its links lead to the reports of the cases.
         command: shell command that repeats the report.
     """
-    answers = analyse_fleet(fleet)
     findings = list_findings(answers)
-    failed = [row for row in list_rows(fleet.cases) if row["state"] not in ("done", "open")]
+    failed = [row for row in list_rows(fleet.cases) if row["state"] not in (DONE, OPEN)]
     return write_page(
         path,
         "fleet.html.jinja",
@@ -67,14 +69,14 @@ def write_fleet_report(fleet: Fleet, path: Path, command: str) -> Path:
         kicker=f"Fleet {fleet.name} · {format_states(fleet)}",
         answer=findings[1:MAX_TOP_FINDINGS],
         more=findings[MAX_TOP_FINDINGS:],
-        distributions=_draw_distributions(fleet, answers),
+        distributions=_draw_distributions(answers),
         summary=[_build_distribution_row(distribution) for distribution in answers.distributions],
         mechanism_map=build_picture(
             lambda narrow: figures.plot_mechanism_map(fleet, answers, narrow), "mechanisms"
         ),
         frequencies=[
             [
-                frequency.id,
+                name_frequency(frequency),
                 f"{frequency.count} of {frequency.total}",
                 f"{frequency.interval[0]:.0%} to {frequency.interval[1]:.0%}",
                 ", ".join(f"{bench} {n} of {total}" for bench, (n, total) in frequency.by_bench.items())
@@ -90,7 +92,7 @@ def write_fleet_report(fleet: Fleet, path: Path, command: str) -> Path:
     )
 
 
-def _draw_distributions(fleet: Fleet, answers: FleetAnswers) -> list[dict[str, Any]]:
+def _draw_distributions(answers: FleetAnswers) -> list[dict[str, Any]]:
     """Return the figures of the distributions with findings first."""
     ranked = sorted(answers.distributions, key=lambda d: -_count_findings(d))[:MAX_DRAWN_DISTRIBUTIONS]
     return [
@@ -98,7 +100,7 @@ def _draw_distributions(fleet: Fleet, answers: FleetAnswers) -> list[dict[str, A
             "name": name_distribution(distribution),
             "ridge": _draw(partial(figures.plot_ridge, distribution), f"ridge-{k}"),
             "ridge_caption": _format_ridge_caption(distribution),
-            "chart": _draw(partial(figures.plot_control_chart, fleet, distribution), f"chart-{k}"),
+            "chart": _draw(partial(figures.plot_control_chart, distribution), f"chart-{k}"),
         }
         for k, distribution in enumerate(ranked)
     ]
@@ -117,12 +119,13 @@ def _format_ridge_caption(distribution: NumberDistribution) -> str:
     """Return what the curves of a ridge are, and which specimens it leaves out."""
     text = "Each curve: one specimen with its own uncertainty. Lowest curve: the distribution over specimens."
     if distribution.shares_prior:
-        text += " The prior that all specimens share is taken out."
+        text += " A prior that several specimens share is taken out."
     if distribution.left_out:
-        text += f" {format_count(distribution.left_out, 'specimen')} without a usable estimate left out."
+        text += f" {format_count(distribution.left_out, 'recording')} without a usable estimate left out."
     drawn = len(figures.select_ridges(distribution.pooled.estimate, distribution.pooled.outliers))
-    if drawn < len(distribution.cases):
-        text += f" {drawn} of {len(distribution.cases)} specimens are drawn."
+    count = len(distribution.pooled.estimate)
+    if drawn < count:
+        text += f" {drawn} of {count} specimens are drawn."
     return text
 
 
@@ -131,7 +134,7 @@ def _build_distribution_row(distribution: NumberDistribution) -> list[str]:
     low, high = pooled.between_interval
     return [
         name_distribution(distribution),
-        str(len(distribution.cases)),
+        str(len(pooled.estimate)),
         format_value(pooled.mean, pooled.mean_sd, unit),
         format_sd(pooled.between_sd, unit),
         f"{format_sd(low, '1')} to {format_sd(high, unit)}",
@@ -155,12 +158,13 @@ def _build_case_rows(fleet: Fleet, answers: FleetAnswers) -> list[LinkedRow]:
 
 
 def _list_deviations(answers: FleetAnswers) -> dict[str, list[str]]:
-    """Return the numbers in which a case stands out, with its deviation."""
+    """Return the numbers in which the specimen of a case is an outlier, with its deviation."""
     deviations: dict[str, list[str]] = {}
     for distribution in answers.distributions:
         for k in np.flatnonzero(distribution.pooled.outliers):
             text = f"{distribution.name} {distribution.pooled.deviation[k]:+.1f} sd"
-            deviations.setdefault(distribution.cases[k], []).append(text)
+            for case in distribution.estimates.cases[k]:
+                deviations.setdefault(case, []).append(text)
     return deviations
 
 
@@ -174,8 +178,7 @@ def _describe_settings(fleet: Fleet) -> list[list[str]]:
     return [*rows, *([f"version of {name}", str(value)] for name, value in versions.items())]
 
 
-def format_report_note(fleet: Fleet) -> str:
+def format_report_note(fleet: Fleet, answers: FleetAnswers) -> str:
     """Return the findings and distributions of a fleet as text for the screen."""
-    answers = analyse_fleet(fleet)
     lines = [f"{fleet.name}: {format_states(fleet)}", *(f"  {line}" for line in list_findings(answers))]
     return "\n".join(lines + [f"  {format_distribution(d)}" for d in answers.distributions])

@@ -1,6 +1,5 @@
 """`pamjax fleet`: a killed run continues, workers do not change the store, and refused options."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -9,6 +8,7 @@ import time
 import pytest
 
 from pamjax.cli.main import main
+from tests.fleet.made_store import write_made_store
 
 pytest.importorskip("distributed", reason="needs the extra pamjax[fleet]")
 
@@ -128,16 +128,28 @@ def test_refused_options(cases, tmp_path, capsys):
     assert "fleet.json" in read_error(capsys, "report", tmp_path)
 
 
+def test_report_analyses_its_fleet_once(tmp_path, monkeypatch, capsys):
+    from pamjax.fleet import answers
+
+    counts, analyse = [], answers.analyse_fleet
+    monkeypatch.setattr(answers, "analyse_fleet", lambda fleet: counts.append(1) or analyse(fleet))
+    store = write_made_store(tmp_path, [80.0, 90.0, 100.0])
+    assert main(["fleet", "report", str(store)]) == 0
+    assert "thread.modulus of made: 90" in capsys.readouterr().out
+    assert counts == [1]
+
+
 def test_second_run_in_one_store_is_refused(cases, tmp_path, capsys):
     from pamjax.cluster.run_fleet import lock_store
     from pamjax.fleet.store import FleetStore
 
     store = FleetStore(tmp_path / "out")
-    store.folder.mkdir()
     from pamjax.fleet.plan import read_plan
 
+    store.prepare()
     store.write_plan(read_plan([cases]))
+    plan = (store.folder / "fleet.json").read_bytes()
     with lock_store(store):
-        message = read_error(capsys, cases, "--out", store.folder)
+        message = read_error(capsys, cases, "--out", store.folder, "--stage", "check")
     assert message.startswith(f"pamjax: only one `pamjax fleet` may write to {store.folder}; got another one")
-    assert os.path.exists(store.folder / "fleet.json")
+    assert (store.folder / "fleet.json").read_bytes() == plan

@@ -4,6 +4,7 @@ import pytest
 
 pytest.importorskip("pyarrow", reason="needs the extra pamjax[fleet]")
 
+from pamjax.fleet.answers import analyse_fleet
 from pamjax.fleet.fleet import open_fleet
 from pamjax.view.reports.fleet import write_fleet_report
 from tests.fleet.made_store import write_made_store
@@ -13,7 +14,8 @@ from tests.view.html_page import Page
 def write_report(folder, count=12, **entries):
     values = [90.0 + 2 * ((7 * k) % 5) for k in range(count)]
     store = write_made_store(folder, values, **entries)
-    path = write_fleet_report(open_fleet(store), store / "report.html", "pamjax fleet report store")
+    fleet = open_fleet(store)
+    path = write_fleet_report(fleet, analyse_fleet(fleet), store / "report.html", "pamjax fleet report store")
     return path.read_text("utf-8")
 
 
@@ -29,7 +31,7 @@ def test_each_case_leads_to_its_report(tmp_path):
     links = find_links(page)
     assert links == [f"cases/case-{k:02d}/diagnose/report.html" for k in range(12)]
     assert all((tmp_path / link).is_file() for link in links)
-    assert "pressure_gain is identified in 6 of 6 recordings of bench south" in text
+    assert "pressure_gain is identified in 6 of 6 recordings of made on bench south" in text
     # Map of mechanisms, ridge and control chart, each wide and narrow.
     assert sum(tag == "svg" for tag, _ in page.elements) == 6
     assert not [tag for tag, _ in page.elements if tag in ("script", "img", "link", "iframe")]
@@ -44,6 +46,24 @@ def test_names_are_shown_as_text(tmp_path):
     assert not [attributes for _, attributes in page.elements if "onclick" in attributes]
     assert all(link.startswith("cases/") for link in find_links(page))
     assert set(hostile) <= {entry.strip() for entry in page.entries}
+
+
+def test_each_recording_of_an_outlier_is_marked(tmp_path):
+    values = [90.0 + (k // 2) % 5 + (60 if k // 2 == 4 else 0) for k in range(24)]
+    store = write_made_store(
+        tmp_path,
+        values,
+        serials=[f"A-{k // 2}" for k in range(24)],
+        benches=["north", "south"] * 12,
+        mechanisms=[["pressure_gain"]] * 24,
+    )
+    fleet = open_fleet(store)
+    page = Page(
+        write_fleet_report(fleet, analyse_fleet(fleet), store / "report.html", "c").read_text("utf-8")
+    )
+    marks = [entry for entry in page.entries if entry.strip().startswith("thread.modulus +")]
+    assert len(marks) == 2
+    assert "A-4 (2 recordings)" in " ".join(page.entries)
 
 
 def test_large_fleet_has_a_short_page(tmp_path):

@@ -1,0 +1,25 @@
+"""Files of the stages of a case."""
+
+import dataclasses
+
+import pytest
+
+from pamjax.baselines.comparison import ComparisonSplit
+from pamjax.cluster.case_steps import run_diagnose
+from tests.view.made_up import diagnosis
+
+
+@pytest.mark.parametrize("is_isotonic", [False, True])
+def test_isotonic_test_has_a_diagnosis_without_comparison(tmp_path, monkeypatch, is_isotonic):
+    result = diagnosis()
+    case = result.problem.case
+    recording = dataclasses.replace(case.recording, measures_length=is_isotonic)
+    case = result.problem.case = dataclasses.replace(case, recording=recording)
+    comparison = "pamjax.baselines.comparison"
+    monkeypatch.setattr("pamjax.diagnosis.run.diagnose", lambda case, seed: result)
+    monkeypatch.setattr("pamjax.diagnosis.result.save_diagnosis", lambda diagnosis, out: None)
+    monkeypatch.setattr(f"{comparison}._predict_without_rows", lambda *_: (None, None))
+    split = ComparisonSplit("held out", "all", result.gain.held_out, {"baseline": {"force": 1.0}}, {})
+    monkeypatch.setattr(f"{comparison}._evaluate_split", lambda *_: split)
+    run_diagnose(case, tmp_path, {"seed": 0, "report": False})
+    assert (tmp_path / "gain.json").exists() != is_isotonic
