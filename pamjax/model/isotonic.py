@@ -18,8 +18,8 @@ Limits: the error of the step is about (L̂ − L)² F″ / (2 K), that is (L̂ 
 for a misfit of 1 mm at 100 mm. Noise of the length reaches the prediction only through the memories.
 Neglects: the stiffness of friction before it slides. A muscle without pressure has no stiffness: there K is
 at least `MIN_STIFFNESS`, and the prediction has no meaning.
-Source: Newton's method; derived here. K is a central difference of fourth order, which compiles in half the time of an
-exact derivative; its error is about 1e-10 of K.
+Source: Newton's method; derived here. K is a central difference of fourth order: it compiles in half of
+the time of an exact derivative, and its error is about 1e-10 of K.
 """
 
 from __future__ import annotations

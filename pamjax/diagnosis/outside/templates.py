@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pamjax.infer.noise.spectral_lines import compute_relative_power, refine_frequency
 from pamjax.records.blocks import Blocks
 
 #: Number of moments and of contractions at which a template may begin.
@@ -23,10 +24,8 @@ RIPPLE_PERIODS = np.arange(4.0, 20.5, 0.5)
 MIN_STUCK_READINGS = 3
 #: Number of equal largest readings from which a load cell counts as clipped.
 MIN_CLIPPED_READINGS = 5
-#: Number of frequencies of an interference that are tried, of those with the largest amplitude.
+#: Number of frequencies of an interference that are tried, of those that exceed the noise around them most.
 FREQUENCY_COUNT = 3
-#: Fewest periods of an interference in a recording.
-MIN_PERIODS = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,19 +178,12 @@ def build_interference(context: TemplateContext) -> Variants:
     """Yield a periodic disturbance of the force, or of the pressure, at the frequencies that stand out."""
     if context.time is None:
         return
-    time, duration = context.time, max(float(np.ptp(context.time)), 1e-9)
-    step = float(np.median(np.diff(time)))
-    if not step > 0:
-        return
-    even = np.arange(0, duration, step)
-    spectrum = np.abs(np.fft.rfft(np.interp(even, time, context.residual)))
-    frequencies = np.fft.rfftfreq(even.size, step)
-    # Slow courses are drifts.
-    fast = np.arange(MIN_PERIODS, frequencies.size)
-    for k in fast[np.argsort(-spectrum[fast])[:FREQUENCY_COUNT]]:
-        phase = 2 * np.pi * frequencies[k] * time
+    frequencies, power = compute_relative_power(context.residual, context.time)
+    for k in np.argsort(-power)[:FREQUENCY_COUNT]:
+        frequency = refine_frequency(context.residual, context.time, frequencies[k])
+        phase = 2 * np.pi * frequency * context.time
         pair = [np.cos(phase), np.sin(phase)]
-        says = f"a disturbance with a period of {1 / frequencies[k]:.2g} s"
+        says = f"a disturbance with a period of {1 / frequency:.2g} s"
         yield f"{says} in force", pair
         yield f"{says} in pressure", [context.by_pressure * f for f in pair]
 

@@ -16,6 +16,7 @@ from pamjax.infer.noise.ar1_filter import Ar1Noise, compute_correlation_error
 from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.noise.noise_settings import NOISE_SETTINGS, NoiseThresholds
 from pamjax.infer.noise.sensor_noise import compute_isotonic_variance, compute_sensitivities
+from pamjax.infer.noise.spectral_lines import remove_spectral_lines
 from pamjax.infer.noise.unknown_sensor import (
     DIFFERENCE_LAGS,
     DifferenceStatistics,
@@ -94,6 +95,7 @@ def estimate_noise_model(
         sensors.length is None and not sensors.length_per_setting and not case.recording.measures_length
     )
     channels, rows, runs = [], [], []
+    time = case.recording.time
     for c, stated in enumerate(get_stated_sds(case)):
         channel_rows = np.flatnonzero(measured[c] & rows_in_use)
         edges = np.flatnonzero(np.diff(starts[channel_rows])) + 1
@@ -104,7 +106,7 @@ def estimate_noise_model(
         )
         channels.append(
             _build_channel_noise(
-                residual[c],
+                residual[c] if time is None else remove_spectral_lines(residual[c], channel_rows, time),
                 sensor_variance[c],
                 input_variance[c],
                 channel_rows,

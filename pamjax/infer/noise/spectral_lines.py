@@ -1,0 +1,95 @@
+"""Lines in the spectrum of a residual: a periodic disturbance is no noise.
+
+A ripple of the pressure, or mains interference, changes from sample to sample as noise does. In the estimate
+of the noise from neighbouring samples it would count as noise, and hide itself. The spectrum separates them:
+noise is spread over all frequencies. A line is removed if noise has so large an amplitude anywhere with
+a probability below `MAX_PROBABILITY`. For the power P at one of N frequencies, over the mean power around it,
+
+    p = N exp(−P).
+
+Source: R. A. Fisher, Proc. R. Soc. A 125, 54 (1929), with a local mean, because noise can be correlated.
+Limits: gaps are bridged by straight lines; a disturbance of variable amplitude has several lines.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+#: Probability of noise below which a line is removed, and largest number of lines.
+MAX_PROBABILITY, MAX_LINES = 1e-4, 8
+#: Fewest samples, and fewest periods of a line: slower courses are smooth.
+MIN_SAMPLES, MIN_PERIODS = 128, 10
+#: Number of frequencies on each side whose median power is the noise around a line.
+NEIGHBOURS = 24
+
+
+def remove_spectral_lines(residual: np.ndarray, rows: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return the residual without its periodic parts, (n,), SI.
+
+    Args:
+        residual: (n,) measured − model, SI.
+        rows: rows of the samples, in the order of time.
+        time: (n,) s.
+    """
+    values, moments = residual[rows].copy(), time[rows]
+    if not np.all(np.isfinite(values)):
+        return residual
+    for _ in range(MAX_LINES):
+        frequencies, power = compute_relative_power(values, moments)
+        if not power.size or math.log(power.size) - power.max() > math.log(MAX_PROBABILITY):
+            break
+        frequency = refine_frequency(values, moments, frequencies[np.argmax(power)])
+        values -= _fit_wave(values, moments, frequency)
+    out = residual.copy()
+    out[rows] = values
+    return out
+
+
+def compute_relative_power(values: np.ndarray, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return frequencies, Hz, and at each the power of a signal over the mean power of the noise around it.
+
+    Frequencies of fewer than `MIN_PERIODS` periods are left out. Both arrays are empty for a short signal.
+
+    Args:
+        values: (n,) the signal.
+        moments: (n,) s, increasing.
+    """
+    step = float(np.median(np.diff(moments))) if moments.size >= MIN_SAMPLES else 0.0
+    if not step > 0:
+        return np.zeros(0), np.zeros(0)
+    even = np.arange(moments[0], moments[-1], step)
+    signal = np.interp(even, moments, values - values.mean())
+    # Prewhitened: the spectrum of slow courses and of correlated noise is steep, and their mean is not local.
+    correlation = float(signal[1:] @ signal[:-1]) / max(float(signal @ signal), 1e-300)
+    signal = signal[1:] - correlation * signal[:-1]
+    power = np.abs(np.fft.rfft(signal * np.hanning(signal.size))) ** 2
+    if power.size <= MIN_PERIODS + 2 * NEIGHBOURS:
+        return np.zeros(0), np.zeros(0)
+    windows = np.lib.stride_tricks.sliding_window_view(
+        np.pad(power, NEIGHBOURS, mode="reflect"), 2 * NEIGHBOURS + 1
+    )
+    # The power of noise has an exponential distribution, whose median is ln 2 times its mean.
+    relative = power * math.log(2) / np.maximum(np.median(windows, axis=1), 1e-300)
+    return np.fft.rfftfreq(signal.size, step)[MIN_PERIODS:], relative[MIN_PERIODS:]
+
+
+def refine_frequency(values: np.ndarray, moments: np.ndarray, frequency: float) -> float:
+    """Return the frequency within one resolution, Hz, whose wave fits most of the values.
+
+    Args:
+        values: (n,) the signal.
+        moments: (n,) s, increasing.
+        frequency: of the discrete spectrum, Hz.
+    """
+    trials = frequency + np.linspace(-1, 1, 21) / np.ptp(moments)
+    sizes = [np.sum(_fit_wave(values, moments, trial) ** 2) for trial in trials]
+    return float(trials[np.argmax(sizes)])
+
+
+def _fit_wave(values: np.ndarray, moments: np.ndarray, frequency: float) -> np.ndarray:
+    """Return the wave of a frequency that fits most of the values, (n,)."""
+    phase = 2 * np.pi * frequency * moments
+    columns = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+    return columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
