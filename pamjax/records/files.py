@@ -25,6 +25,8 @@ def read_bytes(path: Path) -> bytes:
         return path.read_bytes()
     except FileNotFoundError as error:
         raise refuse(f"the file {path} does not exist", remedy="Check the path.") from error
+    except IsADirectoryError as error:
+        raise refuse(f"{path} must be a file", "a folder", remedy="Name the file in it.") from error
     except OSError as error:
         raise refuse(
             f"{path} cannot be read", error.strerror or "an error", remedy="Check that it is a readable file."
