@@ -219,7 +219,7 @@ def format_remarks(case_fit: CaseFit) -> Iterator[str]:
     """Return lines on held-out blocks, failed rows, outliers and warnings."""
     yield _format_held_out(case_fit)
     for status, rows in case_fit.failed_rows.items():
-        yield f"{len(rows)} rows failed, {status.message} (rows {_format_rows(rows)})"
+        yield f"{len(rows)} rows failed, {status.message} (lines {_format_rows(rows)} of the file)"
     if lengths := describe_impossible_lengths(case_fit):
         yield f"note: {lengths}"
     yield from map(str, case_fit.case.recording.outliers)
@@ -234,7 +234,8 @@ def _format_held_out(case_fit: CaseFit) -> str:
     if case_fit.held_out is None:
         return "no cross-validation: the recording has only one block"
     folds = case_fit.held_out.folds
-    text = "cross-validation folds: " + " | ".join("; ".join(fold) for fold in folds)
+    lines = ", by line of the file" if case_fit.held_out.kind == "rows" else ""
+    text = f"cross-validation folds{lines}: " + " | ".join("; ".join(fold) for fold in folds)
     if len(text) < 200:
         return text
     return f"cross-validation: {sum(map(len, folds))} {case_fit.held_out.kind} in {len(folds)} folds"
