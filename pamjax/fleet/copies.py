@@ -33,7 +33,7 @@ def drop_copies(fleet: Fleet, copies: tuple[tuple[str, ...], ...]) -> Fleet:
     if not dropped:
         return fleet
     tables = {
-        name: select_rows(table, ~table["case"].isin(dropped))
+        name: select_rows(table, ~table["case"].isin(sorted(dropped)))
         for name, table in (
             ("cases", fleet.cases),
             ("numbers", fleet.numbers),
