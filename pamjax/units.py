@@ -27,6 +27,9 @@ SI_UNITS = {
     "count": "1",
 }
 
+#: Standard acceleration of gravity, m/s².
+STANDARD_GRAVITY = 9.80665
+
 #: Name of a unit, with a power of one or two digits.
 _UNIT_NAME = r"(?:[^\W\d_]|°)[\w°]{0,29}(?:\s*(?:\^|\*\*)\s*-?\d{1,2})?"
 
@@ -60,13 +63,14 @@ def load_unit_registry() -> pint.UnitRegistry:
 
 
 @cache
-def parse_unit(unit: str, kind: str, where: str = "") -> float:
+def parse_unit(unit: str, kind: str, where: str = "", number: float = 1.0) -> float:
     """Return the SI value of one `unit`.
 
     Args:
         unit: any unit name of pint, as "psi", "lbf", "mm^2", "deg"; "" and "1" for a pure number.
         kind: required kind of quantity, a key of `SI_UNITS`.
         where: place for the error message.
+        number: the number before the unit, for the error message.
 
     Raises:
         BadInput: if the unit is unknown or of another kind.
@@ -83,10 +87,10 @@ def parse_unit(unit: str, kind: str, where: str = "") -> float:
         )
     if kind == "count":
         raise refuse("a dimensionless value has no unit", f"{unit!r}", where, "Remove the unit.")
-    return _convert_unit(unit, si, kind, where)
+    return _convert_unit(unit, si, kind, where, number)
 
 
-def _convert_unit(unit: str, si: str, kind: str, where: str) -> float:
+def _convert_unit(unit: str, si: str, kind: str, where: str, number: float = 1.0) -> float:
     import pint
 
     try:
@@ -101,7 +105,11 @@ def _convert_unit(unit: str, si: str, kind: str, where: str) -> float:
         rule = f"{_add_article(kind)} must have a unit of {kind}"
         if kind not in SI_UNITS:
             rule = f"this value must have a unit that converts to {si}"
-        raise refuse(rule, f"{unit!r}", where, f"Use one such as {suggest_units(kind)}.")
+        remedy = f"Use one such as {suggest_units(kind)}."
+        if kind == "force" and quantity.check("[mass]"):
+            weight = number * float(quantity.to("kg").magnitude) * STANDARD_GRAVITY
+            remedy += f" The weight of {number:g} {unit} is {weight:.3g} N."
+        raise refuse(rule, f"{unit!r}", where, remedy)
     if not quantity._is_multiplicative:
         raise refuse(
             f"the unit of {_add_article(kind)} must be a multiple of {si}",
@@ -164,7 +172,8 @@ def parse_quantity(text: str | float, kind: str, where: str = "") -> float:
         if kind == "count":
             rule, remedy = "a dimensionless value is a number without a unit", "Write a number."
         raise refuse(rule, f"{text!r}", where, remedy)
-    return float(match[1]) * parse_unit(match[2], kind, where)
+    number = float(match[1])
+    return number * parse_unit(match[2], kind, where, number if kind == "force" else 1.0)
 
 
 def parse_number(text: str, si: str, where: str = "") -> float:

@@ -50,6 +50,7 @@ def test_commands_of_a_page_give_the_shown_output(page, tmp_path, monkeypatch, c
         elif kind == "python":
             exec(compile(text, page, "exec"), names)
         else:
+            (tmp_path / kind).parent.mkdir(exist_ok=True)
             (tmp_path / kind).write_text(text, "utf-8")
 
 

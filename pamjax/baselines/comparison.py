@@ -126,7 +126,7 @@ class ModelComparison:
 def _format_split(split: ComparisonSplit) -> str:
     if split.name == HELD_OUT_SPLIT:
         return "same held-out rows"
-    return f"extrapolation to {split.rows_description}"
+    return f"rmse after fits without {split.rows_description}"
 
 
 def _format_rmse(split: ComparisonSplit, model: str, channel: str) -> str:

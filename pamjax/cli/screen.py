@@ -74,8 +74,10 @@ def _print_steps() -> Iterator[Callable[[str, float], None]]:
         # A thread of its own, because a compilation reports no progress.
         while not is_finished.wait(SECONDS_BETWEEN_LINES):
             elapsed = time.monotonic() - start
-            line = f"pamjax: {state['step']}, {100 * float(state['fraction']):.0f} % after {elapsed:.0f} s"
-            print(line, file=sys.stderr, flush=True)
+            percent = 100 * float(state["fraction"])
+            # Within a compilation no fraction is known: 0 % would read as no progress.
+            share = f", {percent:.0f} %" if percent >= 1 else ""
+            print(f"pamjax: {state['step']}{share}, {elapsed:.0f} s elapsed", file=sys.stderr, flush=True)
 
     printer = threading.Thread(target=print_lines, daemon=True)
     printer.start()

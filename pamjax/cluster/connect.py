@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pamjax.errors import check_minimum, refuse
+from pamjax.units import format_count
 
 if TYPE_CHECKING:
     from distributed import Client
 
 #: Command that installs the optional packages of a fleet.
-INSTALL_COMMAND = "pip install 'pamjax[fleet]'"
+INSTALL_COMMAND = "pip install -e '.[fleet]'"
 
 #: Time to wait for a scheduler, s.
 CONNECT_TIMEOUT = 10
@@ -41,8 +42,9 @@ def check_packages() -> None:
 
     missing = [name for name in ("dask", "distributed", "pyarrow") if find_spec(name) is None]
     if missing:
-        rule = f"`pamjax fleet` needs {' and '.join(missing)}"
-        raise refuse(rule, "an installation without", remedy=f"Install them: {INSTALL_COMMAND}.")
+        names = missing[0] if len(missing) == 1 else f"{', '.join(missing[:-1])} and {missing[-1]}"
+        rule = f"`pamjax fleet` needs {format_count(len(missing), 'more package')}: {names}"
+        raise refuse(rule, remedy=f"Run `{INSTALL_COMMAND}` in the folder of the clone of pamjax.")
 
 
 def parse_memory(text: str) -> int:

@@ -12,12 +12,13 @@ import numpy as np
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit
+from pamjax.infer.fitting.determination import compute_prior_scale
 from pamjax.infer.fitting.identifiability import (
-    RELATIVE_SD_WITHOUT_PRIOR,
     find_undetermined_combinations,
     format_combination,
     format_list,
 )
+from pamjax.model.parameters import find_meaning
 
 
 def format_notes(problem: LibraryProblem, baseline: CandidateFit, fit: CandidateFit) -> list[str]:
@@ -81,10 +82,13 @@ def format_unidentified_combinations(problem: LibraryProblem, baseline: Candidat
     free = list(estimate.free)
     if not free:
         return []
-    scale = np.where(
-        np.isfinite(problem.prior_sd[free]),
-        problem.prior_sd[free],
-        RELATIVE_SD_WITHOUT_PRIOR * np.abs(problem.start[free]),
+    scale = np.array(
+        [
+            compute_prior_scale(
+                float(problem.prior_sd[k]), float(problem.start[k]), find_meaning(problem.names[k])
+            )
+            for k in free
+        ]
     )
     # From the coordinates of the refit (logarithms for some parameters) to SI.
     by_value = estimate.jacobian / np.where(estimate.scale != 0, estimate.scale, 1.0)

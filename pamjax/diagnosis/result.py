@@ -373,10 +373,11 @@ def _format_lines(diagnosis: Diagnosis) -> list[str]:
         lines += [f"    {box.description}" for box in diagnosis.residual_boxes[:2]]
     for channel, rmse_before in gain.rmse_before.items():
         before, after = (to_display(channel, rmse) for rmse in (rmse_before, gain.rmse_after[channel]))
-        lines.append(
-            f"  held-out rmse ({gain.blocks.split(':')[0]}): {channel} {before:.3g} -> {after:.3g}"
-            f" {DISPLAY_UNIT[channel]}, noise {_serialise_noise(diagnosis)[channel]['sd']:.3g}"
-        )
+        noise = f"noise {_serialise_noise(diagnosis)[channel]['sd']:.3g}"
+        change = f"{before:.3g} -> {after:.3g} {DISPLAY_UNIT[channel]}"
+        if not diagnosis.named_mechanisms:
+            change = f"{before:.3g} {DISPLAY_UNIT[channel]} by the baseline"
+        lines.append(f"  held-out rmse ({gain.blocks.split(':')[0]}): {channel} {change}, {noise}")
     if diagnosis.named_mechanisms and not gain.rmse_before:
         lines.append(
             "  no block was held out (too few blocks): no independent rows confirm these mechanisms."

@@ -11,6 +11,7 @@ import pandas as pd
 
 from pamjax.fleet.common_prior import extract_estimates
 from pamjax.fleet.contrast import Slope, fit_slope
+from pamjax.fleet.copies import drop_copies, find_copies
 from pamjax.fleet.fleet import Fleet
 from pamjax.fleet.frames import select_rows
 from pamjax.fleet.frequency import BENCH_P_VALUE, BenchFrequency, count_limits, count_mechanisms
@@ -68,12 +69,14 @@ class FleetAnswers:
         mechanisms: frequency of each identified mechanism.
         limits: frequency of each number that is at its limit.
         unexplained: what remains unexplained.
+        copies: groups of cases with identical inputs; the first of each counts.
     """
 
     distributions: tuple[NumberDistribution, ...]
     mechanisms: tuple[BenchFrequency, ...]
     limits: tuple[BenchFrequency, ...]
     unexplained: UnexplainedSummary
+    copies: tuple[tuple[str, ...], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +93,9 @@ class _NumberGroup:
 
 
 def analyse_fleet(fleet: Fleet) -> FleetAnswers:
-    """Return the answers about a fleet from its tables."""
+    """Return the answers about a fleet from its tables; identical cases count once."""
+    copies = find_copies(fleet)
+    fleet = drop_copies(fleet, copies)
     groups = _list_groups(fleet)
     bench_count = max(len(set(fleet.cases["bench"].dropna())), 1)
     return FleetAnswers(
@@ -98,6 +103,7 @@ def analyse_fleet(fleet: Fleet) -> FleetAnswers:
         tuple(count_mechanisms(fleet.cases, fleet.mechanisms)),
         tuple(count_limits(fleet.cases, fleet.numbers)),
         summarise_unexplained(fleet.cases, fleet.regions),
+        copies,
     )
 
 

@@ -90,7 +90,7 @@ class Fleet:
 def open_fleet(store: str | Path) -> Fleet:
     """Return the results of a fleet from its store.
 
-    Needs the optional packages: `pip install 'pamjax[fleet]'`.
+    Needs the optional packages: `pip install -e '.[fleet]'` in the clone.
 
     Args:
         store: folder that `pamjax fleet` wrote.
@@ -101,8 +101,8 @@ def open_fleet(store: str | Path) -> Fleet:
     from importlib.util import find_spec
 
     if find_spec("pyarrow") is None:
-        remedy = "Install it: pip install 'pamjax[fleet]'."
-        raise refuse("a fleet needs pyarrow", "an installation without", remedy=remedy)
+        remedy = "Run `pip install -e '.[fleet]'` in the folder of the clone of pamjax."
+        raise refuse("a fleet needs 1 more package: pyarrow", remedy=remedy)
     return build_fleet(Path(store), read_tables(Path(store)))
 
 

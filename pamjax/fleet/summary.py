@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from pamjax.fleet.answers import FleetAnswers, NumberDistribution
 from pamjax.fleet.fleet import Fleet
 from pamjax.fleet.frequency import BenchFrequency
+from pamjax.fleet.pooling import MIN_SPECIMENS
 from pamjax.fleet.store import DONE, OPEN, REFUSED, SET_ASIDE
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.units import compute_si_factor, format_count
@@ -42,7 +43,28 @@ def list_findings(answers: FleetAnswers) -> list[str]:
         *(line for distribution in answers.distributions for line in format_drift(distribution)),
         *format_unexplained(answers),
     ]
-    return findings or ["No outlier, no difference between benches and no drift."]
+    findings = findings or [_format_quiet_result(answers)]
+    return [*findings, *map(format_copies, answers.copies)]
+
+
+def _format_quiet_result(answers: FleetAnswers) -> str:
+    """Return the sentence of a fleet without a finding: nothing differs, or nothing was compared."""
+    if answers.distributions:
+        return "No outlier, no difference between benches and no drift."
+    return (
+        f"No specimens were compared: fewer than {MIN_SPECIMENS} of one type have an estimate of the same"
+        " number."
+    )
+
+
+def format_copies(copies: tuple[str, ...]) -> str:
+    """Return a sentence about cases with identical inputs."""
+    return f"{join_names(copies)} have identical inputs and count as one recording."
+
+
+def join_names(names: Sequence[str]) -> str:
+    """Return names as "a, b and c"."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def format_bench_frequency(frequency: BenchFrequency, condition: str) -> Iterator[str]:

@@ -25,6 +25,8 @@ def read_bytes(path: Path) -> bytes:
         return path.read_bytes()
     except FileNotFoundError as error:
         raise refuse(f"the file {path} does not exist", remedy="Check the path.") from error
+    except IsADirectoryError as error:
+        raise refuse(f"{path} must be a file", "a folder", remedy="Name the file in it.") from error
     except OSError as error:
         raise refuse(
             f"{path} cannot be read", error.strerror or "an error", remedy="Check that it is a readable file."
@@ -84,6 +86,28 @@ def write_folder_atomically(folder: str | Path) -> Iterator[Path]:
             _move_files(temporary, folder)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+@contextmanager
+def write_results_together(folder: str | Path) -> Iterator[Path]:
+    """Yield a temporary folder inside `folder`, whose files move to `folder` at the end, all or none.
+
+    So a killed command or a full disk leaves no new result beside the report of an earlier one. The folder is
+    created with its parents. Its other files are unchanged.
+    """
+    folder = Path(folder)
+    is_new = not folder.exists()
+    folder.mkdir(parents=True, exist_ok=True)
+    temporary = folder / f".pamjax-{secrets.token_hex(4)}"
+    temporary.mkdir()
+    try:
+        yield temporary
+        with _delay_interrupt():
+            _move_files(temporary, folder)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+        if is_new and not any(folder.iterdir()):
+            folder.rmdir()
 
 
 def is_writable(folder: Path) -> bool:

@@ -202,12 +202,24 @@ def build_receipt(design: Design) -> dict[str, list[str]]:
     sensitive += list(design.active_limits)
     if design.finalists and entries.probability:
         reached = sum(finalist.reaches(entries.probability) for finalist in design.finalists)
-        uncertain.append(f"{reached} of {len(design.finalists)} choices reach the probability")
-    search_texts = [f"{len(design.results)} choices optimised, {design.unsearched_count} more only screened"]
+        uncertain.append(
+            f"{len(design.finalists)} of the best choices were optimised for the probability;"
+            f" {reached} of them reach it"
+        )
+    total = len(design.results) + design.unsearched_count
+    search_texts = [
+        f"the spec permits {total} choices of threads and rubber; {len(design.results)} of them optimised,"
+        " the others only screened"
+        if design.unsearched_count
+        else f"all {total} choices of threads and rubber optimised"
+    ]
     if design.misses_stock:
         search_texts.append("no tube that is sold fits")
     elif design.spec.stock:
-        search_texts.append(f"{design.choice_count} feasible combinations with tubes that are sold")
+        search_texts.append(
+            f"{design.choice_count} combinations of these choices with tubes that are sold meet all"
+            " requirements at typical properties"
+        )
     search_texts.append("local searches from several starts do not prove a global optimum")
     return {
         "assumed": assumptions,

@@ -12,6 +12,7 @@ from pamjax.sizing.shopping import list_parts
 from pamjax.units import compute_si_factor, format_quantity
 
 if TYPE_CHECKING:
+    from pamjax.sizing.requirements import Requirement
     from pamjax.sizing.result import Design
 
 #: Maximum number of listed sensitivities and of listed relaxations.
@@ -75,15 +76,21 @@ def _format_requirements(design: Design) -> list[str]:
         is_listed = requirement.stated and requirement.key != "supply"
         if not is_listed and probability > CERTAIN:
             continue
-        margin = float(requirement.compute_margins(design.outputs).min())
-        margin_text = _format_tight_margin(margin, requirement)
+        margin_text = format_requirement_margin(design, requirement)
         value = format_probability_value(probability)
         lines.append(f"  {requirement.description:<54} {margin_text}, probability {value}")
     return lines
 
 
-def _format_tight_margin(margin: float, requirement) -> str:
-    return "exactly met" if abs(margin) < TIGHT_MARGIN else format_margin(margin, requirement)
+def format_requirement_margin(design: Design, requirement: Requirement) -> str:
+    """Return the smallest margin of a requirement as text; of a free contraction in % contraction."""
+    margin = float(requirement.compute_margins(design.outputs).min())
+    if abs(margin) < TIGHT_MARGIN:
+        return "exactly met"
+    stated = design.spec.entries.free_contraction
+    if requirement.key == "free contraction" and stated is not None and margin > 0:
+        return f"margin {100 * (design.free_contraction - stated):.2g} % contraction"
+    return format_margin(margin, requirement)
 
 
 def format_probability_value(probability: float) -> str:

@@ -16,11 +16,14 @@ from pamjax.sizing.enumerate import ChoiceResult
 from pamjax.sizing.inelastic import InelasticCost
 from pamjax.sizing.infeasible import Relaxation
 from pamjax.sizing.pareto import ParetoFront
-from pamjax.sizing.problem import OBJECTIVE_OUTPUTS, Choice, SizingProblem
+from pamjax.sizing.problem import MAX_SIZING_CONTRACTION, OBJECTIVE_OUTPUTS, Choice, SizingProblem
 from pamjax.sizing.requirements import SizingTask
 from pamjax.sizing.sensitivity import ShadowPrice
 from pamjax.sizing.specification.spec import Spec
 from pamjax.sizing.tolerances import BuildErrors
+
+#: Number of contractions between which the free contraction is interpolated.
+FREE_CONTRACTION_STEPS = 101
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +147,20 @@ class Design:
         The force is NaN at points without equilibrium.
         """
         return self._evaluate_output("force", pressure, contraction)
+
+    @cached_property
+    def free_contraction(self) -> float:
+        """Return the contraction at which the force at working pressure is zero."""
+        contraction = np.linspace(0.0, MAX_SIZING_CONTRACTION, FREE_CONTRACTION_STEPS)
+        force = self.force(np.full(contraction.size, self.numbers["pressure"]), contraction)
+        pulls = np.flatnonzero(force > 0)
+        if not pulls.size or pulls[-1] + 1 == contraction.size:
+            return float(contraction[pulls[-1]]) if pulls.size else 0.0
+        k = int(pulls[-1])
+        # A blank after the last pull is a muscle without equilibrium: its contraction ends there.
+        if not np.isfinite(force[k + 1]):
+            return float(contraction[k])
+        return float(np.interp(0.0, [force[k + 1], force[k]], [contraction[k + 1], contraction[k]]))
 
     def outer_diameter(self, pressure: np.ndarray, contraction: np.ndarray) -> np.ndarray:
         """Return the outer diameter of one muscle, m, for the same arguments as `force`."""

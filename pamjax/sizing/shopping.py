@@ -50,7 +50,7 @@ def list_parts(design: Design) -> list[Part]:
     size = (
         f"outer diameter {diameter}, wall {format_quantity(n['wall'], 'mm', 3)}"
         if choice.tube is None
-        else choice.tube.size
+        else choice.tube.metric_size
     )
     thread = "yarn" if choice.yarn_count else "thread"
     parts = [
@@ -61,9 +61,9 @@ def list_parts(design: Design) -> list[Part]:
         ),
         Part(
             f"{choice.thread.name} {thread}, {choice.describe_thread()}",
-            f"{choice.threads} bobbins of {_round_up(bobbin_length)} m",
-            f"{format_quantity(choice.threads * bobbin_length, 'm', 3)} in total,"
-            f" {format_quantity(mass, 'g', 2)}; one bobbin for each thread of the braid",
+            f"{_round_up(choice.threads * bobbin_length)} m",
+            f"{format_quantity(mass, 'g', 2)} in total; the braid needs {choice.threads} threads of"
+            f" {_round_up(bobbin_length)} m",
         ),
     ]
     barb = find_barb(n["bore"])
@@ -83,7 +83,8 @@ def format_sleeve(design: Design) -> str:
     low, high = (f"{1e3 * diameter:.3g}" for diameter in (sleeve.low, sleeve.high))
     angles = f"{math.degrees(sleeve.angle_at_high):.0f} to {math.degrees(sleeve.angle_at_low):.0f}"
     return (
-        f"A polyester sleeve of {sleeve.size} covers these diameters ({low} to {high} mm, {angles} degrees)."
+        f"A polyester sleeve for {low} to {high} mm (trade size {sleeve.size}, {angles} degrees) covers these"
+        " diameters."
         " Its threads differ: measure them and size again."
     )
 

@@ -69,7 +69,15 @@ def test_progress_without_a_terminal_is_a_line_from_time_to_time(capsys, monkeyp
         time.sleep(0.12)
     lines = capsys.readouterr().err.splitlines()
     assert 1 <= len(lines) <= 2
-    assert set(lines) == {"pamjax: fitting, 25 % after 0 s"}
+    assert set(lines) == {"pamjax: fitting, 25 %, 0 s elapsed"}
+
+
+def test_step_without_a_fraction_has_no_percentage(capsys, monkeypatch):
+    monkeypatch.setattr(pamjax.cli.screen, "SECONDS_BETWEEN_LINES", 0.05)
+    with show_progress() as progress:
+        progress("fit, step 1 of 4: first fit", 0.0)
+        time.sleep(0.12)
+    assert "%" not in capsys.readouterr().err
 
 
 def test_short_or_quiet_command_prints_no_progress(capsys, monkeypatch):

@@ -15,8 +15,8 @@ def test_missing_packages_are_named_with_the_command_that_installs_them(monkeypa
         importlib.util, "find_spec", lambda name: None if name == "distributed" else find_spec(name)
     )
     message = (
-        "`pamjax fleet` needs distributed; got an installation without. Install them: pip install"
-        " 'pamjax[fleet]'."
+        "`pamjax fleet` needs 1 more package: distributed. Run `pip install -e '.[fleet]'` in the folder of"
+        " the clone of pamjax."
     )
     with pytest.raises(BadInput, match=re.escape(message)):
         connect.check_packages()

@@ -22,6 +22,7 @@ def write_made_store(
     limits=(),
     serials=None,
     types=None,
+    copies=None,
 ):
     """Write a store, and return its folder.
 
@@ -34,6 +35,7 @@ def write_made_store(
         names: names of the cases.
         limits: indices of the specimens whose number is at its limit.
         serials, types: serial number and type of each specimen.
+        copies: by index of a copy, the index of its original, which has the same checksum.
     """
     names = names or [f"case-{k:02d}" for k in range(len(values))]
     days = [FIRST_DAY + datetime.timedelta(days=7 * k) for k in range(len(names))]
@@ -43,7 +45,10 @@ def write_made_store(
         Specimen(benches[k] if benches else None, serials[k], types[k], day) for k, day in enumerate(days)
     ]
     priors = prior if isinstance(prior, list) else [prior] * len(names)
-    cases = [FleetCase(name, folder / name, origins[k], f"{k:064x}") for k, name in enumerate(names)]
+    cases = [
+        FleetCase(name, folder / name, origins[k], f"{(copies or {}).get(k, k):064x}")
+        for k, name in enumerate(names)
+    ]
     stages = ("fit",) if mechanisms is None else ("fit", "diagnose")
     plan, store = FleetPlan("made", folder, tuple(cases), stages), FleetStore(folder)
     store.prepare()

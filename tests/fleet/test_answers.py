@@ -30,6 +30,29 @@ def test_quiet_fleet_has_no_finding(tmp_path):
     assert list_findings(answers) == ["No outlier, no difference between benches and no drift."]
 
 
+def test_identical_cases_count_once(tmp_path):
+    values = draw(12)
+    values[5] = values[4]
+    alone = answer(tmp_path / "alone", values[:5] + values[6:], names=[f"c{k}" for k in range(11)])
+    mechanisms = [["pressure_gain"] if k in (4, 5) else [] for k in range(12)]
+    answers = answer(tmp_path / "copied", values, copies={5: 4}, mechanisms=mechanisms)
+    assert answers.copies == (("case-04", "case-05"),)
+    assert list_findings(answers)[-1] == (
+        "case-04 and case-05 have identical inputs and count as one recording."
+    )
+    (counted,), (expected,) = answers.distributions, alone.distributions
+    assert counted.pooled.mean == pytest.approx(expected.pooled.mean)
+    assert counted.pooled.between_sd == pytest.approx(expected.pooled.between_sd)
+    (frequency,) = answers.mechanisms
+    assert (frequency.count, frequency.total) == (1, 11)
+
+
+def test_fleet_without_a_comparison_says_so(tmp_path):
+    assert list_findings(answer(tmp_path, draw(2))) == [
+        "No specimens were compared: fewer than 3 of one type have an estimate of the same number."
+    ]
+
+
 def test_bench_with_a_wrong_gauge_is_named(tmp_path):
     values, benches = draw(24), ["north", "south"] * 12
     values[1::2] = [value + 8 for value in values[1::2]]

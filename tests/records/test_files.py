@@ -5,7 +5,7 @@ import signal
 import pytest
 
 from pamjax.errors import BadInput
-from pamjax.records.files import write_atomically, write_folder_atomically
+from pamjax.records.files import write_atomically, write_folder_atomically, write_results_together
 
 
 def names(folder):
@@ -94,3 +94,28 @@ def test_signal_during_the_renames_is_delayed(tmp_path, monkeypatch, interruptib
     assert names(tmp_path) == ["out"]
     assert is_terminated() == (signal.SIGTERM in numbers)
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+
+
+def test_results_are_written_together_or_not_at_all(tmp_path):
+    out = tmp_path / "a" / "out"
+    with pytest.raises(OSError, match="full"), write_results_together(out) as folder:  # noqa: PT012
+        (folder / "fit.json").write_text("new")
+        raise OSError("the disk is full")
+    assert not out.exists()
+    out.mkdir(parents=True)
+    for name in ("fit.json", "report.html", "notes.txt"):
+        (out / name).write_text("old")
+    with pytest.raises(OSError, match="full"), write_results_together(out) as folder:  # noqa: PT012
+        (folder / "fit.json").write_text("new")
+        raise OSError("the disk is full")
+    # The old report stays beside the old result.
+    assert {path.name: path.read_text() for path in out.iterdir()} == dict.fromkeys(
+        ("fit.json", "report.html", "notes.txt"), "old"
+    )
+    with write_results_together(out) as folder:
+        (folder / "fit.json").write_text("new")
+        (folder / "report.html").write_text("new")
+        assert (out / "fit.json").read_text() == "old"
+    assert {path.name: path.read_text() for path in out.iterdir()} == {
+        "fit.json": "new", "report.html": "new", "notes.txt": "old",
+    }  # fmt: skip

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pamjax.sizing.infeasible import Relaxation, format_shortfall
-from pamjax.sizing.report import format_design_note, format_margin
+from pamjax.sizing.report import format_design_note, format_margin, format_requirement_margin
 from pamjax.sizing.requirements import Requirement
 from tests.agreement import ROUNDING, agree
 
@@ -57,6 +57,15 @@ def test_violation_is_reported_with_its_size(requirement, outputs, margin, short
 def test_met_requirement_is_reported_with_its_margin(requirement, output, margin):
     y = np.full(2, output)
     assert format_margin(float(requirement.compute_margins(y).min()), requirement) == margin
+
+
+@pytest.mark.parametrize(("free", "text"), [(0.35, "margin 15 % contraction"), (0.212, "margin 1.2 % con")])
+def test_margin_of_a_free_contraction_is_a_contraction(free, text):
+    entries = SimpleNamespace(free_contraction=0.2)
+    design = SimpleNamespace(
+        outputs=np.array([51.9]), spec=SimpleNamespace(entries=entries), free_contraction=free
+    )
+    assert format_requirement_margin(design, FREE).startswith(text)
 
 
 def test_output_ratio_inverts_the_margin():

@@ -36,10 +36,11 @@ def test_quantities_include_fittings_allowances_and_all_muscles():
         tube, thread, barbs, clamps = list_parts(build_design(parallel=muscles))
         # Tube: 200 mm, two fittings of 20 mm and 200 mm for tests; bobbin: 210 mm and 200 mm at the ends.
         assert tube.quantity == ("0.5 m" if muscles == 1 else "0.7 m")
-        assert thread.quantity == f"48 bobbins of {'0.5' if muscles == 1 else '0.9'} m"
+        assert thread.quantity == ("19.7 m" if muscles == 1 else "39.4 m")
+        assert f"48 threads of {'0.5' if muscles == 1 else '0.9'} m" in thread.remark
         assert barbs.quantity == clamps.quantity == str(2 * muscles)
-    assert tube.name == "latex tube, 1/4 x 1/32 in"
-    assert barbs.name == "hose barbs for 1/4 in tube"
+    assert tube.name == "latex tube, 6.35 x 0.79 mm (1/4 x 1/32 in)"
+    assert barbs.name == "hose barbs for 6.4 mm (1/4 in) tube"
 
 
 def test_mass_of_the_thread_is_length_times_area_times_density():
@@ -71,6 +72,6 @@ def test_forces_of_the_tests_on_arrival_agree_with_hand_computation():
 
 def test_sleeve_is_named_only_if_one_covers_the_diameters():
     design = build_design()
-    assert "A polyester sleeve of" in format_sleeve(design)
+    assert "A polyester sleeve for" in format_sleeve(design)
     design.output = lambda name: 1.0
     assert format_sleeve(design) == ""

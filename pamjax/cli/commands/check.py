@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pamjax.cli.options import Json
+from pamjax.cli.options import Json, MechanismList
 from pamjax.cli.screen import print_json, print_text
 
 
-def check(cases: list[Path], /, *, law: str | None = None, json: Json = False) -> None:
+def check(
+    cases: list[Path],
+    /,
+    *,
+    law: str | None = None,
+    with_: MechanismList = None,
+    json: Json = False,
+) -> None:
     """Check cases before a fit: their data, and which parameters they determine.
 
     The report lists rows, units, ranges, outliers and blocks. It also lists which parameters the recording
@@ -17,6 +24,7 @@ def check(cases: list[Path], /, *, law: str | None = None, json: Json = False) -
     Args:
         cases: case folders, each with recording.csv and muscle.toml.
         law: thread law; by default that of the case's baseline model.
+        with_: mechanisms to include in the model, as for `pamjax fit`, such as bladder_elasticity.
         json: print one JSON document: an object for one case, a list of objects for several.
     """
     from pamjax.records.case import read_case
@@ -27,7 +35,10 @@ def check(cases: list[Path], /, *, law: str | None = None, json: Json = False) -
     from pamjax.infer.fitting.identifiability import check_identifiability
 
     keep_compiled()
-    summaries = [CaseSummary(case, *check_identifiability(case, law)) for case in parsed_cases]
+    mechanisms = with_ or []
+    summaries = [
+        CaseSummary(case, *check_identifiability(case, law, mechanisms), mechanisms) for case in parsed_cases
+    ]
     if json:
         documents = [summary.as_dict() for summary in summaries]
         print_json(documents[0] if len(documents) == 1 else documents)

@@ -72,6 +72,7 @@ def diagnose(
         from pamjax.compile.jax_cache import keep_compiled
         from pamjax.diagnosis.batch import diagnose_all
         from pamjax.diagnosis.result import save_diagnosis
+        from pamjax.records.files import write_results_together
 
         announce_compilation(keep_compiled(), quiet=json)
         with show_progress(quiet=json) as progress:
@@ -79,12 +80,13 @@ def diagnose(
                 if isinstance(outcome, BadInput):
                     errors.append(_name_case(case.folder, outcome) if len(cases) > 1 else outcome)
                     continue
-                save_diagnosis(outcome, out / case.name)
                 comparison = compare_models(outcome, seed) if beside else None
-                if comparison is not None:
-                    save_comparison(comparison, out / case.name)
-                if report:
-                    _write_report(outcome, comparison, out, seed)
+                with write_results_together(out / case.name) as folder:
+                    save_diagnosis(outcome, folder)
+                    if comparison is not None:
+                        save_comparison(comparison, folder)
+                    if report:
+                        _write_report(outcome, comparison, out, folder, seed)
                 diagnoses.append(outcome)
                 notes.append(_format_note(outcome, comparison))
                 paths += _list_files(outcome, out, comparison is not None, report)
@@ -126,9 +128,12 @@ def _format_note(diagnosis: Diagnosis, comparison: ModelComparison | None) -> st
     )
 
 
-def _write_report(diagnosis: Diagnosis, comparison: ModelComparison | None, out: Path, seed: int) -> None:
+def _write_report(
+    diagnosis: Diagnosis, comparison: ModelComparison | None, out: Path, folder: Path, seed: int
+) -> None:
+    """Write the report to a folder; its command has the output folder `out`."""
     from pamjax.view.reports.diagnosis import write_diagnosis_report
 
     case = diagnosis.problem.case
     words = ["pamjax", "diagnose", str(case.folder), "--out", str(out), "--seed", str(seed)]
-    write_diagnosis_report(diagnosis, out / case.name / REPORT_FILE, shlex.join(words), comparison)
+    write_diagnosis_report(diagnosis, folder / REPORT_FILE, shlex.join(words), comparison)

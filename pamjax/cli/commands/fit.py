@@ -17,6 +17,9 @@ from pamjax.cli.screen import (
     show_progress,
 )
 
+#: Figure of the priors, which a fit without priors does not have.
+PRIOR_FIGURE = "prior.png"
+
 
 def fit(
     cases: list[Path],
@@ -54,6 +57,7 @@ def fit(
     from pamjax.compile.jax_cache import keep_compiled
     from pamjax.infer.fitting.fit import fit as calibrate
     from pamjax.infer.fitting.io import build_fit_document, save
+    from pamjax.records.files import write_results_together
 
     keep_compiled()
     with show_progress(quiet=json) as progress:
@@ -66,18 +70,24 @@ def fit(
             seed=seed,
             progress=progress,
         )
-    paths = save(result, out)
-    if figures:
-        from pamjax.view.figures.fit import save_fit_figures
+    with write_results_together(out) as folder:
+        paths = save(result, folder)
+        if figures:
+            from pamjax.view.figures.fit import save_fit_figures
 
-        paths += save_fit_figures(result, out)
-    if report:
-        from pamjax.view.reports.fit import write_fit_report
+            paths += save_fit_figures(result, folder)
+        if report:
+            from pamjax.view.reports.fit import write_fit_report
 
-        paths.append(write_fit_report(result, out / REPORT_FILE, format_command()))
+            paths.append(write_fit_report(result, folder / REPORT_FILE, format_command()))
+    if figures and not any(path.name == PRIOR_FIGURE for path in paths):
+        # The figure of an earlier fit with priors does not belong to this fit.
+        (out / PRIOR_FIGURE).unlink(missing_ok=True)
+    paths = [out / path.name for path in paths]
     if json:
         print_json(build_fit_document(result))
     else:
         print_text(str(result))
+        print_text(f"results: {out / REPORT_FILE if report else out / 'fit.json'}")
         print_text(f"next: pamjax diagnose {shlex.join(map(str, cases))}")
     print_written_files(paths)

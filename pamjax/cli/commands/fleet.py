@@ -55,8 +55,8 @@ def run(
     """Check, fit and diagnose many recordings in parallel, and collect the results in a store.
 
     The store has a folder for each case and Parquet tables of all of them. The same command continues an
-    interrupted run. Needs the optional packages: pip install 'pamjax[fleet]'. `pamjax fleet status STORE`
-    prints the state, and `pamjax fleet report STORE` writes a report about the specimens.
+    interrupted run. `pip install -e '.[fleet]'` in the clone adds the packages that it needs. `pamjax fleet
+    status STORE` prints the state, and `pamjax fleet report STORE` writes a report about the specimens.
 
     Args:
         sources: a FLEET.toml, a folder of case folders, or case folders and patterns.

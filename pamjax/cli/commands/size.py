@@ -52,17 +52,25 @@ def size(
     from pamjax.compile.jax_cache import keep_compiled
 
     keep_compiled()
+    from pamjax.records.case import MUSCLE_FILE
+    from pamjax.records.files import write_results_together
     from pamjax.sizing.io import build_design_document, save_design
     from pamjax.sizing.size import size as choose
 
     with show_progress(quiet=json) as progress:
         design = choose(spec, starts=starts, method=method, seed=seed, stock=stock, progress=progress)
-    paths = save_design(design, out)
-    if report:
-        from pamjax.view.figures.sizing import save_design_figures
-        from pamjax.view.reports.sizing import write_design_report
+    with write_results_together(out) as folder:
+        paths = save_design(design, folder)
+        if report:
+            from pamjax.view.figures.sizing import save_design_figures
+            from pamjax.view.reports.sizing import write_design_report
 
-        paths += save_design_figures(design, out)
-        paths.append(write_design_report(design, out / REPORT_FILE, format_command()))
+            paths += save_design_figures(design, folder)
+            paths.append(write_design_report(design, folder / REPORT_FILE, format_command()))
+    paths = [out / path.relative_to(folder) for path in paths]
+    if not design.feasible:
+        # The muscle of an earlier, feasible spec does not belong to this design.
+        for name in ("model.json", f"muscle/{MUSCLE_FILE}"):
+            (out / name).unlink(missing_ok=True)
     print_json(build_design_document(design)) if json else print_text(str(design))
     print_written_files(paths)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,17 +26,20 @@ class CaseSummary:
         case: the recording and its muscle.toml.
         parameters: identifiability of each parameter.
         sentences: the same in words.
+        mechanisms: ids of the mechanisms in the model.
     """
 
     case: Case
     parameters: list[ParameterIdentifiability]
     sentences: list[str]
+    mechanisms: Sequence[str] = ()
 
     def __str__(self) -> str:
         # The text of the case includes the outliers.
         lines = [str(self.case), f"  {self._format_blocks()}", ""]
-        lines += [f"  {self._format_parameter(d)}" for d in self.parameters]
-        notes = describe_unused_bladder(self.case.entry, ())
+        width = max((len(d.name) for d in self.parameters), default=0)
+        lines += [f"  {self._format_parameter(d, max(width, 22))}" for d in self.parameters]
+        notes = describe_unused_bladder(self.case.entry, self.mechanisms)
         return "\n".join([*lines, "", *self.sentences, *notes, "The case can be fitted."])
 
     def as_dict(self) -> dict[str, Any]:
@@ -62,12 +66,12 @@ class CaseSummary:
             f" for cross-validation{tail}"
         )
 
-    def _format_parameter(self, d: ParameterIdentifiability) -> str:
+    def _format_parameter(self, d: ParameterIdentifiability, width: int) -> str:
         unit = find_meaning(d.name).show
         before = f"± {format_quantity(d.prior_sd, unit, 2)}" if math.isfinite(d.prior_sd) else "unknown"
         after = f"± {format_quantity(d.expected_sd, unit, 2)}" if np.isfinite(d.expected_sd) else "unknown"
         kind = classify_sd_ratio(d.sd_ratio)
-        return f"{d.name:<22} {before:>14} prior, {after:>14} expected after a fit: {kind}"
+        return f"{d.name:<{width}} {before:>14} prior, {after:>14} expected after a fit: {kind}"
 
     def _build_row(self, d: ParameterIdentifiability) -> dict[str, Any]:
         unit = find_meaning(d.name).show

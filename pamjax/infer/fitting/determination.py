@@ -11,6 +11,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
+
+from pamjax.parameter import Meaning
+
 DETERMINED = "determined by the data"
 MOSTLY_PRIOR = "mostly from the prior"
 NOT_DETERMINED = "not determined by the data"
@@ -19,6 +24,41 @@ NOT_DETERMINED = "not determined by the data"
 MAX_SD_RATIO_DETERMINED = 0.5
 #: With a larger fraction, the posterior equals the prior.
 MAX_SD_RATIO_INFORMED = 0.95
+
+
+#: Prior sd of a range without a stated sd, over the range.
+SD_OF_UNIFORM = 1 / math.sqrt(12)
+
+
+def compute_prior_scale(prior_sd: float, value: float, meaning: Meaning) -> float:
+    """Return the sd of a prior, SI; for a uniform prior, that of its range.
+
+    Args:
+        prior_sd: sd of the prior, SI; infinite for a uniform prior.
+        value: the parameter, SI; a logarithmic range has relative steps.
+        meaning: its limits and scale.
+    """
+    if math.isfinite(prior_sd):
+        return prior_sd
+    if meaning.scale == "log":
+        return value * math.log(meaning.high / meaning.low) * SD_OF_UNIFORM
+    return (meaning.high - meaning.low) * SD_OF_UNIFORM
+
+
+def describe_row_shortage(sample_count: int, prior_sds: Iterable[float]) -> str | None:
+    """Return a warning if the samples are fewer than the parameters that only they determine.
+
+    Args:
+        sample_count: number of informative samples.
+        prior_sds: sds of the priors; a parameter with an infinite one has no prior.
+    """
+    count = sum(math.isinf(sd) for sd in prior_sds)
+    if count <= sample_count:
+        return None
+    return (
+        f"The recording must determine {count} parameters without a stated value, and has only"
+        f" {sample_count} samples that depend on them: measure more rows, or use fewer mechanisms."
+    )
 
 
 def classify_sd_ratio(sd_ratio: float) -> str:

@@ -104,17 +104,17 @@ def fit(
         add_whitening(c, build_dataset(c, law, space, r, mechanisms))
         for c, r in zip(cases, renames, strict=True)
     )
-    progress("first fit", 0.0)
+    progress("fit, step 1 of 4: first fit", 0.0)
     solution = solve_least_squares(datasets, space, jnp.zeros(space.size), loss)
     for k in range(MAX_REWEIGHTINGS):
-        progress("estimating the noise", 0.3 + 0.2 * k / MAX_REWEIGHTINGS)
+        progress("fit, step 2 of 4: noise", 0.3 + 0.2 * k / MAX_REWEIGHTINGS)
         previous = datasets
         datasets, _ = reweight_datasets(cases, datasets, space, solution, loss)
         # With the starting weights, a misfit can drive a parameter to its bound.
         solution = solve_least_squares(datasets, space, space.move_inside_bounds(solution.u), loss)
         if k and _have_weights_converged(previous, datasets):
             break
-    progress("other starts", 0.5)
+    progress("fit, step 3 of 4: other starts", 0.5)
     agreeing, best = _run_other_starts(datasets, space, solution, loss, starts, seed)
     if best is not solution:
         # The weights belong to the first solution.
@@ -124,7 +124,7 @@ def fit(
     blocks_of_cases = [find_blocks(case.recording) for case in cases]
     folds, predictions = cross_validate(
         cases, datasets, blocks_of_cases, fixed_space, solution, loss, fold_count, seed,
-        lambda fraction: progress("cross-validation", 0.6 + 0.4 * fraction),
+        lambda fraction: progress("fit, step 4 of 4: cross-validation", 0.6 + 0.4 * fraction),
     )  # fmt: skip
     _, noise = reweight_datasets(cases, datasets, space, solution, loss)
     at_limit = {*space.find_names_at_bound(solution.u), *_find_fixed_names(space, fixed_space)}

@@ -8,7 +8,7 @@ a small eigenvalue; a sentence gives the joint change that is not detectable.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,19 +18,23 @@ import numpy as np
 from pamjax.infer.fitting.determination import (
     DETERMINED,
     MAX_SD_RATIO_DETERMINED,
+    NOT_DETERMINED,
     classify_sd_ratio,
+    compute_prior_scale,
+    describe_row_shortage,
 )
 from pamjax.infer.fitting.fit import build_joint_space, compute_sd_and_correlation, reweight_datasets
 from pamjax.infer.fitting.least_squares import linearise_problem
-from pamjax.infer.problem.dataset import build_dataset
+from pamjax.infer.problem.dataset import build_dataset, count_informative_samples
 from pamjax.infer.problem.parameter_space import ParameterSpace
-from pamjax.infer.problem.priors import is_length_error
+from pamjax.infer.problem.priors import is_length_error, list_free_parameters
+from pamjax.model.assembly import resolve_bench_law
 from pamjax.model.parameters import find_meaning
+from pamjax.model.registry import check_exclusive_pairs
+from pamjax.parameter import Meaning
 from pamjax.records.case import Case, ensure_case
 from pamjax.units import format_quantity
 
-#: Relative sd of a parameter without a stated sd, in place of a prior sd.
-RELATIVE_SD_WITHOUT_PRIOR = 0.3
 #: Parameters with a smaller component in a combination are not named.
 MIN_NAMED_COMPONENT = 0.3
 
@@ -58,7 +62,7 @@ class ParameterIdentifiability:
 
 
 def check_identifiability(
-    case: Case | str | Path, law: str | None = None
+    case: Case | str | Path, law: str | None = None, mechanisms: Sequence[str] = ()
 ) -> tuple[list[ParameterIdentifiability], list[str]]:
     """Return the expected identifiability of each parameter, without a fit.
 
@@ -68,6 +72,7 @@ def check_identifiability(
     Args:
         case: the recording and its muscle.toml, or their folder.
         law: thread law; None takes the case's baseline.
+        mechanisms: ids of mechanisms in addition to the threads, as for a fit.
 
     Returns:
         one entry for each parameter with its sd before and after a fit, SI; and sentences.
@@ -77,14 +82,18 @@ def check_identifiability(
     """
     case = ensure_case(case)
     law = law or case.entry.baseline
-    space, (rename,) = build_joint_space([case], law, ())
-    datasets = (build_dataset(case, law, space, rename),)
+    if mechanisms:
+        check_exclusive_pairs(mechanisms)
+        law = resolve_bench_law(law, mechanisms)
+    space, (rename,) = build_joint_space([case], law, (), mechanisms)
+    datasets = (build_dataset(case, law, space, rename, mechanisms),)
     start = jnp.zeros(space.size)
     datasets, _ = reweight_datasets(
         [case], datasets, space, linearise_problem(datasets, space, start), trust_sensors=True
     )
     solution = linearise_problem(datasets, space, start)
-    scale = _compute_prior_scale(space)
+    parameters = list_free_parameters(case, law, mechanisms)
+    scale = _compute_prior_scales(space, {p.name: p.meaning for p in parameters})
     sd, _ = compute_sd_and_correlation(solution)
     results = [
         ParameterIdentifiability(name, float(space.sd[k]), float(sd[k]), float(sd[k] / scale[k]))
@@ -94,13 +103,15 @@ def check_identifiability(
     slope = np.asarray(solution.slope)
     information = np.asarray(solution.information) / np.outer(slope, slope)
     combinations = find_undetermined_combinations(space.names, information, scale)
-    return results, _format_sentences(results, combinations)
+    return results, _format_sentences(case, results, combinations)
 
 
-def _compute_prior_scale(space: ParameterSpace) -> np.ndarray:
-    """Return the scale of each parameter: its prior sd, or a fraction of its value; (p,), SI."""
-    sd, mean = np.asarray(space.sd), np.asarray(space.mean)
-    return np.where(np.isfinite(sd), sd, RELATIVE_SD_WITHOUT_PRIOR * np.abs(mean))
+def _compute_prior_scales(space: ParameterSpace, meanings: Mapping[str, Meaning]) -> np.ndarray:
+    """Return the scale of each parameter, (p,), SI: as a fit of the stated values has it."""
+    values = zip(space.names, np.asarray(space.sd), np.asarray(space.mean), strict=True)
+    return np.array(
+        [compute_prior_scale(float(sd), float(mean), meanings[name]) for name, sd, mean in values]
+    )
 
 
 def find_undetermined_combinations(
@@ -138,23 +149,29 @@ def _marginalise_length_errors(information: np.ndarray, is_own: np.ndarray) -> n
 
 
 def _format_sentences(
-    results: Sequence[ParameterIdentifiability], combinations: Sequence[dict[str, float]]
+    case: Case, results: Sequence[ParameterIdentifiability], combinations: Sequence[dict[str, float]]
 ) -> list[str]:
+    kinds = {d.name: classify_sd_ratio(d.sd_ratio) for d in results}
     sentences = []
     names = [f"`{d.name}`" for d in results if d.is_determined]
     if names:
         sentences.append(f"This recording can determine {format_list(names)}, if the model is right.")
-    return sentences + [format_combination(changes) for changes in combinations]
+    sentences += [format_combination(changes, kinds) for changes in combinations]
+    shortage = describe_row_shortage(count_informative_samples(case), [d.prior_sd for d in results])
+    return [*sentences, shortage] if shortage else sentences
 
 
-def format_combination(changes: dict[str, float]) -> str:
+def format_combination(changes: dict[str, float], kinds: Mapping[str, str] | None = None) -> str:
     """Return a sentence on one combination that the data do not determine.
 
     Args:
         changes: change of each parameter, SI.
+        kinds: how well the data determine each parameter, from `classify_sd_ratio`, if known.
     """
     if len(changes) == 1:
         (name,) = changes
+        if (kinds or {}).get(name) == NOT_DETERMINED:
+            return f"This recording does not determine `{name}`: a fit returns its prior."
         return (
             f"This recording reduces the sd of `{name}` by less than half:"
             " its estimate comes mostly from the prior."

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT, to_display
-from pamjax.infer.fitting.determination import describe_sd_ratio
+from pamjax.infer.fitting.determination import describe_row_shortage, describe_sd_ratio
+from pamjax.infer.fitting.impossible_lengths import describe_impossible_lengths
 from pamjax.infer.noise.sensor_noise import ChannelNoise
+from pamjax.infer.problem.dataset import count_informative_samples
 from pamjax.infer.problem.priors import is_length_error
 from pamjax.records.reading.muscle_toml import describe_unused_bladder
 from pamjax.units import compute_si_factor
@@ -38,7 +40,15 @@ def format_fit_note(fit: Fit) -> str:
         lines += ["", *_format_case(case_fit, len(fit.cases) > 1)]
         unused_entries = describe_unused_bladder(case_fit.case.entry, fit.mechanisms)
         lines += [f"  note: {note}" for note in unused_entries]
+    if shortage := describe_fit_shortage(fit):
+        lines += ["", f"  note: {shortage}"]
     return "\n".join([*lines, "", *format_minimiser_state(fit)])
+
+
+def describe_fit_shortage(fit: Fit) -> str | None:
+    """Return a warning if all cases have fewer samples than parameters that only they determine."""
+    samples = sum(count_informative_samples(case_fit.case) for case_fit in fit.cases)
+    return describe_row_shortage(samples, [e.prior_sd for e in fit.estimates.values()])
 
 
 def format_estimate(value: float, sd: float | None, unit: str) -> str:
@@ -185,6 +195,12 @@ def format_misfit(channel: str, rmse: float, noise: ChannelNoise) -> str:
     """
     if noise.neighbour_sd is None:
         return f"misfit is {noise.excess:.1f} times the noise: the model lacks a mechanism"
+    if not noise.stated:
+        # The line above has the only estimate of the noise; a second one would contradict it.
+        return (
+            f"{channel} is missed by {format_channel_value(rmse, channel)}, {rmse / noise.sd:.1f} times its"
+            " noise: the model may lack a mechanism; run `pamjax diagnose`"
+        )
     rmse_text, difference_text = (
         format_channel_value(value, channel) for value in (rmse, noise.neighbour_sd)
     )
@@ -203,7 +219,9 @@ def format_remarks(case_fit: CaseFit) -> Iterator[str]:
     """Return lines on held-out blocks, failed rows, outliers and warnings."""
     yield _format_held_out(case_fit)
     for status, rows in case_fit.failed_rows.items():
-        yield f"{len(rows)} rows failed, {status.message} (rows {_format_rows(rows)})"
+        yield f"{len(rows)} rows failed, {status.message} (lines {_format_rows(rows)} of the file)"
+    if lengths := describe_impossible_lengths(case_fit):
+        yield f"note: {lengths}"
     yield from map(str, case_fit.case.recording.outliers)
     yield from (f"note: {warning}" for warning in case_fit.case.warnings)
 
@@ -216,7 +234,8 @@ def _format_held_out(case_fit: CaseFit) -> str:
     if case_fit.held_out is None:
         return "no cross-validation: the recording has only one block"
     folds = case_fit.held_out.folds
-    text = "cross-validation folds: " + " | ".join("; ".join(fold) for fold in folds)
+    lines = ", by line of the file" if case_fit.held_out.kind == "rows" else ""
+    text = f"cross-validation folds{lines}: " + " | ".join("; ".join(fold) for fold in folds)
     if len(text) < 200:
         return text
     return f"cross-validation: {sum(map(len, folds))} {case_fit.held_out.kind} in {len(folds)} folds"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pamjax.errors import suggest_word
-from pamjax.infer.fitting.determination import DETERMINED, classify_sd_ratio
+from pamjax.infer.fitting.determination import DETERMINED, classify_sd_ratio, compute_prior_scale
 from pamjax.infer.fitting.least_squares import Loss, Solution
 from pamjax.infer.noise.sensor_noise import ChannelNoise
 from pamjax.infer.problem.dataset import Dataset
@@ -59,7 +59,8 @@ class Estimate:
     @property
     def sd_ratio(self) -> float:
         """Return the sd over the sd of the prior, 0 to 1; 1 if the fit has no sd."""
-        return 1.0 if self.sd is None else min(self.sd / self._effective_prior_sd, 1.0)
+        scale = compute_prior_scale(self.prior_sd, self.value, self.meaning)
+        return 1.0 if self.sd is None else min(self.sd / scale, 1.0)
 
     @property
     def is_inside_bounds(self) -> bool:
@@ -73,20 +74,6 @@ class Estimate:
     def is_determined(self) -> bool:
         """Return whether the recording reduces the prior sd by at least half."""
         return classify_sd_ratio(self.sd_ratio) == DETERMINED
-
-    @property
-    def _effective_prior_sd(self) -> float:
-        """Return the prior's sd, SI; for a uniform prior, that of the range."""
-        meaning = self.meaning
-        if math.isfinite(self.prior_sd):
-            return self.prior_sd
-        # A logarithmic scale has relative steps.
-        value_range = (
-            self.value * math.log(meaning.high / meaning.low)
-            if meaning.scale == "log"
-            else meaning.high - meaning.low
-        )
-        return value_range / math.sqrt(12)
 
 
 @dataclass(frozen=True)

@@ -64,7 +64,7 @@ def _import_blackjax() -> Any:
     try:
         import blackjax
     except ImportError as error:
-        remedy = "Install it with `pip install 'pamjax[nuts]'`."
+        remedy = "Run `pip install -e '.[nuts]'` in the folder of the clone of pamjax."
         raise refuse("the sampler nuts needs blackjax", "no such package", "", remedy) from error
     return blackjax
 

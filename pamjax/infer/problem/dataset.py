@@ -255,6 +255,11 @@ def find_informative_samples(case: Case, channel: str) -> np.ndarray:
     return informative & (case.recording.pressure > MIN_PRESSURE_SD * (case.entry.sensors.pressure or 0.0))
 
 
+def count_informative_samples(case: Case) -> int:
+    """Return the number of informative samples of all channels that a model predicts."""
+    return sum(int(find_informative_samples(case, c).sum()) for c in case.recording.model_channels)
+
+
 def compute_padded_size(n: int) -> int:
     """Return the number of rows with padding: a power of two up to 512, then a multiple of 512."""
     return max(8, 1 << (n - 1).bit_length()) if n <= 512 else 512 * math.ceil(n / 512)

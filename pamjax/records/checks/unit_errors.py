@@ -48,6 +48,9 @@ CONFUSED_UNITS = {
 #: Pa: atmospheric pressure; maximum distance from it of a vented reading, and of the pressure at zero force.
 ATMOSPHERIC_PRESSURE, MAX_VENT_OFFSET, MAX_START_OFFSET = 101.3e3, 4e3, 10e3
 
+#: Forces below this number of standard deviations of their noise are those of a slack muscle.
+MAX_SLACK_SD = 4.0
+
 
 def check_units(recording: Recording, entry: MuscleToml, units: dict[str, str], file: str) -> list[str]:
     """Return warnings about unusual values; refuse a recording with implausible units.
@@ -70,8 +73,27 @@ def check_units(recording: Recording, entry: MuscleToml, units: dict[str, str], 
     if recording.measures_length:
         # A set force does not depend on the pressure.
         return warnings
+    _check_pull(recording, entry, column_units, file)
     warnings += _check_force(recording, entry, column_units, file)
     return warnings + _check_gauge(recording, entry, file)
+
+
+def _check_pull(recording: Recording, entry: MuscleToml, column_units: dict[str, str], file: str) -> None:
+    """Refuse a recording without diameters whose forces are all noise: a slack muscle has no information."""
+    noise = entry.sensors.force
+    force = recording.force[recording.usable & np.isfinite(recording.force)]
+    if noise is None or not force.size or np.isfinite(recording.diameter).any():
+        return
+    largest = float(np.max(np.abs(force)))
+    if largest > MAX_SLACK_SD * noise:
+        return
+    unit = column_units["force"]
+    rule = (
+        f"`force` of at least one row must exceed its noise ({format_quantity(noise, unit)}) by a factor of"
+        f" {MAX_SLACK_SD:g}"
+    )
+    remedy = "The muscle is slack in every row: measure at a larger length or pressure."
+    raise refuse(rule, f"at most {format_quantity(largest, unit, 3)}", file, remedy)
 
 
 def _check_length(

@@ -155,7 +155,11 @@ def _check_required(
             "length", titles, file, " For a fixed length, state `length` in [muscle] of muscle.toml."
         )
     if not measures_length and "force" not in columns and "diameter" not in columns:
-        raise _build_missing_error("force", titles, file, " A recording must have force, diameter, or both.")
+        hint = (
+            " A recording must have force, diameter, or both. If the length was measured at a set force,"
+            ' write [test] measured = "length" in muscle.toml.'
+        )
+        raise _build_missing_error("force", titles, file, hint)
 
 
 def _build_missing_error(name: str, titles: Sequence[str], file: str, hint: str = "") -> BadInput:

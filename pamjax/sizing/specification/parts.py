@@ -42,6 +42,13 @@ class Tube:
     def outer_diameter(self) -> float:
         return self.inner_diameter + 2 * self.wall
 
+    @property
+    def metric_size(self) -> str:
+        """Return inner diameter and wall in mm, with the trade size in brackets if it is in inches."""
+        if not self.size.endswith(" in"):
+            return self.size
+        return f"{1e3 * self.inner_diameter:.3g} x {1e3 * self.wall:.2g} mm ({self.size})"
+
 
 @dataclass(frozen=True)
 class Sleeve:
@@ -121,7 +128,9 @@ def find_sleeve(thread: str, low: float, high: float) -> Sleeve | None:
 
 
 def find_barb(inner_diameter: float) -> str | None:
-    """Return the size of the hose barb for a tube, or None if it needs a turned one.
+    """Return the size of the hose barb for a tube in mm, or None if it needs a turned one.
+
+    A trade size in inches follows in brackets.
 
     The barb is at least as wide as the bore, because a narrower one does not seal.
     """
@@ -131,7 +140,8 @@ def find_barb(inner_diameter: float) -> str | None:
         for size, diameter in sizes.items()
         if 0.98 <= diameter / inner_diameter <= MAX_BARB_RATIO
     }
-    return min(wide, key=lambda size: wide[size], default=None)
+    size = min(wide, key=lambda size: wide[size], default=None)
+    return f"{1e3 * wide[size]:.3g} mm ({size})" if size and size.endswith(" in") else size
 
 
 @cache

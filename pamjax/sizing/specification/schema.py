@@ -14,6 +14,8 @@ from pamjax.units import parse_number
 
 Objective = Literal["diameter", "mass", "air", "pressure", "cost", "length"]
 OBJECTIVES: tuple[str, ...] = get_args(Objective)
+#: Other words for an objective, for messages.
+OBJECTIVE_SYNONYMS = {"weight": "mass", "price": "cost", "volume": "air", "width": "diameter"}
 
 #: Required probability that all requirements hold together, if the spec states none.
 DEFAULT_PROBABILITY = 0.9
@@ -323,7 +325,7 @@ def _translate_error(error: ValidationError, file: str) -> BadInput:
             f"`{path[-1]}` must be one of {', '.join(OBJECTIVES)}",
             f"{first['input']!r}",
             where,
-            suggest_word(str(first["input"]), OBJECTIVES),
+            suggest_word(OBJECTIVE_SYNONYMS.get(str(first["input"]), str(first["input"])), OBJECTIVES),
         )
     if first["type"] == "tuple_type" and path[-1] in ("force", "thread", "bladder"):
         rule = f"each `{path[-1]}` must be a table of its own"

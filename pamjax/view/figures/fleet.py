@@ -9,6 +9,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from pamjax.fleet.answers import DAYS_PER_YEAR, FleetAnswers, NumberDistribution
 from pamjax.fleet.fleet import Fleet
@@ -184,6 +185,8 @@ def plot_control_chart(distribution: NumberDistribution, narrow: bool = False) -
             locator = AutoDateLocator(minticks=3, maxticks=7)
             panel.xaxis.set_major_locator(locator)
             panel.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+        else:
+            panel.xaxis.set_major_locator(MaxNLocator(integer=True))
         panel.set_ylabel(_label_axis(distribution))
         title = f"{outside} of {len(x)} specimens are outside the limits of {name_distribution(distribution)}"
         panel.set_title(_wrap(title, narrow))

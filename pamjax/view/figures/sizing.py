@@ -142,7 +142,9 @@ def _plot_points(panel: Axes, design: Design) -> None:
         panel.plot(x[stroke], loads[stroke], "-", color=OKABE_ITO["vermilion"], lw=1.6, gid="load")
     panel.vlines(x[rows], loads[rows], forces[rows], color=OKABE_ITO["black"], lw=0.8, gid="margin")
     panel.plot(x[rows], forces[rows], "o", color=OKABE_ITO["black"], ms=3.5, gid="available")
-    panel.plot(x[rows], loads[rows], "o", color=OKABE_ITO["vermilion"], mfc="none", ms=6, gid="required")
+    # A required force of zero is on the axis: without clipping, its whole circle is visible.
+    style = {"color": OKABE_ITO["vermilion"], "mfc": "none", "ms": 6, "clip_on": False, "zorder": 5}
+    panel.plot(x[rows], loads[rows], "o", gid="required", **style)
 
 
 def format_shortfall_title(design: Design) -> str:

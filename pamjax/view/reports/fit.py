@@ -15,6 +15,7 @@ from pamjax.infer.fitting.determination import (
     classify_sd_ratio,
 )
 from pamjax.infer.fitting.report import (
+    describe_fit_shortage,
     describe_origin,
     exceeds_noise,
     format_channel_value,
@@ -71,6 +72,7 @@ def write_fit_report(fit: Fit, path: str | Path, command: str = "pamjax fit") ->
             for n, estimate in estimates.items()
         ],
         correlations=[capitalise_sentence(line.strip()) for line in format_correlations(fit)],
+        prediction_caption=_format_prediction_caption(fit.cases[0]),
         prior=draw_picture(partial(figures.plot_prior, fit), "prior"),
         prior_caption=_format_prior_caption(fit, estimates),
         has_misfit=_has_misfit(fit),
@@ -209,6 +211,12 @@ def _format_range(low: float, high: float, unit: str) -> str:
     return first if first == last else f"{first} to {last}"
 
 
+def _format_prediction_caption(case_fit: CaseFit) -> str:
+    """Return the caption of the figure of the predictions, with the marks that it has."""
+    mark = "Lines" if build_layout(case_fit.case).is_connected else "Crosses"
+    return f"Points: measured values. {mark}: fitted model."
+
+
 def _format_prior_caption(fit: Fit, estimates: dict[str, Estimate]) -> str:
     """Return the caption of the figure of the priors."""
     names_without_prior = [name for name in estimates if name not in figures.select_with_prior(fit)]
@@ -253,6 +261,8 @@ def _format_noise_source(case_fit: CaseFit, channel: str) -> str:
 def _list_assumptions(fit: Fit) -> Iterator[str]:
     yield f"The model is a braid of {format_model(fit)}. It includes no other mechanism of the library."
     yield from map(_format_sentence, format_minimiser_state(fit))
+    if shortage := describe_fit_shortage(fit):
+        yield _format_sentence(shortage)
     for case_fit in fit.cases:
         name = case_fit.case.name if len(fit.cases) > 1 else ""
         if fit.mechanisms:

@@ -85,6 +85,7 @@ def write_fleet_report(fleet: Fleet, answers: FleetAnswers, path: Path, command:
             for frequency in answers.mechanisms
         ],
         cases=_build_case_rows(fleet, answers),
+        dash_note=_format_dash_note(fleet),
         hidden_cases=max(len(fleet.cases) - MAX_TABLE_CASES, 0),
         failed=[LinkedRow(row["case"], "", [row["state"], row["reason"]]) for row in failed],
         inputs=_describe_settings(fleet),
@@ -155,6 +156,14 @@ def _build_case_rows(fleet: Fleet, answers: FleetAnswers) -> list[LinkedRow]:
     if len(rows) > MAX_TABLE_CASES:
         rows = sorted(rows, key=lambda row: row.name not in deviations)[:MAX_TABLE_CASES]
     return rows
+
+
+def _format_dash_note(fleet: Fleet) -> str:
+    """Return the meaning of a dash in the table of the cases."""
+    note = "A dash means: not stated, or none."
+    if "diagnose" in fleet.settings["stages"]:
+        return note
+    return f"{note} No diagnosis ran, so that mechanisms and unexplained misfit are not known."
 
 
 def _list_deviations(answers: FleetAnswers) -> dict[str, list[str]]:

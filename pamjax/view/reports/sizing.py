@@ -9,12 +9,11 @@ from pathlib import Path
 
 from pamjax.sizing.problem import OBJECTIVE_UNITS
 from pamjax.sizing.report import (
-    TIGHT_MARGIN,
     format_joint_conflict,
-    format_margin,
     format_objective,
     format_probability,
     format_probability_value,
+    format_requirement_margin,
     format_slope,
 )
 from pamjax.sizing.result import Design
@@ -185,10 +184,8 @@ def _list_muscle_rows(design: Design) -> list[list[str]]:
 
 
 def _build_margin_row(design: Design, requirement) -> list[str]:
-    margin = float(requirement.compute_margins(design.outputs).min())
     probability = design.requirement_probabilities.get(requirement.key)
-    is_active = abs(margin) < TIGHT_MARGIN
-    margin_text = "exactly met" if is_active else format_margin(margin, requirement).removeprefix("margin ")
+    margin_text = format_requirement_margin(design, requirement).removeprefix("margin ")
     probability_cell = [] if probability is None else [format_probability_value(probability)]
     return [
         requirement.description,

@@ -77,6 +77,14 @@ def test_chosen_muscle_can_be_simulated(tmp_path, capsys):
     assert json.loads((tmp_path / "no" / "design.json").read_text())["would_have_to_give"]
 
 
+def test_folder_and_other_words_are_refused_with_a_remedy(tmp_path, capsys):
+    assert main(["size", str(tmp_path)]) == 2
+    assert "must be a file; got a folder. Name the file in it." in capsys.readouterr().err
+    (tmp_path / "spec.toml").write_text('minimise = "weight"\n[supply]\npressure = "4 bar"\n')
+    assert main(["size", str(tmp_path / "spec.toml")]) == 2
+    assert "Did you mean `mass`?" in capsys.readouterr().err
+
+
 def test_invalid_spec_gives_one_error_line(tmp_path, capsys):
     (tmp_path / "spec.toml").write_text(SPEC.format(force="200 kg"))
     assert main(["size", str(tmp_path / "spec.toml"), "--out", str(tmp_path / "out")]) == 2

@@ -9,11 +9,23 @@ import pytest
 from pamjax.infer.fitting.case_summary import CaseSummary
 from pamjax.infer.fitting.fit import fit
 from pamjax.infer.fitting.identifiability import check_identifiability
+from pamjax.infer.fitting.result import Estimate
+from pamjax.infer.problem.priors import list_free_parameters
 from pamjax.model.assembly import assemble
 from pamjax.model.muscle import predict
+from pamjax.model.parameters import find_meaning
+from pamjax.records.dataframe import case_from
 from pamjax.records.protocol import Protocol
 from pamjax.records.reading.muscle_toml import Sensors
 from tests.infer.made import TRUE, made
+
+MUSCLE = {
+    "muscle": {
+        "rest_length": "235.7 mm",
+        "thread_length": {"value": "251.2 mm", "sd": "0.8 mm"},
+        "turns": {"value": 1.09, "sd": 0.005},
+    }
+}
 
 #: As the paper's Table 1: diameters at one length, five pressures.
 TABLE = Protocol(
@@ -41,10 +53,34 @@ def test_diameters_at_one_length_do_not_determine_turns():
         "muscle.turns": False,
         "thread.modulus": True,
     }
-    assert sentences[-1] == (
-        "This recording reduces the sd of `muscle.turns` by less than half:"
-        " its estimate comes mostly from the prior."
-    )
+    assert sentences[-1] == ("This recording does not determine `muscle.turns`: a fit returns its prior.")
+
+
+def test_table_and_sentences_of_check_agree():
+    case = made(**DIAMETERS)
+    summary = str(CaseSummary(case, *check_identifiability(case)))
+    assert "not determined by the data" in summary
+    assert "mostly from the prior" not in summary
+
+
+def test_check_and_fit_have_one_scale_without_a_prior():
+    meaning = find_meaning("thread.stiffness")
+    estimate = Estimate(value=1e5, sd=1e4, prior=1e5, prior_sd=np.inf, meaning=meaning, at_limit=False)
+    entry = {**MUSCLE, "baseline": {"model": "elastic"}}
+    case = case_from(made().recording.to_frame(), entry, name="unstated")
+    (stiffness,) = (d for d in check_identifiability(case)[0] if d.name == "thread.stiffness")
+    stated = {p.name: p.start for p in list_free_parameters(case, "elastic")}["thread.stiffness"]
+    ratio = stiffness.expected_sd / stiffness.sd_ratio / stated
+    assert ratio == pytest.approx(estimate.sd / estimate.sd_ratio / estimate.value)
+
+
+def test_fewer_rows_than_unknown_parameters_are_reported():
+    frame = made().recording.to_frame()
+    few, many = (case_from(frame[:rows], MUSCLE, name="few") for rows in (3, len(frame)))
+    friction = ("braid_friction",)
+    assert "measure more rows, or use fewer mechanisms" in check_identifiability(few, None, friction)[1][-1]
+    assert "measure more rows" not in " ".join(check_identifiability(many, None, friction)[1])
+    assert "measure more rows" not in " ".join(check_identifiability(few)[1])
 
 
 @pytest.mark.slow

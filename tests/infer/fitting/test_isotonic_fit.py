@@ -1,5 +1,8 @@
 """Fits of a free contraction: a simulated recording with known parameters, in length."""
 
+import dataclasses
+import re
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -79,6 +82,17 @@ def test_known_parameters_are_recovered(fitted):
         estimate = fitted.estimates[name]
         assert abs(estimate.value - TRUE[name]) < RECOVERED * estimate.sd, name
     assert fitted.estimates["bladder_elasticity.modulus"].is_determined
+
+
+def test_impossible_lengths_are_reported(fitted):
+    assert "impossible" not in str(fitted)
+    (case_fit,) = fitted.cases
+    held_out = case_fit.held_out_prediction["length"].copy()
+    row = np.flatnonzero(find_informative_samples(case_fit.case, "length"))[0]
+    held_out[row] = 26.7
+    case_fit = dataclasses.replace(case_fit, held_out_prediction={"length": held_out})
+    note = str(dataclasses.replace(fitted, cases=(case_fit,)))
+    assert re.search(r"note: 1 of \d+ predicted held-out lengths are impossible", note)
 
 
 @pytest.mark.slow

@@ -65,7 +65,10 @@ def test_noise_is_that_of_neighbours_and_not_the_misfit():
     assert noise.excess > 3
     note = str(fitted)
     assert "force is missed by" in note
-    assert "while neighbouring samples differ by" in note
+    rmse = fitted.cases[0].rmse["force"]
+    # One estimate of the noise: the difference of neighbouring samples would be a second one.
+    assert f"{rmse / noise.sd:.1f} times its noise" in note
+    assert "samples differ by" not in note
     assert "the model may lack a mechanism; run `pamjax diagnose`" in note
     assert "neighbouring samples (no sensor stated)" in note
 

@@ -30,3 +30,17 @@ def test_psi_under_a_bar_header_is_refused_without_rows_near_rest(header):
         message = str(error)
     assert ("pressure in psi under a header of bar" in message) == (header == "bar")
     assert bool(message) == (header == "bar")
+
+
+@pytest.mark.parametrize("pull", [0.0, 20.0])
+def test_only_slack_rows_are_refused(pull):
+    noise = 2.0 * np.sin(np.arange(40.0))
+    text = "pressure [kPa],length [mm],force [N]\n" + "".join(
+        f"{20 + 0.1 * k:.1f},150,{value + pull:.3f}\n" for k, value in enumerate(noise)
+    )
+    toml = (MUSCLE + '[sensors]\nforce = "2 N"\n').encode()
+    if pull:
+        assert build_case(toml, text.encode(), Path("case"), "carry", "relaxed").recording.n == 40
+        return
+    with pytest.raises(BadInput, match="`force` of at least one row must exceed its noise"):
+        build_case(toml, text.encode(), Path("case"), "carry", "relaxed")

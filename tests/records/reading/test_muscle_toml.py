@@ -276,6 +276,7 @@ def test_measured_length_is_read():
     [
         ({"test": {"measured": "width"}}, '`measured` must be "force" or "length"; got .width.'),
         ({"test": {"load": "2 N"}}, "`load` needs a measured length"),
+        ({"test": {"measured": "length", "load": "5 kg"}}, "The weight of 5 kg is 49 N."),
         ({"test": {"measured": "length", "load": "-2 N"}}, "must not be negative"),
         (
             {"test": {"measured": "length"}, "sensors": {"length": {"sd": "1 mm", "per": "setting"}}},

@@ -236,7 +236,8 @@ def test_invalid_row_is_refused(write, rows, text):
             "a recording must have a column `force [N]`; got `time [s]`, "
             "`pressure [kPa]`, `length [mm]`, `a`, `b`, `cycle` in "
             "recording.csv. Rename its header, or map it as `force` in "
-            "[columns] of muscle.toml. A recording must have force, diameter, or both.",
+            "[columns] of muscle.toml. A recording must have force, diameter, or both. If the length was "
+            'measured at a set force, write [test] measured = "length" in muscle.toml.',
         ),
         (
             "time [s]",
@@ -248,7 +249,7 @@ def test_invalid_row_is_refused(write, rows, text):
             "[N]",
             "[kg]",
             "a force must have a unit of force; got 'kg' in column `force [kg]` of recording.csv. "
-            "Use one such as N, kN or lbf.",
+            "Use one such as N, kN or lbf. The weight of 1 kg is 9.81 N.",
         ),
         (
             "force [N]",

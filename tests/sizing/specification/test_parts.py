@@ -74,7 +74,7 @@ def test_smallest_sleeve_that_covers_both_diameters_is_selected():
 
 
 def test_barb_is_not_narrower_than_the_bore():
-    assert find_barb(3.2e-3) == "1/8 in"
+    assert find_barb(3.2e-3) == "3.2 mm (1/8 in)"
     assert find_barb(3.3e-3) == "4 mm"
     assert find_barb(1.0) is None
 

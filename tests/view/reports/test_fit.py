@@ -3,15 +3,23 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
+
 from pamjax.records.reading.muscle_toml import Sensors
-from pamjax.view.reports.fit import _build_score_row, _list_assumptions, format_agreement
+from pamjax.view.reports.fit import (
+    _build_score_row,
+    _format_prediction_caption,
+    _list_assumptions,
+    format_agreement,
+)
 from pamjax.view.wording import capitalise_sentence
-from tests.view.figures.test_fit import lengths, strokes
+from tests.view.figures.test_fit import lengths, made_up_fit, strokes
 
 
 def fit(*cases):
     return SimpleNamespace(
         cases=cases,
+        estimates={},
         law="elastic",
         mechanisms=(),
         converged=True,
@@ -51,3 +59,9 @@ def test_noise_is_compared_with_the_stated_noise():
 def test_names_are_not_capitalised():
     assert capitalise_sentence("muscle.turns and thread.modulus are correlated").startswith("muscle.turns")
     assert capitalise_sentence("no correlation is above 0.8").startswith("No corr")
+
+
+def test_caption_has_the_marks_of_the_figure():
+    assert _format_prediction_caption(strokes()) == "Points: measured values. Lines: fitted model."
+    scattered = made_up_fit(np.linspace(1e5, 4e5, 9), 0.2 - 0.02 * np.linspace(0, 1, 9) ** 2)
+    assert _format_prediction_caption(scattered) == "Points: measured values. Crosses: fitted model."

@@ -6,6 +6,7 @@ pytest.importorskip("pyarrow", reason="needs the extra pamjax[fleet]")
 
 from pamjax.fleet.answers import analyse_fleet
 from pamjax.fleet.fleet import open_fleet
+from pamjax.view.figures.fleet import plot_control_chart
 from pamjax.view.reports.fleet import write_fleet_report
 from tests.fleet.made_store import write_made_store
 from tests.view.html_page import Page
@@ -35,6 +36,21 @@ def test_each_case_leads_to_its_report(tmp_path):
     # Map of mechanisms, ridge and control chart, each wide and narrow.
     assert sum(tag == "svg" for tag, _ in page.elements) == 6
     assert not [tag for tag, _ in page.elements if tag in ("script", "img", "link", "iframe")]
+
+
+def test_dashes_are_explained(tmp_path):
+    note = "No diagnosis ran, so that mechanisms and unexplained misfit are not known."
+    assert note in write_report(tmp_path / "fit")
+    assert note not in write_report(tmp_path / "both", mechanisms=[[]] * 12)
+
+
+def test_serial_numbers_are_whole_numbers_on_the_axis(tmp_path):
+    fleet = open_fleet(write_made_store(tmp_path, [90.0, 92.0, 91.0]))
+    fleet.cases["date"] = None
+    (distribution,) = analyse_fleet(fleet).distributions
+    assert distribution.order_name == "serial number"
+    (axes,) = plot_control_chart(distribution).axes
+    assert all(tick == round(tick) for tick in axes.get_xticks())
 
 
 def test_names_are_shown_as_text(tmp_path):

@@ -108,7 +108,7 @@ def test_page_lists_the_parts_and_their_checks():
     design = size_spec(False)
     parts = page(False).table(["part", "quantity"])
     assert len(parts) == 4
-    assert f"{design.choice.threads} bobbins" in " ".join(row[0] for row in parts.values())
+    assert f"{design.choice.threads} threads of" in " ".join(row[1] for row in parts.values())
     for check in list_checks(design):
         assert check in page(False).text
     assert "Parts to buy" not in page(True).text
