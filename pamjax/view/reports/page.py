@@ -51,17 +51,21 @@ class Picture:
     alt: str
 
 
-def build_picture(plot: Callable[[bool], Figure | None], name: str) -> Picture | None:
+def build_picture(plot: Callable[[bool], Figure | None], name: str, has_title: bool = True) -> Picture | None:
     """Return a figure drawn wide and narrow, or None if there is nothing to show.
 
     Args:
         plot: function that draws the figure; its argument is whether the figure is narrow.
         name: id of the figure, unique on its page.
+        has_title: whether its main title is drawn; without it, the text beside the figure states the finding.
     """
     wide, narrow = plot(False), plot(True)
     if wide is None or narrow is None:
         return None
     alt = format_figure_titles(wide)
+    if not has_title:
+        wide.suptitle("")
+        narrow.suptitle("")
     return Picture(render_svg(wide, f"{name}-wide", alt), render_svg(narrow, f"{name}-narrow", alt), alt)
 
 
