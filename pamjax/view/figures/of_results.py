@@ -18,6 +18,7 @@ from pamjax.infer.posterior.result import Posterior
 from pamjax.sizing.result import Design
 from pamjax.view.figures.diagnosis import plot_candidates, plot_held_out_scores, plot_shifts
 from pamjax.view.figures.diagnosis_loops import plot_explained_residuals, plot_loops
+from pamjax.view.figures.diagnosis_story import plot_story
 from pamjax.view.figures.fit import (
     plot_held_out,
     plot_prediction,
@@ -131,6 +132,7 @@ def _(diagnosis: Diagnosis) -> dict[str, PlotFunction]:
         functions[f"map-{diagnosis.problem.channels[channel]}"] = partial(plot_map, diagnosis, channel)
     functions["loops"] = partial(plot_loops, diagnosis)
     if diagnosis.named_mechanisms:
+        functions["story"] = partial(plot_story, diagnosis)
         functions["residuals"] = partial(plot_explained_residuals, diagnosis)
     if diagnosis.gain.rmse_before:
         functions["held-out"] = partial(plot_held_out_scores, diagnosis)
