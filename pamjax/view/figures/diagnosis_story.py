@@ -1,4 +1,4 @@
-"""Story of a diagnosis in three steps: the misfit of the baseline, the name of its cause, and the better fit."""
+"""Story of a diagnosis in three steps: misfit of the baseline, name of its cause, better fit."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.model.registry import find_mechanism
+from pamjax.units import compute_si_factor
 from pamjax.view.figures.diagnosis_loops import compute_rms, format_channel_value
 from pamjax.view.figures.layout import Layout, add_key, build_layout, create_mark, thin_points
 from pamjax.view.figures.mismatch_map import find_main_channel
@@ -99,8 +100,10 @@ def _format_steps(diagnosis: Diagnosis, channel: str, before: np.ndarray, after:
     """Return the titles of the three steps."""
     titles = join_words([find_mechanism(m.id).about.title for m in diagnosis.named_mechanisms])
     before_text, after_text = (format_channel_value(compute_rms(x), channel) for x in (before, after))
+    noise = diagnosis.as_dict()["noise"][channel]["sd"]
+    noise_text = format_channel_value(noise * compute_si_factor(DISPLAY_UNIT[channel]), channel)
     return [
         f"1. Misfit: the baseline misses {channel} by {before_text}",
         f"2. Name: {titles}",
-        f"3. Fit: with it, {after_text} remain",
+        f"3. Fit: {after_text} remain beside a noise of {noise_text}",
     ]
