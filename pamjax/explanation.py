@@ -63,8 +63,11 @@ def explain(name: str | None = None) -> Explanation:
     Raises:
         BadInput: for an unknown name.
 
-    Example:
-        >>> print(explain("thread.modulus"))
+    >>> print(explain("muscle.turns"))
+    muscle.turns: turns N of one thread around the muscle
+      unit      1
+      limits    0.05 to 200, fitted on a log scale
+      source    from B cos(angle) / (pi D)
     """
     if name is None:
         lines = _list_everything()

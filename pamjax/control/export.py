@@ -109,7 +109,7 @@ def export(
         seed: seed of the random test points.
 
     Returns:
-        the `ExportedController`: paths of the files, range and stated errors, SI.
+        the `ExportedController` with paths of the files, range and stated errors, SI.
 
     Raises:
         BadInput: if no such range exists.

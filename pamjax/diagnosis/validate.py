@@ -140,7 +140,7 @@ def validate(
             file of the model states are always included.
 
     Returns:
-        the `Validation`: rmse and noise by channel and block, SI; `print` shows it as a note.
+        the `Validation` with rmse and noise by channel and block, SI; `print` shows it as a note.
 
     Raises:
         BadInput: if a file cannot be read, or if the recording has a measured length.

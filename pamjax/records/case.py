@@ -81,7 +81,7 @@ def read_case(folder: str | Path, *, gaps: str = "carry", before: str = "relaxed
         before: "relaxed" or "settled": the muscle was at rest, or had run the whole recording once.
 
     Returns:
-        the `Case`: the recording and the contents of muscle.toml, SI.
+        the `Case` with the recording and the contents of muscle.toml, SI.
 
     Raises:
         BadInput: if a file is missing, cannot be used, or contradicts the other.

@@ -1,6 +1,7 @@
 """Complete diagnoses: concealed effects are named, false alarms are avoided, and the files agree."""
 
 import json
+import pickle
 from functools import cache
 
 import numpy as np
@@ -131,6 +132,15 @@ def test_saved_improved_model_gives_the_same_prediction(tmp_path):
     judged = validate(load_muscle(tmp_path / "model.json"), envelope.case)
     assert judged.rmse["force"] < 1.3 * build_reference_setup().entry.sensors.force
     assert not judged.extrapolations
+
+
+@pytest.mark.slow
+def test_diagnosis_pickles_and_draws_all_figures():
+    _, diagnosis = verdict("friction")
+    copy = pickle.loads(pickle.dumps(diagnosis))
+    assert str(copy) == str(diagnosis)
+    assert copy.as_dict() == diagnosis.as_dict()
+    assert [name for name in copy.list_figures() if copy.plot(name).axes] == diagnosis.list_figures()
 
 
 def test_simulated_protocol_has_blocks_to_hold_out():
