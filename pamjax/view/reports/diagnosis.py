@@ -20,7 +20,7 @@ from pamjax.model.registry import find_mechanism
 from pamjax.parameter import Meaning
 from pamjax.units import compute_si_factor, format_quantity
 from pamjax.view.figures import diagnosis as figures
-from pamjax.view.figures.diagnosis_loops import plot_explained_residuals, plot_loops
+from pamjax.view.figures.diagnosis_loops import plot_explained_residuals, plot_loops, select_settings
 from pamjax.view.figures.mismatch_map import list_other_channels, plot_map
 from pamjax.view.reports.diagnosis_answer import (
     format_headline,
@@ -69,6 +69,7 @@ def write_diagnosis_report(
             for k, region in enumerate(document["mismatch"]["where"], 1)
         ],
         mechanisms=[_describe_mechanism(diagnosis, k) for k in range(len(diagnosis.named_mechanisms))],
+        groups=_list_groups(diagnosis),
         loops=_draw_picture(diagnosis, partial(plot_loops, diagnosis), "loops"),
         residuals=_draw_picture(diagnosis, partial(plot_explained_residuals, diagnosis), "residuals"),
         held_out=_draw_picture(diagnosis, partial(figures.plot_held_out_scores, diagnosis), "held-out"),
@@ -110,6 +111,12 @@ def _build_region_row(diagnosis: Diagnosis, number: int, region: dict[str, Any])
         )
     ]
     return [str(number), region["channel"], region["direction"], *limits, format_percent(region["share"])]
+
+
+def _list_groups(diagnosis: Diagnosis) -> list[str]:
+    """Return the isobars or lengths of the loops, which the page can show one by one."""
+    names = list(select_settings(diagnosis).names)
+    return names if len(names) > 1 else []
 
 
 def _describe_mechanism(diagnosis: Diagnosis, k: int) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
 from pamjax.records.files import write_atomically
+from pamjax.view.reports.cell_titles import add_cell_titles
 from pamjax.view.theme import apply_theme, escape_names
 
 #: Packages whose versions each page lists at its end.
@@ -92,7 +93,7 @@ def render_svg(figure: Figure, name: str, alt: str) -> Markup:
     box = re.search(r'viewBox="([^"]*)"', text.getvalue())
     assert box is not None
     inner = re.sub(r"<metadata>.*?</metadata>|<style type.*?</style>", "", inner, flags=re.DOTALL)
-    inner = _make_ids_unique(inner, name)
+    inner = add_cell_titles(_make_ids_unique(inner, name), figure)
     # Limit the figure's width, so that type is only slightly larger than on paper.
     width = SCREEN_SCALE * 96 * figure.get_figwidth()
     style = f"max-width: {width:.0f}px"

@@ -64,7 +64,8 @@ def test_loops_are_drawn_before_and_after(protocol):
     result = diagnosis(protocol)
     before, after = panels(plot_loops(result))
     predicted = [
-        np.concatenate([line.get_ydata() for line in select_artists(p, "predicted")]) for p in (before, after)
+        np.concatenate([line.get_ydata() for line in p.lines if line.get_gid().startswith("predicted")])
+        for p in (before, after)
     ]
     assert np.abs(predicted[1] - predicted[0]).max() > 9
     assert after.get_title("left").startswith("With braid_friction: RMS error of force ")

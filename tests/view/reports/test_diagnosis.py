@@ -228,6 +228,29 @@ def test_first_screen_of_other_results(options, title, question, sentence):
     assert sentence in answers_of(result)[question]
 
 
+def test_pointer_shows_the_value_of_each_cell():
+    shortening, lengthening = re.findall(r'<g class="mismatch">(.*?)</g>', read_report("friction"), re.S)[:2]
+    for svg, sign in ((shortening, "−"), (lengthening, "+")):
+        titles = re.findall(r"<title>(.*?)</title></path>", svg)
+        assert len(titles) == svg.count("<path") == 4 * 18
+        assert sum(title.startswith(sign) for title in titles) > 60
+        assert re.fullmatch(
+            r"[+−]\d+\.\d sd: contraction 0\.00 to 0\.56 %, pressure 50 to 150 kPa", titles[0]
+        )
+    titles = re.findall(r"<title>(.*?)</title></path>", read_report("tied"))
+    assert titles.count("no measurement: row 0.00 to 0.22, pressure 133 to 167 kPa") == 2  # wide and narrow
+
+
+def test_isobars_of_the_loops_can_be_chosen_without_a_script(page):
+    labels = [attrs["id"] for attrs in page.every("input")]
+    assert labels == ["group-all", "group-0", "group-1", "group-2", "group-3"]
+    text = read_report("friction")
+    for k in range(4):
+        assert f"body:has(#group-{k}:checked)" in text
+        assert f'class="measured group-{k}"' in text
+    assert "Show" not in Page(read_report("tied")).text
+
+
 def test_settings_are_folded_and_changed_ones_are_named():
     text = read_report("friction")
     assert text.index("<details>") < text.index("detection_p_value") < text.index("</details>")
