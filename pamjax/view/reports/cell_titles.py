@@ -48,7 +48,8 @@ def _list_meshes(panel: Axes) -> list[QuadMesh]:
 
 def _list_titles(mesh: QuadMesh, panel: Axes) -> Iterator[str]:
     """Yield the ranges and the value of each cell, row by row."""
-    x, y = mesh.get_coordinates()[0, :, 0], mesh.get_coordinates()[:, 0, 1]
+    corners = np.asarray(mesh.get_coordinates())
+    x, y = corners[0, :, 0], corners[:, 0, 1]
     values = np.ma.filled(np.ma.asarray(mesh.get_array(), dtype=float), np.nan)
     for row, line in enumerate(values.reshape(y.size - 1, x.size - 1)):
         for column, value in enumerate(line):
