@@ -113,5 +113,14 @@ def table(meanings):
     return [*lines, ""]
 
 
+def mark_example(app, what, name, object, options, lines):
+    """Turn the example of a docstring into a block of code; a doctest is one already."""
+    if "Example:" in lines:
+        start = lines.index("Example:")
+        if not any(line.lstrip().startswith(">>>") for line in lines[start:]):
+            lines[start : start + 1] = [".. rubric:: Example", "", ".. code-block:: python", ""]
+
+
 def setup(app):
     app.connect("builder-inited", write_pages)
+    app.connect("autodoc-process-docstring", mark_example, priority=100)  # before napoleon

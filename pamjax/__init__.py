@@ -11,15 +11,16 @@ if TYPE_CHECKING:
     from pamjax.diagnosis.result import Diagnosis
     from pamjax.diagnosis.run import diagnose
     from pamjax.diagnosis.settings import DiagnosisSettings
-    from pamjax.diagnosis.validate import validate_model
+    from pamjax.diagnosis.validate import validate
     from pamjax.errors import BadInput, InputWarning
+    from pamjax.explanation import explain
     from pamjax.fleet.fleet import Fleet, open_fleet
     from pamjax.infer.fitting.fit import fit
     from pamjax.infer.fitting.identifiability import check_identifiability
     from pamjax.infer.fitting.io import save
     from pamjax.infer.fitting.load import load_muscle
     from pamjax.infer.fitting.result import Fit
-    from pamjax.infer.posterior.compare import compare_posteriors
+    from pamjax.infer.posterior.compare import compare
     from pamjax.infer.posterior.io import save_posterior
     from pamjax.infer.posterior.result import Posterior
     from pamjax.infer.posterior.sample import sample
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from pamjax.records.simulate import simulate
     from pamjax.sizing.result import Design
     from pamjax.sizing.size import size
+    from pamjax.view.figures.of_results import list_figures, plot
 
 #: Time at which this process imported pamjax. This process does not run source files that are newer.
 IMPORT_TIME = time.time()
@@ -47,6 +49,7 @@ _MODULE_OF_NAME = {
     "predict": "pamjax.model.muscle",
     "assemble": "pamjax.model.assembly",
     "list_parameters": "pamjax.model.parameters",
+    "explain": "pamjax.explanation",
     "Case": "pamjax.records.case",
     "read_case": "pamjax.records.case",
     "case_from": "pamjax.records.dataframe",
@@ -74,8 +77,10 @@ _MODULE_OF_NAME = {
     "Discrimination": "pamjax.planning.discriminate",
     "discriminate": "pamjax.planning.discriminate",
     "diagnose": "pamjax.diagnosis.run",
-    "validate_model": "pamjax.diagnosis.validate",
-    "compare_posteriors": "pamjax.infer.posterior.compare",
+    "validate": "pamjax.diagnosis.validate",
+    "compare": "pamjax.infer.posterior.compare",
+    "plot": "pamjax.view.figures.of_results",
+    "list_figures": "pamjax.view.figures.of_results",
     "Fleet": "pamjax.fleet.fleet",
     "open_fleet": "pamjax.fleet.fleet",
 }
@@ -98,18 +103,21 @@ __all__ = [
     "assemble",
     "case_from",
     "check_identifiability",
-    "compare_posteriors",
+    "compare",
     "diagnose",
     "discriminate",
+    "explain",
     "export",
     "fit",
     "import_case",
     "inverse",
     "keep_compiled",
+    "list_figures",
     "list_parameters",
     "load_muscle",
     "open_fleet",
     "plan",
+    "plot",
     "predict",
     "read_case",
     "sample",
@@ -117,7 +125,7 @@ __all__ = [
     "save_posterior",
     "simulate",
     "size",
-    "validate_model",
+    "validate",
 ]
 
 

@@ -35,6 +35,7 @@ def wheel(tmp_path_factory):
     (sdist,) = folder.glob("*.tar.gz")
     assert sdist.stat().st_size < 20e6
     (file,) = folder.glob("*.whl")
+    assert file.stat().st_size < 3e6
     return file
 
 

@@ -27,6 +27,9 @@ def keep_compiled(folder: str | Path | None = None) -> Path | None:
 
     Raises:
         BadInput: if a given folder is not writable, or if other users can write to it.
+
+    Example:
+        pamjax.keep_compiled()  # later processes do not compile again
     """
     configured_folder = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
     if configured_folder:

@@ -16,6 +16,7 @@ from pamjax.control.command_uncertainty import ForceUncertainty
 from pamjax.control.inverse import CommandLimit, Inverse
 from pamjax.control.neglected import compute_friction_half_loop
 from pamjax.errors import check_minimum, refuse
+from pamjax.notebook import NotebookNote
 from pamjax.records.files import write_folder_atomically
 from pamjax.units import format_quantity
 
@@ -39,8 +40,8 @@ MIN_PRESSURE_SHARE = 0.05
 START_PRESSURE_SHARES, MIN_LENGTH_SHARE = (0.05, 0.1, 0.2, 0.3, 0.5), 0.6
 
 
-@dataclass(frozen=True)
-class ExportedController:
+@dataclass(frozen=True, repr=False)
+class ExportedController(NotebookNote):
     """The written files, with the table's range and interpolation error.
 
     Attributes:
@@ -91,7 +92,7 @@ class ExportedController:
 
 def export(
     inverse: Inverse,
-    folder: Path,
+    folder: str | Path,
     *,
     force_sd: ForceUncertainty | None = None,
     uncertainty: str = "calibration",
@@ -107,10 +108,18 @@ def export(
         uncertainty: its source, a key of `standalone.UNCERTAINTY_TEXTS`.
         seed: seed of the random test points.
 
+    Returns:
+        the `ExportedController` with paths of the files, range and stated errors, SI.
+
     Raises:
         BadInput: if no such range exists.
+
+    Example:
+        inverse = pamjax.inverse(pamjax.load_muscle("mine"), pressures=(50e3, 400e3), lengths=(0.17, 0.19))
+        print(pamjax.export(inverse, "out/controller"))
     """
     check_minimum("seed", seed, 0)
+    folder = Path(folder)
     inverse = narrow_range(inverse)
     folder.parent.mkdir(parents=True, exist_ok=True)
     table, share, degree = {}, np.inf, 0

@@ -319,8 +319,16 @@ def inverse(
         lengths: shortest and longest length, m. Default: the calibrated range; without one, or with one
             calibrated length, 0 to 45 % contraction.
 
+    Returns:
+        the `Inverse`; its methods return force, pressure and length, SI.
+
     Raises:
         BadInput: for an empty range, or for a bench without `lengths`.
+
+    Example:
+        inverse = pamjax.inverse(pamjax.load_muscle("mine"))
+        command = inverse.pressure(force=[300.0], length=[0.18])  # N, m
+        print(command.value, command.status)  # Pa
     """
     calibrated_range = muscle.calibrated_range if isinstance(muscle, LoadedMuscle) else {}
     calibrated_range = {

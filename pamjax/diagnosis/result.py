@@ -23,6 +23,7 @@ from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit
 from pamjax.diagnosis.saved_model import build_model_document
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
 from pamjax.diagnosis.settings import DiagnosisSettings
+from pamjax.drawing import DrawableResult
 from pamjax.infer.fitting.report import format_estimate
 from pamjax.model.registry import find_mechanism
 from pamjax.notebook import NotebookNote
@@ -77,7 +78,7 @@ class Likeness:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Diagnosis(NotebookNote):
+class Diagnosis(DrawableResult, NotebookNote):
     """Result of a diagnosis.
 
     Attributes:

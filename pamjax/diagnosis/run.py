@@ -99,8 +99,18 @@ def diagnose(
         settings: thresholds of the diagnosis.
         progress: called with the name of the step and the share done.
 
+    Returns:
+        the `Diagnosis`; `print` shows it as a note, `plot` draws it.
+
     Raises:
         BadInput: for an unknown baseline, or a recording without force and diameter.
+
+    Example:
+        diagnosis = pamjax.diagnose("rubbed")
+        print(diagnosis)
+        for mechanism in diagnosis.named_mechanisms:
+            print(mechanism.id, mechanism.probability)
+        diagnosis.plot("map").savefig("map.png")
     """
     case = ensure_case(case)
     progress("compiling", 0.0)

@@ -14,7 +14,7 @@ import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.errors import refuse
-from pamjax.infer.fitting.load import LoadedMuscle
+from pamjax.infer.fitting.load import LoadedMuscle, load_muscle
 from pamjax.infer.problem.dataset import (
     CHANNELS,
     build_history,
@@ -25,8 +25,9 @@ from pamjax.infer.problem.dataset import (
 from pamjax.model.balance import Status
 from pamjax.model.bench import Bench, BenchReading, clip_slack_force, record_bench
 from pamjax.model.muscle import MuscleReading, predict
+from pamjax.notebook import NotebookNote
 from pamjax.records.blocks import find_blocks
-from pamjax.records.case import Case
+from pamjax.records.case import Case, ensure_case
 from pamjax.records.files import read_bytes
 from pamjax.records.fixed_length import average_fixed_lengths
 from pamjax.units import format_count
@@ -50,8 +51,8 @@ class BlockValidation:
         return f"{worst} {self.rmse[worst] / self.noise[worst]:.3g} times the noise"
 
 
-@dataclass(frozen=True)
-class Validation:
+@dataclass(frozen=True, repr=False)
+class Validation(NotebookNote):
     """Prediction errors of a model on one recording.
 
     Attributes:
@@ -127,15 +128,30 @@ def read_training_checksums(file: Path) -> frozenset[str]:
     return frozenset(case["checksum"] for case in cases.values() if case.get("checksum"))
 
 
-def validate_model(model: LoadedMuscle, case: Case, training_checksums: Collection[str] = ()) -> Validation:
-    """Predict a recording with a fitted model and return the errors.
+def validate(
+    model: LoadedMuscle | str | Path, case: Case | str | Path, training_checksums: Collection[str] = ()
+) -> Validation:
+    """Return the errors of a fitted model on a recording that its fit did not use.
 
     Args:
-        model: the model, from `load_muscle` of a fit.json or a model.json.
-        case: the recording.
-        training_checksums: checksums of the recordings that the model was fitted to, from
-            `read_training_checksums`. The recording that `model` was calibrated on is always included.
+        model: a fit.json or a model.json, or the result of `load_muscle` for it.
+        case: the recording, or its folder.
+        training_checksums: checksums of the recordings that the model was fitted to. The recordings that the
+            file of the model states are always included.
+
+    Returns:
+        the `Validation` with rmse and noise by channel and block, SI; `print` shows it as a note.
+
+    Raises:
+        BadInput: if a file cannot be read, or if the recording has a measured length.
+
+    Example:
+        print(pamjax.validate("out/mine/model.json", "again"))
     """
+    if not isinstance(model, LoadedMuscle):
+        training_checksums = {*training_checksums, *read_training_checksums(Path(model))}
+        model = load_muscle(model)
+    case = ensure_case(case)
     if case.recording.measures_length:
         rule, got = "a validation needs a measured force", "a measured length ([test] of muscle.toml)"
         raise refuse(rule, got, case.name, "Diagnose this recording: it tests held-out blocks.")

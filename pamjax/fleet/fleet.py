@@ -95,8 +95,15 @@ def open_fleet(store: str | Path) -> Fleet:
     Args:
         store: folder that `pamjax fleet` wrote.
 
+    Returns:
+        the `Fleet`, whose tables are pandas frames.
+
     Raises:
         BadInput: if the folder is no store, or pyarrow is not installed.
+
+    Example:
+        fleet = pamjax.open_fleet("store")
+        print(fleet.cases)
     """
     from importlib.util import find_spec
 

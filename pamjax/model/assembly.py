@@ -32,6 +32,9 @@ def assemble(law: str, numbers: Mapping[str, Array]) -> Muscle:
             needs "thread.stiffness", or "thread.modulus" with "muscle.threads" and
             "muscle.thread_area", and the parameters of the law itself.
 
+    Returns:
+        the `Muscle`; call it, or `predict` with it.
+
     Raises:
         BadInput: if the law is unknown, or a parameter is missing.
 

@@ -184,6 +184,11 @@ def predict(
 
     Raises:
         BadInput: if `pressure` and `length` have different lengths, or if the muscle has mechanisms.
+
+    Example:
+        loaded = pamjax.load_muscle("mine")
+        reading = pamjax.predict(loaded, [200e3, 400e3], 0.18)  # Pa, m
+        print(reading.force, reading.status)  # N
     """
     bare_muscle = muscle if isinstance(muscle, Muscle | Bench) else muscle.muscle
     if isinstance(bare_muscle, Bench):

@@ -80,6 +80,9 @@ _STATED_PARAMETERS = {
 def list_parameters() -> dict[str, Meaning]:
     """Return the meaning of every parameter of a muscle, by name: unit, limits, source.
 
+    Returns:
+        the meanings. `unit` is the SI unit, `show` the display unit; `low` and `high` are limits in SI.
+
     >>> modulus = list_parameters()["thread.modulus"]
     >>> modulus.unit, modulus.show, modulus.low
     ('Pa', 'GPa', 300000000.0)

@@ -31,6 +31,7 @@ from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.errors import BadInput, refuse
 from pamjax.model.registry import find_mechanism
+from pamjax.notebook import NotebookNote
 from pamjax.progress import Progress, ignore_progress
 from pamjax.records.case import Case, ensure_case
 from pamjax.records.files import write_atomically
@@ -39,8 +40,8 @@ from pamjax.records.files import write_atomically
 MAX_LISTED_PROTOCOLS = 6
 
 
-@dataclass(frozen=True, eq=False)
-class Discrimination:
+@dataclass(frozen=True, eq=False, repr=False)
+class Discrimination(NotebookNote):
     """Two mechanisms, their fits to a recording, and the protocols that distinguish them.
 
     Attributes:
@@ -146,8 +147,14 @@ def discriminate(
         first, second: ids of the mechanisms.
         progress: called with the current step and the completed share.
 
+    Returns:
+        the `Discrimination`; `print` shows it as a note.
+
     Raises:
         BadInput: for an unknown id, or a mechanism without effect on this recording.
+
+    Example:
+        print(pamjax.discriminate("rubbed", "braid_friction", "viscoelastic_creep"))
     """
     case = ensure_case(case)
     for id in (first, second):

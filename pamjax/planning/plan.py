@@ -13,6 +13,7 @@ import pandas as pd
 
 from pamjax.errors import check_minimum, refuse, suggest_word
 from pamjax.model.parameters import find_meaning
+from pamjax.notebook import NotebookNote
 from pamjax.planning.bench import RigCapabilities, read_capabilities
 from pamjax.planning.information import PriorInformation, build_prior_information
 from pamjax.planning.optimal_design import RunMenu, build_variance_criterion, build_volume_criterion
@@ -38,8 +39,8 @@ class ExpectedSd:
     sd_after: float
 
 
-@dataclass(frozen=True, eq=False)
-class Plan:
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(NotebookNote):
     """Runs to make, and the precision that they are expected to reach.
 
     Attributes:
@@ -159,8 +160,15 @@ def plan(
         law: thread law; None uses that of the baseline model.
         seed: random seed for the parameter values over which the expected precision is averaged.
 
+    Returns:
+        the `Plan`; `print` shows it as a note, `schedule` returns its commands as a table.
+
     Raises:
         BadInput: for an unknown goal, or one that is no free parameter of a fit.
+
+    Example:
+        plan = pamjax.plan("mine", goal="thread.modulus", to="5 %")
+        plan.schedule().to_csv("commands.csv", index=False)
     """
     check_minimum("seed", seed, 0)
     source = ensure_case_or_toml(muscle)

@@ -80,8 +80,16 @@ def read_case(folder: str | Path, *, gaps: str = "carry", before: str = "relaxed
         gaps: "carry" or "anew": mechanisms with memory continue or restart at a jump of the recording.
         before: "relaxed" or "settled": the muscle was at rest, or had run the whole recording once.
 
+    Returns:
+        the `Case` with the recording and the contents of muscle.toml, SI.
+
     Raises:
         BadInput: if a file is missing, cannot be used, or contradicts the other.
+
+    Example:
+        case = pamjax.read_case("mine")
+        print(case)
+        print(case.warnings)
     """
     folder = Path(folder)
     if not folder.is_dir():

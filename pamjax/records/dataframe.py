@@ -35,6 +35,9 @@ def case_from(
         name: name of the case.
         gaps, before: as for `read_case`.
 
+    Returns:
+        the `Case`, as `read_case` returns it.
+
     Raises:
         BadInput: if the table cannot be used; rows are counted as in a file whose header is line 1.
 

@@ -43,6 +43,14 @@ def simulate(
 
     Returns:
         a recording with the rows of the schedule.
+
+    Example:
+        from pamjax.records.protocol import PAPER_PROTOCOL
+
+        loaded = pamjax.load_muscle("mine")
+        schedule = PAPER_PROTOCOL.build_schedule(rest_length=0.2)  # m
+        recording = pamjax.simulate(loaded.muscle, schedule, loaded.entry.sensors, seed=1)
+        print(recording.to_frame())
     """
     if schedule.load is not None:
         return _simulate_isotonic(muscle, schedule, sensors, seed, settled)

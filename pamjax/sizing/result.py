@@ -8,7 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
+from pamjax.drawing import DrawableResult
 from pamjax.model.bench import Bench
+from pamjax.notebook import NotebookNote
 from pamjax.sizing.assure import Finalist
 from pamjax.sizing.calibration import CalibrationTransfer
 from pamjax.sizing.candidate import OperatingPoints, build_bench, evaluate_many, locate_output
@@ -26,8 +28,8 @@ from pamjax.sizing.tolerances import BuildErrors
 FREE_CONTRACTION_STEPS = 101
 
 
-@dataclass(frozen=True, eq=False)
-class Design:
+@dataclass(frozen=True, eq=False, repr=False)
+class Design(DrawableResult, NotebookNote):
     """The design for a spec; its text is a report.
 
     Attributes:

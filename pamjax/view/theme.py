@@ -9,6 +9,7 @@ part of viridis, dark for high pressure. The light end has too little contrast o
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -32,6 +33,9 @@ from pamjax.records.files import write_atomically
 
 #: Widths of one and of two columns of a journal, inches.
 SINGLE_COLUMN, DOUBLE_COLUMN = 3.5, 7.2
+
+#: Dots per inch of a figure in a notebook.
+NOTEBOOK_DPI = 110
 
 #: Colours of categories, with Okabe and Ito's names.
 OKABE_ITO = {
@@ -100,9 +104,23 @@ def apply_theme() -> Iterator[None]:
         yield
 
 
-def create_figure(width: float = SINGLE_COLUMN, height: float = 2.6) -> Figure:
+class ThemedFigure(Figure):
+    """A figure in pamjax's style, which a notebook shows without further settings."""
+
+    def savefig(self, *args: Any, **kwargs: Any) -> None:
+        """Write the figure in pamjax's style; the arguments are those of `Figure.savefig`."""
+        with apply_theme():
+            super().savefig(*args, **kwargs)
+
+    def _repr_png_(self) -> bytes:
+        image = io.BytesIO()
+        self.savefig(image, format="png", dpi=NOTEBOOK_DPI)
+        return image.getvalue()
+
+
+def create_figure(width: float = SINGLE_COLUMN, height: float = 2.6) -> ThemedFigure:
     """Return an empty figure of a size in inches with constrained layout."""
-    return Figure(figsize=(width, height), layout="constrained")
+    return ThemedFigure(figsize=(width, height), layout="constrained")
 
 
 def separate_panels(figure: Figure) -> None:

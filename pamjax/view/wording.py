@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from pamjax.infer.fitting.report import format_channel_value
 from pamjax.records.case import Case
 
@@ -36,6 +38,16 @@ def join_words(parts: list[str]) -> str:
     'force, diameter and time'
     """
     return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1] if parts else ""
+
+
+def keep_units_with_numbers(text: str) -> str:
+    """Return a text in which a line does not break between a number and its unit, or within ± and →.
+
+    >>> keep_units_with_numbers("at 250 kPa, 3.7 ± 0.6 mm").count("\\u00a0")
+    4
+    """
+    text = re.sub(r"(?<=\d) (?=(?:N|kPa|MPa|GPa|Pa|mm|m|s|ms|deg|sd)\b|%)", "\u00a0", text)
+    return re.sub(r" ([±→]) ", "\u00a0\\1\u00a0", text)
 
 
 def format_history(case: Case) -> str:

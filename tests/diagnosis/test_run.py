@@ -1,6 +1,7 @@
 """Complete diagnoses: concealed effects are named, false alarms are avoided, and the files agree."""
 
 import json
+import pickle
 from functools import cache
 
 import numpy as np
@@ -112,7 +113,7 @@ def test_concealed_friction_is_named_and_its_loop_explained(tmp_path):
 
 @pytest.mark.slow
 def test_saved_improved_model_gives_the_same_prediction(tmp_path):
-    from pamjax.diagnosis.validate import validate_model
+    from pamjax.diagnosis.validate import validate
     from pamjax.infer.fitting.load import load_muscle
 
     envelope, diagnosis = verdict("friction")
@@ -128,9 +129,18 @@ def test_saved_improved_model_gives_the_same_prediction(tmp_path):
     assert (saved_estimate["value"], saved_estimate["sd"]) == pytest.approx((estimate.value, estimate.sd))
     place = document["correlation"]["names"].index("braid_friction.coefficient")
     assert document["correlation"]["matrix"][place][place] == 1.0
-    judged = validate_model(load_muscle(tmp_path / "model.json"), envelope.case)
+    judged = validate(load_muscle(tmp_path / "model.json"), envelope.case)
     assert judged.rmse["force"] < 1.3 * build_reference_setup().entry.sensors.force
     assert not judged.extrapolations
+
+
+@pytest.mark.slow
+def test_diagnosis_pickles_and_draws_all_figures():
+    _, diagnosis = verdict("friction")
+    copy = pickle.loads(pickle.dumps(diagnosis))
+    assert str(copy) == str(diagnosis)
+    assert copy.as_dict() == diagnosis.as_dict()
+    assert [name for name in copy.list_figures() if copy.plot(name).axes] == diagnosis.list_figures()
 
 
 def test_simulated_protocol_has_blocks_to_hold_out():

@@ -15,7 +15,7 @@ def compare(posteriors: list[Path], /, *, json: Json = False) -> None:
         posteriors: output folders of `pamjax sample`, or their posterior.nc files.
         json: print one JSON document.
     """
-    from pamjax.infer.posterior.compare import compare_posteriors
+    from pamjax.infer.posterior.compare import compare
 
-    comparison = compare_posteriors(posteriors)
+    comparison = compare(posteriors)
     print_json(comparison.as_dict()) if json else print_text(str(comparison))

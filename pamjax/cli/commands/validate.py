@@ -28,14 +28,14 @@ def validate(
         json: print a JSON list with one document for each case.
     """
     from pamjax.compile.jax_cache import keep_compiled
-    from pamjax.diagnosis.validate import read_training_checksums, validate_model
+    from pamjax.diagnosis.validate import read_training_checksums, validate
     from pamjax.infer.fitting.load import load_muscle
     from pamjax.records.case import read_case
 
     keep_compiled()
     loaded_muscle = load_muscle(model, case=case)
     fitted_checksums = read_training_checksums(model)
-    validations = [validate_model(loaded_muscle, read_case(folder), fitted_checksums) for folder in cases]
+    validations = [validate(loaded_muscle, read_case(folder), fitted_checksums) for folder in cases]
     if json:
         print_json([validation.as_dict() for validation in validations])
     else:

@@ -12,14 +12,15 @@ import numpy as np
 from pamjax.infer.fitting.determination import classify_sd_ratio
 from pamjax.infer.fitting.identifiability import ParameterIdentifiability
 from pamjax.model.parameters import find_meaning
+from pamjax.notebook import NotebookNote
 from pamjax.records.blocks import find_blocks
 from pamjax.records.case import Case
 from pamjax.records.reading.muscle_toml import describe_unused_bladder
 from pamjax.units import compute_si_factor, format_count, format_quantity
 
 
-@dataclass(frozen=True)
-class CaseSummary:
+@dataclass(frozen=True, repr=False)
+class CaseSummary(NotebookNote):
     """Result of `pamjax check`; prints as a report.
 
     Attributes:

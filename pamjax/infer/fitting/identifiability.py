@@ -79,6 +79,11 @@ def check_identifiability(
 
     Raises:
         BadInput: for an unknown law, or a parameter that the law needs and muscle.toml does not have.
+
+    Example:
+        parameters, sentences = pamjax.check_identifiability("mine")
+        for parameter in parameters:
+            print(parameter.name, parameter.expected_sd)  # SI
     """
     case = ensure_case(case)
     law = law or case.entry.baseline

@@ -145,6 +145,13 @@ def save(fit: Fit, folder: str | Path) -> list[Path]:
 
     Returns:
         the files written.
+
+    Raises:
+        OSError: if the folder cannot be written.
+
+    Example:
+        fit = pamjax.fit("mine")
+        pamjax.save(fit, "out")
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)

@@ -75,8 +75,15 @@ def load_muscle(
         case: name of the case, for a fit.json with several cases.
         settings: mechanism parameters to add or to change, SI, as {"braid_friction.coefficient": 0.2}.
 
+    Returns:
+        the `LoadedMuscle`, for `predict`, `inverse`, `plan` and `validate`.
+
     Raises:
         BadInput: if it cannot be read.
+
+    Example:
+        loaded = pamjax.load_muscle("mine", settings={"braid_friction.coefficient": 0.2})
+        print(loaded.muscle)
     """
     source = Path(source)
     if source.suffix == ".json":

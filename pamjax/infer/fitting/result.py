@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pamjax.drawing import DrawableResult
 from pamjax.errors import suggest_word
 from pamjax.infer.fitting.determination import DETERMINED, classify_sd_ratio, compute_prior_scale
 from pamjax.infer.fitting.least_squares import Loss, Solution
@@ -31,6 +32,10 @@ class NamedEstimates(dict[str, "Estimate"]):
 
     def __missing__(self, name: str) -> Estimate:
         raise KeyError(f"no estimate {name!r}. {suggest_word(name, self)}")
+
+    def _ipython_key_completions_(self) -> list[str]:
+        """Return the names that the Tab key offers in a notebook."""
+        return list(self)
 
 
 @dataclass(frozen=True)
@@ -137,7 +142,7 @@ class CaseFit:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Fit(NotebookNote):
+class Fit(DrawableResult, NotebookNote):
     """One or several muscles, calibrated on recordings; prints as a report.
 
     Attributes:

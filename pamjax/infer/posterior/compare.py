@@ -21,6 +21,7 @@ import numpy as np
 from pamjax.errors import refuse
 from pamjax.infer.posterior.io import POSTERIOR_SCHEMA
 from pamjax.infer.posterior.loo import MAX_PARETO_K, compute_loo_score
+from pamjax.notebook import NotebookNote
 
 #: Smallest significant difference, in its standard errors.
 MIN_CLEAR_DIFFERENCE = 2.0
@@ -50,8 +51,8 @@ class PosteriorScore:
         return float(self.block_scores.sum())
 
 
-@dataclass(frozen=True, eq=False)
-class PosteriorComparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class PosteriorComparison(NotebookNote):
     """Posteriors, best first; prints as a report."""
 
     scores: tuple[PosteriorScore, ...]
@@ -101,15 +102,22 @@ class PosteriorComparison:
         }
 
 
-def compare_posteriors(files: Sequence[Path]) -> PosteriorComparison:
-    """Return the comparison of posteriors of the same recordings.
+def compare(posteriors: Sequence[str | Path]) -> PosteriorComparison:
+    """Return the comparison of posteriors of one recording by their predictions of held-out blocks.
 
     Args:
-        files: each a posterior.nc, or a folder that contains one.
+        posteriors: each a posterior.nc of `save_posterior`, or a folder that contains one.
+
+    Returns:
+        the `PosteriorComparison`, best first; `print` shows it as a note.
 
     Raises:
         BadInput: if a file is not a posterior, or the measurements differ.
+
+    Example:
+        print(pamjax.compare(["out/elastic", "out/inelastic"]))
     """
+    files = [Path(path) for path in posteriors]
     if not files:
         raise refuse("a comparison needs a posterior", "none")
     read_scores = [_read_score(path) for path in files]

@@ -235,6 +235,13 @@ def save_posterior(post: Posterior, folder: str | Path) -> list[Path]:
 
     Returns:
         the files written.
+
+    Raises:
+        OSError: if the folder cannot be written.
+
+    Example:
+        posterior = pamjax.sample("mine", ess=200)
+        pamjax.save_posterior(posterior, "out")
     """
     import xarray as xr
 

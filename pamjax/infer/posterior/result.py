@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pamjax.drawing import DrawableResult
 from pamjax.infer.fitting.result import Fit
 from pamjax.infer.posterior.ar1_likelihood import find_noise_units
 from pamjax.infer.posterior.convergence import ConvergenceDiagnostics
@@ -29,7 +30,7 @@ class Marginal:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Posterior(NotebookNote):
+class Posterior(DrawableResult, NotebookNote):
     """Draws of the parameters of muscle and noise; prints as a report.
 
     Attributes:

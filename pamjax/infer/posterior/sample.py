@@ -65,8 +65,17 @@ def sample(
         checkpoint: folder in which the chain is saved and from which it is resumed; None for none.
         progress: called with the current step and the fraction done.
 
+    Returns:
+        the `Posterior`; `print` shows it as a note, `plot` draws it.
+
     Raises:
         BadInput: as `fit`; for an unknown sampler or prior; if `checkpoint` contains another chain.
+
+    Example:
+        posterior = pamjax.sample("mine", ess=200)
+        modulus = posterior.marginals["thread.modulus"]
+        print(modulus.low, modulus.high)  # 90 % credible interval, Pa
+        posterior.plot("corner").savefig("corner.png")
     """
     _check_settings(sampler, ess, rhat, max_draws, seed)
     fit = _fit_source(source, law, share, mechanisms, seed, progress)

@@ -14,6 +14,7 @@ import numpy as np
 
 from pamjax.channels import DISPLAY_UNIT
 from pamjax.errors import BadInput, refuse
+from pamjax.notebook import NotebookNote
 from pamjax.records.case import Case, read_case
 from pamjax.records.files import decode_text, read_bytes
 from pamjax.records.importing.import_spec import ImportSpec, TestTable, read_import_spec
@@ -30,8 +31,8 @@ MAX_GAP = 3.2e8
 CHANNEL_ORDER = ("force", "pressure", "length", "diameter", "cycle")
 
 
-@dataclass(frozen=True)
-class ImportResult:
+@dataclass(frozen=True, repr=False)
+class ImportResult(NotebookNote):
     """Result of an import.
 
     Attributes:
@@ -79,8 +80,14 @@ def import_case(rig: str | Path, folder: str | Path) -> ImportResult:
         rig: path of the import specification (TOML); its paths are relative to its folder.
         folder: the case folder to write; must not exist, or be empty.
 
+    Returns:
+        the `ImportResult` with the case and the number of samples; `print` shows it as a note.
+
     Raises:
         BadInput: with file, row and column, if the files cannot be used. Then nothing is written.
+
+    Example:
+        print(pamjax.import_case("rig.toml", "mine"))
     """
     rig, folder = Path(rig), Path(folder)
     spec, base_folder = read_import_spec(rig), rig.absolute().parent

@@ -110,8 +110,8 @@ def _plot_scores(panel: Panel, diagnosis: Diagnosis, channel: str, block_names: 
     )
     change = f"{before_text} → {after_text}" if diagnosis.named_mechanisms else before_text
     title = (
-        f"Held-out RMS error of {channel}: {change}\n"
-        f"(noise {format_channel_value(noise * compute_si_factor(DISPLAY_UNIT[channel]), channel)})"
+        f"Held-out RMS error of {channel}:\n{change}"
+        f" (noise {format_channel_value(noise * compute_si_factor(DISPLAY_UNIT[channel]), channel)})"
     )
     panel.set(xlabel=f"RMS error of {channel} [{DISPLAY_UNIT[channel]}]", title=title)
 

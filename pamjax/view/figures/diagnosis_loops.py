@@ -32,7 +32,7 @@ def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
 
     One setting is a held-out one, if there is any. Held-out blocks are predicted by fits without them.
     """
-    row_layout, channel_index = _select_settings(diagnosis), find_main_channel(diagnosis)
+    row_layout, channel_index = select_settings(diagnosis), find_main_channel(diagnosis)
     channel = diagnosis.problem.channels[channel_index]
     predictions = [("baseline", diagnosis.gain.before)]
     if diagnosis.named_mechanisms:
@@ -67,7 +67,7 @@ def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
     return drawing
 
 
-def _select_settings(diagnosis: Diagnosis) -> Layout:
+def select_settings(diagnosis: Diagnosis) -> Layout:
     """Return the layout of a few settings: the outer ones, some between, and a held-out one."""
     full_layout = build_layout(diagnosis.problem.case)
     setting_count = len(full_layout.names)
@@ -111,14 +111,21 @@ def _plot_loops(
             mew=0,
             alpha=0.55,
             color=colour,
-            gid="measured",
+            gid=f"measured group-{group}",
         )
         if not row_layout.is_connected:
-            panel.plot(row_layout.x[rows], predicted_values[rows], "x", color=colour, gid="predicted")
+            panel.plot(
+                row_layout.x[rows], predicted_values[rows], "x", color=colour, gid=f"predicted group-{group}"
+            )
             continue
         for run in iterate_lines(diagnosis.problem.case, row_layout, group, measured_rows):
             panel.plot(
-                row_layout.x[run], predicted_values[run], color=colour, lw=1.0, zorder=3, gid="predicted"
+                row_layout.x[run],
+                predicted_values[run],
+                color=colour,
+                lw=1.0,
+                zorder=3,
+                gid=f"predicted group-{group}",
             )
 
 
@@ -126,7 +133,7 @@ def plot_explained_residuals(diagnosis: Diagnosis, narrow: bool = False) -> Figu
     """Return residuals and the mechanisms' contribution, a panel per setting; None without a mechanism."""
     if not diagnosis.named_mechanisms:
         return None
-    row_layout, channel_index = _select_settings(diagnosis), find_main_channel(diagnosis)
+    row_layout, channel_index = select_settings(diagnosis), find_main_channel(diagnosis)
     channel = diagnosis.problem.channels[channel_index]
     residual = to_display(
         channel, diagnosis.problem.measured[channel_index] - diagnosis.gain.before[channel_index]

@@ -20,13 +20,18 @@ from pamjax.model.registry import find_mechanism
 from pamjax.parameter import Meaning
 from pamjax.units import compute_si_factor, format_quantity
 from pamjax.view.figures import diagnosis as figures
-from pamjax.view.figures.diagnosis_loops import plot_explained_residuals, plot_loops
+from pamjax.view.figures.diagnosis_loops import plot_explained_residuals, plot_loops, select_settings
 from pamjax.view.figures.mismatch_map import list_other_channels, plot_map
+from pamjax.view.reports.diagnosis_answer import (
+    format_headline,
+    format_p_value,
+    format_percent,
+    format_probability,
+    list_answers,
+    list_held_out_bars,
+)
 from pamjax.view.reports.page import Picture, build_picture, write_page
 from pamjax.view.wording import format_history, format_noise, format_signed, join_words
-
-#: A p-value below this limit is shown as an upper bound.
-MIN_SHOWN_P_VALUE = 1e-12
 
 
 def write_diagnosis_report(
@@ -47,22 +52,24 @@ def write_diagnosis_report(
         title=format_headline(diagnosis),
         muscle=diagnosis.problem.case.entry.name,
         document=document,
-        answer=format_answer(diagnosis),
+        answers=list_answers(diagnosis),
+        bars=list_held_out_bars(diagnosis),
         p_value=format_p_value(diagnosis.mismatch.p_value),
         residual_p_value=format_p_value(diagnosis.residual_test.p_value),
-        map=_draw_picture(diagnosis, partial(plot_map, diagnosis, None), "map"),
+        map=_draw_picture(diagnosis, partial(plot_map, diagnosis, None), "map", has_title=False),
         other_maps=[
             _draw_picture(diagnosis, partial(plot_map, diagnosis, c), f"map-{c}")
             for c in list_other_channels(diagnosis)
         ],
         regions=[
-            region | {"percent": _format_percent(region["share"])} for region in document["mismatch"]["where"]
+            region | {"percent": format_percent(region["share"])} for region in document["mismatch"]["where"]
         ],
         region_rows=[
             _build_region_row(diagnosis, k, region)
             for k, region in enumerate(document["mismatch"]["where"], 1)
         ],
         mechanisms=[_describe_mechanism(diagnosis, k) for k in range(len(diagnosis.named_mechanisms))],
+        groups=_list_groups(diagnosis),
         loops=_draw_picture(diagnosis, partial(plot_loops, diagnosis), "loops"),
         residuals=_draw_picture(diagnosis, partial(plot_explained_residuals, diagnosis), "residuals"),
         held_out=_draw_picture(diagnosis, partial(figures.plot_held_out_scores, diagnosis), "held-out"),
@@ -82,107 +89,14 @@ def write_diagnosis_report(
         notes=diagnosis.notes,
         assumptions=list(_list_assumptions(diagnosis)),
         settings=list(_list_settings(diagnosis)),
+        changed_settings=_format_changed_settings(diagnosis),
         checksum=diagnosis.problem.case.checksum,
         command=command or shlex.join(["pamjax", "diagnose", str(diagnosis.problem.case.folder)]),
     )
 
 
-def format_headline(diagnosis: Diagnosis) -> str:
-    """Return the result in one line."""
-    if not diagnosis.is_detected:
-        return "The baseline has no misfit beyond the noise"
-    if diagnosis.is_faint:
-        return "The baseline has a misfit that is too small to identify its cause"
-    if not diagnosis.named_mechanisms:
-        return "The baseline has a misfit that no mechanism of the library explains"
-    titles = join_words(
-        [find_mechanism(mechanism.id).about.title for mechanism in diagnosis.named_mechanisms]
-    )
-    addition = "; part of the misfit is unexplained" if diagnosis.unexplained else ""
-    return f"Missing from the baseline: {titles}{addition}"
-
-
-def format_answer(diagnosis: Diagnosis) -> tuple[str, str]:
-    """Return the misfit with its location, then the identified mechanisms with their held-out errors."""
-    law = diagnosis.problem.law
-    if not diagnosis.is_detected:
-        first_sentence = (
-            f"The {law} baseline explains this recording within its noise"
-            f" ({format_p_value(diagnosis.mismatch.p_value)})."
-        )
-        errors = _format_held_out_errors(diagnosis)
-        return first_sentence, errors or "No block was held out."
-    location = (
-        diagnosis.mismatch_boxes[0].description
-        if diagnosis.mismatch_boxes
-        else "The misfit has no distinct region."
-    )
-    first_sentence = (
-        f"The {law} baseline has a misfit beyond the noise"
-        f" ({format_p_value(diagnosis.mismatch.p_value)}). {location}"
-    )
-    if diagnosis.is_faint:
-        return first_sentence, "The misfit is far below the noise of one row, so pamjax names no mechanism."
-    if not diagnosis.named_mechanisms:
-        return first_sentence, "No mechanism of the library explains the misfit well enough to be named."
-    names = join_words(
-        [
-            f"{mechanism.id} ({_format_probability(mechanism.probability)})"
-            for mechanism in diagnosis.named_mechanisms
-        ]
-    )
-    unexplained_text = (
-        f"{_format_percent(diagnosis.residual_share)} of the misfit is unexplained."
-        if diagnosis.unexplained
-        else ""
-    )
-    sentences = [f"The baseline lacks {names}.", _format_held_out_errors(diagnosis), unexplained_text]
-    return first_sentence, " ".join(sentence for sentence in sentences if sentence)
-
-
-def format_p_value(p: float) -> str:
-    """Return a p-value as text with non-breaking spaces.
-
-    >>> format_p_value(0.4321).split(), format_p_value(1e-40).split()
-    (['p', '=', '0.43'], ['p', '<', '1e-12'])
-    """
-    return (f"p < {MIN_SHOWN_P_VALUE:g}" if p < MIN_SHOWN_P_VALUE else f"p = {p:.2g}").replace(" ", "\u00a0")
-
-
-def _format_probability(probability: float) -> str:
-    return "probability above 0.99" if probability > 0.995 else f"probability {probability:.2f}"
-
-
-def _format_held_out_errors(diagnosis: Diagnosis) -> str:
-    """Return a sentence on the held-out error of each channel, empty if there is none.
-
-    With mechanisms, it has only the channels whose error changes by 10 % or more.
-    """
-    document = diagnosis.as_dict()
-    parts = []
-    for channel, score in document["improvement"]["held_out"].items():
-        if channel == "blocks":
-            continue
-        before, after, unit = score["rmse_before"], score["rmse_after"], score["unit"]
-        noise_text = f"(noise {document['noise'][channel]['sd']:.3g} {unit})"
-        if not diagnosis.named_mechanisms:
-            parts.append(f"{before:.3g} {unit} for {channel} {noise_text}")
-        elif not 0.9 < after / before < 1.1:
-            parts.append(f"from {before:.3g} to {after:.3g} {unit} for {channel} {noise_text}")
-    if not parts:
-        return ""
-    if not diagnosis.named_mechanisms:
-        return f"The RMS error of held-out blocks is {join_words(parts)}."
-    pronoun = "it" if len(diagnosis.named_mechanisms) == 1 else "them"
-    return f"With {pronoun}, the RMS error of held-out blocks changes {join_words(parts)}."
-
-
-def _draw_picture(diagnosis: Diagnosis, plot, name: str) -> Picture | None:
-    return build_picture(lambda narrow: plot(narrow=narrow), name)
-
-
-def _format_percent(share: float) -> str:
-    return f"{100 * share:.0f} %"
+def _draw_picture(diagnosis: Diagnosis, plot, name: str, has_title: bool = True) -> Picture | None:
+    return build_picture(lambda narrow: plot(narrow=narrow), name, has_title)
 
 
 def _build_region_row(diagnosis: Diagnosis, number: int, region: dict[str, Any]) -> list[str]:
@@ -196,7 +110,13 @@ def _build_region_row(diagnosis: Diagnosis, number: int, region: dict[str, Any])
             (region["time_s"], time_unit),
         )
     ]
-    return [str(number), region["channel"], region["direction"], *limits, _format_percent(region["share"])]
+    return [str(number), region["channel"], region["direction"], *limits, format_percent(region["share"])]
+
+
+def _list_groups(diagnosis: Diagnosis) -> list[str]:
+    """Return the isobars or lengths of the loops, which the page can show one by one."""
+    names = list(select_settings(diagnosis).names)
+    return names if len(names) > 1 else []
 
 
 def _describe_mechanism(diagnosis: Diagnosis, k: int) -> dict[str, Any]:
@@ -205,7 +125,7 @@ def _describe_mechanism(diagnosis: Diagnosis, k: int) -> dict[str, Any]:
     return {
         "id": mechanism.id,
         "about": description,
-        "probability": _format_probability(mechanism.probability),
+        "probability": format_probability(mechanism.probability),
         "ties": list(mechanism.indistinguishable),
         "rows": [
             [n, _format_quantity(v.value, v.sd, v.meaning), v.meaning.about]
@@ -319,6 +239,15 @@ def _list_settings(diagnosis: Diagnosis) -> Iterator[list[str]]:
             value += f" (default {setting.default:.4g})"
         unit = "" if setting.unit in ("1", "count") else f" [{setting.unit}]"
         yield [setting.name, value, f"{setting.meaning}{unit}", setting.group]
+
+
+def _format_changed_settings(diagnosis: Diagnosis) -> str:
+    """Return a sentence on the settings that differ from their defaults."""
+    settings = list(describe_settings(diagnosis.settings))
+    changed = [f"{s.name} = {s.value:.4g}" for s in settings if s.value != s.default]
+    if not changed:
+        return f"All {len(settings)} settings of the diagnosis have their default values."
+    return f"Settings that differ from their default values: {', '.join(changed)}."
 
 
 def _format_prior(problem, k: int) -> str:

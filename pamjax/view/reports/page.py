@@ -21,6 +21,7 @@ from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
 from pamjax.records.files import write_atomically
+from pamjax.view.reports.cell_titles import add_cell_titles
 from pamjax.view.theme import apply_theme, escape_names
 
 #: Packages whose versions each page lists at its end.
@@ -51,17 +52,21 @@ class Picture:
     alt: str
 
 
-def build_picture(plot: Callable[[bool], Figure | None], name: str) -> Picture | None:
+def build_picture(plot: Callable[[bool], Figure | None], name: str, has_title: bool = True) -> Picture | None:
     """Return a figure drawn wide and narrow, or None if there is nothing to show.
 
     Args:
         plot: function that draws the figure; its argument is whether the figure is narrow.
         name: id of the figure, unique on its page.
+        has_title: whether its main title is drawn; without it, the text beside the figure states the finding.
     """
     wide, narrow = plot(False), plot(True)
     if wide is None or narrow is None:
         return None
     alt = format_figure_titles(wide)
+    if not has_title:
+        wide.suptitle("")
+        narrow.suptitle("")
     return Picture(render_svg(wide, f"{name}-wide", alt), render_svg(narrow, f"{name}-narrow", alt), alt)
 
 
@@ -88,7 +93,7 @@ def render_svg(figure: Figure, name: str, alt: str) -> Markup:
     box = re.search(r'viewBox="([^"]*)"', text.getvalue())
     assert box is not None
     inner = re.sub(r"<metadata>.*?</metadata>|<style type.*?</style>", "", inner, flags=re.DOTALL)
-    inner = _make_ids_unique(inner, name)
+    inner = add_cell_titles(_make_ids_unique(inner, name), figure)
     # Limit the figure's width, so that type is only slightly larger than on paper.
     width = SCREEN_SCALE * 96 * figure.get_figwidth()
     style = f"max-width: {width:.0f}px"

@@ -8,7 +8,7 @@ import pytest
 from pamjax.cli.main import main
 from pamjax.errors import BadInput
 from pamjax.infer.fitting.fit import fit
-from pamjax.infer.posterior.compare import PosteriorComparison, PosteriorScore, compare_posteriors
+from pamjax.infer.posterior.compare import PosteriorComparison, PosteriorScore, compare
 from pamjax.infer.posterior.io import save_posterior
 from pamjax.infer.posterior.sample import sample
 from pamjax.records.case import read_case
@@ -32,7 +32,7 @@ def inelastic(tmp_path_factory):
 
 @pytest.mark.slow
 def test_elastic_threads_predict_better(elastic, inelastic, capsys):
-    comparison = compare_posteriors([inelastic, elastic])
+    comparison = compare([inelastic, elastic])
     assert comparison.scores[0].model == "elastic threads"
     less, error = comparison.compute_deficit(comparison.scores[1])
     assert less > 2 * error > 0
@@ -61,7 +61,7 @@ def test_influential_block_is_named():
 
 def test_invalid_posterior_is_refused(tmp_path):
     with pytest.raises(BadInput, match="there is no file"):
-        compare_posteriors([tmp_path])
+        compare([tmp_path])
     (tmp_path / "posterior.nc").write_text("no netCDF")
     with pytest.raises(BadInput, match="a posterior is a netCDF that `pamjax sample` wrote"):
-        compare_posteriors([tmp_path])
+        compare([tmp_path])

@@ -5,6 +5,7 @@ import pytest
 
 from pamjax.view.figures.diagnosis import plot_candidates, plot_held_out_scores, plot_shifts
 from pamjax.view.figures.diagnosis_loops import plot_explained_residuals, plot_loops
+from pamjax.view.figures.diagnosis_story import plot_story
 from pamjax.view.figures.mismatch_map import plot_map
 from tests.view.made_up import diagnosis, holds, lengths, strokes, table
 
@@ -63,7 +64,8 @@ def test_loops_are_drawn_before_and_after(protocol):
     result = diagnosis(protocol)
     before, after = panels(plot_loops(result))
     predicted = [
-        np.concatenate([line.get_ydata() for line in select_artists(p, "predicted")]) for p in (before, after)
+        np.concatenate([line.get_ydata() for line in p.lines if line.get_gid().startswith("predicted")])
+        for p in (before, after)
     ]
     assert np.abs(predicted[1] - predicted[0]).max() > 9
     assert after.get_title("left").startswith("With braid_friction: RMS error of force ")
@@ -122,3 +124,23 @@ def test_parameter_with_the_largest_change_is_first():
         "1 of 2 parameters shifts by more than 1 sd; largest: thread.modulus, +8.9 sd"
     )
     assert plot_shifts(diagnosis(named=False)) is None
+
+
+@pytest.mark.parametrize("protocol", [strokes, lengths, holds, table])
+def test_story_has_residuals_before_and_after_on_one_scale(protocol):
+    result = diagnosis(protocol=protocol)
+    before, rivals, after = panels(plot_story(result))
+    assert [panel.get_title("left")[:2] for panel in (before, rivals, after)] == ["1.", "2.", "3."]
+    assert before.get_ylim() == after.get_ylim()
+    rms = [
+        np.sqrt(np.mean(np.concatenate([line.get_ydata() for line in panel.lines]) ** 2))
+        for panel in (before, after)
+    ]
+    assert rms[0] > 4 * rms[1]
+    (losses,) = select_artists(rivals, "loss")
+    # The named mechanism is the reference; a rival with a better fit is drawn there too.
+    assert losses.get_offsets()[:, 0].tolist() == [0.0, 0.0, 640.0, 5e4]
+
+
+def test_story_needs_a_mechanism():
+    assert plot_story(diagnosis(named=False)) is None

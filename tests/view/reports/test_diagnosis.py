@@ -17,12 +17,12 @@ from pamjax.model.parameters import find_meaning
 from pamjax.records.reading.muscle_toml import Sensors
 from pamjax.view.figures.diagnosis import plot_shifts
 from pamjax.view.reports.diagnosis import (
+    _format_changed_settings,
     _list_settings,
     _list_shifts,
-    format_answer,
-    format_headline,
     write_diagnosis_report,
 )
+from pamjax.view.reports.diagnosis_answer import format_headline, list_answers, list_held_out_bars
 from pamjax.view.reports.page import render_svg
 from pamjax.view.wording import format_noise
 from tests.view.html_page import Page
@@ -105,7 +105,7 @@ def test_report_agrees_with_the_result(page):
     row = page.table(["region", "channel"])["1"]
     assert row[:3] == ["force", "lengthening", "100 to 400 kPa"]
     assert row[-1] == f"{100 * box['share']:.0f} %"
-    assert box["says"] in page.text
+    assert box["says"].rstrip(".") in page.text
     assert "probability 0.98" in page.text
 
 
@@ -148,44 +148,117 @@ def test_long_names_wrap_and_wide_tables_are_marked(page):
     assert re.search(r"\.scroll \{[^}]*no-repeat local[^}]*no-repeat scroll", read_report("friction"))
 
 
-def test_first_screen_has_two_sentences():
+def answers_of(result):
+    """Return the sentences of the first screen, by question."""
+    return {a.question: " ".join(a.sentences).replace("\u00a0", " ") for a in list_answers(result)}
+
+
+def test_first_screen_answers_five_questions_in_order():
     result = diagnosis()
     assert format_headline(result) == "Missing from the baseline: friction between braid threads"
-    first, second = format_answer(result)
-    assert first.startswith(
-        "The elastic baseline has a misfit beyond the noise (p\u00a0<\u00a01e-12). Above 100 kPa"
-    )
+    answers = answers_of(result)
+    assert list(answers) == ["Missing", "How sure", "Where", "How much better", "Next"]
+    assert answers["Missing"] == "`braid_friction`: coefficient 0.210 ± 0.010."
+    assert answers["How sure"].startswith("Probability 0.98; no other mechanism explains")
+    assert "p < 1e-12" in answers["How sure"]
+    assert answers["Where"].startswith("Above 100 kPa")
     before, after = (s["force"] for s in (result.gain.rmse_before, result.gain.rmse_after))
-    assert f"held-out blocks changes from {before:.3g} to {after:.3g} N for force" in second
-    assert "diameter" not in second
+    assert f"force {before:.3g} → {after:.3g} N (noise 2 N); diameter" in answers["How much better"]
+    assert "pamjax validate model.json OTHER" in answers["Next"]
+
+
+def test_questions_precede_the_map_and_the_evidence():
+    text = read_report("friction")
+    places = [
+        text.index(word) for word in ("<h1>", ">How sure<", ">How much better<", ">Next<", "<svg", "<h2>")
+    ]
+    assert places == sorted(places)
+
+
+def test_bars_show_the_channels_that_improve(page):
+    (bar,) = list_held_out_bars(diagnosis())
+    assert bar.channel == "force"
+    assert [label for label, _, _ in bar.rows] == ["baseline", "with mechanisms", "noise"]
+    assert bar.rows[0][2] == pytest.approx(100)
+    assert bar.rows[1][2] < 20
+    (picture,) = (attrs for attrs in page.every("div") if attrs.get("class") == "bars")
+    assert picture["aria-label"].startswith("RMS error of force on held-out blocks: baseline")
+    assert list_held_out_bars(diagnosis(detected=False)) == []
 
 
 @pytest.mark.parametrize(
-    ("options", "title", "sentence"),
+    ("options", "title", "question", "sentence"),
     [
-        ({"detected": False}, "The baseline has no misfit beyond the noise", "within its noise (p = 0.43)"),
+        (
+            {"detected": False},
+            "The baseline has no misfit beyond the noise",
+            "How sure",
+            "Global test of the baseline: p = 0.43; pamjax reports a misfit below p = 0.01.",
+        ),
         (
             {"named": False, "unexplained": True},
             "The baseline has a misfit that no mechanism of the library explains",
-            "No mechanism of the library explains the misfit",
+            "Missing",
+            "12 % of the misfit is unexplained, similar to a stop beyond 12.0 % contraction.",
         ),
         (
             {"named": False},
             "The baseline has a misfit that is too small to identify its cause",
+            "Missing",
             "so pamjax names no mechanism",
         ),
         (
             {"unexplained": True},
             "Missing from the baseline: friction between braid threads; part of the misfit is unexplained",
-            "12 % of the misfit is unexplained.",
+            "Next",
+            "Check the rig and the muscle",
+        ),
+        (
+            {"ties": ("channel_lag",), "experiments": (planned(),)},
+            "Missing from the baseline: friction between braid threads",
+            "Next",
+            "Run this: stroke at 1 and at 50 mm/s. It separates",
         ),
     ],
-    ids=["null", "unknown", "faint", "partly"],
+    ids=["null", "unknown", "faint", "partly", "tied"],
 )
-def test_first_screen_of_other_results(options, title, sentence):
+def test_first_screen_of_other_results(options, title, question, sentence):
     result = diagnosis(**options)
     assert format_headline(result) == title
-    assert sentence in " ".join(format_answer(result)).replace("\u00a0", " ")
+    assert sentence in answers_of(result)[question]
+
+
+def test_pointer_shows_the_value_of_each_cell():
+    shortening, lengthening = re.findall(r'<g class="mismatch">(.*?)</g>', read_report("friction"), re.S)[:2]
+    for svg, sign in ((shortening, "−"), (lengthening, "+")):
+        titles = re.findall(r"<title>(.*?)</title></path>", svg)
+        assert len(titles) == svg.count("<path") == 4 * 18
+        assert sum(title.startswith(sign) for title in titles) > 60
+        assert re.fullmatch(
+            r"[+−]\d+\.\d sd: contraction 0\.00 to 0\.56 %, pressure 50 to 150 kPa", titles[0]
+        )
+    titles = re.findall(r"<title>(.*?)</title></path>", read_report("tied"))
+    assert titles.count("no measurement: row 0.00 to 0.22, pressure 133 to 167 kPa") == 2  # wide and narrow
+
+
+def test_isobars_of_the_loops_can_be_chosen_without_a_script(page):
+    labels = [attrs["id"] for attrs in page.every("input")]
+    assert labels == ["group-all", "group-0", "group-1", "group-2", "group-3"]
+    text = read_report("friction")
+    for k in range(4):
+        assert f"body:has(#group-{k}:checked)" in text
+        assert f'class="measured group-{k}"' in text
+    assert "Show" not in Page(read_report("tied")).text
+
+
+def test_settings_are_folded_and_changed_ones_are_named():
+    text = read_report("friction")
+    assert text.index("<details>") < text.index("detection_p_value") < text.index("</details>")
+    assert "settings of the diagnosis have their default values." in Page(text).text
+    changed = diagnosis()
+    problem: Any = changed.problem
+    problem.settings = DiagnosisSettings(detection_p_value=1e-3)
+    assert _format_changed_settings(changed).endswith("default values: detection_p_value = 0.001.")
 
 
 def test_ties_and_the_next_experiment_are_reported():

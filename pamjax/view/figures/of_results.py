@@ -1,0 +1,153 @@
+"""Figures of each result by name: one function for `fit.plot`, `diagnosis.plot` and the others.
+
+A name is that of the figure's file, without suffix. Figures of one case of several begin with its name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial, singledispatch
+
+from matplotlib.figure import Figure
+
+from pamjax.diagnosis.result import Diagnosis
+from pamjax.drawing import DrawableResult
+from pamjax.errors import refuse, suggest_word
+from pamjax.infer.fitting.result import Fit
+from pamjax.infer.posterior.result import Posterior
+from pamjax.sizing.result import Design
+from pamjax.view.figures.diagnosis import plot_candidates, plot_held_out_scores, plot_shifts
+from pamjax.view.figures.diagnosis_loops import plot_explained_residuals, plot_loops
+from pamjax.view.figures.diagnosis_story import plot_story
+from pamjax.view.figures.fit import (
+    plot_held_out,
+    plot_prediction,
+    plot_prior,
+    plot_residual,
+    select_with_prior,
+)
+from pamjax.view.figures.mismatch_map import list_other_channels, plot_map
+from pamjax.view.figures.posterior import find_ridges, plot_corner, plot_marginals, plot_ridges
+from pamjax.view.figures.posterior_checks import plot_band, plot_profiles, plot_traces
+from pamjax.view.figures.sizing import plot_chart, plot_front, plot_prices
+from pamjax.view.theme import escape_names
+
+#: Function that draws a figure; its argument `narrow` is whether it is for one column.
+PlotFunction = Callable[..., Figure | None]
+
+
+def plot(result: DrawableResult, name: str | None = None, *, narrow: bool = False) -> Figure:
+    """Return a figure of a result.
+
+    Args:
+        result: a `Fit`, a `Posterior`, a `Diagnosis` or a `Design`.
+        name: name of the figure, one of `list_figures`; the first of them if omitted.
+        narrow: draw for one column of a journal, with stacked panels.
+
+    Returns:
+        a matplotlib figure, which a notebook shows.
+
+    Raises:
+        BadInput: for an unknown name, or a result without figures.
+
+    Example:
+        fit = pamjax.fit("mine")
+        pamjax.plot(fit, "residual").savefig("residual.png")
+    """
+    functions = find_plot_functions(result)
+    name = next(iter(functions)) if name is None else name
+    if name not in functions:
+        kind = type(result).__name__
+        raise refuse(f"unknown figure of a {kind}", repr(name), remedy=suggest_word(name, functions))
+    figure = functions[name](narrow=narrow)
+    if figure is None:
+        raise refuse(f"the figure {name!r} has nothing to show", remedy=f"Draw {next(iter(functions))!r}.")
+    escape_names(figure)
+    return figure
+
+
+def list_figures(result: DrawableResult) -> list[str]:
+    """Return the names of the figures of a result, the most important one first.
+
+    Args:
+        result: a `Fit`, a `Posterior`, a `Diagnosis` or a `Design`.
+
+    Returns:
+        the names, for `plot`.
+
+    Raises:
+        BadInput: for a result without figures.
+
+    Example:
+        fit = pamjax.fit("mine")
+        print(pamjax.list_figures(fit))
+    """
+    return list(find_plot_functions(result))
+
+
+@singledispatch
+def find_plot_functions(result: object) -> dict[str, PlotFunction]:
+    """Return the functions that draw a result, by name of the figure."""
+    rule = "`plot` needs a Fit, a Posterior, a Diagnosis or a Design"
+    raise refuse(
+        rule, type(result).__name__, remedy="Pass the result of `fit`, `sample`, `diagnose` or `size`."
+    )
+
+
+@find_plot_functions.register
+def _(fit: Fit) -> dict[str, PlotFunction]:
+    functions: dict[str, PlotFunction] = {}
+    for case_fit in fit.cases:
+        prefix = "" if len(fit.cases) == 1 else f"{case_fit.case.name}-"
+        functions[f"{prefix}prediction"] = partial(plot_prediction, case_fit)
+        functions[f"{prefix}residual"] = partial(plot_residual, case_fit)
+        if case_fit.held_out is not None:
+            functions[f"{prefix}held-out"] = partial(plot_held_out, case_fit)
+    if select_with_prior(fit):
+        functions["prior"] = partial(plot_prior, fit)
+    return functions
+
+
+@find_plot_functions.register
+def _(post: Posterior) -> dict[str, PlotFunction]:
+    functions: dict[str, PlotFunction] = {
+        "corner": partial(plot_corner, post),
+        "belief": partial(plot_marginals, post),
+        "trace": partial(plot_traces, post),
+    }
+    if post.verdicts:
+        functions["profile"] = partial(plot_profiles, post)
+    if find_ridges(post):
+        functions["ridge"] = partial(plot_ridges, post)
+    for k, case_fit in enumerate(post.fit.cases):
+        prefix = "" if len(post.fit.cases) == 1 else f"{case_fit.case.name}-"
+        functions[f"{prefix}band"] = partial(plot_band, post, k)
+    return functions
+
+
+@find_plot_functions.register
+def _(diagnosis: Diagnosis) -> dict[str, PlotFunction]:
+    functions: dict[str, PlotFunction] = {"map": partial(plot_map, diagnosis, None)}
+    for channel in list_other_channels(diagnosis):
+        functions[f"map-{diagnosis.problem.channels[channel]}"] = partial(plot_map, diagnosis, channel)
+    functions["loops"] = partial(plot_loops, diagnosis)
+    if diagnosis.named_mechanisms:
+        functions["story"] = partial(plot_story, diagnosis)
+        functions["residuals"] = partial(plot_explained_residuals, diagnosis)
+    if diagnosis.gain.rmse_before:
+        functions["held-out"] = partial(plot_held_out_scores, diagnosis)
+    if diagnosis.parameter_shifts:
+        functions["shifts"] = partial(plot_shifts, diagnosis)
+    for mechanism in diagnosis.named_mechanisms:
+        functions[f"candidates-{mechanism.id}"] = partial(plot_candidates, diagnosis, mechanism)
+    return functions
+
+
+@find_plot_functions.register
+def _(design: Design) -> dict[str, PlotFunction]:
+    functions: dict[str, PlotFunction] = {"chart": partial(plot_chart, design)}
+    if design.prices:
+        functions["prices"] = partial(plot_prices, design)
+    if design.front is not None and len(design.front.values) > 1:
+        functions["front"] = partial(plot_front, design)
+    return functions

@@ -1,0 +1,207 @@
+"""First screen of a diagnosis report: what is missing, how sure, where, how much better, what to do next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pamjax.channels import DISPLAY_UNIT, to_display
+from pamjax.diagnosis.result import Diagnosis, format_named_estimate
+from pamjax.diagnosis.select.selection import NamedMechanism
+from pamjax.model.registry import find_mechanism
+from pamjax.view.wording import join_words, keep_units_with_numbers
+
+#: A p-value below this limit is shown as an upper bound.
+MIN_SHOWN_P_VALUE = 1e-12
+#: Probabilities above this limit are shown as "above 0.99".
+MAX_SHOWN_PROBABILITY = 0.995
+#: Question beside the bars of the held-out errors.
+GAIN_QUESTION = "How much better"
+#: Largest number of regions and of estimates on the first screen; the evidence has all of them.
+MAX_SHOWN_REGIONS, MAX_SHOWN_ESTIMATES = 2, 3
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Answer to one question.
+
+    Attributes:
+        question: two or three words.
+        sentences: parts between backticks are code.
+    """
+
+    question: str
+    sentences: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class HeldOutBar:
+    """Held-out errors of one channel.
+
+    Attributes:
+        channel: its name.
+        rows: label, value with unit, and length of the bar in percent of the largest value.
+    """
+
+    channel: str
+    rows: tuple[tuple[str, str, float], ...]
+
+
+def format_headline(diagnosis: Diagnosis) -> str:
+    """Return what is missing, in one line."""
+    if not diagnosis.is_detected:
+        return "The baseline has no misfit beyond the noise"
+    if diagnosis.is_faint:
+        return "The baseline has a misfit that is too small to identify its cause"
+    if not diagnosis.named_mechanisms:
+        return "The baseline has a misfit that no mechanism of the library explains"
+    titles = join_words([find_mechanism(m.id).about.title for m in diagnosis.named_mechanisms])
+    addition = "; part of the misfit is unexplained" if diagnosis.unexplained else ""
+    return f"Missing from the baseline: {titles}{addition}"
+
+
+def list_answers(diagnosis: Diagnosis) -> list[Answer]:
+    """Return the answers in the order in which a reader needs them."""
+    answers = [
+        Answer("Missing", _describe_missing(diagnosis)),
+        Answer("How sure", _describe_certainty(diagnosis)),
+        Answer("Where", _describe_location(diagnosis)),
+        Answer(GAIN_QUESTION if diagnosis.named_mechanisms else "Held-out error", _describe_gain(diagnosis)),
+        Answer("Next", _describe_next_step(diagnosis)),
+    ]
+    return [
+        Answer(answer.question, tuple(map(keep_units_with_numbers, answer.sentences)))
+        for answer in answers
+        if answer.sentences
+    ]
+
+
+def _describe_missing(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """Return each mechanism with the estimates of its parameters."""
+    if not diagnosis.is_detected:
+        return (f"The {diagnosis.problem.law} baseline explains this recording within its noise.",)
+    sentences = []
+    for mechanism in diagnosis.named_mechanisms:
+        estimates = list(diagnosis.parameters[mechanism.id].items())[:MAX_SHOWN_ESTIMATES]
+        listed = ", ".join(format_named_estimate(name, estimate) for name, estimate in estimates)
+        sentences.append(f"`{mechanism.id}`: {listed}.")
+    if diagnosis.unexplained:
+        likeness = f", similar to {diagnosis.likenesses[0].description}" if diagnosis.likenesses else ""
+        share = format_percent(diagnosis.residual_share)
+        sentences.append(f"{share} of the misfit is unexplained{likeness}.")
+    if diagnosis.is_faint:
+        sentences.append("The misfit is far below the noise of one row, so pamjax names no mechanism.")
+    return tuple(sentences)
+
+
+def _describe_certainty(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """Return the probability of each mechanism, its rivals, and the test of the baseline."""
+    test = f"global test of the baseline: {format_p_value(diagnosis.mismatch.p_value)}"
+    if not diagnosis.is_detected:
+        limit = f"pamjax reports a misfit below p\u00a0=\u00a0{diagnosis.settings.detection_p_value:g}"
+        return (f"{test[0].upper()}{test[1:]}; {limit}.",)
+    mechanisms = diagnosis.named_mechanisms
+    sentences = [_describe_probability(mechanism, len(mechanisms) > 1) for mechanism in mechanisms]
+    return (*sentences, f"The misfit is beyond the noise ({test}).")
+
+
+def _describe_probability(mechanism: NamedMechanism, is_named: bool) -> str:
+    name = f"`{mechanism.id}`: " if is_named else ""
+    probability = format_probability(mechanism.probability)
+    if not mechanism.indistinguishable:
+        rivals = "no other mechanism explains this recording as well"
+        return f"{name}{probability if is_named else probability.capitalize()}; {rivals}."
+    rivals = join_words([f"`{rival}`" for rival in mechanism.indistinguishable])
+    return f"{name}This recording cannot distinguish it from {rivals}. Any of them: {probability}."
+
+
+def _describe_location(diagnosis: Diagnosis) -> tuple[str, ...]:
+    if not diagnosis.is_detected:
+        return ()
+    boxes = diagnosis.mismatch_boxes[:MAX_SHOWN_REGIONS]
+    if not boxes:
+        return ("The misfit has no distinct region.",)
+    return tuple(
+        f"{box.description.rstrip('.')} ({format_percent(box.share)} of the misfit)." for box in boxes
+    )
+
+
+def _describe_gain(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """Return the held-out error of each channel without and with the mechanisms, beside the noise."""
+    gain, noise = diagnosis.gain, diagnosis.as_dict()["noise"]
+    if not gain.rmse_before:
+        independent = "no independent rows confirm this result"
+        return (f"No block was held out, because the recording has too few blocks: {independent}.",)
+    parts = []
+    for channel, before in gain.rmse_before.items():
+        unit = DISPLAY_UNIT[channel]
+        change = f"{to_display(channel, before):.3g}"
+        if diagnosis.named_mechanisms:
+            change += f" → {to_display(channel, gain.rmse_after[channel]):.3g}"
+        parts.append(f"{channel} {change} {unit} (noise {noise[channel]['sd']:.3g} {unit})")
+    return (f"RMS error of held-out blocks ({gain.blocks.split(':')[0]}): {'; '.join(parts)}.",)
+
+
+def list_held_out_bars(diagnosis: Diagnosis) -> list[HeldOutBar]:
+    """Return the bars of the channels whose held-out error changes by a tenth or more."""
+    gain, noise, bars = diagnosis.gain, diagnosis.as_dict()["noise"], []
+    for channel, before in gain.rmse_before.items() if diagnosis.named_mechanisms else ():
+        after = gain.rmse_after[channel]
+        if 0.9 < after / before < 1.1:
+            continue
+        values = {
+            "baseline": to_display(channel, before),
+            "with mechanisms": to_display(channel, after),
+            "noise": noise[channel]["sd"],
+        }
+        largest, unit = max(values.values()), DISPLAY_UNIT[channel]
+        rows = tuple((n, f"{value:.3g} {unit}", 100 * value / largest) for n, value in values.items())
+        bars.append(HeldOutBar(channel, rows))
+    return bars
+
+
+def _describe_next_step(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """Return the most useful next step."""
+    validate = "Test the model on another recording: `pamjax validate model.json OTHER`."
+    if diagnosis.experiments:
+        experiment = diagnosis.experiments[0]
+        separates = join_words([f"`{id}`" for id in experiment.separates])
+        return (f"Run this: {experiment.protocol}. It separates {separates} (power {experiment.power:.2f}).",)
+    tied = next((m for m in diagnosis.named_mechanisms if m.indistinguishable), None)
+    if tied is not None:
+        return (f"To separate them: {find_mechanism(tied.id).about.experiment}",)
+    if diagnosis.unexplained:
+        return ("Check the rig and the muscle in the regions of the unexplained part, then record again.",)
+    if diagnosis.is_faint:
+        return ("Use the baseline, or record more cycles: a longer recording can identify a smaller effect.",)
+    if diagnosis.named_mechanisms and not diagnosis.gain.rmse_before:
+        return ("Record at least three pressures, so that a block can be held out.",)
+    return (validate,)
+
+
+def format_p_value(p: float) -> str:
+    """Return a p-value as text with non-breaking spaces.
+
+    >>> format_p_value(0.4321).split(), format_p_value(1e-40).split()
+    (['p', '=', '0.43'], ['p', '<', '1e-12'])
+    """
+    return (f"p < {MIN_SHOWN_P_VALUE:g}" if p < MIN_SHOWN_P_VALUE else f"p = {p:.2g}").replace(" ", "\u00a0")
+
+
+def format_probability(probability: float) -> str:
+    """Return a probability as text.
+
+    >>> format_probability(0.98), format_probability(1.0)
+    ('probability 0.98', 'probability above 0.99')
+    """
+    return (
+        "probability above 0.99" if probability > MAX_SHOWN_PROBABILITY else f"probability {probability:.2f}"
+    )
+
+
+def format_percent(share: float) -> str:
+    """Return a share as text.
+
+    >>> format_percent(0.817)
+    '82 %'
+    """
+    return f"{100 * share:.0f} %"
