@@ -180,7 +180,7 @@ def build_interference(context: TemplateContext) -> Variants:
         return
     frequencies, power = compute_relative_power(context.residual, context.time)
     for k in np.argsort(-power)[:FREQUENCY_COUNT]:
-        frequency = refine_frequency(context.residual, context.time, frequencies[k])
+        frequency = refine_frequency(context.residual, context.time, float(frequencies[k]))
         phase = 2 * np.pi * frequency * context.time
         pair = [np.cos(phase), np.sin(phase)]
         says = f"a disturbance with a period of {1 / frequency:.2g} s"
