@@ -16,7 +16,7 @@ from pamjax.model.registry import find_mechanism
 def build_coordinates(problem: LibraryProblem) -> Coordinates:
     """Return the variables of the form errors at each row of the recording."""
     rate = np.asarray(problem.dataset.history.rate(problem.dataset.rows.length))[: problem.n]
-    is_compared = np.isfinite(problem.measured).any(axis=0)
+    is_compared = np.asarray(np.isfinite(problem.measured).any(axis=0))
     return Coordinates.from_recording(problem.case.recording, is_compared, rate)
 
 
