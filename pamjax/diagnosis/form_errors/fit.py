@@ -18,7 +18,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from pamjax.diagnosis.form_errors.columns import build_coordinates, build_form_columns, compute_effect_of
+from pamjax.diagnosis.form_errors.columns import build_coordinates, build_form_columns
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import (
@@ -28,7 +28,7 @@ from pamjax.diagnosis.refit.least_squares import (
     fit_parameters,
     transform_to_coordinates,
 )
-from pamjax.infer.form_errors.discrepancy import DiscrepancyNoise, add_discrepancy
+from pamjax.infer.form_errors.discrepancy import add_discrepancy
 from pamjax.infer.form_errors.shares import FormCost, choose_shares
 
 #: Refits; the form errors are computed again before each, because they change with their effects.
@@ -40,11 +40,11 @@ class FormErrorFit(CandidateFit):
     """A fit whose noise contains the form errors of its mechanisms.
 
     Attributes:
-        form_ratios: by mechanism id, rms of the estimated form error over the rms of the effect; mechanisms
+        shares: by mechanism id, the most likely size of its form error as a share of the effect; mechanisms
             without form error are absent.
     """
 
-    form_ratios: dict[str, float] = field(default_factory=dict)
+    shares: dict[str, float] = field(default_factory=dict)
 
 
 #: Fits with form errors, as long as the fit without them exists: the steps of a diagnosis share them.
@@ -85,7 +85,7 @@ def _refit_with_form_errors(problem: LibraryProblem, fit: CandidateFit) -> Candi
         values = estimate.values
         out = FormErrorFit(
             **{**vars(fit), "noise": noise, "estimate": estimate},
-            form_ratios=_compute_form_ratios(problem, fit, values, noise),
+            shares=dict(zip(white, shares, strict=True)),
         )
     return out
 
@@ -108,25 +108,3 @@ def build_form_cost(problem: LibraryProblem, estimate: MapEstimate, forms: Seque
     mean, _ = compute_priors(problem, estimate.free)
     deviation = transform_to_coordinates(problem, estimate.free, estimate.values) - mean
     return FormCost(estimate.residual, estimate.jacobian, 1 / estimate.prior_sd**2, deviation, forms)
-
-
-def _compute_form_ratios(
-    problem: LibraryProblem, fit: CandidateFit, values: np.ndarray, noise: DiscrepancyNoise
-) -> dict[str, float]:
-    """Return the rms of each estimated form error over the rms of its effect, whitened."""
-    residual, out = problem.measured - problem.predict(values), {}
-    for candidate in fit.mechanisms:
-        if candidate.id in noise.owners:
-            form, effect = (
-                _compute_rms(np.nan_to_num(fit.noise.whiten(part)))
-                for part in (
-                    noise.estimate_discrepancy(residual, candidate.id),
-                    compute_effect_of(problem, values, candidate),
-                )
-            )
-            out[candidate.id] = form / max(effect, 1e-12)
-    return out
-
-
-def _compute_rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
