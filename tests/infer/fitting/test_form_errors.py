@@ -44,7 +44,7 @@ def simulate_exactly(on):
 
 
 def build_case(share, seed=0):
-    """Return a case whose effect differs from its equation by a share (rms), smooth in length and pressure."""
+    """Return a case whose effect differs from its equation by a share of its rms, in length and pressure."""
     on, off = simulate_exactly(True), simulate_exactly(False)
     x, y = (2 * (v - v.min()) / np.ptp(v) - 1 for v in (on.length, on.pressure))
     shape = x + y
