@@ -12,6 +12,7 @@ import pytest
 from pamjax.errors import BadInput
 from pamjax.infer.fitting.fit import fit
 from pamjax.infer.fitting.io import build_fit_document, build_xarray_dataset
+from pamjax.infer.posterior.log_density import build_density
 from pamjax.model.assembly import assemble_bench
 from pamjax.records.case import Case
 from pamjax.records.protocol import Protocol
@@ -87,7 +88,7 @@ def test_size_of_the_form_error_is_estimated():
     # The amplitude absorbs what is proportional to the effect.
     assert part.ratio == pytest.approx(0.28, abs=0.05)
     assert part.form_rms[0] == pytest.approx(part.ratio * part.effect_rms[0], rel=1e-6)
-    deviation = case_fit.prediction["force"] - (case_fit.case.recording.force)
+    deviation = case_fit.prediction["force"] - case_fit.case.recording.force
     assert np.sqrt(np.mean(deviation**2)) < 2.2
     assert 0.2 < np.mean(case_fit.prediction_sd["force"]) < 1.0
 
@@ -126,3 +127,8 @@ def test_note_and_files_have_both_parts():
 def test_form_error_without_a_form_is_refused(mechanisms, loss, message):
     with pytest.raises(BadInput, match=message):
         fit(build_case(0.0), mechanisms=mechanisms, loss=loss, form_error=True)
+
+
+def test_posterior_of_a_fit_with_form_errors_is_refused():
+    with pytest.raises(BadInput, match="a posterior contains no form errors"):
+        build_density(fit_case(0.3, True))

@@ -15,10 +15,8 @@ SIZE = 2 * ROWS
 @pytest.fixture
 def columns():
     """Return three form errors of white unit noise, (3, 2, ROWS); the last one has size zero."""
-    out = (
-        np.random.default_rng(1).standard_normal((COUNT, 2, ROWS)) * np.array([3.0, 0.5, 0.0])[:, None, None]
-    )
-    return out
+    size = np.array([3.0, 0.5, 0.0])[:, None, None]
+    return size * np.random.default_rng(1).standard_normal((COUNT, 2, ROWS))
 
 
 def build_filter(columns):
@@ -55,7 +53,7 @@ def test_prediction_sd_is_that_of_a_gaussian_process(columns):
 
 
 def test_most_likely_share_of_a_single_column():
-    """One column of unit noise, −2 ln L = ln(1 + ε² g) − ε² b² / (1 + ε² g), is most likely at ε² = b²/g² − 1/g."""
+    """−2 ln L = ln(1 + ε² g) − ε² b² / (1 + ε² g) of one column is smallest at ε² = b²/g² − 1/g."""
     column = np.full(SIZE, 3.0)
     g = column @ column
     for share in (0.0, 0.03, 0.1, 0.3):
