@@ -159,10 +159,14 @@ def plot_explained_residuals(diagnosis: Diagnosis, narrow: bool = False) -> Figu
     correction = to_display(
         channel, diagnosis.gain.after[channel_index] - diagnosis.gain.before[channel_index]
     )
-    contributions = [("contribution", correction, OKABE_ITO["blue"])]
+    contributions = [("contribution", correction, np.zeros_like(correction), OKABE_ITO["blue"])]
     if diagnosis.form_prediction is not None:
-        with_form = diagnosis.form_prediction.values[channel_index] - diagnosis.gain.before[channel_index]
-        contributions.append(("form-error", to_display(channel, with_form), OKABE_ITO["orange"]))
+        form = diagnosis.form_prediction
+        with_form, sd = (
+            to_display(channel, values[channel_index])
+            for values in (form.values - diagnosis.gain.before, form.sd)
+        )
+        contributions.append(("form-error", with_form, sd, OKABE_ITO["orange"]))
     setting_count = len(row_layout.names)
     columns = min(2, setting_count) if narrow else setting_count
     with apply_theme():
@@ -190,8 +194,10 @@ def plot_explained_residuals(diagnosis: Diagnosis, narrow: bool = False) -> Figu
                 gid="residual",
             )
             for run in iterate_lines(diagnosis.problem.case, row_layout, k, np.isfinite(residual)):
-                for gid, contribution, colour in contributions:
-                    panel.plot(row_layout.x[run], contribution[run], color=colour, lw=1.2, zorder=3, gid=gid)
+                for gid, contribution, sd, colour in contributions:
+                    line, margin, x = contribution[run], 2 * sd[run], row_layout.x[run]
+                    panel.fill_between(x, line - margin, line + margin, color=colour, alpha=0.3, lw=0)
+                    panel.plot(x, line, color=colour, lw=1.2, zorder=3, gid=gid)
             panel.set(
                 xlabel=row_layout.xlabel,
                 ylabel=f"{channel} − baseline [{DISPLAY_UNIT[channel]}]",
@@ -208,7 +214,7 @@ def plot_explained_residuals(diagnosis: Diagnosis, narrow: bool = False) -> Figu
             create_mark("contribution of the mechanisms", ls="-", color=OKABE_ITO["blue"]),
         ]
         if len(contributions) > 1:
-            handles.append(create_mark("with form error", ls="-", color=OKABE_ITO["orange"]))
+            handles.append(create_mark("with form error (band: ± 2 sd)", ls="-", color=OKABE_ITO["orange"]))
         drawing.legend(handles=handles, loc="outside lower center", ncols=1 if narrow else len(handles))
     return drawing
 
