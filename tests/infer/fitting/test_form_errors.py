@@ -32,7 +32,7 @@ PLAN = Protocol(
     speed="3.14 mm/s",
     cycles=1,
 )
-QUICK = {"mechanisms": [MECHANISM], "starts": 1, "fold_count": 2}
+QUICK = {"mechanisms": [MECHANISM], "starts": 1, "fold_count": 5}
 
 
 @cache
