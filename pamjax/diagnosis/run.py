@@ -112,7 +112,7 @@ def diagnose(
     problem.compile()
     blocks_of_case = find_blocks(case.recording)
     held_out_rows = select_held_out_rows(blocks_of_case, problem.settings)
-    choice = _choose_mechanisms(problem, blocks_of_case, held_out_rows, seed, progress)
+    choice = _choose_mechanisms(problem, case.recording.length, blocks_of_case, held_out_rows, seed, progress)
     selection, baseline, model = choice.selection, choice.baseline, choice.model
     noise_ratios = compute_noise_ratios(problem, model.estimate.values)
     training_fit = add_form_errors(problem, choice.training_fit)
@@ -151,7 +151,12 @@ def diagnose(
 
 
 def _choose_mechanisms(
-    problem: LibraryProblem, blocks_of_case: Blocks, held_out_rows: np.ndarray, seed: int, progress: Progress
+    problem: LibraryProblem,
+    length: np.ndarray,
+    blocks_of_case: Blocks,
+    held_out_rows: np.ndarray,
+    seed: int,
+    progress: Progress,
 ) -> _Choice:
     """Choose mechanisms one after the other, and test them on held-out blocks."""
     training_fit = fit_candidate(problem, ~held_out_rows, (), problem.neutral)
@@ -165,7 +170,7 @@ def _choose_mechanisms(
     progress("testing", 0.85)
     # The templates describe forces; where length is measured, none applies.
     templates = (
-        build_templates(build_template_context(problem, blocks_of_case, training_fit))
+        build_templates(build_template_context(problem, length, blocks_of_case, training_fit))
         if is_detected and not problem.case.recording.measures_length
         else []
     )

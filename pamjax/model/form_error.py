@@ -1,6 +1,6 @@
 """Where the equation of a mechanism may be inexact.
 
-Real effects follow textbook equations to some 10 to 40 %. The difference is smooth and proportional to the
+Real effects follow textbook equations to some 10 to 30 %. The difference is smooth and proportional to the
 effect. A mechanism declares the variables in which it may differ:
 
     effect = textbook effect · (1 + Σ c_j φ_j),     φ_j products of Legendre polynomials of the variables,

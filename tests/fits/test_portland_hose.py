@@ -113,7 +113,7 @@ def test_the_script_refuses_a_folder_without_cases(tmp_path, capsys):
 def test_two_hoses_of_a_series_have_one_wall():
     with import_scripts("portland_hose", "shared_wall", "simulate_hoses") as (wall, simulation):
         names = ("hose-10mm-132", "hose-10mm-281")
-        cases = [wall.read_hose(SIMULATED / name, 4) for name in names]
+        cases = [wall.read_hose(SIMULATED / name, 8) for name in names]
         separate = [wall.fit_wall([case], folds=2).estimates[wall.WALL[0]] for case in cases]
         agreement = wall.average_values([(estimate.value, estimate.sd) for estimate in separate])
         assert agreement.p_value > 0.05

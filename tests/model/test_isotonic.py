@@ -96,6 +96,7 @@ def test_stiffness_of_the_bare_braid_is_its_closed_form():
     agree(compute_stiffness(bench, jnp.asarray(PRESSURE), length, build_history(3)), expected * length, 1e-12)
 
 
+@pytest.mark.slow
 def test_stiffness_of_a_bench_is_the_slope_of_its_force():
     ids = ("bladder_elasticity", "thread_crimp", "end_taper", "rig_compliance")
     bench, history, step = assemble_bench("inelastic", ids, BRAID | RUBBER), build_history(3), 1e-5
@@ -104,6 +105,7 @@ def test_stiffness_of_a_bench_is_the_slope_of_its_force():
     agree(compute_stiffness(bench, pressure, length, history), (above - below) / (2 * step), 1e-6)
 
 
+@pytest.mark.slow
 def test_friction_delays_the_length_in_both_directions():
     ids, friction = ("bladder_elasticity", "braid_friction"), {"braid_friction.coefficient": 0.3}
     bench = assemble_bench("inelastic", ids, BRAID | RUBBER | friction | {"braid_friction.presliding": 1e-3})

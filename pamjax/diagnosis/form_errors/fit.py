@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -28,6 +27,7 @@ from pamjax.diagnosis.refit.least_squares import (
     fit_parameters,
     transform_to_coordinates,
 )
+from pamjax.diagnosis.refit.remember import remember
 from pamjax.infer.form_errors.discrepancy import add_discrepancy
 from pamjax.infer.form_errors.shares import FormCost, choose_shares
 
@@ -47,10 +47,7 @@ class FormErrorFit(CandidateFit):
     shares: dict[str, float] = field(default_factory=dict)
 
 
-#: Fits with form errors, as long as the fit without them exists: the steps of a diagnosis share them.
-_FITS: WeakKeyDictionary[CandidateFit, CandidateFit] = WeakKeyDictionary()
-
-
+@remember(lambda: None)
 def add_form_errors(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
     """Return the fit, refitted with the form errors of its mechanisms as noise.
 
@@ -58,15 +55,6 @@ def add_form_errors(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
         problem: the recording and the library.
         fit: a fit of this recording without form errors; returned unchanged if its mechanisms have none.
     """
-    if fit not in _FITS:
-        tolerant_fit = _refit_with_form_errors(problem, fit)
-        if tolerant_fit is fit:
-            return fit
-        _FITS[fit] = tolerant_fit
-    return _FITS[fit]
-
-
-def _refit_with_form_errors(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
     coordinates, values, out = build_coordinates(problem), fit.estimate.values, fit
     for _ in range(ROUNDS):
         forms = {m.id: build_form_columns(problem, coordinates, values, m) for m in fit.mechanisms}

@@ -100,7 +100,8 @@ def list_likenesses(
     A family is listed if it has the probability `min_likeness` and explains `min_likeness_excess_share`.
     """
     settings, tolerant_fit = problem.settings, add_form_errors(problem, fit)
-    gains = compute_template_gains(tolerant_fit, templates)
+    explained = compute_explained_chi2(tolerant_fit, templates)
+    gains = explained - _compute_penalties(tolerant_fit, templates)
     scale = max(tolerant_fit.estimate.chi2 / max(tolerant_fit.noise.size, 1), 1.0)
     probabilities = softmax(np.append(gains, 0.0) / (2 * scale))[:-1]
     out: dict[str, Likeness] = {}
@@ -110,7 +111,7 @@ def list_likenesses(
             float(p) for p, other in zip(probabilities, templates, strict=True) if other.id == template.id
         )
         if template.id not in out and total >= settings.min_likeness:
-            if gains[k] < settings.min_likeness_excess_share * tolerant_fit.excess_chi2:
+            if explained[k] < settings.min_likeness_excess_share * tolerant_fit.excess_chi2:
                 continue
             out[template.id] = Likeness(template.id, total, template.description)
     return tuple(out.values())
@@ -118,18 +119,28 @@ def list_likenesses(
 
 def compute_template_gains(fit: CandidateFit, templates: Sequence[Template]) -> np.ndarray:
     """Return by template the reduction of −2 ln L + k ln n in the linear model; −∞ where it has no effect."""
+    return compute_explained_chi2(fit, templates) - _compute_penalties(fit, templates)
+
+
+def _compute_penalties(fit: CandidateFit, templates: Sequence[Template]) -> np.ndarray:
+    """Return the cost of the columns and of the place of each template."""
+    rows = math.log(fit.noise.size)
+    return np.array([len(each.columns) * rows - 2 * math.log(each.share) for each in templates])
+
+
+def compute_explained_chi2(fit: CandidateFit, templates: Sequence[Template]) -> np.ndarray:
+    """Return by template the reduction of χ² with priors in the linear model; −∞ where it has no effect."""
     jacobian = fit.estimate.jacobian
     information = jacobian.T @ jacobian + np.diag(1 / fit.estimate.prior_sd**2)
     # Scaled to a unit diagonal: newtons and pascals are many orders of magnitude apart.
     unit = np.sqrt(np.maximum(np.diag(information), 1e-300))
     covariance = np.linalg.pinv(information / np.outer(unit, unit), rcond=1e-12, hermitian=True)
-    gains = np.full(len(templates), -np.inf)
+    explained = np.full(len(templates), -np.inf)
     for k, template in enumerate(templates):
         columns = np.nan_to_num(fit.noise.whiten(template.columns))
         own, across = columns @ columns.T, (columns @ jacobian) / unit
         free = own - across @ covariance @ across.T
         if np.all(np.diag(own) > 0) and np.all(np.diag(free) > MIN_FREE_SHARE * np.diag(own)):
             along = columns @ fit.estimate.residual
-            explained = along @ np.linalg.lstsq(free, along, rcond=1e-9)[0]
-            gains[k] = explained - len(columns) * math.log(fit.noise.size) + 2 * math.log(template.share)
-    return gains
+            explained[k] = along @ np.linalg.lstsq(free, along, rcond=1e-9)[0]
+    return explained

@@ -16,16 +16,31 @@ STIFFNESS_PARAMETERS = ("thread.modulus", "thread.stiffness", COMPLIANCE_PARAMET
 
 
 def build_template_context(
-    problem: LibraryProblem, blocks: Blocks, baseline: CandidateFit
+    problem: LibraryProblem, length: np.ndarray, blocks: Blocks, baseline: CandidateFit
 ) -> TemplateContext:
-    """Return what the templates depend on, at the estimate of the baseline."""
-    values = baseline.estimate.values
-    prediction = problem.predict(values)
+    """Return what the templates depend on, at the estimate of the baseline.
+
+    Args:
+        problem: the recording and the library.
+        length: (n,) m, as it was read; the length of the problem is averaged where it is fixed.
+        blocks: isobars, holds or cycles of the recording.
+        baseline: the fit without mechanisms.
+    """
+    values, recording = baseline.estimate.values, problem.case.recording
     by_pressure, by_length = (
         np.nan_to_num(np.asarray(s)[0, : problem.n])
         for s in compute_sensitivities(problem.dataset, jnp.asarray(values))
     )
-    residual = np.nan_to_num(problem.measured[0] - prediction[0])
     stiffness = next(name for name in STIFFNESS_PARAMETERS if name in problem.names)
-    by_stiffness = problem.jacobian(values, [problem.index(stiffness)])[1][0]
-    return TemplateContext(problem, blocks, prediction, residual, by_pressure, by_length, by_stiffness)
+    return TemplateContext(
+        time=None if recording.time is None else recording.time - recording.time[0],
+        pressure=recording.pressure,
+        length=length,
+        rest_length=problem.case.entry.rest_length.value,
+        force=problem.measured[0],
+        blocks=blocks,
+        prediction=problem.predict(values),
+        by_pressure=by_pressure,
+        by_length=by_length,
+        by_stiffness=problem.jacobian(values, [problem.index(stiffness)])[1][0],
+    )

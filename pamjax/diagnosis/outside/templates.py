@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.records.blocks import Blocks
 
 #: Number of moments and of contractions at which a template may begin.
@@ -49,36 +48,40 @@ class Template:
 
 @dataclass(frozen=True, eq=False)
 class TemplateContext:
-    """What a template may depend on.
+    """What a template may depend on, in n rows.
 
     Attributes:
-        problem: the recording.
-        blocks: its isobars, holds or cycles.
-        prediction: (2, n) force and diameter of the baseline, SI.
-        residual: (n,) force residual of the baseline, N; zero where none was measured.
+        time: (n,) time since the first sample, s; None without time.
+        pressure: (n,) Pa.
+        length: (n,) m, as it was read: a fixed length is not averaged.
+        rest_length: m.
+        force: (n,) measured force, N; NaN where no sample is compared.
+        blocks: isobars, holds or cycles of the recording.
+        prediction: (2, n) force (N) and diameter (m) of the baseline.
         by_pressure, by_length: (n,) derivatives of the force, N/Pa and N/m.
         by_stiffness: (2, n) derivatives of force and diameter by a number of the threads' stiffness.
     """
 
-    problem: LibraryProblem
+    time: np.ndarray | None
+    pressure: np.ndarray
+    length: np.ndarray
+    rest_length: float
+    force: np.ndarray
     blocks: Blocks
     prediction: np.ndarray
-    residual: np.ndarray
     by_pressure: np.ndarray
     by_length: np.ndarray
     by_stiffness: np.ndarray
 
     @property
-    def contraction(self) -> np.ndarray:
-        """(n,) 1 − L/L₀."""
-        case = self.problem.case
-        return 1 - case.recording.length / case.entry.rest_length.value
+    def residual(self) -> np.ndarray:
+        """(n,) Force residual of the baseline, N; zero where none was measured."""
+        return np.nan_to_num(self.force - self.prediction[0])
 
     @property
-    def time(self) -> np.ndarray | None:
-        """(n,) time since the first sample, s."""
-        time = self.problem.case.recording.time
-        return None if time is None else time - time[0]
+    def contraction(self) -> np.ndarray:
+        """(n,) 1 − L/L₀."""
+        return 1 - self.length / self.rest_length
 
 
 def build_templates(context: TemplateContext) -> list[Template]:
@@ -91,7 +94,7 @@ def build_templates(context: TemplateContext) -> list[Template]:
         ]
         variants = [(says, columns) for says, columns in variants if np.abs(columns).sum() > 0]
         # An interference has one of all frequencies, of which the largest are built.
-        places = max(len(variants), context.problem.n if id == "interference" else 0)
+        places = max(len(variants), context.length.size if id == "interference" else 0)
         out += [Template(id, says, columns, 1 / places) for says, columns in variants]
     return out
 
@@ -141,8 +144,7 @@ def build_stops(context: TemplateContext) -> Variants:
 
 def build_buckling(context: TemplateContext) -> Variants:
     """Yield a force beyond a contraction that acts at high or at low pressure: the muscle bends sideways."""
-    pressure = context.problem.case.recording.pressure
-    highest = max(float(np.nanmax(pressure)), 1e-9)
+    pressure, highest = context.pressure, max(float(np.nanmax(context.pressure)), 1e-9)
     for x in _list_contractions(context):
         beyond = np.maximum(context.contraction - x, 0)
         says = f"bending beyond {x:.1%} contraction"
@@ -152,8 +154,7 @@ def build_buckling(context: TemplateContext) -> Variants:
 
 def build_clipping(context: TemplateContext) -> Variants:
     """Yield a load cell that does not read above the largest measured force."""
-    force = context.problem.measured[0]
-    level = float(np.nanmax(force, initial=-np.inf))
+    force, level = context.force, float(np.nanmax(context.force, initial=-np.inf))
     # A converter at its limit repeats the same reading.
     if np.count_nonzero(force == level) >= MIN_CLIPPED_READINGS:
         yield f"a load cell that clips at {level:.0f} N", [-np.maximum(context.prediction[0] - level, 0)]
@@ -161,7 +162,7 @@ def build_clipping(context: TemplateContext) -> Variants:
 
 def build_length_ripples(context: TemplateContext) -> Variants:
     """Yield a force that is periodic in length, of one size or in proportion to the force."""
-    length = context.problem.case.recording.length
+    length = context.length
     stroke = float(np.ptp(length))
     if stroke > 0:
         for k in RIPPLE_PERIODS:
@@ -206,7 +207,7 @@ def build_single_blocks(context: TemplateContext) -> Variants:
 
 def build_stuck_lengths(context: TemplateContext) -> Variants:
     """Yield a length channel that repeats its reading while the muscle moves on."""
-    length = context.problem.case.recording.length
+    length = context.length
     is_stuck = _find_repeated_readings(length)
     if is_stuck.any() and not is_stuck.all():
         rows = np.arange(length.size)

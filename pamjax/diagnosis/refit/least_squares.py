@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
@@ -132,11 +133,11 @@ def fit_parameters(
 
     def residuals(x):
         prior_residual = np.where(np.isfinite(prior_sd), (x - mean) / prior_sd, 0.0)
-        return np.concatenate([evaluator(x).residual, prior_residual])
+        return np.concatenate([evaluator(x).triangle[:, -1], prior_residual])
 
     def jacobian(x):
         return np.concatenate(
-            [-evaluator(x).jacobian, np.diag(np.where(np.isfinite(prior_sd), 1 / prior_sd, 0.0))]
+            [-evaluator(x).triangle[:, :-1], np.diag(np.where(np.isfinite(prior_sd), 1 / prior_sd, 0.0))]
         )
 
     width = np.where(np.isfinite(prior_sd), prior_sd, 0.1 * (high - low))
@@ -167,6 +168,16 @@ class _Evaluation:
     scale: np.ndarray
     residual: np.ndarray
     jacobian: np.ndarray
+
+    @cached_property
+    def triangle(self) -> np.ndarray:
+        """(k + 1, k + 1) R of the QR decomposition of the Jacobian with the residual as last column.
+
+        Its columns have the lengths and angles of the originals, which is all that a minimiser uses.
+        The minimiser decomposes k + 1 rows instead of thousands.
+        """
+        columns = np.column_stack([self.jacobian, self.residual])
+        return np.asarray(np.linalg.qr(columns, mode="r")) if columns.shape[0] > columns.shape[1] else columns
 
 
 class _ResidualEvaluator:

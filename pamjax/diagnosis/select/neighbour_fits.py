@@ -20,6 +20,7 @@ from pamjax.diagnosis.refit.candidate_fit import (
     switch_on_candidate,
 )
 from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.diagnosis.refit.remember import remember
 from pamjax.model.registry import EXCLUSIVE_PAIRS
 
 
@@ -120,10 +121,18 @@ def compute_rough_limit(reduced_fit: CandidateFit, fit: CandidateFit) -> float:
     return (reduced_fit.bic + fit.bic) / 2
 
 
+@remember(lambda candidate, candidates: candidate.id)
 def fit_replacements(
-    problem, reduced_fit: CandidateFit, candidate: Candidate, candidates
+    problem: LibraryProblem, reduced_fit: CandidateFit, candidate: Candidate, candidates: Sequence[Candidate]
 ) -> list[CandidateFit]:
-    """Return models with an alternative in the place of a candidate, roughly refitted."""
+    """Return models with an alternative in the place of a candidate, roughly refitted.
+
+    Args:
+        problem: the recording and the library.
+        reduced_fit: the model without the candidate.
+        candidate: the candidate.
+        candidates: all candidates of the problem.
+    """
     scores = compute_score_directions(
         problem, reduced_fit.noise, reduced_fit.estimate, [c for c in candidates if c.id != candidate.id]
     )
@@ -133,6 +142,7 @@ def fit_replacements(
     )
 
 
+@remember(lambda k: k)
 def fit_without_mechanism(problem: LibraryProblem, fit: CandidateFit, k: int) -> CandidateFit:
     """Return the model without its k-th mechanism, refitted with the same noise."""
     candidate = fit.mechanisms[k]

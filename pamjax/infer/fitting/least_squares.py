@@ -82,7 +82,6 @@ def _stack_inflations(datasets: tuple[Dataset, ...]) -> Array:
     )
 
 
-@compile_on_call
 def solve_least_squares(
     datasets: tuple[Dataset, ...], space: ParameterSpace, start: Float[Array, " p"], loss: Loss = "square"
 ) -> Solution:
@@ -94,6 +93,15 @@ def solve_least_squares(
         start: (p,) starting point in u; zeros are the stated values.
         loss: "square", or "soft", which reduces the weight of outliers.
     """
+    u, steps, converged = _minimise(datasets, space, start, loss)
+    # A program of its own: as a part of the minimiser it would be compiled twice.
+    solution = linearise_problem(datasets, space, u, loss)
+    return eqx.tree_at(lambda s: (s.steps, s.converged), solution, (steps, converged))
+
+
+@compile_on_call
+def _minimise(datasets: tuple[Dataset, ...], space: ParameterSpace, start: Array, loss: Loss):
+    """Return the point, (p,), the number of steps, and whether the minimiser converged."""
 
     def compute_all_residuals(u, _):
         return stack_residuals(datasets, space, u, loss), space.compute_prior_residual(u)
@@ -101,8 +109,7 @@ def solve_least_squares(
     # With many more rows than parameters, the normal equations are faster than a QR decomposition.
     solver = optx.LevenbergMarquardt(rtol=1e-9, atol=1e-9, linear_solver=lx.Normal(lx.Cholesky()))
     result = optx.least_squares(compute_all_residuals, solver, start, max_steps=MAX_LM_STEPS, throw=False)
-    successful = result.result == optx.RESULTS.successful
-    return _build_solution(datasets, space, result.value, loss, result.stats["num_steps"], successful)
+    return result.value, result.stats["num_steps"], result.result == optx.RESULTS.successful
 
 
 @compile_on_call
@@ -110,23 +117,18 @@ def linearise_problem(
     datasets: tuple[Dataset, ...], space: ParameterSpace, u: Float[Array, " p"], loss: Loss = "square"
 ) -> Solution:
     """Return the `Solution` at a point, without a minimisation."""
-    return _build_solution(datasets, space, u, loss, jnp.asarray(0), jnp.asarray(False))
 
-
-def _build_solution(
-    datasets, space: ParameterSpace, u: Array, loss: Loss, steps: Array, converged: Array
-) -> Solution:
     def compute_all_residuals(v):
-        return stack_residuals(datasets, space, v, loss), space.compute_prior_residual(v)
+        residuals = stack_residuals(datasets, space, v, loss), space.compute_prior_residual(v)
+        return residuals, residuals
 
-    rows, priors = compute_all_residuals(u)
-    by_data, by_prior = jax.jacfwd(compute_all_residuals)(u)
+    (by_data, by_prior), (rows, priors) = jax.jacfwd(compute_all_residuals, has_aux=True)(u)
     return Solution(
         u=u,
         cost=0.5 * (rows @ rows + priors @ priors),
         information=(by_data / _stack_inflations(datasets)[:, None]).T @ by_data,
         prior_information=by_prior.T @ by_prior,
         slope=jax.jvp(space.to_values, (u,), (jnp.ones_like(u),))[1],
-        steps=steps,
-        converged=converged,
+        steps=jnp.asarray(0),
+        converged=jnp.asarray(False),
     )

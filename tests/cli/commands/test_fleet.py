@@ -91,7 +91,7 @@ def test_finished_fleet_has_nothing_to_do(cases, undisturbed, capsys):
 
 
 @pytest.mark.slow
-def test_interruption_says_how_to_continue(cases, tmp_path):
+def test_interruption_says_how_to_continue(cases, tmp_path, interruptible):
     store = tmp_path / "store"
     process = start(cases, "--out", store, "--workers", 1)
     wait_for_tasks(store, 1, process)

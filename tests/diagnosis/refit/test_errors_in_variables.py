@@ -54,6 +54,7 @@ def recording(seed: int) -> Measured:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("own", [False, True])
 def test_lag_is_estimated_without_bias(own):
     # For parameters of the library, and for baseline parameters, which start away from their limits.
@@ -80,6 +81,7 @@ def test_model_without_input_noise_is_not_corrected():
     assert correct_input_noise_bias(still, weights(), at) == (at, 0.0)
 
 
+@pytest.mark.slow
 def test_correction_agrees_with_a_second_addition_of_noise():
     raw, pull = [], []
     for seed in range(MANY):

@@ -72,6 +72,7 @@ def fitted(recording):
     return fit(build_case(recording, length="0.1 mm"), "inelastic", mechanisms=RUBBER, **QUICK)
 
 
+@pytest.mark.slow
 def test_known_parameters_are_recovered(fitted):
     assert fitted.converged
     for name in ("muscle.thread_length", "bladder_elasticity.modulus"):
@@ -90,6 +91,7 @@ def test_known_friction_is_recovered():
     assert rubbed.cases[0].rmse["length"] == pytest.approx(LENGTH_SD, rel=0.15)
 
 
+@pytest.mark.slow
 def test_errors_and_noise_are_lengths(fitted):
     (case_fit,) = fitted.cases
     assert set(case_fit.rmse) == set(case_fit.noise) == {"length"}
@@ -125,6 +127,7 @@ def test_rows_of_a_free_contraction_are_informative(recording):
     assert parameters[0].sd_ratio < 0.1
 
 
+@pytest.mark.slow
 def test_friction_increases_the_length_noise_after_a_reversal():
     """The noise model neglects this part: the docstring of `sensor_noise.py` states its size."""
     # Without pressure a load has no equilibrium, and the memories keep its NaN: simulate one load alone.

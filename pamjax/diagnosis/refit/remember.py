@@ -1,0 +1,38 @@
+"""Results of functions of a fit, computed once: the steps of a diagnosis ask for the same refits."""
+
+from __future__ import annotations
+
+import functools
+import weakref
+from collections.abc import Callable, Hashable
+from typing import Any, TypeVar, cast
+from weakref import WeakKeyDictionary
+
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit
+
+FitFunction = TypeVar("FitFunction", bound=Callable[..., Any])
+
+
+def remember(key: Callable[..., Hashable]) -> Callable[[FitFunction], FitFunction]:
+    """Return a decorator that keeps the results of a function of a problem and a fit while the fit exists.
+
+    Args:
+        key: returns what the result depends on besides the problem and the fit, from the other arguments.
+    """
+
+    def decorate(function: FitFunction) -> FitFunction:
+        results: WeakKeyDictionary[CandidateFit, dict[Hashable, Callable[[], Any]]] = WeakKeyDictionary()
+
+        @functools.wraps(function)
+        def recall(problem: LibraryProblem, fit: CandidateFit, *args):
+            results_of_fit, name = results.setdefault(fit, {}), key(*args)
+            if name not in results_of_fit:
+                result = function(problem, fit, *args)
+                # A fit that is its own result must not keep itself alive.
+                results_of_fit[name] = weakref.ref(fit) if result is fit else lambda: result
+            return results_of_fit[name]()
+
+        return cast(FitFunction, recall)
+
+    return decorate

@@ -1,0 +1,126 @@
+"""Shapes of the effects outside the library, on variables that are written down by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pamjax.diagnosis.outside.templates import TEMPLATES, TemplateContext, build_templates
+from pamjax.records.blocks import Blocks
+from tests.agreement import ROUNDING, agree
+
+N = 121
+TIME = np.linspace(0.0, 60.0, N)
+LENGTH = 0.2 - 0.03 * (0.5 - 0.5 * np.cos(2 * np.pi * TIME / 30))
+PREDICTION = np.stack([100 + 50 * np.sin(TIME), np.full(N, 0.02)])
+
+
+@pytest.fixture
+def context():
+    """Return two strokes of 30 mm of a muscle of 200 mm, at two pressures, without misfit."""
+    label = (TIME >= 30).astype(int)
+    return TemplateContext(
+        time=TIME,
+        pressure=np.where(label == 0, 2e5, 4e5),
+        length=LENGTH,
+        rest_length=0.2,
+        force=PREDICTION[0].copy(),
+        blocks=Blocks(label, ("isobar 200 kPa", "isobar 400 kPa"), "isobars"),
+        prediction=PREDICTION,
+        by_pressure=np.full(N, 2e-4),
+        by_length=np.full(N, 3e3),
+        by_stiffness=np.stack([np.full(N, 5.0), np.full(N, 1e-4)]),
+    )
+
+
+def list_family(context, family):
+    """Return the templates of one family, by description."""
+    return {each.description: each for each in build_templates(context) if each.id == family}
+
+
+def test_places_of_a_family_share_its_probability(context):
+    templates = build_templates(context)
+    for family in TEMPLATES.keys() - {"clipping", "stuck_length", "interference"}:
+        shares = [each.share for each in templates if each.id == family]
+        assert len(shares) > 1
+        agree(sum(shares), 1.0, ROUNDING)
+
+
+def test_interference_has_one_of_all_frequencies(context):
+    noise = np.random.default_rng(1).standard_normal(N)
+    shares = {each.share for each in list_family(replace(context, force=noise), "interference").values()}
+    assert shares == {1 / N}
+
+
+def test_zero_step_is_one_newton_after_its_moment(context):
+    for says, template in list_family(context, "zero_step").items():
+        force, diameter = template.columns[0]
+        assert set(force) == {0.0, 1.0}
+        assert np.all(np.diff(force) >= 0)
+        assert f"{TIME[np.argmax(force)]:.0f} s" in says
+        agree(diameter, 0.0, ROUNDING)
+
+
+def test_a_break_of_threads_changes_force_and_diameter(context):
+    shapes = [each.columns[0] for each in build_templates(context) if each.id == "thread_break"]
+    after = shapes[-1][0] != 0
+    assert any(np.array_equal(shape, after * context.by_stiffness) for shape in shapes)
+    assert any(np.array_equal(shape[0], after * PREDICTION[0]) for shape in shapes)
+
+
+def test_a_stop_is_proportional_to_the_motion_beyond_it(context):
+    stops = list_family(context, "stop")
+    contraction = 1 - LENGTH / 0.2
+    # 24 places divide the 15 % of contraction into 25 parts.
+    agree(stops["a stop beyond 6.0% contraction"].columns[0, 0], np.maximum(contraction - 0.06, 0), ROUNDING)
+    agree(stops["a stop below 6.0% contraction"].columns[0, 0], np.maximum(0.06 - contraction, 0), ROUNDING)
+
+
+def test_bending_at_low_pressure_vanishes_at_half_of_the_highest(context):
+    bending = list_family(replace(context, pressure=np.where(TIME < 30, 1e5, 3e5)), "buckling")
+    low = bending["bending beyond 6.0% contraction at low pressure"].columns[0, 0]
+    beyond = np.maximum(1 - LENGTH / 0.2 - 0.06, 0)
+    agree(low, np.where(TIME < 30, beyond / 3, 0.0), 1e-12)
+
+
+def test_only_a_repeated_largest_reading_is_clipped(context):
+    assert not list_family(context, "clipping")
+    clipped = replace(context, force=np.minimum(PREDICTION[0], 130.0))
+    (template,) = list_family(clipped, "clipping").values()
+    agree(template.columns[0, 0], -np.maximum(PREDICTION[0] - 130, 0), ROUNDING)
+
+
+def test_a_ripple_has_both_phases_of_its_period(context):
+    # Six periods over the stroke of 30 mm.
+    ripple = list_family(context, "length_ripple")["a force with a period of 5 mm in length"]
+    phase = 2 * np.pi * (LENGTH - LENGTH.min()) / 0.005
+    agree(ripple.columns[:, 0], [np.cos(phase), np.sin(phase)], 1e-9, 1.0)
+
+
+def test_interference_finds_the_frequency_of_the_residual(context):
+    disturbed = replace(context, force=PREDICTION[0] + np.sin(2 * np.pi * TIME / 3.0))
+    says = next(iter(list_family(disturbed, "interference")))
+    assert says == "a disturbance with a period of 3 s in force"
+
+
+def test_one_block_differs_by_a_force_or_a_length(context):
+    blocks = list_family(context, "single_block")
+    second = (TIME >= 30).astype(float)
+    agree(blocks["isobar 400 kPa alone, with another force zero"].columns[0, 0], second, ROUNDING)
+    agree(blocks["isobar 400 kPa alone, with another length"].columns[0, 0], 3e3 * second, ROUNDING)
+
+
+def test_a_stuck_length_is_replaced_by_a_line_between_its_neighbours(context):
+    assert not list_family(context, "stuck_length")
+    stuck = LENGTH.copy()
+    stuck[20:40] = LENGTH[20]
+    (template,) = list_family(replace(context, length=stuck), "stuck_length").values()
+    line = np.interp(TIME, TIME[[20, 40]], LENGTH[[20, 40]])
+    expected = np.where(stuck == LENGTH[20], 3e3 * (line - LENGTH[20]), 0.0)
+    agree(template.columns[0, 0], expected, 1e-9, 3e3 * 0.03)
+
+
+def test_without_time_no_course_in_time_is_tried(context):
+    families = {each.id for each in build_templates(replace(context, time=None))}
+    assert not families & {"zero_step", "thread_break", "interference"}
+    assert "stop" in families
