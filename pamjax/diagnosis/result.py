@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.crossval.gain import Gain
 from pamjax.diagnosis.detect.locate import Box
 from pamjax.diagnosis.detect.significance import Significance
+from pamjax.diagnosis.form_errors.prediction import FormPrediction
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.next_experiment.experiment import Experiment
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
@@ -25,6 +26,7 @@ from pamjax.diagnosis.select.selection import NamedMechanism, Selection
 from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.drawing import DrawableResult
 from pamjax.infer.fitting.report import format_estimate
+from pamjax.infer.form_errors.parts import FormErrorPart
 from pamjax.model.registry import find_mechanism
 from pamjax.notebook import NotebookNote
 from pamjax.parameter import Meaning
@@ -100,6 +102,8 @@ class Diagnosis(DrawableResult, NotebookNote):
         parameter_shifts: baseline parameters without and with the mechanisms.
         notes: warnings of the case, parameters that are not determined, and parameters at their limits.
         experiments: proposed next experiments.
+        form_errors: form errors by mechanism id; mechanisms without form error are absent.
+        form_prediction: prediction with the estimated form errors; None if their most likely size is zero.
     """
 
     problem: LibraryProblem
@@ -120,6 +124,8 @@ class Diagnosis(DrawableResult, NotebookNote):
     parameter_shifts: dict[str, ParameterShift]
     notes: list[str]
     experiments: list[Experiment]
+    form_errors: dict[str, FormErrorPart] = field(default_factory=dict)
+    form_prediction: FormPrediction | None = None
 
     @property
     def settings(self) -> DiagnosisSettings:

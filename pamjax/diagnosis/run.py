@@ -22,7 +22,8 @@ from pamjax.diagnosis.detect.residual_test import (
     run_residual_test,
 )
 from pamjax.diagnosis.detect.significance import Significance
-from pamjax.diagnosis.form_errors.fit import FormErrorFit, add_form_errors
+from pamjax.diagnosis.form_errors.fit import add_form_errors
+from pamjax.diagnosis.form_errors.prediction import describe_form_errors, predict_with_form_errors
 from pamjax.diagnosis.identifiability import format_notes
 from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem
 from pamjax.diagnosis.next_experiment.experiment import propose_experiments
@@ -52,6 +53,7 @@ from pamjax.diagnosis.select.selection import (
 )
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
 from pamjax.infer.fitting.identifiability import format_list
+from pamjax.infer.form_errors.parts import FormErrorPart
 from pamjax.progress import Progress, ignore_progress
 from pamjax.records.blocks import Blocks, find_blocks
 from pamjax.records.case import Case, ensure_case
@@ -70,6 +72,7 @@ class _Choice:
         training_fit: the fit with the mechanisms to the training rows.
         baseline: the baseline, fitted to all rows.
         model: the fit with the mechanisms to all rows.
+        form_errors: form errors of the mechanisms in all rows.
         notes: mechanisms that were replaced by a template, or dropped.
     """
 
@@ -81,6 +84,7 @@ class _Choice:
     training_fit: CandidateFit
     baseline: CandidateFit
     model: CandidateFit
+    form_errors: dict[str, FormErrorPart]
     notes: list[str]
 
 
@@ -121,6 +125,7 @@ def diagnose(
     choice = _choose_mechanisms(problem, case.recording.length, blocks_of_case, held_out_rows, seed, progress)
     selection, baseline, model = choice.selection, choice.baseline, choice.model
     noise_ratios = compute_noise_ratios(problem, model.estimate.values)
+    training_fit = add_form_errors(problem, choice.training_fit)
     progress("done", 1.0)
     return Diagnosis(
         problem=problem,
@@ -150,6 +155,8 @@ def diagnose(
             *format_notes(problem, baseline, model),
         ],
         experiments=propose_experiments(problem, model, selection.named_mechanisms),
+        form_errors=choice.form_errors,
+        form_prediction=predict_with_form_errors(problem, training_fit),
     )
 
 
@@ -211,11 +218,12 @@ def _choose_mechanisms(
         selection = reduce_certainty(selection, problem.settings)
     all_rows = np.ones(problem.n, dtype=bool)
     baseline = fit_candidate(problem, all_rows, (), selection.baseline.estimate.values)
-    model = baseline
+    model, form_errors = baseline, {}
     if selection.named_mechanisms:
         model = fit_noise_correlation(problem, _fit_selection(problem, selection, all_rows))
         model = average_models(problem, model, selection.named_mechanisms)
-        selection = _state_form_errors(selection, add_form_errors(problem, model))
+        form_errors = describe_form_errors(problem, add_form_errors(problem, model))
+        selection = _state_form_errors(selection, form_errors)
     return _Choice(
         selection=selection,
         mismatch=mismatch,
@@ -225,6 +233,7 @@ def _choose_mechanisms(
         training_fit=_fit_selection(problem, selection, ~held_out_rows),
         baseline=baseline,
         model=model,
+        form_errors=form_errors,
         notes=[
             *replaced,
             *(format_dropped_mechanisms(selection_before, selection) if is_unexplained else ()),
@@ -261,9 +270,11 @@ def _compare_with_templates(
     return restrict_selection(problem, training_rows, selection, kept), [f"{note[0].upper()}{note[1:]}."]
 
 
-def _state_form_errors(selection: Selection, fit: CandidateFit) -> Selection:
-    ratios = fit.form_ratios if isinstance(fit, FormErrorFit) else {}
-    names = tuple(replace(name, form_error=ratios.get(name.id)) for name in selection.named_mechanisms)
+def _state_form_errors(selection: Selection, parts: dict[str, FormErrorPart]) -> Selection:
+    names = tuple(
+        replace(name, form_error=parts[name.id].ratio if name.id in parts else None)
+        for name in selection.named_mechanisms
+    )
     return replace(selection, named_mechanisms=names)
 
 

@@ -14,6 +14,7 @@ from functools import partial
 from typing import Any, cast
 
 from pamjax.errors import refuse
+from pamjax.infer.form_errors.shares import MAX_FORM_SHARE
 from pamjax.infer.noise.noise_settings import NOISE_SETTINGS
 from pamjax.infer.problem.prior_limits import (
     MAX_PRIOR_DEVIATION_SD,
@@ -186,7 +187,7 @@ class DiagnosisSettings:
     min_direction_chi2_share: float = _select(0.5, "share of the χ² of the smallest effect", 0.0, 1.0,
         "Permit the end of the search if the best candidate reduces χ² by less than this",
         "the search ends earlier")
-    max_form_share: float = _select(0.3, "share of the effect", 0.0, 1.0,
+    max_form_share: float = _select(MAX_FORM_SHARE, "share of the effect", 0.0, 1.0,
         "Allow for a difference of at most this (rms) between an effect and its textbook equation",
         "fewer mechanisms are added beside another one")
     shortlist_length: int = _select(6, "count", 1, 100,

@@ -1,5 +1,6 @@
 """Made-up diagnoses with the parts that figures and reports need."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,10 +10,12 @@ from pamjax.diagnosis.crossval.gain import compute_gain, select_held_out_rows
 from pamjax.diagnosis.detect.locate import Box
 from pamjax.diagnosis.detect.regions import build_axes
 from pamjax.diagnosis.detect.significance import Significance
+from pamjax.diagnosis.form_errors.prediction import FormPrediction
 from pamjax.diagnosis.next_experiment.experiment import Experiment
 from pamjax.diagnosis.result import Diagnosis, Likeness, ParameterEstimate, ParameterShift
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
+from pamjax.infer.form_errors.parts import FormErrorPart
 from pamjax.infer.noise.ar1_filter import Ar1Noise
 from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.model.parameters import find_meaning
@@ -138,6 +141,21 @@ def diagnosis(
         notes=["turns and thread length are determined only in combination"],
         experiments=list(experiments),
     )
+
+
+def add_form_error(result, share=0.1):
+    """Return a diagnosis of friction whose form error is 2 N rms, where its effect is 20 N.
+
+    The prediction with form error is 2 N higher than the one without, with an sd of 5 N.
+    """
+    form = np.zeros_like(result.gain.after)
+    form[0] = 2.0
+    sd = np.zeros_like(form)
+    sd[0] = 5.0
+    rms = np.array([2.0, 0.0]) if share else np.zeros(2)
+    part = FormErrorPart(share, 0.1 if share else 0.0, form, rms, np.array([20.0, 1e-9]))
+    prediction = FormPrediction(result.gain.after + form, sd) if share else None
+    return replace(result, form_errors={"braid_friction": part}, form_prediction=prediction)
 
 
 def planned():

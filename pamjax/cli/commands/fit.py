@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
 
 from pamjax.cli.options import DEFAULT_MODEL, Json, ModelOptions
 from pamjax.cli.screen import (
@@ -27,6 +29,7 @@ def fit(
     *,
     out: Path = Path("out"),
     model: ModelOptions = DEFAULT_MODEL,
+    form_error: Annotated[bool, Parameter(negative="")] = False,
     loss: Literal["square", "soft"] = "square",
     starts: int = 4,
     folds: int = 5,
@@ -43,6 +46,7 @@ def fit(
     Args:
         cases: case folders, each with recording.csv and muscle.toml.
         out: output folder.
+        form_error: allow for differences between effects and the equations of the mechanisms.
         loss: square (least squares) or soft (robust: limits the influence of outliers).
         starts: number of starting points of the minimiser.
         folds: number of folds of the cross-validation; the blocks are distributed over them.
@@ -64,6 +68,7 @@ def fit(
         result = calibrate(
             parsed_cases,
             *model.fit_arguments,
+            form_error=form_error,
             loss=loss,
             starts=starts,
             fold_count=folds,

@@ -21,11 +21,11 @@ from functools import cached_property
 import numpy as np
 
 from pamjax.compile.parallel import parallel_map
-from pamjax.diagnosis.form_errors.discrepancy import DiscrepancyNoise
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, get_parameter_indices, switch_off_candidate
 from pamjax.diagnosis.refit.least_squares import evaluate_estimate, fit_parameters
+from pamjax.infer.form_errors.discrepancy import DiscrepancyNoise
 from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.records.blocks import Blocks
 

@@ -30,11 +30,11 @@ from scipy.stats import t as student
 
 from pamjax.diagnosis.detect.regions import compute_region_shifts
 from pamjax.diagnosis.detect.score_test import NuisanceProjection, ScoreDirection
-from pamjax.diagnosis.form_errors.discrepancy import DiscrepancyNoise
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.uncertainty import NORMAL_NODES, NoiseUncertainty, estimate_noise_uncertainty
 from pamjax.diagnosis.refit.least_squares import MapEstimate
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
+from pamjax.infer.form_errors.discrepancy import DiscrepancyNoise
 from pamjax.infer.noise.noise_model import NoiseModel
 
 #: Largest size of the array of random numbers in one batch.

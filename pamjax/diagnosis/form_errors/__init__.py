@@ -1,1 +1,1 @@
-"""Form errors of mechanisms: differences between a real effect and its textbook equation."""
+"""Refits of a diagnosis with form errors as noise."""

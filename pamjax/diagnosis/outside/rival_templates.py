@@ -22,17 +22,17 @@ import numpy as np
 from scipy.special import softmax
 
 from pamjax.compile.parallel import parallel_map
-from pamjax.diagnosis.form_errors.discrepancy import (
-    add_discrepancy,
-    build_free_columns,
-    compute_free_column_cost,
-)
 from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.outside.templates import Template
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import fit_parameters
 from pamjax.diagnosis.result import Likeness
+from pamjax.infer.form_errors.discrepancy import (
+    add_discrepancy,
+    build_free_columns,
+    compute_free_column_cost,
+)
 
 #: Share of the information of a template that the parameters must not absorb.
 MIN_FREE_SHARE = 1e-3

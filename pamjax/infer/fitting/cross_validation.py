@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from pamjax.infer.fitting.least_squares import Loss, Solution, solve_least_squares
+from pamjax.infer.form_errors.dataset_form import estimate_form, set_form_columns
 from pamjax.infer.problem.dataset import Dataset, predict_rows
 from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.records.blocks import Blocks, split_folds
@@ -51,13 +52,13 @@ def cross_validate(
     for k in range(rounds):
         progress(k / rounds)
         held_out = [folds[k] if k < len(folds) else None for folds in folds_of_cases]
-        reduced_solution = solve_least_squares(
-            tuple(map(exclude_rows, datasets, held_out)), space, solution.u, loss
-        )
-        for dataset, mask, prediction in zip(datasets, held_out, predictions, strict=True):
+        training_datasets = tuple(map(exclude_rows, datasets, held_out))
+        reduced_solution = solve_least_squares(training_datasets, space, solution.u, loss)
+        values = space.to_values(reduced_solution.u)
+        for dataset, mask, prediction in zip(training_datasets, held_out, predictions, strict=True):
             if mask is not None:
                 _fill_predictions(
-                    prediction, predict_rows(dataset, space.to_values(reduced_solution.u)), mask
+                    prediction, predict_rows(dataset, values), estimate_form(dataset, values), mask
                 )
     return folds_of_cases, predictions
 
@@ -74,15 +75,14 @@ def exclude_rows(dataset: Dataset, is_excluded: np.ndarray | None) -> Dataset:
     training_mask = np.array(dataset.rows.training_mask)
     training_mask[: is_excluded.size][is_excluded] = 0.0
     training_dataset = eqx.tree_at(lambda m: m.rows.training_mask, dataset, jnp.asarray(training_mask))
-    if training_dataset.whitening is None:
+    if training_dataset.whitening is not None:
+        whitening = training_dataset.whitening.restrict_to_rows(training_mask > 0)
+        training_dataset = eqx.tree_at(lambda m: m.whitening, training_dataset, whitening)
+    if training_dataset.form_filter is None:
         return training_dataset
-    return eqx.tree_at(
-        lambda m: m.whitening,
-        training_dataset,
-        training_dataset.whitening.restrict_to_rows(training_mask > 0),
-    )
+    return set_form_columns(training_dataset, np.asarray(training_dataset.form_filter.columns))
 
 
-def _fill_predictions(prediction: dict[str, np.ndarray], reading, mask: np.ndarray) -> None:
-    for channel, values in prediction.items():
-        values[mask] = np.asarray(getattr(reading, channel))[: mask.size][mask]
+def _fill_predictions(prediction: dict[str, np.ndarray], reading, form: np.ndarray, mask: np.ndarray) -> None:
+    for (channel, values), form_of_channel in zip(prediction.items(), form, strict=True):
+        values[mask] = (np.asarray(getattr(reading, channel)) + form_of_channel)[: mask.size][mask]

@@ -13,6 +13,7 @@ import numpy as np
 
 from pamjax.errors import BadInput, check_minimum, refuse, suggest_word
 from pamjax.infer.fitting.cross_validation import cross_validate
+from pamjax.infer.fitting.form_errors import check_form_errors, describe_form_errors, fit_form_errors
 from pamjax.infer.fitting.least_squares import Loss, Solution, linearise_problem, solve_least_squares
 from pamjax.infer.fitting.prior_bounds import find_limits, solve_within_limits
 from pamjax.infer.fitting.result import CaseFit, Estimate, Fit, HeldOutScore, NamedEstimates
@@ -22,6 +23,7 @@ from pamjax.infer.fitting.reweight import (
     reweight_dataset,
     set_variance_inflation,
 )
+from pamjax.infer.form_errors.dataset_form import estimate_form
 from pamjax.infer.problem.dataset import (
     Dataset,
     build_dataset,
@@ -57,6 +59,7 @@ def fit(
     share: Sequence[str] = (),
     mechanisms: Sequence[str] = (),
     *,
+    form_error: bool = False,
     loss: Loss = "square",
     starts: int = 4,
     fold_count: int = 5,
@@ -73,6 +76,7 @@ def fit(
         law: thread law, a key of `THREAD_LAWS`; None uses the baseline of each muscle.toml.
         share: names of parameters that all cases have in common, such as "thread.modulus".
         mechanisms: ids of mechanisms in addition to the threads, such as "bladder_elasticity".
+        form_error: whether real effects may differ from the equations of `mechanisms`.
         loss: "square", or "soft", which reduces the weight of outliers.
         starts: number of starting points of the minimiser.
         fold_count: number of folds of the cross-validation.
@@ -83,7 +87,8 @@ def fit(
         the `Fit`; `print` shows it as a note, `to_frame` returns its estimates as a table.
 
     Raises:
-        BadInput: for an unknown law, an unknown shared parameter, or a recording without force and diameter.
+        BadInput: for an unknown law, an unknown shared parameter, a recording without force and diameter, or
+            `form_error` without a mechanism that has one.
 
     Example:
         fit = pamjax.fit("mine", mechanisms=["bladder_elasticity"])
@@ -99,6 +104,8 @@ def fit(
     if mechanisms:
         check_exclusive_pairs(mechanisms)
         law = resolve_bench_law(law, mechanisms)
+    if form_error:
+        check_form_errors(mechanisms, loss)
     space, renames = build_joint_space(cases, law, share, mechanisms)
     datasets = tuple(
         add_whitening(c, build_dataset(c, law, space, r, mechanisms))
@@ -120,6 +127,12 @@ def fit(
         # The weights belong to the first solution.
         datasets, _ = reweight_datasets(cases, datasets, space, best, loss)
         best = solve_least_squares(datasets, space, best.u, loss)
+    form_shares: list[dict[str, float]] = [{} for _ in cases]
+    if form_error:
+        progress("form errors", 0.55)
+        datasets, form_shares, best = fit_form_errors(
+            cases, datasets, space, best, lambda d, solution: reweight_datasets(cases, d, space, solution)[0]
+        )
     datasets, fixed_space, solution = _limit_stated_values(cases, datasets, space, renames, best, loss)
     blocks_of_cases = [find_blocks(case.recording) for case in cases]
     folds, predictions = cross_validate(
@@ -140,7 +153,9 @@ def fit(
         correlation=correlation,
         cases=tuple(
             _build_case_fit(space, solution, *of_case)
-            for of_case in zip(cases, datasets, noise, blocks_of_cases, folds, predictions, strict=True)
+            for of_case in zip(
+                cases, datasets, noise, blocks_of_cases, folds, predictions, form_shares, strict=True
+            )
         ),
         converged=bool(solution.converged),
         steps=int(solution.steps),
@@ -380,13 +395,21 @@ def _build_case_fit(
     case_blocks,
     held_out_masks,
     held_out_prediction,
+    form_shares,
 ) -> CaseFit:
     values = space.to_values(solution.u)
     reading = predict_rows(dataset, values)
     n = case.recording.n
     status = np.asarray(reading.status)[:n]
     has_failed = case.recording.usable & (status != Status.OK)
-    prediction = {c: np.asarray(getattr(reading, c))[:n] for c in case.recording.model_channels}
+    channels = case.recording.model_channels
+    form = estimate_form(dataset, values)[:, :n]
+    prediction = {c: np.asarray(getattr(reading, c))[:n] + own for c, own in zip(channels, form, strict=True)}
+    form_errors, prediction_sd = (
+        ({}, None)
+        if dataset.form_filter is None
+        else describe_form_errors(case, dataset, space, solution, form_shares)
+    )
     names = tuple(
         tuple(case_blocks.names[k] for k in np.unique(case_blocks.label[mask]) if k >= 0)
         for mask in held_out_masks
@@ -408,6 +431,8 @@ def _build_case_fit(
             for s in Status
             if (has_failed & (status == s)).any()
         },
+        form_errors=form_errors,
+        prediction_sd={} if prediction_sd is None else dict(zip(channels, prediction_sd, strict=True)),
     )
 
 

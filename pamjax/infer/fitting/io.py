@@ -16,6 +16,7 @@ from pamjax.units import compute_si_factor
 
 if TYPE_CHECKING:
     from pamjax.infer.fitting.result import CaseFit, Estimate, Fit
+    from pamjax.infer.form_errors.parts import FormErrorPart
 
 FIT_SCHEMA = "pamjax.fit/1"
 
@@ -81,9 +82,23 @@ def _build_case_entry(case_fit: CaseFit, law: str, mechanisms: tuple[str, ...]) 
         "memory": {"gaps": case_fit.case.gaps, "before": case_fit.case.before},
         "muscle": {"law": law, "mechanisms": list(mechanisms), "numbers": case_fit.numbers},
         "muscle_toml": case_fit.case.text,
+        "form_errors": {id: _build_form_entry(case_fit, part) for id, part in case_fit.form_errors.items()},
         "failed": {status.name: rows.tolist() for status, rows in case_fit.failed_rows.items()},
         "set_aside": [str(aside) for aside in recording.outliers],
         "warnings": list(case_fit.case.warnings),
+    }
+
+
+def _build_form_entry(case_fit: CaseFit, part: FormErrorPart) -> dict[str, Any]:
+    """Return the form error of a mechanism; a channel without an effect is absent."""
+    channels = case_fit.case.recording.model_channels
+    return {
+        "share": part.share,
+        "ratio": part.ratio,
+        **{
+            key: {c: _build_quantity_entry(c, float(v)) for c, v in zip(channels, rms, strict=True) if v > 0}
+            for key, rms in (("rms", part.form_rms), ("textbook_rms", part.effect_rms))
+        },
     }
 
 
@@ -117,6 +132,13 @@ def build_xarray_dataset(case_fit: CaseFit):
                 unit,
                 "prediction by a fit without the row's block",
             ),
+        }
+    for channel, sd in case_fit.prediction_sd.items():
+        index = recording.model_channels.index(channel)
+        form = sum((part.form[index] for part in case_fit.form_errors.values()), np.zeros(recording.n))
+        columns |= {
+            f"{channel}_form_error": (form, SI_UNIT[channel], "form errors, part of the model"),
+            f"{channel}_model_sd": (sd, SI_UNIT[channel], "standard deviation of the model"),
         }
     data = {
         name: ("row", v, {"units": unit, "long_name": description})

@@ -59,10 +59,13 @@ def stack_residuals(
     values = space.to_values(u)
     parts = []
     for dataset in datasets:
-        for misfit, weight in zip(
-            dataset.compute_weighted_residuals(values), dataset.channel_weights, strict=True
-        ):
-            parts.append((misfit if loss == "square" else soften_residual(misfit)) * weight)
+        channels = [
+            (misfit if loss == "square" else soften_residual(misfit)) * weight
+            for misfit, weight in zip(
+                dataset.compute_weighted_residuals(values), dataset.channel_weights, strict=True
+            )
+        ]
+        parts.append(dataset.whiten_form_errors(jnp.concatenate(channels)))
     return jnp.concatenate(parts)
 
 

@@ -159,7 +159,25 @@ def _format_case(case_fit: CaseFit, several: bool) -> Iterator[str]:
             )
         if exceeds_noise(noise):
             yield f"    {format_misfit(channel, value, noise)}"
+    yield from (f"  {line}" for line in format_form_errors(case_fit))
     yield from (f"  {line}" for line in format_remarks(case_fit))
+
+
+def format_form_errors(case_fit: CaseFit) -> Iterator[str]:
+    """Return a line on the form error of each mechanism: its size, and the part of the equation."""
+    channels = case_fit.case.recording.model_channels
+    for id, part in case_fit.form_errors.items():
+        sizes = [
+            (channel, form, effect)
+            for channel, form, effect in zip(channels, part.form_rms, part.effect_rms, strict=True)
+            if effect > 0
+        ]
+        effects = ", ".join(format_channel_value(effect, channel) for channel, _, effect in sizes)
+        if not part.share:
+            yield f"form error of {id}: none, textbook part {effects}"
+            continue
+        forms = ", ".join(format_channel_value(form, channel) for channel, form, _ in sizes)
+        yield f"form error of {id}: {part.ratio:.0%} (rms {forms}), textbook part {effects}"
 
 
 def format_contraction_error(case_fit: CaseFit, rmse: float) -> str:

@@ -12,6 +12,7 @@ from pamjax.drawing import DrawableResult
 from pamjax.errors import suggest_word
 from pamjax.infer.fitting.determination import DETERMINED, classify_sd_ratio, compute_prior_scale
 from pamjax.infer.fitting.least_squares import Loss, Solution
+from pamjax.infer.form_errors.parts import FormErrorPart
 from pamjax.infer.noise.sensor_noise import ChannelNoise
 from pamjax.infer.problem.dataset import Dataset
 from pamjax.infer.problem.parameter_space import BOUND_MARGIN, ParameterSpace
@@ -104,7 +105,7 @@ class CaseFit:
         case: the recording and its muscle.toml.
         numbers: the muscle's parameters by name, SI, as `assemble` needs them.
         muscle: the calibrated muscle, without its mechanisms.
-        prediction: (n,) by channel, SI.
+        prediction: (n,) by channel, SI; with the estimated form errors of a fit that has them.
         held_out_prediction: (n,) by channel, SI: each row predicted by a fit without its block; NaN if no
             block was held out.
         block: (n,) name of each row's block.
@@ -112,6 +113,9 @@ class CaseFit:
         noise: by channel.
         held_out: error on held-out blocks; None if there are too few blocks.
         failed_rows: rows of the file where the muscle has no solution, by status.
+        form_errors: by mechanism; empty for a fit without form errors.
+        prediction_sd: (n,) by channel, SI, sd of the prediction due to parameters and form errors; empty for
+            a fit without form errors.
     """
 
     case: Case
@@ -124,6 +128,8 @@ class CaseFit:
     noise: dict[str, ChannelNoise]
     held_out: HeldOutScore | None
     failed_rows: dict[Status, np.ndarray]
+    form_errors: dict[str, FormErrorPart] = field(default_factory=dict)
+    prediction_sd: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def calibrated_range(self) -> dict[str, tuple[float, float]]:
@@ -175,6 +181,11 @@ class Fit(DrawableResult, NotebookNote):
     solution: Solution = field(repr=False)
     datasets: tuple[Dataset, ...] = field(repr=False)
     limited_space: ParameterSpace = field(repr=False)
+
+    @property
+    def has_form_errors(self) -> bool:
+        """Return whether the fit allows for form errors."""
+        return any(case_fit.form_errors for case_fit in self.cases)
 
     @property
     def muscle(self) -> Muscle:

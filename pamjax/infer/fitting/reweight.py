@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from pamjax.infer.fitting.least_squares import Loss, Solution
+from pamjax.infer.form_errors.dataset_form import estimate_form, set_form_columns
 from pamjax.infer.noise.ar1_filter import Ar1Noise
 from pamjax.infer.noise.autocorrelation import compute_variance_inflation, estimate_autocorrelation_time
 from pamjax.infer.noise.estimate import compute_noise_variances, estimate_neighbour_sd, estimate_noise_model
@@ -62,7 +63,7 @@ def reweight_dataset(
         return _whiten_dataset(case, dataset, space, solution, loss)
     sensors, n = case.entry.sensors, case.recording.n
     sd = compute_effective_sd(dataset, space.to_values(solution.u), sensors, estimate_starting_sd(case))
-    misfit = compute_si_residuals(dataset, space.to_values(solution.u))
+    misfit = _compute_noise_residuals(dataset, space.to_values(solution.u))
     weights, channel_weights, noise = np.zeros_like(misfit), np.ones(2), {}
     fitted_parameters = _count_effective_parameters(solution)
     channels = case.recording.model_channels
@@ -159,7 +160,7 @@ def estimate_noise_of_dataset(
         values: (p,) parameter values, SI.
     """
     n = case.recording.n
-    residual = compute_si_residuals(dataset, values)[:, :n]
+    residual = _compute_noise_residuals(dataset, values)[:, :n]
     variances = compute_noise_variances(case, dataset, np.asarray(values))
     model = estimate_noise_model(case, residual, np.isfinite(residual), np.ones(n, dtype=bool), variances)
     return model, residual
@@ -219,13 +220,14 @@ def _compute_white_residuals(
     """Return the whitened residuals of both channels, and whether a run begins at each."""
     assert dataset.whitening is not None
     position = np.asarray(dataset.whitening.position)
-    residual = np.stack(_filter_residuals(dataset, space.to_values(solution.u)))[position >= 0]
+    residual = np.asarray(_filter_residuals(dataset, space.to_values(solution.u)))[position >= 0]
     return residual if loss == "square" else _clip_outliers(residual), position[position >= 0] == 0
 
 
 @compile_on_call
 def _filter_residuals(dataset: Dataset, values):
-    return dataset.compute_weighted_residuals(values)
+    white = dataset.whiten_form_errors(jnp.concatenate(dataset.compute_weighted_residuals(values)))
+    return white.reshape(2, -1)
 
 
 @compile_on_call
@@ -240,6 +242,11 @@ def compute_si_residuals(dataset: Dataset, values: jnp.ndarray) -> np.ndarray:
     misfit, weight = (np.asarray(a) for a in _compute_weighted_residuals(dataset, values))
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(weight > 0, misfit / weight, np.nan)
+
+
+def _compute_noise_residuals(dataset: Dataset, values: jnp.ndarray) -> np.ndarray:
+    """Return measured − model − estimated form errors, SI, (2, n); NaN where not measured."""
+    return compute_si_residuals(dataset, values) - estimate_form(dataset, values)
 
 
 def _clip_outliers(standard: np.ndarray) -> np.ndarray:
@@ -270,6 +277,12 @@ def _compute_degrees_of_freedom(
 
 def _set_weights(dataset: Dataset, weights: np.ndarray, channel_weights: np.ndarray) -> Dataset:
     new = (jnp.asarray(weights[0]), jnp.asarray(weights[1]), jnp.asarray(channel_weights))
-    return eqx.tree_at(
+    dataset = eqx.tree_at(
         lambda m: (m.rows.force_weight, m.rows.diameter_weight, m.channel_weights), dataset, new
+    )
+    # The form errors are whitened by the noise.
+    return (
+        dataset
+        if dataset.form_filter is None
+        else set_form_columns(dataset, np.asarray(dataset.form_filter.columns))
     )

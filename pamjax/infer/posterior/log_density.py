@@ -110,7 +110,7 @@ def build_density(
     """Return the posterior density of a fit, and the fit's solution in its coordinates.
 
     Args:
-        fit: the fit, with a square loss.
+        fit: the fit, with a square loss and without form errors.
         priors: by name, priors that replace those of the fit: "value", "sd", "low" and "high", SI, each
             optional.
 
@@ -120,6 +120,9 @@ def build_density(
     if fit.loss != "square":
         remedy = "Fit with `--loss square`, or remove the outliers."
         raise refuse("a posterior needs a likelihood", f"a {fit.loss} loss", remedy=remedy)
+    if fit.has_form_errors:
+        remedy = "Use the standard deviations of `pamjax fit`, or fit without form errors."
+        raise refuse("a posterior contains no form errors", "a fit with form errors", remedy=remedy)
     for case_fit in fit.cases:
         if case_fit.case.recording.measures_length:
             rule, got = (

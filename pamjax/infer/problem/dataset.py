@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Array, Bool, Float, Int
 
+from pamjax.infer.problem.form_filter import FormFilter
 from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.infer.problem.priors import (
     collect_mechanism_values,
@@ -103,6 +104,7 @@ class Dataset(eqx.Module):
     history: History
     channel_weights: Float[Array, " 2"]
     whitening: Whitening | None = None
+    form_filter: FormFilter | None = None
 
     def collect_parameters(self, values: Float[Array, " p"]) -> dict[str, Array]:
         """Return all parameters of the muscle by name, SI, from the free parameters, (p,), SI."""
@@ -145,10 +147,17 @@ class Dataset(eqx.Module):
 
         With a whitening filter they are white, in the order of its samples.
         """
-        force, diameter = self.compute_standardised_residuals(values)
+        return self.whiten_channels(*self.compute_standardised_residuals(values))
+
+    def whiten_channels(self, force: Float[Array, " n"], diameter: Float[Array, " n"]) -> tuple[Array, Array]:
+        """Return standardised residuals, or columns, of the rows in use, white with a whitening filter."""
         if self.whitening is None:
             return force * self.rows.training_mask, diameter * self.rows.training_mask
         return self.whitening.whiten(force, 0), self.whitening.whiten(diameter, 1)
+
+    def whiten_form_errors(self, white: Float[Array, " 2n"]) -> Float[Array, " 2n"]:
+        """Return the whitened residuals of both channels, whitened by the form errors too."""
+        return white if self.form_filter is None else self.form_filter.whiten(white)
 
 
 def build_dataset(

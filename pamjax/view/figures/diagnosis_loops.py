@@ -10,6 +10,7 @@ from matplotlib.axes import Axes as Panel
 from matplotlib.figure import Figure
 
 from pamjax.channels import DISPLAY_UNIT, to_display
+from pamjax.diagnosis.form_errors.prediction import FormPrediction
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.view.figures.layout import Layout, add_key, build_layout, create_mark, iterate_lines
 from pamjax.view.figures.mismatch_map import find_main_channel
@@ -30,14 +31,18 @@ MAX_LOOPS, MAX_LOOP_POINTS = 4, 120
 def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
     """Return measured and predicted loops at a few settings, without and with the identified mechanisms.
 
-    One setting is a held-out one, if there is any. Held-out blocks are predicted by fits without them.
+    The prediction with mechanisms includes their estimated form errors. Its band is ± 2 sd of parameters and
+    form errors. One setting is a held-out one, if there is any. Held-out blocks are predicted by fits without
+    them.
     """
     row_layout, channel_index = select_settings(diagnosis), find_main_channel(diagnosis)
     channel = diagnosis.problem.channels[channel_index]
     predictions = [("baseline", diagnosis.gain.before)]
+    form = diagnosis.form_prediction
     if diagnosis.named_mechanisms:
+        label = f"with {', '.join(name.id for name in diagnosis.named_mechanisms)}"
         predictions.append(
-            (f"with {', '.join(name.id for name in diagnosis.named_mechanisms)}", diagnosis.gain.after)
+            (label, diagnosis.gain.after) if form is None else (f"{label} and form error", form.values)
         )
     is_stacked = narrow and len(predictions) > 1
     with apply_theme():
@@ -45,6 +50,8 @@ def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
         shape = (len(predictions), 1) if narrow else (1, len(predictions))
         panels = list(drawing.subplots(*shape, sharex=True, sharey=True, squeeze=False).flat)
         for panel, (label, prediction) in zip(panels, predictions, strict=True):
+            if form is not None and prediction is form.values:
+                _plot_band(panel, diagnosis, form, row_layout, channel_index)
             _plot_loops(panel, diagnosis, row_layout, channel_index, prediction[channel_index])
             rmse_text = format_channel_value(
                 compute_rms(diagnosis.problem.measured[channel_index] - prediction[channel_index]),
@@ -63,8 +70,26 @@ def plot_loops(diagnosis: Diagnosis, narrow: bool = False) -> Figure:
             row_layout,
             create_mark("measured", marker="o", ms=3),
             create_mark("predicted", ls="-"),
+            *([create_mark("± 2 sd of the prediction", marker="s", ms=7, alpha=0.3)] if form else []),
         )
     return drawing
+
+
+def _plot_band(
+    panel: Panel, diagnosis: Diagnosis, form: FormPrediction, row_layout: Layout, channel_index: int
+) -> None:
+    """Draw ± 2 sd around the prediction of each setting."""
+    channel = diagnosis.problem.channels[channel_index]
+    low, high = (
+        to_display(channel, form.values[channel_index] + sign * 2 * form.sd[channel_index])
+        for sign in (-1, 1)
+    )
+    measured_rows = np.isfinite(diagnosis.problem.measured[channel_index])
+    for group, colour in enumerate(row_layout.colours):
+        for run in iterate_lines(diagnosis.problem.case, row_layout, group, measured_rows):
+            panel.fill_between(
+                row_layout.x[run], low[run], high[run], color=colour, alpha=0.25, lw=0, gid="band"
+            )
 
 
 def select_settings(diagnosis: Diagnosis) -> Layout:
@@ -141,6 +166,14 @@ def plot_explained_residuals(diagnosis: Diagnosis, narrow: bool = False) -> Figu
     correction = to_display(
         channel, diagnosis.gain.after[channel_index] - diagnosis.gain.before[channel_index]
     )
+    contributions = [("contribution", correction, np.zeros_like(correction), OKABE_ITO["blue"])]
+    if diagnosis.form_prediction is not None:
+        form = diagnosis.form_prediction
+        with_form, sd = (
+            to_display(channel, values[channel_index])
+            for values in (form.values - diagnosis.gain.before, form.sd)
+        )
+        contributions.append(("form-error", with_form, sd, OKABE_ITO["orange"]))
     setting_count = len(row_layout.names)
     columns = min(2, setting_count) if narrow else setting_count
     with apply_theme():
@@ -168,14 +201,10 @@ def plot_explained_residuals(diagnosis: Diagnosis, narrow: bool = False) -> Figu
                 gid="residual",
             )
             for run in iterate_lines(diagnosis.problem.case, row_layout, k, np.isfinite(residual)):
-                panel.plot(
-                    row_layout.x[run],
-                    correction[run],
-                    color=OKABE_ITO["blue"],
-                    lw=1.2,
-                    zorder=3,
-                    gid="contribution",
-                )
+                for gid, contribution, sd, colour in contributions:
+                    line, margin, x = contribution[run], 2 * sd[run], row_layout.x[run]
+                    panel.fill_between(x, line - margin, line + margin, color=colour, alpha=0.3, lw=0)
+                    panel.plot(x, line, color=colour, lw=1.2, zorder=3, gid=gid)
             panel.set(
                 xlabel=row_layout.xlabel,
                 ylabel=f"{channel} − baseline [{DISPLAY_UNIT[channel]}]",
@@ -191,7 +220,9 @@ def plot_explained_residuals(diagnosis: Diagnosis, narrow: bool = False) -> Figu
             create_mark("residual of the baseline", marker="o", ms=3),
             create_mark("contribution of the mechanisms", ls="-", color=OKABE_ITO["blue"]),
         ]
-        drawing.legend(handles=handles, loc="outside lower center", ncols=2)
+        if len(contributions) > 1:
+            handles.append(create_mark("with form error (band: ± 2 sd)", ls="-", color=OKABE_ITO["orange"]))
+        drawing.legend(handles=handles, loc="outside lower center", ncols=1 if narrow else len(handles))
     return drawing
 
 

@@ -75,6 +75,11 @@ def plot_prediction(case_fit: CaseFit, narrow: bool = False) -> Figure:
             row_layout,
             create_mark("measured", marker="o", ms=3),
             create_mark("fitted model", **style),
+            *(
+                [create_mark("± 2 sd of the model", marker="s", ms=7, alpha=0.3)]
+                if case_fit.prediction_sd and row_layout.is_connected
+                else []
+            ),
         )
     return drawing
 
@@ -111,6 +116,17 @@ def _plot_points_and_lines(panel: Axes, case_fit: CaseFit, row_layout: Layout, c
             )
             continue
         for rows in iterate_lines(case_fit.case, row_layout, group, measured_rows):
+            if channel in case_fit.prediction_sd:
+                margin = 2 * case_fit.prediction_sd[channel][rows] / scale
+                panel.fill_between(
+                    row_layout.x[rows],
+                    predicted_values[rows] - margin,
+                    predicted_values[rows] + margin,
+                    color=colour,
+                    alpha=0.3,
+                    lw=0,
+                    gid=f"band group-{group}",
+                )
             # A white outline separates the line from the points of its group.
             panel.plot(
                 row_layout.x[rows],

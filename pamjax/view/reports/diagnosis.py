@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from pamjax.baselines.comparison import BASELINE_MODEL, MODEL_TITLES, ModelComparison
-from pamjax.channels import DISPLAY_UNIT
+from pamjax.channels import DISPLAY_UNIT, to_display
+from pamjax.diagnosis.crossval.gain import compute_rmse
 from pamjax.diagnosis.result import Diagnosis, get_baseline_estimates
 from pamjax.diagnosis.settings import describe_settings
 from pamjax.infer.fitting.report import format_estimate
@@ -20,7 +21,12 @@ from pamjax.model.registry import find_mechanism
 from pamjax.parameter import Meaning
 from pamjax.units import compute_si_factor, format_quantity
 from pamjax.view.figures import diagnosis as figures
-from pamjax.view.figures.diagnosis_loops import plot_explained_residuals, plot_loops, select_settings
+from pamjax.view.figures.diagnosis_loops import (
+    format_channel_value,
+    plot_explained_residuals,
+    plot_loops,
+    select_settings,
+)
 from pamjax.view.figures.mismatch_map import list_other_channels, plot_map
 from pamjax.view.reports.diagnosis_answer import (
     format_headline,
@@ -32,6 +38,9 @@ from pamjax.view.reports.diagnosis_answer import (
 )
 from pamjax.view.reports.page import Picture, build_picture, write_page
 from pamjax.view.wording import format_history, format_noise, format_signed, join_words
+
+#: Smallest effect that is shown, as a share of the noise of a row.
+MIN_SHOWN_EFFECT = 0.05
 
 
 def write_diagnosis_report(
@@ -73,7 +82,8 @@ def write_diagnosis_report(
         loops=_draw_picture(diagnosis, partial(plot_loops, diagnosis), "loops"),
         residuals=_draw_picture(diagnosis, partial(plot_explained_residuals, diagnosis), "residuals"),
         held_out=_draw_picture(diagnosis, partial(figures.plot_held_out_scores, diagnosis), "held-out"),
-        scores=list(_list_scores(document)),
+        scores=list(_list_scores(diagnosis, document)),
+        has_form_errors=diagnosis.form_prediction is not None,
         comparison=_describe_comparison(comparison) if comparison and comparison.splits else None,
         shift_figure=_draw_picture(diagnosis, partial(figures.plot_shifts, diagnosis), "shifts"),
         shifts=list(_list_shifts(diagnosis)),
@@ -127,6 +137,7 @@ def _describe_mechanism(diagnosis: Diagnosis, k: int) -> dict[str, Any]:
         "about": description,
         "probability": format_probability(mechanism.probability),
         "ties": list(mechanism.indistinguishable),
+        "form_error": _format_form_error(diagnosis, mechanism.id),
         "rows": [
             [n, _format_quantity(v.value, v.sd, v.meaning), v.meaning.about]
             for n, v in diagnosis.parameters[mechanism.id].items()
@@ -137,15 +148,44 @@ def _describe_mechanism(diagnosis: Diagnosis, k: int) -> dict[str, Any]:
     }
 
 
+def _format_form_error(diagnosis: Diagnosis, id: str) -> str:
+    """Return sentences on the part of the equation and that of the form error; "" for a mechanism without."""
+    part = diagnosis.form_errors.get(id)
+    if part is None:
+        return ""
+    # A channel with an effect far below its noise is not shown.
+    sizes = [
+        [format_channel_value(float(rms[c]), channel) for rms in (part.effect_rms, part.form_rms)]
+        for c, channel in enumerate(diagnosis.problem.channels)
+        if part.effect_rms[c] > MIN_SHOWN_EFFECT * _get_noise_sd(diagnosis, c)
+    ]
+    if not sizes:
+        return ""
+    textbook, form = (join_words([pair[k] for pair in sizes]) for k in (0, 1))
+    sentence = f"Textbook part: {textbook} rms, according to the equation of the mechanism."
+    if not part.share:
+        return f"{sentence} Form error: none."
+    return f"{sentence} Form error: {form} rms (φ = {format_percent(part.ratio)} of the textbook part)."
+
+
+def _get_noise_sd(diagnosis: Diagnosis, c: int) -> float:
+    noise, rows = diagnosis.model.noise.channels[c], diagnosis.model.noise.rows[c]
+    return math.inf if noise is None else float(np.sqrt(np.mean(noise.sd[rows] ** 2)))
+
+
 def _format_quantity(value: float, sd: float | None, meaning: Meaning) -> str:
     return format_estimate(value, sd, "1" if meaning.unit == "1" else meaning.show)
 
 
-def _list_scores(document: dict[str, Any]) -> Iterator[list[str]]:
+def _list_scores(diagnosis: Diagnosis, document: dict[str, Any]) -> Iterator[list[str]]:
+    problem, form = diagnosis.problem, diagnosis.form_prediction
+    form_rmse = {} if form is None else compute_rmse(problem, form.values, diagnosis.gain.held_out)
     for channel, score in document["improvement"]["held_out"].items():
         if channel != "blocks":
             kinds = ["rmse_before", "rmse_after"] if document["missing_physics"] else ["rmse_before"]
-            values = [*(score[kind] for kind in kinds), document["noise"][channel]["sd"]]
+            values = [score[kind] for kind in kinds]
+            values += [to_display(channel, form_rmse[channel])] if form_rmse else []
+            values.append(document["noise"][channel]["sd"])
             yield [channel, *(f"{value:.4g} {score['unit']}" for value in values)]
 
 

@@ -21,6 +21,7 @@ from pamjax.infer.fitting.report import (
     format_channel_value,
     format_correlations,
     format_estimate,
+    format_form_errors,
     format_minimiser_state,
     format_misfit,
     format_remarks,
@@ -195,6 +196,7 @@ def _describe_case(fit: Fit, case_fit: CaseFit, k: int) -> dict[str, Any]:
         if case_fit.held_out
         else None,
         "scores": [_build_score_row(case_fit, channel) for channel in case_fit.rmse],
+        "form_errors": [capitalise_sentence(line) for line in format_form_errors(case_fit)],
         "range": ", ".join(
             f"{name} {_format_range(low, high, unit)}"
             for (name, (low, high)), unit in zip(

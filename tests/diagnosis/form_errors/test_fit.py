@@ -5,9 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.form_errors.fit import RELATIVE_SHARES, _FormCost, estimate_form_shares
+from pamjax.diagnosis.form_errors.fit import build_form_cost, estimate_form_shares
 from pamjax.diagnosis.refit import least_squares
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
+from pamjax.infer.form_errors.shares import RELATIVE_SHARES
 from tests.agreement import SOLVED, agree
 
 N = 80
@@ -49,7 +50,7 @@ def test_cost_is_the_likelihood_of_a_dense_covariance(problem, shares):
     rng = np.random.default_rng(3)
     jacobian, forms = draw_columns(rng)
     residual, values = 2 * rng.standard_normal(N), np.array([0.7, 0.4])
-    cost = _FormCost(problem, build_estimate(residual, jacobian, values), forms)
+    cost = build_form_cost(problem, build_estimate(residual, jacobian, values), forms)
     none = (0.0, 0.0)
     difference = cost.evaluate(shares) - cost.evaluate(none)
     expected = compute_dense_cost(residual, jacobian, values, forms, shares) - compute_dense_cost(

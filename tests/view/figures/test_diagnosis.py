@@ -7,7 +7,7 @@ from pamjax.view.figures.diagnosis import plot_candidates, plot_held_out_scores,
 from pamjax.view.figures.diagnosis_loops import plot_explained_residuals, plot_loops
 from pamjax.view.figures.diagnosis_story import plot_story
 from pamjax.view.figures.mismatch_map import plot_map
-from tests.view.made_up import diagnosis, holds, lengths, strokes, table
+from tests.view.made_up import add_form_error, diagnosis, holds, lengths, strokes, table
 
 
 def panels(figure):
@@ -83,6 +83,30 @@ def test_residual_figure_shows_the_contribution_of_the_mechanism():
     ]
     assert figure.get_suptitle() == "braid_friction explains 99 % of the squared residuals of the baseline"
     assert plot_explained_residuals(diagnosis(named=False)) is None
+
+
+def test_loops_include_the_form_error_and_its_band():
+    result = diagnosis()
+    with_form = add_form_error(result)
+    exact, (_, inexact) = panels(plot_loops(result))[1], panels(plot_loops(with_form))
+    assert inexact.get_title("left").startswith("With braid_friction and form error: RMS")
+    shift = [
+        after.get_ydata() - before.get_ydata()
+        for after, before in zip(
+            select_artists(inexact, "predicted"), select_artists(exact, "predicted"), strict=True
+        )
+    ]
+    assert np.concatenate(shift) == pytest.approx(2.0)
+    assert not select_artists(exact, "band")
+    band = select_artists(inexact, "band")[0].get_paths()[0].vertices
+    line = select_artists(inexact, "predicted")[0]
+    assert np.ptp(band[:, 1]) == pytest.approx(np.ptp(line.get_ydata()) + 4 * 5.0)
+
+
+def test_residual_figure_shows_the_form_error():
+    (panel, *_) = panels(plot_explained_residuals(add_form_error(diagnosis())))
+    without, with_form = (select_artists(panel, gid)[0] for gid in ("contribution", "form-error"))
+    assert with_form.get_ydata() - without.get_ydata() == pytest.approx(2.0)
 
 
 def test_scores_of_held_out_blocks_are_shown_with_their_noise():

@@ -26,7 +26,7 @@ from pamjax.view.reports.diagnosis_answer import format_headline, list_answers, 
 from pamjax.view.reports.page import render_svg
 from pamjax.view.wording import format_noise
 from tests.view.html_page import Page
-from tests.view.made_up import diagnosis, holds, lengths, planned, table
+from tests.view.made_up import add_form_error, diagnosis, holds, lengths, planned, table
 
 VARIANTS = {
     "friction": {},
@@ -117,6 +117,28 @@ def test_noise_is_split_into_stated_and_added_noise(page):
     assert sentence.startswith(
         "Noise of force is 3.18 N per row. Stated in muscle.toml: 2 N; the difference is due to the noise"
     )
+
+
+def test_form_error_is_shown_beside_the_textbook_part(tmp_path):
+    result = add_form_error(diagnosis())
+    page = Page(write_diagnosis_report(result, tmp_path / "report.html").read_text("utf-8"))
+    assert "Form error: 2 N rms (φ = 10 % of the textbook part)." in page.text
+    # The effect on the diameter is far below its noise.
+    assert "Textbook part: 20 N rms, according to" in page.text
+    scores = page.table(["channel", "baseline"])
+    errors = [float(cell.split()[0]) for cell in scores["force"]]
+    # The made-up form error is wrong by 2 N.
+    assert errors[2] ** 2 == pytest.approx(errors[1] ** 2 + 2.0**2, rel=0.1)
+
+
+def test_exact_mechanism_has_no_form_error(tmp_path):
+    result = add_form_error(diagnosis(), share=0.0)
+    page = Page(write_diagnosis_report(result, tmp_path / "report.html").read_text("utf-8"))
+    assert (
+        "Textbook part: 20 N rms, according to the equation of the mechanism. Form error: none." in page.text
+    )
+    assert "with form errors" not in page.text
+    assert "Textbook part" not in Page(read_report("friction")).text
 
 
 def test_unchanged_parameter_has_no_sign():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pamjax.diagnosis.form_errors.discrepancy import (
+from pamjax.infer.form_errors.discrepancy import (
     add_discrepancy,
     build_free_columns,
     compute_free_column_cost,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import eval_legendre
 
-from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.records.recording import Recording
 
 #: Share of the median speed below which a row counts as a hold rather than as motion.
 HOLD_SPEED_SHARE = 0.5
@@ -31,11 +31,14 @@ class Coordinates:
     time: np.ndarray | None
 
     @classmethod
-    def from_problem(cls, problem: LibraryProblem) -> Coordinates:
-        """Return the coordinates of a recording."""
-        recording = problem.case.recording
-        is_compared = np.asarray(np.isfinite(problem.measured).any(axis=0))
-        rate = np.asarray(problem.dataset.history.rate(problem.dataset.rows.length))[: problem.n]
+    def from_recording(cls, recording: Recording, is_compared: np.ndarray, rate: np.ndarray) -> Coordinates:
+        """Return the coordinates of a recording.
+
+        Args:
+            recording: its rows.
+            is_compared: (n,) whether a row has a sample that is compared with the model.
+            rate: (n,) rate of change of the length, m/s.
+        """
         rate = np.where(np.isfinite(rate), rate, 0.0)
         moving = np.abs(rate[rate != 0])
         typical = float(np.median(moving)) if moving.size else 1.0

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from pamjax.diagnosis.form_errors.columns import build_columns_of_effect
-from pamjax.diagnosis.form_errors.coordinates import Coordinates
+from pamjax.infer.form_errors.columns import build_columns_of_effect
+from pamjax.infer.form_errors.coordinates import Coordinates
 from pamjax.model.form_error import FormError, list_powers
 from tests.agreement import ROUNDING, agree
 

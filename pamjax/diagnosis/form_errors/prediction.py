@@ -1,0 +1,75 @@
+"""Prediction of a model with form errors, and the part of each mechanism's form error in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pamjax.diagnosis.form_errors.columns import compute_effect_of
+from pamjax.diagnosis.form_errors.fit import FormErrorFit
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit
+from pamjax.infer.form_errors.discrepancy import DiscrepancyNoise
+from pamjax.infer.form_errors.parts import FormErrorPart, build_form_part, compute_prediction_sd
+from pamjax.infer.noise.autocorrelation import compute_variance_inflation
+from pamjax.infer.noise.noise_model import NoiseModel
+
+
+@dataclass(frozen=True, eq=False)
+class FormPrediction:
+    """Prediction with the estimated form errors, by a fit without the held-out rows.
+
+    Attributes:
+        values: (2, n) predicted force (N) and diameter (m).
+        sd: (2, n) its standard deviation due to parameters and form errors.
+    """
+
+    values: np.ndarray
+    sd: np.ndarray
+
+
+def describe_form_errors(problem: LibraryProblem, fit: CandidateFit) -> dict[str, FormErrorPart]:
+    """Return the form error of each mechanism that has one; empty for a fit without form errors."""
+    if not isinstance(fit, FormErrorFit):
+        return {}
+    noise, values, parts = fit.noise, fit.estimate.values, {}
+    assert isinstance(noise, DiscrepancyNoise)
+    residual, is_measured = problem.measured - problem.predict(values), np.isfinite(problem.measured)
+    for candidate in fit.mechanisms:
+        if candidate.id in fit.shares:
+            form = noise.estimate_discrepancy(residual, candidate.id)
+            effect = compute_effect_of(problem, values, candidate)
+            form_white, effect_white = (_whiten(noise, part) for part in (form, effect))
+            parts[candidate.id] = build_form_part(
+                fit.shares[candidate.id], form, effect, form_white, effect_white, np.asarray(is_measured)
+            )
+    return parts
+
+
+def predict_with_form_errors(problem: LibraryProblem, fit: CandidateFit) -> FormPrediction | None:
+    """Return the prediction with the estimated form errors; None if their most likely size is zero.
+
+    Args:
+        problem: the recording and the library.
+        fit: a fit with form errors.
+    """
+    noise, values = fit.noise, fit.estimate.values
+    if not isinstance(noise, DiscrepancyNoise) or not noise.columns.any():
+        return None
+    textbook, derivatives = problem.jacobian(values, fit.estimate.free)
+    prediction = textbook + noise.estimate_discrepancy(problem.measured - textbook)
+    scaled = np.nan_to_num(derivatives) * fit.estimate.scale[:, None, None]
+    columns = np.concatenate([scaled, noise.columns])
+    inflation = compute_variance_inflation(fit.estimate.residual, noise.starts)
+    sd = compute_prediction_sd(
+        columns,
+        _whiten(noise, columns) / np.sqrt(inflation),
+        np.concatenate([1 / fit.estimate.prior_sd**2, np.ones(len(noise.columns))]),
+    )
+    return FormPrediction(prediction, sd)
+
+
+def _whiten(noise: NoiseModel, values: np.ndarray) -> np.ndarray:
+    """Return values whitened by the noise without form errors; zero where not measured."""
+    return np.nan_to_num(NoiseModel.whiten(noise, values))

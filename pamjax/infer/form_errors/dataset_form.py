@@ -1,0 +1,128 @@
+"""Form errors of the mechanisms of a dataset: their columns, and their estimate from a residual."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from pamjax.infer.form_errors.columns import build_columns_of_effect
+from pamjax.infer.form_errors.coordinates import Coordinates
+from pamjax.infer.problem.dataset import Dataset, predict_row_channels
+from pamjax.infer.problem.form_filter import FormFilter
+from pamjax.jit import compile_on_call
+from pamjax.model.registry import find_mechanism
+from pamjax.parameter import list_field_meanings
+from pamjax.records.case import Case
+
+
+def has_form_error(id: str) -> bool:
+    """Return whether the equation of a mechanism may be inexact."""
+    form_error = find_mechanism(id).form_error
+    return bool(form_error.terms or form_error.alternatives)
+
+
+def compute_effect(dataset: Dataset, values: Float[Array, " p"], id: str) -> np.ndarray:
+    """Return what a mechanism changes in the prediction, (2, n), SI; zero where a state has no answer."""
+    neutral = {
+        field: meaning.neutral
+        for field, meaning in list_field_meanings(find_mechanism(id)).items()
+        if meaning.neutral is not None
+    }
+    without = predict_row_channels(*_replace_parameters(dataset, values, id, neutral))
+    return np.nan_to_num(np.asarray(predict_row_channels(dataset, values)) - np.asarray(without))
+
+
+def build_form_columns(case: Case, dataset: Dataset, values: Float[Array, " p"], id: str) -> np.ndarray:
+    """Return the columns of a mechanism's form error, (r, 2, n), SI, each of the rms of the effect / √r.
+
+    Args:
+        case: the recording and its muscle.toml.
+        dataset: its dataset; the columns of its padded rows are zero.
+        values: (p,) parameter values, SI.
+        id: the mechanism.
+    """
+    n, form_error = case.recording.n, find_mechanism(id).form_error
+    effect = compute_effect(dataset, values, id)
+    alternatives = [
+        compute_effect(*_scale_parameters(dataset, values, id, factors), id)[:, :n]
+        for factors in form_error.alternatives
+    ]
+    columns = build_columns_of_effect(
+        form_error, build_coordinates(case, dataset), effect[:, :n], alternatives
+    )
+    return np.pad(columns, ((0, 0), (0, 0), (0, effect.shape[1] - n)))
+
+
+def build_coordinates(case: Case, dataset: Dataset) -> Coordinates:
+    """Return the variables of the form errors at each row of the recording."""
+    rows, n = dataset.rows, case.recording.n
+    is_compared = np.asarray((rows.force_weight > 0) | (rows.diameter_weight > 0))[:n]
+    return Coordinates.from_recording(
+        case.recording, is_compared, np.asarray(dataset.history.rate(rows.length))[:n]
+    )
+
+
+def _scale_parameters(dataset: Dataset, values, id: str, factors: Mapping[str, float]):
+    """Return dataset and values with some parameters multiplied, within their limits."""
+    numbers, meanings = dataset.collect_parameters(values), list_field_meanings(find_mechanism(id))
+    scaled = {
+        field: float(
+            np.clip(float(numbers[f"{id}.{field}"]) * factor, meanings[field].low, meanings[field].high)
+        )
+        for field, factor in factors.items()
+    }
+    return _replace_parameters(dataset, values, id, scaled)
+
+
+def _replace_parameters(dataset: Dataset, values, id: str, new: Mapping[str, float]):
+    """Return dataset and values with other parameters of a mechanism, by field."""
+    indices, fixed_values = dict(dataset.free_parameters), dict(dataset.fixed_values)
+    for field, value in new.items():
+        name = f"{id}.{field}"
+        if name in indices:
+            values = values.at[indices[name]].set(value)
+        else:
+            fixed_values[name] = jnp.asarray(value)
+    return dataclasses.replace(dataset, fixed_values=fixed_values), values
+
+
+@compile_on_call
+def whiten_columns(dataset: Dataset, columns: Float[Array, "k 2 n"]) -> Float[Array, "k m"]:
+    """Return columns, SI, whitened by the noise of a dataset; zero where not measured."""
+    rows = dataset.rows
+
+    def whiten(column):
+        white = dataset.whiten_channels(column[0] * rows.force_weight, column[1] * rows.diameter_weight)
+        return jnp.concatenate([w * c for w, c in zip(white, dataset.channel_weights, strict=True)])
+
+    return jax.vmap(whiten)(columns)
+
+
+def set_form_columns(dataset: Dataset, columns: np.ndarray) -> Dataset:
+    """Return the dataset with form errors.
+
+    Args:
+        dataset: the dataset.
+        columns: (r, 2, n) shapes, multiplied by their standard deviations, SI.
+    """
+    white = np.asarray(whiten_columns(dataset, jnp.asarray(columns)))
+    return dataclasses.replace(dataset, form_filter=FormFilter.from_columns(columns, white))
+
+
+def compute_white_misfit(dataset: Dataset, values: Float[Array, " p"]) -> np.ndarray:
+    """Return measured − model, whitened by the noise alone, (2n,); zero where not measured."""
+    rows = dataset.rows
+    misfit = np.stack([rows.force, rows.diameter]) - np.asarray(predict_row_channels(dataset, values))
+    return np.asarray(whiten_columns(dataset, jnp.asarray(np.nan_to_num(misfit))[None]))[0]
+
+
+def estimate_form(dataset: Dataset, values: Float[Array, " p"]) -> np.ndarray:
+    """Return the posterior mean of the form errors, (2, n), SI; zero for a dataset without."""
+    if dataset.form_filter is None:
+        return np.zeros((2, dataset.rows.pressure.size))
+    return dataset.form_filter.estimate_form(compute_white_misfit(dataset, values))

@@ -1,0 +1,86 @@
+"""The part of the form errors in a prediction: its estimate, its size and its uncertainty.
+
+The prediction at a row is linear in parameters δ and coefficients c: B (δ, c). With the whitened columns A of
+both and the precision Λ of their priors, their covariance is (AᵀA + Λ)⁻¹. The variance of the prediction is
+the diagonal of B (AᵀA + Λ)⁻¹ Bᵀ.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class FormErrorPart:
+    """Form error of one mechanism in a recording.
+
+    Attributes:
+        share: its most likely size before it was estimated, as a share of the effect.
+        ratio: rms of the estimated form error over the rms of the effect, both whitened.
+        form: (2, n) estimated form error, SI.
+        form_rms, effect_rms: (2,) rms of form error and effect over the measured rows, SI; NaN for a channel
+            that is not measured.
+    """
+
+    share: float
+    ratio: float
+    form: np.ndarray
+    form_rms: np.ndarray
+    effect_rms: np.ndarray
+
+
+def build_form_part(
+    share: float,
+    form: np.ndarray,
+    effect: np.ndarray,
+    form_white: np.ndarray,
+    effect_white: np.ndarray,
+    is_measured: np.ndarray,
+) -> FormErrorPart:
+    """Return the form error of one mechanism.
+
+    Args:
+        share: its size, as a share of the effect.
+        form, effect: (2, n) estimated form error, and effect of the equation, SI.
+        form_white, effect_white: (size,) the same, whitened by the noise.
+        is_measured: (2, n) whether a sample is compared with the model.
+    """
+    return FormErrorPart(
+        share,
+        compute_rms(form_white) / max(compute_rms(effect_white), 1e-12),
+        form,
+        _compute_channel_rms(form, is_measured),
+        _compute_channel_rms(effect, is_measured),
+    )
+
+
+def compute_rms(values: np.ndarray) -> float:
+    """Return the root mean square; zero for no values."""
+    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
+
+
+def _compute_channel_rms(values: np.ndarray, is_measured: np.ndarray) -> np.ndarray:
+    return np.array(
+        [
+            compute_rms(channel[measured]) if measured.any() else np.nan
+            for channel, measured in zip(values, is_measured, strict=True)
+        ]
+    )
+
+
+def compute_prediction_sd(columns: np.ndarray, white: np.ndarray, precision: np.ndarray) -> np.ndarray:
+    """Return the standard deviation of a prediction, (2, n), SI.
+
+    Args:
+        columns: (k, 2, n) derivatives of the prediction by parameters and coefficients, SI.
+        white: (k, size) the same, whitened by the noise.
+        precision: (k,) 1 / variance of their priors.
+    """
+    information = white @ white.T + np.diag(precision)
+    # Scaled to a unit diagonal: newtons and pascals are many orders of magnitude apart.
+    unit = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    inverse = np.linalg.pinv(information / np.outer(unit, unit), rcond=1e-12, hermitian=True)
+    scaled = columns / unit[:, None, None]
+    return np.sqrt(np.maximum(np.einsum("kcn,kl,lcn->cn", scaled, inverse, scaled, optimize=True), 0.0))
