@@ -88,7 +88,13 @@ def _plot_band(
     for group, colour in enumerate(row_layout.colours):
         for run in iterate_lines(diagnosis.problem.case, row_layout, group, measured_rows):
             panel.fill_between(
-                row_layout.x[run], low[run], high[run], color=colour, alpha=0.25, lw=0, gid="band"
+                row_layout.x[run],
+                low[run],
+                high[run],
+                color=colour,
+                alpha=0.25,
+                lw=0,
+                gid=f"band group-{group}",
             )
 
 

@@ -15,7 +15,7 @@ def panels(figure):
 
 
 def select_artists(panel, gid):
-    return [artist for artist in panel.get_children() if artist.get_gid() == gid]
+    return [artist for artist in panel.get_children() if (artist.get_gid() or "").split(" ")[0] == gid]
 
 
 def test_map_shows_each_direction_with_sign_and_region():
