@@ -19,7 +19,8 @@ for a misfit of 1 mm at 100 mm. Noise of the length reaches the prediction only 
 Neglects: the stiffness of friction before it slides. A muscle without pressure has no stiffness: there K is
 at least `MIN_STIFFNESS`, and the prediction has no meaning.
 Source: Newton's method; derived here. K is a central difference of fourth order: it compiles in half of
-the time of an exact derivative, and its error is about 1e-10 of K.
+the time of an exact derivative, and its error is about 1e-10 of K. Within 0.2 % of the length at which the
+force has a corner, K is a mean of both sides.
 """
 
 from __future__ import annotations
