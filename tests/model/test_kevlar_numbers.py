@@ -195,6 +195,7 @@ def assert_rounds(value, text):
     assert low - slip <= float(text) <= high + slip, f"got {value}, printed {text}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", STATIC)
 def test_residuals_of_force_and_diameter(row):
     row_values = STATIC[row]

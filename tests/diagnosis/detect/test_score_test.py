@@ -74,6 +74,7 @@ def test_parameter_at_its_limit_absorbs_no_further_misfit():
     assert float(along @ along) < 0.1 * baseline.excess_chi2
 
 
+@pytest.mark.slow
 def test_derivatives_without_memory_agree_with_two_passes():
     problem = build_library_problem(inject_effects(0, np.random.default_rng(5)).case)
     heavy = problem.index("end_taper.share"), problem.index("end_taper.radius")

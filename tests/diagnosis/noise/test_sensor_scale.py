@@ -26,6 +26,7 @@ def build_problem(factor, with_swing=False):
     return replace(replace_readings(problem, readings), case=case)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("with_swing", [False, True])
 @pytest.mark.parametrize("factor", [0.7, 1.0, 1.4])
 def test_ratio_is_that_of_the_noise_in_spite_of_a_smooth_misfit(factor, with_swing):

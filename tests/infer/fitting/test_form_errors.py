@@ -67,6 +67,7 @@ def compute_worst_deviation(fitted):
     return max(abs(e.value - true[n]) / e.sd for n, e in fitted.estimates.items() if n in true and e.sd)
 
 
+@pytest.mark.slow
 def test_interval_contains_the_truth_only_with_a_form_error():
     without, with_form = fit_case(0.3, False), fit_case(0.3, True)
     assert compute_worst_deviation(without) > 4.0

@@ -84,6 +84,7 @@ def test_known_parameters_are_recovered(fitted):
     assert fitted.estimates["bladder_elasticity.modulus"].is_determined
 
 
+@pytest.mark.slow
 def test_impossible_lengths_are_reported(fitted):
     assert "impossible" not in str(fitted)
     (case_fit,) = fitted.cases

@@ -87,6 +87,7 @@ def test_repeated_cycles_are_drawn_once():
     assert 2 * len(DEMO_PRESSURES) < lines("mullins_softening")
 
 
+@pytest.mark.slow
 def test_titles_state_the_result():
     titles = [panel.get_title("left") for panel in plot_mechanism(list_mechanisms()["force_offset"]).axes]
     assert ["+5.0 N" in t for t in titles] == [True, False, False, True]
