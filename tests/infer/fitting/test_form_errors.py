@@ -76,12 +76,14 @@ def test_interval_contains_the_truth_only_with_a_form_error():
     assert with_form.estimates[name].sd > without.estimates[name].sd
 
 
+@pytest.mark.slow
 def test_form_error_reduces_the_held_out_error():
     errors = [fit_case(0.3, form_error).cases[0].held_out.rmse["force"] for form_error in (False, True)]
     # The noise has a standard deviation of 2 N.
     assert errors[1] < 3.0 < 15.0 < errors[0]
 
 
+@pytest.mark.slow
 def test_size_of_the_form_error_is_estimated():
     (case_fit,) = fit_case(0.3, True).cases
     part = case_fit.form_errors[MECHANISM]
@@ -94,6 +96,7 @@ def test_size_of_the_form_error_is_estimated():
     assert 0.2 < np.mean(case_fit.prediction_sd["force"]) < 1.0
 
 
+@pytest.mark.slow
 def test_exact_equation_has_no_form_error():
     without, with_form = fit_case(0.0, False), fit_case(0.0, True)
     assert with_form.cases[0].form_errors[MECHANISM].share == 0.0
@@ -103,6 +106,7 @@ def test_exact_equation_has_no_form_error():
     assert "form error of contact_pressure: none, textbook part 149 N" in str(with_form)
 
 
+@pytest.mark.slow
 def test_note_and_files_have_both_parts():
     fitted = fit_case(0.3, True)
     assert "form error of contact_pressure: 26% (rms 38" in str(fitted)
@@ -130,6 +134,7 @@ def test_form_error_without_a_form_is_refused(mechanisms, loss, message):
         fit(build_case(0.0), mechanisms=mechanisms, loss=loss, form_error=True)
 
 
+@pytest.mark.slow
 def test_posterior_of_a_fit_with_form_errors_is_refused():
     with pytest.raises(BadInput, match="a posterior contains no form errors"):
         build_density(fit_case(0.3, True))
