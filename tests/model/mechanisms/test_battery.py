@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pamjax.jit import compile_on_call
+from pamjax.jit import compile_on_call, list_compiler_options
 from pamjax.model.bench import record_bench
 from pamjax.model.history import build_time_history
 from pamjax.model.mechanism import (
@@ -56,7 +56,9 @@ class Program:
         self.neutral = np.array([float(v) for v in list_values(self.bench).values()])
         self.row_count = compile_on_call(jax.vmap(self.plain))
         self.slopes = compile_on_call(jax.jacfwd(lambda x: 2 * (self.plain(x),), has_aux=True))
-        self.pull = compile_on_call(lambda x, w: jax.vjp(self.plain, x)[1](w)[0])
+        # It runs once for each mechanism: optimised code would take longer to compile than it saves.
+        quickly_compiled = list_compiler_options() | {"xla_backend_optimization_level": 0}
+        self.pull = jax.jit(lambda x, w: jax.vjp(self.plain, x)[1](w)[0], compiler_options=quickly_compiled)
 
     def plain(self, x):
         shown = replace_values(self.bench, dict(zip(self.names, x, strict=True)))(*self.at)
