@@ -78,14 +78,8 @@ def write_folder_atomically(folder: str | Path) -> Iterator[Path]:
     The folder is created if it does not exist. Its other files are unchanged.
     """
     folder = Path(folder)
-    temporary = _choose_temporary_path(folder)
-    temporary.mkdir()
-    try:
+    with _move_at_the_end(_choose_temporary_path(folder), folder) as temporary:
         yield temporary
-        with _delay_interrupt():
-            _move_files(temporary, folder)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
 
 
 @contextmanager
@@ -98,7 +92,17 @@ def write_results_together(folder: str | Path) -> Iterator[Path]:
     folder = Path(folder)
     is_new = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
-    temporary = folder / f".pamjax-{secrets.token_hex(4)}"
+    try:
+        with _move_at_the_end(folder / f".pamjax-{secrets.token_hex(4)}", folder) as temporary:
+            yield temporary
+    finally:
+        if is_new and not any(folder.iterdir()):
+            folder.rmdir()
+
+
+@contextmanager
+def _move_at_the_end(temporary: Path, folder: Path) -> Iterator[Path]:
+    """Create a temporary folder, yield it, and move its files to `folder` at the end, all or none."""
     temporary.mkdir()
     try:
         yield temporary
@@ -106,8 +110,6 @@ def write_results_together(folder: str | Path) -> Iterator[Path]:
             _move_files(temporary, folder)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
-        if is_new and not any(folder.iterdir()):
-            folder.rmdir()
 
 
 def is_writable(folder: Path) -> bool:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from pamjax.infer.fitting.least_squares import Loss, Solution, solve_least_squares
-from pamjax.infer.form_errors.dataset_form import estimate_form, set_form_columns
+from pamjax.infer.form_errors.dataset_form import estimate_form, whiten_form_again
 from pamjax.infer.problem.dataset import Dataset, predict_rows
 from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.records.blocks import Blocks, split_folds
@@ -78,9 +78,7 @@ def exclude_rows(dataset: Dataset, is_excluded: np.ndarray | None) -> Dataset:
     if training_dataset.whitening is not None:
         whitening = training_dataset.whitening.restrict_to_rows(training_mask > 0)
         training_dataset = eqx.tree_at(lambda m: m.whitening, training_dataset, whitening)
-    if training_dataset.form_filter is None:
-        return training_dataset
-    return set_form_columns(training_dataset, np.asarray(training_dataset.form_filter.columns))
+    return whiten_form_again(training_dataset)
 
 
 def _fill_predictions(prediction: dict[str, np.ndarray], reading, form: np.ndarray, mask: np.ndarray) -> None:

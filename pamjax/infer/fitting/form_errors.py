@@ -77,7 +77,11 @@ def fit_form_errors(
         columns = [_build_columns(*pair, values) for pair in zip(cases, datasets, strict=True)]
         shares = _estimate_shares(datasets, space, solution, columns)
         datasets = tuple(
-            set_form_columns(dataset, np.concatenate([of[id] * own[id] for id in of]))
+            set_form_columns(
+                dataset,
+                np.concatenate([of[id] * own[id] for id in of]),
+                [id for id in of for _ in of[id]],
+            )
             for dataset, of, own in zip(datasets, columns, shares, strict=True)
         )
         solution = solve_least_squares(datasets, space, solution.u)
@@ -162,20 +166,15 @@ def describe_form_errors(
     """
     assert dataset.form_filter is not None
     n, values = case.recording.n, space.to_values(solution.u)
-    coefficients = dataset.form_filter.estimate_coefficients(compute_white_misfit(dataset, values))
-    columns, parts, first = np.asarray(dataset.form_filter.columns), {}, 0
+    misfit, parts = compute_white_misfit(dataset, values), {}
     for id, share in shares.items():
-        count = len(build_form_columns(case, dataset, values, id))
-        own = slice(first, first + count)
-        form, effect = (
-            np.einsum("r,rcn->cn", coefficients[own], columns[own]),
-            compute_effect(dataset, values, id),
-        )
+        form = dataset.form_filter.estimate_form(misfit, id)
+        effect = compute_effect(dataset, values, id)
         form_white, effect_white = np.asarray(whiten_columns(dataset, jnp.asarray(np.stack([form, effect]))))
         parts[id] = build_form_part(
             share, form[:, :n], effect[:, :n], form_white, effect_white, _find_measured(dataset)[:, :n]
         )
-        first += count
+    columns = np.asarray(dataset.form_filter.columns)
     derivatives, derivatives_white = _whiten_derivatives(dataset, space, solution.u)
     white = np.asarray(dataset.form_filter.white)
     inflation = 1.0 if dataset.whitening is None else float(dataset.whitening.variance_inflation)

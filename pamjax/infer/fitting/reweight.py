@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from pamjax.infer.fitting.least_squares import Loss, Solution
-from pamjax.infer.form_errors.dataset_form import estimate_form, set_form_columns
+from pamjax.infer.form_errors.dataset_form import estimate_form, whiten_form_again
 from pamjax.infer.noise.ar1_filter import Ar1Noise
 from pamjax.infer.noise.autocorrelation import compute_variance_inflation, estimate_autocorrelation_time
 from pamjax.infer.noise.estimate import compute_noise_variances, estimate_neighbour_sd, estimate_noise_model
@@ -281,8 +281,4 @@ def _set_weights(dataset: Dataset, weights: np.ndarray, channel_weights: np.ndar
         lambda m: (m.rows.force_weight, m.rows.diameter_weight, m.channel_weights), dataset, new
     )
     # The form errors are whitened by the noise.
-    return (
-        dataset
-        if dataset.form_filter is None
-        else set_form_columns(dataset, np.asarray(dataset.form_filter.columns))
-    )
+    return whiten_form_again(dataset)

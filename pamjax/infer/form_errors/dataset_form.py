@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -103,15 +103,23 @@ def whiten_columns(dataset: Dataset, columns: Float[Array, "k 2 n"]) -> Float[Ar
     return jax.vmap(whiten)(columns)
 
 
-def set_form_columns(dataset: Dataset, columns: np.ndarray) -> Dataset:
+def set_form_columns(dataset: Dataset, columns: np.ndarray, owners: Sequence[str]) -> Dataset:
     """Return the dataset with form errors.
 
     Args:
         dataset: the dataset.
         columns: (r, 2, n) shapes, multiplied by their standard deviations, SI.
+        owners: for each column, the id of its mechanism.
     """
     white = np.asarray(whiten_columns(dataset, jnp.asarray(columns)))
-    return dataclasses.replace(dataset, form_filter=FormFilter.from_columns(columns, white))
+    return dataclasses.replace(dataset, form_filter=FormFilter.from_columns(columns, white, owners))
+
+
+def whiten_form_again(dataset: Dataset) -> Dataset:
+    """Return the dataset with the same form errors, whitened by its present noise and rows."""
+    if dataset.form_filter is None:
+        return dataset
+    return set_form_columns(dataset, np.asarray(dataset.form_filter.columns), dataset.form_filter.owners)
 
 
 def compute_white_misfit(dataset: Dataset, values: Float[Array, " p"]) -> np.ndarray:

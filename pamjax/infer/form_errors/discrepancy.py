@@ -19,6 +19,7 @@ import numpy as np
 
 from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.problem.dataset import CHANNELS
+from pamjax.infer.problem.form_filter import estimate_coefficients
 
 #: Prior sd of a free column, in sizes that one sample determines.
 FREE_COLUMN_SD = 10.0
@@ -68,8 +69,7 @@ class DiscrepancyNoise(NoiseModel):
     def estimate_discrepancy(self, residual: np.ndarray, owner: str | None = None) -> np.ndarray:
         """Return the posterior mean of all form errors, or those of one owner, in a residual, (2, n), SI."""
         white = np.nan_to_num(NoiseModel.whiten(self, self.columns))
-        along = white @ np.nan_to_num(NoiseModel.whiten(self, residual))
-        coefficients = np.linalg.solve(np.eye(len(white)) + white @ white.T, along)
+        coefficients = estimate_coefficients(white, np.nan_to_num(NoiseModel.whiten(self, residual)))
         if owner is not None:
             coefficients = np.where([other == owner for other in self.owners], coefficients, 0.0)
         return np.einsum("r,rcn->cn", coefficients, self.columns)

@@ -10,10 +10,22 @@ Source: matrix inversion lemma; generalised least squares.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+
+
+def estimate_coefficients(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    """Return the posterior mean of the coefficients c ~ N(0, I) of some columns, (r,).
+
+    Args:
+        columns: (r, m) whitened columns.
+        residual: (m,) whitened residual.
+    """
+    return np.linalg.solve(np.eye(len(columns)) + columns @ columns.T, columns @ residual)
 
 
 class FormFilter(eqx.Module):
@@ -24,29 +36,39 @@ class FormFilter(eqx.Module):
         white: (r, 2n) the same, whitened by the noise.
         vectors: (2n, r) orthonormal shapes, whitened.
         reduction: (r,) share by which each of them is reduced.
+        owners: for each column, the id of its mechanism.
     """
 
     columns: Float[Array, "r 2 n"]
     white: Float[Array, "r m"]
     vectors: Float[Array, "m r"]
     reduction: Float[Array, " r"]
+    owners: tuple[str, ...] = eqx.field(static=True)
 
     @classmethod
-    def from_columns(cls, columns: np.ndarray, white: np.ndarray) -> FormFilter:
-        """Return the filter from columns, (r, 2, n), SI, and the whitened columns, (r, 2n)."""
+    def from_columns(cls, columns: np.ndarray, white: np.ndarray, owners: Sequence[str]) -> FormFilter:
+        """Return the filter from columns, (r, 2, n), SI, the whitened columns, (r, 2n), and their owners."""
         vectors, sizes, _ = np.linalg.svd(white.T, full_matrices=False)
-        arrays = (columns, white, vectors, 1 - 1 / np.sqrt(1 + sizes**2))
-        return cls(*(jnp.asarray(array) for array in arrays))
+        return cls(
+            columns=jnp.asarray(columns),
+            white=jnp.asarray(white),
+            vectors=jnp.asarray(vectors),
+            reduction=jnp.asarray(1 - 1 / np.sqrt(1 + sizes**2)),
+            owners=tuple(owners),
+        )
 
     def whiten(self, white: Float[Array, " m"]) -> Float[Array, " m"]:
         """Return residuals, (2n,), that are whitened by noise and form errors."""
         return white - self.vectors @ (self.reduction * (self.vectors.T @ white))
 
-    def estimate_coefficients(self, white: np.ndarray) -> np.ndarray:
-        """Return the posterior mean of the coefficients, (r,), from whitened residuals, (2n,)."""
-        columns = np.asarray(self.white)
-        return np.linalg.solve(np.eye(len(columns)) + columns @ columns.T, columns @ white)
+    def estimate_form(self, white: np.ndarray, owner: str | None = None) -> np.ndarray:
+        """Return the posterior mean of all form errors, or those of one owner, (2, n), SI.
 
-    def estimate_form(self, white: np.ndarray) -> np.ndarray:
-        """Return the posterior mean of the form errors, (2, n), SI, from whitened residuals, (2n,)."""
-        return np.einsum("r,rcn->cn", self.estimate_coefficients(white), np.asarray(self.columns))
+        Args:
+            white: (2n,) whitened residuals.
+            owner: id of a mechanism.
+        """
+        coefficients = estimate_coefficients(np.asarray(self.white), white)
+        if owner is not None:
+            coefficients = np.where([other == owner for other in self.owners], coefficients, 0.0)
+        return np.einsum("r,rcn->cn", coefficients, np.asarray(self.columns))

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.form_errors.prediction import FormPrediction
 from pamjax.diagnosis.result import Diagnosis
-from pamjax.view.figures.layout import Layout, add_key, build_layout, create_mark, iterate_lines
+from pamjax.view.figures.layout import Layout, add_key, build_layout, create_mark, draw_band, iterate_lines
 from pamjax.view.figures.mismatch_map import find_main_channel
 from pamjax.view.theme import (
     DOUBLE_COLUMN,
@@ -85,17 +85,8 @@ def _plot_band(
         for sign in (-1, 1)
     )
     measured_rows = np.isfinite(diagnosis.problem.measured[channel_index])
-    for group, colour in enumerate(row_layout.colours):
-        for run in iterate_lines(diagnosis.problem.case, row_layout, group, measured_rows):
-            panel.fill_between(
-                row_layout.x[run],
-                low[run],
-                high[run],
-                color=colour,
-                alpha=0.25,
-                lw=0,
-                gid=f"band group-{group}",
-            )
+    for group in range(len(row_layout.names)):
+        draw_band(panel, diagnosis.problem.case, row_layout, group, measured_rows, low, high)
 
 
 def select_settings(diagnosis: Diagnosis) -> Layout:

@@ -30,6 +30,7 @@ from pamjax.view.figures.layout import (
     add_key,
     build_layout,
     create_mark,
+    draw_band,
     iterate_lines,
     select_axes,
     thin_points,
@@ -110,23 +111,16 @@ def _plot_points_and_lines(panel: Axes, case_fit: CaseFit, row_layout: Layout, c
         panel.plot(
             row_layout.x[rows], measured_values[rows], color=colour, gid=f"measured group-{group}", **style
         )
+        if channel in case_fit.prediction_sd:
+            margin = 2 * case_fit.prediction_sd[channel] / scale
+            low, high = predicted_values - margin, predicted_values + margin
+            draw_band(panel, case_fit.case, row_layout, group, measured_rows, low, high)
         if not row_layout.is_connected:
             panel.plot(
                 row_layout.x[rows], predicted_values[rows], "x", color=colour, gid=f"model group-{group}"
             )
             continue
         for rows in iterate_lines(case_fit.case, row_layout, group, measured_rows):
-            if channel in case_fit.prediction_sd:
-                margin = 2 * case_fit.prediction_sd[channel][rows] / scale
-                panel.fill_between(
-                    row_layout.x[rows],
-                    predicted_values[rows] - margin,
-                    predicted_values[rows] + margin,
-                    color=colour,
-                    alpha=0.3,
-                    lw=0,
-                    gid=f"band group-{group}",
-                )
             # A white outline separates the line from the points of its group.
             panel.plot(
                 row_layout.x[rows],

@@ -166,3 +166,31 @@ def iterate_lines(case: Case, layout: Layout, group: int, measured_rows: np.ndar
     run = np.cumsum(recording.starts)[rows]
     for run_number in np.unique(run):
         yield rows[run == run_number][::step]
+
+
+def draw_band(
+    panel: Axes,
+    case: Case,
+    layout: Layout,
+    group: int,
+    measured_rows: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+) -> None:
+    """Draw a range of the measured rows of a group: an area along each line, or bars at single points.
+
+    Args:
+        panel: the axes.
+        case: the case.
+        layout: the layout of its rows.
+        group: index of the group.
+        measured_rows: (n,) bool, rows with a measured value of the channel.
+        low, high: (n,) ends of the range, in the unit of the axis.
+    """
+    style = {"color": layout.colours[group], "gid": f"band group-{group}"}
+    for rows in iterate_lines(case, layout, group, measured_rows):
+        x = layout.x[rows]
+        if layout.is_connected and rows.size > 1:
+            panel.fill_between(x, low[rows], high[rows], alpha=0.25, lw=0, **style)
+        else:
+            panel.vlines(x, low[rows], high[rows], alpha=0.5, lw=3, **style)

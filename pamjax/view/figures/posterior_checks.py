@@ -24,7 +24,7 @@ from pamjax.infer.posterior.result import Posterior
 from pamjax.infer.problem.dataset import CHANNELS
 from pamjax.units import compute_si_factor
 from pamjax.view.figures.fit import create_panels
-from pamjax.view.figures.layout import Layout, add_key, build_layout, create_mark, iterate_lines, thin_points
+from pamjax.view.figures.layout import Layout, add_key, build_layout, create_mark, draw_band, thin_points
 from pamjax.view.figures.posterior_axes import (
     POSTERIOR_COLOUR,
     convert_to_unit,
@@ -154,28 +154,7 @@ def _plot_channel_band(
             alpha=0.7,
             gid="measured",
         )
-        for group_rows in iterate_lines(case_fit.case, row_layout, group, measured_rows):
-            ordered_rows = group_rows[np.argsort(row_layout.x[group_rows], kind="stable")]
-            if row_layout.is_connected and len(ordered_rows) > 1:
-                panel.fill_between(
-                    row_layout.x[ordered_rows],
-                    low[ordered_rows],
-                    high[ordered_rows],
-                    color=colour,
-                    alpha=0.25,
-                    lw=0,
-                    gid="band",
-                )
-            else:
-                panel.vlines(
-                    row_layout.x[ordered_rows],
-                    low[ordered_rows],
-                    high[ordered_rows],
-                    color=colour,
-                    alpha=0.5,
-                    lw=3,
-                    gid="band",
-                )
+        draw_band(panel, case_fit.case, row_layout, group, measured_rows, low, high)
     inside = (measured >= low) & (measured <= high)
     share = 100 * inside[measured_rows].mean()
     panel.set_title(f"{channel.capitalize()}: {share:.0f} % of rows\nin the 90 % prediction band")

@@ -20,7 +20,7 @@ def columns():
 
 
 def build_filter(columns):
-    return FormFilter.from_columns(columns, columns.reshape(COUNT, SIZE))
+    return FormFilter.from_columns(columns, columns.reshape(COUNT, SIZE), ("first", "second", "third"))
 
 
 def test_filter_whitens_the_covariance(columns):
@@ -39,6 +39,15 @@ def test_estimate_is_the_mean_of_a_gaussian_process(columns):
     kernel = white.T @ white
     expected = kernel @ np.linalg.solve(np.eye(SIZE) + kernel, residual)
     agree(build_filter(columns).estimate_form(residual).ravel(), expected, SOLVED, 1.0)
+
+
+def test_estimates_of_the_owners_add_up(columns):
+    residual, form_filter = np.random.default_rng(2).standard_normal(SIZE), build_filter(columns)
+    parts = [form_filter.estimate_form(residual, owner) for owner in form_filter.owners]
+    agree(sum(parts), form_filter.estimate_form(residual), SOLVED, 1.0)
+    assert not parts[2].any()
+    assert parts[0].any()
+    assert parts[1].any()
 
 
 def test_prediction_sd_is_that_of_a_gaussian_process(columns):
