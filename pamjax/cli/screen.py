@@ -163,7 +163,7 @@ def announce_compilation(folder: Path | None, quiet: bool) -> None:
     if quiet or has_programs("pamjax.diagnosis"):
         return
     repetition = "once on this machine" if folder else "in each run, because it has no folder for programs"
-    print(f"pamjax: compiling the model, one to three minutes, {repetition}", file=sys.stderr, flush=True)
+    print(f"pamjax: compiling the model, about a minute, {repetition}", file=sys.stderr, flush=True)
 
 
 def print_text(text: str) -> None:

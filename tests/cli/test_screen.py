@@ -108,7 +108,7 @@ def store_program(home):
 
 
 def test_first_compilation_is_announced(program_folder, capsys):
-    line = "pamjax: compiling the model, one to three minutes, once on this machine\n"
+    line = "pamjax: compiling the model, about a minute, once on this machine\n"
     # The programs of an inverse command are not those of a diagnosis.
     store_program("pamjax.control.inverse")
     announce_compilation(program_folder, quiet=False)
