@@ -57,3 +57,12 @@ def to_display(channel: str, value):
     25.4
     """
     return value / compute_si_factor(DISPLAY_UNIT[channel])
+
+
+def format_channel_value(value: float, channel: str) -> str:
+    """Return a value of a channel, SI, as text in the channel's display unit.
+
+    >>> format_channel_value(2.21e-5, "diameter")
+    '0.0221 mm'
+    """
+    return f"{to_display(channel, value):.3g} {DISPLAY_UNIT[channel]}"

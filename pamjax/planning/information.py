@@ -30,7 +30,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from pamjax.infer.fitting.fit import build_joint_space
+from pamjax.infer.fitting.joint_space import build_joint_space
 from pamjax.infer.fitting.least_squares import solve_least_squares
 from pamjax.infer.fitting.reweight import reweight_dataset
 from pamjax.infer.problem.dataset import Dataset, build_dataset

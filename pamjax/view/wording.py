@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from pamjax.infer.fitting.report import format_channel_value
+from pamjax.channels import format_channel_value
 from pamjax.records.case import Case
 
 #: Relative difference up to which a noise level counts as the one stated in muscle.toml.

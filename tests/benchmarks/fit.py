@@ -24,7 +24,8 @@ from rich.console import Console
 from rich.table import Table
 from scipy.optimize import least_squares
 
-from pamjax.infer.fitting.fit import build_joint_space, reweight_datasets
+from pamjax.infer.fitting.fit import reweight_datasets
+from pamjax.infer.fitting.joint_space import build_joint_space
 from pamjax.infer.fitting.least_squares import Solution, solve_least_squares
 from pamjax.infer.problem.dataset import Dataset, build_dataset
 from pamjax.infer.problem.parameter_space import ParameterSpace

@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 from pamjax.compile import programs
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
 from pamjax.errors import refuse
-from pamjax.infer.fitting.fit import build_joint_space
+from pamjax.infer.fitting.joint_space import build_joint_space
 from pamjax.infer.problem.dataset import (
     Dataset,
     build_history,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,9 +10,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pamjax.errors import BadInput, check_minimum, refuse, suggest_word
+from pamjax.errors import check_minimum
 from pamjax.infer.fitting.cross_validation import cross_validate
 from pamjax.infer.fitting.form_errors import check_form_errors, describe_form_errors, fit_form_errors
+from pamjax.infer.fitting.joint_space import build_joint_space, choose_law, collect_meanings
 from pamjax.infer.fitting.least_squares import Loss, Solution, linearise_problem, solve_least_squares
 from pamjax.infer.fitting.prior_bounds import find_limits, solve_within_limits
 from pamjax.infer.fitting.result import CaseFit, Estimate, Fit, HeldOutScore, NamedEstimates
@@ -30,12 +30,10 @@ from pamjax.infer.problem.dataset import (
     find_informative_samples,
     predict_rows,
 )
-from pamjax.infer.problem.parameter_space import FreeParameter, ParameterSpace, build_space
+from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.infer.problem.prior_limits import MIN_MISFIT_MEAN_SQUARE
-from pamjax.infer.problem.priors import list_free_parameters
 from pamjax.model.assembly import resolve_bench_law
 from pamjax.model.balance import Status
-from pamjax.model.parameters import THREAD_LAWS
 from pamjax.model.registry import check_exclusive_pairs
 from pamjax.progress import Progress, ignore_progress
 from pamjax.records.blocks import find_blocks
@@ -100,7 +98,7 @@ def fit(
         for case in ([cases] if isinstance(cases, Case | str | Path) else cases)
     ]
     _check_counts(starts, fold_count, seed)
-    law = _choose_law(cases, law)
+    law = choose_law(cases, law)
     if mechanisms:
         check_exclusive_pairs(mechanisms)
         law = resolve_bench_law(law, mechanisms)
@@ -148,7 +146,7 @@ def fit(
         law=law,
         mechanisms=tuple(mechanisms),
         estimates=_build_estimates(
-            space, solution, sd, at_limit, _collect_meanings(cases, law, renames, mechanisms)
+            space, solution, sd, at_limit, collect_meanings(cases, law, renames, mechanisms)
         ),
         correlation=correlation,
         cases=tuple(
@@ -238,85 +236,6 @@ def _check_counts(starts: int, fold_count: int, seed: int) -> None:
         check_minimum(name, value, minimum)
 
 
-def _choose_law(cases: Sequence[Case], law: str | None) -> str:
-    if not cases:
-        raise refuse("a fit needs at least one case", "none")
-    names = [case.name for case in cases]
-    for name in names:
-        if names.count(name) > 1:
-            remedy = "The folder's name distinguishes their parameters: rename one folder."
-            raise refuse("cases that are fitted together need different names", f"{name!r} twice", "", remedy)
-    laws = sorted({law or case.entry.baseline for case in cases})
-    if len(laws) > 1:
-        raise refuse(
-            "cases that are fitted together share one thread law",
-            " and ".join(laws),
-            "[baseline] of muscle.toml",
-            "Use one law for all of them.",
-        )
-    if laws[0] not in THREAD_LAWS:
-        raise refuse(f"unknown thread law {laws[0]!r}", remedy=suggest_word(laws[0], THREAD_LAWS))
-    for case in cases:
-        if not case.recording.channels:
-            raise refuse(
-                "a fit needs a measured force or diameter",
-                "neither",
-                f"{case.name}/recording.csv",
-                "Add a column `force [N]` or `diameter [mm]`.",
-            )
-    return laws[0]
-
-
-def build_joint_space(
-    cases: Sequence[Case], law: str, share: Sequence[str], mechanisms: Sequence[str] = ()
-) -> tuple[ParameterSpace, list[dict[str, str]]]:
-    """Return the common space of all cases, and for each case the names of its parameters in that space."""
-    parameters: dict[str, FreeParameter] = {}
-    renames: list[dict[str, str]] = []
-    for case in cases:
-        own_parameters = list_free_parameters(case, law, mechanisms)
-        is_single_case = len(cases) == 1
-        rename = {
-            n.name: n.name if is_single_case or n.name in share else f"{case.name}/{n.name}"
-            for n in own_parameters
-        }
-        for n in own_parameters:
-            shared_parameter = parameters.setdefault(rename[n.name], replace(n, name=rename[n.name]))
-            if (shared_parameter.start, shared_parameter.sd) != (
-                n.start,
-                n.sd,
-            ) and not shared_parameter.sd == n.sd == math.inf:
-                raise _build_conflict_error(n.name, "another value or sd", case)
-        renames.append(rename)
-    free_names = sorted({name for rename in renames for name in rename})
-    for name in share:
-        if name not in free_names:
-            raise refuse(
-                f"{name!r} is not a free parameter, so it cannot be shared",
-                remedy=suggest_word(name, free_names),
-            )
-        for case, rename in zip(cases, renames, strict=True):
-            if name not in rename:
-                raise _build_conflict_error(name, "no sd, or no such parameter", case)
-    if not parameters:
-        raise refuse(
-            "a fit needs a free parameter",
-            "every value stated without `sd`",
-            "muscle.toml",
-            "Write at least one as {value = ..., sd = ...}.",
-        )
-    return build_space(list(parameters.values())), renames
-
-
-def _build_conflict_error(name: str, got: str, case: Case) -> BadInput:
-    """Return the error for a shared parameter with different priors."""
-    rule, remedy = (
-        f"a shared parameter ({name}) must have one prior",
-        "State the same value and sd in each case.",
-    )
-    return refuse(rule, got, f"{case.name}/muscle.toml", remedy)
-
-
 def reweight_datasets(cases, datasets, space, solution, loss: Loss = "square", trust_sensors=False):
     """Return every dataset with weights from its noise, and the noise; see `reweight_dataset`."""
     pairs = [
@@ -356,15 +275,6 @@ def compute_sd_and_correlation(solution: Solution) -> tuple[np.ndarray, np.ndarr
     root = np.sqrt(np.where(np.diag(inverse) > 0, np.diag(inverse), 1.0))
     correlation = inverse / np.outer(root, root) * np.sign(np.outer(solution.slope, solution.slope))
     return np.where(is_undetermined, np.nan, sd), correlation
-
-
-def _collect_meanings(cases, law, renames, mechanisms):
-    pairs = [
-        (rename[n.name], n.meaning)
-        for c, rename in zip(cases, renames, strict=True)
-        for n in list_free_parameters(c, law, mechanisms)
-    ]
-    return dict(pairs)
 
 
 def _build_estimates(

@@ -23,7 +23,8 @@ from pamjax.infer.fitting.determination import (
     compute_prior_scale,
     describe_row_shortage,
 )
-from pamjax.infer.fitting.fit import build_joint_space, compute_sd_and_correlation, reweight_datasets
+from pamjax.infer.fitting.fit import compute_sd_and_correlation, reweight_datasets
+from pamjax.infer.fitting.joint_space import build_joint_space
 from pamjax.infer.fitting.least_squares import linearise_problem
 from pamjax.infer.problem.dataset import build_dataset, count_informative_samples
 from pamjax.infer.problem.parameter_space import ParameterSpace

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pamjax.channels import DISPLAY_UNIT, to_display
+from pamjax.channels import format_channel_value
 from pamjax.infer.fitting.determination import describe_row_shortage, describe_sd_ratio
 from pamjax.infer.fitting.impossible_lengths import describe_impossible_lengths
+from pamjax.infer.form_errors.parts import MIN_SHOWN_EFFECT
 from pamjax.infer.noise.sensor_noise import ChannelNoise
 from pamjax.infer.problem.dataset import count_informative_samples
 from pamjax.infer.problem.priors import is_length_error
@@ -64,15 +65,6 @@ def format_estimate(value: float, sd: float | None, unit: str) -> str:
         return f"{value:.5g}{tail}"
     digits = max(0, 1 - math.floor(math.log10(abs(sd))))
     return f"{value:.{digits}f} ± {sd:.{digits}f}{tail}"
-
-
-def format_channel_value(value: float, channel: str) -> str:
-    """Return a value of a channel, SI, as text in the channel's display unit.
-
-    >>> format_channel_value(2.21e-5, "diameter")
-    '0.0221 mm'
-    """
-    return f"{to_display(channel, value):.3g} {DISPLAY_UNIT[channel]}"
 
 
 def _format_title(fit: Fit) -> str:
@@ -170,8 +162,10 @@ def format_form_errors(case_fit: CaseFit) -> Iterator[str]:
         sizes = [
             (channel, form, effect)
             for channel, form, effect in zip(channels, part.form_rms, part.effect_rms, strict=True)
-            if effect > 0
+            if channel in case_fit.noise and effect > MIN_SHOWN_EFFECT * case_fit.noise[channel].sd
         ]
+        if not sizes:
+            continue
         effects = ", ".join(format_channel_value(effect, channel) for channel, _, effect in sizes)
         if not part.share:
             yield f"form error of {id}: none, textbook part {effects}"

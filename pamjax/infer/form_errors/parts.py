@@ -11,6 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+#: Smallest effect that is shown, as a share of the noise of a row.
+MIN_SHOWN_EFFECT = 0.05
+
 
 @dataclass(frozen=True, eq=False)
 class FormErrorPart:

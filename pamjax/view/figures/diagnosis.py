@@ -20,11 +20,11 @@ from matplotlib.axes import Axes as Panel
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from pamjax.channels import DISPLAY_UNIT, to_display
+from pamjax.channels import DISPLAY_UNIT, format_channel_value, to_display
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.select.selection import NamedMechanism
 from pamjax.units import compute_si_factor
-from pamjax.view.figures.diagnosis_loops import compute_rms, format_channel_value
+from pamjax.view.figures.diagnosis_loops import compute_rms
 from pamjax.view.figures.layout import create_mark
 from pamjax.view.theme import (
     DOUBLE_COLUMN,

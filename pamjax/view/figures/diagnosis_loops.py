@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes as Panel
 from matplotlib.figure import Figure
 
-from pamjax.channels import DISPLAY_UNIT, to_display
+from pamjax.channels import DISPLAY_UNIT, format_channel_value, to_display
 from pamjax.diagnosis.form_errors.prediction import FormPrediction
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.view.figures.layout import Layout, add_key, build_layout, create_mark, draw_band, iterate_lines
@@ -236,8 +236,3 @@ def compute_rms(misfit: np.ndarray) -> float:
     """Return the root mean square of the finite values, or NaN if there are none."""
     misfit = misfit[np.isfinite(misfit)]
     return float(np.sqrt(np.mean(misfit**2))) if misfit.size else math.nan
-
-
-def format_channel_value(value: float, channel: str) -> str:
-    """Return an SI value of a channel in its display unit."""
-    return f"{to_display(channel, value):.3g} {DISPLAY_UNIT[channel]}"

@@ -19,7 +19,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pamjax.channels import DISPLAY_UNIT
+from pamjax.channels import DISPLAY_UNIT, format_channel_value
 from pamjax.errors import refuse
 from pamjax.infer.fitting.report import exceeds_noise, format_estimate
 from pamjax.infer.fitting.result import CaseFit, Estimate, Fit
@@ -156,7 +156,7 @@ def _choose_point_style(measured_rows: np.ndarray) -> dict[str, Any]:
 
 def format_misfit_title(case_fit: CaseFit, channel: str) -> str:
     """Return the title: a channel's RMS error relative to its noise, or to its largest value."""
-    noise, rmse_text = case_fit.noise[channel], _format_channel_size(case_fit.rmse[channel], channel)
+    noise, rmse_text = case_fit.noise[channel], format_channel_value(case_fit.rmse[channel], channel)
     if not noise.is_known:
         largest = np.nanmax(np.abs(getattr(case_fit.case.recording, channel)))
         share = 100 * case_fit.rmse[channel] / largest
@@ -164,11 +164,7 @@ def format_misfit_title(case_fit: CaseFit, channel: str) -> str:
     if exceeds_noise(noise):
         ratio_text = f"{noise.excess:.0f}" if noise.excess >= 10 else f"{noise.excess:.2g}"
         return f"RMS error of {channel}: {rmse_text}\n({ratio_text} times the noise)"
-    return f"RMS error of {channel}: {rmse_text}\n(noise {_format_channel_size(noise.sd, channel)})"
-
-
-def _format_channel_size(value: float, channel: str) -> str:
-    return f"{value / compute_si_factor(DISPLAY_UNIT[channel]):.3g} {DISPLAY_UNIT[channel]}"
+    return f"RMS error of {channel}: {rmse_text}\n(noise {format_channel_value(noise.sd, channel)})"
 
 
 def plot_residual(case_fit: CaseFit, narrow: bool = False) -> Figure:
@@ -311,14 +307,14 @@ def format_generalisation(case_fit: CaseFit, channel: str) -> str:
     fitted_rmse, held_out_rmse = case_fit.rmse[channel], case_fit.held_out.rmse[channel]
     head = (
         f"Held-out {case_fit.held_out.kind}: RMS error of {channel}"
-        f" {_format_channel_size(held_out_rmse, channel)},\n"
+        f" {format_channel_value(held_out_rmse, channel)},\n"
     )
     percent_more = 100 * (held_out_rmse / fitted_rmse - 1) if fitted_rmse > 0 else math.inf
     if abs(percent_more) < 0.5:
         return f"{head}as in the fit"
     return (
         f"{head}{abs(percent_more):.0f} % {'more' if percent_more > 0 else 'less'} than in the fit"
-        f" ({_format_channel_size(fitted_rmse, channel)})"
+        f" ({format_channel_value(fitted_rmse, channel)})"
     )
 
 

@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 
 from pamjax.baselines.comparison import BASELINE_MODEL, MODEL_TITLES, ModelComparison
-from pamjax.channels import DISPLAY_UNIT, to_display
+from pamjax.channels import DISPLAY_UNIT, format_channel_value, to_display
 from pamjax.diagnosis.crossval.gain import compute_rmse
 from pamjax.diagnosis.result import Diagnosis, get_baseline_estimates
 from pamjax.diagnosis.settings import describe_settings
 from pamjax.infer.fitting.report import format_estimate
+from pamjax.infer.form_errors.parts import MIN_SHOWN_EFFECT
 from pamjax.model.registry import find_mechanism
 from pamjax.parameter import Meaning
 from pamjax.units import compute_si_factor, format_quantity
 from pamjax.view.figures import diagnosis as figures
 from pamjax.view.figures.diagnosis_loops import (
-    format_channel_value,
     plot_explained_residuals,
     plot_loops,
     select_settings,
@@ -38,9 +38,6 @@ from pamjax.view.reports.diagnosis_answer import (
 )
 from pamjax.view.reports.page import Picture, build_picture, write_page
 from pamjax.view.wording import format_history, format_noise, format_signed, join_words
-
-#: Smallest effect that is shown, as a share of the noise of a row.
-MIN_SHOWN_EFFECT = 0.05
 
 
 def write_diagnosis_report(

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from pamjax.channels import format_channel_value
 from pamjax.infer.fitting.determination import (
     DETERMINED,
     MOSTLY_PRIOR,
@@ -18,7 +19,6 @@ from pamjax.infer.fitting.report import (
     describe_fit_shortage,
     describe_origin,
     exceeds_noise,
-    format_channel_value,
     format_correlations,
     format_estimate,
     format_form_errors,

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from pamjax.infer.fitting.cross_validation import cross_validate, exclude_rows
-from pamjax.infer.fitting.fit import build_joint_space, fit
+from pamjax.infer.fitting.fit import fit
+from pamjax.infer.fitting.joint_space import build_joint_space
 from pamjax.infer.fitting.least_squares import solve_least_squares
 from pamjax.infer.problem.dataset import build_dataset
 from pamjax.records.blocks import find_blocks

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from pamjax.errors import BadInput
-from pamjax.infer.fitting.fit import build_joint_space, fit
+from pamjax.infer.fitting.fit import fit
+from pamjax.infer.fitting.joint_space import build_joint_space
 from pamjax.infer.fitting.least_squares import soften_residual, solve_least_squares, stack_residuals
 from pamjax.infer.problem.dataset import build_dataset
 from pamjax.records.reading.muscle_toml import Sensors

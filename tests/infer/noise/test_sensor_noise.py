@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import pamjax.infer.fitting.reweight
-from pamjax.infer.fitting.fit import build_joint_space, fit
+from pamjax.infer.fitting.fit import fit
+from pamjax.infer.fitting.joint_space import build_joint_space
 from pamjax.infer.noise.autocorrelation import estimate_autocorrelation_time
 from pamjax.infer.noise.sensor_noise import compute_correlation_time, compute_effective_sd
 from pamjax.infer.problem.dataset import build_dataset

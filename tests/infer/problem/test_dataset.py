@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pamjax.infer.fitting.fit import build_joint_space
+from pamjax.infer.fitting.joint_space import build_joint_space
 from pamjax.infer.problem.dataset import (
     MAX_SLACK_FORCE_SHARE,
     build_dataset,
