@@ -23,7 +23,7 @@ from pamjax.records.reading.header import COLUMN_KINDS
 from pamjax.records.reading.muscle_toml import read_muscle_toml
 from pamjax.records.recording import Recording
 from pamjax.records.writing.case_folder import write_case
-from pamjax.units import format_count, format_quantity, parse_quantity
+from pamjax.units import MAGNITUDE_LIMITS, format_count, format_quantity, parse_quantity
 
 #: Longest time between two tests, s: ten years.
 MAX_GAP = 3.2e8
@@ -154,7 +154,8 @@ def _match_patterns(patterns: str | list[str], base_folder: Path) -> list[Path]:
 
 def _check_inside(path: Path, base_folder: Path, text: str, where: str) -> None:
     """Refuse a file outside the folder of the specification: messages quote cells of the files."""
-    if not path.resolve().is_relative_to(base_folder.resolve()):
+    # `Path.resolve` raises an error for a link to itself; `realpath` does not.
+    if not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(base_folder)):
         rule = "files of an import must be in the folder of its TOML file, or below"
         raise refuse(rule, text, where, "Copy the files there.")
 
@@ -196,7 +197,16 @@ def _read_test(
 
 def _read_channel(spec: ImportSpec, name: str, file: RigFile) -> np.ndarray:
     column = spec.columns[name]
-    return (file[column.column] - column.zero) * column.to_si(name, f"[columns] {name}")
+    readings, factor = file[column.column], column.to_si(name, f"[columns] {name}")
+    with np.errstate(over="ignore"):
+        values = (readings - column.zero) * factor
+    too_large = np.abs(values) > MAGNITUDE_LIMITS[1]
+    if too_large.any():
+        k = int(np.argmax(too_large))
+        rule = f"`{name}` must be at most {MAGNITUDE_LIMITS[1]:g} in SI units"
+        remedy = "Check the cell, and `unit`, `zero` and `scale` in [columns]."
+        raise refuse(rule, f"the reading {readings[k]:g}", file.locate_row(k), remedy)
+    return values
 
 
 def _read_clock(spec: ImportSpec, file: RigFile) -> np.ndarray | None:
