@@ -19,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -157,7 +157,8 @@ class KillTrial:
 
     def _prepare(self) -> None:
         shutil.rmtree(self.work, ignore_errors=True)
-        shutil.copytree(self.inputs, self.work)
+        # A worker of a killed fleet may still write here.
+        shutil.copytree(self.inputs, self.work, dirs_exist_ok=True)
 
     def _start(self) -> subprocess.Popen[str]:
         command = [*self._list_command(), "--out", "out"]
@@ -236,14 +237,22 @@ def main() -> None:
     end = time.monotonic() + 60.0 * options.minutes
     with tempfile.TemporaryDirectory() as scratch:
         folder = (options.out or Path(scratch)).resolve()
-        trials = run_trials(options.only, options.kills, options.seed, folder, end)
+
+        def keep_figures(trials: dict[str, KillTrial]) -> None:
+            keep(file, list_figures(trials))
+
+        trials = run_trials(options.only, options.kills, options.seed, folder, end, keep_figures)
     print_table(trials)
-    keep(file, list_figures(trials))
     raise SystemExit(0 if all(trial.tally.is_clean for trial in trials.values()) else 1)
 
 
 def run_trials(
-    names: Sequence[str], kills: int, seed: int, folder: Path, end: float = float("inf")
+    names: Sequence[str],
+    kills: int,
+    seed: int,
+    folder: Path,
+    end: float = float("inf"),
+    report: Callable[[dict[str, KillTrial]], None] = lambda trials: None,
 ) -> dict[str, KillTrial]:
     """Return the trials of some commands after their kills.
 
@@ -253,6 +262,7 @@ def run_trials(
         seed: seed of the moments.
         folder: folder of the runs.
         end: time of `time.monotonic` after which no further run starts.
+        report: called with all trials after each completed run, so that an interrupted study has figures.
     """
     inputs = write_inputs(folder / "inputs")
     trials = {name: KillTrial(name, COMMANDS[name], inputs, folder, seed) for name in names}
@@ -266,6 +276,7 @@ def run_trials(
             if time.monotonic() < end:
                 trial.run_killed(min(KILLS_IN_A_ROW, kills - trial.tally.kills))
                 _report_failures(trial)
+                report(trials)
     return trials
 
 
