@@ -21,7 +21,7 @@ from pamjax.records.importing.import_spec import ImportSpec, TestTable, read_imp
 from pamjax.records.importing.rig_file import RigFile
 from pamjax.records.reading.header import COLUMN_KINDS
 from pamjax.records.reading.muscle_toml import read_muscle_toml
-from pamjax.records.recording import Recording
+from pamjax.records.recording import MAX_CYCLE, Recording
 from pamjax.records.writing.case_folder import write_case
 from pamjax.units import MAGNITUDE_LIMITS, format_count, format_quantity, parse_quantity
 
@@ -287,6 +287,7 @@ def _join_tests(pieces: Sequence[dict[str, np.ndarray]], spec: ImportSpec) -> Re
             piece["time"] = piece["time"] + start_time
             start_time = float(piece["time"][-1]) + gap
     joined_columns = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
+    _check_cycles(joined_columns["cycle"])
     return Recording.from_arrays(
         time=joined_columns.get("time"),
         pressure=joined_columns["pressure"],
@@ -295,3 +296,11 @@ def _join_tests(pieces: Sequence[dict[str, np.ndarray]], spec: ImportSpec) -> Re
         diameter=joined_columns.get("diameter"),
         cycle=joined_columns["cycle"].astype(int),
     )
+
+
+def _check_cycles(cycle: np.ndarray) -> None:
+    is_valid = (cycle >= 0) & (cycle <= MAX_CYCLE) & (cycle == np.round(cycle))
+    if not is_valid.all():
+        rule = f"`cycle` must be a whole number from 0 to {MAX_CYCLE}"
+        got = f"{cycle[np.argmin(is_valid)]:g}"
+        raise refuse(rule, got, "the files of [[tests]]", "Number the strokes 1, 2, 3.")

@@ -111,6 +111,16 @@ def test_reading_above_the_limit_is_refused_with_its_row(read_error):
     )
 
 
+@pytest.mark.parametrize("cycle", ["1e20", "1.5", ""])
+def test_cycle_that_is_no_count_is_refused(cycle, read_error):
+    table = f"P [kPa],Load [N],cycle\n100,30,1\n200,65,{cycle}\n300,100,1\n"
+    message = read_error(('"P [kPa]"', '"P [kPa]", cycle = "cycle"'), table=table)
+    assert message == (
+        f"`cycle` must be a whole number from 0 to 1000000000; got {cycle.replace('e', 'e+') or 'nan'}"
+        " in the files of [[tests]]. Number the strokes 1, 2, 3."
+    )
+
+
 def test_file_name_with_a_power_is_read(tmp_path):
     (tmp_path / "muscle.toml").write_text(MUSCLE)
     for name in ("t1²3.csv", "t10.csv", "t9.csv"):
