@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
+import tokenize
 import unicodedata
 from functools import cache
 from typing import TYPE_CHECKING
@@ -46,6 +47,9 @@ MAGNITUDE_LIMITS = (1e-30, 1e30)
 
 #: Units of length that some people write as a sign.
 UNIT_SIGNS = {'"': "in", "\u2033": "in", "''": "in", "\u201d": "in", "'": "ft"}
+
+#: Errors of pint's parser beside its own.
+_PARSER_ERRORS = (ArithmeticError, AssertionError, LookupError, ValueError, TypeError, tokenize.TokenError)
 
 #: Longest text of a unit.
 MAX_UNIT_CHARACTERS = 60
@@ -99,7 +103,7 @@ def _convert_unit(unit: str, si: str, kind: str, where: str, number: float = 1.0
             raise ValueError("not the form of a unit")
         quantity = load_unit_registry().Quantity(1.0, unit)
     # Pint's parser raises errors of many types on texts that are no units.
-    except (pint.PintError, ArithmeticError, AssertionError, LookupError, ValueError, TypeError) as error:
+    except (*_PARSER_ERRORS, pint.PintError) as error:
         shown = unit if len(unit) <= MAX_UNIT_CHARACTERS else f"{unit[:MAX_UNIT_CHARACTERS]}..."
         raise refuse(f"unknown unit {shown!r}", where=where, remedy=_suggest_unit(unit, kind, si)) from error
     if not quantity.check(load_unit_registry().Quantity(1.0, si).dimensionality):

@@ -147,3 +147,8 @@ def test_number_that_is_not_finite_is_refused():
     with pytest.raises(BadInput, match=r"a quantity must be finite; got nan in minutes\."):
         parse_quantity(float("nan"), "count", "minutes")
     assert parse_quantity("0 kPa", "pressure") == 0.0
+
+
+def test_unclosed_bracket_of_a_unit_is_refused():
+    with pytest.raises(BadInput, match="unknown unit"):
+        parse_quantity("5 (mm", "length")
