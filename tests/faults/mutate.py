@@ -18,6 +18,7 @@ import sys
 import tempfile
 import time
 import traceback
+import unicodedata
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -37,6 +38,8 @@ from tests.faults.inputs import KINDS, InputKind, write_example, write_mutation
 LONGEST_TIME, LARGEST_MEMORY = 5.0, 1_000_000_000
 #: Time on the clock after which a reading is stopped, s; other programs may slow it down.
 LONGEST_WAIT = 30.0
+#: Unicode categories that a message must not have: control, surrogate, and separators of lines.
+CONTROL_CATEGORIES = {"Cc", "Cs", "Zl", "Zp"}
 #: Longest message, characters.
 LONGEST_MESSAGE = 1500
 
@@ -130,8 +133,9 @@ def _read(kind: InputKind, folder: Path, tally: MutationTally) -> str:
 
 
 def find_fault(message: str) -> str:
-    """Return what is wrong with a message; empty if it is one printable line that ends as a sentence."""
-    if len(message.splitlines()) != 1 or not message.isprintable():
+    """Return what is wrong with a message; empty if it is one line that ends as a sentence."""
+    categories = {unicodedata.category(character) for character in message}
+    if len(message.splitlines()) != 1 or categories & CONTROL_CATEGORIES:
         return f"not one line: {message[:200]!r}"
     if len(message) > LONGEST_MESSAGE:
         return f"{len(message)} characters: {message[:200]!r}"

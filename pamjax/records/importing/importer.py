@@ -198,9 +198,10 @@ def _read_test(
 def _read_channel(spec: ImportSpec, name: str, file: RigFile) -> np.ndarray:
     column = spec.columns[name]
     readings, factor = file[column.column], column.to_si(name, f"[columns] {name}")
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):
         values = (readings - column.zero) * factor
-    too_large = np.abs(values) > MAGNITUDE_LIMITS[1]
+    # A blank cell stays blank; an overflow may also give NaN.
+    too_large = ~(np.abs(values) <= MAGNITUDE_LIMITS[1]) & ~np.isnan(readings)
     if too_large.any():
         k = int(np.argmax(too_large))
         rule = f"`{name}` must be at most {MAGNITUDE_LIMITS[1]:g} in SI units"
