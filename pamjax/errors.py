@@ -47,8 +47,9 @@ def compose_message(rule: str, got: str = "", where: str = "", remedy: str = "")
         text += f"; got {got}"
     if where:
         text += f" in {where}" if got else f" ({where})"
-    text = text.rstrip(".") + "."
-    return f"{text} {remedy}".rstrip()
+    text = f"{text.rstrip('.')}. {remedy}".rstrip()
+    # A remedy that was cut is a sentence, too.
+    return f"{text}." if text.endswith("…") else text
 
 
 def format_printable(text: str, limit: int = MAX_PART_CHARACTERS) -> str:

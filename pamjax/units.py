@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import difflib
+import math
 import re
+import tokenize
 import unicodedata
 from functools import cache
 from typing import TYPE_CHECKING
@@ -45,6 +47,9 @@ MAGNITUDE_LIMITS = (1e-30, 1e30)
 
 #: Units of length that some people write as a sign.
 UNIT_SIGNS = {'"': "in", "\u2033": "in", "''": "in", "\u201d": "in", "'": "ft"}
+
+#: Errors of pint's parser beside its own.
+_PARSER_ERRORS = (ArithmeticError, AssertionError, LookupError, ValueError, TypeError, tokenize.TokenError)
 
 #: Longest text of a unit.
 MAX_UNIT_CHARACTERS = 60
@@ -98,7 +103,7 @@ def _convert_unit(unit: str, si: str, kind: str, where: str, number: float = 1.0
             raise ValueError("not the form of a unit")
         quantity = load_unit_registry().Quantity(1.0, unit)
     # Pint's parser raises errors of many types on texts that are no units.
-    except (pint.PintError, ArithmeticError, AssertionError, LookupError, ValueError, TypeError) as error:
+    except (*_PARSER_ERRORS, pint.PintError) as error:
         shown = unit if len(unit) <= MAX_UNIT_CHARACTERS else f"{unit[:MAX_UNIT_CHARACTERS]}..."
         raise refuse(f"unknown unit {shown!r}", where=where, remedy=_suggest_unit(unit, kind, si)) from error
     if not quantity.check(load_unit_registry().Quantity(1.0, si).dimensionality):
@@ -159,13 +164,14 @@ def parse_quantity(text: str | float, kind: str, where: str = "") -> float:
     """Return the SI value of a text such as "235.74 mm", or of a pure number if `kind` is "count".
 
     Raises:
-        BadInput: if there is no number, or the unit is missing, unknown or of another kind.
+        BadInput: if there is no number, the unit is missing, unknown or of another kind, or the value is not
+            finite or outside `MAGNITUDE_LIMITS`.
 
     >>> round(parse_quantity("9.89 in", "length"), 6)
     0.251206
     """
     if isinstance(text, (int, float)) and not isinstance(text, bool):
-        return float(text) * parse_unit("", kind, where)
+        return _check_magnitude(float(text) * parse_unit("", kind, where), text, where)
     match = _QUANTITY_PATTERN.match(str(text))
     if match is None:
         rule, remedy = "a quantity is a number and a unit", f"Write {suggest_units(kind)} after it."
@@ -173,14 +179,16 @@ def parse_quantity(text: str | float, kind: str, where: str = "") -> float:
             rule, remedy = "a dimensionless value is a number without a unit", "Write a number."
         raise refuse(rule, f"{text!r}", where, remedy)
     number = float(match[1])
-    return number * parse_unit(match[2], kind, where, number if kind == "force" else 1.0)
+    factor = parse_unit(match[2], kind, where, number if kind == "force" else 1.0)
+    return _check_magnitude(number * factor, text, where)
 
 
 def parse_number(text: str, si: str, where: str = "") -> float:
     """Return the SI value of a text such as "5 kPa"; a pure number and 0 need no unit.
 
     Raises:
-        BadInput: if there is no number, or its unit is missing, unknown or of another dimension.
+        BadInput: if there is no number, its unit is missing, unknown or of another dimension, or the value is
+            not finite or outside `MAGNITUDE_LIMITS`.
 
     >>> parse_number("5 kPa", "Pa"), parse_number("0.2", "1"), parse_number("0", "N")
     (5000.0, 0.2, 0.0)
@@ -193,10 +201,22 @@ def parse_number(text: str, si: str, where: str = "") -> float:
         if si != "1" and float(match[1]):
             remedy = f"Write one that converts to {si} after it."
             raise refuse("this value needs a unit", f"{text.strip()!r}", where, remedy)
-        return float(match[1])
+        return _check_magnitude(float(match[1]), text, where)
     if si == "1":
         raise refuse("a dimensionless value has no unit", f"{unit!r}", where, "Remove the unit.")
-    return float(match[1]) * _convert_unit(unit, si, f"number in {si}", where)
+    return _check_magnitude(float(match[1]) * _convert_unit(unit, si, f"number in {si}", where), text, where)
+
+
+def _check_magnitude(value: float, text: str | float, where: str) -> float:
+    """Return the value of a text, SI, if a model can compute with it."""
+    if not math.isfinite(value):
+        remedy = "Remove the entry if the value is unknown."
+        raise refuse("a quantity must be finite", f"{text!r}", where, remedy)
+    if not is_representable(value):
+        low, high = MAGNITUDE_LIMITS
+        rule = f"a quantity must be between {low:g} and {high:g} in SI units"
+        raise refuse(rule, f"{text!r}", where, "Check the number and its unit.")
+    return value
 
 
 @cache

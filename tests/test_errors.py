@@ -22,6 +22,14 @@ def test_message_has_rule_value_place_and_remedy(parts, text):
     assert str(refuse(*parts)) == text
 
 
+def test_message_with_cut_parts_ends_as_a_sentence():
+    long = "x" * 1000
+    message = compose_message(long, long, long, f"Write `{long}`.")
+    assert message.endswith("xxx….")
+    assert len(message) < 1700
+    assert compose_message("a", remedy="Did you mean `b`?") == "a. Did you mean `b`?"
+
+
 def test_bad_input_is_a_value_error():
     assert isinstance(refuse("a rule"), BadInput)
     assert issubclass(BadInput, ValueError)

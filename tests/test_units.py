@@ -134,3 +134,21 @@ def test_zero_and_dimensionless_numbers_need_no_unit():
 def test_unit_registry_has_no_cache_on_disk():
     # All environments would share a cache on disk, which stores paths of the first one.
     assert load_unit_registry()._diskcache is None
+
+
+@pytest.mark.parametrize("text", ["1e308 kPa", "-1e31 Pa", "1e-31 Pa"])
+def test_quantity_that_no_model_can_use_is_refused(text):
+    for parse in (lambda: parse_quantity(text, "pressure", "x"), lambda: parse_number(text, "Pa", "x")):
+        with pytest.raises(BadInput, match="a quantity must be "):
+            parse()
+
+
+def test_number_that_is_not_finite_is_refused():
+    with pytest.raises(BadInput, match=r"a quantity must be finite; got nan in minutes\."):
+        parse_quantity(float("nan"), "count", "minutes")
+    assert parse_quantity("0 kPa", "pressure") == 0.0
+
+
+def test_unclosed_bracket_of_a_unit_is_refused():
+    with pytest.raises(BadInput, match="unknown unit"):
+        parse_quantity("5 (mm", "length")

@@ -19,8 +19,17 @@ from pamjax.errors import BadInput
 #: Exit codes: success, bad input, interruption by Ctrl-C, termination by another process.
 EXIT_OK, EXIT_REFUSED, EXIT_INTERRUPTED, EXIT_TERMINATED = 0, 2, 130, 143
 
-#: File errors that the user can correct: disk full, over quota, read-only, no permission, name too long.
-DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENAMETOOLONG)
+#: File errors that the user can correct: disk full, over quota, file above its size limit, read-only, no
+#: permission, name too long.
+DISK_ERRORS = (
+    errno.ENOSPC,
+    errno.EDQUOT,
+    errno.EFBIG,
+    errno.EROFS,
+    errno.EACCES,
+    errno.EPERM,
+    errno.ENAMETOOLONG,
+)
 
 app = App(
     name="pamjax",

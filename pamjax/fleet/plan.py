@@ -138,10 +138,9 @@ def _build_case(case_folder: Path, folder: Path, origins: dict[Path, Specimen]) 
 
 def _read_if_present(file: Path) -> bytes:
     """Return the bytes of a file; the task of the case reports a missing one."""
-    try:
-        return file.read_bytes()
-    except OSError:
-        return b""
+    with suppress(BadInput):
+        return read_bytes(file)
+    return b""
 
 
 def _read_origin(muscle: bytes) -> Specimen:
@@ -190,9 +189,12 @@ def _find_by_patterns(folder: Path, patterns: Sequence[str], where: str) -> list
         if not parts or ".." in parts or PurePosixPath(pattern).is_absolute():
             remedy = "Write it relative to `folder`, or change `folder`."
             raise refuse("a pattern of `cases` must lead into the folder", f"{pattern!r}", where, remedy)
-        matches = [
-            path for path in folder.glob(pattern) if is_case_folder(path) and not _is_hidden(path, folder)
-        ]
+        try:
+            paths = list(folder.glob(pattern))
+        except ValueError as error:
+            remedy = "Write `**` between slashes, as `north/**`."
+            raise refuse("`**` must be a whole part of a pattern", f"{pattern!r}", where, remedy) from error
+        matches = [path for path in paths if is_case_folder(path) and not _is_hidden(path, folder)]
         if not matches:
             rule = f"no folder with {RECORDING_FILE} matches {pattern!r}"
             raise refuse(rule, where=where, remedy=f"The pattern is relative to {folder}.")

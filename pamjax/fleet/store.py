@@ -19,7 +19,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pamjax.errors import refuse
@@ -110,7 +110,7 @@ def read_store_document(folder: Path) -> dict[str, Any]:
     """Return the contents of fleet.json.
 
     Raises:
-        BadInput: if the folder is no store, or of another version.
+        BadInput: if the folder is no store, of another version, or has names that lead out of it.
     """
     rule = f"the store of a fleet must be a folder with {FLEET_FILE}"
     remedy = "Name the folder that `pamjax fleet` wrote, or an empty one for a new fleet."
@@ -125,7 +125,22 @@ def read_store_document(folder: Path) -> dict[str, Any]:
         raise refuse(
             f"{folder / FLEET_FILE} must have the schema {FLEET_SCHEMA}", repr(schema), remedy=remedy
         )
+    _check_case_names(document, folder / FLEET_FILE)
     return document
+
+
+def _check_case_names(document: dict[str, Any], file: Path) -> None:
+    """Refuse a list of cases whose names lead out of the store, which another program may have written."""
+    try:
+        names = [name for entry in document["cases"] for name in (entry["name"], *entry["tasks"])]
+        paths = [PurePosixPath(name) for name in names]
+    except (KeyError, TypeError) as error:
+        remedy = "Run `pamjax fleet` again."
+        raise refuse(f"{file} must list the cases with their names and tasks", remedy=remedy) from error
+    for path in paths:
+        if path.is_absolute() or ".." in path.parts:
+            rule = "the names of cases and stages must lead into the store"
+            raise refuse(rule, repr(str(path)), str(file), "Use a store that `pamjax fleet` wrote.")
 
 
 def read_specimen_entry(entry: dict[str, Any]) -> Specimen:

@@ -6,6 +6,7 @@ import os
 import secrets
 import shutil
 import signal
+import stat
 import tempfile
 import threading
 from collections.abc import Iterator
@@ -19,9 +20,14 @@ def read_bytes(path: Path) -> bytes:
     """Return the bytes of a file.
 
     Raises:
-        BadInput: if the file does not exist or cannot be read.
+        BadInput: if the file does not exist, cannot be read, or is a pipe or a device, which may have no end.
     """
     try:
+        mode = path.stat().st_mode
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+            raise refuse(
+                f"{path} must be a file", "a pipe or a device", remedy="Write its content to a file."
+            )
         return path.read_bytes()
     except FileNotFoundError as error:
         raise refuse(f"the file {path} does not exist", remedy="Check the path.") from error

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+#: Largest number of a cycle; integers of all platforms hold it.
+MAX_CYCLE = 1_000_000_000
+
 #: Minimum duration of a pause for moving the rig, in multiples of the median and of the previous time step.
 MIN_PAUSE_STEPS = 4.0
 

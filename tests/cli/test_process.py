@@ -59,6 +59,32 @@ def test_closed_stream_is_no_error(closing):
     assert process.stderr == ""
 
 
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is always full")
+def test_full_disk_for_the_output_is_one_line():
+    with open("/dev/full", "w") as full:
+        process = subprocess.run(
+            [*START, "explain"], stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False
+        )
+    assert process.returncode == 2
+    assert process.stderr == (
+        "pamjax: cannot read or write a file: No space left on device. Use another path.\n"
+    )
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs a limit of the size of files")
+def test_file_above_the_limit_of_its_size_is_one_line(tmp_path):
+    program = (
+        "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
+        "from pamjax.__main__ import run; run()"
+    )
+    words = [sys.executable, "-c", program, "new", str(tmp_path / "mine")]
+    process = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+    assert process.returncode == 2
+    assert process.stderr.startswith("pamjax: cannot read or write a file: File too large")
+    assert len(process.stderr.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_platform_without_a_device_is_one_line(bench):
     process = run("check", bench / "made", JAX_PLATFORMS="no_such_platform")
     assert process.returncode == 2

@@ -61,6 +61,36 @@ def open_in_browser(report, script, width, folder):
 
 
 @pytest.mark.slow
+def test_report_of_a_fit_shows_names_as_text(bench, fitted, tmp_path):
+    """Names of the folder, of the muscle and of a column that is not used are text in the page."""
+    hostile = """<img src=x onerror=alert(1)><script>alert(1)<"$x^{"""
+    case = tmp_path / hostile
+    shutil.copytree(bench / "made", case)
+    muscle, table = case / "muscle.toml", case / "recording.csv"
+    muscle.write_text(re.sub(r"(?m)^name = .*", f"name = '{hostile}'", muscle.read_text()))
+    assert hostile in muscle.read_text()
+    head, rows = table.read_text().split("\n", 1)
+    rows = "".join(f"{line},1\n" for line in rows.splitlines())
+    table.write_text(f'{head},"{hostile.replace(chr(34), chr(34) * 2)} [N]"\n{rows}')
+    words = [
+        "fit",
+        str(case),
+        "--out",
+        str(tmp_path / "out"),
+        "--starts",
+        "2",
+        "--folds",
+        "2",
+        "--no-figures",
+    ]
+    assert main(words) == 0
+    page = Page((tmp_path / "out" / "report.html").read_text("utf-8"))
+    plain = Page((fitted / "report.html").read_text("utf-8"))
+    assert page.list_active_parts() == plain.list_active_parts()
+    assert hostile in page.text
+
+
+@pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium")
 @pytest.mark.parametrize("width", [500, 1200])
 def test_report_opens_in_a_browser(report, width, tmp_path):

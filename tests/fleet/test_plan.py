@@ -94,6 +94,7 @@ def test_task_is_named_by_inputs_and_settings(bench):
         ("cases = 3", "`cases` must be a list in brackets; got 3 in FLEET.toml."),
         ('cases = "../x"', "a pattern of `cases` must lead into the folder; got '../x' in FLEET.toml."),
         ('cases = "/etc/*"', "a pattern of `cases` must lead into the folder; got '/etc/*' in FLEET.toml."),
+        ('cases = "**x"', "'**x'"),
         ('cases = "west/*"', "no folder with recording.csv matches 'west/*' (FLEET.toml)."),
         ('folder = "west"', "`folder` must be a folder; got"),
         ('[[groups]]\nbench = "n"', "`cases` must be stated ([groups] of FLEET.toml)."),

@@ -115,6 +115,16 @@ def test_equal_results_give_equal_bytes(store, tmp_path):
         ("{", "must be readable JSON"),
         ("[]", "must have the schema pamjax.fleet/1; got None"),
         ('{"schema": "pamjax.fleet/9"}', "must have the schema pamjax.fleet/1; got 'pamjax.fleet/9'"),
+        ('{"schema": "pamjax.fleet/1"}', "must list the cases with their names and tasks"),
+        ('{"schema": "pamjax.fleet/1", "cases": [3]}', "must list the cases with their names and tasks"),
+        (
+            '{"schema": "pamjax.fleet/1", "cases": [{"name": "a/../../../x", "tasks": {}}]}',
+            r"names of cases and stages must lead into the store; got 'a/\.\./\.\./\.\./x' in .*fleet\.json",
+        ),
+        (
+            '{"schema": "pamjax.fleet/1", "cases": [{"name": "a", "tasks": {"/etc": "0"}}]}',
+            "must lead into the store; got '/etc' in",
+        ),
     ],
 )
 def test_refused_stores(tmp_path, text, message):

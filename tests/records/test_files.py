@@ -1,11 +1,12 @@
 """Files are written completely or not at all, also if interrupted."""
 
+import os
 import signal
 
 import pytest
 
 from pamjax.errors import BadInput
-from pamjax.records.files import write_atomically, write_folder_atomically, write_results_together
+from pamjax.records.files import read_bytes, write_atomically, write_folder_atomically, write_results_together
 
 
 def names(folder):
@@ -119,3 +120,12 @@ def test_results_are_written_together_or_not_at_all(tmp_path):
     assert {path.name: path.read_text() for path in out.iterdir()} == {
         "fit.json": "new", "report.html": "new", "notes.txt": "old",
     }  # fmt: skip
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with a name")
+@pytest.mark.parametrize("kind", ["pipe", "device"])
+def test_file_without_an_end_is_refused(kind, tmp_path):
+    file = tmp_path / "recording.csv"
+    os.mkfifo(file) if kind == "pipe" else file.symlink_to("/dev/zero")
+    with pytest.raises(BadInput, match=r"recording\.csv must be a file; got a pipe or a device\. Write its"):
+        read_bytes(file)

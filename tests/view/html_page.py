@@ -44,6 +44,15 @@ class Page(HTMLParser):
     def every(self, tag):
         return [attrs for name, attrs in self.elements if name == tag]
 
+    def list_active_parts(self):
+        """Return the scripts, the handlers of events, and the elements that load something."""
+        scripts = [tag for tag, _ in self.elements if tag in ("script", "iframe", "object", "embed")]
+        attributes = [(tag, *pair) for tag, attrs in self.elements for pair in attrs.items()]
+        handlers = [name for _, name, _ in attributes if name.startswith("on")]
+        loads = [str(value)[:12] for _, name, value in attributes if name in ("src", "srcdoc", "action")]
+        links = [value for _, name, value in attributes if name == "href" and ":" in str(value)]
+        return scripts + handlers + loads + links
+
     def table(self, first):
         """Return the rows, by first cell, of the only table whose header starts with `first`."""
         (table,) = (rows for rows in self.tables if rows[0][:2] == first)

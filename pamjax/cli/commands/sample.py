@@ -59,6 +59,7 @@ def sample(
     from pamjax.infer.posterior.io import build_posterior_document, save_posterior
     from pamjax.infer.posterior.priors_file import read_priors
     from pamjax.infer.posterior.sample import sample as draw_posterior
+    from pamjax.records.files import write_results_together
 
     stated_priors = read_priors(priors) if priors else {}
     keep_compiled()
@@ -77,14 +78,16 @@ def sample(
         )
         progress("profiles", 1.0)
         _ = post.verdicts
-    paths = save_posterior(post, out)
-    if figures:
-        from pamjax.view.figures.posterior import save_posterior_figures
+    with write_results_together(out) as folder:
+        paths = save_posterior(post, folder)
+        if figures:
+            from pamjax.view.figures.posterior import save_posterior_figures
 
-        paths += save_posterior_figures(post, out)
-    if report:
-        from pamjax.view.reports.posterior import write_posterior_report
+            paths += save_posterior_figures(post, folder)
+        if report:
+            from pamjax.view.reports.posterior import write_posterior_report
 
-        paths.append(write_posterior_report(post, out / REPORT_FILE, format_command()))
+            paths.append(write_posterior_report(post, folder / REPORT_FILE, format_command()))
+    paths = [out / path.name for path in paths]
     print_json(build_posterior_document(post)) if json else print_text(str(post))
     print_written_files(paths)

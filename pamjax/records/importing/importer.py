@@ -21,9 +21,9 @@ from pamjax.records.importing.import_spec import ImportSpec, TestTable, read_imp
 from pamjax.records.importing.rig_file import RigFile
 from pamjax.records.reading.header import COLUMN_KINDS
 from pamjax.records.reading.muscle_toml import read_muscle_toml
-from pamjax.records.recording import Recording
+from pamjax.records.recording import MAX_CYCLE, Recording
 from pamjax.records.writing.case_folder import write_case
-from pamjax.units import format_count, format_quantity, parse_quantity
+from pamjax.units import MAGNITUDE_LIMITS, format_count, format_quantity, parse_quantity
 
 #: Longest time between two tests, s: ten years.
 MAX_GAP = 3.2e8
@@ -154,7 +154,8 @@ def _match_patterns(patterns: str | list[str], base_folder: Path) -> list[Path]:
 
 def _check_inside(path: Path, base_folder: Path, text: str, where: str) -> None:
     """Refuse a file outside the folder of the specification: messages quote cells of the files."""
-    if not path.resolve().is_relative_to(base_folder.resolve()):
+    # `Path.resolve` raises an error for a link to itself; `realpath` does not.
+    if not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(base_folder)):
         rule = "files of an import must be in the folder of its TOML file, or below"
         raise refuse(rule, text, where, "Copy the files there.")
 
@@ -196,7 +197,17 @@ def _read_test(
 
 def _read_channel(spec: ImportSpec, name: str, file: RigFile) -> np.ndarray:
     column = spec.columns[name]
-    return (file[column.column] - column.zero) * column.to_si(name, f"[columns] {name}")
+    readings, factor = file[column.column], column.to_si(name, f"[columns] {name}")
+    with np.errstate(over="ignore", invalid="ignore"):
+        values = (readings - column.zero) * factor
+    # A blank cell stays blank; an overflow may also give NaN.
+    too_large = ~(np.abs(values) <= MAGNITUDE_LIMITS[1]) & ~np.isnan(readings)
+    if too_large.any():
+        k = int(np.argmax(too_large))
+        rule = f"`{name}` must be at most {MAGNITUDE_LIMITS[1]:g} in SI units"
+        remedy = "Check the cell, and `unit`, `zero` and `scale` in [columns]."
+        raise refuse(rule, f"the reading {readings[k]:g}", file.locate_row(k), remedy)
+    return values
 
 
 def _read_clock(spec: ImportSpec, file: RigFile) -> np.ndarray | None:
@@ -277,6 +288,7 @@ def _join_tests(pieces: Sequence[dict[str, np.ndarray]], spec: ImportSpec) -> Re
             piece["time"] = piece["time"] + start_time
             start_time = float(piece["time"][-1]) + gap
     joined_columns = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
+    _check_cycles(joined_columns["cycle"])
     return Recording.from_arrays(
         time=joined_columns.get("time"),
         pressure=joined_columns["pressure"],
@@ -285,3 +297,11 @@ def _join_tests(pieces: Sequence[dict[str, np.ndarray]], spec: ImportSpec) -> Re
         diameter=joined_columns.get("diameter"),
         cycle=joined_columns["cycle"].astype(int),
     )
+
+
+def _check_cycles(cycle: np.ndarray) -> None:
+    is_valid = (cycle >= 0) & (cycle <= MAX_CYCLE) & (cycle == np.round(cycle))
+    if not is_valid.all():
+        rule = f"`cycle` must be a whole number from 0 to {MAX_CYCLE}"
+        got = f"{cycle[np.argmin(is_valid)]:g}"
+        raise refuse(rule, got, "the files of [[tests]]", "Number the strokes 1, 2, 3.")

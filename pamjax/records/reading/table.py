@@ -15,7 +15,7 @@ from pamjax.records.files import decode_text, read_bytes
 from pamjax.records.quotes import MAX_CELL_CHARACTERS, check_line_lengths, check_quotes, split_lines
 from pamjax.records.reading.header import Column, find_columns
 from pamjax.records.reading.outliers import remove_outliers
-from pamjax.records.recording import Recording
+from pamjax.records.recording import MAX_CYCLE, Recording
 from pamjax.units import MAGNITUDE_LIMITS, format_quantity, is_representable
 
 _NUMBER_PATTERN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
@@ -231,12 +231,15 @@ def _check_times(
 def _check_cycles(cycle: np.ndarray | None, locate: _RowLocator) -> np.ndarray | None:
     if cycle is None or np.isnan(cycle).all():
         return None
-    is_invalid = ~((cycle >= 0) & (cycle == np.round(cycle)))
+    is_invalid = ~((cycle >= 0) & (cycle <= MAX_CYCLE) & (cycle == np.round(cycle)))
     if is_invalid.any():
         i = int(np.argmax(is_invalid))
         got = "a blank" if np.isnan(cycle[i]) else f"{cycle[i]:g}"
         raise refuse(
-            "`cycle` must be a whole number of at least 0", got, locate(i), "Number the strokes 1, 2, 3."
+            f"`cycle` must be a whole number from 0 to {MAX_CYCLE}",
+            got,
+            locate(i),
+            "Number the strokes 1, 2, 3.",
         )
     return cycle
 

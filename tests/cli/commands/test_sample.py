@@ -1,5 +1,6 @@
 """`pamjax sample`: posterior of a case on disk, without new steps in a second run."""
 
+import errno
 import json
 from pathlib import Path
 
@@ -28,6 +29,25 @@ def test_posterior_is_written_and_reused(tmp_path, capsys):
     assert {path.name for path in (tmp_path / "out" / "chain").iterdir()} == chain
     assert main([*words[:-2]]) == 2
     assert "can only be resumed with the same priors; got other priors" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_full_disk_keeps_the_earlier_results_together(tmp_path, monkeypatch, capsys):
+    words = ["sample", PAPER, "--out", str(tmp_path), "--ess", "50", "--rhat", "1.5", "--no-figures"]
+    assert main(words) == 0
+    files = {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in tmp_path.glob("*.*")}
+    assert {path.name for path in files} == {"posterior.json", "posterior.nc", "report.html"}
+
+    def raise_full_disk(*_):
+        raise OSError(errno.ENOSPC, "No space left on device", "report.html")
+
+    monkeypatch.setattr("pamjax.view.reports.posterior.write_posterior_report", raise_full_disk)
+    capsys.readouterr()
+    assert main(words) == 2
+    assert capsys.readouterr().err.endswith(
+        "pamjax: cannot read or write a file: No space left on device (report.html). Use another path.\n"
+    )
+    assert {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in tmp_path.glob("*.*")} == files
 
 
 @pytest.mark.parametrize(

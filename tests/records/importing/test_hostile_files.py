@@ -95,6 +95,32 @@ def test_muscle_outside_the_folder_is_refused(read_error, tmp_path):
     )
 
 
+def test_link_to_itself_is_refused(read_error, tmp_path):
+    (tmp_path / "rig" / "loop.csv").symlink_to("loop.csv")
+    assert "loop.csv cannot be read; got Too many levels of symbolic links" in read_error(
+        ("run.csv", "loop.csv")
+    )
+
+
+def test_reading_above_the_limit_is_refused_with_its_row(read_error):
+    table = TABLE.replace("200,65", "200,1e308")
+    change = ('"Load [N]"', '{column = "Load [N]", scale = 1e9}')
+    assert read_error(change, table=table) == (
+        "`force` must be at most 1e+30 in SI units; got the reading 1e+308 in row 3 of run.csv. Check the"
+        " cell, and `unit`, `zero` and `scale` in [columns]."
+    )
+
+
+@pytest.mark.parametrize("cycle", ["1e20", "1.5", ""])
+def test_cycle_that_is_no_count_is_refused(cycle, read_error):
+    table = f"P [kPa],Load [N],cycle\n100,30,1\n200,65,{cycle}\n300,100,1\n"
+    message = read_error(('"P [kPa]"', '"P [kPa]", cycle = "cycle"'), table=table)
+    assert message == (
+        f"`cycle` must be a whole number from 0 to 1000000000; got {cycle.replace('e', 'e+') or 'nan'}"
+        " in the files of [[tests]]. Number the strokes 1, 2, 3."
+    )
+
+
 def test_file_name_with_a_power_is_read(tmp_path):
     (tmp_path / "muscle.toml").write_text(MUSCLE)
     for name in ("t1²3.csv", "t10.csv", "t9.csv"):

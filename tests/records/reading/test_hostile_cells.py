@@ -39,8 +39,12 @@ def read_error(text):
             HEADER.replace("length [mm]", "length" + " " * 50_000 + "x") + "1,2,3",
             "a recording must have a column `length [mm]`",
         ),
+        (
+            "pressure [kPa],length [mm],force [N],cycle\n1,2,3,1e20",
+            "`cycle` must be a whole number from 0 to 1000000000; got 1e+20 in row 2 of a.csv. Number the",
+        ),
     ],
-    ids=["long row", "long cell", "1e308 kPa", "1e-320 N", "blanks"],
+    ids=["long row", "long cell", "1e308 kPa", "1e-320 N", "blanks", "cycle"],
 )
 def test_hostile_cell_is_one_short_sentence(text, message):
     assert message in read_error(text)

@@ -186,12 +186,12 @@ BLANK = "Leave the cell blank if it was not measured."
         ),
         (
             ROWS + "3,100,200,4,,1.5\n",
-            "`cycle` must be a whole number of at least 0; got 1.5 in row 5 of "
+            "`cycle` must be a whole number from 0 to 1000000000; got 1.5 in row 5 of "
             "recording.csv. Number the strokes 1, 2, 3.",
         ),
         (
             ROWS + "3,100,200,4,,\n",
-            "`cycle` must be a whole number of at least 0; got a blank in row 5 of "
+            "`cycle` must be a whole number from 0 to 1000000000; got a blank in row 5 of "
             "recording.csv. Number the strokes 1, 2, 3.",
         ),
         (

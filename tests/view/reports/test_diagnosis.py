@@ -325,3 +325,27 @@ def test_identical_figures_give_identical_elements():
     svgs = [render_svg(plot_shifts(diagnosis()), "moved", "<finding>") for _ in range(2)]
     assert svgs[0] == svgs[1]
     assert 'aria-label="&lt;finding&gt;"' in svgs[0]
+
+
+#: A name that runs a script in a page that does not escape it.
+HOSTILE_NAME = """<img src=x onerror=alert(1)><script>alert(1)</script>"' onclick='alert(1) $x^{ {{ 7*7 }}"""
+
+
+def test_names_are_shown_as_text(tmp_path):
+    hostile = diagnosis()
+    case = hostile.problem.case
+    hostile.problem.case = replace(
+        case,
+        name=HOSTILE_NAME,
+        folder=Path("lab") / HOSTILE_NAME,
+        entry=replace(case.entry, name=HOSTILE_NAME),
+        warnings=(HOSTILE_NAME,),
+    )
+    page = Page(write_diagnosis_report(hostile, tmp_path / "report.html").read_text("utf-8"))
+    assert page.list_active_parts() == Page(read_report("friction")).list_active_parts()
+    assert HOSTILE_NAME in page.text
+
+
+def test_active_part_of_a_page_is_detected():
+    assert Page("<p>a</p>").list_active_parts() == []
+    assert Page(f"<p>{HOSTILE_NAME}</p>").list_active_parts() == ["script", "onerror", "x"]
