@@ -194,7 +194,7 @@ def test_prior_affects_the_posterior():
     m = narrow.marginals["thread.modulus"]
     assert abs(m.mean - 100e9) < 1e9
     assert m.sd < 0.6e9
-    assert "thread.modulus: 100.00 ± 0.50 GPa (replaces the stated prior)" in str(narrow)
+    assert "thread.modulus: 100.00 ± 0.50 GPa (replaces that of muscle.toml)" in str(narrow)
 
 
 @pytest.mark.parametrize(
