@@ -293,10 +293,11 @@ def test_known_parameter_needs_no_run(entry):
 
 def test_muscle_toml_path_is_accepted(entry, tmp_path):
     wanted = {"goal": "thread.modulus", "minutes": 30.0}
+    expected = plan(entry, **wanted).as_dict()
     for place in (KEVLAR, str(KEVLAR)):
-        assert plan(place, **wanted).as_dict() == plan(entry, **wanted).as_dict()
+        assert plan(place, **wanted).as_dict() == expected
     # If the folder has a recording, its information is included.
-    assert plan(KEVLAR.parent, **wanted).as_dict() != plan(entry, **wanted).as_dict()
+    assert plan(KEVLAR.parent, **wanted).as_dict() != expected
     with pytest.raises(BadInput, match=r"muscle\.toml"):
         plan(tmp_path, **wanted)
     with pytest.raises(BadInput, match="a muscle must be a case"):

@@ -118,6 +118,7 @@ def test_finished_run_is_reused(tmp_path):
     np.testing.assert_array_equal(first.draws, again.draws)
 
 
+@pytest.mark.slow
 def test_higher_target_continues_a_run(tmp_path):
     low = sample(fitted(), seed=1, checkpoint=tmp_path, ess=100, rhat=1.1)
     count = len(list(tmp_path.glob(KEPT)))
