@@ -279,9 +279,7 @@ def build_prior_information(
         BadInput: if the model has no free parameter.
     """
     law = law or entry.baseline
-    bare_case = case or build_map_case(entry, np.array([0.0, 1e5]), np.full(2, entry.rest_length.value))
-    build_joint_space([bare_case], law, ())
-    free_parameters = [n for n in list_free_parameters(bare_case, law) if not is_length_error(n.name)]
+    free_parameters = list_muscle_parameters(entry, law, case)
     # The existing recording may have channels, with their zeros and gains, that the rig no longer has.
     channels = {*capabilities.channels, *(case.recording.channels if case else ())}
     capabilities = replace(
@@ -297,6 +295,20 @@ def build_prior_information(
     length_errors = _build_length_errors(capabilities.setting, setting_count)
     prior_information = _build_from_priors(entry, capabilities, law, [*free_parameters, *length_errors])
     return prior_information if case is None else _update_with_recording(prior_information, case)
+
+
+def list_muscle_parameters(
+    entry: MuscleToml, law: str | None = None, case: Case | None = None
+) -> list[FreeParameter]:
+    """Return the free parameters of a muscle, without those of the rig; see `build_prior_information`.
+
+    Raises:
+        BadInput: if the model has no free parameter.
+    """
+    law = law or entry.baseline
+    bare_case = case or build_map_case(entry, np.array([0.0, 1e5]), np.full(2, entry.rest_length.value))
+    build_joint_space([bare_case], law, ())
+    return [n for n in list_free_parameters(bare_case, law) if not is_length_error(n.name)]
 
 
 def _build_from_priors(

@@ -15,7 +15,11 @@ from pamjax.errors import check_minimum, refuse, suggest_word
 from pamjax.model.parameters import find_meaning
 from pamjax.notebook import NotebookNote
 from pamjax.planning.bench import RigCapabilities, read_capabilities
-from pamjax.planning.information import PriorInformation, build_prior_information
+from pamjax.planning.information import (
+    PriorInformation,
+    build_prior_information,
+    list_muscle_parameters,
+)
 from pamjax.planning.optimal_design import RunMenu, build_variance_criterion, build_volume_criterion
 from pamjax.planning.runs import ISOBAR_CYCLES, PlannedRun, list_isobars, list_runs
 from pamjax.records.case import Case, ensure_case_or_toml
@@ -181,8 +185,9 @@ def plan(
         if isinstance(rig, RigCapabilities)
         else read_capabilities(entry, rig, **limits_of_recording, minutes=minutes)
     )
+    # The information of a recording takes seconds: a wrong goal is refused before.
+    goal = _resolve_goal([n.name for n in list_muscle_parameters(entry, law, case)], goal)
     prior = build_prior_information(entry, capabilities, law, case)
-    goal = _resolve_goal(prior, goal)
     target_sd = _resolve_target_sd(prior, goal, to)
     run_menu, offered_runs = _build_menu(prior, goal, target_sd, seed)
     counts = run_menu.choose_runs()
@@ -273,8 +278,7 @@ def _compute_isobar_sds(prior: PriorInformation, run_menu: RunMenu, minutes: flo
     return _compute_sds(prior, run_menu.prior_matrix + share * run_matrices)
 
 
-def _resolve_goal(prior: PriorInformation, goal: str | None) -> str:
-    own_names = [prior.space.names[k] for k in prior.muscle_indices]
+def _resolve_goal(own_names: list[str], goal: str | None) -> str:
     if goal is None:
         goal = next((name for name in DEFAULT_GOALS if name in own_names), ALL_NUMBERS)
     if goal != ALL_NUMBERS and goal not in own_names:

@@ -35,17 +35,8 @@ def fitted(bench):
 
 @pytest.fixture(scope="session")
 def diagnosed(bench):
-    """Return the folder of `pamjax diagnose` for a recording whose baseline model has no friction."""
-    friction = [
-        "--with",
-        "braid_friction.coefficient=0.6",
-        "--with",
-        "braid_friction.presliding=4 mm",
-        "--seed",
-        "3",
-    ]
-    arguments = [str(bench / "stated"), str(bench / "plan.toml"), "--out", str(bench / "rubbed")]
-    assert main(["simulate", *arguments, *friction]) == 0
+    """Return the folder of `pamjax diagnose` for the example recording, which has friction."""
+    assert main(["new", str(bench / "rubbed")]) == 0
     assert main(["diagnose", str(bench / "rubbed"), "--out", str(bench / "verdicts")]) == 0
     return bench / "verdicts" / "rubbed"
 

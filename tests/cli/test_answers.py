@@ -16,7 +16,20 @@ def test_new_writes_a_valid_case(bench, tmp_path, capsys):
     output = capsys.readouterr().out
     assert "muscle.toml" in output
     assert f"next: pamjax check {tmp_path / 'mine'}" in output
-    assert read_case(tmp_path / "mine").recording.n == 3
+    assert read_case(tmp_path / "mine").recording.n == 159
+
+
+def test_example_is_the_simulated_recording_of_the_tutorial(bench, tmp_path):
+    friction = ["braid_friction.coefficient=0.6", "braid_friction.presliding=4 mm"]
+    words = [str(bench / "stated"), str(bench / "plan.toml"), "--seed", "3", "--with", *friction]
+    assert main(["simulate", *words, "--out", str(tmp_path / "again")]) == 0
+    example, again = (read_case(folder).recording for folder in (bench / "stated", tmp_path / "again"))
+    for channel in ("time", "pressure", "length", "force", "diameter"):
+        # The files have seven digits.
+        np.testing.assert_allclose(getattr(again, channel), getattr(example, channel), rtol=2e-6)
+    # Negative control: without the friction the forces differ by more than the noise.
+    plain = read_case(bench / "made").recording.force
+    assert np.nanstd(example.force - plain) > 4.0
 
 
 def test_new_prints_only_json(tmp_path, capsys):

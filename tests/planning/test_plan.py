@@ -24,6 +24,7 @@ from pamjax.view.figures.plan import PrecisionCourse, plot_commands, plot_precis
 from pamjax.view.reports.plan import format_answer, format_headline
 from tests.agreement import ROUNDING, SOLVED, agree, difference
 from tests.benchmarks.plan import report, rms, shown, trial
+from tests.infer.made import made
 
 KEVLAR = Path(__file__).parents[2] / "fits" / "chambers_wereley_2022" / "muscle.toml"
 
@@ -292,10 +293,11 @@ def test_known_parameter_needs_no_run(entry):
 
 def test_muscle_toml_path_is_accepted(entry, tmp_path):
     wanted = {"goal": "thread.modulus", "minutes": 30.0}
+    expected = plan(entry, **wanted).as_dict()
     for place in (KEVLAR, str(KEVLAR)):
-        assert plan(place, **wanted).as_dict() == plan(entry, **wanted).as_dict()
+        assert plan(place, **wanted).as_dict() == expected
     # If the folder has a recording, its information is included.
-    assert plan(KEVLAR.parent, **wanted).as_dict() != plan(entry, **wanted).as_dict()
+    assert plan(KEVLAR.parent, **wanted).as_dict() != expected
     with pytest.raises(BadInput, match=r"muscle\.toml"):
         plan(tmp_path, **wanted)
     with pytest.raises(BadInput, match="a muscle must be a case"):
@@ -328,6 +330,17 @@ def test_rig_is_read_and_an_invalid_one_is_refused(entry, tmp_path):
         read_capabilities(entry, file)
     with pytest.raises(BadInput, match=r"no free parameter of this muscle.*thread\.modulus"):
         plan(entry, RigCapabilities(), "thread.modulu")
+
+
+def test_wrong_goal_is_refused_before_the_recording_is_used(monkeypatch):
+    def compute_information(*_):
+        raise AssertionError("the information of a recording takes seconds")
+
+    monkeypatch.setattr("pamjax.planning.plan.build_prior_information", compute_information)
+    with pytest.raises(BadInput, match=r"'muscle\.rest_length' is no free parameter of this muscle"):
+        plan(made("elastic"), goal="muscle.rest_length")
+    with pytest.raises(AssertionError, match="takes seconds"):
+        plan(made("elastic"), goal="thread.modulus")
 
 
 @pytest.mark.slow

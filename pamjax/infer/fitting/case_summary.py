@@ -11,6 +11,7 @@ import numpy as np
 
 from pamjax.infer.fitting.determination import classify_sd_ratio
 from pamjax.infer.fitting.identifiability import ParameterIdentifiability
+from pamjax.infer.problem.row_counts import describe_unused_rows
 from pamjax.model.parameters import find_meaning
 from pamjax.notebook import NotebookNote
 from pamjax.records.blocks import find_blocks
@@ -37,7 +38,8 @@ class CaseSummary(NotebookNote):
 
     def __str__(self) -> str:
         # The text of the case includes the outliers.
-        lines = [str(self.case), f"  {self._format_blocks()}", ""]
+        lines = [str(self.case), *(f"  {line}" for line in describe_unused_rows(self.case))]
+        lines += [f"  {self._format_blocks()}", ""]
         width = max((len(d.name) for d in self.parameters), default=0)
         lines += [f"  {self._format_parameter(d, max(width, 22))}" for d in self.parameters]
         notes = describe_unused_bladder(self.case.entry, self.mechanisms)

@@ -15,6 +15,7 @@ from pamjax.infer.form_errors.parts import MIN_SHOWN_EFFECT
 from pamjax.infer.noise.sensor_noise import ChannelNoise
 from pamjax.infer.problem.dataset import count_informative_samples
 from pamjax.infer.problem.priors import is_length_error
+from pamjax.infer.problem.row_counts import describe_unused_rows
 from pamjax.records.reading.muscle_toml import describe_unused_bladder
 from pamjax.units import compute_si_factor
 
@@ -228,7 +229,8 @@ def format_misfit(channel: str, rmse: float, noise: ChannelNoise) -> str:
 
 
 def format_remarks(case_fit: CaseFit) -> Iterator[str]:
-    """Return lines on held-out blocks, failed rows, outliers and warnings."""
+    """Return lines on unused rows, held-out blocks, failed rows, outliers and warnings."""
+    yield from describe_unused_rows(case_fit.case)
     yield _format_held_out(case_fit)
     for status, rows in case_fit.failed_rows.items():
         yield f"{len(rows)} rows failed, {status.message} (lines {_format_rows(rows)} of the file)"

@@ -1,13 +1,12 @@
 """Identifiability of each parameter, from its posterior and its profile likelihood.
 
-| verdict                    | condition                                                                   |
-|----------------------------|-----------------------------------------------------------------------------|
-| at a limit                 | `MIN_DRAWS_AT_LIMIT` of its draws are within `LIMIT_DISTANCE_SD` of a bound |
-| determined by the data     | its profile has two ends, and its sd is at most half the prior sd           |
-| one-sided                  | its profile has one end                                                     |
-| only in combination        | it would be determined if the other parameters were known                   |
-| mostly from the prior      | otherwise, if its sd is smaller than the prior sd                           |
-| not determined by the data | otherwise: its posterior equals its prior                                   |
+| verdict                        | condition                                                                 |
+|--------------------------------|---------------------------------------------------------------------------|
+| at a limit                     | `MIN_DRAWS_AT_LIMIT` of draws are within `LIMIT_DISTANCE_SD` of a bound   |
+| determined by the data         | its profile has two ends, and its sd is at most half the prior sd         |
+| one-sided                      | its profile has one end                                                   |
+| determined only in combination | it would be determined if the other parameters were known                 |
+| by its sd over the prior sd    | otherwise: one of the three cases of `fit`, see `determination.py`        |
 
 The priors are those of the posterior, including `--priors`.
 """
@@ -23,9 +22,9 @@ import numpy as np
 from pamjax.infer.fitting.determination import (
     DETERMINED,
     MAX_SD_RATIO_DETERMINED,
-    MAX_SD_RATIO_INFORMED,
     MOSTLY_PRIOR,
     NOT_DETERMINED,
+    classify_sd_ratio,
 )
 from pamjax.infer.fitting.result import Fit
 from pamjax.infer.posterior.profile import (
@@ -40,7 +39,7 @@ from pamjax.infer.problem.priors import is_length_error
 from pamjax.units import format_quantity
 
 #: Verdict for a parameter that the recording determines only together with others.
-COMBINATION_KIND = "only in combination"
+COMBINATION_KIND = "determined only in combination"
 #: Fraction of draws within `LIMIT_DISTANCE_SD` sds of the bound: 0.24 for half a Gaussian at the bound, 0.39
 #: for an exponential, 0.14 for a uniform distribution. An sd above `MAX_SPREAD_AT_LIMIT` of the range (0.29
 #: for a uniform distribution) is not a value at a bound.
@@ -168,11 +167,14 @@ def _classify_parameter(
 
 
 def _describe_prior_share(draws: np.ndarray, summary: ParameterSummary) -> tuple[str, str]:
-    """Return the verdict on a parameter that the prior determines at least in part, and the reason."""
+    """Return the verdict by the sd of the draws over that of the prior, as in `fit`, and the reason."""
     sd_ratio = float(draws.std()) / summary.prior_sd
-    if sd_ratio > MAX_SD_RATIO_INFORMED:
-        return NOT_DETERMINED, "posterior equals prior"
-    return MOSTLY_PRIOR, f"sd {100 * sd_ratio:.0f} % of the prior sd"
+    kind = classify_sd_ratio(sd_ratio)
+    details = {
+        NOT_DETERMINED: "posterior equals prior",
+        MOSTLY_PRIOR: f"sd {100 * sd_ratio:.0f} % of the prior sd",
+    }
+    return kind, details.get(kind, "")
 
 
 def _find_partners(name: str, undetermined: Sequence[str], draws: np.ndarray) -> list[int]:

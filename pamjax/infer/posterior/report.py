@@ -81,7 +81,7 @@ def format_priors(post: Posterior) -> Iterator[str]:
             prior = format_estimate(float(space.mean[k]), float(space.sd[k]), unit)
         else:
             prior = f"uniform from {low} to {high}{' in its logarithm' if space.log_scale[k] else ''}"
-        origin = " (replaces the stated prior)" if name in post.priors else ""
+        origin = " (replaces that of muscle.toml)" if name in post.priors else ""
         yield f"    {name}: {prior}{origin}"
 
 
@@ -107,8 +107,8 @@ def format_likelihood_powers(post: Posterior) -> Iterator[str]:
             if power < 1:
                 channel = ("force", "diameter")[likelihood.channel]
                 yield (
-                    f"  {case_fit.case.name}: the {channel} residuals have more than one correlation time;"
-                    f" {1 / float(power):.1f} samples count as one"
+                    f"  {case_fit.case.name}: the {channel} residuals have more than one correlation time,"
+                    f" which divides their effective sample size by {1 / float(power):.1f}"
                 )
 
 

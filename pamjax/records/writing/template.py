@@ -8,9 +8,12 @@ from pamjax.errors import refuse
 from pamjax.records.case import MUSCLE_FILE, RECORDING_FILE
 from pamjax.records.files import write_folder_atomically
 
-#: Invented rows, so that the new folder is a valid case: the muscle below, with the noise of its sensors.
-_RECORDING_TEMPLATE = """\
-# EXAMPLE ROWS: replace them with your measurements. Lines that begin with # are comments.
+#: Rows of the example: the muscle below, simulated with friction that its muscle.toml does not state.
+_EXAMPLE_ROWS = Path(__file__).with_name("example_recording.csv")
+
+_RECORDING_COMMENTS = """\
+# EXAMPLE ROWS, simulated with friction between the threads: replace them with your measurements.
+# Lines that begin with # are comments.
 # One row per sample. State the unit of each column in its header, in any unit, as in pressure [psi].
 # A blank cell means "not measured".
 # time      Omit this column if every row is an equilibrium and the order of the rows has no meaning.
@@ -22,10 +25,6 @@ _RECORDING_TEMPLATE = """\
 # force     tension, positive when the muscle pulls
 # diameter  outer diameter, mean over the length; optional
 # cycle     number of the stroke or test, 0 while the rig settles; optional
-time [s],pressure [kPa],length [mm],force [N],diameter [mm],cycle
-0.0,200.0,200.00,819.6,20.47,1
-0.5,200.1,190.00,690.4,,1
-1.0,199.9,180.00,565.2,30.81,1
 """
 
 _MUSCLE_TEMPLATE = """\
@@ -113,6 +112,7 @@ def write_template(folder: str | Path) -> tuple[Path, Path]:
         if path.exists():
             raise refuse(f"{path} already exists and is not overwritten", remedy="Choose another folder.")
     with write_folder_atomically(folder) as temporary:
-        (temporary / RECORDING_FILE).write_text(_RECORDING_TEMPLATE, encoding="utf-8", newline="\n")
+        recording = _RECORDING_COMMENTS + _EXAMPLE_ROWS.read_text(encoding="utf-8")
+        (temporary / RECORDING_FILE).write_text(recording, encoding="utf-8", newline="\n")
         (temporary / MUSCLE_FILE).write_text(_MUSCLE_TEMPLATE, encoding="utf-8", newline="\n")
     return files

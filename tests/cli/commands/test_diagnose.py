@@ -38,7 +38,7 @@ def test_misfit_can_be_recomputed_from_the_files(diagnosed):
     assert document["rmse_after"] < 0.5 * document["rmse_before"]
 
 
-@pytest.mark.parametrize("wanted", [True, False])
+@pytest.mark.parametrize("wanted", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_report_is_optional(wanted, bench, tmp_path, monkeypatch, capsys):
     result = diagnosis()
     monkeypatch.setattr(

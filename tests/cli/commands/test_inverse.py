@@ -29,6 +29,7 @@ def test_command_of_a_fitted_muscle_has_an_uncertainty(fitted, capsys):
     assert " kPa per N" in printed
 
 
+@pytest.mark.slow
 def test_uncertainty_agrees_with_draws_from_the_covariance(fitted):
     document = json.loads((fitted / "fit.json").read_text())
     names = document["correlation"]["names"]

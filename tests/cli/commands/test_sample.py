@@ -19,7 +19,7 @@ def test_posterior_is_written_and_reused(tmp_path, capsys):
     words += ["--priors", str(priors)]
     assert main(words) == 0
     output = capsys.readouterr()
-    assert "thread.modulus: 90 ± 10 GPa (replaces the stated prior)" in output.out
+    assert "thread.modulus: 90 ± 10 GPa (replaces that of muscle.toml)" in output.out
     assert "wrote" in output.err
     chain = {path.name for path in (tmp_path / "out" / "chain").iterdir()}
     document = json.loads((tmp_path / "out" / "posterior.json").read_text())

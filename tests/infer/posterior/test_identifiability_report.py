@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 import pamjax
-from pamjax.infer.fitting.determination import DETERMINED, MOSTLY_PRIOR, NOT_DETERMINED
+from pamjax.infer.fitting.determination import DETERMINED, MOSTLY_PRIOR, NOT_DETERMINED, describe_sd_ratio
 from pamjax.infer.fitting.least_squares import solve_least_squares
 from pamjax.infer.posterior.identifiability_report import (
     ParameterSummary,
     _classify_parameter,
+    _describe_prior_share,
     _format_product,
 )
 from pamjax.infer.posterior.profile import LikelihoodProfile, ProfileProblem, compute_profile
@@ -64,7 +65,7 @@ def test_only_the_product_of_modulus_and_area_is_determined(tmp_path):
     area = '{value = "0.0858 mm^2", sd = "0.03 mm^2"}'
     verdict_by_name = verdicts(case(tmp_path / "a", (138, 276, 414, 552, 689), area=area, length=KNOWN))
     for name in ("thread.modulus", "muscle.thread_area"):
-        assert verdict_by_name[name].kind == "only in combination"
+        assert verdict_by_name[name].kind == "determined only in combination"
         assert "thread.modulus × muscle.thread_area" in verdict_by_name[name].detail or (
             "muscle.thread_area × thread.modulus" in verdict_by_name[name].detail
         )
@@ -75,7 +76,7 @@ def test_only_the_product_of_modulus_and_area_is_determined(tmp_path):
 def test_length_and_modulus_are_confounded_at_one_pressure(tmp_path):
     verdict_by_name = verdicts(case(tmp_path / "b", (680, 684, 689), area='"0.0858 mm^2"', length=UNKNOWN))
     verdict = verdict_by_name["thread.modulus"]
-    assert verdict.kind == "only in combination"
+    assert verdict.kind == "determined only in combination"
     assert "is not detectable" in verdict.detail
     # A longer thread is compensated by a higher stiffness.
     assert verdict.detail.count("+") == 2
@@ -98,6 +99,22 @@ def test_profile_of_a_parabola_agrees_with_least_squares():
     e = drawn().fit.estimates["muscle.thread_length"]
     assert abs((along.high - along.low) / 4 / e.sd - 1) < 0.1
     assert along.rise.min() == 0
+
+
+@pytest.mark.parametrize("ratio", [0.3, 0.48, 0.52, 0.9, 0.97])
+def test_sample_and_fit_use_the_same_words(ratio):
+    summary = ParameterSummary(0.0, 5.0, False, "1", 2.0, prior_sd=0.4, determined_alone=True)
+    draws = 2.0 + 0.4 * ratio * np.tile([-1.0, 1.0], 50)
+    kind, detail = _describe_prior_share(draws, summary)
+    assert describe_sd_ratio(ratio).startswith(kind)
+    assert (
+        detail
+        == {
+            DETERMINED: "",
+            MOSTLY_PRIOR: f"sd {100 * ratio:.0f} % of the prior sd",
+            NOT_DETERMINED: "posterior equals prior",
+        }[kind]
+    )
 
 
 @pytest.mark.parametrize(

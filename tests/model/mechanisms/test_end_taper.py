@@ -74,7 +74,10 @@ def rings(force, fitting, count):
 
 
 @pytest.mark.parametrize("fitting", [REST, 0.0111])
-@pytest.mark.parametrize("contraction", [0.02, 0.05, 0.15, 0.3])
+@pytest.mark.parametrize(
+    "contraction",
+    [pytest.param(0.02, marks=pytest.mark.slow), pytest.param(0.05, marks=pytest.mark.slow), 0.15, 0.3],
+)
 def test_net_agrees_with_rings(contraction, fitting):
     force, *_ = net_at(LENGTH * (1 - contraction), fitting)
     coarse, fine = (rings(force, fitting, count) for count in (100, 200))

@@ -23,7 +23,7 @@ def test_template_is_a_valid_case(tmp_path):
 
 def test_template_is_marked_as_an_example(tmp_path):
     recording, muscle = write_template(tmp_path / "new")
-    assert "EXAMPLE ROWS: replace them with your measurements" in recording.read_text()
+    assert re.search(r"EXAMPLE ROWS.*: replace them with your measurements", recording.read_text())
     assert "ALL VALUES BELOW ARE EXAMPLES" in muscle.read_text()
 
 

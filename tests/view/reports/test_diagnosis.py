@@ -119,6 +119,7 @@ def test_noise_is_split_into_stated_and_added_noise(page):
     )
 
 
+@pytest.mark.slow
 def test_form_error_is_shown_beside_the_textbook_part(tmp_path):
     result = add_form_error(diagnosis())
     page = Page(write_diagnosis_report(result, tmp_path / "report.html").read_text("utf-8"))
