@@ -38,9 +38,9 @@ from pamjax.records.case import Case
 from pamjax.records.fixed_length import average_fixed_lengths
 from pamjax.records.reading.quantity import MeasuredValue
 
-#: Rows of the shortest compiled program. Longer ones have 4, 16, ... times as many: balances of padding are
+#: Rows of the shortest compiled program. Longer ones have 2, 4, 8, ... times as many: balances of padding are
 #: not computed, and recordings of different lengths share a program.
-MIN_PROGRAM_ROWS, PROGRAM_ROWS_FACTOR = 1280, 4
+MIN_PROGRAM_ROWS, PROGRAM_ROWS_FACTOR = 1280, 2
 
 #: Largest number of parameters in one sweep of derivatives.
 DERIVATIVES_PER_SWEEP = 32
