@@ -52,7 +52,9 @@ class MullinsSoftening(AbstractMemory):
         source="after Ogden & Roxburgh 1999, Eq. for eta with r = 1; Mullins 1969",
     )
     form_error: ClassVar[FormError] = FormError(
-        (*list_powers("pressure", 3), *list_powers("length", 3), "pressure length")
+        (*list_powers("pressure", 3), *list_powers("length", 3), "pressure length"),
+        # The softening may act over a narrower or a wider range below the largest stretch.
+        alternatives=({"width": 0.25}, {"width": 4.0}),
     )
 
     modulus: Scalar = parameter(
