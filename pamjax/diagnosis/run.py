@@ -16,7 +16,6 @@ from pamjax.diagnosis.crossval.cross_validated import (
 from pamjax.diagnosis.crossval.gain import compute_gain, select_held_out_rows
 from pamjax.diagnosis.detect.locate import locate_effects, locate_residual
 from pamjax.diagnosis.detect.residual_test import (
-    is_residual_large,
     is_residual_significant,
     run_baseline_test,
     run_residual_test,
@@ -35,7 +34,6 @@ from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate
 from pamjax.diagnosis.refit.least_squares import evaluate_estimate
 from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
 from pamjax.diagnosis.refit.noise_correlation import fit_noise_correlation
-from pamjax.diagnosis.refit.scaled_noise import scale_noise
 from pamjax.diagnosis.result import (
     Diagnosis,
     Likeness,
@@ -44,7 +42,7 @@ from pamjax.diagnosis.result import (
     build_parameter_estimate,
 )
 from pamjax.diagnosis.select.model_averaging import average_models
-from pamjax.diagnosis.select.neighbour_fits import fit_without_mechanism
+from pamjax.diagnosis.select.neighbour_fits import fit_without_mechanism, fit_without_mechanisms
 from pamjax.diagnosis.select.selection import (
     Selection,
     drop_small_effects,
@@ -204,7 +202,6 @@ def _choose_mechanisms(
             blocks_of_case,
             ~held_out_rows,
             selection,
-            judge_each=is_residual_large(mismatch, residual_test, problem.settings),
         )
         if validated_selection.model is not selection.model:
             residual_test = _test_residual(problem, validated_selection, mismatch, seed)
@@ -236,7 +233,7 @@ def _choose_mechanisms(
         form_errors=form_errors,
         notes=[
             *replaced,
-            *(format_dropped_mechanisms(selection_before, selection) if is_unexplained else ()),
+            *format_dropped_mechanisms(selection_before, selection),
         ],
     )
 
@@ -257,11 +254,12 @@ def _compare_with_templates(
     """Return the selection without mechanisms that a template replaces, and a note on them; none if none."""
     if not selection.named_mechanisms:
         return selection, []
-    count = len(selection.model.mechanisms)
-    smaller_fits = (
-        [fit_without_mechanism(problem, selection.model, k) for k in range(count)] if count > 1 else []
-    )
-    better = find_better_template(problem, templates, selection.model, [selection.baseline, *smaller_fits])
+    # The same noise in all fits: its estimate differs between models with much misfit.
+    fit = selection.model
+    smaller_fits = [fit_without_mechanisms(problem, fit)]
+    if len(fit.mechanisms) > 1:
+        smaller_fits += [fit_without_mechanism(problem, fit, k) for k in range(len(fit.mechanisms))]
+    better = find_better_template(problem, templates, fit, smaller_fits)
     if better is None:
         return selection, []
     kept = [name for name in selection.named_mechanisms if name.id in better.fit.ids]
@@ -283,7 +281,7 @@ def _test_residual(
 ) -> Significance:
     """Test the residual beyond form errors; without mechanisms, return the test of the baseline."""
     return (
-        run_residual_test(problem, add_form_errors(problem, scale_noise(problem, selection.model)), seed)
+        run_residual_test(problem, add_form_errors(problem, selection.model), seed)
         if selection.model.mechanisms
         else mismatch
     )

@@ -279,9 +279,6 @@ class DiagnosisSettings:
     min_explained_fraction: float = _crossval(5 / 6, "share of the excess χ²", 0.0, 1.0,
         "Report a part as unexplained if the mechanisms explain less than this share of left-out misfit",
         "an unexplained part is reported more often")
-    min_single_explained_fraction: float = _crossval(2 / 3, "share of the excess χ²", 0.0, 1.0,
-        "Drop a mechanism that is tested alone and explains less than this share of left-out misfit",
-        "fewer mechanisms are identified beside an unexplained part")
     min_blocks_for_cross_validation: int = _crossval(3, "count", 2, 1000,
         "Cross-validate mechanisms if the recording has at least this many blocks",
         "fewer recordings are cross-validated")

@@ -58,7 +58,7 @@ DEFAULTS = {
     "min_single_excess_share": 0.1, "false_addition_probability": 0.01, "min_prior_p_value": 0.01,
     "min_extreme_amplitude_share": 0.25, "max_starting_candidates": 9, "alternative_fit_evaluations": 10,
     "max_alternative_chi2": 20.0, "min_chi2_improvement": 0.5, "distance_chi2_tolerance": 4.0,
-    "min_explained_fraction": 5 / 6, "min_single_explained_fraction": 2 / 3,
+    "min_explained_fraction": 5 / 6,
     "min_blocks_for_cross_validation": 3, "min_information_share": 0.05,
     "unexplained_certainty_share": 0.5, "held_out_interval": 5, "min_blocks_for_hold_out": 3,
     "box_low_quantile": 0.05, "box_high_quantile": 0.95, "min_direction_share": 0.15,

@@ -6,10 +6,9 @@ a compliant rig. Such a fit fails on other blocks. Therefore each training block
 less than 5/6 of the misfit of the left-out blocks (setting `min_explained_fraction`), a part of the misfit is
 unexplained, even if their residual in the fit is only noise.
 
-In that case, or if the residual in the fit is large, each mechanism is also tested alone. Its probability is
-multiplied by the fraction of left-out misfit that it explains. A mechanism is dropped if that fraction is
-below 2/3 (setting `min_single_explained_fraction`), or its probability below `established_probability`. This
-is done once, with all mechanisms in the model.
+Each mechanism is also tested alone. Its probability is multiplied by the share of its effect that left-out
+blocks confirm. It is dropped if its probability is then below `established_probability`. This is done once,
+with all mechanisms in the model.
 
 If a part of the misfit is unexplained, the certainty of the remaining mechanisms, the distance of their
 probability from even chances, is halved (setting `unexplained_certainty_share`).
@@ -20,7 +19,6 @@ named with a low probability, beside an unexplained part.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,7 +27,6 @@ from pamjax.diagnosis.crossval.explained_fraction import BlockCrossValidation
 from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.select.selection import (
-    NamedMechanism,
     Selection,
     rank_mechanisms,
     restrict_selection,
@@ -44,8 +41,6 @@ def cross_validate_selection(
     blocks: Blocks,
     training_rows: np.ndarray,
     selection: Selection,
-    *,
-    judge_each: bool,
 ) -> tuple[Selection, bool]:
     """Return the selection with its cross-validated probabilities, and whether it predicts left-out blocks.
 
@@ -54,31 +49,17 @@ def cross_validate_selection(
         blocks: the blocks of the recording.
         training_rows: (n,) mask of the rows in use.
         selection: the selection from these rows.
-        judge_each: whether to test each mechanism alone in any case; done if the residual of the fit is
-            large.
     """
     cross_validation = BlockCrossValidation.from_blocks(
         problem, blocks, training_rows, add_form_errors(problem, selection.model)
     )
-    is_predictive = not cross_validation.fails_out_of_sample
-    if is_predictive and not judge_each:
-        return selection, is_predictive
-    remaining = _weight_each(
-        selection.named_mechanisms, cross_validation.explained_fraction_by_mechanism, problem.settings
+    shares, limit = cross_validation.predicted_share_by_mechanism, problem.settings.established_probability
+    weighted = [replace(m, probability=m.probability * shares[m.id]) for m in selection.named_mechanisms]
+    remaining = [m for m in weighted if m.probability >= limit]
+    return (
+        restrict_selection(problem, training_rows, selection, remaining),
+        not cross_validation.fails_out_of_sample,
     )
-    return restrict_selection(problem, training_rows, selection, remaining), is_predictive
-
-
-def _weight_each(
-    mechanisms: Sequence[NamedMechanism], fractions: dict[str, float], settings: DiagnosisSettings
-) -> list[NamedMechanism]:
-    """Return the mechanisms that explain enough, with probabilities multiplied by their fractions."""
-    weighted = [
-        replace(m, probability=m.probability * fractions[m.id])
-        for m in mechanisms
-        if fractions[m.id] >= settings.min_single_explained_fraction
-    ]
-    return [m for m in weighted if m.probability >= settings.established_probability]
 
 
 def reduce_certainty(selection: Selection, settings: DiagnosisSettings) -> Selection:
@@ -97,8 +78,5 @@ def format_dropped_mechanisms(before: Selection, after: Selection) -> list[str]:
     dropped_ids = [f"`{name.id}`" for name in before.named_mechanisms if name.id not in named_ids]
     if not dropped_ids:
         return []
-    explain, are = ("explains", "is") if len(dropped_ids) == 1 else ("explain", "are")
-    return [
-        f"{format_list(dropped_ids)} {explain} too little of the misfit of left-out blocks and {are} not"
-        f" reported."
-    ]
+    predict, are = ("predicts", "is") if len(dropped_ids) == 1 else ("predict", "are")
+    return [f"{format_list(dropped_ids)} {predict} left-out blocks too badly and {are} not reported."]

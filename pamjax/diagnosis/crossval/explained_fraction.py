@@ -1,9 +1,13 @@
-"""Leave-one-block-out cross-validation: the fraction of the misfit that mechanisms explain.
+"""Leave-one-block-out cross-validation: what mechanisms explain in blocks that the fit did not use.
 
-Each block is left out once, and the model is refitted with and without the mechanisms. The explained fraction
-of the misfit of the left-out blocks is
+Each block is left out once, and the model is refitted with and without the mechanisms. All mechanisms
+together explain this fraction of the misfit of the left-out blocks:
 
     1 − Σ excess with / Σ excess without,        excess = χ² − samples of the left-out block.
+
+Each mechanism alone reduces χ² in the left-out blocks, and in the same blocks after a fit to all of them. The
+ratio of both reductions is its predicted share. It does not depend on misfit that other physics leaves. An
+imitator adapts to each block, so that its share is small.
 
 A block is skipped for amplitudes that no other block constrains, because no fit without it can predict them.
 Shape parameters that only the left-out block determines stay at their estimates from all blocks. A baseline
@@ -23,7 +27,12 @@ import numpy as np
 from pamjax.compile.parallel import parallel_map
 from pamjax.diagnosis.library.candidates import Candidate
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit, get_parameter_indices, switch_off_candidate
+from pamjax.diagnosis.refit.candidate_fit import (
+    CandidateFit,
+    get_free_indices,
+    get_parameter_indices,
+    switch_off_candidate,
+)
 from pamjax.diagnosis.refit.least_squares import evaluate_estimate, fit_parameters
 from pamjax.infer.form_errors.discrepancy import DiscrepancyNoise
 from pamjax.infer.noise.noise_model import NoiseModel
@@ -110,49 +119,112 @@ class BlockCrossValidation:
     @cached_property
     def explained_fraction(self) -> float:
         """Fraction of the misfit of left-out blocks that all mechanisms explain, 0 to 1."""
-        return self._compute_explained_fraction(self.fit.mechanisms)
+        return self._compute_explained_fraction()
 
-    @property
-    def explained_fraction_by_mechanism(self) -> dict[str, float]:
-        """Fraction that each mechanism explains of the misfit without it, by id."""
-        if len(self.fit.mechanisms) == 1:
-            return {self.fit.ids[0]: self.explained_fraction}
-        return {
-            candidate.id: self._compute_explained_fraction((candidate,)) for candidate in self.fit.mechanisms
-        }
+    @cached_property
+    def predicted_share_by_mechanism(self) -> dict[str, float]:
+        """Share of the effect of each mechanism on χ² that it also has in left-out blocks, 0 to 1, by id."""
+        return {candidate.id: self._compute_predicted_share(candidate) for candidate in self.fit.mechanisms}
 
     def _select_informed_blocks(self, removed_candidates: Sequence[Candidate]) -> np.ndarray:
         """Return the mask of the blocks whose removed amplitudes the other blocks constrain."""
         return np.all([self.is_informed[candidate.id] for candidate in removed_candidates], axis=0)
 
-    def _compute_explained_fraction(self, removed_candidates: Sequence[Candidate]) -> float:
+    def _compute_explained_fraction(self) -> float:
         if not self.noise_splits:
             return 1.0
-        fit = self.fit
-        remaining, values = (
-            tuple(candidate for candidate in fit.mechanisms if candidate not in removed_candidates),
-            fit.estimate.values,
-        )
-        for candidate in removed_candidates:
-            values = switch_off_candidate(self.problem, values, candidate)
-        removed_ids = {candidate.id for candidate in removed_candidates}
-        splits_without = [
-            (_remove_form_errors(training, removed_ids), _remove_form_errors(held_out, removed_ids))
-            for training, held_out in self.noise_splits
-        ]
-        fits_without = _fit_without_blocks(
-            self.problem, remaining, values, splits_without, self.fixed_indices
-        )
+        mechanisms = self.fit.mechanisms
         excess_with, excess_without = (
             np.array([block_fit.excess_chi2 for block_fit in fits])
-            for fits in (self.block_fits, fits_without)
+            for fits in (self.block_fits, self._build_reduced_model(mechanisms).fit_without_blocks())
         )
-        informed_blocks = self._select_informed_blocks(removed_candidates)
+        informed_blocks = self._select_informed_blocks(mechanisms)
         return _compute_explained_share(
             excess_with[informed_blocks].sum(),
             excess_without[informed_blocks].sum(),
             excess_without.sum(),
             self.problem.settings.min_information_share,
+        )
+
+    def _compute_predicted_share(self, candidate: Candidate) -> float:
+        if not self.noise_splits:
+            return 1.0
+        reduced = self._build_reduced_model((candidate,))
+        left_out_reduction = np.array(
+            [
+                without.excess_chi2 - fit.excess_chi2
+                for without, fit in zip(reduced.fit_without_blocks(), self.block_fits, strict=True)
+            ]
+        )
+        fitted_reduction = reduced.fit_to_all_blocks() - self._evaluate_blocks()
+        informed_blocks = self._select_informed_blocks((candidate,))
+        return _compute_predicted_share(
+            left_out_reduction[informed_blocks].sum(),
+            fitted_reduction[informed_blocks].sum(),
+            fitted_reduction.sum(),
+            self.problem.settings.min_information_share,
+        )
+
+    def _evaluate_blocks(self) -> np.ndarray:
+        """Return χ² of each block for the fit to all blocks."""
+        values, free = self.fit.estimate.values, self.fit.estimate.free
+        return np.array(
+            [evaluate_estimate(self.problem, noise, free, values).chi2 for _, noise in self.noise_splits]
+        )
+
+    def _build_reduced_model(self, removed_candidates: Sequence[Candidate]) -> _ReducedModel:
+        """Return the model without some mechanisms and their form errors, which could replace the effects."""
+        removed_ids = {candidate.id for candidate in removed_candidates}
+        values = self.fit.estimate.values
+        for candidate in removed_candidates:
+            values = switch_off_candidate(self.problem, values, candidate)
+        return _ReducedModel(
+            self.problem,
+            tuple(candidate for candidate in self.fit.mechanisms if candidate.id not in removed_ids),
+            values,
+            _remove_form_errors(self.fit.noise, removed_ids),
+            [
+                (_remove_form_errors(training, removed_ids), _remove_form_errors(held_out, removed_ids))
+                for training, held_out in self.noise_splits
+            ],
+            self.fixed_indices,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _ReducedModel:
+    """A model without one or all of its mechanisms.
+
+    Attributes:
+        problem: the recording and the library.
+        mechanisms: the remaining mechanisms.
+        values: (p,) starting values of a refit, SI.
+        noise: noise model of all blocks.
+        noise_splits: for each block, the noise model of the other blocks and of the block.
+        fixed_indices: for each block, the shape parameters that the other blocks do not determine.
+    """
+
+    problem: LibraryProblem
+    mechanisms: tuple[Candidate, ...]
+    values: np.ndarray
+    noise: NoiseModel
+    noise_splits: list[tuple[NoiseModel, NoiseModel]]
+    fixed_indices: list[set[int]]
+
+    def fit_without_blocks(self) -> list[_LeftOutBlock]:
+        """Return the results of the fits without each block."""
+        return _fit_without_blocks(
+            self.problem, self.mechanisms, self.values, self.noise_splits, self.fixed_indices
+        )
+
+    def fit_to_all_blocks(self) -> np.ndarray:
+        """Return χ² of each block for a fit to all blocks."""
+        free = get_free_indices(self.problem, self.mechanisms)
+        values = fit_parameters(
+            self.problem, self.noise, free, self.values, 2 * self.problem.settings.rough_evaluations
+        ).values
+        return np.array(
+            [evaluate_estimate(self.problem, noise, free, values).chi2 for _, noise in self.noise_splits]
         )
 
 
@@ -168,6 +240,15 @@ def _compute_explained_share(
     if excess_without <= min_information_share * max(total_excess, 0.0):
         return 1.0
     return float(np.clip(1 - max(excess_with, 0.0) / excess_without, 0.0, 1.0))
+
+
+def _compute_predicted_share(
+    left_out_reduction: float, fitted_reduction: float, total_reduction: float, min_information_share: float
+) -> float:
+    """Return the share of a reduction of χ² that left-out blocks confirm; 1 if no block can test it."""
+    if fitted_reduction <= min_information_share * max(total_reduction, 0.0):
+        return 1.0
+    return float(np.clip(left_out_reduction / fitted_reduction, 0.0, 1.0))
 
 
 @dataclass(frozen=True, eq=False)

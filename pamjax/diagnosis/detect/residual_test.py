@@ -11,7 +11,6 @@ from pamjax.diagnosis.detect.significance import Significance, compute_significa
 from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate
-from pamjax.diagnosis.refit.scaled_noise import scale_noise
 from pamjax.diagnosis.settings import DiagnosisSettings
 
 
@@ -27,7 +26,7 @@ def run_baseline_test(problem: LibraryProblem, baseline: CandidateFit, seed: int
     """
     if any(channel and math.isfinite(channel.degrees_of_freedom) for channel in baseline.noise.channels):
         baseline = fit_candidate(problem, np.ones(problem.n, dtype=bool), (), baseline.estimate.values)
-    return run_residual_test(problem, scale_noise(problem, baseline), seed)
+    return run_residual_test(problem, baseline, seed)
 
 
 def run_residual_test(problem: LibraryProblem, fit: CandidateFit, seed: int = 0) -> Significance:

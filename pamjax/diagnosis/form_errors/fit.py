@@ -69,7 +69,9 @@ def add_form_errors(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
             np.concatenate([share * forms[id] for id, share in zip(white, shares, strict=True)]),
             [id for id in white for _ in forms[id]],
         )
-        estimate = fit_parameters(problem, noise, fit.estimate.free, values)
+        estimate = fit_parameters(
+            problem, noise, fit.estimate.free, values, problem.settings.rough_evaluations
+        )
         values = estimate.values
         out = FormErrorFit(
             **{**vars(fit), "noise": noise, "estimate": estimate},

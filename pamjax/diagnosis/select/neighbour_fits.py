@@ -145,10 +145,20 @@ def fit_replacements(
 @remember(lambda k: k)
 def fit_without_mechanism(problem: LibraryProblem, fit: CandidateFit, k: int) -> CandidateFit:
     """Return the model without its k-th mechanism, refitted with the same noise."""
-    candidate = fit.mechanisms[k]
-    remaining = fit.mechanisms[:k] + fit.mechanisms[k + 1 :]
+    return _fit_without(problem, fit, [k])
+
+
+def fit_without_mechanisms(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
+    """Return the baseline of a model, refitted with the same noise."""
+    return _fit_without(problem, fit, range(len(fit.mechanisms)))
+
+
+def _fit_without(problem: LibraryProblem, fit: CandidateFit, removed: Sequence[int]) -> CandidateFit:
+    remaining = tuple(m for k, m in enumerate(fit.mechanisms) if k not in removed)
+    values = fit.estimate.values
+    for k in removed:
+        values = switch_off_candidate(problem, values, fit.mechanisms[k])
     free = get_free_indices(problem, remaining)
-    values = switch_off_candidate(problem, fit.estimate.values, candidate)
     return build_corrected_fit(
         problem,
         remaining,

@@ -34,6 +34,9 @@ from pamjax.infer.problem.dataset import (
 )
 from pamjax.records.case import Case
 
+#: Largest plausible ratio of true and stated noise sd of a sensor: three sd of a logarithmic prior of 25 %.
+MAX_NOISE_RATIO = math.exp(3 * 0.25)
+
 
 def compute_noise_variances(
     case: Case,
@@ -153,8 +156,13 @@ def _build_channel_noise(
         statistics = _collect_difference_statistics(
             residual, input_variance, input_noise, channel_rows, starts, input_noise_unknown, settings
         )
-        if statistics is not None:
-            return _build_scaled_noise(statistics, sensor_variance, input_variance, channel_rows)
+        scaled_noise = (
+            None
+            if statistics is None
+            else _build_scaled_noise(statistics, sensor_variance, input_variance, channel_rows)
+        )
+        if scaled_noise is not None:
+            return scaled_noise
     if unknown_sensor:
         (correlation, sensor_variance), input_variance = (
             unknown_sensor.correlation_and_variance,
@@ -226,10 +234,13 @@ def _estimate_unknown_sensor(
     return None if statistics is None else estimate_unknown_noise(statistics)
 
 
-def _build_scaled_noise(statistics, sensor_variance, input_variance, channel_rows) -> Ar1Noise:
-    """Return the noise of a sensor whose stated noise may be inexact."""
+def _build_scaled_noise(statistics, sensor_variance, input_variance, channel_rows) -> Ar1Noise | None:
+    """Return the noise of a sensor whose stated noise may be inexact; None if the ratio is not plausible."""
     stated_variance = float(np.mean(np.broadcast_to(sensor_variance, input_variance.shape)[channel_rows]))
     noise = estimate_stated_noise(statistics, stated_variance)
+    if not 1 / MAX_NOISE_RATIO**2 < noise.variance / stated_variance < MAX_NOISE_RATIO**2:
+        # Misfit that changes from sample to sample, and no sensor noise.
+        return None
     variance = noise.variance + noise.input_factor * input_variance
     sensor_fraction = float(np.mean(noise.variance / variance[channel_rows]))
     return Ar1Noise(

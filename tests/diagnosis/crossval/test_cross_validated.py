@@ -89,5 +89,5 @@ def test_dropped_mechanisms_are_in_a_note():
     before = diagnose_bank(RUBBER).selection
     assert format_dropped_mechanisms(before, before) == []
     assert format_dropped_mechanisms(before, replace(before, named_mechanisms=())) == [
-        "`bladder_elasticity` explains too little of the misfit of left-out blocks and is not reported."
+        "`bladder_elasticity` predicts left-out blocks too badly and is not reported."
     ]

@@ -84,3 +84,20 @@ def test_correlation_has_its_stated_uncertainty(shared, correlation):
         correlations.append(1 - (rough - (1 - shared)) / shared)
     # An sd from 300 draws has a standard error of 4 %.
     assert np.std(correlations) == pytest.approx(compute_correlation_error(shared, correlation, n), rel=0.15)
+
+
+@pytest.mark.parametrize(("factor", "expected"), [(1.5, 1.5), (2.6, 1.0)])
+def test_only_a_plausible_ratio_replaces_the_stated_noise(factor, expected):
+    """Noise of more than 2.1 times the stated noise is misfit that changes from sample to sample."""
+    n = 4000
+    channel_noise = _build_channel_noise(
+        factor * sample(1.0, 0.0, n, seed=4),
+        np.array([1.0]),
+        np.zeros(n),
+        np.arange(n),
+        np.zeros(n),
+        True,
+        settings=NOISE_SETTINGS,
+        free_scale=True,
+    )
+    assert channel_noise.sd.mean() == pytest.approx(expected, rel=0.05)
