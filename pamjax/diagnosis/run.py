@@ -148,7 +148,7 @@ def diagnose(
         parameter_shifts=_compute_shifts(problem, baseline, model) if selection.named_mechanisms else {},
         notes=[
             *choice.notes,
-            *(() if choice.unexplained else format_noise_notes(noise_ratios)),
+            *format_noise_notes(noise_ratios),
             *problem.case.warnings,
             *format_notes(problem, baseline, model),
         ],

@@ -71,6 +71,9 @@ class DiagnosisSettings:
         "share of the variance", 0.0, 1.0,
         "Assume this standard deviation of the stated noise variance of a sensor",
         "deviations are less significant")
+    max_noise_ratio: float = _noise(math.exp(3 * 0.25), "1", 1.0, 1e3,
+        "Use the noise of neighbouring samples up to this ratio to the stated sd (3 sd of a prior of 25 %)",
+        "fast misfit can count as noise")
     min_samples_for_correlation: int = _noise(NOISE_SETTINGS.min_samples_for_correlation, "count", 4, 10**6,
         "Estimate the noise correlation of a channel if it has at least this many samples",
         "short recordings count as uncorrelated")

@@ -132,9 +132,9 @@ def read_store_document(folder: Path) -> dict[str, Any]:
 def _check_case_names(document: dict[str, Any], file: Path) -> None:
     """Refuse a list of cases whose names lead out of the store, which another program may have written."""
     try:
-        names = [name for entry in document["cases"] for name in (entry["name"], *entry["tasks"])]
+        names = [name for entry in document["cases"] for name in (entry["name"], *entry["tasks"].keys())]
         paths = [PurePosixPath(name) for name in names]
-    except (KeyError, TypeError) as error:
+    except (AttributeError, KeyError, TypeError) as error:
         remedy = "Run `pamjax fleet` again."
         raise refuse(f"{file} must list the cases with their names and tasks", remedy=remedy) from error
     for path in paths:

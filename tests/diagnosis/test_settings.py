@@ -2,6 +2,7 @@
 
 import ast
 import dataclasses
+import math
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,7 @@ NAMES = [setting.name for setting in dataclasses.fields(DiagnosisSettings)]
 #: The thresholds on which the results in docs/validation.md depend.
 DEFAULTS = {
     "max_noise_correlation": 0.98, "min_correlation_se": 2.0, "sensor_variance_sd_share": 0.1,
+    "max_noise_ratio": math.exp(0.75),
     "min_samples_for_correlation": 30, "min_near_step_share": 0.9, "max_input_noise_chi2_share": 0.1,
     "max_prior_deviation_sd": 3.0, "max_stiffness_factor": 5.0, "min_presliding_noise_ratio": 10.0,
     "fitted_size_sd_share": 0.1, "slip_time_count": 24, "min_speed_ratio_for_power": 1.5,

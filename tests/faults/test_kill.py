@@ -142,6 +142,7 @@ def test_killed_command_completes_to_the_same_result(name, tmp_path):
     assert tally.incomplete == []
     assert tally.different == []
     assert tally.kills == 3
+    assert tally.equal == tally.runs > 0
     assert list_figures(trials)[f"{name}, result files"] > 3
 
 

@@ -88,6 +88,10 @@ def sample(
             from pamjax.view.reports.posterior import write_posterior_report
 
             paths.append(write_posterior_report(post, folder / REPORT_FILE, format_command()))
+    if figures:
+        from pamjax.view.figures.posterior import remove_stale_figures
+
+        remove_stale_figures(out, paths)
     paths = [out / path.name for path in paths]
     print_json(build_posterior_document(post)) if json else print_text(str(post))
     print_written_files(paths)

@@ -78,5 +78,8 @@ def format_dropped_mechanisms(before: Selection, after: Selection) -> list[str]:
     dropped_ids = [f"`{name.id}`" for name in before.named_mechanisms if name.id not in named_ids]
     if not dropped_ids:
         return []
-    predict, are = ("predicts", "is") if len(dropped_ids) == 1 else ("predict", "are")
-    return [f"{format_list(dropped_ids)} {predict} left-out blocks too badly and {are} not reported."]
+    its, is_not = ("its", "it is") if len(dropped_ids) == 1 else ("their", "they are")
+    return [
+        f"Left-out blocks confirm too little of {format_list(dropped_ids)}, or {its} probability was low:"
+        f" {is_not} not reported."
+    ]

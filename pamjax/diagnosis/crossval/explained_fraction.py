@@ -6,8 +6,8 @@ together explain this fraction of the misfit of the left-out blocks:
     1 − Σ excess with / Σ excess without,        excess = χ² − samples of the left-out block.
 
 Each mechanism alone reduces χ² in the left-out blocks, and in the same blocks after a fit to all of them. The
-ratio of both reductions is its predicted share. It does not depend on misfit that other physics leaves. An
-imitator adapts to each block, so that its share is small.
+ratio of both reductions is its predicted share. It depends little on misfit that other physics leaves. An
+imitator adapts to the blocks in the fit, so that its share is small.
 
 A block is skipped for amplitudes that no other block constrains, because no fit without it can predict them.
 Shape parameters that only the left-out block determines stay at their estimates from all blocks. A baseline
@@ -245,10 +245,13 @@ def _compute_explained_share(
 def _compute_predicted_share(
     left_out_reduction: float, fitted_reduction: float, total_reduction: float, min_information_share: float
 ) -> float:
-    """Return the share of a reduction of χ² that left-out blocks confirm; 1 if no block can test it."""
-    if fitted_reduction <= min_information_share * max(total_reduction, 0.0):
+    """Return the share of a reduction of χ² that left-out blocks confirm.
+
+    It is 1 if the blocks that can test it have too little of the reduction, and 0 if there is no reduction.
+    """
+    if total_reduction > 0 and fitted_reduction <= min_information_share * total_reduction:
         return 1.0
-    return float(np.clip(left_out_reduction / fitted_reduction, 0.0, 1.0))
+    return float(np.clip(left_out_reduction / fitted_reduction, 0.0, 1.0)) if fitted_reduction > 0 else 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from pamjax.infer.problem.dataset import CHANNELS, Dataset
 
 
 def estimate_noise(
-    problem: LibraryProblem, values: np.ndarray, training_rows: np.ndarray, free_scale: bool = False
+    problem: LibraryProblem, values: np.ndarray, training_rows: np.ndarray, max_noise_ratio: float = 1.0
 ) -> NoiseModel:
     """Estimate the noise model from the residual at some parameter values.
 
@@ -24,7 +24,7 @@ def estimate_noise(
         problem: the recording and the library.
         values: (p,) parameter values, SI.
         training_rows: (n,) mask of the rows in use.
-        free_scale: whether the stated noise of a sensor may be inexact.
+        max_noise_ratio: largest plausible ratio of true and stated noise of a sensor; 1 if it is exact.
     """
     return estimate_noise_model(
         problem.case,
@@ -37,7 +37,7 @@ def estimate_noise(
         tables=_estimate_table_variances(problem, training_rows),
         input_noise=propagate_input_noise(problem, values),
         settings=problem.settings,
-        free_scale=free_scale,
+        max_noise_ratio=max_noise_ratio,
     )
 
 

@@ -8,6 +8,8 @@ Neglects: recordings in a static table, and channels with few samples; their rat
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from pamjax.diagnosis.library.library_problem import LibraryProblem
@@ -28,7 +30,7 @@ def compute_noise_ratios(problem: LibraryProblem, values: np.ndarray) -> dict[st
     """
     rows = np.ones(problem.n, dtype=bool)
     stated_noise, estimated_noise = (
-        estimate_noise(problem, values, rows, free_scale=free_scale) for free_scale in (False, True)
+        estimate_noise(problem, values, rows, max_noise_ratio=ratio) for ratio in (1.0, math.inf)
     )
     return {
         channel: None

@@ -107,7 +107,7 @@ def fit_candidate(
     """Refit the baseline with some candidates, with noise estimated from its own residual."""
     free = get_free_indices(problem, mechanisms)
     for _ in range(rounds):
-        noise = estimate_noise(problem, values, training_rows, free_scale=True)
+        noise = estimate_noise(problem, values, training_rows, problem.settings.max_noise_ratio)
         estimate = fit_parameters(problem, noise, free, values)
         values = estimate.values
     return build_corrected_fit(problem, tuple(mechanisms), noise, estimate)

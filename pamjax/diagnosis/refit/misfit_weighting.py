@@ -40,7 +40,7 @@ def fit_with_misfit_weight(
         mechanisms: the candidates.
         values: (p,) starting values, SI.
     """
-    noise = estimate_noise(problem, values, training_rows, free_scale=True)
+    noise = estimate_noise(problem, values, training_rows, problem.settings.max_noise_ratio)
     residual = np.nan_to_num(noise.whiten(problem.measured - problem.predict(values)), nan=1e3)
     if _compute_mean_square(residual) < problem.settings.min_misfit_mean_square:
         return fit_candidate(problem, training_rows, mechanisms, values)

@@ -10,7 +10,7 @@ of the model integrated out:
 
 r the residual, W the whitening filter, m and s the mean and sd of the priors. The last term corrects for slow
 noise that the parameters absorb; without it ρ is underestimated.
-Neglects: a sensor without stated noise; the noise level, which stays as stated.
+Neglects: a sensor without stated noise; the noise level, which stays that of neighbouring samples.
 Source: restricted likelihood, H. D. Patterson, R. Thompson, Biometrika 58, 545 (1971), linear in x.
 """
 

@@ -34,9 +34,6 @@ from pamjax.infer.problem.dataset import (
 )
 from pamjax.records.case import Case
 
-#: Largest plausible ratio of true and stated noise sd of a sensor: three sd of a logarithmic prior of 25 %.
-MAX_NOISE_RATIO = math.exp(3 * 0.25)
-
 
 def compute_noise_variances(
     case: Case,
@@ -75,7 +72,7 @@ def estimate_noise_model(
     tables: Sequence[tuple[float, float]] = ((math.nan, 0.0),) * len(CHANNELS),
     input_noise: np.ndarray | None = None,
     settings: NoiseThresholds = NOISE_SETTINGS,
-    free_scale: bool = False,
+    max_noise_ratio: float = 1.0,
 ) -> NoiseModel:
     """Return the noise model of a recording from the residual of a model.
 
@@ -88,7 +85,7 @@ def estimate_noise_model(
         tables: by channel the variance of a static table and its degrees of freedom, zero for none.
         input_noise: (draws, 2, n) change of the model by input noise, if it has memory, SI.
         settings: thresholds.
-        free_scale: whether the stated noise of a sensor may be inexact.
+        max_noise_ratio: largest plausible ratio of true and stated noise of a sensor; 1 if it is exact.
     """
     sensor_variance, input_variance = variances
     # A removed row ends a run: the samples before and after it are not neighbours.
@@ -119,7 +116,7 @@ def estimate_noise_model(
                 None if input_noise is None else input_noise[:, c],
                 input_noise_unknown,
                 settings=settings,
-                free_scale=free_scale,
+                max_noise_ratio=max_noise_ratio,
             )
             if channel_rows.size
             else None
@@ -139,7 +136,7 @@ def _build_channel_noise(
     input_noise_unknown=False,
     *,
     settings: NoiseThresholds,
-    free_scale: bool = False,
+    max_noise_ratio: float = 1.0,
 ):
     variance, degrees_of_freedom = table
     if not stated and degrees_of_freedom > 0:
@@ -152,14 +149,16 @@ def _build_channel_noise(
             residual, input_variance, input_noise, channel_rows, starts, input_noise_unknown, settings
         )
     )
-    if stated and free_scale:
+    if stated and max_noise_ratio > 1:
         statistics = _collect_difference_statistics(
             residual, input_variance, input_noise, channel_rows, starts, input_noise_unknown, settings
         )
         scaled_noise = (
             None
             if statistics is None
-            else _build_scaled_noise(statistics, sensor_variance, input_variance, channel_rows)
+            else _build_scaled_noise(
+                statistics, sensor_variance, input_variance, channel_rows, max_noise_ratio
+            )
         )
         if scaled_noise is not None:
             return scaled_noise
@@ -234,11 +233,14 @@ def _estimate_unknown_sensor(
     return None if statistics is None else estimate_unknown_noise(statistics)
 
 
-def _build_scaled_noise(statistics, sensor_variance, input_variance, channel_rows) -> Ar1Noise | None:
+def _build_scaled_noise(
+    statistics, sensor_variance, input_variance, channel_rows, max_noise_ratio: float
+) -> Ar1Noise | None:
     """Return the noise of a sensor whose stated noise may be inexact; None if the ratio is not plausible."""
     stated_variance = float(np.mean(np.broadcast_to(sensor_variance, input_variance.shape)[channel_rows]))
     noise = estimate_stated_noise(statistics, stated_variance)
-    if not 1 / MAX_NOISE_RATIO**2 < noise.variance / stated_variance < MAX_NOISE_RATIO**2:
+    ratios = np.sqrt([noise.variance / stated_variance, noise.input_factor])
+    if ratios.max() > max_noise_ratio or ratios[0] < 1 / max_noise_ratio:
         # Misfit that changes from sample to sample, and no sensor noise.
         return None
     variance = noise.variance + noise.input_factor * input_variance

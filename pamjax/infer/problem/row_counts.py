@@ -22,6 +22,8 @@ def describe_unused_rows(case: Case) -> Iterator[str]:
     for channel in case.recording.model_channels:
         is_used = find_informative_samples(case, channel)
         has_value = case.recording.usable & np.isfinite(getattr(case.recording, channel))
+        if case.recording.measures_length:
+            has_value &= np.isfinite(case.recording.force)
         is_slack = has_value & ~is_used & find_slack_samples(case)
         reasons = {
             "without information (slack muscle)": is_slack,

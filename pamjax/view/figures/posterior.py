@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 import textwrap
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -227,6 +228,10 @@ def _plot_marginal(panel: Axes, prior_samples: np.ndarray, posterior_samples: np
         panel.set_xscale("log")
 
 
+#: Figures that not every posterior has.
+OPTIONAL_FIGURES = ("profile.png", "ridge.png")
+
+
 def save_posterior_figures(post: Posterior, folder: Path) -> list[Path]:
     """Write every figure of a posterior as PNG and return their paths."""
     plots = {"corner": plot_corner, "belief": plot_marginals, "trace": plot_traces}
@@ -234,11 +239,14 @@ def save_posterior_figures(post: Posterior, folder: Path) -> list[Path]:
         plots["profile"] = plot_profiles
     if find_ridges(post):
         plots["ridge"] = plot_ridges
-    for name in {"profile", "ridge"} - set(plots):
-        # Remove a figure of an earlier posterior in this folder.
-        (folder / f"{name}.png").unlink(missing_ok=True)
     paths = [save_png(plot(post), folder / name) for name, plot in plots.items()]
     for k, case_fit in enumerate(post.fit.cases):
         prefix = "" if len(post.fit.cases) == 1 else f"{case_fit.case.name}-"
         paths.append(save_png(plot_band(post, k), folder / f"{prefix}band"))
     return paths
+
+
+def remove_stale_figures(folder: Path, written: Iterable[Path]) -> None:
+    """Remove figures of an earlier posterior that the posterior of some written figures does not have."""
+    for name in set(OPTIONAL_FIGURES) - {path.name for path in written}:
+        (folder / name).unlink(missing_ok=True)

@@ -89,5 +89,6 @@ def test_dropped_mechanisms_are_in_a_note():
     before = diagnose_bank(RUBBER).selection
     assert format_dropped_mechanisms(before, before) == []
     assert format_dropped_mechanisms(before, replace(before, named_mechanisms=())) == [
-        "`bladder_elasticity` predicts left-out blocks too badly and is not reported."
+        "Left-out blocks confirm too little of `bladder_elasticity`, or its probability was low: it is not"
+        " reported."
     ]

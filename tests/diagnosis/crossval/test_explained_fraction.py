@@ -17,7 +17,8 @@ MIN_TRUE_SHARE = 0.9
         (-5.0, 100.0, 100.0, 0.0),
         # The blocks that the others inform have less than 5 % of the effect: no test.
         (0.0, 4.0, 100.0, 1.0),
-        (-1.0, 0.0, 0.0, 1.0),
+        (-1.0, 0.0, 0.0, 0.0),
+        (5.0, -1.0, -1.0, 0.0),
     ],
 )
 def test_the_share_is_the_ratio_of_both_reductions(left_out, fitted, total, share):

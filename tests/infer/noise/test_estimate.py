@@ -98,6 +98,6 @@ def test_only_a_plausible_ratio_replaces_the_stated_noise(factor, expected):
         np.zeros(n),
         True,
         settings=NOISE_SETTINGS,
-        free_scale=True,
+        max_noise_ratio=2.1,
     )
     assert channel_noise.sd.mean() == pytest.approx(expected, rel=0.05)

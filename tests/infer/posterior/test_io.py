@@ -11,7 +11,13 @@ import xarray as xr
 from pamjax.infer.posterior.identifiability_report import COMBINATION_KIND
 from pamjax.infer.posterior.io import save_posterior
 from pamjax.infer.posterior.predictive import sample_prior
-from pamjax.view.figures.posterior import find_ridges, plot_corner, plot_ridges, save_posterior_figures
+from pamjax.view.figures.posterior import (
+    find_ridges,
+    plot_corner,
+    plot_ridges,
+    remove_stale_figures,
+    save_posterior_figures,
+)
 from pamjax.view.figures.posterior_checks import plot_band, plot_profiles
 from tests.agreement import ROUNDING, SAMPLED, agree
 from tests.infer.posterior.test_sample import drawn
@@ -128,7 +134,13 @@ def test_figure_of_a_ridge_shows_the_priors():
 
 @pytest.mark.slow
 def test_figures_are_written(tmp_path):
-    (tmp_path / "ridge.png").write_bytes(b"of an earlier posterior")
     names = {path.name for path in save_posterior_figures(drawn(), tmp_path)}
     assert names == {"corner.png", "belief.png", "trace.png", "profile.png", "band.png"}
     assert names == {path.name for path in tmp_path.iterdir()}
+
+
+def test_figures_of_an_earlier_posterior_are_removed(tmp_path):
+    for name in ("ridge.png", "profile.png", "other.png"):
+        (tmp_path / name).write_bytes(b"of an earlier posterior")
+    remove_stale_figures(tmp_path, [tmp_path / "new" / "profile.png"])
+    assert {path.name for path in tmp_path.iterdir()} == {"profile.png", "other.png"}
