@@ -32,14 +32,15 @@ def write_simulated_case(folder: Path, seed: int = 3) -> Path:
 
 
 def write_template_cases(folder: Path, names: str = "abc") -> None:
-    """Write cases of the template with three rows, which differ in one force."""
+    """Write cases of the template, which differ in the last force."""
     folder.mkdir(parents=True, exist_ok=True)
     for k, name in enumerate(names):
         _run("new", folder / name)
         file = folder / name / "recording.csv"
-        text = file.read_text()
-        assert "819.6" in text
-        file.write_text(text.replace("819.6", f"{815 + 2 * k}.6"))
+        *rows, last = file.read_text().splitlines()
+        time, pressure, length, force, *others = last.split(",")
+        cells = [time, pressure, length, f"{float(force) + 2 * k}", *others]
+        file.write_text("\n".join([*rows, ",".join(cells), ""]))
 
 
 def _run(*words: object) -> None:

@@ -29,7 +29,7 @@ def test_friction_is_named_in_the_report(diagnosed):
 def test_misfit_can_be_recomputed_from_the_files(diagnosed):
     document = json.loads((diagnosed / "diagnosis.json").read_text())["improvement"]["held_out"]["force"]
     predicted = pd.read_csv(diagnosed / "prediction.csv")
-    measured = pd.read_csv(diagnosed.parents[1] / "rubbed" / "recording.csv")["force [N]"]
+    measured = pd.read_csv(diagnosed.parents[1] / "rubbed" / "recording.csv", comment="#")["force [N]"]
     out = predicted["held_out"].to_numpy(bool)
     assert 0 < out.sum() < len(out)
     for when in ("before", "after"):

@@ -42,6 +42,6 @@ def test_a_form_error_adds_no_name(size):
 
 
 def test_without_form_errors_a_wrong_name_is_added():
-    exact = diagnose(change_form(define_rubber(12.0)), settings=DiagnosisSettings(max_form_share=0.0))
+    exact = diagnose(change_form(define_rubber(20.0)), settings=DiagnosisSettings(max_form_share=0.0))
     ids = {mechanism.id for mechanism in exact.named_mechanisms}
     assert ids > {"bladder_elasticity"}
