@@ -42,7 +42,7 @@ from pamjax.diagnosis.result import (
     build_parameter_estimate,
 )
 from pamjax.diagnosis.select.model_averaging import average_models
-from pamjax.diagnosis.select.neighbour_fits import fit_without_mechanism, fit_without_mechanisms
+from pamjax.diagnosis.select.neighbour_fits import fit_without_mechanism, refit_baseline
 from pamjax.diagnosis.select.selection import (
     Selection,
     drop_small_effects,
@@ -214,7 +214,8 @@ def _choose_mechanisms(
     if selection.named_mechanisms and is_unexplained:
         selection = reduce_certainty(selection, problem.settings)
     all_rows = np.ones(problem.n, dtype=bool)
-    baseline = fit_candidate(problem, all_rows, (), selection.baseline.estimate.values)
+    # The reported baseline is that of `fit`, which takes the noise as stated.
+    baseline = fit_candidate(problem, all_rows, (), selection.baseline.estimate.values, max_noise_ratio=1.0)
     model, form_errors = baseline, {}
     if selection.named_mechanisms:
         model = fit_noise_correlation(problem, _fit_selection(problem, selection, all_rows))
@@ -256,9 +257,9 @@ def _compare_with_templates(
         return selection, []
     # The same noise in all fits: its estimate differs between models with much misfit.
     fit = selection.model
-    smaller_fits = [fit_without_mechanisms(problem, fit)]
+    smaller_fits = [fit_without_mechanism(problem, fit, k) for k in range(len(fit.mechanisms))]
     if len(fit.mechanisms) > 1:
-        smaller_fits += [fit_without_mechanism(problem, fit, k) for k in range(len(fit.mechanisms))]
+        smaller_fits.append(refit_baseline(problem, fit))
     better = find_better_template(problem, templates, fit, smaller_fits)
     if better is None:
         return selection, []

@@ -33,7 +33,7 @@ from pamjax.diagnosis.refit.candidate_fit import (
     get_parameter_indices,
     switch_off_candidate,
 )
-from pamjax.diagnosis.refit.least_squares import evaluate_estimate, fit_parameters
+from pamjax.diagnosis.refit.least_squares import MapEstimate, evaluate_estimate, fit_parameters
 from pamjax.infer.form_errors.discrepancy import DiscrepancyNoise
 from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.records.blocks import Blocks
@@ -119,26 +119,13 @@ class BlockCrossValidation:
     @cached_property
     def explained_fraction(self) -> float:
         """Fraction of the misfit of left-out blocks that all mechanisms explain, 0 to 1."""
-        return self._compute_explained_fraction()
-
-    @cached_property
-    def predicted_share_by_mechanism(self) -> dict[str, float]:
-        """Share of the effect of each mechanism on χ² that it also has in left-out blocks, 0 to 1, by id."""
-        return {candidate.id: self._compute_predicted_share(candidate) for candidate in self.fit.mechanisms}
-
-    def _select_informed_blocks(self, removed_candidates: Sequence[Candidate]) -> np.ndarray:
-        """Return the mask of the blocks whose removed amplitudes the other blocks constrain."""
-        return np.all([self.is_informed[candidate.id] for candidate in removed_candidates], axis=0)
-
-    def _compute_explained_fraction(self) -> float:
         if not self.noise_splits:
             return 1.0
-        mechanisms = self.fit.mechanisms
+        informed_blocks = self._select_informed_blocks(self.fit.mechanisms)
         excess_with, excess_without = (
             np.array([block_fit.excess_chi2 for block_fit in fits])
-            for fits in (self.block_fits, self._build_reduced_model(mechanisms).fit_without_blocks())
+            for fits in (self.block_fits, self._baseline.block_fits)
         )
-        informed_blocks = self._select_informed_blocks(mechanisms)
         return _compute_explained_share(
             excess_with[informed_blocks].sum(),
             excess_without[informed_blocks].sum(),
@@ -146,17 +133,22 @@ class BlockCrossValidation:
             self.problem.settings.min_information_share,
         )
 
+    @cached_property
+    def predicted_share_by_mechanism(self) -> dict[str, float]:
+        """Share of the effect of each mechanism on χ² that it also has in left-out blocks, 0 to 1, by id."""
+        return {candidate.id: self._compute_predicted_share(candidate) for candidate in self.fit.mechanisms}
+
     def _compute_predicted_share(self, candidate: Candidate) -> float:
         if not self.noise_splits:
             return 1.0
-        reduced = self._build_reduced_model((candidate,))
+        reduced = self._baseline if len(self.fit.mechanisms) == 1 else self._remove_mechanisms((candidate,))
         left_out_reduction = np.array(
             [
                 without.excess_chi2 - fit.excess_chi2
-                for without, fit in zip(reduced.fit_without_blocks(), self.block_fits, strict=True)
+                for without, fit in zip(reduced.block_fits, self.block_fits, strict=True)
             ]
         )
-        fitted_reduction = reduced.fit_to_all_blocks() - self._evaluate_blocks()
+        fitted_reduction = reduced.compute_fitted_chi2() - self._compute_fitted_chi2()
         informed_blocks = self._select_informed_blocks((candidate,))
         return _compute_predicted_share(
             left_out_reduction[informed_blocks].sum(),
@@ -165,14 +157,20 @@ class BlockCrossValidation:
             self.problem.settings.min_information_share,
         )
 
-    def _evaluate_blocks(self) -> np.ndarray:
-        """Return χ² of each block for the fit to all blocks."""
-        values, free = self.fit.estimate.values, self.fit.estimate.free
-        return np.array(
-            [evaluate_estimate(self.problem, noise, free, values).chi2 for _, noise in self.noise_splits]
-        )
+    @cached_property
+    def _baseline(self) -> _ReducedModel:
+        """The model without any of its mechanisms."""
+        return self._remove_mechanisms(self.fit.mechanisms)
 
-    def _build_reduced_model(self, removed_candidates: Sequence[Candidate]) -> _ReducedModel:
+    def _select_informed_blocks(self, removed_candidates: Sequence[Candidate]) -> np.ndarray:
+        """Return the mask of the blocks whose removed amplitudes the other blocks constrain."""
+        return np.all([self.is_informed[candidate.id] for candidate in removed_candidates], axis=0)
+
+    def _compute_fitted_chi2(self) -> np.ndarray:
+        """Return χ² of each block for the fit to all blocks."""
+        return _compute_block_chi2(self.problem, self.noise_splits, self.fit.estimate)
+
+    def _remove_mechanisms(self, removed_candidates: Sequence[Candidate]) -> _ReducedModel:
         """Return the model without some mechanisms and their form errors, which could replace the effects."""
         removed_ids = {candidate.id for candidate in removed_candidates}
         values = self.fit.estimate.values
@@ -211,21 +209,29 @@ class _ReducedModel:
     noise_splits: list[tuple[NoiseModel, NoiseModel]]
     fixed_indices: list[set[int]]
 
-    def fit_without_blocks(self) -> list[_LeftOutBlock]:
-        """Return the results of the fits without each block."""
+    @cached_property
+    def block_fits(self) -> list[_LeftOutBlock]:
+        """The results of the fits without each block."""
         return _fit_without_blocks(
             self.problem, self.mechanisms, self.values, self.noise_splits, self.fixed_indices
         )
 
-    def fit_to_all_blocks(self) -> np.ndarray:
+    def compute_fitted_chi2(self) -> np.ndarray:
         """Return χ² of each block for a fit to all blocks."""
         free = get_free_indices(self.problem, self.mechanisms)
-        values = fit_parameters(
+        estimate = fit_parameters(
             self.problem, self.noise, free, self.values, 2 * self.problem.settings.rough_evaluations
-        ).values
-        return np.array(
-            [evaluate_estimate(self.problem, noise, free, values).chi2 for _, noise in self.noise_splits]
         )
+        return _compute_block_chi2(self.problem, self.noise_splits, estimate)
+
+
+def _compute_block_chi2(
+    problem: LibraryProblem, noise_splits: Sequence[tuple[NoiseModel, NoiseModel]], estimate: MapEstimate
+) -> np.ndarray:
+    """Return χ² of each block at an estimate."""
+    return np.array(
+        [evaluate_estimate(problem, noise, estimate.free, estimate.values).chi2 for _, noise in noise_splits]
+    )
 
 
 def _remove_form_errors(noise: NoiseModel, ids: set[str]) -> NoiseModel:

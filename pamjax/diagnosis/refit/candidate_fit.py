@@ -16,6 +16,9 @@ from pamjax.diagnosis.refit.least_squares import MapEstimate, fit_parameters
 from pamjax.infer.noise.autocorrelation import compute_variance_inflation
 from pamjax.infer.noise.noise_model import NoiseModel
 
+#: Refits, each with the noise of the residual before it.
+NOISE_ROUNDS = 2
+
 
 @dataclass(frozen=True, eq=False)
 class CandidateFit:
@@ -102,12 +105,21 @@ def fit_candidate(
     training_rows: np.ndarray,
     mechanisms: Sequence[Candidate],
     values: np.ndarray,
-    rounds: int = 2,
+    max_noise_ratio: float | None = None,
 ) -> CandidateFit:
-    """Refit the baseline with some candidates, with noise estimated from its own residual."""
+    """Refit the baseline with some candidates, with noise estimated from its own residual.
+
+    Args:
+        problem: the recording and the library.
+        training_rows: (n,) mask of the rows in use.
+        mechanisms: the candidates.
+        values: (p,) starting values, SI.
+        max_noise_ratio: largest plausible ratio of true and stated noise; the setting if omitted.
+    """
     free = get_free_indices(problem, mechanisms)
-    for _ in range(rounds):
-        noise = estimate_noise(problem, values, training_rows, problem.settings.max_noise_ratio)
+    ratio = problem.settings.max_noise_ratio if max_noise_ratio is None else max_noise_ratio
+    for _ in range(NOISE_ROUNDS):
+        noise = estimate_noise(problem, values, training_rows, ratio)
         estimate = fit_parameters(problem, noise, free, values)
         values = estimate.values
     return build_corrected_fit(problem, tuple(mechanisms), noise, estimate)

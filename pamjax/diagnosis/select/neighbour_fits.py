@@ -148,8 +148,8 @@ def fit_without_mechanism(problem: LibraryProblem, fit: CandidateFit, k: int) ->
     return _fit_without(problem, fit, [k])
 
 
-def fit_without_mechanisms(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
-    """Return the baseline of a model, refitted with the same noise."""
+def refit_baseline(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
+    """Return the baseline of a model, refitted with the noise of the model."""
     return _fit_without(problem, fit, range(len(fit.mechanisms)))
 
 

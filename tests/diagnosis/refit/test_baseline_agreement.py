@@ -20,7 +20,9 @@ from tests.diagnosis.bank import BankRecording, simulate_bank
 def test_fit_and_baseline_agree(definition):
     case = simulate_bank(definition).case
     problem = build_library_problem(case)
-    baseline = fit_candidate(problem, np.ones(problem.n, dtype=bool), (), problem.neutral)
+    baseline = fit_candidate(
+        problem, np.ones(problem.n, dtype=bool), (), problem.neutral, max_noise_ratio=1.0
+    )
     fitted = fit(case, starts=1, fold_count=2)
     assert (baseline.variance_inflation > 5) == (definition.effect_count > 0)
     compared = 0
