@@ -6,8 +6,8 @@ together explain this fraction of the misfit of the left-out blocks:
     1 − Σ excess with / Σ excess without,        excess = χ² − samples of the left-out block.
 
 Each mechanism alone reduces χ² in the left-out blocks, and in the same blocks after a fit to all of them. The
-ratio of both reductions is its predicted share. It depends little on misfit that other physics leaves. An
-imitator adapts to the blocks in the fit, so that its share is small.
+ratio of both reductions is its predicted share. It depends little on misfit that other physics leaves. Its
+share is small if a wrong mechanism only adapts to the blocks in the fit.
 
 A block is skipped for amplitudes that no other block constrains, because no fit without it can predict them.
 Shape parameters that only the left-out block determines stay at their estimates from all blocks. A baseline

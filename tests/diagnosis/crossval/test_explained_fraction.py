@@ -1,9 +1,16 @@
 """Share of the effect of a mechanism that left-out blocks confirm."""
 
+import numpy as np
 import pytest
 
 from pamjax.diagnosis.crossval.explained_fraction import BlockCrossValidation, _compute_predicted_share
-from tests.diagnosis.bank import BankRecording, diagnose_bank
+from pamjax.diagnosis.detect.score_test import compute_score_directions
+from pamjax.diagnosis.library.candidates import build_candidates
+from pamjax.diagnosis.library.library_problem import build_library_problem
+from pamjax.diagnosis.refit.candidate_fit import fit_candidate
+from pamjax.diagnosis.select.neighbour_fits import fit_with_candidate
+from pamjax.records.blocks import find_blocks
+from tests.diagnosis.bank import BankRecording, diagnose_bank, simulate_bank
 
 #: Smallest predicted share of a mechanism that is in the recording.
 MIN_TRUE_SHARE = 0.9
@@ -35,3 +42,22 @@ def test_misfit_of_other_physics_does_not_reduce_the_share():
     # The step of the zero is in no mechanism, so that a part of the left-out misfit remains.
     assert cross_validation.explained_fraction < MIN_TRUE_SHARE
     assert cross_validation.predicted_share_by_mechanism["bladder_elasticity"] > MIN_TRUE_SHARE
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("unmodelled", "imitator"), [("zero_step", "force_drift"), ("obstacle", "force_offset")]
+)
+def test_a_wrong_mechanism_has_a_small_share(unmodelled, imitator):
+    """Each explains misfit in its own fit. Some others, as a drift for an obstacle, also predict it."""
+    case = simulate_bank(BankRecording(unmodelled=unmodelled)).case
+    problem = build_library_problem(case)
+    rows = np.ones(problem.n, dtype=bool)
+    baseline = fit_candidate(problem, rows, (), problem.neutral)
+    candidates = [c for c in build_candidates(problem) if c.id == imitator]
+    directions = compute_score_directions(problem, baseline.noise, baseline.estimate, candidates)
+    best = max(directions, key=lambda direction: direction.chi2_reduction)
+    fit = fit_with_candidate(problem, baseline, best)
+    assert fit.estimate.chi2 < 0.8 * baseline.estimate.chi2
+    cross_validation = BlockCrossValidation.from_blocks(problem, find_blocks(case.recording), rows, fit)
+    assert cross_validation.predicted_share_by_mechanism[imitator] < 0.5
