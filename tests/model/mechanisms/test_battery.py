@@ -296,7 +296,8 @@ def check_that_work_is_lost(kind, kinds, seed, share):
     numbers = {k: float(v) for k, v in list_values(model).items() if k in names}
     bare = shown(np.array(list(numbers.values())), *path(seed))
     # Relaxation of the total force has no material model: it may gain work under changing pressure.
-    relaxed = {k: 0.0 for k in names if k.endswith((".start", ".give", "creep.force"))}
+    # Cyclic softening may give back what it stored at the start (test_mullins_softening.py).
+    relaxed = {k: 0.0 for k in names if k.endswith((".start", ".give", "creep.force", "softening.cyclic"))}
     numbers |= usual(model, kind, share) | relaxed
     outputs = shown(np.array(list(numbers.values())), *path(seed))
     lost = work(outputs, bare, *path(seed))
