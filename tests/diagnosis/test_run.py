@@ -19,6 +19,7 @@ from pamjax.diagnosis.result import save_diagnosis
 from pamjax.diagnosis.run import diagnose
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.records.blocks import Blocks
+from tests.diagnosis.bank import build_setup
 
 
 def test_region_contains_the_middle_of_the_weight():
@@ -52,7 +53,7 @@ def test_complete_blocks_inside_the_range_are_held_out(many, out):
 @pytest.mark.slow
 def test_padding_does_not_move_the_muscle_between_two_passes():
     """A program pads a recording with its last sample, and a settled muscle passes through the padding."""
-    envelope = inject_effects(0, np.random.default_rng(5))
+    envelope = inject_effects(0, np.random.default_rng(5), setup=build_setup())
     problem, last = build_library_problem(envelope.case), envelope.case.recording.n - 1
     rows = problem.dataset.rows
     assert rows.pressure.size > last + 1
@@ -76,11 +77,11 @@ def test_large_misfit_within_noise_is_not_significant(p_value):
 
 @cache
 def verdict(kind):
-    """Return the diagnosis of a simulated recording; recordings of this size share one program."""
+    """Return the diagnosis of a simulated recording, which shares the compiled program of `bank.py`."""
     many = {"nothing": 0, "friction": 1}[kind]
     rng = np.random.default_rng({"nothing": 5, "friction": 0}[kind])
     only = "braid_friction" if many else None
-    envelope = inject_effects(many, rng, only=only, smallest=6.0, largest=6.0)
+    envelope = inject_effects(many, rng, setup=build_setup(), only=only, smallest=6.0, largest=6.0)
     return envelope, diagnose(envelope.case)
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from pamjax import diagnose
 from pamjax.diagnosis.crossval.cross_validated import format_dropped_mechanisms
+from pamjax.diagnosis.crossval.explained_fraction import BlockCrossValidation
 from tests.agreement import SOLVED, agree
 from tests.diagnosis.bank import (
     BankRecording,
@@ -22,7 +23,12 @@ pytestmark = pytest.mark.slow
 #: Largest probability of a mechanism beside an unexplained misfit.
 MAX_PROBABILITY_BESIDE_MISFIT = 0.75
 
+#: Smallest predicted share of a mechanism that is in the recording.
+MIN_TRUE_SHARE = 0.9
+
 RUBBER = BankRecording(1, only="bladder_elasticity", smallest=12.0, largest=12.0)
+#: Weaker rubber beside a step of the force zero.
+RUBBER_AND_STEP = replace(RUBBER, smallest=5.0, largest=5.0, unmodelled="zero_step")
 
 
 def test_values_of_held_out_blocks_change_neither_the_names_nor_the_predictions():
@@ -56,12 +62,22 @@ def test_whole_isobars_inside_the_range_are_held_out():
 
 
 def test_a_mechanism_beside_an_unexplained_effect_has_half_of_its_certainty():
-    diagnosis = diagnose_bank(replace(RUBBER, unmodelled="zero_step"))
+    diagnosis = diagnose_bank(RUBBER_AND_STEP)
     assert diagnosis.unexplained
     assert list_missing(diagnosis, ["bladder_elasticity"]) == []
     assert all(m.probability <= MAX_PROBABILITY_BESIDE_MISFIT for m in diagnosis.named_mechanisms)
     # Without the other effect the mechanism is certain.
     assert diagnose_bank(RUBBER).named_mechanisms[0].probability > MAX_PROBABILITY_BESIDE_MISFIT
+
+
+def test_misfit_of_other_physics_does_not_reduce_the_share():
+    diagnosis = diagnose_bank(RUBBER_AND_STEP)
+    cross_validation = BlockCrossValidation.from_blocks(
+        diagnosis.problem, diagnosis.blocks, ~diagnosis.gain.held_out, diagnosis.selection.model
+    )
+    # The step of the zero is in no mechanism, so that a part of the left-out misfit remains.
+    assert cross_validation.explained_fraction < MIN_TRUE_SHARE
+    assert cross_validation.predicted_share_by_mechanism["bladder_elasticity"] > MIN_TRUE_SHARE
 
 
 def test_a_few_isobars_are_divided_into_cycles():

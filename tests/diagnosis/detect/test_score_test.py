@@ -5,15 +5,18 @@ import dataclasses
 import numpy as np
 import pytest
 
-from pamjax.benchmark.inject_effect import inject_effects
 from pamjax.diagnosis.detect.score_test import _fit_bounded_amplitudes, compute_score_directions
 from pamjax.diagnosis.library.candidates import build_candidates
 from pamjax.diagnosis.library.library_problem import build_library_problem
 from pamjax.diagnosis.refit.candidate_fit import fit_candidate, get_free_indices
 from pamjax.diagnosis.refit.least_squares import fit_parameters
 from tests.agreement import ROUNDING, agree
+from tests.diagnosis.bank import BankRecording, simulate_bank
 
 FREE = np.array([-np.inf, -np.inf]), np.array([np.inf, np.inf])
+
+#: A recording with noise alone, whose program other tests compile too.
+NOISE_ALONE = BankRecording(seed=5, correlation=0.0)
 
 
 @pytest.fixture
@@ -58,7 +61,7 @@ def test_form_without_effect_or_freedom_explains_nothing(directions):
 @pytest.mark.slow
 def test_parameter_at_its_limit_absorbs_no_further_misfit():
     """A gain error of 10 % of the load cell moves the turns to the limit of their prior."""
-    case = inject_effects(0, np.random.default_rng(5)).case
+    case = simulate_bank(NOISE_ALONE).case
     problem = build_library_problem(case)
     problem = dataclasses.replace(
         problem, measured=np.stack([1.1 * problem.measured[0], np.full(problem.n, np.nan)])
@@ -76,7 +79,7 @@ def test_parameter_at_its_limit_absorbs_no_further_misfit():
 
 @pytest.mark.slow
 def test_derivatives_without_memory_agree_with_two_passes():
-    problem = build_library_problem(inject_effects(0, np.random.default_rng(5)).case)
+    problem = build_library_problem(simulate_bank(NOISE_ALONE).case)
     heavy = problem.index("end_taper.share"), problem.index("end_taper.radius")
     places = [k for k in range(len(problem.names)) if k not in heavy]
     in_one_call = problem.jacobian(problem.neutral, places)
@@ -98,7 +101,7 @@ def test_derivatives_without_memory_agree_with_two_passes():
 
 def test_form_explains_misfit_that_the_baseline_parameters_absorbed():
     """A gain error of 1 % of the load cell shifts the turns within their prior."""
-    problem = build_library_problem(inject_effects(0, np.random.default_rng(5)).case)
+    problem = build_library_problem(simulate_bank(NOISE_ALONE).case)
     problem = dataclasses.replace(
         problem, measured=np.stack([1.01 * problem.measured[0], np.full(problem.n, np.nan)])
     )

@@ -20,6 +20,7 @@ from pamjax.diagnosis.refit.candidate_fit import fit_candidate, switch_on_candid
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.planning.discriminate import fit_baseline
 from tests.agreement import SOLVED, agree
+from tests.diagnosis.bank import build_setup
 
 
 def linear(rng, rows=60):
@@ -108,7 +109,8 @@ def test_cheapest_sufficient_protocol_is_chosen_else_the_most_powerful():
 
 def tied(name, rival):
     """Return a recording with a concealed effect, refitted with its mechanism and with a rival."""
-    envelope = inject_effects(1, np.random.default_rng(3), only=name, smallest=3.0, largest=4.0)
+    rng, setup = np.random.default_rng(3), build_setup()
+    envelope = inject_effects(1, rng, setup=setup, only=name, smallest=3.0, largest=4.0)
     problem = build_library_problem(envelope.case)
     used = np.ones(problem.n, bool)
     bare = fit_candidate(problem, used, (), problem.neutral)
@@ -125,7 +127,8 @@ def tied(name, rival):
 
 @pytest.mark.slow
 def test_form_at_its_limit_does_not_represent_its_mechanism():
-    envelope = inject_effects(1, np.random.default_rng(2), only="braid_locking", smallest=0.5, largest=2.0)
+    rng, setup = np.random.default_rng(2), build_setup()
+    envelope = inject_effects(1, rng, setup=setup, only="braid_locking", smallest=1.0, largest=2.0)
     problem = build_library_problem(envelope.case)
     baseline, offered = (
         fit_baseline(problem),

@@ -120,6 +120,7 @@ def test_correction_for_input_noise_is_limited():
     )
 
 
+@pytest.mark.slow
 def test_lag_of_a_muscle_agrees_with_the_mean_over_simulations():
     """A lag of half a sample averages the noise of two settings; only the force was read."""
     problem, rng = simulate_without_noise(), np.random.default_rng(1)
