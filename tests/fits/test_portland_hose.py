@@ -57,18 +57,21 @@ def scored_comparison(request, tmp_path_factory):
     return result, compare(case, [result])
 
 
+@pytest.mark.slow
 def test_misfit_of_the_bare_braid_exceeds_the_noise(scored_comparison):
     result, _ = scored_comparison
     assert result.cases[0].noise["force"].excess > 20
     assert "the model may lack a mechanism" in str(result)
 
 
+@pytest.mark.slow
 def test_formula_predicts_better_between_lengths(scored_comparison):
     _, comparison = scored_comparison
     assert comparison.best("in sample") == comparison.best(INNER) == SAROSI
     assert comparison.rmse(BRAID, INNER) > 1.5 * comparison.rmse(SAROSI, INNER)
 
 
+@pytest.mark.slow
 def test_misfit_is_not_due_to_the_priors(scored_comparison):
     """Gaylord's law is the same braid without priors; its misfit is also large."""
     _, comparison = scored_comparison
@@ -76,6 +79,7 @@ def test_misfit_is_not_due_to_the_priors(scored_comparison):
     assert comparison.rmse(GAYLORD, "in sample") > 4 * comparison.rmse(SAROSI, "in sample")
 
 
+@pytest.mark.slow
 def test_comparison_ignores_slack_rows(scored_comparison):
     result, comparison = scored_comparison
     force = result.cases[0].case.recording.force

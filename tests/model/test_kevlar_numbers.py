@@ -22,6 +22,8 @@ from pamjax.parameter import list_values, replace_values
 from tests.agreement import ROUNDING, agree
 from tests.model.mechanisms.typical import AREA, LENGTH, PRESSURE, THREAD, TURNS, full
 
+pytestmark = pytest.mark.slow
+
 LOW, HIGH = 137.895e3, PRESSURE
 
 #: Contractions at which a column may have been read. Free contraction is that of a latex bladder: at the
@@ -195,7 +197,6 @@ def assert_rounds(value, text):
     assert low - slip <= float(text) <= high + slip, f"got {value}, printed {text}"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("row", STATIC)
 def test_residuals_of_force_and_diameter(row):
     row_values = STATIC[row]

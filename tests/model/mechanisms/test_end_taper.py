@@ -139,6 +139,7 @@ def slopes(length, thread):
     return jax.vmap(jax.grad(by_table))(length), exact
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stretched", [1.0, 1.1, 1.3])
 def test_table_agrees_with_the_net(stretched):
     thread = THREAD * stretched
@@ -167,6 +168,7 @@ def test_stretched_threads_use_the_correct_table_entry():
     assert np.max(np.abs(forces - unstretched)) > 20.0
 
 
+@pytest.mark.slow
 def test_table_continues_as_a_cylinder():
     length = THREAD * jnp.linspace(0.2, 1.01, 12)
     by_table, _ = slopes(length, THREAD)
