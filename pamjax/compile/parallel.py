@@ -16,6 +16,11 @@ B = TypeVar("B")
 MAX_THREADS = 4
 
 
+#: Decorator: linear algebra in one thread. Matrices of some thousand rows and a few columns are decomposed in
+#: many small steps, and several threads wait for each other in each step: a QR takes ten times as long.
+use_one_blas_thread = threadpool_limits.wrap(limits=1, user_api="blas")
+
+
 def parallel_map(function: Callable[[A], B], items: Iterable[A]) -> list[B]:
     """Return the function's value for each item, in order, computed on several cores.
 

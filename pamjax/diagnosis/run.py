@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pamjax.compile.parallel import use_one_blas_thread
 from pamjax.diagnosis.crossval.cross_validated import (
     cross_validate_selection,
     format_dropped_mechanisms,
@@ -86,6 +87,7 @@ class _Choice:
     notes: list[str]
 
 
+@use_one_blas_thread
 def diagnose(
     case: Case | str | Path,
     *,

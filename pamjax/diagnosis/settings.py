@@ -254,7 +254,7 @@ class DiagnosisSettings:
         "Add small effects only if each explains more than this share of the misfit",
         "fewer small effects are identified")
     false_addition_probability: float = _select(0.01, "1", 1e-300, 1.0,
-        "Limit the probability that systematic misfit adds a small effect, over all candidates, to this",
+        "Limit the probability that misfit adds a small or masked effect, over all candidates, to this",
         "weaker small effects are identified, and more false ones")
     min_prior_p_value: float = _select(0.01, "1", 0.0, 1.0,
         "Drop small effects if the p-value of the baseline parameters under their priors is below this",

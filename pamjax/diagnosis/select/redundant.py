@@ -22,11 +22,11 @@ from pamjax.diagnosis.select.search import MechanismSearch
 def remove_redundant(search: MechanismSearch, fit: CandidateFit) -> CandidateFit:
     """Return the model without mechanisms that form errors of the others replace."""
     while len(fit.mechanisms) > 1:
-        cost = _compute_cost(search, fit)
+        cost = compute_cost(search, fit)
         reduced_fits = parallel_map(
             partial(fit_without_mechanism, search.problem, fit), range(len(fit.mechanisms))
         )
-        losses = np.array(parallel_map(partial(_compute_cost, search), reduced_fits)) - cost
+        losses = np.array(parallel_map(partial(compute_cost, search), reduced_fits)) - cost
         counts = [len(candidate.free_parameters) for candidate in fit.mechanisms]
         k = int(np.argmax(chi2.logsf(np.maximum(losses, 0.0), counts)))
         if is_reduction_significant(
@@ -37,7 +37,7 @@ def remove_redundant(search: MechanismSearch, fit: CandidateFit) -> CandidateFit
     return fit
 
 
-def _compute_cost(search: MechanismSearch, fit: CandidateFit) -> float:
+def compute_cost(search: MechanismSearch, fit: CandidateFit) -> float:
     """Return −2 ln L with the priors and the form errors, up to a constant."""
     tolerant_fit = add_form_errors(search.problem, fit)
     return tolerant_fit.corrected_chi2 + tolerant_fit.noise.log_determinant

@@ -197,19 +197,18 @@ def _add_candidates(
     while len(fit.mechanisms) < search.settings.max_mechanisms:
         search.progress("selecting mechanisms", 0.1 + 0.1 * len(fit.mechanisms))
         tolerant_fit = add_form_errors(search.problem, fit)
-        best = best or _fit_best_candidate(
-            search, tolerant_fit, search.score_candidates(tolerant_fit) if directions is None else directions
-        )
+        best = best or fit_best_candidate(search, tolerant_fit, directions)
         if best is None or not search.is_worthwhile(tolerant_fit, best, small):
             return fit, best
         fit, directions, best = _swap_mechanisms(search, search.refit(best)), None, None
     return fit, None
 
 
-def _fit_best_candidate(
-    search: MechanismSearch, fit: CandidateFit, directions: Sequence[ScoreDirection]
+def fit_best_candidate(
+    search: MechanismSearch, fit: CandidateFit, directions: Sequence[ScoreDirection] | None = None
 ) -> CandidateFit | None:
     """Return the model with the best further candidate, with the same noise; None if none is promising."""
+    directions = search.score_candidates(fit) if directions is None else directions
     shortlist = _list_promising(search, fit, directions)
     if not shortlist or search.is_exhausted(fit, shortlist[0]):
         return None

@@ -16,6 +16,7 @@ from pamjax.diagnosis.detect.score_test import compute_score_directions
 from pamjax.diagnosis.library.candidates import Candidate, build_candidates
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate, switch_off_candidate
+from pamjax.diagnosis.select.masked_effects import add_masked_effects
 from pamjax.diagnosis.select.neighbour_fits import (
     compute_rough_limit,
     fit_replacements,
@@ -93,9 +94,8 @@ def select_mechanisms(
     candidates = build_candidates(problem)
     baseline_directions = compute_score_directions(problem, baseline.noise, baseline.estimate, candidates)
     search = MechanismSearch(problem, training_rows, baseline, candidates, progress)
-    fit_before_small_effects = remove_redundant(
-        search, swap_pairs(search, search_mechanisms(search, baseline_directions))
-    )
+    fit = swap_pairs(search, search_mechanisms(search, baseline_directions))
+    fit_before_small_effects = add_masked_effects(search, remove_redundant(search, fit))
     fit = (
         fit_before_small_effects
         if leaves_only_noise(search, fit_before_small_effects)

@@ -44,7 +44,8 @@ class ThreadSlip(AbstractSlip):
         " descending order of pressure: bedding-in occurs in the first stroke only.",
         source="derived here; constructional stretch of ropes",
     )
-    form_error: ClassVar[FormError] = FormError((*list_powers("time", 8), "pressure", "length"))
+    # Not in pressure: a slip is one strain at every load. A strain that grows with the load is elastic.
+    form_error: ClassVar[FormError] = FormError(list_powers("time", 8))
 
     bedding: Scalar = parameter(
         "1", show="%", low=0.0, high=0.03, neutral=0.0, about="strain after complete bedding-in",

@@ -1,0 +1,72 @@
+"""Mechanisms whose effect the form error of another mechanism masks.
+
+A search adds a mechanism only if it explains what the form errors of the others leave. A form error of 10 %
+of a large effect can mask a gain error of 1 %. Here the form error of one mechanism at a time is removed, and
+the best candidate takes its place. Then all form errors are estimated again. The candidate stays if it is
+
+worthwhile    without that form error, as a small effect (`search.py`)
+more likely   the likelihood with all form errors is significantly larger with it, as in `redundant.py`
+complete      the residual is then only noise
+
+A wrong mechanism rarely passes. It fits the difference between an effect and its textbook equation only
+roughly, and the form error fits it closely.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+from pamjax.compile.parallel import parallel_map
+from pamjax.diagnosis.form_errors.fit import FormErrorFit, add_form_errors
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit
+from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.diagnosis.select.neighbour_fits import is_reduction_significant
+from pamjax.diagnosis.select.pair_swap import leaves_only_noise
+from pamjax.diagnosis.select.redundant import compute_cost
+from pamjax.diagnosis.select.search import MechanismSearch, fit_best_candidate
+from pamjax.infer.form_errors.discrepancy import DiscrepancyNoise
+
+
+def add_masked_effects(search: MechanismSearch, fit: CandidateFit) -> CandidateFit:
+    """Return the model with the mechanisms that form errors of the others mask."""
+    while len(fit.mechanisms) < search.settings.max_mechanisms:
+        extended_fits = parallel_map(partial(_extend, search, fit), _remove_form_errors(search, fit))
+        better = [extended_fit for extended_fit in extended_fits if extended_fit is not None]
+        if not better:
+            break
+        fit = min(better, key=lambda extended_fit: compute_cost(search, extended_fit))
+    return fit
+
+
+def _remove_form_errors(search: MechanismSearch, fit: CandidateFit) -> list[CandidateFit]:
+    """Return the model without the form error of each mechanism that has one, refitted."""
+    tolerant_fit = add_form_errors(search.problem, fit)
+    if not isinstance(tolerant_fit, FormErrorFit):
+        return []
+    return [
+        _remove_form_error(search, tolerant_fit, id) for id, share in tolerant_fit.shares.items() if share > 0
+    ]
+
+
+def _remove_form_error(search: MechanismSearch, fit: FormErrorFit, id: str) -> CandidateFit:
+    assert isinstance(fit.noise, DiscrepancyNoise)
+    noise = fit.noise.remove_columns([id])
+    estimate = fit_parameters(
+        search.problem, noise, fit.estimate.free, fit.estimate.values, search.settings.rough_evaluations
+    )
+    return CandidateFit(fit.mechanisms, noise, estimate, fit.input_noise_chi2)
+
+
+def _extend(search: MechanismSearch, fit: CandidateFit, reduced_fit: CandidateFit) -> CandidateFit | None:
+    """Return the fit with the best candidate in the place of a form error; None if it is not better."""
+    extended_fit = fit_best_candidate(search, reduced_fit)
+    if extended_fit is None or not search.is_worthwhile(reduced_fit, extended_fit, small=True):
+        return None
+    new_fit = search.refit(extended_fit)
+    is_more_likely = is_reduction_significant(
+        compute_cost(search, fit) - compute_cost(search, new_fit),
+        len(new_fit.mechanisms[-1].free_parameters),
+        len(search.candidates),
+        search.settings.false_addition_probability,
+    )
+    return new_fit if is_more_likely and leaves_only_noise(search, new_fit) else None
