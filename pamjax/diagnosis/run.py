@@ -12,7 +12,6 @@ from pamjax.compile.parallel import use_one_blas_thread
 from pamjax.diagnosis.crossval.cross_validated import (
     cross_validate_selection,
     format_dropped_mechanisms,
-    reduce_certainty,
 )
 from pamjax.diagnosis.crossval.gain import compute_gain, select_held_out_rows
 from pamjax.diagnosis.detect.locate import locate_effects, locate_residual
@@ -47,6 +46,8 @@ from pamjax.diagnosis.select.neighbour_fits import fit_without_mechanism, refit_
 from pamjax.diagnosis.select.selection import (
     Selection,
     drop_small_effects,
+    format_masked_mechanisms,
+    reduce_certainty,
     restrict_selection,
     select_mechanisms,
 )
@@ -214,7 +215,9 @@ def _choose_mechanisms(
             or is_residual_significant(mismatch, residual_test, problem.settings)
         )
     if selection.named_mechanisms and is_unexplained:
-        selection = reduce_certainty(selection, problem.settings)
+        names = selection.named_mechanisms
+        ids = {name.id for name in names}
+        selection = replace(selection, named_mechanisms=reduce_certainty(names, problem.settings, ids))
     all_rows = np.ones(problem.n, dtype=bool)
     # The reported baseline is that of `fit`, which takes the noise as stated.
     baseline = fit_candidate(problem, all_rows, (), selection.baseline.estimate.values, max_noise_ratio=1.0)
@@ -237,6 +240,7 @@ def _choose_mechanisms(
         notes=[
             *replaced,
             *format_dropped_mechanisms(selection_before, selection),
+            *format_masked_mechanisms(selection),
         ],
     )
 

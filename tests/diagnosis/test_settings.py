@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import pamjax
-from pamjax.diagnosis.crossval.cross_validated import reduce_certainty
 from pamjax.diagnosis.crossval.explained_fraction import _compute_explained_share
 from pamjax.diagnosis.crossval.gain import select_held_out_rows
 from pamjax.diagnosis.detect.locate import _find_direction
@@ -22,7 +21,7 @@ from pamjax.diagnosis.library.library_problem import _compute_limits
 from pamjax.diagnosis.next_experiment.experiment import Experiment, choose_experiment
 from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit
 from pamjax.diagnosis.select.search import MechanismSearch
-from pamjax.diagnosis.select.selection import NamedMechanism, Selection
+from pamjax.diagnosis.select.selection import NamedMechanism, reduce_certainty
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings, describe_settings
 from pamjax.errors import BadInput
 from pamjax.infer.noise.estimate import _build_channel_noise
@@ -187,9 +186,10 @@ def is_pair_worthwhile(settings):
 
 
 def reduce_probability(settings):
-    empty: Any = None
-    selection = Selection(empty, empty, (NamedMechanism("end_taper", 0.9, (), 1.0),))
-    return round(reduce_certainty(selection, settings).named_mechanisms[0].probability, 3)
+    names = NamedMechanism("end_taper", 0.9, (), 1.0), NamedMechanism("end_cones", 0.9, (), 1.0)
+    probabilities = {m.id: m.probability for m in reduce_certainty(names, settings, {"end_taper"})}
+    assert probabilities["end_cones"] == 0.9
+    return round(probabilities["end_taper"], 3)
 
 
 def count_held_out(settings):

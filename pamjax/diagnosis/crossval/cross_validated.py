@@ -28,10 +28,8 @@ from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.select.selection import (
     Selection,
-    rank_mechanisms,
     restrict_selection,
 )
-from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.infer.fitting.identifiability import format_list
 from pamjax.records.blocks import Blocks
 
@@ -60,16 +58,6 @@ def cross_validate_selection(
         restrict_selection(problem, training_rows, selection, remaining),
         not cross_validation.fails_out_of_sample,
     )
-
-
-def reduce_certainty(selection: Selection, settings: DiagnosisSettings) -> Selection:
-    """Return the selection with probabilities closer to `established_probability`."""
-    limit, share = settings.established_probability, settings.unexplained_certainty_share
-    new_mechanisms = [
-        replace(mechanism, probability=limit + share * (mechanism.probability - limit))
-        for mechanism in selection.named_mechanisms
-    ]
-    return replace(selection, named_mechanisms=rank_mechanisms(new_mechanisms))
 
 
 def format_dropped_mechanisms(before: Selection, after: Selection) -> list[str]:

@@ -214,19 +214,10 @@ def _build_viscoelastic_creep(scales: RecordingScales) -> list[Candidate]:
 
 
 def _build_mullins_softening(scales: RecordingScales) -> list[Candidate]:
-    at_once = [
+    return [
         Candidate("mullins_softening", ("mullins_softening.modulus",), {"mullins_softening.width": width})
         for width in (0.08, 0.3)
     ]
-    over_cycles = [
-        Candidate(
-            "mullins_softening",
-            ("mullins_softening.cyclic",),
-            {"mullins_softening.travel": max(share * scales.invariant_travel, 0.02)},
-        )
-        for share in (0.1, 0.4)
-    ]
-    return at_once + over_cycles
 
 
 def _build_thread_slip(scales: RecordingScales) -> list[Candidate]:

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
 
 from pamjax.diagnosis.library.library_problem import COMPLIANCE_PARAMETER, LibraryProblem
 from pamjax.diagnosis.settings import DiagnosisSettings
-from pamjax.model import wall
-from pamjax.model.mechanisms.mullins_softening import MullinsSoftening
-from pamjax.model.state import Cylinder
 
 #: 90 % quantile of the standard normal distribution.
 NORMAL_QUANTILE_90 = 1.28
@@ -34,7 +30,6 @@ class RecordingScales:
         thread_width: total width of all threads side by side, m.
         rest_angle_cosine: cosine of the braid angle at rest length.
         rest_length: rest length, m.
-        invariant_travel: sum of all changes of I1 − 3 of the bladder's wall.
         isometric: whether fewer than 20 % of the steps change the length.
         speed_ratio: ratio of fast to slow strokes.
         speed: geometric mean of the speeds of fast and slow strokes, m/s.
@@ -55,7 +50,6 @@ class RecordingScales:
     thread_width: float
     rest_angle_cosine: float
     rest_length: float
-    invariant_travel: float
     isometric: bool
     speed_ratio: float
     speed: float
@@ -85,7 +79,6 @@ class RecordingScales:
             fitting_bore=_compute_fitting_bore(problem),
             stated_compliance_sd=_compute_stated_compliance(problem),
             rest_length=problem.case.entry.rest_length.value,
-            invariant_travel=_compute_invariant_travel(problem, length),
             rest_angle_cosine=float(
                 np.sqrt(max(1 - (problem.case.entry.rest_length.value / thread) ** 2, 1e-3))
             ),
@@ -118,18 +111,6 @@ def _compute_fitting_bore(problem: LibraryProblem) -> float:
     thread, turns = entry.braid
     outer_diameter = np.sqrt(max(thread**2 - entry.rest_length.value**2, 0.0)) / (np.pi * turns)
     return float(outer_diameter - 2 * problem.start[problem.index("bladder_elasticity.thickness")])
-
-
-def _compute_invariant_travel(problem: LibraryProblem, length: np.ndarray) -> float:
-    """Return the sum of all changes of I1 − 3 of a wall in contact with a braid of stiff threads."""
-    thread, turns = problem.case.entry.braid
-    size = {
-        name: problem.start[problem.index(f"mullins_softening.{name}")]
-        for name in ("inner_diameter", "thickness", "length")
-    }
-    state = Cylinder()(jnp.asarray(length), jnp.full(length.shape, thread), jnp.full(length.shape, turns))
-    invariant = wall.first_invariant(wall.stretch(MullinsSoftening(**size), state))
-    return float(np.abs(np.diff(np.asarray(invariant))).sum())
 
 
 def _compute_stated_compliance(problem: LibraryProblem) -> float:

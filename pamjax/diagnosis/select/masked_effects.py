@@ -4,12 +4,13 @@ A search adds a mechanism only if it explains what the form errors of the others
 of a large effect can mask a gain error of 1 %. Here the form error of one mechanism at a time is removed, and
 the best candidate takes its place. Then all form errors are estimated again. The candidate stays if it is
 
-worthwhile    without that form error, as a small effect (`search.py`)
+worthwhile    without that form error, which leaves more than noise, as a small effect (`search.py`)
 more likely   the likelihood with all form errors is significantly larger with it, as in `redundant.py`
 complete      the residual is then only noise
 
 A wrong mechanism rarely passes. It fits the difference between an effect and its textbook equation only
-roughly, and the form error fits it closely.
+roughly, and the form error fits it closely. In a short recording the difference can be as small as the noise.
+Therefore the certainty of such a mechanism is halved (setting `unexplained_certainty_share`).
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from pamjax.diagnosis.form_errors.fit import FormErrorFit, add_form_errors
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import fit_parameters
 from pamjax.diagnosis.select.neighbour_fits import is_reduction_significant
-from pamjax.diagnosis.select.pair_swap import leaves_only_noise
+from pamjax.diagnosis.select.pair_swap import is_excess_noise, leaves_only_noise
 from pamjax.diagnosis.select.redundant import compute_cost
 from pamjax.diagnosis.select.search import MechanismSearch, fit_best_candidate
 from pamjax.infer.form_errors.discrepancy import DiscrepancyNoise
@@ -43,9 +44,10 @@ def _remove_form_errors(search: MechanismSearch, fit: CandidateFit) -> list[Cand
     tolerant_fit = add_form_errors(search.problem, fit)
     if not isinstance(tolerant_fit, FormErrorFit):
         return []
-    return [
+    reduced_fits = [
         _remove_form_error(search, tolerant_fit, id) for id, share in tolerant_fit.shares.items() if share > 0
     ]
+    return [fit for fit in reduced_fits if not is_excess_noise(search, fit)]
 
 
 def _remove_form_error(search: MechanismSearch, fit: FormErrorFit, id: str) -> CandidateFit:

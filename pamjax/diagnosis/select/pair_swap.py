@@ -119,8 +119,13 @@ def _finish_search(search: MechanismSearch, rough_fit: CandidateFit) -> Candidat
 
 def leaves_only_noise(search: MechanismSearch, fit: CandidateFit) -> bool:
     """Return whether the excess χ² beyond form errors is that of noise, or too small for an effect."""
+    return is_excess_noise(search, add_form_errors(search.problem, fit))
+
+
+def is_excess_noise(search: MechanismSearch, fit: CandidateFit) -> bool:
+    """Return whether the excess χ² of a fit is that of noise, or too small for an effect."""
     n = fit.noise.size
-    return add_form_errors(search.problem, fit).excess_chi2 < max(
+    return fit.excess_chi2 < max(
         search.settings.min_effect_rms**2 * n, search.settings.max_noise_chi2_sd * np.sqrt(2 * n)
     )
 

@@ -6,7 +6,7 @@ reduces the probability.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -27,6 +27,7 @@ from pamjax.diagnosis.select.pair_swap import leaves_only_noise, swap_pairs
 from pamjax.diagnosis.select.redundant import remove_redundant
 from pamjax.diagnosis.select.search import MechanismSearch, search_mechanisms
 from pamjax.diagnosis.select.small_effects import add_small_effects
+from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.progress import Progress, ignore_progress
 
 
@@ -63,6 +64,7 @@ class Selection:
         named_mechanisms: these mechanisms, most probable first.
         weighted_values: (p,) values of the fit with misfit weights, SI; None without such a fit.
         fit_before_small_effects: the fit without small effects; None if there are none.
+        masked_ids: ids of the mechanisms that a form error of another one masked.
     """
 
     baseline: CandidateFit
@@ -70,6 +72,7 @@ class Selection:
     named_mechanisms: tuple[NamedMechanism, ...]
     weighted_values: np.ndarray | None = None
     fit_before_small_effects: CandidateFit | None = None
+    masked_ids: frozenset[str] = frozenset()
 
     @property
     def start_values(self) -> np.ndarray:
@@ -94,17 +97,20 @@ def select_mechanisms(
     candidates = build_candidates(problem)
     baseline_directions = compute_score_directions(problem, baseline.noise, baseline.estimate, candidates)
     search = MechanismSearch(problem, training_rows, baseline, candidates, progress)
-    fit = swap_pairs(search, search_mechanisms(search, baseline_directions))
-    fit_before_small_effects = add_masked_effects(search, remove_redundant(search, fit))
+    found_fit = remove_redundant(search, swap_pairs(search, search_mechanisms(search, baseline_directions)))
+    fit_before_small_effects = add_masked_effects(search, found_fit)
+    masked_ids = frozenset(fit_before_small_effects.ids) - frozenset(found_fit.ids)
     fit = (
         fit_before_small_effects
         if leaves_only_noise(search, fit_before_small_effects)
         else add_small_effects(problem, fit_before_small_effects, candidates, progress)
     )
     progress("comparing alternatives", 0.75)
-    named_mechanisms = assess_mechanisms(problem, fit, candidates)
+    named_mechanisms = reduce_certainty(
+        assess_mechanisms(problem, fit, candidates), problem.settings, masked_ids
+    )
     if fit is fit_before_small_effects:
-        return Selection(baseline, fit, named_mechanisms)
+        return Selection(baseline, fit, named_mechanisms, masked_ids=masked_ids)
     # The residual is tested with the noise of the recording, without misfit weights.
     weighted_values = fit.estimate.values
     return Selection(
@@ -113,16 +119,30 @@ def select_mechanisms(
         named_mechanisms,
         weighted_values,
         fit_before_small_effects,
+        masked_ids,
     )
 
 
 def drop_small_effects(problem: LibraryProblem, selection: Selection) -> Selection:
     """Return the selection without small effects."""
-    assert selection.fit_before_small_effects is not None
-    return Selection(
-        selection.baseline,
-        selection.fit_before_small_effects,
-        assess_mechanisms(problem, selection.fit_before_small_effects),
+    fit = selection.fit_before_small_effects
+    assert fit is not None
+    names = reduce_certainty(assess_mechanisms(problem, fit), problem.settings, selection.masked_ids)
+    return Selection(selection.baseline, fit, names, masked_ids=selection.masked_ids)
+
+
+def reduce_certainty(
+    named_mechanisms: Sequence[NamedMechanism], settings: DiagnosisSettings, ids: Container[str]
+) -> tuple[NamedMechanism, ...]:
+    """Return mechanisms; those with some ids have probabilities closer to `established_probability`."""
+    limit, share = settings.established_probability, settings.unexplained_certainty_share
+    return rank_mechanisms(
+        [
+            replace(mechanism, probability=limit + share * (mechanism.probability - limit))
+            if mechanism.id in ids
+            else mechanism
+            for mechanism in named_mechanisms
+        ]
     )
 
 
@@ -210,3 +230,12 @@ def _assess_mechanism(problem, fit: CandidateFit, k: int, candidates) -> NamedMe
         candidate.id, probability, tuple(indistinguishable), float(chi2_increase), bic_increase,
         alternatives=alternatives,
     )  # fmt: skip
+
+
+def format_masked_mechanisms(selection: Selection) -> list[str]:
+    """Return a note on each named mechanism that a form error can replace."""
+    return [
+        f"`{mechanism.id}` takes the place of a form error of another mechanism: its certainty is halved."
+        for mechanism in selection.named_mechanisms
+        if mechanism.id in selection.masked_ids
+    ]
