@@ -16,8 +16,8 @@ B = TypeVar("B")
 MAX_THREADS = 4
 
 
-#: Decorator: linear algebra in one thread. Matrices of some thousand rows and a few columns are decomposed in
-#: many small steps, and several threads wait for each other in each step: a QR takes ten times as long.
+#: Decorator: linear algebra in one thread. A QR of some thousand rows and a few columns has many small steps.
+#: Several threads wait for each other in each step, and take four times as long.
 use_one_blas_thread = threadpool_limits.wrap(limits=1, user_api="blas")
 
 

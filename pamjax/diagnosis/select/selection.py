@@ -64,7 +64,7 @@ class Selection:
         named_mechanisms: these mechanisms, most probable first.
         weighted_values: (p,) values of the fit with misfit weights, SI; None without such a fit.
         fit_before_small_effects: the fit without small effects; None if there are none.
-        masked_ids: ids of the mechanisms that a form error of another one masked.
+        masked_ids: ids of the mechanisms whose effect a form error of another one can explain.
     """
 
     baseline: CandidateFit
@@ -97,9 +97,11 @@ def select_mechanisms(
     candidates = build_candidates(problem)
     baseline_directions = compute_score_directions(problem, baseline.noise, baseline.estimate, candidates)
     search = MechanismSearch(problem, training_rows, baseline, candidates, progress)
-    found_fit = remove_redundant(search, swap_pairs(search, search_mechanisms(search, baseline_directions)))
-    fit_before_small_effects = add_masked_effects(search, found_fit)
-    masked_ids = frozenset(fit_before_small_effects.ids) - frozenset(found_fit.ids)
+    unmasked_fit = remove_redundant(
+        search, swap_pairs(search, search_mechanisms(search, baseline_directions))
+    )
+    fit_before_small_effects = add_masked_effects(search, unmasked_fit)
+    masked_ids = frozenset(fit_before_small_effects.ids) - frozenset(unmasked_fit.ids)
     fit = (
         fit_before_small_effects
         if leaves_only_noise(search, fit_before_small_effects)
@@ -233,9 +235,10 @@ def _assess_mechanism(problem, fit: CandidateFit, k: int, candidates) -> NamedMe
 
 
 def format_masked_mechanisms(selection: Selection) -> list[str]:
-    """Return a note on each named mechanism that a form error can replace."""
+    """Return a note on each named mechanism that a form error can explain."""
     return [
-        f"`{mechanism.id}` takes the place of a form error of another mechanism: its certainty is halved."
+        f"A form error of another mechanism can also explain the effect of `{mechanism.id}`:"
+        " its certainty is halved."
         for mechanism in selection.named_mechanisms
         if mechanism.id in selection.masked_ids
     ]

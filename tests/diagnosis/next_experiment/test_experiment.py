@@ -127,8 +127,7 @@ def tied(name, rival):
 
 @pytest.mark.slow
 def test_form_at_its_limit_does_not_represent_its_mechanism():
-    rng, setup = np.random.default_rng(2), build_setup()
-    envelope = inject_effects(1, rng, setup=setup, only="braid_locking", smallest=1.0, largest=2.0)
+    envelope = inject_effects(1, np.random.default_rng(2), only="braid_locking", smallest=0.5, largest=2.0)
     problem = build_library_problem(envelope.case)
     baseline, offered = (
         fit_baseline(problem),
