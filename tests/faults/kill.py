@@ -215,14 +215,20 @@ class KillTrial:
 
     def _describe_folder(self) -> frozenset[tuple[str, int]]:
         """Return the names and sizes of all files, temporary ones included."""
-        entries = []
-        for root, _, names in os.walk(self.work / "out"):
-            for name in names:
-                # A file may disappear between the two calls.
-                path = os.path.join(root, name)
-                size = os.path.getsize(path) if os.path.exists(path) else -1
-                entries.append((path, size))
-        return frozenset(entries)
+        paths = (
+            os.path.join(root, name)
+            for root, _, names in os.walk(self.work / "out")
+            for name in names
+        )  # fmt: skip
+        return frozenset((path, _measure_size(path)) for path in paths)
+
+
+def _measure_size(path: str) -> int:
+    """Return the size of a file in bytes, or -1 if it has disappeared since it was listed."""
+    try:
+        return os.path.getsize(path)
+    except FileNotFoundError:
+        return -1
 
 
 def main() -> None:

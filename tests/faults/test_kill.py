@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tests.faults.kill import COMMANDS, KillTrial, Moment, list_figures, run_trials
+from tests.faults.kill import COMMANDS, KillTrial, Moment, _measure_size, list_figures, run_trials
 from tests.faults.read_back import (
     find_differences,
     find_incomplete_files,
@@ -73,6 +73,12 @@ def test_run_that_ended_before_the_kill_is_not_counted(tmp_path):
     process = trial._start()
     process.send_signal(signal.SIGKILL)
     assert trial._kill_at(process, Moment(60.0))
+
+
+def test_file_that_disappears_while_the_folder_is_listed_has_no_size(tmp_path):
+    (tmp_path / "a.json").write_text("[1]")
+    assert _measure_size(str(tmp_path / "a.json")) == 3
+    assert _measure_size(str(tmp_path / "gone.json")) == -1
 
 
 def test_error_of_a_resumed_run_is_a_difference(tmp_path):
