@@ -36,6 +36,10 @@ from pamjax.infer.noise.sensor_noise import compute_sensitivities
 INPUT_NOISE_DRAWS, INPUT_NOISE_SEED = 4, 7
 
 
+#: Mechanisms whose effect depends on the inputs of other samples. Drift is a function of time alone.
+_MECHANISMS_MIXING_SAMPLES = MECHANISMS_NEEDING_TIME - {"force_drift"}
+
+
 def compute_input_noise_chi2(
     problem: LibraryProblem, whiten: Callable[[np.ndarray], np.ndarray], values: np.ndarray
 ) -> float:
@@ -50,17 +54,36 @@ def compute_input_noise_chi2(
         zero without an active mechanism with memory or without stated input noise; negative for a model that
         averages; at most `problem.settings.max_input_noise_chi2_share` of the samples.
     """
-    differences = propagate_input_noise(problem, values)
-    if differences is None:
-        return 0.0
+    return compute_input_noise_chi2_and_gradient(problem, whiten, values, ())[0]
+
+
+def compute_input_noise_chi2_and_gradient(
+    problem: LibraryProblem, whiten: Callable[[np.ndarray], np.ndarray], values: np.ndarray, indices
+) -> tuple[float, np.ndarray]:
+    """Return `compute_input_noise_chi2` and its gradient by some parameters, (k,), SI.
+
+    The gradient is zero for parameters of the muscle without memory: they change both terms alike.
+    """
+    gradient = np.zeros(len(indices))
+    perturbed_problems = build_perturbed_problems(problem, values)
+    if not perturbed_problems:
+        return 0.0, gradient
+    positions = np.flatnonzero([_mixes_samples(problem.names[k]) for k in indices])
+    own_indices = [indices[position] for position in positions]
+    prediction, jacobian = problem.jacobian(values, own_indices)
     total, size = 0.0, 0
-    for difference, static in zip(differences, _propagate_without_memory(problem, values), strict=True):
-        with_memory, without_memory = whiten(difference), whiten(np.nan_to_num(static))
-        total, size = (
-            total + float(with_memory @ with_memory - without_memory @ without_memory),
-            with_memory.size,
-        )
-    return min(total / INPUT_NOISE_DRAWS, problem.settings.max_input_noise_chi2_share * size)
+    statics = _propagate_without_memory(problem, values)
+    for perturbed_problem, static in zip(perturbed_problems, statics, strict=True):
+        perturbed_prediction, perturbed_jacobian = perturbed_problem.jacobian(values, own_indices)
+        with_memory = whiten(np.nan_to_num(perturbed_prediction - prediction))
+        without_memory = whiten(np.nan_to_num(static))
+        total += float(with_memory @ with_memory - without_memory @ without_memory)
+        size = with_memory.size
+        if own_indices:
+            slope = whiten(np.nan_to_num(perturbed_jacobian - jacobian))
+            gradient[positions] += 2 * slope @ with_memory / INPUT_NOISE_DRAWS
+    limit = problem.settings.max_input_noise_chi2_share * size
+    return min(total / INPUT_NOISE_DRAWS, limit), gradient
 
 
 def _propagate_without_memory(problem: LibraryProblem, values: np.ndarray) -> list[np.ndarray]:
@@ -68,8 +91,7 @@ def _propagate_without_memory(problem: LibraryProblem, values: np.ndarray) -> li
     draws = sample_input_noise(problem)
     if problem.case.recording.measures_length:
         # The length at a set force depends on its input through the memories only.
-        names = problem.names
-        has_memory = np.array([n.partition(".")[0] in MECHANISMS_NEEDING_TIME for n in names])
+        has_memory = np.array([_mixes_samples(name) for name in problem.names])
         static_values = np.where(has_memory & problem.is_switch, problem.neutral, values)
         prediction = problem.predict(static_values)
         return [_perturb_problem(problem, *draw).predict(static_values) - prediction for draw in draws]
@@ -97,22 +119,6 @@ def build_perturbed_problems(problem: LibraryProblem, values: np.ndarray) -> lis
     return [_perturb_problem(problem, *draw) for draw in sample_input_noise(problem)]
 
 
-def compute_input_noise_gradient(
-    problem: LibraryProblem, whiten: Callable[[np.ndarray], np.ndarray], values, indices
-) -> np.ndarray:
-    """Return the gradient of `compute_input_noise_chi2`, (k,), SI, without the term of f_0."""
-    prediction, jacobian = problem.jacobian(values, indices)
-    total = np.zeros(len(indices))
-    for draw in sample_input_noise(problem):
-        perturbed_prediction, perturbed_jacobian = _perturb_problem(problem, *draw).jacobian(values, indices)
-        whitened_difference, whitened_jacobian = (
-            whiten(np.nan_to_num(perturbed_prediction - prediction)),
-            whiten(np.nan_to_num(perturbed_jacobian - jacobian)),
-        )
-        total += 2 * whitened_jacobian @ whitened_difference
-    return total / INPUT_NOISE_DRAWS
-
-
 def sample_input_noise(problem: LibraryProblem) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return the draws of pressure and length noise, (n,) each, SI."""
     pressure, length = _get_input_noise_sd(problem)
@@ -130,9 +136,14 @@ def _get_input_noise_sd(problem: LibraryProblem) -> tuple[float, float]:
     return sensors.pressure or 0.0, 0.0 if sensors.length_per_setting else sensors.length or 0.0
 
 
+def _mixes_samples(parameter: str) -> bool:
+    """Return whether a parameter belongs to a mechanism that depends on the inputs of other samples."""
+    return parameter.partition(".")[0] in _MECHANISMS_MIXING_SAMPLES
+
+
 def _has_memory(problem: LibraryProblem, values: np.ndarray) -> bool:
-    """Return whether a mechanism that depends on other samples is switched on."""
-    return bool(MECHANISMS_NEEDING_TIME & problem.active(values)) and problem.case.recording.has_time
+    """Return whether a mechanism that depends on the inputs of other samples is switched on."""
+    return bool(_MECHANISMS_MIXING_SAMPLES & problem.active(values)) and problem.case.recording.has_time
 
 
 def _perturb_problem(problem: LibraryProblem, pressure: np.ndarray, length: np.ndarray) -> LibraryProblem:

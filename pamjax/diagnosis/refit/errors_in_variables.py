@@ -6,7 +6,7 @@ C − p:
 
     δ = −(JᵀJ + Λ)⁻¹ (½ ∇C − ½ ∇p),
 
-J the whitened derivatives, Λ the information of the priors. The steps end when C − p no longer decreases.
+J the whitened derivatives, Λ the information of the priors. The steps end when C − p hardly decreases.
 
 The remaining bias is counted as uncertainty. It is estimated as the shift of the parameters when the same
 noise is added once more, on average over draws (`estimate_input_noise_bias`):
@@ -24,8 +24,7 @@ import numpy as np
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.noise.input_noise import (
     build_perturbed_problems,
-    compute_input_noise_chi2,
-    compute_input_noise_gradient,
+    compute_input_noise_chi2_and_gradient,
 )
 from pamjax.diagnosis.refit.least_squares import (
     MapEstimate,
@@ -34,6 +33,9 @@ from pamjax.diagnosis.refit.least_squares import (
     transform_to_coordinates,
 )
 from pamjax.infer.noise.noise_model import NoiseModel
+
+#: The steps end when the cost decreases by less than this (χ²): it changes no comparison of models.
+MIN_COST_DECREASE = 1.0
 
 
 def correct_input_noise_bias(
@@ -46,20 +48,27 @@ def correct_input_noise_bias(
         noise: noise model of the fit.
         estimate: the estimate before the correction.
     """
-    input_noise_chi2 = compute_input_noise_chi2(problem, noise.whiten, estimate.values)
+    chi2, gradient = compute_input_noise_chi2_and_gradient(
+        problem, noise.whiten, estimate.values, estimate.free
+    )
     for _ in range(
         problem.settings.max_correction_steps
-        if abs(input_noise_chi2) > problem.settings.min_input_noise_chi2_share * estimate.chi2
+        if abs(chi2) > problem.settings.min_input_noise_chi2_share * estimate.chi2
         else 0
     ):
         trial = evaluate_estimate(
-            problem, noise, estimate.free, _take_correction_step(problem, noise, estimate)
+            problem, noise, estimate.free, _take_correction_step(problem, estimate, gradient)
         )
-        trial_noise_chi2 = compute_input_noise_chi2(problem, noise.whiten, trial.values)
-        if trial.chi2_with_priors - trial_noise_chi2 >= estimate.chi2_with_priors - input_noise_chi2:
+        trial_chi2, trial_gradient = compute_input_noise_chi2_and_gradient(
+            problem, noise.whiten, trial.values, estimate.free
+        )
+        decrease = (estimate.chi2_with_priors - chi2) - (trial.chi2_with_priors - trial_chi2)
+        if decrease <= 0:
             break
-        estimate, input_noise_chi2 = trial, trial_noise_chi2
-    return estimate, input_noise_chi2
+        estimate, chi2, gradient = trial, trial_chi2, trial_gradient
+        if decrease < MIN_COST_DECREASE:
+            break
+    return estimate, chi2
 
 
 def estimate_input_noise_bias(
@@ -86,13 +95,13 @@ def estimate_input_noise_bias(
     return estimate.covariance @ (gradient / estimate.scale)
 
 
-def _take_correction_step(problem: LibraryProblem, noise: NoiseModel, estimate: MapEstimate) -> np.ndarray:
+def _take_correction_step(
+    problem: LibraryProblem, estimate: MapEstimate, input_noise_gradient: np.ndarray
+) -> np.ndarray:
     """Return parameter values after one Gauss–Newton step, within their limits."""
     free = list(estimate.free)
     x, (mean, _) = transform_to_coordinates(problem, free, estimate.values), compute_priors(problem, free)
-    noise_gradient = (
-        0.5 * estimate.scale * compute_input_noise_gradient(problem, noise.whiten, estimate.values, free)
-    )
+    noise_gradient = 0.5 * estimate.scale * input_noise_gradient
     downhill = estimate.jacobian.T @ estimate.residual - (x - mean) / estimate.prior_sd**2 + noise_gradient
     covariance = estimate.covariance / np.outer(estimate.scale, estimate.scale)
     low, high = (transform_to_coordinates(problem, free, edge) for edge in (problem.low, problem.high))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pamjax.diagnosis.library.library_problem import build_library_problem
-from pamjax.diagnosis.noise.input_noise import compute_input_noise_chi2
+from pamjax.diagnosis.noise.input_noise import compute_input_noise_chi2, compute_input_noise_chi2_and_gradient
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
 from pamjax.infer.noise.ar1_filter import Ar1Noise
 from pamjax.model.muscle import MuscleReading
@@ -51,6 +51,7 @@ class Delayed:
     reduced_dataset: Spring
     case: Case
     meanings: tuple[Meaning, ...] = (find_meaning("channel_lag.lag"),)
+    names: tuple[str, ...] = ("channel_lag.lag",)
     n: int = ROWS
     settings: DiagnosisSettings = DEFAULT_SETTINGS
 
@@ -61,6 +62,11 @@ class Delayed:
         force = STIFF * np.asarray(self.dataset.rows.length)
         late = (1 - values[0]) * force + values[0] * np.roll(force, 1)
         return np.stack([late, np.zeros(ROWS)])
+
+    def jacobian(self, values, places):
+        force = STIFF * np.asarray(self.dataset.rows.length)
+        slope = np.stack([np.roll(force, 1) - force, np.zeros(ROWS)])
+        return self.predict(values), np.broadcast_to(slope, (len(places), 2, ROWS))
 
 
 def build_case(length_sd: float | None) -> Case:
@@ -90,6 +96,19 @@ def test_fractional_delay_averages_noise_of_two_samples(late):
         to=ROUNDING,
         scale=whole,
     )
+
+
+@pytest.mark.parametrize("late", [0.2, 0.5, 0.8])
+def test_gradient_of_a_fractional_delay_is_its_closed_form(late):
+    whole = ROWS * (STIFF * NOISE / SD) ** 2
+    _, gradient = compute_input_noise_chi2_and_gradient(spring(), weights().whiten, np.array([late]), (0,))
+    agree(gradient, [whole * (4 * late - 2)], to=ROUNDING, scale=whole)
+
+
+def test_gradient_is_zero_for_a_muscle_without_memory():
+    problem = dataclasses.replace(spring(), names=("muscle.turns",))
+    _, gradient = compute_input_noise_chi2_and_gradient(problem, weights().whiten, np.array([0.2]), (0,))
+    assert gradient == [0.0]
 
 
 def test_no_input_noise_without_memory_or_noise_of_settings():

@@ -36,11 +36,6 @@ class Measured(Delayed):
     prior_sd: np.ndarray = dataclasses.field(default_factory=lambda: np.array([np.inf]))
     start: np.ndarray = dataclasses.field(default_factory=lambda: np.array([0.0]))
 
-    def jacobian(self, values, places):
-        force = STIFF * np.asarray(self.dataset.rows.length)
-        slope = np.stack([np.roll(force, 1) - force, np.zeros(ROWS)])
-        return self.predict(values), np.stack([slope for _ in places])
-
 
 def recording(seed: int) -> Measured:
     rng = np.random.default_rng(seed)
