@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -14,7 +13,7 @@ from pamjax.errors import check_minimum
 from pamjax.infer.fitting.cross_validation import cross_validate
 from pamjax.infer.fitting.form_errors import check_form_errors, describe_form_errors, fit_form_errors
 from pamjax.infer.fitting.joint_space import build_joint_space, choose_law, collect_meanings
-from pamjax.infer.fitting.least_squares import Loss, Solution, linearise_problem, solve_least_squares
+from pamjax.infer.fitting.least_squares import Loss, Solution, inflate_information, solve_least_squares
 from pamjax.infer.fitting.prior_bounds import find_limits, solve_within_limits
 from pamjax.infer.fitting.result import CaseFit, Estimate, Fit, HeldOutScore, NamedEstimates
 from pamjax.infer.fitting.reweight import (
@@ -227,8 +226,7 @@ def _inflate_variances(
     if all(dataset.whitening is None for dataset in datasets):
         return datasets, solution
     datasets = tuple(set_variance_inflation(dataset, space, solution, loss) for dataset in datasets)
-    linear = linearise_problem(datasets, space, solution.u, loss)
-    return datasets, replace(linear, steps=solution.steps, converged=solution.converged)
+    return datasets, inflate_information(solution, datasets)
 
 
 def _check_counts(starts: int, fold_count: int, seed: int) -> None:

@@ -172,7 +172,7 @@ def describe_form_errors(
         effect = compute_effect(dataset, values, id)
         form_white, effect_white = np.asarray(whiten_columns(dataset, jnp.asarray(np.stack([form, effect]))))
         parts[id] = build_form_part(
-            share, form[:, :n], effect[:, :n], form_white, effect_white, _find_measured(dataset)[:, :n]
+            share, form[:, :n], effect[:, :n], form_white, effect_white, dataset.rows.weights[:, :n] > 0
         )
     columns = np.asarray(dataset.form_filter.columns)
     derivatives, derivatives_white = _whiten_derivatives(dataset, space, solution.u)
@@ -184,7 +184,3 @@ def describe_form_errors(
         np.concatenate([_linearise_prior(space, solution.u)[0], np.ones(len(columns))]),
     )
     return parts, sd[:, :n]
-
-
-def _find_measured(dataset: Dataset) -> np.ndarray:
-    return np.stack([np.asarray(dataset.rows.force_weight), np.asarray(dataset.rows.diameter_weight)]) > 0

@@ -6,12 +6,14 @@ parameter. optimistix minimises half their sum of squares by the Levenberg-Marqu
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import lineax as lx
+import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
@@ -31,7 +33,8 @@ class Solution(eqx.Module):
     Attributes:
         u: (p,) the point; see `parameter_space.py`.
         cost: half the sum of squared residuals, priors included.
-        information: (p, p) JᵀJ of the measurements alone over their variance inflation, in u.
+        dataset_information: (d, p, p) JᵀJ of the measurements of each dataset, in u.
+        information: (p, p) their sum, each over the variance inflation of its dataset.
         prior_information: (p, p) JᵀJ of the priors, in u.
         slope: (p,) d value / d u.
         steps: steps taken.
@@ -40,6 +43,7 @@ class Solution(eqx.Module):
 
     u: Float[Array, " p"]
     cost: Array
+    dataset_information: Float[Array, "d p p"]
     information: Float[Array, "p p"]
     prior_information: Float[Array, "p p"]
     slope: Float[Array, " p"]
@@ -69,19 +73,7 @@ def stack_residuals(
     return jnp.concatenate(parts)
 
 
-def _stack_inflations(datasets: tuple[Dataset, ...]) -> Array:
-    """Return the variance inflation of every sample, in the order of `stack_residuals`."""
-    return jnp.concatenate(
-        [
-            jnp.full(
-                2 * dataset.rows.pressure.size,
-                1.0 if dataset.whitening is None else dataset.whitening.variance_inflation,
-            )
-            for dataset in datasets
-        ]
-    )
-
-
+@compile_on_call
 def solve_least_squares(
     datasets: tuple[Dataset, ...], space: ParameterSpace, start: Float[Array, " p"], loss: Loss = "square"
 ) -> Solution:
@@ -93,23 +85,33 @@ def solve_least_squares(
         start: (p,) starting point in u; zeros are the stated values.
         loss: "square", or "soft", which reduces the weight of outliers.
     """
-    u, steps, converged = _minimise(datasets, space, start, loss)
-    # A program of its own: as a part of the minimiser it would be compiled twice.
-    solution = linearise_problem(datasets, space, u, loss)
-    return eqx.tree_at(lambda s: (s.steps, s.converged), solution, (steps, converged))
-
-
-@compile_on_call
-def _minimise(datasets: tuple[Dataset, ...], space: ParameterSpace, start: Array, loss: Loss):
-    """Return the point, (p,), the number of steps, and whether the minimiser converged."""
-
-    def compute_all_residuals(u, _):
-        return stack_residuals(datasets, space, u, loss), space.compute_prior_residual(u)
-
     # With many more rows than parameters, the normal equations are faster than a QR decomposition.
     solver = optx.LevenbergMarquardt(rtol=1e-9, atol=1e-9, linear_solver=lx.Normal(lx.Cholesky()))
-    result = optx.least_squares(compute_all_residuals, solver, start, max_steps=MAX_LM_STEPS, throw=False)
-    return result.value, result.stats["num_steps"], result.result == optx.RESULTS.successful
+    compute_residuals = _linearise_to_matrix(lambda u: _stack_all_residuals(datasets, space, u, loss))
+    result = optx.least_squares(
+        lambda u, _: compute_residuals(u), solver, start, max_steps=MAX_LM_STEPS, throw=False
+    )
+    # The minimiser keeps residual and Jacobian of the point that it returns.
+    last = result.state.f_info
+    solution = _build_solution(datasets, space, result.value, last.residual, last.jac.as_matrix())
+    converged = result.result == optx.RESULTS.successful
+    return eqx.tree_at(lambda s: (s.steps, s.converged), solution, (result.stats["num_steps"], converged))
+
+
+def _linearise_to_matrix(function: Callable[[Array], Array]) -> Callable[[Array], Array]:
+    """Return the function with its Jacobian matrix as linearisation.
+
+    optimistix multiplies by the linearisation in several places. JAX's own one is the whole model each time,
+    which is compiled and evaluated as often.
+    """
+    linearised = jax.custom_jvp(function)
+
+    @linearised.defjvp
+    def multiply(primals, tangents):
+        value, jacobian = _compute_with_jacobian(function, *primals)
+        return value, jacobian @ tangents[0]
+
+    return linearised
 
 
 @compile_on_call
@@ -117,18 +119,55 @@ def linearise_problem(
     datasets: tuple[Dataset, ...], space: ParameterSpace, u: Float[Array, " p"], loss: Loss = "square"
 ) -> Solution:
     """Return the `Solution` at a point, without a minimisation."""
+    residuals, jacobian = _compute_with_jacobian(lambda v: _stack_all_residuals(datasets, space, v, loss), u)
+    return _build_solution(datasets, space, u, residuals, jacobian)
 
-    def compute_all_residuals(v):
-        residuals = stack_residuals(datasets, space, v, loss), space.compute_prior_residual(v)
-        return residuals, residuals
 
-    (by_data, by_prior), (rows, priors) = jax.jacfwd(compute_all_residuals, has_aux=True)(u)
+def _stack_all_residuals(
+    datasets: tuple[Dataset, ...], space: ParameterSpace, u: Float[Array, " p"], loss: Loss
+) -> Array:
+    """Return the residuals of `stack_residuals`, and then those of the priors."""
+    return jnp.concatenate([stack_residuals(datasets, space, u, loss), space.compute_prior_residual(u)])
+
+
+def _compute_with_jacobian(function: Callable[[Array], Array], u: Array) -> tuple[Array, Array]:
+    """Return the value and the Jacobian matrix of a function."""
+
+    def double(v):
+        value = function(v)
+        return value, value
+
+    jacobian, value = jax.jacfwd(double, has_aux=True)(u)
+    return value, jacobian
+
+
+def _build_solution(
+    datasets: tuple[Dataset, ...], space: ParameterSpace, u: Array, residuals: Array, jacobian: Array
+) -> Solution:
+    """Return the solution from all residuals and their Jacobian by u; zero steps, not converged."""
+    ends = np.cumsum([2 * dataset.rows.pressure.size for dataset in datasets])
+    *by_dataset, by_prior = jnp.split(jacobian, ends)
+    dataset_information = jnp.stack([part.T @ part for part in by_dataset])
     return Solution(
         u=u,
-        cost=0.5 * (rows @ rows + priors @ priors),
-        information=(by_data / _stack_inflations(datasets)[:, None]).T @ by_data,
+        cost=0.5 * residuals @ residuals,
+        dataset_information=dataset_information,
+        information=_sum_information(dataset_information, datasets),
         prior_information=by_prior.T @ by_prior,
         slope=jax.jvp(space.to_values, (u,), (jnp.ones_like(u),))[1],
         steps=jnp.asarray(0),
         converged=jnp.asarray(False),
     )
+
+
+def inflate_information(solution: Solution, datasets: tuple[Dataset, ...]) -> Solution:
+    """Return the solution with the variance inflation of other datasets, which differ in nothing else."""
+    information = _sum_information(solution.dataset_information, datasets)
+    return eqx.tree_at(lambda s: s.information, solution, information)
+
+
+def _sum_information(dataset_information: Array, datasets: tuple[Dataset, ...]) -> Array:
+    inflations = [
+        1.0 if dataset.whitening is None else dataset.whitening.variance_inflation for dataset in datasets
+    ]
+    return jnp.tensordot(1 / jnp.stack([jnp.asarray(x) for x in inflations]), dataset_information, axes=1)

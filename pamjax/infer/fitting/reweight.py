@@ -12,6 +12,7 @@ import math
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from pamjax.infer.fitting.least_squares import Loss, Solution
 from pamjax.infer.form_errors.dataset_form import estimate_form, whiten_form_again
@@ -23,6 +24,7 @@ from pamjax.infer.noise.noise_settings import NOISE_SETTINGS
 from pamjax.infer.noise.sensor_noise import ChannelNoise, compute_correlation_time, compute_effective_sd
 from pamjax.infer.problem.dataset import (
     Dataset,
+    compute_si_misfit,
     estimate_starting_sd,
     find_informative_samples,
     get_stated_sds,
@@ -220,28 +222,19 @@ def _compute_white_residuals(
     """Return the whitened residuals of both channels, and whether a run begins at each."""
     assert dataset.whitening is not None
     position = np.asarray(dataset.whitening.position)
-    residual = np.asarray(_filter_residuals(dataset, space.to_values(solution.u)))[position >= 0]
+    standardised = compute_si_misfit(dataset, space.to_values(solution.u)) * dataset.rows.weights
+    residual = np.asarray(_whiten_residuals(dataset, jnp.asarray(standardised)))[position >= 0]
     return residual if loss == "square" else _clip_outliers(residual), position[position >= 0] == 0
 
 
 @compile_on_call
-def _filter_residuals(dataset: Dataset, values):
-    white = dataset.whiten_form_errors(jnp.concatenate(dataset.compute_weighted_residuals(values)))
-    return white.reshape(2, -1)
-
-
-@compile_on_call
-def _compute_weighted_residuals(dataset: Dataset, values):
-    return jnp.stack(dataset.compute_standardised_residuals(values)), jnp.stack(
-        [dataset.rows.force_weight, dataset.rows.diameter_weight]
-    )
+def _whiten_residuals(dataset: Dataset, standardised: Float[Array, "2 n"]) -> Float[Array, "2 n"]:
+    return dataset.whiten_form_errors(jnp.concatenate(dataset.whiten_channels(*standardised))).reshape(2, -1)
 
 
 def compute_si_residuals(dataset: Dataset, values: jnp.ndarray) -> np.ndarray:
     """Return measured − model, SI, (2, n); NaN where not measured."""
-    misfit, weight = (np.asarray(a) for a in _compute_weighted_residuals(dataset, values))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(weight > 0, misfit / weight, np.nan)
+    return np.where(dataset.rows.weights > 0, compute_si_misfit(dataset, values), np.nan)
 
 
 def _compute_noise_residuals(dataset: Dataset, values: jnp.ndarray) -> np.ndarray:

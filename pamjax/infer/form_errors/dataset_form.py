@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from pamjax.infer.form_errors.columns import build_columns_of_effect
 from pamjax.infer.form_errors.coordinates import Coordinates
-from pamjax.infer.problem.dataset import Dataset, predict_row_channels
+from pamjax.infer.problem.dataset import Dataset, compute_si_misfit, predict_row_channels
 from pamjax.infer.problem.form_filter import FormFilter
 from pamjax.jit import compile_on_call
 from pamjax.model.registry import find_mechanism
@@ -34,7 +34,7 @@ def compute_effect(dataset: Dataset, values: Float[Array, " p"], id: str) -> np.
         if meaning.neutral is not None
     }
     without = predict_row_channels(*_replace_parameters(dataset, values, id, neutral))
-    return np.nan_to_num(np.asarray(predict_row_channels(dataset, values)) - np.asarray(without))
+    return np.nan_to_num(predict_row_channels(dataset, values) - without)
 
 
 def build_form_columns(case: Case, dataset: Dataset, values: Float[Array, " p"], id: str) -> np.ndarray:
@@ -124,9 +124,8 @@ def whiten_form_again(dataset: Dataset) -> Dataset:
 
 def compute_white_misfit(dataset: Dataset, values: Float[Array, " p"]) -> np.ndarray:
     """Return measured − model, whitened by the noise alone, (2n,); zero where not measured."""
-    rows = dataset.rows
-    misfit = np.stack([rows.force, rows.diameter]) - np.asarray(predict_row_channels(dataset, values))
-    return np.asarray(whiten_columns(dataset, jnp.asarray(np.nan_to_num(misfit))[None]))[0]
+    misfit = np.nan_to_num(compute_si_misfit(dataset, values))
+    return np.asarray(whiten_columns(dataset, jnp.asarray(misfit)[None]))[0]
 
 
 def estimate_form(dataset: Dataset, values: Float[Array, " p"]) -> np.ndarray:

@@ -52,7 +52,7 @@ def compute_noise_variances(
     sensors, n = case.entry.sensors, case.recording.n
     own_variance = np.square(np.array(estimate_starting_sd(case)))[:, None]
     if case.recording.measures_length:
-        predict = predict or (lambda d: np.asarray(predict_row_channels(d, jnp.asarray(values))))
+        predict = predict or (lambda d: predict_row_channels(d, jnp.asarray(values)))
         return own_variance, compute_isotonic_variance(dataset, sensors, predict)[:, :n]
     by_pressure, by_length = (
         np.asarray(s)[:, :n] for s in compute_sensitivities(dataset, jnp.asarray(values))

@@ -83,9 +83,7 @@ def compute_effective_sd(
         own_sd: standard deviations of the force sensor and of the diameter sensor, SI.
     """
     if dataset.rows.set_force is not None:
-        variance = compute_isotonic_variance(
-            dataset, sensors, lambda d: np.asarray(predict_row_channels(d, values))
-        )
+        variance = compute_isotonic_variance(dataset, sensors, lambda d: predict_row_channels(d, values))
         return np.sqrt(np.asarray(own_sd)[:, None] ** 2 + variance)
     by_pressure, by_length = (np.asarray(s) for s in compute_sensitivities(dataset, values))
     pressure = (sensors.pressure or 0.0) * by_pressure

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -78,6 +79,11 @@ class PaddedRows(eqx.Module):
     training_mask: Float[Array, " n"]
     set_force: Float[Array, " n"] | None = None
 
+    @property
+    def weights(self) -> np.ndarray:
+        """(2, n) 1 / standard deviation of force and diameter; zero where not measured."""
+        return np.stack([self.force_weight, self.diameter_weight])
+
 
 class Dataset(eqx.Module):
     """One case of a fit.
@@ -133,9 +139,7 @@ class Dataset(eqx.Module):
 
     def predict_channels(self, values: Float[Array, " p"]) -> Float[Array, "2 n"]:
         """Return the predicted force, or length in an isotonic test, and diameter, SI."""
-        reading = self.predict(values)
-        first = reading.length if isinstance(reading, LengthReading) else reading.force
-        return jnp.stack([first, reading.diameter])
+        return _stack_channels(self.predict(values))
 
     def compute_standardised_residuals(self, values: Float[Array, " p"]) -> tuple[Array, Array]:
         """Return (measured − model) / sd of both channels, (n,) each; zero where not measured."""
@@ -158,6 +162,11 @@ class Dataset(eqx.Module):
     def whiten_form_errors(self, white: Float[Array, " 2n"]) -> Float[Array, " 2n"]:
         """Return the whitened residuals of both channels, whitened by the form errors too."""
         return white if self.form_filter is None else self.form_filter.whiten(white)
+
+
+def _stack_channels(reading: MuscleReading | BenchReading | LengthReading) -> Float[Array, "2 n"]:
+    first = reading.length if isinstance(reading, LengthReading) else reading.force
+    return jnp.stack([first, reading.diameter])
 
 
 def build_dataset(
@@ -207,18 +216,30 @@ def build_history(case: Case, size: int | None = None, compute_padding: bool = T
     )
 
 
-@compile_on_call
 def predict_rows(
     dataset: Dataset, values: Float[Array, " p"]
 ) -> MuscleReading | BenchReading | LengthReading:
     """Return the predicted reading at every (padded) row, compiled."""
-    return dataset.predict(values)
+    # Filters of the residuals are no part of the program, so that it serves before and after they are known.
+    return _predict_rows(replace(dataset, whitening=None, form_filter=None), values)
 
 
 @compile_on_call
-def predict_row_channels(dataset: Dataset, values: Float[Array, " p"]) -> Float[Array, "2 n"]:
+def _predict_rows(
+    dataset: Dataset, values: Float[Array, " p"]
+) -> MuscleReading | BenchReading | LengthReading:
+    return dataset.predict(values)
+
+
+def predict_row_channels(dataset: Dataset, values: Float[Array, " p"]) -> np.ndarray:
     """Return both predicted channels at every (padded) row, compiled; see `Dataset.predict_channels`."""
-    return dataset.predict_channels(values)
+    return np.asarray(_stack_channels(predict_rows(dataset, values)))
+
+
+def compute_si_misfit(dataset: Dataset, values: Float[Array, " p"]) -> np.ndarray:
+    """Return measured − model of both channels at every (padded) row, (2, n), SI."""
+    rows = dataset.rows
+    return np.stack([rows.force, rows.diameter]) - predict_row_channels(dataset, values)
 
 
 def find_slack_samples(case: Case) -> np.ndarray:

@@ -11,7 +11,14 @@ import pytest
 from pamjax.errors import BadInput
 from pamjax.infer.fitting.fit import fit
 from pamjax.infer.fitting.joint_space import build_joint_space
-from pamjax.infer.fitting.least_squares import soften_residual, solve_least_squares, stack_residuals
+from pamjax.infer.fitting.least_squares import (
+    inflate_information,
+    linearise_problem,
+    soften_residual,
+    solve_least_squares,
+    stack_residuals,
+)
+from pamjax.infer.fitting.reweight import add_whitening
 from pamjax.infer.problem.dataset import build_dataset
 from pamjax.records.reading.muscle_toml import Sensors
 from pamjax.records.reading.quantity import MeasuredValue
@@ -298,6 +305,36 @@ def test_padding_and_held_out_rows_have_no_effect():
     assert float(dataset.rows.training_mask.sum()) == n
     everything = stack_residuals((dataset,), at, jnp.zeros(at.size))
     agree(everything[n:256], 0.0, ROUNDING, scale=1.0)
+
+
+@pytest.mark.parametrize("loss", ["square", "soft"])
+def test_solution_is_linearised_where_the_minimiser_ends(loss):
+    """The minimiser's own Jacobian is that of the returned point, not of a later or rejected step."""
+    space, datasets = in_space(made(seed=3))
+    solution = solve_least_squares(datasets, space, jnp.zeros(space.size), loss)
+    expected = linearise_problem(datasets, space, solution.u, loss)
+    for name in ("cost", "information", "prior_information", "slope"):
+        value = np.asarray(getattr(expected, name))
+        agree(getattr(solution, name), value, 1e-9, scale=float(np.abs(value).max()))
+    # Negative control: at another point all but the priors differ.
+    elsewhere = linearise_problem(datasets, space, solution.u + 0.1, loss)
+    assert (
+        np.abs(elsewhere.information - solution.information).max() > 1e-6 * np.abs(expected.information).max()
+    )
+
+
+def test_information_of_each_dataset_is_divided_by_its_inflation():
+    space, (dataset,) = in_space(made(seed=3))
+    filtered = add_whitening(made(seed=3), dataset)
+    assert filtered.whitening is not None
+    inflated = eqx.tree_at(lambda d: d.whitening.variance_inflation, filtered, jnp.asarray(4.0))
+    datasets = (dataset, filtered)
+    solution = linearise_problem(datasets, space, jnp.zeros(space.size))
+    expected = solution.dataset_information[0] + solution.dataset_information[1] / 4
+    changed = inflate_information(solution, (dataset, inflated))
+    scale = float(np.abs(expected).max())
+    agree(changed.information, expected, ROUNDING, scale=scale)
+    agree(solution.information, solution.dataset_information.sum(axis=0), ROUNDING, scale=scale)
 
 
 def test_sd_agrees_with_the_curvature_of_the_misfit(standard_fit):
