@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from pamjax.errors import refuse
 
 if TYPE_CHECKING:
+    import numpy as np
     import pint
 
 #: The SI unit in which each kind of quantity is kept inside pamjax.
@@ -229,13 +230,14 @@ def compute_si_factor(unit: str) -> float:
     )
 
 
-def is_representable(value: float) -> bool:
-    """Return whether a number is 0, or of a magnitude that a model can compute with.
+def is_representable(value: float | np.ndarray) -> bool | np.ndarray:
+    """Return whether a number, or each of an array, is 0 or of a magnitude that a model can compute with.
 
     >>> is_representable(0.0), is_representable(-1e30), is_representable(1e308), is_representable(1e-320)
     (True, True, False, False)
     """
-    return value == 0.0 or MAGNITUDE_LIMITS[0] <= abs(value) <= MAGNITUDE_LIMITS[1]
+    low, high = MAGNITUDE_LIMITS
+    return (value == 0.0) | ((abs(value) >= low) & (abs(value) <= high))
 
 
 def format_count(count: int, noun: str) -> str:

@@ -1,4 +1,4 @@
-"""Time of a command: the first run, which compiles, and a second run.
+"""Time and memory of a command: the first run, which compiles, and a second run.
 
     python -m tests.benchmarks.command diagnose CASE --no-report [--json FILE]
 
@@ -13,6 +13,8 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from rich.console import Console
 from rich.table import Table
@@ -25,33 +27,70 @@ RUNS = ("first, compiling", "again")
 WITHOUT_OUT = ("check", "explain", "validate", "compare", "inverse")
 
 
-def measure(words: list[str]) -> dict[str, tuple[float, float]]:
-    """Return wall-clock and processor times of each run, s."""
-    code = "import sys; from pamjax.cli.main import main; sys.exit(main(sys.argv[1:]))"
-    times = {}
+#: Program of each run, so that the command's start is measured too.
+PROGRAM = "import sys; from pamjax.cli.main import main; sys.exit(main(sys.argv[1:]))"
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What one run of a command takes.
+
+    Attributes:
+        clock: time from start to end, s.
+        processor: time of all its threads, s.
+        memory: largest memory of the process, MB.
+    """
+
+    clock: float
+    processor: float
+    memory: float
+
+    def list_figures(self, label: str) -> dict[str, float]:
+        """Return the numbers by label."""
+        return {
+            f"{label}, clock [s]": self.clock,
+            f"{label}, processor [s]": self.processor,
+            f"{label}, peak memory [MB]": self.memory,
+        }
+
+
+def run_command(words: Sequence[object], cache: str) -> Cost:
+    """Run a command of pamjax as a new process, and return its cost; stop if it fails.
+
+    Args:
+        words: its arguments.
+        cache: folder of the compiled programs.
+    """
+    command = [sys.executable, "-c", PROGRAM, *map(str, words)]
+    begin = time.perf_counter()
+    process = subprocess.Popen(
+        command, env=os.environ | {"PAMJAX_CACHE_DIR": cache}, stdout=subprocess.DEVNULL
+    )
+    _, status, used = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise SystemExit(f"pamjax {words[0]} failed with exit code {process.returncode}")
+    clock = time.perf_counter() - begin
+    return Cost(clock, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
+
+
+def measure(words: Sequence[object]) -> dict[str, Cost]:
+    """Return the cost of a first run, with an empty cache of programs, and of a second one."""
     with tempfile.TemporaryDirectory() as scratch:
-        environment = os.environ | {"PAMJAX_CACHE_DIR": f"{scratch}/cache"}
         out = [] if words[0] in WITHOUT_OUT else ["--out", f"{scratch}/out"]
-        for run in RUNS:
-            before, begin = os.times(), time.perf_counter()
-            subprocess.run([sys.executable, "-c", code, *words, *out], env=environment, check=True)
-            clock, after = time.perf_counter() - begin, os.times()
-            busy = after.children_user + after.children_system - before.children_user - before.children_system
-            times[run] = (clock, busy)
-    return times
+        return {run: run_command([*words, *out], f"{scratch}/cache") for run in RUNS}
 
 
 def main() -> None:
     words, file = arguments()
     if not words:
         raise SystemExit(__doc__)
-    times = measure(words)
-    table = Table(f"pamjax {words[0]}", "clock", "processor")
-    for run, (clock, busy) in times.items():
-        table.add_row(run, f"{clock:.1f} s", f"{busy:.1f} s")
+    costs = measure(words)
+    table = Table(f"pamjax {words[0]}", "clock", "processor", "memory")
+    for run, cost in costs.items():
+        table.add_row(run, f"{cost.clock:.1f} s", f"{cost.processor:.1f} s", f"{cost.memory:.0f} MB")
     Console().print(table)
-    clocks = {f"{run}, clock [s]": clock for run, (clock, _) in times.items()}
-    keep(file, clocks | {f"{run}, processor [s]": busy for run, (_, busy) in times.items()})
+    keep(file, {k: v for run, cost in costs.items() for k, v in cost.list_figures(run).items()})
 
 
 if __name__ == "__main__":

@@ -19,6 +19,8 @@ from pamjax.records.recording import MAX_CYCLE, Recording
 from pamjax.units import MAGNITUDE_LIMITS, format_quantity, is_representable
 
 _NUMBER_PATTERN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+#: Numbers or blanks, each in one line. Without atomic groups, a wrong cell takes exponential time.
+_COLUMN_PATTERN = re.compile(rf"(?>(?>{_NUMBER_PATTERN.pattern})?\n)*+", re.ASCII)
 _DECIMAL_COMMA_PATTERN = re.compile(r"[+-]?\d+,\d+")
 _BLANK_MARKS = {"nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "?"}
 
@@ -121,7 +123,7 @@ def _split_cells(text: str, file: str) -> tuple[list[str], list[int], list[list[
     check_line_lengths(content, file)
     check_quotes(content, file, ",", titles)
     rows = list(enumerate(csv.reader(content), 1))
-    rows = [(line, cells) for line, cells in rows if any(c.strip() for c in cells)]
+    rows = [(line, cells) for line, cells in rows if "".join(cells).strip()]
     rows = [(line, cells) for line, cells in rows if not cells[0].lstrip().startswith("#")]
     if not rows:
         raise refuse(
@@ -150,10 +152,10 @@ def _check_separator(header: list[str], file: str) -> None:
 
 
 def _check_width(header: list[str], line: int, row: list[str], file: str) -> list[str]:
-    if not any(cell.strip() for cell in row[len(header) :]):
-        row = row[: len(header)]
     if len(row) == len(header):
         return row
+    if len(row) > len(header) and not "".join(row[len(header) :]).strip():
+        return row[: len(header)]
     surplus_remedy = "Replace decimal commas by points: 0.5, not 0,5."
     remedy = surplus_remedy if len(row) > len(header) else "Write a comma also for a blank cell."
     got = f"{len(row)} cells"
@@ -167,10 +169,18 @@ def _check_width(header: list[str], line: int, row: list[str], file: str) -> lis
 
 def _parse_column(column: Column, cells: list[list[str]], locate: _RowLocator) -> np.ndarray:
     """Return the column in SI, (n,), NaN where its cell is blank."""
-    values = np.empty(len(cells))
-    for i, row in enumerate(cells):
-        text = row[column.index].strip()
-        values[i] = _parse_cell(text, column, locate, i) if text else np.nan
+    texts = [row[column.index].strip() for row in cells]
+    lines = "\n".join([*texts, ""])
+    # A quoted cell may have several lines.
+    if lines.count("\n") == len(texts) and _COLUMN_PATTERN.fullmatch(lines):
+        values = np.array([text or "nan" for text in texts], dtype=float)
+        with np.errstate(over="ignore"):
+            is_wrong = ~np.isnan(values) & np.logical_not(is_representable(values * column.factor))
+    else:
+        values = np.full(len(texts), np.nan)
+        is_wrong = np.array([bool(text) for text in texts])
+    for i in np.flatnonzero(is_wrong):
+        values[i] = _parse_cell(texts[i], column, locate, int(i))
     return values * column.factor
 
 

@@ -46,6 +46,24 @@ def test_any_unit_of_the_right_dimension_is_accepted(write, header, row, expecte
     assert [float(values[0]) for values in first_row] == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.parametrize("odd", ["3", "٣", '" 3\t"'])
+def test_numbers_of_every_form_have_the_value_that_python_reads(write, odd):
+    """One cell that only Python reads, as Arabic digits, has no effect on the others."""
+    forms = ["0", "+1.", "1.5", "1e1", "15E-1", "00.1e+1", " 2 ", "0.1234567890123456789"]
+    rows = [f"{1000 * (k + 1)},0.2,{form},{1 if k else ''}" for k, form in enumerate([*forms, odd])]
+    table = read_table(write("\n".join(rows), "pressure [Pa],length [m],force [N],diameter [m]\n"))
+    assert table.force.tolist() == [float(form) for form in forms] + [3.0]
+    assert np.isnan(table.diameter[0])
+    assert (table.diameter[1:] == 1.0).all()
+
+
+def test_wrong_cell_in_a_long_column_is_found_at_once(write):
+    """An ambiguous pattern would need a time that doubles with each row."""
+    rows = [f"{1000 + k},0.25,{1 + k / 7:.15f}" for k in range(20_000)]
+    with pytest.raises(BadInput, match="row 20002 "):
+        read_table(write("\n".join([*rows, "3000,0.25,1.5.5"]), "pressure [Pa],length [m],force [N]\n"))
+
+
 @pytest.mark.parametrize("mapped", ["Load (lbf)", "Load"])
 def test_headers_of_a_lab_are_mapped(write, mapped):
     path = write("100,200,3\n", "P_in [kPa],length [mm],Load (lbf)\n")
