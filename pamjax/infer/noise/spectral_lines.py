@@ -16,11 +16,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 #: Probability of noise below which a line is removed, and largest number of lines.
 MAX_PROBABILITY, MAX_LINES = 1e-4, 8
 #: Fewest samples, and fewest periods of a line: slower courses are smooth.
 MIN_SAMPLES, MIN_PERIODS = 128, 10
+#: Frequencies that are tried on each side of a line, and their distance in resolutions of the spectrum.
+TRIALS, TRIAL_STEP = 10, 0.1
 #: Number of frequencies on each side whose median power is the noise around a line.
 NEIGHBOURS = 24
 
@@ -67,11 +70,9 @@ def compute_relative_power(values: np.ndarray, moments: np.ndarray) -> tuple[np.
     power = np.abs(np.fft.rfft(signal * np.hanning(signal.size))) ** 2
     if power.size <= MIN_PERIODS + 2 * NEIGHBOURS:
         return np.zeros(0), np.zeros(0)
-    windows = np.lib.stride_tricks.sliding_window_view(
-        np.pad(power, NEIGHBOURS, mode="reflect"), 2 * NEIGHBOURS + 1
-    )
     # The power of noise has an exponential distribution, whose median is ln 2 times its mean.
-    relative = power * math.log(2) / np.maximum(np.median(windows, axis=1), 1e-300)
+    median = median_filter(power, 2 * NEIGHBOURS + 1, mode="mirror")
+    relative = power * math.log(2) / np.maximum(median, 1e-300)
     return np.fft.rfftfreq(signal.size, step)[MIN_PERIODS:], relative[MIN_PERIODS:]
 
 
@@ -83,13 +84,34 @@ def refine_frequency(values: np.ndarray, moments: np.ndarray, frequency: float) 
         moments: (n,) s, increasing.
         frequency: of the discrete spectrum, Hz.
     """
-    trials = frequency + np.linspace(-1, 1, 21) / np.ptp(moments)
-    sizes = [np.sum(_fit_wave(values, moments, trial) ** 2) for trial in trials]
+    resolution = 1 / float(np.ptp(moments))
+    trials = frequency + TRIAL_STEP * resolution * np.arange(-TRIALS, TRIALS + 1)
+    # From one trial to the next, the phase of each sample advances by a constant.
+    (cosine, sine), (by_cosine, by_sine) = (
+        _compute_waves(f, moments) for f in (trials[0], TRIAL_STEP * resolution)
+    )
+    sizes = []
+    for _ in trials:
+        amplitudes, projections = _fit_amplitudes(values, np.stack([cosine, sine]))
+        sizes.append(amplitudes @ projections)
+        cosine, sine = cosine * by_cosine - sine * by_sine, sine * by_cosine + cosine * by_sine
     return float(trials[np.argmax(sizes)])
 
 
 def _fit_wave(values: np.ndarray, moments: np.ndarray, frequency: float) -> np.ndarray:
     """Return the wave of a frequency that fits most of the values, (n,)."""
+    waves = _compute_waves(frequency, moments)
+    return _fit_amplitudes(values, waves)[0] @ waves
+
+
+def _compute_waves(frequency: float, moments: np.ndarray) -> np.ndarray:
+    """Return cosine and sine of a frequency, (2, n)."""
     phase = 2 * np.pi * frequency * moments
-    columns = np.stack([np.cos(phase), np.sin(phase)], axis=1)
-    return columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
+    return np.stack([np.cos(phase), np.sin(phase)])
+
+
+def _fit_amplitudes(values: np.ndarray, waves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the amplitudes of cosine and sine that fit most, and the products of both with the values."""
+    projections = waves @ values
+    # A pseudo-inverse: at half the sampling rate, cosine and sine are the same wave.
+    return np.linalg.pinv(waves @ waves.T, rcond=1e-10, hermitian=True) @ projections, projections

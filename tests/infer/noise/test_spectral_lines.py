@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from pamjax.infer.noise.spectral_lines import compute_relative_power, remove_spectral_lines
+from pamjax.infer.noise.spectral_lines import (
+    _fit_wave,
+    compute_relative_power,
+    refine_frequency,
+    remove_spectral_lines,
+)
 
 N = 1500
 TIME = 0.5 * np.arange(N)
@@ -35,6 +40,19 @@ def test_a_wave_is_removed_and_the_noise_stays():
     cleaned = remove_spectral_lines(noise + wave, ROWS, TIME)
     assert np.std(cleaned - noise) < 0.1
     assert np.std(wave) > 1.4
+
+
+@pytest.mark.parametrize("frequency", [0.02, 0.1037, 0.9, 1.0])
+def test_frequency_and_wave_agree_with_least_squares(frequency):
+    values = draw_noise(0.3, 5) + 2.0 * np.sin(2 * np.pi * frequency * TIME + 0.4)
+    trials = frequency + np.linspace(-1, 1, 21) / np.ptp(TIME)
+    waves = []
+    for trial in trials:
+        columns = np.stack([np.cos(2 * np.pi * trial * TIME), np.sin(2 * np.pi * trial * TIME)], axis=1)
+        waves.append(columns @ np.linalg.lstsq(columns, values, rcond=None)[0])
+    best = int(np.argmax(np.sum(np.square(waves), axis=1)))
+    assert refine_frequency(values, TIME, frequency) == pytest.approx(trials[best], rel=1e-12)
+    assert np.abs(_fit_wave(values, TIME, trials[best]) - waves[best]).max() < 1e-10
 
 
 def test_a_wave_of_variable_amplitude_has_several_lines():
