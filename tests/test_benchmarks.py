@@ -1,9 +1,11 @@
 """Benchmarks store their figures with command, machine and versions."""
 
 import json
+import os
 
 import pytest
 
+from tests.benchmarks.command import run_command
 from tests.benchmarks.keep import arguments, keep
 
 
@@ -31,3 +33,14 @@ def test_json_option_is_removed_from_the_arguments(tmp_path):
     assert arguments(["5000"]) == (["5000"], None)
     with pytest.raises(SystemExit, match="needs the name of a file"):
         arguments(["--json"])
+
+
+@pytest.mark.skipif(not hasattr(os, "wait4"), reason="needs wait4 of POSIX")
+def test_cost_of_a_command_is_measured_and_its_failure_stops_the_benchmark(tmp_path):
+    cost = run_command(["--version"], str(tmp_path))
+    assert 0 < cost.processor < 2 * cost.clock + 1
+    # A process of Python needs more than 5 MB; the unit would be wrong by a factor of 1024.
+    assert 5 < cost.memory < 2000
+    assert set(cost.list_figures("x")) == {"x, clock [s]", "x, processor [s]", "x, peak memory [MB]"}
+    with pytest.raises(SystemExit, match="pamjax check failed with exit code 2"):
+        run_command(["check", tmp_path / "nothing"], str(tmp_path))
