@@ -123,6 +123,9 @@ class DiagnosisSettings:
     max_correction_steps: int = _refit(6, "count", 0, 1000,
         "Limit the Gauss–Newton steps of that correction to this",
         "the correction can go further")
+    min_correction_decrease: float = _refit(1.0, "χ²", 0.0, 1e4,
+        "End that correction when a step decreases the cost by less than this",
+        "the correction is faster and less complete")
     min_misfit_mean_square: float = _refit(MIN_MISFIT_MEAN_SQUARE, "noise variances", 1.0, 1e6,
         "Weight the samples for systematic misfit if their mean squared residual exceeds this",
         "fewer models are weighted")

@@ -4,7 +4,7 @@
 
 Each row is a new process. The recordings are simulated: strokes at ten pressures as in Chambers & Wereley
 (2022), with friction of the braid, at the sampling rate that gives the number of rows. It needs a quiet
-machine and about ten minutes. The times are reported, and no test depends on them.
+machine and about six minutes. The times are reported, and no test depends on them.
 """
 
 from __future__ import annotations

@@ -44,6 +44,7 @@ DEFAULTS = {
     "fitted_size_sd_share": 0.1, "slip_time_count": 24, "min_speed_ratio_for_power": 1.5,
     "max_stated_chi2": 12.0, "max_refit_evaluations": 40, "start_limit_distance_share": 0.15,
     "at_limit_range_share": 1e-3, "min_input_noise_chi2_share": 0.02, "max_correction_steps": 6,
+    "min_correction_decrease": 1.0,
     "min_misfit_mean_square": 1.5, "misfit_weighting_rounds": 2, "correlation_sweeps": 2,
     "min_correlation_change": 0.005, "detection_p_value": 0.01, "mean_square_level_share": 0.05,
     "significance_draws": 10000, "min_unexplained_rms": 0.3, "min_unexplained_rms_share": 0.15,

@@ -62,7 +62,8 @@ def compute_input_noise_chi2_and_gradient(
 ) -> tuple[float, np.ndarray]:
     """Return `compute_input_noise_chi2` and its gradient by some parameters, (k,), SI.
 
-    The gradient is zero for parameters of the muscle without memory: they change both terms alike.
+    The gradient neglects the limit of the value. It is zero for parameters of mechanisms without memory: they
+    change both terms by nearly the same amount.
     """
     gradient = np.zeros(len(indices))
     perturbed_problems = build_perturbed_problems(problem, values)

@@ -34,9 +34,6 @@ from pamjax.diagnosis.refit.least_squares import (
 )
 from pamjax.infer.noise.noise_model import NoiseModel
 
-#: The steps end when the cost decreases by less than this (χ²): it changes no comparison of models.
-MIN_COST_DECREASE = 1.0
-
 
 def correct_input_noise_bias(
     problem: LibraryProblem, noise: NoiseModel, estimate: MapEstimate
@@ -66,7 +63,7 @@ def correct_input_noise_bias(
         if decrease <= 0:
             break
         estimate, chi2, gradient = trial, trial_chi2, trial_gradient
-        if decrease < MIN_COST_DECREASE:
+        if decrease < problem.settings.min_correction_decrease:
             break
     return estimate, chi2
 
