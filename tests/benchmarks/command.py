@@ -12,7 +12,6 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -29,6 +28,17 @@ WITHOUT_OUT = ("check", "explain", "validate", "compare", "inverse")
 
 #: Program of each run, so that the command's start is measured too.
 PROGRAM = "import sys; from pamjax.cli.main import main; sys.exit(main(sys.argv[1:]))"
+
+#: Program that starts a run and prints its exit code, clock and processor time (s) and memory (MB). Linux
+#: counts the memory of the process that starts a run as the run's own: this one has some MB.
+MEASURE = """
+import os, subprocess, sys, time
+begin = time.perf_counter()
+run = subprocess.Popen([sys.executable, "-c", *sys.argv[1:]], stdout=subprocess.DEVNULL)
+_, status, used = os.wait4(run.pid, 0)
+clock = time.perf_counter() - begin
+print(os.waitstatus_to_exitcode(status), clock, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
+"""
 
 
 @dataclass(frozen=True)
@@ -61,17 +71,13 @@ def run_command(words: Sequence[object], cache: str) -> Cost:
         words: its arguments.
         cache: folder of the compiled programs.
     """
-    command = [sys.executable, "-c", PROGRAM, *map(str, words)]
-    begin = time.perf_counter()
-    process = subprocess.Popen(
-        command, env=os.environ | {"PAMJAX_CACHE_DIR": cache}, stdout=subprocess.DEVNULL
-    )
-    _, status, used = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode:
-        raise SystemExit(f"pamjax {words[0]} failed with exit code {process.returncode}")
-    clock = time.perf_counter() - begin
-    return Cost(clock, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
+    command = [sys.executable, "-c", MEASURE, PROGRAM, *map(str, words)]
+    environment = os.environ | {"PAMJAX_CACHE_DIR": cache}
+    measured = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    code, clock, processor, memory = measured.stdout.split()
+    if int(code):
+        raise SystemExit(f"pamjax {words[0]} failed with exit code {code}")
+    return Cost(float(clock), float(processor), float(memory))
 
 
 def measure(words: Sequence[object]) -> dict[str, Cost]:
