@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -27,9 +26,9 @@ from pamjax.diagnosis.identifiability import format_notes
 from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem
 from pamjax.diagnosis.next_experiment.experiment import propose_experiments
 from pamjax.diagnosis.noise.sensor_scale import compute_noise_ratios, format_noise_notes
-from pamjax.diagnosis.outside.rival_templates import find_better_template, list_likenesses
+from pamjax.diagnosis.outside.rival_templates import list_likenesses
 from pamjax.diagnosis.outside.template_context import build_template_context
-from pamjax.diagnosis.outside.templates import Template, build_templates
+from pamjax.diagnosis.outside.templates import build_templates
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate
 from pamjax.diagnosis.refit.least_squares import evaluate_estimate
 from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
@@ -42,17 +41,15 @@ from pamjax.diagnosis.result import (
     build_parameter_estimate,
 )
 from pamjax.diagnosis.select.model_averaging import average_models
-from pamjax.diagnosis.select.neighbour_fits import fit_without_mechanism, refit_baseline
+from pamjax.diagnosis.select.replace_by_template import replace_by_template
 from pamjax.diagnosis.select.selection import (
     Selection,
     drop_small_effects,
     format_masked_mechanisms,
     reduce_certainty,
-    restrict_selection,
     select_mechanisms,
 )
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
-from pamjax.infer.fitting.identifiability import format_list
 from pamjax.infer.form_errors.parts import FormErrorPart
 from pamjax.progress import Progress, ignore_progress
 from pamjax.records.blocks import Blocks, find_blocks
@@ -185,14 +182,14 @@ def _choose_mechanisms(
         if is_detected and not problem.case.recording.measures_length
         else []
     )
-    selection, replaced = _compare_with_templates(problem, ~held_out_rows, selection, templates)
+    selection, replaced = replace_by_template(problem, ~held_out_rows, selection, templates)
     residual_test = _test_residual(problem, selection, mismatch, seed)
     is_unexplained = is_detected and (
         bool(replaced) or is_residual_significant(mismatch, residual_test, problem.settings)
     )
     if is_unexplained and selection.fit_before_small_effects is not None:
         # Small effects are reported only if nothing is unexplained: otherwise they can absorb that part.
-        selection, replaced = _compare_with_templates(
+        selection, replaced = replace_by_template(
             problem, ~held_out_rows, drop_small_effects(problem, selection), templates
         )
         residual_test = _test_residual(problem, selection, mismatch, seed)
@@ -253,26 +250,6 @@ def _fit_selection(problem: LibraryProblem, selection: Selection, rows: np.ndarr
         if fit.mechanisms
         else fit
     )
-
-
-def _compare_with_templates(
-    problem: LibraryProblem, training_rows: np.ndarray, selection: Selection, templates: Sequence[Template]
-) -> tuple[Selection, list[str]]:
-    """Return the selection without mechanisms that a template replaces, and a note on them; none if none."""
-    if not selection.named_mechanisms:
-        return selection, []
-    # The same noise in all fits: its estimate differs between models with much misfit.
-    fit = selection.model
-    smaller_fits = [fit_without_mechanism(problem, fit, k) for k in range(len(fit.mechanisms))]
-    if len(fit.mechanisms) > 1:
-        smaller_fits.append(refit_baseline(problem, fit))
-    better = find_better_template(problem, templates, fit, smaller_fits)
-    if better is None:
-        return selection, []
-    kept = [name for name in selection.named_mechanisms if name.id in better.fit.ids]
-    ids = [f"`{name.id}`" for name in selection.named_mechanisms if name not in kept]
-    note = f"{better.template.description} explains the misfit better than {format_list(ids)}"
-    return restrict_selection(problem, training_rows, selection, kept), [f"{note[0].upper()}{note[1:]}."]
 
 
 def _state_form_errors(selection: Selection, parts: dict[str, FormErrorPart]) -> Selection:

@@ -73,11 +73,19 @@ def _compute_ripple(recording: Recording) -> np.ndarray:
     return 20.0 * np.sin(2 * np.pi * recording.length / 3e-3)
 
 
+def _compute_bending_force(recording: Recording) -> np.ndarray:
+    """Return the force that a muscle loses by bending beyond 8 % contraction at low pressure, N."""
+    slackness = np.maximum(1 - recording.pressure / (0.45 * recording.pressure.max()), 0.0)
+    contraction = 1 - recording.length / build_setup().entry.rest_length.value
+    return -6000.0 * slackness * np.maximum(contraction - 0.08, 0.0)
+
+
 #: Forces outside the library by name.
 UNMODELLED_FORCES: dict[str, Callable[[Recording], np.ndarray]] = {
     "obstacle": _compute_obstacle_force,
     "zero_step": _compute_zero_step,
     "ripple": _compute_ripple,
+    "bending": _compute_bending_force,
 }
 
 

@@ -38,7 +38,7 @@ SEVERAL = {
 
 
 #: Template that each effect outside the library resembles.
-LIKENESSES = {"obstacle": "stop", "zero_step": "zero_step", "ripple": "length_ripple"}
+LIKENESSES = {"obstacle": "stop", "zero_step": "zero_step", "ripple": "length_ripple", "bending": "buckling"}
 
 #: Recordings with settings under which a stepwise diagnosis loses a mechanism.
 TOO_STRICT = {
@@ -71,6 +71,11 @@ def test_an_effect_outside_the_library_is_described(name):
     likeness, *_ = diagnose_bank(BankRecording(seed=0, unmodelled=name)).likenesses
     assert likeness.id == LIKENESSES[name]
     assert likeness.probability > 0.5
+
+
+def test_no_mechanism_imitates_bending():
+    """The onset of bending in pressure is smooth in the template, and has a corner here."""
+    assert diagnose_bank(BankRecording(seed=0, unmodelled="bending")).named_mechanisms == ()
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.5, 0.9, 0.97])

@@ -22,13 +22,16 @@ import numpy as np
 from scipy.special import softmax
 
 from pamjax.compile.parallel import parallel_map
-from pamjax.diagnosis.form_errors.fit import add_form_errors
+from pamjax.diagnosis.form_errors.columns import build_coordinates
+from pamjax.diagnosis.form_errors.fit import add_form_errors, estimate_form_shares
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.outside.templates import Template
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
-from pamjax.diagnosis.refit.least_squares import fit_parameters
+from pamjax.diagnosis.refit.least_squares import MapEstimate, fit_parameters
 from pamjax.diagnosis.result import Likeness
+from pamjax.infer.form_errors.columns import build_columns_of_effect
 from pamjax.infer.form_errors.discrepancy import (
+    DiscrepancyNoise,
     add_discrepancy,
     build_free_columns,
     compute_free_column_cost,
@@ -53,25 +56,22 @@ class TemplateFit:
     cost: float
 
 
-def find_better_template(
+def find_best_template_fit(
     problem: LibraryProblem,
     templates: Sequence[Template],
-    fit: CandidateFit,
-    reduced_fits: Sequence[CandidateFit],
+    fits: Sequence[CandidateFit],
+    max_cost: float,
 ) -> TemplateFit | None:
-    """Return the smaller model that explains more with a template than the fit; None if there is none.
+    """Return the model with a template of the smallest cost; None if no cost is below the maximum.
 
     Args:
         problem: the recording and the library.
         templates: all templates at all places.
-        fit: the fit with the selected mechanisms.
-        reduced_fits: fits with some of them.
+        fits: fits with different mechanisms; the best template is added to each.
+        max_cost: −2 ln L + k ln n of the model that they compete with.
     """
-    limit = add_form_errors(problem, fit).full_bic
-    template_fits = parallel_map(
-        lambda reduced_fit: fit_best_template(problem, templates, reduced_fit), list(reduced_fits)
-    )
-    better = [each for each in template_fits if each is not None and each.cost < limit]
+    template_fits = parallel_map(lambda fit: fit_best_template(problem, templates, fit), list(fits))
+    better = [each for each in template_fits if each is not None and each.cost < max_cost]
     return min(better, key=lambda each: each.cost) if better else None
 
 
@@ -87,9 +87,25 @@ def fit_best_template(
     columns = build_free_columns(tolerant_fit.noise, best.columns)
     noise = add_discrepancy(tolerant_fit.noise, columns, [best.id] * len(columns))
     estimate = fit_parameters(problem, noise, fit.estimate.free, tolerant_fit.estimate.values)
+    noise, estimate = _add_form_error(problem, best, noise, estimate)
     cost = replace(fit, noise=noise, estimate=estimate).full_bic - compute_free_column_cost(len(columns))
     cost -= 2 * math.log(best.share)
     return TemplateFit(fit, best, cost)
+
+
+def _add_form_error(
+    problem: LibraryProblem, template: Template, noise: DiscrepancyNoise, estimate: MapEstimate
+) -> tuple[DiscrepancyNoise, MapEstimate]:
+    """Return noise and estimate with the form error of a template, of the most likely size."""
+    if not template.form_error.terms:
+        return noise, estimate
+    effect = noise.estimate_discrepancy(problem.measured - problem.predict(estimate.values), template.id)
+    forms = build_columns_of_effect(template.form_error, build_coordinates(problem), effect)
+    (share,) = estimate_form_shares(problem, estimate, [np.nan_to_num(noise.whiten(forms))])
+    if not share:
+        return noise, estimate
+    noise = add_discrepancy(noise, share * forms, [template.id] * len(forms))
+    return noise, fit_parameters(problem, noise, estimate.free, estimate.values)
 
 
 def list_likenesses(

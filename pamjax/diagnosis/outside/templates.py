@@ -9,15 +9,19 @@ A new template is one function that yields its variants, and one entry in `TEMPL
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.special import expit
 
 from pamjax.infer.noise.spectral_lines import compute_relative_power, refine_frequency
+from pamjax.model.form_error import FormError
 from pamjax.records.blocks import Blocks
 
 #: Number of moments and of contractions at which a template may begin.
 MOMENT_COUNT, CONTRACTION_COUNT = 96, 24
+#: Pressures below which a muscle bends, and the width of the transition, as shares of the highest pressure.
+BENDING_PRESSURES, BENDING_TRANSITION = (0.2, 0.3, 0.4, 0.5, 0.6), 0.08
 #: Periods over the stroke of a ripple.
 RIPPLE_PERIODS = np.arange(4.0, 20.5, 0.5)
 #: Number of equal successive readings from which a channel counts as stuck.
@@ -37,12 +41,14 @@ class Template:
         description: the effect with its place, to follow "like".
         columns: (k, 2, n) shapes in force (N) and diameter (m), of any size.
         share: share of this place in the prior probability of the family.
+        form_error: where its shape may be inexact.
     """
 
     id: str
     description: str
     columns: np.ndarray
     share: float
+    form_error: FormError = field(default_factory=FormError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +93,7 @@ def build_templates(context: TemplateContext) -> list[Template]:
     """Return every template at every place; those that the recording cannot show are left out."""
     out = []
     for id, build in TEMPLATES.items():
+        form_error = FORM_ERRORS.get(id, FormError())
         variants = [
             (says, np.stack([_fill_channels(column) for column in columns]))
             for says, columns in build(context)
@@ -94,7 +101,7 @@ def build_templates(context: TemplateContext) -> list[Template]:
         variants = [(says, columns) for says, columns in variants if np.abs(columns).sum() > 0]
         # An interference has one of all frequencies, of which the largest are built.
         places = max(len(variants), context.length.size if id == "interference" else 0)
-        out += [Template(id, says, columns, 1 / places) for says, columns in variants]
+        out += [Template(id, says, columns, 1 / places, form_error) for says, columns in variants]
     return out
 
 
@@ -148,7 +155,10 @@ def build_buckling(context: TemplateContext) -> Variants:
         beyond = np.maximum(context.contraction - x, 0)
         says = f"bending beyond {x:.1%} contraction"
         yield f"{says} at high pressure", [pressure / highest * beyond]
-        yield f"{says} at low pressure", [np.maximum(1 - pressure / (0.5 * highest), 0) * beyond]
+        # Pressure stiffens a muscle against bending: it bends below an unknown pressure.
+        for share in BENDING_PRESSURES:
+            weight = expit((share - pressure / highest) / BENDING_TRANSITION)
+            yield f"{says} below {share * highest / 1e3:.0f} kPa", [weight * beyond]
 
 
 def build_clipping(context: TemplateContext) -> Variants:
@@ -227,3 +237,6 @@ TEMPLATES: dict[str, Callable[[TemplateContext], Variants]] = {
     "single_block": build_single_blocks,
     "stuck_length": build_stuck_lengths,
 }
+
+#: Where the shape of a family is inexact; the shapes of the other families are exact.
+FORM_ERRORS = {"buckling": FormError(("pressure", "pressure^2", "length", "length^2", "pressure length"))}

@@ -1,0 +1,63 @@
+"""Replacement of mechanisms by a template of an effect outside the library.
+
+Several mechanisms together can imitate such an effect. First each mechanism, and all of them, are replaced by
+the best template. If that explains more, mechanisms are removed one by one, as long as the criterion
+−2 ln L + k ln n of `outside/rival_templates.py` decreases: a mechanism that explained a part of the effect is
+often superfluous beside the template.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pamjax.diagnosis.form_errors.fit import add_form_errors
+from pamjax.diagnosis.library.library_problem import LibraryProblem
+from pamjax.diagnosis.outside.rival_templates import TemplateFit, find_best_template_fit
+from pamjax.diagnosis.outside.templates import Template
+from pamjax.diagnosis.select.neighbour_fits import fit_without_mechanism, refit_baseline
+from pamjax.diagnosis.select.selection import Selection, restrict_selection
+from pamjax.infer.fitting.identifiability import format_list
+
+
+def replace_by_template(
+    problem: LibraryProblem, training_rows: np.ndarray, selection: Selection, templates: Sequence[Template]
+) -> tuple[Selection, list[str]]:
+    """Return the selection without the mechanisms that a template replaces, and a note on them.
+
+    Args:
+        problem: the recording and the library.
+        training_rows: (n,) mask of the rows in use.
+        selection: the mechanisms and their fit.
+        templates: all templates at all places.
+
+    Returns:
+        the selection itself and an empty list, if no template explains more.
+    """
+    if not selection.named_mechanisms:
+        return selection, []
+    # The same noise in all fits: its estimate differs between models with much misfit.
+    fit = selection.model
+    smaller_fits = [fit_without_mechanism(problem, fit, k) for k in range(len(fit.mechanisms))]
+    if len(fit.mechanisms) > 1:
+        smaller_fits.append(refit_baseline(problem, fit))
+    limit = add_form_errors(problem, fit).full_bic
+    better = find_best_template_fit(problem, templates, smaller_fits, limit)
+    if better is None:
+        return selection, []
+    better = _remove_mechanisms(problem, templates, better)
+    kept = [name for name in selection.named_mechanisms if name.id in better.fit.ids]
+    ids = [f"`{name.id}`" for name in selection.named_mechanisms if name not in kept]
+    note = f"{better.template.description} explains the misfit better than {format_list(ids)}"
+    return restrict_selection(problem, training_rows, selection, kept), [f"{note[0].upper()}{note[1:]}."]
+
+
+def _remove_mechanisms(
+    problem: LibraryProblem, templates: Sequence[Template], template_fit: TemplateFit
+) -> TemplateFit:
+    """Return a fit with a template without the mechanisms that it does not need beside the template."""
+    fit = template_fit.fit
+    smaller_fits = [fit_without_mechanism(problem, fit, k) for k in range(len(fit.mechanisms))]
+    smaller = find_best_template_fit(problem, templates, smaller_fits, template_fit.cost)
+    return template_fit if smaller is None else _remove_mechanisms(problem, templates, smaller)

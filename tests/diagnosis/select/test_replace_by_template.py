@@ -1,0 +1,53 @@
+"""Mechanisms that imitate bending of the muscle, beside a mechanism that is present."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from pamjax.diagnosis.library.candidates import build_candidates
+from pamjax.diagnosis.outside.template_context import build_template_context
+from pamjax.diagnosis.outside.templates import build_templates
+from pamjax.diagnosis.refit.candidate_fit import fit_candidate
+from pamjax.diagnosis.select.replace_by_template import replace_by_template
+from pamjax.diagnosis.select.selection import NamedMechanism, Selection
+from pamjax.records.blocks import find_blocks
+from tests.diagnosis.bank import BankRecording, diagnose_bank
+
+pytestmark = pytest.mark.slow
+
+PRESENT = "braid_friction"
+IMITATORS = ("mullins_softening", "diameter_offset")
+
+
+@cache
+def select_by_hand(unmodelled):
+    """Return problem, rows, selection of friction and both imitators, and all templates."""
+    definition = BankRecording(1, only=PRESENT, smallest=8.0, largest=8.0, unmodelled=unmodelled)
+    problem = diagnose_bank(definition).problem
+    rows = np.ones(problem.n, dtype=bool)
+    baseline = fit_candidate(problem, rows, (), problem.neutral)
+    candidates = {candidate.id: candidate for candidate in build_candidates(problem)}
+    ids = (PRESENT, *IMITATORS)
+    fit = fit_candidate(problem, rows, [candidates[id] for id in ids], problem.neutral)
+    names = tuple(NamedMechanism(id, 1.0, (), 100.0) for id in ids)
+    recording = problem.case.recording
+    context = build_template_context(problem, recording.length, find_blocks(recording), baseline)
+    return problem, rows, Selection(baseline, fit, names), build_templates(context)
+
+
+def test_all_mechanisms_that_imitate_bending_are_removed():
+    """One of them is replaced by bending; the other one is superfluous then."""
+    selection, notes = replace_by_template(*select_by_hand("bending"))
+    assert [name.id for name in selection.named_mechanisms] == [PRESENT]
+    assert [mechanism.id for mechanism in selection.model.mechanisms] == [PRESENT]
+    (note,) = notes
+    assert note.startswith("Bending beyond 8")
+    assert all(f"`{id}`" in note for id in IMITATORS)
+
+
+def test_without_an_outside_effect_no_template_replaces_a_mechanism():
+    problem, rows, selection, templates = select_by_hand(None)
+    unchanged, notes = replace_by_template(problem, rows, selection, templates)
+    assert PRESENT in {name.id for name in unchanged.named_mechanisms}
+    assert notes == [] or f"`{PRESENT}`" not in notes[0]
