@@ -19,6 +19,7 @@ from pamjax.diagnosis.detect.significance import Significance
 from pamjax.diagnosis.form_errors.prediction import FormPrediction
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.next_experiment.experiment import Experiment
+from pamjax.diagnosis.outside.rival_templates import Likeness
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit
 from pamjax.diagnosis.saved_model import build_model_document
@@ -62,21 +63,6 @@ class ParameterShift:
     after: float
     shift: float
     meaning: Meaning
-
-
-@dataclass(frozen=True)
-class Likeness:
-    """An effect outside the library that the unexplained part resembles.
-
-    Attributes:
-        id: family of the effect.
-        probability: that it is this effect, if something outside the library is present.
-        description: the effect with its place, as "a step of the force zero after 120 s".
-    """
-
-    id: str
-    probability: float
-    description: str
 
 
 @dataclass(frozen=True, eq=False, repr=False)

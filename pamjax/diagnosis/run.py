@@ -26,7 +26,7 @@ from pamjax.diagnosis.identifiability import format_notes
 from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem
 from pamjax.diagnosis.next_experiment.experiment import propose_experiments
 from pamjax.diagnosis.noise.sensor_scale import compute_noise_ratios, format_noise_notes
-from pamjax.diagnosis.outside.rival_templates import list_likenesses
+from pamjax.diagnosis.outside.rival_templates import Likeness, list_likenesses
 from pamjax.diagnosis.outside.template_context import build_template_context
 from pamjax.diagnosis.outside.templates import build_templates
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate
@@ -35,7 +35,6 @@ from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
 from pamjax.diagnosis.refit.noise_correlation import fit_noise_correlation
 from pamjax.diagnosis.result import (
     Diagnosis,
-    Likeness,
     ParameterEstimate,
     ParameterShift,
     build_parameter_estimate,

@@ -12,7 +12,8 @@ from pamjax.diagnosis.detect.regions import build_axes
 from pamjax.diagnosis.detect.significance import Significance
 from pamjax.diagnosis.form_errors.prediction import FormPrediction
 from pamjax.diagnosis.next_experiment.experiment import Experiment
-from pamjax.diagnosis.result import Diagnosis, Likeness, ParameterEstimate, ParameterShift
+from pamjax.diagnosis.outside.rival_templates import Likeness
+from pamjax.diagnosis.result import Diagnosis, ParameterEstimate, ParameterShift
 from pamjax.diagnosis.select.selection import NamedMechanism, Selection
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS
 from pamjax.infer.form_errors.parts import FormErrorPart

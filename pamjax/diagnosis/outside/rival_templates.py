@@ -28,7 +28,6 @@ from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.outside.templates import Template
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit
 from pamjax.diagnosis.refit.least_squares import MapEstimate, fit_parameters
-from pamjax.diagnosis.result import Likeness
 from pamjax.infer.form_errors.columns import build_columns_of_effect
 from pamjax.infer.form_errors.discrepancy import (
     DiscrepancyNoise,
@@ -54,6 +53,21 @@ class TemplateFit:
     fit: CandidateFit
     template: Template
     cost: float
+
+
+@dataclass(frozen=True)
+class Likeness:
+    """An effect outside the library that the unexplained part resembles.
+
+    Attributes:
+        id: family of the effect.
+        probability: that it is this effect, if something outside the library is present.
+        description: the effect with its place, as "a step of the force zero after 120 s".
+    """
+
+    id: str
+    probability: float
+    description: str
 
 
 def find_best_template_fit(
