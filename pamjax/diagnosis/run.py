@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -26,9 +27,9 @@ from pamjax.diagnosis.identifiability import format_notes
 from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem
 from pamjax.diagnosis.next_experiment.experiment import propose_experiments
 from pamjax.diagnosis.noise.sensor_scale import compute_noise_ratios, format_noise_notes
-from pamjax.diagnosis.outside.rival_templates import Likeness, list_likenesses
+from pamjax.diagnosis.outside.rival_templates import list_likenesses
 from pamjax.diagnosis.outside.template_context import build_template_context
-from pamjax.diagnosis.outside.templates import build_templates
+from pamjax.diagnosis.outside.templates import Template, build_templates
 from pamjax.diagnosis.refit.candidate_fit import CandidateFit, fit_candidate
 from pamjax.diagnosis.refit.least_squares import evaluate_estimate
 from pamjax.diagnosis.refit.misfit_weighting import fit_with_misfit_weight
@@ -56,32 +57,63 @@ from pamjax.records.case import Case, ensure_case
 
 
 @dataclass(frozen=True, eq=False)
-class _Choice:
-    """The mechanisms of a recording, tested, and the fits with them.
+class _Training:
+    """The training rows of a recording, and the test of its baseline.
 
     Attributes:
-        selection: the mechanisms, chosen on the training rows.
-        mismatch: test of the baseline's residual.
+        problem: the recording and the library.
+        rows: (n,) mask of the training rows.
+        blocks: isobars, holds or cycles of all rows.
+        baseline: the baseline, fitted to the training rows.
+        mismatch: test of its residual.
+        seed: seed of the random draws for the p-values.
+    """
+
+    problem: LibraryProblem
+    rows: np.ndarray
+    blocks: Blocks
+    baseline: CandidateFit
+    mismatch: Significance
+    seed: int
+
+    @property
+    def is_detected(self) -> bool:
+        """Whether the misfit of the baseline is significant."""
+        return self.mismatch.p_value < self.problem.settings.detection_p_value
+
+
+@dataclass(frozen=True, eq=False)
+class _TestedSelection:
+    """Mechanisms that were chosen on the training rows, and the test of what they leave.
+
+    Attributes:
+        selection: the mechanisms.
         residual_test: test of the residual with the mechanisms.
         unexplained: whether physics is left that no mechanism explains.
-        likenesses: effects outside the library that it resembles.
-        training_fit: the fit with the mechanisms to the training rows.
-        baseline: the baseline, fitted to all rows.
-        model: the fit with the mechanisms to all rows.
-        form_errors: form errors of the mechanisms in all rows.
-        notes: mechanisms that were replaced by a template, or dropped.
+        replacements: notes on mechanisms that a template replaces.
     """
 
     selection: Selection
-    mismatch: Significance
     residual_test: Significance
     unexplained: bool
-    likenesses: tuple[Likeness, ...]
-    training_fit: CandidateFit
+    replacements: Sequence[str] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class _FinalFit:
+    """The fits of the chosen mechanisms to all rows.
+
+    Attributes:
+        selection: the mechanisms, with the sizes of their form errors.
+        baseline: the baseline.
+        model: the fit with the mechanisms.
+        form_errors: their form errors.
+    """
+
+    selection: Selection
     baseline: CandidateFit
     model: CandidateFit
     form_errors: dict[str, FormErrorPart]
-    notes: list[str]
 
 
 @use_one_blas_thread
@@ -119,126 +151,145 @@ def diagnose(
     problem.compile()
     blocks_of_case = find_blocks(case.recording)
     held_out_rows = select_held_out_rows(blocks_of_case, problem.settings)
-    choice = _choose_mechanisms(problem, case.recording.length, blocks_of_case, held_out_rows, seed, progress)
-    selection, baseline, model = choice.selection, choice.baseline, choice.model
+    training = _test_baseline(problem, blocks_of_case, ~held_out_rows, seed)
+    selection = (
+        select_mechanisms(problem, training.rows, training.baseline, progress)
+        if training.is_detected
+        else Selection(training.baseline, training.baseline, ())
+    )
+    progress("testing", 0.85)
+    templates = _build_templates(training, case.recording.length)
+    tested = _replace_by_templates(training, selection, templates)
+    confirmed = _confirm_on_blocks(training, tested)
+    final = _fit_all_rows(problem, confirmed.selection)
+    selection, baseline, model = final.selection, final.baseline, final.model
+    training_fit = _fit_selection(problem, selection, training.rows)
     noise_ratios = compute_noise_ratios(problem, model.estimate.values)
-    training_fit = add_form_errors(problem, choice.training_fit)
+    progress("proposing experiments", 0.9)
+    experiments = propose_experiments(problem, model, selection.named_mechanisms)
     progress("done", 1.0)
     return Diagnosis(
         problem=problem,
         selection=selection,
         model=model,
         baseline=baseline,
-        mismatch=choice.mismatch,
+        mismatch=training.mismatch,
         mismatch_boxes=(
             locate_effects(problem, baseline, model)
             if selection.named_mechanisms
             else locate_residual(problem, baseline)
         ),
-        residual_test=choice.residual_test,
-        unexplained=choice.unexplained,
-        likenesses=choice.likenesses,
-        residual_boxes=locate_residual(problem, model) if choice.unexplained else [],
+        residual_test=confirmed.residual_test,
+        unexplained=confirmed.unexplained,
+        likenesses=(list_likenesses(problem, templates, selection.model) if confirmed.unexplained else ()),
+        residual_boxes=locate_residual(problem, model) if confirmed.unexplained else [],
         residual_share=_compute_residual_share(problem, baseline, model),
         noise_ratios=noise_ratios,
         blocks=blocks_of_case,
-        gain=compute_gain(problem, blocks_of_case, held_out_rows, selection.baseline, choice.training_fit),
+        gain=compute_gain(problem, blocks_of_case, held_out_rows, selection.baseline, training_fit),
         parameters=_collect_estimates(problem, model),
         parameter_shifts=_compute_shifts(problem, baseline, model) if selection.named_mechanisms else {},
         notes=[
-            *choice.notes,
+            *_list_changes(tested, confirmed),
             *format_noise_notes(noise_ratios),
             *problem.case.warnings,
             *format_notes(problem, baseline, model),
         ],
-        experiments=propose_experiments(problem, model, selection.named_mechanisms),
-        form_errors=choice.form_errors,
-        form_prediction=predict_with_form_errors(problem, training_fit),
+        experiments=experiments,
+        form_errors=final.form_errors,
+        form_prediction=predict_with_form_errors(problem, add_form_errors(problem, training_fit)),
     )
 
 
-def _choose_mechanisms(
-    problem: LibraryProblem,
-    length: np.ndarray,
-    blocks_of_case: Blocks,
-    held_out_rows: np.ndarray,
-    seed: int,
-    progress: Progress,
-) -> _Choice:
-    """Choose mechanisms one after the other, and test them on held-out blocks."""
-    training_fit = fit_candidate(problem, ~held_out_rows, (), problem.neutral)
-    mismatch = run_baseline_test(problem, training_fit, seed)
-    is_detected = mismatch.p_value < problem.settings.detection_p_value
-    selection = (
-        select_mechanisms(problem, ~held_out_rows, training_fit, progress)
-        if is_detected
-        else Selection(training_fit, training_fit, ())
-    )
-    progress("testing", 0.85)
+def _test_baseline(
+    problem: LibraryProblem, blocks_of_case: Blocks, training_rows: np.ndarray, seed: int
+) -> _Training:
+    """Return the fit of the baseline to the training rows, and the test of its residual."""
+    baseline = fit_candidate(problem, training_rows, (), problem.neutral)
+    mismatch = run_baseline_test(problem, baseline, seed)
+    return _Training(problem, training_rows, blocks_of_case, baseline, mismatch, seed)
+
+
+def _build_templates(training: _Training, length: np.ndarray) -> list[Template]:
+    """Return the templates of effects outside the library; none without a significant misfit."""
+    problem = training.problem
     # The templates describe forces; where length is measured, none applies.
-    templates = (
-        build_templates(build_template_context(problem, length, blocks_of_case, training_fit))
-        if is_detected and not problem.case.recording.measures_length
-        else []
+    if not training.is_detected or problem.case.recording.measures_length:
+        return []
+    return build_templates(build_template_context(problem, length, training.blocks, training.baseline))
+
+
+def _replace_by_templates(
+    training: _Training, selection: Selection, templates: Sequence[Template]
+) -> _TestedSelection:
+    """Return the mechanisms that no template replaces; without small effects if a part is unexplained."""
+    new, notes = replace_by_template(training.problem, training.rows, selection, templates)
+    tested = _test_selection(training, new, notes)
+    if not tested.unexplained or new.fit_before_small_effects is None:
+        return tested
+    # Small effects are reported only if nothing is unexplained: otherwise they can absorb that part.
+    return _replace_by_templates(training, drop_small_effects(training.problem, new), templates)
+
+
+def _confirm_on_blocks(training: _Training, tested: _TestedSelection) -> _TestedSelection:
+    """Return the mechanisms that also predict excluded blocks; less certain if a part is unexplained.
+
+    Mechanisms can absorb physics outside the library, so that the residual is no longer significant.
+    """
+    problem = training.problem
+    if not tested.selection.named_mechanisms:
+        return tested
+    selection, is_predictive = cross_validate_selection(
+        problem, training.blocks, training.rows, tested.selection
     )
-    selection, replaced = replace_by_template(problem, ~held_out_rows, selection, templates)
-    residual_test = _test_residual(problem, selection, mismatch, seed)
-    is_unexplained = is_detected and (
-        bool(replaced) or is_residual_significant(mismatch, residual_test, problem.settings)
+    confirmed = (
+        replace(tested, selection=selection)
+        if selection.model is tested.selection.model
+        else _test_selection(training, selection, tested.replacements)
     )
-    if is_unexplained and selection.fit_before_small_effects is not None:
-        # Small effects are reported only if nothing is unexplained: otherwise they can absorb that part.
-        selection, replaced = replace_by_template(
-            problem, ~held_out_rows, drop_small_effects(problem, selection), templates
-        )
-        residual_test = _test_residual(problem, selection, mismatch, seed)
-        is_unexplained = bool(replaced) or is_residual_significant(mismatch, residual_test, problem.settings)
-    selection_before = selection
-    if selection.named_mechanisms:
-        # Mechanisms can absorb physics outside the library, so that the residual is no longer significant.
-        validated_selection, is_predictive = cross_validate_selection(
-            problem,
-            blocks_of_case,
-            ~held_out_rows,
-            selection,
-        )
-        if validated_selection.model is not selection.model:
-            residual_test = _test_residual(problem, validated_selection, mismatch, seed)
-        selection = validated_selection
-        is_unexplained = (
-            bool(replaced)
-            or not is_predictive
-            or is_residual_significant(mismatch, residual_test, problem.settings)
-        )
-    if selection.named_mechanisms and is_unexplained:
+    unexplained = confirmed.unexplained or not is_predictive
+    if unexplained:
         names = selection.named_mechanisms
-        ids = {name.id for name in names}
-        selection = replace(selection, named_mechanisms=reduce_certainty(names, problem.settings, ids))
+        names = reduce_certainty(names, problem.settings, {name.id for name in names})
+        selection = replace(selection, named_mechanisms=names)
+    return replace(confirmed, selection=selection, unexplained=unexplained)
+
+
+def _test_selection(
+    training: _Training, selection: Selection, replacements: Sequence[str]
+) -> _TestedSelection:
+    """Test the residual beyond form errors; without mechanisms, the test is that of the baseline."""
+    problem, mismatch = training.problem, training.mismatch
+    residual_test = (
+        run_residual_test(problem, add_form_errors(problem, selection.model), training.seed)
+        if selection.model.mechanisms
+        else mismatch
+    )
+    is_significant = is_residual_significant(mismatch, residual_test, problem.settings)
+    unexplained = training.is_detected and (bool(replacements) or is_significant)
+    return _TestedSelection(selection, residual_test, unexplained, replacements)
+
+
+def _fit_all_rows(problem: LibraryProblem, selection: Selection) -> _FinalFit:
+    """Refit the baseline, and the model with the selected mechanisms, to all rows."""
     all_rows = np.ones(problem.n, dtype=bool)
     # The reported baseline is that of `fit`, which takes the noise as stated.
     baseline = fit_candidate(problem, all_rows, (), selection.baseline.estimate.values, max_noise_ratio=1.0)
-    model, form_errors = baseline, {}
-    if selection.named_mechanisms:
-        model = fit_noise_correlation(problem, _fit_selection(problem, selection, all_rows))
-        model = average_models(problem, model, selection.named_mechanisms)
-        form_errors = describe_form_errors(problem, add_form_errors(problem, model))
-        selection = _state_form_errors(selection, form_errors)
-    return _Choice(
-        selection=selection,
-        mismatch=mismatch,
-        residual_test=residual_test,
-        unexplained=is_unexplained,
-        likenesses=list_likenesses(problem, templates, selection.model) if is_unexplained else (),
-        training_fit=_fit_selection(problem, selection, ~held_out_rows),
-        baseline=baseline,
-        model=model,
-        form_errors=form_errors,
-        notes=[
-            *replaced,
-            *format_dropped_mechanisms(selection_before, selection),
-            *format_masked_mechanisms(selection),
-        ],
-    )
+    if not selection.named_mechanisms:
+        return _FinalFit(selection, baseline, baseline, {})
+    model = fit_noise_correlation(problem, _fit_selection(problem, selection, all_rows))
+    model = average_models(problem, model, selection.named_mechanisms)
+    form_errors = describe_form_errors(problem, add_form_errors(problem, model))
+    return _FinalFit(_state_form_errors(selection, form_errors), baseline, model, form_errors)
+
+
+def _list_changes(tested: _TestedSelection, confirmed: _TestedSelection) -> list[str]:
+    """Return the notes on mechanisms that were replaced, dropped or masked."""
+    return [
+        *confirmed.replacements,
+        *format_dropped_mechanisms(tested.selection, confirmed.selection),
+        *format_masked_mechanisms(confirmed.selection),
+    ]
 
 
 def _fit_selection(problem: LibraryProblem, selection: Selection, rows: np.ndarray) -> CandidateFit:
@@ -257,17 +308,6 @@ def _state_form_errors(selection: Selection, parts: dict[str, FormErrorPart]) ->
         for name in selection.named_mechanisms
     )
     return replace(selection, named_mechanisms=names)
-
-
-def _test_residual(
-    problem: LibraryProblem, selection: Selection, mismatch: Significance, seed: int
-) -> Significance:
-    """Test the residual beyond form errors; without mechanisms, return the test of the baseline."""
-    return (
-        run_residual_test(problem, add_form_errors(problem, selection.model), seed)
-        if selection.model.mechanisms
-        else mismatch
-    )
 
 
 def _compute_residual_share(problem: LibraryProblem, baseline: CandidateFit, model: CandidateFit) -> float:
