@@ -191,7 +191,7 @@ def diagnose(
         parameter_shifts=_compute_shifts(problem, baseline, model) if selection.named_mechanisms else {},
         notes=[
             *_list_changes(tested, confirmed),
-            *format_noise_notes(noise_ratios),
+            *format_noise_notes(noise_ratios, problem.settings.min_reported_noise_ratio),
             *problem.case.warnings,
             *format_notes(problem, baseline, model),
         ],

@@ -320,6 +320,9 @@ class DiagnosisSettings:
     min_channel_excess_share: float = _report(0.2, "share of the largest channel's excess", 0.0, 1.0,
         "Report a box of the unexplained misfit of a channel if that misfit is at least this",
         "fewer boxes")
+    min_reported_noise_ratio: float = _report(1.15, "1", 1.0, 1e3,
+        "Report the noise of a sensor if its ratio to the stated noise, or the inverse, exceeds this",
+        "fewer notes on sensors")
     max_boxes: int = _report(5, "count", 0, 5,
         "Limit the number of boxes to this",
         "more boxes")
@@ -345,6 +348,12 @@ class DiagnosisSettings:
         "State the places of two parts in a sentence if they are farther apart than this",
         "fewer sentences give places")
 
+    min_stuck_readings: int = _report(3, "count", 2, 10**6,
+        "Compare with a stuck length channel if it repeats a reading this often",
+        "short stops of the channel are not recognised")
+    min_clipped_readings: int = _report(5, "count", 2, 10**6,
+        "Compare with a clipped load cell if this many readings are equal to the largest one",
+        "fewer recordings are compared with clipping")
     min_likeness: float = _report(0.05, "1", 0.0, 1.0,
         "Describe an unexplained part by an effect outside the library if its probability is at least this",
         "fewer descriptions")

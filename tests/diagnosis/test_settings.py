@@ -65,6 +65,7 @@ DEFAULTS = {
     "unexplained_certainty_share": 0.5, "held_out_interval": 5, "min_blocks_for_hold_out": 3,
     "box_low_quantile": 0.05, "box_high_quantile": 0.95, "min_direction_share": 0.15,
     "min_moving_misfit_share": 0.5, "min_box_rms_ratio": 0.5, "min_channel_excess_share": 0.2,
+    "min_reported_noise_ratio": 1.15, "min_stuck_readings": 3, "min_clipped_readings": 5,
     "max_boxes": 5, "smoothing_rows": 7, "min_one_sided_ratio": 0.4, "min_trend_correlation": 0.9,
     "trend_end_share": 0.1, "ranges_per_box": 5, "min_part_share": 0.02, "min_part_distance_share": 0.2,
     "min_likeness": 0.05, "min_likeness_excess_share": 0.5,

@@ -17,9 +17,6 @@ from pamjax.diagnosis.noise.estimate import estimate_noise
 from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.problem.dataset import get_stated_sds
 
-#: Ratio above which, or below whose inverse, a note reports it. A data sheet seldom states less than 15 %.
-MIN_REPORTED_RATIO = 1.15
-
 
 def compute_noise_ratios(problem: LibraryProblem, values: np.ndarray) -> dict[str, float | None]:
     """Return by measured channel the estimated over the stated noise sd; None if no noise is stated.
@@ -43,13 +40,18 @@ def compute_noise_ratios(problem: LibraryProblem, values: np.ndarray) -> dict[st
     }
 
 
-def format_noise_notes(ratios: dict[str, float | None]) -> list[str]:
-    """Return a note for each channel whose noise differs from the stated noise."""
+def format_noise_notes(ratios: dict[str, float | None], limit: float) -> list[str]:
+    """Return a note for each channel whose noise differs from the stated noise.
+
+    Args:
+        ratios: by channel, the estimated over the stated noise sd.
+        limit: a ratio above it, or below its inverse, is reported.
+    """
     return [
         f"The noise of {channel} is {ratio:.2f} times the stated noise (from neighbouring samples): check"
         " `[sensors]`."
         for channel, ratio in ratios.items()
-        if ratio is not None and not 1 / MIN_REPORTED_RATIO < ratio < MIN_REPORTED_RATIO
+        if ratio is not None and not 1 / limit < ratio < limit
     ]
 
 

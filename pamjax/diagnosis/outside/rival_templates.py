@@ -36,7 +36,7 @@ from pamjax.infer.form_errors.discrepancy import (
     compute_free_column_cost,
 )
 
-#: Share of the information of a template that the parameters must not absorb.
+#: Share of a template that the parameters must not imitate; a smaller one is rounding.
 MIN_FREE_SHARE = 1e-3
 
 

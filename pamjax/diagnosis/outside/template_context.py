@@ -43,4 +43,5 @@ def build_template_context(
         by_pressure=by_pressure,
         by_length=by_length,
         by_stiffness=problem.jacobian(values, [problem.index(stiffness)])[1][0],
+        settings=problem.settings,
     )

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import expit
 
+from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
 from pamjax.infer.noise.spectral_lines import compute_relative_power, refine_frequency
 from pamjax.model.form_error import FormError
 from pamjax.records.blocks import Blocks
@@ -24,10 +25,6 @@ MOMENT_COUNT, CONTRACTION_COUNT = 96, 24
 BENDING_PRESSURES, BENDING_TRANSITION = (0.2, 0.3, 0.4, 0.5, 0.6), 0.08
 #: Periods over the stroke of a ripple.
 RIPPLE_PERIODS = np.arange(4.0, 20.5, 0.5)
-#: Number of equal successive readings from which a channel counts as stuck.
-MIN_STUCK_READINGS = 3
-#: Number of equal largest readings from which a load cell counts as clipped.
-MIN_CLIPPED_READINGS = 5
 #: Number of frequencies of an interference that are tried, of those that exceed the noise around them most.
 FREQUENCY_COUNT = 3
 
@@ -65,6 +62,7 @@ class TemplateContext:
         prediction: (2, n) force (N) and diameter (m) of the baseline.
         by_pressure, by_length: (n,) derivatives of the force, N/Pa and N/m.
         by_stiffness: (2, n) derivatives of force and diameter by a number of the threads' stiffness.
+        settings: thresholds of the diagnosis.
     """
 
     time: np.ndarray | None
@@ -77,6 +75,7 @@ class TemplateContext:
     by_pressure: np.ndarray
     by_length: np.ndarray
     by_stiffness: np.ndarray
+    settings: DiagnosisSettings = DEFAULT_SETTINGS
 
     @property
     def residual(self) -> np.ndarray:
@@ -165,7 +164,7 @@ def build_clipping(context: TemplateContext) -> Variants:
     """Yield a load cell that does not read above the largest measured force."""
     force, level = context.force, float(np.nanmax(context.force, initial=-np.inf))
     # A converter at its limit repeats the same reading.
-    if np.count_nonzero(force == level) >= MIN_CLIPPED_READINGS:
+    if np.count_nonzero(force == level) >= context.settings.min_clipped_readings:
         yield f"a load cell that clips at {level:.0f} N", [-np.maximum(context.prediction[0] - level, 0)]
 
 
@@ -210,19 +209,19 @@ def build_single_blocks(context: TemplateContext) -> Variants:
 def build_stuck_lengths(context: TemplateContext) -> Variants:
     """Yield a length channel that repeats its reading while the muscle moves on."""
     length = context.length
-    is_stuck = _find_repeated_readings(length)
+    is_stuck = _find_repeated_readings(length, context.settings.min_stuck_readings)
     if is_stuck.any() and not is_stuck.all():
         rows = np.arange(length.size)
         length_change = np.interp(rows, rows[~is_stuck], length[~is_stuck]) - length
         yield "a length channel that repeats its reading", [context.by_length * length_change]
 
 
-def _find_repeated_readings(values: np.ndarray) -> np.ndarray:
-    """Return the rows, (n,), that repeat the reading before them, in runs of `MIN_STUCK_READINGS` or more."""
+def _find_repeated_readings(values: np.ndarray, min_run: int) -> np.ndarray:
+    """Return the rows, (n,), that repeat the reading before them, in runs of a number or more."""
     number = np.cumsum(np.diff(values, prepend=np.nan) != 0)
     sizes = np.bincount(number)[number]
     first = np.diff(number, prepend=0) != 0
-    return (sizes >= MIN_STUCK_READINGS) & ~first
+    return (sizes >= min_run) & ~first
 
 
 #: Templates by family.

@@ -36,8 +36,8 @@ def test_ratio_is_that_of_the_noise_in_spite_of_a_smooth_misfit(factor, with_swi
 
 
 def test_note_names_the_channel_and_the_factor():
-    assert format_noise_notes({"force": 1.1, "diameter": None}) == []
-    (note,) = format_noise_notes({"force": 1.4, "diameter": 0.95})
+    assert format_noise_notes({"force": 1.1, "diameter": None}, 1.15) == []
+    (note,) = format_noise_notes({"force": 1.4, "diameter": 0.95}, 1.15)
     assert "force is 1.40 times" in note
     assert "[sensors]" in note
 

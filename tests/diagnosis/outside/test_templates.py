@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pamjax import DiagnosisSettings
 from pamjax.diagnosis.outside.templates import TEMPLATES, TemplateContext, build_templates
 from pamjax.records.blocks import Blocks
 from tests.agreement import ROUNDING, agree
@@ -89,6 +90,9 @@ def test_only_a_repeated_largest_reading_is_clipped(context):
     clipped = replace(context, force=np.minimum(PREDICTION[0], 130.0))
     (template,) = list_family(clipped, "clipping").values()
     agree(template.columns[0, 0], -np.maximum(PREDICTION[0] - 130, 0), ROUNDING)
+    equal = int(np.count_nonzero(clipped.force == 130.0))
+    stricter = replace(clipped, settings=DiagnosisSettings(min_clipped_readings=equal + 1))
+    assert not list_family(stricter, "clipping")
 
 
 def test_a_ripple_has_both_phases_of_its_period(context):
@@ -119,6 +123,8 @@ def test_a_stuck_length_is_replaced_by_a_line_between_its_neighbours(context):
     line = np.interp(TIME, TIME[[20, 40]], LENGTH[[20, 40]])
     expected = np.where(np.isin(np.arange(N), range(21, 40)), 3e3 * (line - LENGTH[20]), 0.0)
     agree(template.columns[0, 0], expected, 1e-9, 3e3 * 0.03)
+    stricter = replace(context, length=stuck, settings=DiagnosisSettings(min_stuck_readings=21))
+    assert not list_family(stricter, "stuck_length")
 
 
 def test_without_time_no_course_in_time_is_tried(context):
