@@ -13,7 +13,13 @@ from pamjax.errors import check_minimum
 from pamjax.infer.fitting.cross_validation import cross_validate
 from pamjax.infer.fitting.form_errors import check_form_errors, describe_form_errors, fit_form_errors
 from pamjax.infer.fitting.joint_space import build_joint_space, choose_law, collect_meanings
-from pamjax.infer.fitting.least_squares import Loss, Solution, inflate_information, solve_least_squares
+from pamjax.infer.fitting.least_squares import (
+    Loss,
+    Solution,
+    exchange_priors,
+    inflate_information,
+    solve_least_squares,
+)
 from pamjax.infer.fitting.prior_bounds import find_limits, solve_within_limits
 from pamjax.infer.fitting.result import CaseFit, Estimate, Fit, HeldOutScore, NamedEstimates
 from pamjax.infer.fitting.reweight import (
@@ -138,6 +144,9 @@ def fit(
     )  # fmt: skip
     _, noise = reweight_datasets(cases, datasets, space, solution, loss)
     at_limit = {*space.find_names_at_bound(solution.u), *_find_fixed_names(space, fixed_space)}
+    # A value at its limit was fixed by a narrow prior, which is no information on it.
+    if fixed_space is not space:
+        solution = exchange_priors(solution, fixed_space, space)
     datasets, solution = _inflate_variances(datasets, space, solution, loss)
     sd, correlation = compute_sd_and_correlation(solution)
     progress("done", 1.0)

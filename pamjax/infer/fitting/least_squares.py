@@ -166,6 +166,20 @@ def inflate_information(solution: Solution, datasets: tuple[Dataset, ...]) -> So
     return eqx.tree_at(lambda s: s.information, solution, information)
 
 
+def exchange_priors(solution: Solution, before: ParameterSpace, after: ParameterSpace) -> Solution:
+    """Return the solution at the same point with other priors.
+
+    Args:
+        solution: the solution.
+        before: the space of the solution.
+        after: a space with other priors and the same coordinates.
+    """
+    residual_before = before.compute_prior_residual(solution.u)
+    residual, jacobian = _compute_with_jacobian(after.compute_prior_residual, solution.u)
+    cost = solution.cost + 0.5 * (residual @ residual - residual_before @ residual_before)
+    return eqx.tree_at(lambda s: (s.cost, s.prior_information), solution, (cost, jacobian.T @ jacobian))
+
+
 def _sum_information(dataset_information: Array, datasets: tuple[Dataset, ...]) -> Array:
     inflations = [
         1.0 if dataset.whitening is None else dataset.whitening.variance_inflation for dataset in datasets

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from pamjax.infer.fitting.fit import fit
+from pamjax.infer.fitting.least_squares import linearise_problem
 from pamjax.infer.fitting.prior_bounds import find_limits, solve_within_limits
 from pamjax.infer.fitting.reweight import has_neighbours
+from tests.agreement import agree
 from tests.infer.made import SENSORS, made, sds_off
 
 QUICK = {"starts": 1, "fold_count": 2}
@@ -97,6 +99,18 @@ def test_a_stated_value_beyond_its_limit_stops_there_if_the_model_misses():
     wrong = fit(made(off=(0, 5.0, 0)), **QUICK).estimates["muscle.turns"]
     assert not wrong.at_limit
     assert abs(wrong.value - wrong.prior) > 4 * wrong.prior_sd
+
+
+def test_a_value_at_its_limit_keeps_its_own_prior_in_the_covariance():
+    """A narrow prior holds the value at the limit; it must not reduce the sd of the other values."""
+    fitted = fit(with_gain(made()), **QUICK)
+    assert fitted.limited_space is not fitted.space
+    expected = linearise_problem(fitted.datasets, fitted.space, fitted.solution.u)
+    for name in ("cost", "information", "prior_information"):
+        value = np.asarray(getattr(expected, name))
+        agree(getattr(fitted.solution, name), value, 1e-6, scale=float(np.abs(value).max()))
+    held = linearise_problem(fitted.datasets, fitted.limited_space, fitted.solution.u)
+    assert np.abs(held.prior_information).max() > 10 * np.abs(expected.prior_information).max()
 
 
 def test_limited_solution_has_no_better_neighbour():
