@@ -12,7 +12,7 @@ from pamjax.diagnosis.crossval.cross_validated import (
     cross_validate_selection,
     format_dropped_mechanisms,
 )
-from pamjax.diagnosis.crossval.gain import compute_gain, select_held_out_rows
+from pamjax.diagnosis.crossval.held_out_errors import compute_held_out_errors, select_held_out_rows
 from pamjax.diagnosis.detect.locate import locate_effects, locate_residual
 from pamjax.diagnosis.detect.residual_test import (
     is_residual_significant,
@@ -142,7 +142,9 @@ def diagnose(
         residual_share=_compute_residual_share(problem, baseline, model),
         noise_ratios=noise_ratios,
         blocks=blocks_of_case,
-        gain=compute_gain(problem, blocks_of_case, held_out_rows, selection.baseline, choice.training_fit),
+        held_out_errors=compute_held_out_errors(
+            problem, blocks_of_case, held_out_rows, selection.baseline, choice.training_fit
+        ),
         parameters=_collect_estimates(problem, model),
         parameter_shifts=_compute_shifts(problem, baseline, model) if selection.named_mechanisms else {},
         notes=[

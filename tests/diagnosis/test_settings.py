@@ -11,7 +11,7 @@ import pytest
 
 import pamjax
 from pamjax.diagnosis.crossval.explained_fraction import _compute_explained_share
-from pamjax.diagnosis.crossval.gain import select_held_out_rows
+from pamjax.diagnosis.crossval.held_out_errors import select_held_out_rows
 from pamjax.diagnosis.detect.locate import _find_direction
 from pamjax.diagnosis.detect.regions import RecordingAxes, split_into_regions
 from pamjax.diagnosis.detect.residual_test import is_residual_large, is_residual_significant

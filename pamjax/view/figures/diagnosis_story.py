@@ -43,7 +43,10 @@ def plot_story(diagnosis: Diagnosis, narrow: bool = False) -> Figure | None:
     channel = diagnosis.problem.channels[channel_index]
     row_layout = build_layout(diagnosis.problem.case)
     measured = diagnosis.problem.measured[channel_index]
-    before, after = (measured - p[channel_index] for p in (diagnosis.gain.before, diagnosis.gain.after))
+    before, after = (
+        measured - p[channel_index]
+        for p in (diagnosis.held_out_errors.before, diagnosis.held_out_errors.after)
+    )
     noise = diagnosis.as_dict()["noise"][channel]["sd"]
     with apply_theme():
         drawing = create_figure(SINGLE_COLUMN if narrow else DOUBLE_COLUMN, 7.2 if narrow else 2.9)
