@@ -22,7 +22,7 @@ from pamjax.diagnosis.detect.regions import (
     split_range,
 )
 from pamjax.diagnosis.library.library_problem import LibraryProblem
-from pamjax.diagnosis.refit.candidate_fit import CandidateFit, compute_effect
+from pamjax.diagnosis.refit.candidate_fit import CandidateFit, compute_unabsorbed_effect
 from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.infer.problem.dataset import CHANNELS
 
@@ -59,7 +59,7 @@ def locate_effects(problem: LibraryProblem, baseline: CandidateFit, fit: Candida
     axes, residual = build_axes(problem), problem.measured - problem.predict(baseline.estimate.values)
     boxes = []
     for candidate in fit.mechanisms:
-        candidate_effect = compute_effect(problem, fit, candidate)
+        candidate_effect = compute_unabsorbed_effect(problem, fit, candidate)
         sizes = [_compute_rms(fit.noise.standardise(candidate_effect, c)) for c in range(len(CHANNELS))]
         for c, size in enumerate(sizes):
             if size > 0 and size >= settings.min_box_rms_ratio * max(sizes):

@@ -155,7 +155,7 @@ def compute_candidate_jacobians(
                 values[index] = np.clip(value, problem.low[index], problem.high[index])
         names = sorted({name for k in group for name in candidates[k].amplitudes})
         jacobian_by_name = dict(
-            zip(names, problem.jacobian(values, map(problem.index, names))[1], strict=True)
+            zip(names, problem.predict_with_jacobian(values, map(problem.index, names))[1], strict=True)
         )
         return {
             k: np.stack([jacobian_by_name[name] for name in candidates[k].amplitudes])

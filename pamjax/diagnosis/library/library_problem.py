@@ -52,7 +52,7 @@ DERIVATIVES_PER_PASS = 4
 #: The mechanism that costs as much as all others together. `reduced_dataset` does not contain it.
 COSTLIEST_MECHANISM = "end_taper"
 
-#: Mechanisms that depend on earlier samples. While one is active, the recording is simulated with_memory.
+#: Mechanisms that depend on earlier samples. While one is active, the recording is simulated twice.
 MECHANISMS_WITH_MEMORY = {kind.id for kind in MECHANISMS if issubclass(kind, HISTORY_DEPENDENT)}
 
 #: Compliance of the threads; zero for an inelastic braid.
@@ -127,7 +127,7 @@ class LibraryProblem:
 
     def predict(self, values: np.ndarray) -> np.ndarray:
         """Return the predicted force (N) and diameter (m), (2, n), at parameter values (p,), SI."""
-        return self.jacobian(values, ())[0]
+        return self.predict_with_jacobian(values, ())[0]
 
     def active(self, values: np.ndarray) -> set[str]:
         """Return the ids of the mechanisms that are switched on at these values."""
@@ -143,7 +143,7 @@ class LibraryProblem:
                 _sweep_derivatives, *_pack_sweep_arguments(dataset, self.neutral, (), True)
             )
 
-    def jacobian(self, values: np.ndarray, indices) -> tuple[np.ndarray, np.ndarray]:
+    def predict_with_jacobian(self, values: np.ndarray, indices) -> tuple[np.ndarray, np.ndarray]:
         """Return the prediction, (2, n), and its derivatives by some parameters, (k, 2, n), SI."""
         indices, active_ids = np.array(list(indices), dtype=int), self.active(values)
         mechanism_ids = [_get_mechanism_id(self.names[k]) for k in indices]

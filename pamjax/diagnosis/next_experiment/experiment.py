@@ -148,10 +148,10 @@ def fit_rival(problem: LibraryProblem, fit: CandidateFit, name: str, rival: str)
         _get_free_indices(problem, remaining),
         switch_off_candidate(problem, fit.estimate.values, candidate),
     )
-    return fit_best_candidate(problem, CandidateFit(remaining, fit.noise, reduced_estimate), candidates)
+    return fit_best_rival(problem, CandidateFit(remaining, fit.noise, reduced_estimate), candidates)
 
 
-def fit_best_candidate(
+def fit_best_rival(
     problem: LibraryProblem, reduced_fit: CandidateFit, candidates: Sequence[Candidate]
 ) -> CandidateFit:
     """Return the best refit of a model with one more candidate.

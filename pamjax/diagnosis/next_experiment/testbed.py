@@ -167,7 +167,7 @@ def compute_contrast(
     if schedule is not None:
         planned_problem = testbed.simulate(schedule)
         (shown_a, jacobian_a), (shown_b, jacobian_b) = (
-            planned_problem.jacobian(m.estimate.values, m.estimate.free) for m in (a, b)
+            planned_problem.predict_with_jacobian(m.estimate.values, m.estimate.free) for m in (a, b)
         )
         is_measured = np.isfinite(shown_a) & np.isfinite(shown_b)
         # A negative force means that the muscle is slack: such samples do not distinguish the models.

@@ -71,11 +71,13 @@ def compute_input_noise_chi2_and_gradient(
         return 0.0, gradient
     positions = np.flatnonzero([_mixes_samples(problem.names[k]) for k in indices])
     own_indices = [indices[position] for position in positions]
-    prediction, jacobian = problem.jacobian(values, own_indices)
+    prediction, jacobian = problem.predict_with_jacobian(values, own_indices)
     total, size = 0.0, 0
     statics = _propagate_without_memory(problem, values)
     for perturbed_problem, static in zip(perturbed_problems, statics, strict=True):
-        perturbed_prediction, perturbed_jacobian = perturbed_problem.jacobian(values, own_indices)
+        perturbed_prediction, perturbed_jacobian = perturbed_problem.predict_with_jacobian(
+            values, own_indices
+        )
         with_memory = whiten(np.nan_to_num(perturbed_prediction - prediction))
         without_memory = whiten(np.nan_to_num(static))
         total += float(with_memory @ with_memory - without_memory @ without_memory)

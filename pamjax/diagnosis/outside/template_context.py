@@ -42,5 +42,5 @@ def build_template_context(
         prediction=problem.predict(values),
         by_pressure=by_pressure,
         by_length=by_length,
-        by_stiffness=problem.jacobian(values, [problem.index(stiffness)])[1][0],
+        by_stiffness=problem.predict_with_jacobian(values, [problem.index(stiffness)])[1][0],
     )

@@ -173,8 +173,8 @@ def switch_off_candidate(problem: LibraryProblem, values: np.ndarray, candidate:
     return out
 
 
-def compute_effect(problem: LibraryProblem, fit: CandidateFit, candidate: Candidate) -> np.ndarray:
-    """Return the effect of one candidate that a refit of the baseline does not absorb, SI, (2, n)."""
+def compute_unabsorbed_effect(problem: LibraryProblem, fit: CandidateFit, candidate: Candidate) -> np.ndarray:
+    """Return the part of a candidate's effect that a refit of the baseline does not absorb, SI, (2, n)."""
     values = fit.estimate.values
     for other in fit.mechanisms:
         values = values if other is candidate else switch_off_candidate(problem, values, other)

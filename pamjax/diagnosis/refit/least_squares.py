@@ -195,7 +195,7 @@ class _ResidualEvaluator:
             log = self.problem.is_logarithmic[self.free]
             trial = self.values.copy()
             trial[self.free] = np.where(log, np.exp(np.where(log, x, 0.0)), x)
-            prediction, model_jacobian = self.problem.jacobian(trial, self.free)
+            prediction, model_jacobian = self.problem.predict_with_jacobian(trial, self.free)
             scale = np.where(log, trial[self.free], 1.0)
             # A sample without a solution counts as a large misfit with zero derivative.
             residual = np.nan_to_num(self.noise.whiten(self.problem.measured - prediction), nan=1e3)

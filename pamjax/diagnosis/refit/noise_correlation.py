@@ -61,7 +61,7 @@ def fit_noise_correlation(problem: LibraryProblem, fit: CandidateFit) -> Candida
 def _build_restricted_deviance(problem: LibraryProblem, fit: CandidateFit) -> Callable[[NoiseModel], float]:
     """Return the function −2 ln L of a noise model, without a constant."""
     estimate, free = fit.estimate, list(fit.estimate.free)
-    prediction, model_jacobian = problem.jacobian(estimate.values, free)
+    prediction, model_jacobian = problem.predict_with_jacobian(estimate.values, free)
     residual, model_jacobian = problem.measured - prediction, model_jacobian * estimate.scale[:, None, None]
     precision = 1 / estimate.prior_sd**2
     prior_gradient = (

@@ -22,7 +22,7 @@ from pamjax.errors import refuse
 from pamjax.infer.fitting.least_squares import Solution, solve_least_squares
 from pamjax.infer.form_errors.dataset_form import (
     build_form_columns,
-    compute_effect,
+    compute_raw_effect,
     compute_white_misfit,
     has_form_error,
     set_form_columns,
@@ -169,7 +169,7 @@ def describe_form_errors(
     misfit, parts = compute_white_misfit(dataset, values), {}
     for id, share in shares.items():
         form = dataset.form_filter.estimate_form(misfit, id)
-        effect = compute_effect(dataset, values, id)
+        effect = compute_raw_effect(dataset, values, id)
         form_white, effect_white = np.asarray(whiten_columns(dataset, jnp.asarray(np.stack([form, effect]))))
         parts[id] = build_form_part(
             share, form[:, :n], effect[:, :n], form_white, effect_white, dataset.rows.weights[:, :n] > 0

@@ -11,7 +11,7 @@ from pamjax.diagnosis.next_experiment.experiment import (
     Experiment,
     choose_experiment,
     evaluate_protocols,
-    fit_best_candidate,
+    fit_best_rival,
     fit_rival,
 )
 from pamjax.diagnosis.next_experiment.power import LinearisedModel, compute_power
@@ -136,7 +136,7 @@ def test_form_at_its_limit_does_not_represent_its_mechanism():
     true = np.array([envelope.true_values[name] for name in problem.names])
     best = float(np.sum(baseline.noise.whiten(problem.measured - problem.predict(true)) ** 2))
     # As good as the true model, up to the χ² of its few fitted parameters.
-    assert fit_best_candidate(problem, baseline, offered).estimate.chi2_with_priors < best + 10
+    assert fit_best_rival(problem, baseline, offered).estimate.chi2_with_priors < best + 10
     # Negative control: there is an effect to detect.
     assert baseline.estimate.chi2_with_priors > best + 100
 
