@@ -114,7 +114,7 @@ class History(eqx.Module):
 
 def build_time_history(
     time: np.ndarray | None,
-    starts: np.ndarray,
+    is_run_start: np.ndarray,
     *,
     restart: bool = False,
     settled: bool = False,
@@ -126,7 +126,7 @@ def build_time_history(
 
     Args:
         time: (n,) s, increasing; None for a static map, which has no memory.
-        starts: (n,) whether a continuous run begins at this sample.
+        is_run_start: (n,) whether a continuous run begins at this sample.
         restart: whether memory restarts at every run, rather than only at the first sample.
         settled: whether the muscle performed the same recording once before.
         stroke_channels: (k, n) channels that may have strokes, in any unit. No rate is computed across
@@ -134,20 +134,22 @@ def build_time_history(
         size: length to pad to; padded samples repeat the last one.
         compute_padding: whether padded samples are computed; otherwise they repeat the last result.
     """
-    n = starts.size
+    n = is_run_start.size
     size = size or n
     clock = np.zeros(n) if time is None else np.asarray(time, dtype=float)
-    run = np.cumsum(starts)
-    begin, end = (np.searchsorted(run, run, side=side) for side in ("left", "right"))
+    run_number = np.cumsum(is_run_start)
+    begin, end = (np.searchsorted(run_number, run_number, side=side) for side in ("left", "right"))
     row = np.arange(n)
     first = np.zeros(n, dtype=bool)
     first[:1] = True
-    restarts = np.ones(n, dtype=bool) if time is None else (starts | first if restart else first)
+    restarts = np.ones(n, dtype=bool) if time is None else (is_run_start | first if restart else first)
     return History(
         time=jnp.asarray(_pad_rows(clock, size, clock[-1] if n else 0.0)),
         step=jnp.asarray(_pad_rows(np.diff(clock, prepend=clock[:1]), size, 0.0)),
         restart=jnp.asarray(_pad_rows(restarts, size, time is None)),
-        rate_weights=jnp.asarray(_pad_rows(_compute_rate_weights(clock, run, stroke_channels), size, 0.0)),
+        rate_weights=jnp.asarray(
+            _pad_rows(_compute_rate_weights(clock, run_number, stroke_channels), size, 0.0)
+        ),
         first=jnp.asarray(_pad_rows(row if time is None else begin, size, max(n - 1, 0))),
         last=jnp.asarray(_pad_rows(row if time is None else end - 1, size, max(n - 1, 0))),
         settled=settled,
@@ -161,7 +163,7 @@ def _compute_once(values: Array) -> Array:
 
 
 def _compute_rate_weights(
-    clock: np.ndarray, run: np.ndarray, stroke_channels: np.ndarray | None = None
+    clock: np.ndarray, run_number: np.ndarray, stroke_channels: np.ndarray | None = None
 ) -> np.ndarray:
     """Return the weights of the least-squares slope of a sample and its neighbours in the same run.
 
@@ -171,7 +173,7 @@ def _compute_rate_weights(
     neighbours = np.clip(
         np.arange(n)[:, None] + np.arange(-RATE_HALF_WIDTH, RATE_HALF_WIDTH + 1), 0, max(n - 1, 0)
     )
-    same_run = (run[neighbours] == run[:, None]) & (
+    same_run = (run_number[neighbours] == run_number[:, None]) & (
         neighbours == np.arange(n)[:, None] + np.arange(-RATE_HALF_WIDTH, RATE_HALF_WIDTH + 1)
     )
     two_sided = _slope_weights(clock, neighbours, same_run)

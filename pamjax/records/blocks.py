@@ -197,14 +197,14 @@ def _find_cycles(recording: Recording) -> Blocks | None:
     """Return the numbered cycles, divided at jumps of the recording; rows of cycle 0 have no block."""
     if not recording.has_time:
         return None
-    run = np.cumsum(recording.starts)
+    run_number = np.cumsum(recording.is_run_start)
     label, names = np.full(recording.n, -1), []
     numbers: list[int] = []
-    for first, last in _find_constant_runs(run * (recording.cycle.max() + 1) + recording.cycle):
+    for first, last in _find_constant_runs(run_number * (recording.cycle.max() + 1) + recording.cycle):
         if recording.cycle[first] > 0:
             label[first:last] = len(names)
             numbers.append(int(recording.cycle[first]))
-            names.append(f"run {run[first]}, cycle {recording.cycle[first]}")
+            names.append(f"run {run_number[first]}, cycle {recording.cycle[first]}")
     if len(names) < 2:
         return None
     if len(set(numbers)) == len(numbers):

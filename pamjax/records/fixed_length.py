@@ -56,7 +56,7 @@ def average_fixed_lengths(case: Case) -> Case:
     if case_blocks.kind != "lengths":
         return case
     length, is_fixed, sizes = recording.length.copy(), np.zeros(recording.n, dtype=bool), []
-    for rows in _find_visits(case_blocks.label, recording.starts):
+    for rows in _find_visits(case_blocks.label, recording.is_run_start):
         rest_rows = rows[find_rest_samples(recording.length[rows])]
         if rest_rows.size:
             length[rest_rows] = recording.length[rest_rows].mean()
@@ -71,9 +71,9 @@ def average_fixed_lengths(case: Case) -> Case:
     return replace(case, recording=replace(recording, length=length), entry=entry)
 
 
-def _find_visits(label: np.ndarray, starts: np.ndarray) -> list[np.ndarray]:
+def _find_visits(label: np.ndarray, is_run_start: np.ndarray) -> list[np.ndarray]:
     """Return the rows of each continuous sequence at one setting."""
-    cuts = np.flatnonzero((np.diff(label) != 0) | starts[1:]) + 1
+    cuts = np.flatnonzero((np.diff(label) != 0) | is_run_start[1:]) + 1
     return [rows for rows in np.split(np.arange(label.size), cuts) if label[rows[0]] >= 0]
 
 

@@ -161,15 +161,15 @@ class Recording:
         return np.isfinite(self.pressure) & np.isfinite(self.length)
 
     @property
-    def starts(self) -> np.ndarray:
+    def is_run_start(self) -> np.ndarray:
         """Return the mask, (n,) bool, of first rows of continuous parts; every row of a static map."""
         if self.time is None:
             return np.ones(self.n, dtype=bool)
         new_cycle = np.r_[False, np.diff(self.cycle) != 0]
         jumps = _find_jumps(self.pressure) | _find_jumps(self.length)
-        starts = _find_pauses(self.time) | (new_cycle & jumps)
-        starts[:1] = True
-        return starts
+        is_run_start = _find_pauses(self.time) | (new_cycle & jumps)
+        is_run_start[:1] = True
+        return is_run_start
 
     @property
     def length_and_pressure(self) -> np.ndarray:

@@ -117,7 +117,7 @@ def _build_history(schedule: Schedule, settled: bool) -> History:
     )
     return build_time_history(
         schedule.time,
-        exact_recording.starts,
+        exact_recording.is_run_start,
         settled=settled,
         stroke_channels=exact_recording.length_and_pressure,
     )

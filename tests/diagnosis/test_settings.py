@@ -24,7 +24,7 @@ from pamjax.diagnosis.select.search import MechanismSearch
 from pamjax.diagnosis.select.selection import NamedMechanism, reduce_certainty
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings, describe_settings
 from pamjax.errors import BadInput
-from pamjax.infer.noise.estimate import _build_channel_noise
+from pamjax.infer.noise.estimate import _build_channel_noise, _ChannelSamples
 from pamjax.parameter import Meaning
 from pamjax.progress import ignore_progress
 from pamjax.records.blocks import Blocks
@@ -141,9 +141,8 @@ def test_settings_are_public_and_frozen():
 
 def estimate_correlation(settings):
     residual = draw_ar1_noise(np.random.default_rng(1), 2000, 0.6)
-    noise = _build_channel_noise(
-        residual, np.array([1.0]), np.zeros(2000), np.arange(2000), np.zeros(2000), True, settings=settings
-    )
+    samples = _ChannelSamples(residual, np.arange(2000), np.zeros(2000), np.zeros(2000))
+    noise = _build_channel_noise(samples, np.array([1.0]), settings=settings)
     return round(noise.correlation, 1)
 
 

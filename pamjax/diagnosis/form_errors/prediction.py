@@ -61,7 +61,7 @@ def predict_with_form_errors(problem: LibraryProblem, fit: CandidateFit) -> Form
     prediction = textbook + noise.estimate_discrepancy(problem.measured - textbook)
     scaled = np.nan_to_num(derivatives) * fit.estimate.scale[:, None, None]
     columns = np.concatenate([scaled, noise.columns])
-    inflation = compute_variance_inflation(fit.estimate.residual, noise.starts)
+    inflation = compute_variance_inflation(fit.estimate.residual, noise.is_run_start)
     sd = compute_prediction_sd(
         columns,
         _whiten(noise, columns) / np.sqrt(inflation),

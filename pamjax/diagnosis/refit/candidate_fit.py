@@ -87,7 +87,7 @@ class CandidateFit:
     @property
     def within_model_covariance(self) -> np.ndarray:
         """Covariance within this model, SI, (k, k), without the differences between models."""
-        inflation = compute_variance_inflation(self.estimate.residual, self.noise.starts)
+        inflation = compute_variance_inflation(self.estimate.residual, self.noise.is_run_start)
         return self.estimate.compute_covariance(inflation) + np.multiply.outer(
             self.errors_in_variables_bias, self.errors_in_variables_bias
         )

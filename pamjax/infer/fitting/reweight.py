@@ -78,7 +78,7 @@ def reweight_dataset(
         standard = standard if loss == "square" else _clip_outliers(standard)
         effective_parameters = fitted_parameters * measured.sum() / np.isfinite(misfit).sum()
         autocorrelation_time = estimate_autocorrelation_time(
-            standard, case.recording.starts, effective_parameters
+            standard, case.recording.is_run_start, effective_parameters
         )
         excess = math.sqrt(
             np.nansum(standard**2)
@@ -105,9 +105,9 @@ def has_neighbours(case: Case) -> bool:
     recording = case.recording
     if not recording.has_time:
         return False
-    run = np.cumsum(recording.starts)
+    run_number = np.cumsum(recording.is_run_start)
     rows_of_channels = [np.flatnonzero(find_informative_samples(case, c)) for c in recording.channels]
-    pairs = [int(np.sum(np.diff(run[rows]) == 0)) for rows in rows_of_channels if rows.size]
+    pairs = [int(np.sum(np.diff(run_number[rows]) == 0)) for rows in rows_of_channels if rows.size]
     return bool(pairs) and min(pairs) >= NOISE_SETTINGS.min_samples_for_correlation
 
 
@@ -143,7 +143,7 @@ def _whiten_dataset(
         standard = np.full(n, np.nan)
         standard[rows] = residual[k, rows] / channel.sd[rows]
         standard = standard if loss == "square" else _clip_outliers(standard)
-        neighbour_sd = estimate_neighbour_sd(residual[k], rows, case.recording.starts)
+        neighbour_sd = estimate_neighbour_sd(residual[k], rows, case.recording.is_run_start)
         noise[name] = _describe_noise(
             case, channel, rows, standard, neighbour_sd, fitted_parameters * rows.size / model.size
         )
@@ -178,7 +178,7 @@ def _describe_noise(
 ) -> ChannelNoise:
     """Return the noise of a channel, with the excess and the autocorrelation of its standardised residual."""
     autocorrelation_time = estimate_autocorrelation_time(
-        standard, case.recording.starts, effective_parameters
+        standard, case.recording.is_run_start, effective_parameters
     )
     mean_square = np.nansum(standard**2) / _compute_degrees_of_freedom(
         rows.size, effective_parameters, autocorrelation_time

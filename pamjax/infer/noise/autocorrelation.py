@@ -18,20 +18,20 @@ AUTOCORRELATION_WINDOW = 4.0
 MIN_PAIRED_SHARE = 0.5
 
 
-def compute_variance_inflation(residual: np.ndarray, starts: np.ndarray) -> float:
+def compute_variance_inflation(residual: np.ndarray, is_run_start: np.ndarray) -> float:
     """Return the factor s T on variances for a whitened residual, at least one.
 
     Args:
         residual: (n,) whitened residuals, in the order of time within each run.
-        starts: (n,) whether a run begins at this residual.
+        is_run_start: (n,) whether a run begins at this residual.
     """
     if not residual.size:
         return 1.0
-    return max(float(np.mean(residual**2)) * estimate_autocorrelation_time(residual, starts), 1.0)
+    return max(float(np.mean(residual**2)) * estimate_autocorrelation_time(residual, is_run_start), 1.0)
 
 
 def estimate_autocorrelation_time(
-    residual: np.ndarray, starts: np.ndarray, effective_parameters: float = 0.0
+    residual: np.ndarray, is_run_start: np.ndarray, effective_parameters: float = 0.0
 ) -> float:
     """Return the integrated autocorrelation time 1 + 2 Σ ρ_k, samples.
 
@@ -43,10 +43,10 @@ def estimate_autocorrelation_time(
 
     Args:
         residual: (n,) residuals over their standard deviation, in the order of time; NaN where not measured.
-        starts: (n,) whether a continuous run begins at this row.
+        is_run_start: (n,) whether a continuous run begins at this row.
         effective_parameters: number of parameters that the fit has estimated from these samples.
     """
-    runs = [run[np.isfinite(run)] for run in np.split(residual, np.flatnonzero(starts)[1:])]
+    runs = [run[np.isfinite(run)] for run in np.split(residual, np.flatnonzero(is_run_start)[1:])]
     runs = [run for run in runs if run.size > 1]
     n = sum(run.size for run in runs)
     if n < 30:

@@ -72,7 +72,7 @@ class NoiseModel:
         return *pack_samples(rows, begins, size), *coefficients
 
     @property
-    def starts(self) -> np.ndarray:
+    def is_run_start(self) -> np.ndarray:
         """(size,) Whether a whitened sample begins a run."""
         parts = [np.zeros(rows.size, dtype=bool) for rows in self.rows]
         for part, runs in zip(parts, self.runs, strict=True):

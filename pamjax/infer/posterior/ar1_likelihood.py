@@ -136,7 +136,7 @@ def build_noise_parameters(
         measured = np.isfinite(misfit[k]) & (np.asarray(dataset.rows.training_mask) > 0)
         if not measured.any():
             continue
-        predecessor, has_predecessor = _find_predecessors(measured[:n], case.recording.starts)
+        predecessor, has_predecessor = _find_predecessors(measured[:n], case.recording.is_run_start)
         neighbours = None if model is None else model.channels[k]
         own_sd = _estimate_own_sd(misfit[k][measured], propagated_sd[k][measured])
         if neighbours is not None:
@@ -176,16 +176,16 @@ def estimate_innovation_autocorrelation(
     """Return the autocorrelation time of innovations, samples: 1 if the noise is AR(1)."""
     measured = np.asarray(likelihood.measured)[: case.recording.n] > 0
     row = np.where(measured, innovation[: case.recording.n], np.nan)
-    return estimate_autocorrelation_time(row, case.recording.starts)
+    return estimate_autocorrelation_time(row, case.recording.is_run_start)
 
 
-def _find_predecessors(measured: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _find_predecessors(measured: np.ndarray, is_run_start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the row of the previous measured sample, and whether it is in the same run; (n,) each."""
     n = measured.size
     row = np.where(measured, np.arange(n), -1)
     previous = np.concatenate([[-1], np.maximum.accumulate(row)[:-1]])
-    run = np.cumsum(starts)
-    has_predecessor = measured & (previous >= 0) & (run[previous] == run)
+    run_number = np.cumsum(is_run_start)
+    has_predecessor = measured & (previous >= 0) & (run_number[previous] == run_number)
     return np.where(has_predecessor, previous, np.maximum(np.arange(n) - 1, 0)), has_predecessor
 
 

@@ -207,7 +207,7 @@ def build_history(case: Case, size: int | None = None, compute_padding: bool = T
     recording = case.recording
     return build_time_history(
         recording.time,
-        recording.starts,
+        recording.is_run_start,
         restart=case.gaps == "anew",
         settled=case.before == "settled",
         stroke_channels=recording.length_and_pressure,

@@ -52,7 +52,7 @@ def find_stuck_sensors(recording: Recording, file: str) -> list[str]:
 def _find_longest_run(recording: Recording, values: np.ndarray) -> tuple[int, int]:
     """Return first row and end of the longest sequence of equal readings in a continuous part."""
     is_checked = np.isfinite(values) & (values != 0)
-    is_new = np.r_[True, values[1:] != values[:-1]] | ~is_checked | recording.starts
+    is_new = np.r_[True, values[1:] != values[:-1]] | ~is_checked | recording.is_run_start
     bounds = np.r_[np.flatnonzero(is_new), values.size]
     lengths = np.where(is_checked[bounds[:-1]], np.diff(bounds), 0)
     k = int(np.argmax(lengths))

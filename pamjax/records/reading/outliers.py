@@ -45,11 +45,11 @@ def remove_outliers(recording: Recording, units: Mapping[str, str] | None = None
         units: unit of each column in messages, if not the display unit.
     """
     column_units = {**DISPLAY_UNIT, **(units or {})}
-    run = np.cumsum(recording.starts)
+    run_number = np.cumsum(recording.is_run_start)
     cells: dict[str, np.ndarray] = {}
     outliers: list[Outlier] = []
     for name in ("pressure", "length", "force", "diameter"):
-        reasons = find_outliers(getattr(recording, name), run, recording.has_time, column_units[name])
+        reasons = find_outliers(getattr(recording, name), run_number, recording.has_time, column_units[name])
         cells[name] = np.zeros(recording.n, dtype=bool)
         for i, reason in reasons.items():
             cells[name][i] = True
@@ -66,12 +66,14 @@ def remove_outliers(recording: Recording, units: Mapping[str, str] | None = None
     return recording.blank_cells(cells, tuple(outliers)) if outliers else recording
 
 
-def find_outliers(channel: np.ndarray, run: np.ndarray, is_time_series: bool, unit: str) -> dict[int, str]:
+def find_outliers(
+    channel: np.ndarray, run_number: np.ndarray, is_time_series: bool, unit: str
+) -> dict[int, str]:
     """Return the indices of a channel's outlying cells, each with its reason.
 
     Args:
         channel: (n,) SI, NaN where not measured.
-        run: (n,) number of each row's continuous part.
+        run_number: (n,) number of each row's continuous part.
         is_time_series: whether the rows are a time series.
         unit: unit in the reasons.
     """
@@ -85,8 +87,8 @@ def find_outliers(channel: np.ndarray, run: np.ndarray, is_time_series: bool, un
     is_outside = (x < low - MIN_OUTSIDE_RANGES * span) | (x > high + MIN_OUTSIDE_RANGES * span)
     is_spike = np.zeros(len(x), dtype=bool)
     if is_time_series:
-        is_outside = _keep_brief_runs(is_outside, run[measured_rows])
-        is_spike = _find_spikes(x, run[measured_rows], span) & ~is_outside
+        is_outside = _keep_brief_runs(is_outside, run_number[measured_rows])
+        is_spike = _find_spikes(x, run_number[measured_rows], span) & ~is_outside
     if (is_outside | is_spike).sum() > max(MAX_OUTLIER_RUN, MAX_OUTLIER_SHARE * len(x)):
         return {}
     reasons = {
@@ -98,18 +100,18 @@ def find_outliers(channel: np.ndarray, run: np.ndarray, is_time_series: bool, un
     }
 
 
-def _find_spikes(x: np.ndarray, run: np.ndarray, span: float) -> np.ndarray:
+def _find_spikes(x: np.ndarray, run_number: np.ndarray, span: float) -> np.ndarray:
     excess = np.zeros(len(x))
     to_previous, to_next = x[1:-1] - x[:-2], x[1:-1] - x[2:]
     excess[1:-1] = np.maximum(np.minimum(to_previous, to_next), np.minimum(-to_previous, -to_next))
-    excess[1:-1][(run[1:-1] != run[:-2]) | (run[1:-1] != run[2:])] = 0.0
+    excess[1:-1][(run_number[1:-1] != run_number[:-2]) | (run_number[1:-1] != run_number[2:])] = 0.0
     larger_step = float(np.quantile(np.abs(np.diff(x)), 0.9))
     return excess > max(MIN_SPIKE_RANGE_SHARE * span, MIN_SPIKE_STEPS * larger_step)
 
 
-def _keep_brief_runs(flags: np.ndarray, run: np.ndarray) -> np.ndarray:
+def _keep_brief_runs(flags: np.ndarray, run_number: np.ndarray) -> np.ndarray:
     """Return the flags without sequences longer than `MAX_OUTLIER_RUN` samples."""
-    change = np.r_[True, (flags[1:] != flags[:-1]) | (run[1:] != run[:-1])]
+    change = np.r_[True, (flags[1:] != flags[:-1]) | (run_number[1:] != run_number[:-1])]
     stretch = np.cumsum(change) - 1
     return flags & (np.bincount(stretch)[stretch] <= MAX_OUTLIER_RUN)
 
