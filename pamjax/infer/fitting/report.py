@@ -195,7 +195,7 @@ def _describe_noise_source(noise: ChannelNoise) -> str:
 
 def exceeds_noise(noise: ChannelNoise) -> bool:
     """Return whether the misfit of a channel exceeds its noise."""
-    return noise.is_known and noise.excess > MIN_EXCESS
+    return noise.is_known and noise.rms_over_noise > MIN_EXCESS
 
 
 def format_misfit(channel: str, rmse: float, noise: ChannelNoise) -> str:
@@ -207,7 +207,7 @@ def format_misfit(channel: str, rmse: float, noise: ChannelNoise) -> str:
         noise: the noise of the channel.
     """
     if noise.neighbour_sd is None:
-        return f"misfit is {noise.excess:.1f} times the noise: the model lacks a mechanism"
+        return f"misfit is {noise.rms_over_noise:.1f} times the noise: the model lacks a mechanism"
     if not noise.stated:
         # The line above has the only estimate of the noise; a second one would contradict it.
         return (

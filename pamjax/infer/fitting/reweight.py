@@ -48,7 +48,7 @@ def reweight_dataset(
     """Return the dataset with weights from its noise, and the noise by channel.
 
     The weight of a dataset with a whitening filter is 1 / sd, with the noise of neighbouring samples.
-    Otherwise, it is 1 / (sd √(autocorrelation time) max(excess, 1)), where excess = residual rms / noise sd.
+    Otherwise, it is 1 / (sd √(autocorrelation time) max(r, 1)), where r is the residual rms over the noise.
     So a misfit counts as noise, and widens the standard deviations of the parameters. With a soft loss, the
     residuals are clipped.
 
@@ -80,19 +80,19 @@ def reweight_dataset(
         autocorrelation_time = estimate_autocorrelation_time(
             standard, case.recording.is_run_start, effective_parameters
         )
-        excess = math.sqrt(
+        rms_over_noise = math.sqrt(
             np.nansum(standard**2)
             / _compute_degrees_of_freedom(measured.sum(), effective_parameters, autocorrelation_time)
         )
         channel_weights[k] = (
             1.0
             if trust_sensors
-            else 1 / (math.sqrt(autocorrelation_time) * max(excess, 1.0 if stated_sd else 1e-12))
+            else 1 / (math.sqrt(autocorrelation_time) * max(rms_over_noise, 1.0 if stated_sd else 1e-12))
         )
         noise[channel] = ChannelNoise(
-            sd=float(np.sqrt(np.mean(sd[k, measured] ** 2))) * (1.0 if stated_sd else excess),
+            sd=float(np.sqrt(np.mean(sd[k, measured] ** 2))) * (1.0 if stated_sd else rms_over_noise),
             stated=stated_sd is not None,
-            excess=excess if stated_sd else 1.0,
+            rms_over_noise=rms_over_noise if stated_sd else 1.0,
             autocorrelation_time=autocorrelation_time,
             correlation_time=compute_correlation_time(autocorrelation_time, case.recording, measured[:n]),
             samples=int(measured.sum()),
@@ -176,7 +176,7 @@ def _describe_noise(
     neighbour_sd: float,
     effective_parameters: float,
 ) -> ChannelNoise:
-    """Return the noise of a channel, with the excess and the autocorrelation of its standardised residual."""
+    """Return the noise of a channel, with the rms and the autocorrelation of its standardised residual."""
     autocorrelation_time = estimate_autocorrelation_time(
         standard, case.recording.is_run_start, effective_parameters
     )
@@ -186,7 +186,7 @@ def _describe_noise(
     return ChannelNoise(
         sd=float(np.sqrt(np.mean(channel.sd[rows] ** 2))),
         stated=channel.stated,
-        excess=math.sqrt(mean_square),
+        rms_over_noise=math.sqrt(mean_square),
         autocorrelation_time=autocorrelation_time,
         correlation_time=compute_correlation_time(
             autocorrelation_time, case.recording, np.isfinite(standard)

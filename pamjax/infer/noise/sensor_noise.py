@@ -37,7 +37,7 @@ class ChannelNoise:
         sd: effective sd of a sample, SI: of its sensor, with the propagated noise of pressure and length.
             Without a stated sensor, from neighbouring samples, or the rms residual.
         stated: whether muscle.toml states the sensor's noise.
-        excess: residual rms / `sd`; above one, the model lacks a mechanism.
+        rms_over_noise: residual rms / `sd`; above one, the model lacks a mechanism.
         autocorrelation_time: integrated autocorrelation time, samples.
         correlation_time: time constant of an exponential autocorrelation with this integrated time, s.
         samples: number of samples.
@@ -46,7 +46,7 @@ class ChannelNoise:
 
     sd: float
     stated: bool
-    excess: float
+    rms_over_noise: float
     autocorrelation_time: float
     correlation_time: float
     samples: int
