@@ -82,6 +82,10 @@ class AbstractMechanism(eqx.Module):
     about: eqx.AbstractClassVar[Description]
     #: Where the equation may be inexact; exact without.
     form_error: ClassVar[FormError] = FormError()
+    #: Whether its effect depends on time. A static map cannot test it.
+    needs_time: ClassVar[bool] = False
+    #: Whether its effect at a sample depends on pressure or length at other samples.
+    mixes_samples: ClassVar[bool] = False
 
 
 class AbstractShape(AbstractMechanism):
@@ -119,6 +123,9 @@ class AbstractThreadCompliance(AbstractMechanism):
 class AbstractMemory(AbstractMechanism):
     """A stress that depends on earlier samples, on strains that the mechanism defines."""
 
+    needs_time: ClassVar[bool] = True
+    mixes_samples: ClassVar[bool] = True
+
     @abc.abstractmethod
     def strains(self, state: State, pressure: Scalar) -> Float[Array, "k ..."]:
         """Return the k strains at one instant or at many, in units for which stress × strain is in J."""
@@ -130,6 +137,9 @@ class AbstractMemory(AbstractMechanism):
 
 class AbstractSlip(AbstractMechanism):
     """A permanent extension of the threads."""
+
+    needs_time: ClassVar[bool] = True
+    mixes_samples: ClassVar[bool] = True
 
     @abc.abstractmethod
     def extension(self, history: History, past: Past) -> Samples:

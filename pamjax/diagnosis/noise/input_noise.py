@@ -28,16 +28,16 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import hadamard
 
-from pamjax.diagnosis.library.candidates import MECHANISMS_NEEDING_TIME
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.infer.noise.sensor_noise import compute_sensitivities
+from pamjax.model.registry import MECHANISMS
 
 #: Number of draws, a power of two, and their seed. All models use the same draws.
 INPUT_NOISE_DRAWS, INPUT_NOISE_SEED = 4, 7
 
 
-#: Mechanisms whose effect depends on the inputs of other samples. Drift is a function of time alone.
-_MECHANISMS_MIXING_SAMPLES = MECHANISMS_NEEDING_TIME - {"force_drift"}
+#: Mechanisms whose effect depends on the inputs of other samples.
+_MECHANISMS_MIXING_SAMPLES = {kind.id for kind in MECHANISMS if kind.mixes_samples}
 
 
 def compute_input_noise_chi2(

@@ -30,6 +30,8 @@ class ChannelLag(AbstractSensor):
     """
 
     id: ClassVar[str] = "channel_lag"
+    needs_time: ClassVar[bool] = True
+    mixes_samples: ClassVar[bool] = True
     about: ClassVar[Description] = Description(
         title="time delay between force and the other channels",
         equation="tau dF_recorded/dt = F(t - d + tau) - F_recorded,   tau = s max(d, 0)",
