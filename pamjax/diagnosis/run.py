@@ -45,8 +45,8 @@ from pamjax.diagnosis.select.selection import (
     Selection,
     drop_small_effects,
     format_masked_mechanisms,
-    reduce_certainty,
     select_mechanisms,
+    shrink_to_even_odds,
 )
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings
 from pamjax.infer.form_errors.parts import FormErrorPart
@@ -215,7 +215,7 @@ def _choose_mechanisms(
     if selection.named_mechanisms and is_unexplained:
         names = selection.named_mechanisms
         ids = {name.id for name in names}
-        selection = replace(selection, named_mechanisms=reduce_certainty(names, problem.settings, ids))
+        selection = replace(selection, named_mechanisms=shrink_to_even_odds(names, problem.settings, ids))
     all_rows = np.ones(problem.n, dtype=bool)
     # The reported baseline is that of `fit`, which takes the noise as stated.
     baseline = fit_candidate(problem, all_rows, (), selection.baseline.estimate.values, max_noise_ratio=1.0)
@@ -238,7 +238,7 @@ def _choose_mechanisms(
         notes=[
             *replaced,
             *format_dropped_mechanisms(selection_before, selection),
-            *format_masked_mechanisms(selection),
+            *format_masked_mechanisms(selection, problem.settings),
         ],
     )
 

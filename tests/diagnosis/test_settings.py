@@ -21,7 +21,7 @@ from pamjax.diagnosis.library.library_problem import _compute_limits
 from pamjax.diagnosis.next_experiment.experiment import Experiment, choose_experiment
 from pamjax.diagnosis.refit.least_squares import find_parameters_at_limit
 from pamjax.diagnosis.select.search import MechanismSearch
-from pamjax.diagnosis.select.selection import NamedMechanism, reduce_certainty
+from pamjax.diagnosis.select.selection import NamedMechanism, shrink_to_even_odds
 from pamjax.diagnosis.settings import DEFAULT_SETTINGS, DiagnosisSettings, describe_settings
 from pamjax.errors import BadInput
 from pamjax.infer.noise.estimate import _build_channel_noise, _ChannelSamples
@@ -62,7 +62,7 @@ DEFAULTS = {
     "max_alternative_chi2": 20.0, "min_chi2_improvement": 0.5, "distance_chi2_tolerance": 4.0,
     "min_explained_fraction": 5 / 6,
     "min_blocks_for_cross_validation": 3, "min_information_share": 0.05,
-    "unexplained_certainty_share": 0.5, "held_out_interval": 5, "min_blocks_for_hold_out": 3,
+    "doubtful_certainty_share": 0.5, "held_out_interval": 5, "min_blocks_for_hold_out": 3,
     "box_low_quantile": 0.05, "box_high_quantile": 0.95, "min_direction_share": 0.15,
     "min_moving_misfit_share": 0.5, "min_box_rms_ratio": 0.5, "min_channel_excess_share": 0.2,
     "max_boxes": 5, "smoothing_rows": 7, "min_one_sided_ratio": 0.4, "min_trend_correlation": 0.9,
@@ -187,7 +187,7 @@ def is_pair_worthwhile(settings):
 
 def reduce_probability(settings):
     names = NamedMechanism("end_taper", 0.9, (), 1.0), NamedMechanism("end_cones", 0.9, (), 1.0)
-    probabilities = {m.id: m.probability for m in reduce_certainty(names, settings, {"end_taper"})}
+    probabilities = {m.id: m.probability for m in shrink_to_even_odds(names, settings, {"end_taper"})}
     assert probabilities["end_cones"] == 0.9
     return round(probabilities["end_taper"], 3)
 
@@ -218,7 +218,7 @@ OFFER = [Experiment("short", ("a", "b"), 0.8, 5.0), Experiment("long", ("a", "b"
         (is_worthwhile, {"min_excess_share": 0.6}, True, False),
         (is_worthwhile, {"min_effect_rms": 0.8}, True, False),
         (is_pair_worthwhile, {"complete_excess_share": 0.99}, True, False),
-        (reduce_probability, {"unexplained_certainty_share": 1.0}, 0.7, 0.9),
+        (reduce_probability, {"doubtful_certainty_share": 1.0}, 0.7, 0.9),
         (count_held_out, {"held_out_interval": 3}, 2, 3),
         (
             lambda s: _compute_explained_share(5.0, 10.0, 100.0, s.min_information_share),

@@ -11,7 +11,7 @@ blocks confirm. It is dropped if its probability is then below `established_prob
 with all mechanisms in the model.
 
 If a part of the misfit is unexplained, the certainty of the remaining mechanisms, the distance of their
-probability from even chances, is halved (setting `unexplained_certainty_share`).
+probability from even chances, is reduced (setting `doubtful_certainty_share`).
 
 Limits: a mechanism that replaces physics outside the library can explain left-out blocks too. It is then
 named with a low probability, beside an unexplained part.

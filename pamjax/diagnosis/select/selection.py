@@ -108,7 +108,7 @@ def select_mechanisms(
         else add_small_effects(problem, fit_before_small_effects, candidates, progress)
     )
     progress("comparing alternatives", 0.75)
-    named_mechanisms = reduce_certainty(
+    named_mechanisms = shrink_to_even_odds(
         assess_mechanisms(problem, fit, candidates), problem.settings, masked_ids
     )
     if fit is fit_before_small_effects:
@@ -129,15 +129,18 @@ def drop_small_effects(problem: LibraryProblem, selection: Selection) -> Selecti
     """Return the selection without small effects."""
     fit = selection.fit_before_small_effects
     assert fit is not None
-    names = reduce_certainty(assess_mechanisms(problem, fit), problem.settings, selection.masked_ids)
+    names = shrink_to_even_odds(assess_mechanisms(problem, fit), problem.settings, selection.masked_ids)
     return Selection(selection.baseline, fit, names, masked_ids=selection.masked_ids)
 
 
-def reduce_certainty(
+def shrink_to_even_odds(
     named_mechanisms: Sequence[NamedMechanism], settings: DiagnosisSettings, ids: Container[str]
 ) -> tuple[NamedMechanism, ...]:
-    """Return mechanisms; those with some ids have probabilities closer to `established_probability`."""
-    limit, share = settings.established_probability, settings.unexplained_certainty_share
+    """Return mechanisms; those with some ids have probabilities closer to `established_probability`.
+
+    The setting `doubtful_certainty_share` states how much of the distance remains.
+    """
+    limit, share = settings.established_probability, settings.doubtful_certainty_share
     return rank_mechanisms(
         [
             replace(mechanism, probability=limit + share * (mechanism.probability - limit))
@@ -234,11 +237,11 @@ def _assess_mechanism(problem, fit: CandidateFit, k: int, candidates) -> NamedMe
     )  # fmt: skip
 
 
-def format_masked_mechanisms(selection: Selection) -> list[str]:
+def format_masked_mechanisms(selection: Selection, settings: DiagnosisSettings) -> list[str]:
     """Return a note on each named mechanism that a form error can explain."""
     return [
         f"A form error of another mechanism can also explain the effect of `{mechanism.id}`:"
-        " its certainty is halved."
+        f" its certainty is multiplied by {settings.doubtful_certainty_share:.2g}."
         for mechanism in selection.named_mechanisms
         if mechanism.id in selection.masked_ids
     ]
