@@ -230,7 +230,7 @@ def _inflate_variances(
 
 
 def _check_counts(starts: int, fold_count: int, seed: int) -> None:
-    for name, value, minimum in (("starts", starts, 1), ("folds", fold_count, 2), ("seed", seed, 0)):
+    for name, value, minimum in (("starts", starts, 1), ("fold_count", fold_count, 2), ("seed", seed, 0)):
         check_minimum(name, value, minimum)
 
 

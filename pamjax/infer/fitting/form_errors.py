@@ -47,9 +47,9 @@ def check_form_errors(mechanisms: Sequence[str], loss: str) -> None:
     if not any(map(has_form_error, mechanisms)):
         got = ", ".join(mechanisms) or "no mechanism"
         rule = "a form error needs a mechanism whose equation may be inexact"
-        raise refuse(rule, got, "", "Include one, for example `--with braid_friction`.")
+        raise refuse(rule, got, "", 'Include one, for example `mechanisms=["braid_friction"]`.')
     if loss != "square":
-        rule, remedy = "a form error needs a likelihood", "Use `--loss square`, or remove the outliers."
+        rule, remedy = "a form error needs a likelihood", 'Use `loss="square"`, or remove the outliers.'
         raise refuse(rule, f"a {loss} loss", "", remedy)
 
 

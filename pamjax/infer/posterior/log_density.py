@@ -118,7 +118,7 @@ def build_density(
         the density, and (p,) the coordinates u of the fit's solution.
     """
     if fit.loss != "square":
-        remedy = "Fit with `--loss square`, or remove the outliers."
+        remedy = 'Fit with `loss="square"`, or remove the outliers.'
         raise refuse("a posterior needs a likelihood", f"a {fit.loss} loss", remedy=remedy)
     if fit.has_form_errors:
         remedy = "Use the standard deviations of `pamjax fit`, or fit without form errors."
