@@ -30,8 +30,8 @@ from pamjax.diagnosis.select.selection import (
     Selection,
     restrict_selection,
 )
-from pamjax.infer.fitting.identifiability import format_list
 from pamjax.records.blocks import Blocks
+from pamjax.text import join_words
 
 
 def cross_validate_selection(
@@ -68,6 +68,6 @@ def format_dropped_mechanisms(before: Selection, after: Selection) -> list[str]:
         return []
     its, is_not = ("its", "it is") if len(dropped_ids) == 1 else ("their", "they are")
     return [
-        f"Left-out blocks confirm too little of {format_list(dropped_ids)}, or {its} probability was low:"
+        f"Left-out blocks confirm too little of {join_words(dropped_ids)}, or {its} probability was low:"
         f" {is_not} not reported."
     ]

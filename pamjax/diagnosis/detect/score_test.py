@@ -127,15 +127,11 @@ def compute_score_directions(
     noise: NoiseModel,
     estimate: MapEstimate,
     candidates: Sequence[Candidate],
-    jacobians: dict[int, np.ndarray] | None = None,
 ) -> list[ScoreDirection]:
-    """Return the score direction of each candidate at a refit, with the χ² that it explains.
-
-    `jacobians` are those of `compute_candidate_jacobians`, if they are known.
-    """
+    """Return the score direction of each candidate at a refit, with the χ² that it explains."""
     projection = NuisanceProjection(estimate)
     residual = _ResidualAtLimits(problem, estimate, projection)
-    jacobians = jacobians or compute_candidate_jacobians(problem, estimate, candidates)
+    jacobians = compute_candidate_jacobians(problem, estimate, candidates)
     return [
         _build_score_direction(problem, noise, estimate, candidate, jacobians[k], projection, residual)
         for k, candidate in enumerate(candidates)

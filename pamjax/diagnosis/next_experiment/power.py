@@ -51,18 +51,6 @@ class LinearisedModel:
         return (draws @ axes.T / unit) @ self.jacobian
 
 
-def compute_power(
-    delta: np.ndarray,
-    a: LinearisedModel,
-    b: LinearisedModel,
-    draws: int = DEFAULT_SETTINGS.power_draws,
-    seed: int = 0,
-    false_alarm_rate: float = DEFAULT_SETTINGS.false_alarm_rate,
-) -> float:
-    """Return the probability that B is rejected if A is true; see `compute_power_and_limit`."""
-    return compute_power_and_limit(delta, a, b, draws, seed, false_alarm_rate)[0]
-
-
 def compute_power_and_limit(
     delta: np.ndarray,
     a: LinearisedModel,

@@ -18,7 +18,7 @@ from pamjax.diagnosis.outside.rival_templates import TemplateFit, find_best_temp
 from pamjax.diagnosis.outside.templates import Template
 from pamjax.diagnosis.select.neighbour_fits import fit_without_mechanism, refit_baseline
 from pamjax.diagnosis.select.selection import Selection, restrict_selection
-from pamjax.infer.fitting.identifiability import format_list
+from pamjax.text import join_words
 
 
 def replace_by_template(
@@ -49,7 +49,7 @@ def replace_by_template(
     better = _remove_mechanisms(problem, templates, better)
     kept = [name for name in selection.named_mechanisms if name.id in better.fit.ids]
     ids = [f"`{name.id}`" for name in selection.named_mechanisms if name not in kept]
-    note = f"{better.template.description} explains the misfit better than {format_list(ids)}"
+    note = f"{better.template.description} explains the misfit better than {join_words(ids)}"
     return restrict_selection(problem, training_rows, selection, kept), [f"{note[0].upper()}{note[1:]}."]
 
 

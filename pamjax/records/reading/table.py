@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import csv
 import re
-import warnings
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 
-from pamjax.errors import BadInput, InputWarning, format_printable, refuse
-from pamjax.records.files import decode_text, read_bytes
+from pamjax.errors import BadInput, format_printable, refuse
+from pamjax.records.files import decode_text
 from pamjax.records.quotes import MAX_CELL_CHARACTERS, check_line_lengths, check_quotes, split_lines
 from pamjax.records.reading.header import Column, find_columns
 from pamjax.records.reading.outliers import remove_outliers
@@ -31,29 +29,6 @@ LOAD_TOLERANCE = 1e-3
 #: the sensor reads 8 to 10 kPa at atmospheric pressure; laboratory sensors state 0.25 to 1 % of full scale.
 MAX_ZERO_ERROR = 5e3
 MAX_ZERO_ERROR_SHARE = 0.01
-
-
-def read_table(
-    path: str | Path, columns: Mapping[str, str] | None = None, default_length: float | None = None
-) -> Recording:
-    """Read a recording from a CSV file whose headers are `name [unit]`.
-
-    Args:
-        path: the CSV file; lines that begin with `#` are comments.
-        columns: header of the file for each channel, as {"force": "Load (lbf)"}.
-        default_length: m, the length of every row if the file has no such column.
-
-    Raises:
-        BadInput: with row and column, if the file cannot be used.
-
-    Warns:
-        InputWarning: for unknown columns and outlying cells, which are ignored.
-    """
-    path = Path(path)
-    recording, notes, _ = parse_table(read_bytes(path), path.name, columns or {}, default_length)
-    for note in notes:
-        warnings.warn(note, InputWarning, stacklevel=2)
-    return recording
 
 
 def parse_table(

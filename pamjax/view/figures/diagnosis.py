@@ -23,6 +23,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from pamjax.channels import DISPLAY_UNIT, format_channel_value, to_display
 from pamjax.diagnosis.result import Diagnosis
 from pamjax.diagnosis.select.selection import NamedMechanism
+from pamjax.text import join_words
 from pamjax.units import compute_si_factor
 from pamjax.view.figures.diagnosis_loops import compute_rms
 from pamjax.view.figures.layout import create_mark
@@ -35,7 +36,7 @@ from pamjax.view.theme import (
     create_figure,
     separate_panels,
 )
-from pamjax.view.wording import format_signed, join_words
+from pamjax.view.wording import format_signed
 
 #: Largest number of rival mechanisms and of baseline parameters in a figure.
 MAX_RIVALS, MAX_SHIFTS = 7, 12

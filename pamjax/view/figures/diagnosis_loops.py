@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from pamjax.channels import DISPLAY_UNIT, format_channel_value, to_display
 from pamjax.diagnosis.form_errors.prediction import FormPrediction
 from pamjax.diagnosis.result import Diagnosis
+from pamjax.text import join_words
 from pamjax.view.figures.layout import Layout, add_key, build_layout, create_mark, draw_band, iterate_lines
 from pamjax.view.figures.mismatch_map import find_main_channel
 from pamjax.view.theme import (
@@ -22,7 +23,6 @@ from pamjax.view.theme import (
     apply_theme,
     create_figure,
 )
-from pamjax.view.wording import join_words
 
 #: Largest number of settings with a loop, and of measured points in each loop.
 MAX_LOOPS, MAX_LOOP_POINTS = 4, 120

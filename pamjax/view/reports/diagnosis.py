@@ -20,6 +20,7 @@ from pamjax.infer.fitting.report import format_estimate
 from pamjax.infer.form_errors.parts import MIN_SHOWN_EFFECT
 from pamjax.model.registry import find_mechanism
 from pamjax.parameter import Meaning
+from pamjax.text import join_words
 from pamjax.units import compute_si_factor, format_quantity
 from pamjax.view.figures import diagnosis as figures
 from pamjax.view.figures.diagnosis_loops import (
@@ -37,7 +38,7 @@ from pamjax.view.reports.diagnosis_answer import (
     list_held_out_bars,
 )
 from pamjax.view.reports.page import Picture, build_picture, write_page
-from pamjax.view.wording import format_history, format_noise, format_signed, join_words
+from pamjax.view.wording import format_history, format_noise, format_signed
 
 
 def write_diagnosis_report(

@@ -8,7 +8,8 @@ from pamjax.channels import DISPLAY_UNIT, to_display
 from pamjax.diagnosis.result import Diagnosis, format_named_estimate
 from pamjax.diagnosis.select.selection import NamedMechanism
 from pamjax.model.registry import find_mechanism
-from pamjax.view.wording import join_words, keep_units_with_numbers
+from pamjax.text import join_words
+from pamjax.view.wording import keep_units_with_numbers
 
 #: A p-value below this limit is shown as an upper bound.
 MIN_SHOWN_P_VALUE = 1e-12

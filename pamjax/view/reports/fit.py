@@ -28,6 +28,7 @@ from pamjax.infer.fitting.report import (
 )
 from pamjax.infer.fitting.result import CaseFit, Estimate, Fit
 from pamjax.infer.problem.priors import is_length_error
+from pamjax.text import join_words
 from pamjax.units import format_quantity
 from pamjax.view.figures import fit as figures
 from pamjax.view.figures.layout import build_layout
@@ -37,7 +38,6 @@ from pamjax.view.wording import (
     format_history,
     format_noise,
     is_stated_noise,
-    join_words,
 )
 
 #: Largest number of parameters in the summary.
