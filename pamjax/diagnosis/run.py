@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pamjax.compile.parallel import use_one_blas_thread
-from pamjax.diagnosis.crossval.cross_validated import (
+from pamjax.diagnosis.crossval.confirm_selection import (
     cross_validate_selection,
     format_dropped_mechanisms,
 )
@@ -22,10 +22,10 @@ from pamjax.diagnosis.detect.residual_test import (
 from pamjax.diagnosis.detect.significance import Significance
 from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.form_errors.prediction import describe_form_errors, predict_with_form_errors
-from pamjax.diagnosis.identifiability import format_notes
 from pamjax.diagnosis.library.library_problem import LibraryProblem, build_library_problem
 from pamjax.diagnosis.next_experiment.experiment import propose_experiments
 from pamjax.diagnosis.noise.sensor_scale import compute_noise_ratios, format_noise_notes
+from pamjax.diagnosis.notes import format_notes
 from pamjax.diagnosis.outside.rival_templates import Likeness, list_likenesses
 from pamjax.diagnosis.outside.template_context import build_template_context
 from pamjax.diagnosis.outside.templates import build_templates

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import pamjax
-from pamjax.diagnosis.crossval.explained_fraction import _compute_explained_share
+from pamjax.diagnosis.crossval.block_cross_validation import _compute_explained_share
 from pamjax.diagnosis.crossval.held_out_errors import select_held_out_rows
 from pamjax.diagnosis.detect.locate import _find_direction
 from pamjax.diagnosis.detect.regions import RecordingAxes, split_into_regions

@@ -15,7 +15,7 @@ from pamjax.errors import format_printable, refuse, suggest_word
 from pamjax.records.files import decode_text, read_bytes
 from pamjax.records.importing.import_spec import FilesTable
 from pamjax.records.importing.mat_file import read_mat
-from pamjax.records.quotes import MAX_CELL_CHARACTERS, check_line_lengths, check_quotes, split_lines
+from pamjax.records.quotation_marks import MAX_CELL_CHARACTERS, check_line_lengths, check_quotes, split_lines
 from pamjax.records.reading.header import split_title
 
 #: A number such as 1.130,0 or 1 130: the mark of thousands, and the decimal mark if there is one.

@@ -10,7 +10,7 @@ import numpy as np
 
 from pamjax.errors import BadInput, format_printable, refuse
 from pamjax.records.files import decode_text
-from pamjax.records.quotes import MAX_CELL_CHARACTERS, check_line_lengths, check_quotes, split_lines
+from pamjax.records.quotation_marks import MAX_CELL_CHARACTERS, check_line_lengths, check_quotes, split_lines
 from pamjax.records.reading.header import Column, find_columns
 from pamjax.records.reading.outliers import remove_outliers
 from pamjax.records.recording import MAX_CYCLE, Recording

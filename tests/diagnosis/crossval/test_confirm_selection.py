@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pamjax import diagnose
-from pamjax.diagnosis.crossval.cross_validated import format_dropped_mechanisms
-from pamjax.diagnosis.crossval.explained_fraction import BlockCrossValidation
+from pamjax.diagnosis.crossval.block_cross_validation import BlockCrossValidation
+from pamjax.diagnosis.crossval.confirm_selection import format_dropped_mechanisms
 from tests.agreement import SOLVED, agree
 from tests.diagnosis.bank import (
     BankRecording,

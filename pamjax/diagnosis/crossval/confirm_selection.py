@@ -2,9 +2,9 @@
 
 Unmodelled physics is often absorbed by the nearest mechanism in the library: a saturated load cell resembles
 a compliant rig. Such a fit fails on other blocks. Therefore each training block is left out once
-(`explained_fraction.py`), with the form errors of the mechanisms as noise. If all mechanisms together explain
-less than 5/6 of the misfit of the left-out blocks (setting `min_explained_fraction`), a part of the misfit is
-unexplained, even if their residual in the fit is only noise.
+(`block_cross_validation.py`), with the form errors of the mechanisms as noise. If all mechanisms together
+explain less than 5/6 of the misfit of the left-out blocks (setting `min_explained_fraction`), a part of the
+misfit is unexplained, even if their residual in the fit is only noise.
 
 Each mechanism is also tested alone. Its probability is multiplied by the share of its effect that left-out
 blocks confirm. It is dropped if its probability is then below `established_probability`. This is done once,
@@ -23,7 +23,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pamjax.diagnosis.crossval.explained_fraction import BlockCrossValidation
+from pamjax.diagnosis.crossval.block_cross_validation import BlockCrossValidation
 from pamjax.diagnosis.form_errors.fit import add_form_errors
 from pamjax.diagnosis.library.library_problem import LibraryProblem
 from pamjax.diagnosis.select.selection import (
