@@ -65,7 +65,7 @@ class AbstractThread(eqx.Module):
     @property
     @abc.abstractmethod
     def slack_strain(self) -> Array:
-        """Strain at which the straight line at the end of the curve, extrapolated back, has zero load."""
+        """Return the strain at which the extrapolated straight line at the end of the curve has zero load."""
 
     @abc.abstractmethod
     def energy(self, strain: Scalar) -> Array:

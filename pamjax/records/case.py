@@ -71,7 +71,7 @@ class Case(NotebookNote):
 
 
 def read_case(folder: str | Path, *, gaps: str = "carry", before: str = "relaxed") -> Case:
-    """Read a case folder: `recording.csv` and `muscle.toml`.
+    """Return the case of a folder with `recording.csv` and `muscle.toml`.
 
     Warnings are not issued but stored in `Case.warnings`.
 

@@ -189,7 +189,7 @@ def _join_pieces(pieces, step: float, every: int) -> Schedule:
 
 
 def read_protocol(path: Path) -> Protocol:
-    """Read a protocol from a TOML file.
+    """Return the protocol of a TOML file.
 
     Raises:
         BadInput: if the file is missing or not TOML, or if an entry is invalid.

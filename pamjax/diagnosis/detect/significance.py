@@ -65,7 +65,7 @@ def compute_significance(
     score_directions: list[ScoreDirection],
     seed: int = 0,
 ) -> Significance:
-    """Test the residual of a refit against noise.
+    """Return the test of a refit's residual against noise.
 
     Args:
         problem: the recording and the library.
@@ -184,7 +184,7 @@ def _estimate_tail_probability(
 def _sample_conditional(
     gram: np.ndarray, root: np.ndarray, k: np.ndarray, deviations: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Draw correlated standard normal variables, (m, K), with a given value of the k-th."""
+    """Return draws of correlated standard normal variables, (m, K), with a given value of the k-th."""
     sample = rng.standard_normal((k.size, len(gram))) @ root.T
     return sample + gram[k] * (deviations - sample[np.arange(k.size), k])[:, None]
 
@@ -203,7 +203,7 @@ def _compute_log_tail(deviation: np.ndarray, degrees_of_freedom: float) -> np.nd
 
 
 def _sample_tail(deviation: np.ndarray, degrees_of_freedom: float, rng: np.random.Generator) -> np.ndarray:
-    """Draw variables from the tails beyond some deviations."""
+    """Return draws of variables from the tails beyond some deviations."""
     rank = np.log(rng.uniform(size=deviation.shape)) + _compute_log_tail(deviation, degrees_of_freedom)
     out = (
         student(degrees_of_freedom).isf(np.exp(rank))

@@ -58,7 +58,7 @@ class Experiment:
 def propose_experiments(
     problem: LibraryProblem, fit: CandidateFit, named_mechanisms: Sequence[NamedMechanism]
 ) -> list[Experiment]:
-    """Choose protocols that distinguish each identified mechanism from its indistinguishable alternatives.
+    """Return protocols that distinguish each identified mechanism from its indistinguishable alternatives.
 
     Args:
         problem: the recording and the library.
@@ -136,7 +136,7 @@ def _format_duration(minutes: float) -> str:
 
 
 def fit_rival(problem: LibraryProblem, fit: CandidateFit, name: str, rival: str) -> CandidateFit | None:
-    """Refit the model with a rival instead of a mechanism; None if the rival is not testable."""
+    """Return the model refitted with a rival instead of a mechanism; None if the rival is not testable."""
     candidate = next((f for f in fit.mechanisms if f.id == name), None)
     candidates = [f for f in build_candidates(problem) if f.id == rival]
     if candidate is None or not candidates:

@@ -44,7 +44,7 @@ class LinearisedModel:
         return np.sum(differences**2, axis=-1) - np.sum((pull @ inverse) * pull, axis=-1)
 
     def sample_predictions(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        """Draw parameters from their uncertainty and return the changes of the prediction, (count, m)."""
+        """Return changes of the prediction by draws of the parameters from their uncertainty, (count, m)."""
         unit = np.sqrt(np.maximum(np.diag(self.information), 1e-300))
         weights, axes = np.linalg.eigh(self.information / np.outer(unit, unit))
         draws = rng.standard_normal((count, unit.size)) / np.sqrt(np.maximum(weights, 1e-12))

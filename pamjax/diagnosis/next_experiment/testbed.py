@@ -53,7 +53,7 @@ class SimulatedTestbed:
 
     @classmethod
     def from_fit(cls, problem: LibraryProblem, fit: CandidateFit) -> SimulatedTestbed:
-        """Build the testbed of a recording and its fitted model."""
+        """Return the testbed of a recording and its fitted model."""
         recording, sensors = problem.case.recording, problem.case.entry.sensors
         step, duration = _read_clock(recording)
         channels = fit.noise.channels

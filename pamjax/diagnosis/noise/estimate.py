@@ -17,7 +17,7 @@ from pamjax.infer.problem.dataset import CHANNELS, Dataset
 def estimate_noise(
     problem: LibraryProblem, values: np.ndarray, training_rows: np.ndarray, max_noise_ratio: float = 1.0
 ) -> NoiseModel:
-    """Estimate the noise model from the residual at some parameter values.
+    """Return the noise model, estimated from the residual at some parameter values.
 
     Args:
         problem: the recording and the library.

@@ -30,7 +30,7 @@ from pamjax.infer.noise.autocorrelation import estimate_autocorrelation_time
 def fit_with_misfit_weight(
     problem: LibraryProblem, training_rows: np.ndarray, mechanisms: Sequence[Candidate], values: np.ndarray
 ) -> CandidateFit:
-    """Refit the baseline with some candidates, weighted by the misfit at the starting values.
+    """Return the baseline refitted with some candidates, weighted by the misfit at the starting values.
 
     A model with systematic misfit that is first fitted without the weight can end in another minimum.
 

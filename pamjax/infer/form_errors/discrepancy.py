@@ -42,7 +42,7 @@ class DiscrepancyNoise(NoiseModel):
 
     @cached_property
     def _shapes(self) -> tuple[np.ndarray, np.ndarray]:
-        """(size, r) orthonormal shapes, whitened, and (r,) their sizes."""
+        """Return the orthonormal shapes, whitened, (size, r), and their sizes, (r,)."""
         white = np.nan_to_num(NoiseModel.whiten(self, self.columns))
         vectors, sizes, _ = np.linalg.svd(white.T, full_matrices=False)
         has_effect = sizes > MIN_SINGULAR_VALUE
@@ -62,7 +62,7 @@ class DiscrepancyNoise(NoiseModel):
 
     @property
     def log_determinant(self) -> float:
-        """Logarithm of the determinant of the covariance, SI."""
+        """Return the logarithm of the determinant of the covariance, SI."""
         sizes = self._shapes[1] if len(self.columns) else np.zeros(0)
         return super().log_determinant + float(np.sum(np.log1p(sizes**2)))
 

@@ -81,7 +81,7 @@ class PaddedRows(eqx.Module):
 
     @property
     def weights(self) -> np.ndarray:
-        """(2, n) 1 / standard deviation of force and diameter; zero where not measured."""
+        """Return 1 / standard deviation of force and diameter, (2, n); zero where not measured."""
         return np.stack([self.force_weight, self.diameter_weight])
 
 

@@ -188,7 +188,7 @@ def _check_test(spec: ImportSpec, test: TestTable, k: int) -> None:
 
 
 def read_import_spec(path: str | Path) -> ImportSpec:
-    """Read an import specification.
+    """Return the import specification of a file.
 
     Raises:
         BadInput: if the file is missing or not TOML, or if an entry is unknown or invalid.
