@@ -1,13 +1,13 @@
 """Cache of traced programs (StableHLO) on disk.
 
 JAX finds a compiled program by its trace. Every process therefore traces again, which takes about twenty
-seconds. This cache stores the trace. Its file name has the function and two hashes: one of the sources of
-pamjax and the versions of JAX and Equinox, one of the shapes and types of the arguments. The file is written
-after the program is compiled. Other processes that need the same program wait for it. If the folder cannot be
-used, a process compiles without the cache.
+seconds. This cache stores the trace. Its file name has the function and two hashes. One is of the sources of
+pamjax and the versions of JAX and Equinox, the other of the shapes and types of the arguments. The file is
+written after the program is compiled. Other processes that need the same program wait for it. If the folder
+cannot be used, a process compiles without the cache.
 
-The cache is not used if the sources changed after the import, if the library has a mechanism from outside
-pamjax, or for devices other than the CPU. It does not detect code that is patched at run time.
+The cache is not used if the sources changed after the import, or for devices other than the CPU. Nor is it
+used if the library has a mechanism from outside pamjax. It does not detect code that is patched at run time.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 A recording is a sequence of samples with gaps where the rig was moved. Memory continues across a gap, unless
 a restart is stated. A rate is never computed across a gap. Before the first sample the muscle is assumed to
-rest in the state of that sample or, if stated, to have performed the same recording once.
+rest in the state of that sample. If stated, it has performed the same recording once instead.
 
 Neglects: corners of strokes with five samples or fewer, across which the rate is computed.
 """

@@ -14,13 +14,13 @@ and the length is measured. One step of Newton's method from the measured length
 The measured length is the input of the memories. In a loop, the direction of friction is thus that of the
 measured motion, and no equation with memory must be solved.
 
-Limits: the error of the step is about (L̂ − L)² F″ / (2 K), that is (L̂ − L)² / (2 L) for a bare braid: 5 µm
-for a misfit of 1 mm at 100 mm. Noise of the length reaches the prediction only through the memories.
+Limits: the error of the step is about (L̂ − L)² F″ / (2 K). For a bare braid that is (L̂ − L)² / (2 L), or
+5 µm for a misfit of 1 mm at 100 mm. Noise of the length reaches the prediction only through the memories.
 Neglects: the stiffness of friction before it slides. A muscle without pressure has no stiffness: there K is
 at least `MIN_STIFFNESS`, and the prediction has no meaning.
-Source: Newton's method; derived here. K is a central difference of fourth order: it compiles in half of
-the time of an exact derivative, and its error is about 1e-10 of K. Within 0.2 % of the length at which the
-force has a corner, K is a mean of both sides.
+Source: Newton's method; derived here. K is a central difference of fourth order, with an error of about 1e-10
+of K. It compiles in half of the time of an exact derivative. Within 0.2 % of the length at which the force
+has a corner, K is a mean of both sides.
 """
 
 from __future__ import annotations
@@ -109,8 +109,8 @@ def solve_lengths(
 ) -> tuple[LengthReading, Array]:
     """Return the readings of a muscle at a set force, and whether each length is solved, (n,) bool.
 
-    Repeats the step of `predict_length` from its own result, with more damping in a row whose step increases:
-    friction before it slides is stiffer than K.
+    Repeats the step of `predict_length` from its own result, with more damping in a row whose step increases.
+    The reason is friction before it slides, which is stiffer than K.
 
     Args:
         muscle: the muscle, or a bench with the muscle.

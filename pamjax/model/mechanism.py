@@ -15,8 +15,9 @@ its parameters are neutral: `Mechanism()` has no effect. Each mechanism is of on
     AbstractRigCompliance     deflection(force)         deflection of the rig, m       summed
 
 A memory has a generalised strain e(state) and a stress s, computed from earlier samples and constant during
-the balance. s · e is added to the potential, whose derivatives are force and thread load. The work over a
-closed path is ∮ s de. A stress that dissipates energy on its strain thus dissipates energy of the muscle.
+the balance. The product s · e is added to the potential, whose derivatives are force and thread load. The
+work over a closed path is ∮ s de. A stress that dissipates energy on its strain thus dissipates energy of the
+muscle.
 """
 
 from __future__ import annotations

@@ -8,8 +8,8 @@ and volumes in B³/(4πN²):
     f    force over pressure, in π (B/ν)²
 
 The triangle relation holds at every crossing, so that a meridian of slope r' = dr/dl along its thread has
-z'² = 1 − ρ² − (ρ'/ν)². The volume ∫ρ² z' dl is the maximum at this λ. c is the radius in the middle of a very
-long muscle, with m = c², σ² = 1 − m, u = m − ρ². The first integral of the maximum is
+z'² = 1 − ρ² − (ρ'/ν)². The volume ∫ρ² z' dl is the maximum at this λ. The number c is the radius in the
+middle of a very long muscle, with m = c², σ² = 1 − m, u = m − ρ². The first integral of the maximum is
 
     f = 2 − 3m       z' = σ + u (σ² − u) / 2σ³       ρ' = ν u √g / 2σ³       g = (σ² + u)(3σ² − u)
 

@@ -56,7 +56,7 @@ class NetTable(eqx.Module):
         middle: middle of the range of x.
         half_range: half of the range of x.
         coefficients: coefficients of the derivatives by x (first index) of volume, mean radius and mid radius
-            (second), for powers of y − 1 (third) and of x scaled to −1 to 1 (last).
+            (second). The third index is the power of y − 1, the last that of x scaled to −1 to 1.
         parameter_slopes: derivatives of the coefficients by `net_parameters`.
     """
 

@@ -121,7 +121,7 @@ def apply_stop_operator(
 
     The limit `low` is −width unless it is given. This is the stop operator, the element of rate-independent
     friction: an elastic deflection that slips at its limits. Compositions of maps s → clip(s + a, low, high)
-    have the same form: the shifts add, and the limits of the first are shifted and clipped by the second.
+    have the same form. The shifts add, and the limits of the first are shifted and clipped by the second.
     """
     high, low, start = jnp.broadcast_arrays(width, -width if low is None else low, jnp.asarray(start))
     return _apply_stop_operator(displacements, stiffness, low, high, start, restart)

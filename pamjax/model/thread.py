@@ -122,7 +122,7 @@ class SmoothToe(AbstractThread):
         w  width       1   strain over which the corner is rounded
 
     A softplus is a common alternative. With the same gap at the corner its load differs by less than
-    0.08 w S, but it needs an exponential and a logarithm in every Newton step. With a hyperbola the balance
+    0.08 w S. But it needs an exponential and a logarithm in every Newton step. With a hyperbola the balance
     without other terms is a quadratic equation, and one Newton step is enough.
 
     Neglects: a toe whose own slope changes much (use `RecruitmentToe`). The rounding decreases

@@ -10,8 +10,8 @@ mean. The noise d is the standard deviation from the median difference of neighb
 
 The error of a mean is the same at all its samples. The length error is then one number for each setting.
 
-Left out: autocorrelated noise of the length sensor, which looks like motion; averaging of the pressure, whose
-variation is real; recordings with too few lengths to form blocks.
+Left out: autocorrelated noise of the length sensor, which looks like motion, and recordings with too few
+lengths to form blocks. The pressure is not averaged, because its variation is real.
 Source: derived here.
 """
 
@@ -43,8 +43,8 @@ MIN_FIXED_ROW_SHARE = 0.99
 def average_fixed_lengths(case: Case) -> Case:
     """Return the case with the length averaged at each fixed length.
 
-    The case is unchanged if its blocks are not lengths, if its length error is stated per setting, or if the
-    length is what was measured.
+    The case is unchanged if its blocks are not lengths, or if the length is what was measured. It is also
+    unchanged if its length error is stated per setting.
 
     Args:
         case: the case to average.

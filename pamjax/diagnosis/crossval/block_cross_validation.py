@@ -12,8 +12,8 @@ share is small if a wrong mechanism only adapts to the blocks in the fit.
 A block is skipped for amplitudes that no other block constrains, because no fit without it can predict them.
 Shape parameters that only the left-out block determines stay at their estimates from all blocks. A baseline
 parameter that only this block determines (the ruler's error at its length) is fitted to it first. The
-parameter errors of a fit cause an expected excess tr(J C Jᵀ) in the left-out block, with the covariance C of
-the parameters and the Jacobian J of the block. This excess is not attributed to the mechanisms.
+parameter errors of a fit cause an expected excess tr(J C Jᵀ) in the left-out block. C is the covariance of
+the parameters, and J the Jacobian of the block. This excess is not attributed to the mechanisms.
 """
 
 from __future__ import annotations

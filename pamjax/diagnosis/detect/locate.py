@@ -1,7 +1,7 @@
 """Location of the misfit of the baseline: boxes of pressure, contraction, time and direction of motion.
 
-A box has one sentence, which is true in each of its parts. If the mean deviation of a part has the opposite
-sign beyond noise, the sentence states the trend, or the lowest and the highest mean with their places.
+A box has one sentence, which is true in each of its parts. The mean deviation of a part can have the opposite
+sign beyond noise. The sentence then states the trend, or the lowest and the highest mean with their places.
 Overlapping boxes divide the excess misfit of a row in proportion to their squared deviations.
 """
 

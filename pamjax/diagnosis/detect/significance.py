@@ -1,11 +1,11 @@
 """One global p-value of a residual over all tested directions.
 
-The directions are the score direction of every candidate and the shift of every region of the recording,
-without the part that the baseline's parameters absorb: K whitened unit vectors. If the baseline is right, the
-residual along each is a standard normal variable, with the correlations of the directions. For an amplitude
-that cannot be negative only the positive side counts. The noise is estimated from the recording, so the
-standard deviations σ are uncertain too. The p-value is the probability that the largest deviation reaches the
-observed d, a union of events:
+The K directions are the score direction of every candidate and the shift of every region of the recording.
+They are whitened unit vectors, without the part that the baseline's parameters absorb. If the baseline is
+right, the residual along each is a standard normal variable, with the correlations of the directions. For an
+amplitude that cannot be negative only the positive side counts. The noise is estimated from the recording, so
+the standard deviations σ are uncertain too. The p-value is the probability that the largest deviation reaches
+the observed d, a union of events:
 
     P = Σ_jk w_j s_k Q(d / σ_jk) · E[1 / N],
 

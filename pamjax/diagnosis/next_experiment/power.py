@@ -1,9 +1,9 @@
 """Power: the probability that a protocol identifies which of two models is true, after refits of both.
 
 A and B fit the recording equally well. On a new protocol their predictions differ by δ. A refit to both
-recordings absorbs a part of δ. Let δ and the Jacobian J of a model be whitened by the new noise, and let H be
-the information on its parameters from the recording and the priors. Then the χ² of a difference r after the
-refit is
+recordings absorbs a part of δ. Let δ and the Jacobian J of a model be whitened by the new noise. Let H be the
+information on its parameters from the recording and the priors. Then the χ² of a difference r after the refit
+is
 
     χ²(r) = rᵀ (I + J H⁻¹ Jᵀ)⁻¹ r = rᵀr − rᵀJ (H + JᵀJ)⁻¹ Jᵀr.
 

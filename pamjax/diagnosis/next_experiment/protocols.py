@@ -1,8 +1,8 @@
 """Menu of short protocols for the next experiment, scaled to the muscle and the rig.
 
-A protocol moves pressure and length along straight lines between corners, or measures a parameter directly
-(vented gauge, dead weight, steel bar in the grips), or both. Amplitudes and speeds are within the range of
-the recording.
+A protocol moves pressure and length along straight lines between corners, measures a parameter directly, or
+does both. Direct measurements use a vented gauge, a dead weight, or a steel bar in the grips. Amplitudes and
+speeds are within the range of the recording.
 """
 
 from __future__ import annotations

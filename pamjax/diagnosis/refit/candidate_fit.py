@@ -48,7 +48,7 @@ class CandidateFit:
 
     @property
     def corrected_chi2(self) -> float:
-        """Return the cost minus the expected χ² of input noise; not reduced below the expected χ² of noise."""
+        """Return the cost minus the expected χ² of input noise, at least the expected χ² of noise."""
         noise_chi2 = self.noise.weight**2 * self.noise.size - len(self.estimate.free)
         return self.estimate.chi2_with_priors - min(
             self.input_noise_chi2, max(self.estimate.chi2_with_priors - noise_chi2, 0.0)

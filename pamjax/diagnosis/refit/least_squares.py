@@ -90,7 +90,8 @@ def compute_priors(problem: LibraryProblem, indices: Sequence[int]) -> tuple[np.
     """Return mean and standard deviation of the priors in coordinates; infinite without a prior.
 
     A stated parameter has its stated value and sd. Other shape parameters and logarithmic parameters have
-    their default value as mean and, as sd, the rms distance of that value to all values between their limits.
+    their default value as mean. Their sd is the rms distance of that value to all values between their
+    limits.
     """
     indices = list(indices)
     sd, log = problem.prior_sd[indices], problem.is_logarithmic[indices]

@@ -2,7 +2,7 @@
 
 Several mechanisms together can imitate such an effect. First each mechanism, and all of them, are replaced by
 the best template. If that explains more, mechanisms are removed one by one, as long as the criterion
-−2 ln L + k ln n of `outside/rival_templates.py` decreases: a mechanism that explained a part of the effect is
+−2 ln L + k ln n of `outside/rival_templates.py` decreases. A mechanism that explained a part of the effect is
 often superfluous beside the template.
 """
 

@@ -1,7 +1,7 @@
 """Nonlinear least squares over named parameters, with the information of the data and of the priors.
 
 The residuals are (measured − model) / sd of every sample, and (value − prior mean) / prior sd of every
-parameter. optimistix minimises half their sum of squares by the Levenberg-Marquardt method.
+parameter. The library optimistix minimises half their sum of squares by the Levenberg-Marquardt method.
 """
 
 from __future__ import annotations

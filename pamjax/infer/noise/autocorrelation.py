@@ -1,8 +1,8 @@
 """Integrated autocorrelation time of residuals, and the factor by which a misfit increases variances.
 
 With the integrated autocorrelation time T = 1 + 2 Σ ρ_k, n samples have the effective sample size n / T. For
-a white residual T is one. A systematic misfit is smooth: its mean square s and its T are large, and n samples
-then determine a parameter as badly as n / (s T) samples of noise. This approximates generalised least
+a white residual T is one. A systematic misfit is smooth: its mean square s and its T are large. Then n
+samples determine a parameter as badly as n / (s T) samples of noise. This approximates generalised least
 squares where the sensitivities to the parameters change slowly, and needs no model of the misfit.
 
 Libraries estimate T of Markov chains of equal length. A recording has runs of different lengths, with gaps.

@@ -5,7 +5,7 @@ The model propagates the noise of pressure P and length L to force and diameter 
     sd² = sd_channel² + (∂y/∂P sd_P)² + (∂y/∂L sd_L)²
 
 In an isotonic test, y is the length at the set force. The noise of the set force F takes the place of that of
-the length, and the propagated noise is the change of the prediction by one sd of P and of F.
+the length. The propagated noise is the change of the prediction by one sd of P and of F.
 
 Neglects: in an isotonic test, the noise of the measured length that reaches the predicted length through the
 memories. In simulated ramps with friction, the sd of the residual is up to three times that of the sensor in

@@ -124,8 +124,8 @@ class StatedSensorNoise:
 def estimate_stated_noise(statistics: DifferenceStatistics, stated_variance: float) -> StatedSensorNoise:
     """Return the noise of a sensor from its stated noise and mean squares of second differences.
 
-    The stated noise is exact with probability `EXACT_PROBABILITY`; otherwise the true variances of the
-    sensor and of the propagated noise differ from the stated ones by `INEXACT_VARIANCE_ERROR`.
+    The stated noise is exact with probability `EXACT_PROBABILITY`. Otherwise the true variances of the sensor
+    and of the propagated noise differ from the stated ones by `INEXACT_VARIANCE_ERROR`.
 
     Args:
         statistics: mean squares of the residual and of the propagated noise.

@@ -2,7 +2,7 @@
 
 A folder contains `identity.json`, `start.npz` and the chunks `draws-000000.npz`, … . Every file is written
 atomically. A chunk contains the sampler's state after it, so a resumed chain equals an uninterrupted one.
-emcee's own HDF file is not used, because an interrupted write can damage it.
+The HDF file of emcee is not used, because an interrupted write can damage it.
 """
 
 from __future__ import annotations

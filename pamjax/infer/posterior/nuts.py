@@ -1,7 +1,7 @@
 """No-U-turn sampler (blackjax) in the coordinates of the posterior's Gaussian approximation.
 
-All directions have similar scales in these coordinates, so the warm-up adapts only the step size. blackjax
-needs only a log-density, and its state is an array that can be saved.
+All directions have similar scales in these coordinates, so the warm-up adapts only the step size. The library
+blackjax needs only a log-density, and its state is an array that can be saved.
 
 Source: Hoffman & Gelman, J. Mach. Learn. Res. 15, 1593 (2014).
 """

@@ -246,7 +246,7 @@ def find_slack_samples(case: Case) -> np.ndarray:
     """Return whether the muscle exerts nearly no force, (n,), by a running median of the force.
 
     A criterion on the sample's own force would select samples by their noise, and bias the force near the
-    threshold. Only a sample that is below the threshold by more than noise is slack by its own force: where a
+    threshold. Only a sample that is below the threshold by more than noise is slack by its own force. Where a
     muscle tightens quickly, the neighbours have a force. A set force of zero does not mean a slack muscle.
     """
     if case.recording.measures_length:

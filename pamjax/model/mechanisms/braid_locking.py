@@ -30,8 +30,8 @@ class BraidLocking(AbstractStoredEnergy):
         ρ   rounding     1    share of the width over which contact begins: threads are not equally wide
         ⟨c⟩                   rounded positive part, [c + √(c² + ρ²)] / 2
 
-    S is largest at 45°, and equal at θ and 90° − θ. The force at a constant thread length,
-    −K V° ⟨1 − S/w⟩^m 2 cos 2θ / (w N cos θ), pulls where θ > 45° and pushes where θ < 45°.
+    S is largest at 45°, and equal at θ and 90° − θ. The force at a constant thread length is
+    −K V° ⟨1 − S/w⟩^m 2 cos 2θ / (w N cos θ). It pulls where θ > 45° and pushes where θ < 45°.
     The exponent is 1 for threads that touch along a line, 3/2 for round patches, and about 3 for bundles of
     fibres that are compacted. The rounded overlap is positive, so that force and derivatives are finite.
     Only the total width of all threads is identifiable, not their number.

@@ -39,10 +39,10 @@ class ViscoelasticCreep(AbstractMemory):
         τ_1,2   times     s    shortest and longest relaxation time
         V                 m³   volume of the rubber, π t (d + t) l
 
-    With b = 1 the weights are a power of the relaxation time, as those of a fractional element (spring-pot)
-    of order α: the stress falls as t^(−α) between the times, with α = ln(g / (1 − g)) / ln(τ_2 / τ_1). It
-    falls with the logarithm of time for g = ½. One branch for each factor of ten in time is accurate to 4 %
-    of the relaxing stress, so that the times may differ by a factor of 1000.
+    With b = 1 the weights are a power of the relaxation time, as those of a fractional element (spring-pot).
+    Its order is α = ln(g / (1 − g)) / ln(τ_2 / τ_1): the stress falls as t^(−α) between the times. It falls
+    with the logarithm of time for g = ½. One branch for each factor of ten in time is accurate to 4 % of the
+    relaxing stress. The times may thus differ by a factor of 1000.
 
     For τ → ∞ this is another neo-Hookean wall, minus its stress at the first sample. For τ → 0 it vanishes.
     S is assumed linear in time between samples, and is integrated exactly, so that unequal steps and long

@@ -124,8 +124,8 @@ class TestTable(_ImportTable):
     """[[tests]]: one test, or several at one setting.
 
     Attributes:
-        file: a path relative to the TOML, a pattern as "run_*.csv" (natural order), or a list of them; or
-            one of these for each channel, if channels are in separate files.
+        file: a path relative to the TOML, a pattern as "run_*.csv" (natural order), or a list of them. If
+            channels are in separate files, one of these for each channel.
         length, pressure: the setting, if there is no such column.
     """
 

@@ -3,7 +3,7 @@
 A cell is an outlier in two cases only:
 
 * spike: it differs from both neighbours of one continuous part, in the same direction, by more than
-  `MIN_SPIKE_RANGE_SHARE` of the channel's range and `MIN_SPIKE_STEPS` of its larger steps; or
+  `MIN_SPIKE_RANGE_SHARE` of the channel's range and `MIN_SPIKE_STEPS` of its larger steps.
 * outside: it is beyond the middle 80 % of the channel by more than `MIN_OUTSIDE_RANGES` times their range,
   for at most `MAX_OUTLIER_RUN` consecutive samples.
 
