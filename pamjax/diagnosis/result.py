@@ -35,14 +35,14 @@ from pamjax.records.blocks import Blocks
 from pamjax.records.files import write_atomically
 from pamjax.units import compute_si_factor
 
-DIAGNOSIS_SCHEMA = "pamjax.diagnosis/1"
+_DIAGNOSIS_SCHEMA = "pamjax.diagnosis/1"
 
 
 #: Largest number of lines of the verdict on the screen.
 MAX_VERDICT_LINES = 25
 
 #: Largest number of notes in the verdict.
-MAX_VERDICT_NOTES = 3
+_MAX_VERDICT_NOTES = 3
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ class Diagnosis(DrawableResult, NotebookNote):
     def as_dict(self) -> dict[str, Any]:
         """Return the result as `pamjax.diagnosis/1`, the content of diagnosis.json."""
         return {
-            "schema": DIAGNOSIS_SCHEMA,
+            "schema": _DIAGNOSIS_SCHEMA,
             "case": self.problem.case.name,
             "baseline": {
                 "model": self.problem.law,
@@ -388,7 +388,7 @@ def _format_lines(diagnosis: Diagnosis) -> list[str]:
         f"  next experiment: {experiment.protocol} (power {experiment.power:.2f})"
         for experiment in diagnosis.experiments[:2]
     ]
-    return lines + [f"  note: {note}" for note in diagnosis.notes[:MAX_VERDICT_NOTES]]
+    return lines + [f"  note: {note}" for note in diagnosis.notes[:_MAX_VERDICT_NOTES]]
 
 
 def format_named_estimate(name: str, estimate: ParameterEstimate) -> str:

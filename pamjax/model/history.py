@@ -18,13 +18,13 @@ from jaxtyping import Array, Bool, Float, Int
 from pamjax.parameter import Scalar
 
 #: Residual of a straight line, over its median, above which a signal has a corner.
-CORNER_RATIO = 6.0
+_CORNER_RATIO = 6.0
 #: Share of a channel's range below which differences are rounding, not noise.
-ROUNDING_SHARE = 1e-6
+_ROUNDING_SHARE = 1e-6
 #: Share of a channel's range below which an isolated step is the resolution of the channel.
-RESOLUTION_SHARE = 0.02
+_RESOLUTION_SHARE = 0.02
 #: Residual of a straight line, over its median, above which one side of a sample is curved.
-BEND_RATIO = 3.0
+_BEND_RATIO = 3.0
 
 #: A rate is the slope of a straight line through a sample and this many neighbours on each side.
 RATE_HALF_WIDTH = 2
@@ -195,9 +195,9 @@ def _compute_rate_weights(
     side = 1 + np.argmin(misfit[1:], axis=0)
     straight_misfit, curved_misfit = misfit[1:].min(axis=0), misfit[1:].max(axis=0)
     corner = (
-        (misfit[0] > CORNER_RATIO)
+        (misfit[0] > _CORNER_RATIO)
         & (straight_misfit < misfit[0] / 2)
-        & (curved_misfit > np.maximum(BEND_RATIO, 2 * straight_misfit))
+        & (curved_misfit > np.maximum(_BEND_RATIO, 2 * straight_misfit))
     )
     return np.where(corner[:, None], np.where((side == 1)[:, None], lines[1], lines[2]), two_sided)
 
@@ -219,7 +219,7 @@ def _compute_line_misfit(clock, stroke_channels, neighbours, lines) -> np.ndarra
                 ]
             )
             total += (
-                misfit / max(_finite_median(misfit[0]), ROUNDING_SHARE * span, _estimate_resolution(channel))
+                misfit / max(_finite_median(misfit[0]), _ROUNDING_SHARE * span, _estimate_resolution(channel))
             ) ** 2
     misfit = np.sqrt(total)
     return misfit / max(_finite_median(misfit[0]), 1.0)
@@ -232,7 +232,7 @@ def _estimate_resolution(channel: np.ndarray) -> float:
         (step[1:-1] > 0)
         & (step[:-2] == 0)
         & (step[2:] == 0)
-        & (step[1:-1] < RESOLUTION_SHARE * np.ptp(channel))
+        & (step[1:-1] < _RESOLUTION_SHARE * np.ptp(channel))
     )
     return float(np.median(step[1:-1][is_isolated])) if is_isolated.any() else 0.0
 

@@ -41,13 +41,13 @@ from pamjax.model.muscle import Muscle
 MIN_STIFFNESS = 1.0
 
 #: Central difference of fourth order: step as a share of the length, its multiples and their weights.
-DIFFERENCE_SHARE = 1e-3
-DIFFERENCE_STEPS, DIFFERENCE_WEIGHTS = (-2, -1, 1, 2), (1 / 12, -2 / 3, 2 / 3, -1 / 12)
+_DIFFERENCE_SHARE = 1e-3
+_DIFFERENCE_STEPS, _DIFFERENCE_WEIGHTS = (-2, -1, 1, 2), (1 / 12, -2 / 3, 2 / 3, -1 / 12)
 
 #: A simulated length is solved if Newton's step is below this share of it; largest number of steps.
-LENGTH_TOLERANCE, MAX_LENGTH_STEPS = 1e-9, 400
+_LENGTH_TOLERANCE, _MAX_LENGTH_STEPS = 1e-9, 400
 #: Largest step of the length, relative to the length, and growth of the damping if the steps do not decrease.
-MAX_STEP_SHARE, DAMPING_GROWTH = 0.1, 1.5
+_MAX_STEP_SHARE, _DAMPING_GROWTH = 0.1, 1.5
 
 
 class LengthReading(eqx.Module):
@@ -98,9 +98,9 @@ def compute_stiffness(muscle: Muscle | Bench, pressure: Samples, length: Samples
         return remove_memories(muscle)(pressure, x, history).force
 
     # All lengths change alike: a delay of the force channel mixes rows.
-    offsets = DIFFERENCE_SHARE * length * jnp.array(DIFFERENCE_STEPS)[:, None]
+    offsets = _DIFFERENCE_SHARE * length * jnp.array(_DIFFERENCE_STEPS)[:, None]
     forces = jax.vmap(compute_force)(length + offsets)
-    stiffness = jnp.array(DIFFERENCE_WEIGHTS) @ forces / (DIFFERENCE_SHARE * length)
+    stiffness = jnp.array(_DIFFERENCE_WEIGHTS) @ forces / (_DIFFERENCE_SHARE * length)
     return jnp.where(stiffness > MIN_STIFFNESS, stiffness, MIN_STIFFNESS)
 
 
@@ -122,17 +122,17 @@ def solve_lengths(
     pressure, length, set_force = (jnp.asarray(x, float) for x in (pressure, start, set_force))
     damping, previous_size = jnp.ones_like(length), jnp.full_like(length, jnp.inf)
     reading, step = None, jnp.zeros_like(length)
-    for _ in range(MAX_LENGTH_STEPS):
+    for _ in range(_MAX_LENGTH_STEPS):
         reading = _step_length(muscle, pressure, length, set_force, history)
-        limit = MAX_STEP_SHARE * length
+        limit = _MAX_STEP_SHARE * length
         step = jnp.clip(jnp.nan_to_num(reading.length - length), -limit, limit)
         size = jnp.abs(step / length)
-        if jnp.max(size) < LENGTH_TOLERANCE:
+        if jnp.max(size) < _LENGTH_TOLERANCE:
             break
-        damping = jnp.where(size > previous_size, damping * DAMPING_GROWTH, damping)
+        damping = jnp.where(size > previous_size, damping * _DAMPING_GROWTH, damping)
         previous_size, length = size, length + step / damping
     assert reading is not None
-    is_solved = (jnp.abs(step / length) < LENGTH_TOLERANCE) & (reading.status == int(Status.OK))
+    is_solved = (jnp.abs(step / length) < _LENGTH_TOLERANCE) & (reading.status == int(Status.OK))
     return reading, is_solved
 
 

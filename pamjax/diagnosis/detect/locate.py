@@ -27,7 +27,7 @@ from pamjax.diagnosis.settings import DiagnosisSettings
 from pamjax.infer.problem.dataset import CHANNELS
 
 #: Directions of motion as text.
-DIRECTION_TEXTS = {SHORTENING: "shortening", STILL: "at rest", LENGTHENING: "lengthening"}
+_DIRECTION_TEXTS = {SHORTENING: "shortening", STILL: "at rest", LENGTHENING: "lengthening"}
 
 
 @dataclass(frozen=True)
@@ -295,7 +295,7 @@ def _format_extremes(
     for part, place in zip((low, high), places, strict=True):
         remarks = [f"near {', '.join(place)}"] if place else []
         if axes.direction[low[0]] != axes.direction[high[0]]:
-            remarks.append(DIRECTION_TEXTS[int(axes.direction[part[0]])])
+            remarks.append(_DIRECTION_TEXTS[int(axes.direction[part[0]])])
         difference = _format_difference(float(np.mean(signed[part])), scale, unit)
         texts.append(difference + (f" ({', '.join(remarks)})" if remarks else ""))
     return f"between {texts[0]} and {texts[1]}"

@@ -131,14 +131,14 @@ def compute_score_directions(
     """Return the score direction of each candidate at a refit, with the χ² that it explains."""
     projection = NuisanceProjection(estimate)
     residual = _ResidualAtLimits(problem, estimate, projection)
-    jacobians = compute_candidate_jacobians(problem, estimate, candidates)
+    jacobians = _compute_candidate_jacobians(problem, estimate, candidates)
     return [
         _build_score_direction(problem, noise, estimate, candidate, jacobians[k], projection, residual)
         for k, candidate in enumerate(candidates)
     ]
 
 
-def compute_candidate_jacobians(
+def _compute_candidate_jacobians(
     problem: LibraryProblem, estimate: MapEstimate, candidates: Sequence[Candidate]
 ) -> dict[int, np.ndarray]:
     """Return the derivative of the prediction by each candidate's amplitudes, (k, 2, n), by position."""

@@ -38,7 +38,7 @@ from pamjax.infer.form_errors.discrepancy import DiscrepancyNoise
 from pamjax.infer.noise.noise_model import NoiseModel
 
 #: Largest size of the array of random numbers in one batch.
-MAX_NUMBERS_PER_BATCH = 10**6
+_MAX_NUMBERS_PER_BATCH = 10**6
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ def _estimate_tail_probability(
     root, inverse_counts = _compute_square_root(gram), np.empty(draws)
     for batch in np.array_split(
         np.arange(draws),
-        draws * len(gram) // MAX_NUMBERS_PER_BATCH + 1,
+        draws * len(gram) // _MAX_NUMBERS_PER_BATCH + 1,
     ):
         scale = np.sqrt(square[batch])[:, None]
         variables = _sample_conditional(gram, root, k[batch], deviations[batch] * scale[:, 0], rng) / scale

@@ -27,7 +27,7 @@ from pamjax.diagnosis.select.selection import NamedMechanism
 from pamjax.diagnosis.settings import DiagnosisSettings
 
 #: Shares of the linear amplitudes of an alternative from which a refit starts.
-START_AMPLITUDE_SHARES = (1.0, 0.1)
+_START_AMPLITUDE_SHARES = (1.0, 0.1)
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ def fit_best_rival(
     rough_fits = []
     for score_direction in best_directions:
         mechanisms = (*reduced_fit.mechanisms, score_direction.candidate)
-        for share in START_AMPLITUDE_SHARES:
+        for share in _START_AMPLITUDE_SHARES:
             values = switch_on_candidate(
                 problem,
                 reduced_fit.estimate.values,

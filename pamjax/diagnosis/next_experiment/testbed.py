@@ -28,7 +28,7 @@ from pamjax.records.protocol import Schedule
 from pamjax.records.recording import Recording
 
 #: Seconds between a recording and the next protocol.
-PAUSE_BEFORE_PROTOCOL_S = 60.0
+_PAUSE_BEFORE_PROTOCOL_S = 60.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class SimulatedTestbed:
             sensor_sd,
             float(sd_inflation),
             correlations,
-            duration + PAUSE_BEFORE_PROTOCOL_S,
+            duration + _PAUSE_BEFORE_PROTOCOL_S,
         )
 
     def simulate(self, schedule: Schedule) -> LibraryProblem:

@@ -33,7 +33,7 @@ from pamjax.infer.noise.sensor_noise import compute_sensitivities
 from pamjax.model.registry import MECHANISMS
 
 #: Number of draws, a power of two, and their seed. All models use the same draws.
-INPUT_NOISE_DRAWS, INPUT_NOISE_SEED = 4, 7
+_INPUT_NOISE_DRAWS, _INPUT_NOISE_SEED = 4, 7
 
 
 #: Mechanisms whose effect depends on the inputs of other samples.
@@ -84,14 +84,14 @@ def compute_input_noise_chi2_and_gradient(
         size = with_memory.size
         if own_indices:
             slope = whiten(np.nan_to_num(perturbed_jacobian - jacobian))
-            gradient[positions] += 2 * slope @ with_memory / INPUT_NOISE_DRAWS
+            gradient[positions] += 2 * slope @ with_memory / _INPUT_NOISE_DRAWS
     limit = problem.settings.max_input_noise_chi2_share * size
-    return min(total / INPUT_NOISE_DRAWS, limit), gradient
+    return min(total / _INPUT_NOISE_DRAWS, limit), gradient
 
 
 def _propagate_without_memory(problem: LibraryProblem, values: np.ndarray) -> list[np.ndarray]:
     """Return the change of the prediction of the muscle without memory by each draw, (2, n), SI."""
-    draws = sample_input_noise(problem)
+    draws = _sample_input_noise(problem)
     if problem.case.recording.measures_length:
         # The length at a set force depends on its input through the memories only.
         has_memory = np.array([_mixes_samples(name) for name in problem.names])
@@ -119,17 +119,17 @@ def build_perturbed_problems(problem: LibraryProblem, values: np.ndarray) -> lis
     """Return the problem with each draw of input noise added; empty without memory or input noise."""
     if not _has_memory(problem, values) or not any(_get_input_noise_sd(problem)):
         return []
-    return [_perturb_problem(problem, *draw) for draw in sample_input_noise(problem)]
+    return [_perturb_problem(problem, *draw) for draw in _sample_input_noise(problem)]
 
 
-def sample_input_noise(problem: LibraryProblem) -> list[tuple[np.ndarray, np.ndarray]]:
+def _sample_input_noise(problem: LibraryProblem) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return the draws of pressure and length noise, (n,) each, SI."""
     pressure, length = _get_input_noise_sd(problem)
-    signs = np.random.default_rng(INPUT_NOISE_SEED).choice([-1.0, 1.0], (2, problem.n))
-    position = np.arange(problem.n) % (INPUT_NOISE_DRAWS // 2)
+    signs = np.random.default_rng(_INPUT_NOISE_SEED).choice([-1.0, 1.0], (2, problem.n))
+    position = np.arange(problem.n) % (_INPUT_NOISE_DRAWS // 2)
     return [
-        (pressure * signs[0] * row[position], length * signs[1] * row[INPUT_NOISE_DRAWS // 2 + position])
-        for row in hadamard(INPUT_NOISE_DRAWS)
+        (pressure * signs[0] * row[position], length * signs[1] * row[_INPUT_NOISE_DRAWS // 2 + position])
+        for row in hadamard(_INPUT_NOISE_DRAWS)
     ]
 
 

@@ -18,7 +18,7 @@ from pamjax.infer.noise.noise_model import NoiseModel
 from pamjax.infer.problem.dataset import get_stated_sds
 
 #: Ratio above which, or below whose inverse, a note reports it. A data sheet seldom states less than 15 %.
-MIN_REPORTED_RATIO = 1.15
+_MIN_REPORTED_RATIO = 1.15
 
 
 def compute_noise_ratios(problem: LibraryProblem, values: np.ndarray) -> dict[str, float | None]:
@@ -49,7 +49,7 @@ def format_noise_notes(ratios: dict[str, float | None]) -> list[str]:
         f"The noise of {channel} is {ratio:.2f} times the stated noise (from neighbouring samples): check"
         " `[sensors]`."
         for channel, ratio in ratios.items()
-        if ratio is not None and not 1 / MIN_REPORTED_RATIO < ratio < MIN_REPORTED_RATIO
+        if ratio is not None and not 1 / _MIN_REPORTED_RATIO < ratio < _MIN_REPORTED_RATIO
     ]
 
 

@@ -17,7 +17,7 @@ from pamjax.infer.noise.autocorrelation import compute_variance_inflation
 from pamjax.infer.noise.noise_model import NoiseModel
 
 #: Refits, each with the noise of the residual before it.
-NOISE_ROUNDS = 2
+_NOISE_ROUNDS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +120,7 @@ def fit_candidate(
     """
     free = get_free_indices(problem, mechanisms)
     ratio = problem.settings.max_noise_ratio if max_noise_ratio is None else max_noise_ratio
-    for _ in range(NOISE_ROUNDS):
+    for _ in range(_NOISE_ROUNDS):
         noise = estimate_noise(problem, values, training_rows, ratio)
         estimate = fit_parameters(problem, noise, free, values)
         values = estimate.values

@@ -28,7 +28,7 @@ from pamjax.diagnosis.refit.least_squares import compute_priors, fit_parameters,
 from pamjax.infer.noise.noise_model import NoiseModel
 
 #: Starting grid of the search for the most likely correlation; the largest allowed one is added.
-TRIAL_CORRELATIONS = (0.0, 0.2, 0.4, 0.6, 0.75, 0.85, 0.92, 0.96)
+_TRIAL_CORRELATIONS = (0.0, 0.2, 0.4, 0.6, 0.75, 0.85, 0.92, 0.96)
 
 
 def fit_noise_correlation(problem: LibraryProblem, fit: CandidateFit) -> CandidateFit:
@@ -93,7 +93,7 @@ def _fit_channel_correlation(
         channels[c] = replace(channel, correlation=float(rho), rho_from_differences=float(rho))
         return replace(noise, channels=tuple(channels))
 
-    trials = [rho for rho in TRIAL_CORRELATIONS if rho < max_correlation] + [max_correlation]
+    trials = [rho for rho in _TRIAL_CORRELATIONS if rho < max_correlation] + [max_correlation]
     k = int(np.argmin([compute_deviance(set_correlation(rho)) for rho in trials]))
     interval = trials[max(k - 1, 0)], trials[min(k + 1, len(trials) - 1)]
     solution = minimize_scalar(

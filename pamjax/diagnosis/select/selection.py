@@ -109,7 +109,7 @@ def select_mechanisms(
     )
     progress("comparing alternatives", 0.75)
     named_mechanisms = shrink_to_even_odds(
-        assess_mechanisms(problem, fit, candidates), problem.settings, masked_ids
+        _assess_mechanisms(problem, fit, candidates), problem.settings, masked_ids
     )
     if fit is fit_before_small_effects:
         return Selection(baseline, fit, named_mechanisms, masked_ids=masked_ids)
@@ -129,7 +129,7 @@ def drop_small_effects(problem: LibraryProblem, selection: Selection) -> Selecti
     """Return the selection without small effects."""
     fit = selection.fit_before_small_effects
     assert fit is not None
-    names = shrink_to_even_odds(assess_mechanisms(problem, fit), problem.settings, selection.masked_ids)
+    names = shrink_to_even_odds(_assess_mechanisms(problem, fit), problem.settings, selection.masked_ids)
     return Selection(selection.baseline, fit, names, masked_ids=selection.masked_ids)
 
 
@@ -141,7 +141,7 @@ def shrink_to_even_odds(
     The setting `doubtful_certainty_share` states how much of the distance remains.
     """
     limit, share = settings.established_probability, settings.doubtful_certainty_share
-    return rank_mechanisms(
+    return _rank_mechanisms(
         [
             replace(mechanism, probability=limit + share * (mechanism.probability - limit))
             if mechanism.id in ids
@@ -160,7 +160,7 @@ def restrict_selection(
     """Return the selection with some of its mechanisms only, refitted if others are dropped."""
     ids = {name.id for name in named_mechanisms}
     if len(ids) == len(selection.model.mechanisms):
-        return replace(selection, named_mechanisms=rank_mechanisms(named_mechanisms))
+        return replace(selection, named_mechanisms=_rank_mechanisms(named_mechanisms))
     values = selection.start_values
     for candidate in selection.model.mechanisms:
         values = values if candidate.id in ids else switch_off_candidate(problem, values, candidate)
@@ -169,13 +169,13 @@ def restrict_selection(
     return replace(
         selection,
         model=fit,
-        named_mechanisms=rank_mechanisms(named_mechanisms),
+        named_mechanisms=_rank_mechanisms(named_mechanisms),
         weighted_values=None,
         fit_before_small_effects=None,
     )
 
 
-def assess_mechanisms(
+def _assess_mechanisms(
     problem: LibraryProblem, fit: CandidateFit, candidates: Sequence[Candidate] | None = None
 ) -> tuple[NamedMechanism, ...]:
     """Return the mechanisms of a model with their probabilities, most probable first.
@@ -189,10 +189,10 @@ def assess_mechanisms(
     named_mechanisms = parallel_map(
         lambda k: _assess_mechanism(problem, fit, k, candidates), range(len(fit.mechanisms))
     )
-    return rank_mechanisms(named_mechanisms)
+    return _rank_mechanisms(named_mechanisms)
 
 
-def rank_mechanisms(named_mechanisms: Sequence[NamedMechanism]) -> tuple[NamedMechanism, ...]:
+def _rank_mechanisms(named_mechanisms: Sequence[NamedMechanism]) -> tuple[NamedMechanism, ...]:
     """Return mechanisms sorted by probability, then by the increase of χ² without them."""
     return tuple(
         sorted(

@@ -36,7 +36,7 @@ from pamjax.jit import compile_on_call
 from pamjax.records.case import Case
 
 #: Refits; the form errors are computed again before each, because they change with effects and noise.
-FORM_ERROR_ROUNDS = 3
+_FORM_ERROR_ROUNDS = 3
 
 #: Function that estimates the noise of all datasets from the residuals of a solution.
 Reweight = Callable[[tuple[Dataset, ...], Solution], tuple[Dataset, ...]]
@@ -72,7 +72,7 @@ def fit_form_errors(
     # Noise that was estimated from the residual may contain the form errors.
     datasets = tuple(map(_trust_stated_noise, cases, datasets))
     shares: list[dict[str, float]] = [{} for _ in datasets]
-    for _ in range(FORM_ERROR_ROUNDS):
+    for _ in range(_FORM_ERROR_ROUNDS):
         values = space.to_values(solution.u)
         columns = [_build_columns(*pair, values) for pair in zip(cases, datasets, strict=True)]
         shares = _estimate_shares(datasets, space, solution, columns)

@@ -38,7 +38,7 @@ from pamjax.text import join_words
 from pamjax.units import format_quantity
 
 #: Parameters with a smaller component in a combination are not named.
-MIN_NAMED_COMPONENT = 0.3
+_MIN_NAMED_COMPONENT = 0.3
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def find_undetermined_combinations(
         {
             name: component * size
             for name, component, size in zip(names, direction, scale[is_own], strict=True)
-            if abs(component) > MIN_NAMED_COMPONENT
+            if abs(component) > _MIN_NAMED_COMPONENT
         }
         for direction in directions.T[weak]
     ]

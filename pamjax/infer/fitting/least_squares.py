@@ -24,7 +24,7 @@ from pamjax.jit import compile_on_call
 Loss = Literal["square", "soft"]
 
 #: Maximum number of Levenberg-Marquardt steps; a fit usually needs about ten.
-MAX_LM_STEPS = 200
+_MAX_LM_STEPS = 200
 
 
 class Solution(eqx.Module):
@@ -89,7 +89,7 @@ def solve_least_squares(
     solver = optx.LevenbergMarquardt(rtol=1e-9, atol=1e-9, linear_solver=lx.Normal(lx.Cholesky()))
     compute_residuals = _linearise_to_matrix(lambda u: _stack_all_residuals(datasets, space, u, loss))
     result = optx.least_squares(
-        lambda u, _: compute_residuals(u), solver, start, max_steps=MAX_LM_STEPS, throw=False
+        lambda u, _: compute_residuals(u), solver, start, max_steps=_MAX_LM_STEPS, throw=False
     )
     # The minimiser keeps residual and Jacobian of the point that it returns.
     last = result.state.f_info

@@ -34,7 +34,7 @@ from pamjax.jit import compile_on_call
 from pamjax.records.case import Case
 
 #: Residuals are clipped here for a soft loss, robust standard deviations; 1 of 400 normal samples is beyond.
-SOFT_LOSS_CLIP_SD = 3.0
+_SOFT_LOSS_CLIP_SD = 3.0
 
 
 def reweight_dataset(
@@ -243,9 +243,9 @@ def _compute_noise_residuals(dataset: Dataset, values: jnp.ndarray) -> np.ndarra
 
 
 def _clip_outliers(standard: np.ndarray) -> np.ndarray:
-    """Return residuals, clipped at `SOFT_LOSS_CLIP_SD` robust standard deviations."""
+    """Return residuals, clipped at `_SOFT_LOSS_CLIP_SD` robust standard deviations."""
     # For a normal distribution, the median absolute deviation is 0.6745 standard deviations.
-    clip_level = SOFT_LOSS_CLIP_SD * float(np.nanmedian(np.abs(standard))) / 0.6745
+    clip_level = _SOFT_LOSS_CLIP_SD * float(np.nanmedian(np.abs(standard))) / 0.6745
     return np.clip(standard, -clip_level, clip_level)
 
 

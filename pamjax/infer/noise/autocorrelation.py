@@ -13,9 +13,9 @@ from __future__ import annotations
 import numpy as np
 
 #: The sum of autocorrelations ends at this many correlation times (Sokal's window).
-AUTOCORRELATION_WINDOW = 4.0
+_AUTOCORRELATION_WINDOW = 4.0
 #: The sum also ends at the lag at which fewer than this fraction of the samples has a partner.
-MIN_PAIRED_SHARE = 0.5
+_MIN_PAIRED_SHARE = 0.5
 
 
 def compute_variance_inflation(residual: np.ndarray, is_run_start: np.ndarray) -> float:
@@ -55,7 +55,7 @@ def estimate_autocorrelation_time(
     if covariance[0] <= 0:
         return 1.0
     total = 2 * np.cumsum(covariance / covariance[0]) - 1
-    long_enough = np.flatnonzero(np.arange(total.size) >= AUTOCORRELATION_WINDOW * np.maximum(total, 1) / 2)
+    long_enough = np.flatnonzero(np.arange(total.size) >= _AUTOCORRELATION_WINDOW * np.maximum(total, 1) / 2)
     window = int(long_enough[0]) if long_enough.size else total.size - 1
     # This is the first order of a series: at most a factor of two. The result is between one and n.
     correction = min(effective_parameters * (2 * window + 1) / n, 1.0)
@@ -71,5 +71,5 @@ def _pool_autocovariance(runs: list[np.ndarray]) -> np.ndarray:
         spectrum = np.abs(np.fft.rfft(run, size)) ** 2
         total[: run.size] += np.fft.irfft(spectrum, size)[: run.size]
         count[: run.size] += run.size - np.arange(run.size)
-    has_pairs = count >= MIN_PAIRED_SHARE * count[0]
+    has_pairs = count >= _MIN_PAIRED_SHARE * count[0]
     return total[has_pairs] / count[has_pairs]

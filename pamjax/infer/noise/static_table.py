@@ -18,13 +18,13 @@ from dataclasses import dataclass
 import numpy as np
 
 #: Two settings are equal if they differ by less than this fraction of the largest.
-SETTING_TOLERANCE = 2e-3
+_SETTING_TOLERANCE = 2e-3
 
 #: Largest number of readings of a line that counts as straight.
-MAX_STRAIGHT_READINGS = 5
+_MAX_STRAIGHT_READINGS = 5
 
 #: Degrees of freedom of m second differences of a line, relative to m: 18/35 for long lines.
-SQUARES_PER_DIFFERENCE = 18 / 35
+_SQUARES_PER_DIFFERENCE = 18 / 35
 
 
 @dataclass(frozen=True)
@@ -66,18 +66,18 @@ def _estimate_line_variance(along: np.ndarray, values: np.ndarray) -> tuple[floa
     """Return the variance along one line and its degrees of freedom."""
     if np.unique(along).size < 3:
         return 0.0, 0.0
-    if along.size <= MAX_STRAIGHT_READINGS:
+    if along.size <= _MAX_STRAIGHT_READINGS:
         x = along / np.max(np.abs(along))
         residual = values - np.polyval(np.polyfit(x, values, 1), x)
         return float(residual @ residual) / (along.size - 2), float(along.size - 2)
     squares = _square_second_differences(along, values)
-    return float(np.mean(squares)), SQUARES_PER_DIFFERENCE * squares.size + 2 / 7
+    return float(np.mean(squares)), _SQUARES_PER_DIFFERENCE * squares.size + 2 / 7
 
 
 def _group_by_setting(fixed: np.ndarray) -> list[np.ndarray]:
     """Return the rows of each setting."""
     order = np.argsort(fixed, kind="stable")
-    edges = np.flatnonzero(np.diff(fixed[order]) > SETTING_TOLERANCE * np.max(np.abs(fixed))) + 1
+    edges = np.flatnonzero(np.diff(fixed[order]) > _SETTING_TOLERANCE * np.max(np.abs(fixed))) + 1
     return np.split(order, edges)
 
 

@@ -21,7 +21,7 @@ from pamjax.infer.problem.parameter_space import ParameterSpace
 from pamjax.records.case import Case
 from pamjax.records.files import write_atomically
 
-CHAIN_SCHEMA = "pamjax.chain/1"
+_CHAIN_SCHEMA = "pamjax.chain/1"
 
 Arrays = dict[str, np.ndarray]
 
@@ -40,7 +40,7 @@ def build_identity(
         [float(f"{v:.12g}") for v in np.asarray(a)] for a in (space.low, space.high, space.mean, space.sd)
     ]
     return {
-        "schema": CHAIN_SCHEMA,
+        "schema": _CHAIN_SCHEMA,
         "pamjax": version("pamjax"),
         "data": {case.name: case.checksum for case in cases},
         "model": {

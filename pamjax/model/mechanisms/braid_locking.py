@@ -14,7 +14,7 @@ from pamjax.model.state import State
 from pamjax.parameter import Scalar, parameter
 
 #: Smallest overlap, over the width: less than the rounded corner has at any possible spacing.
-MIN_OVERLAP = 1e-12
+_MIN_OVERLAP = 1e-12
 
 
 class BraidLocking(AbstractStoredEnergy):
@@ -90,6 +90,6 @@ class BraidLocking(AbstractStoredEnergy):
         overlap = 1 - spacing / self.width
         overlap = 0.5 * (overlap + jnp.sqrt(overlap**2 + self.rounding**2))
         # Far from contact, rounding may cancel the overlap: the power of zero has no derivative.
-        overlap = jnp.maximum(overlap, MIN_OVERLAP)
+        overlap = jnp.maximum(overlap, _MIN_OVERLAP)
         power = self.exponent + 1
         return self.stiffness * thread**3 / (4 * jnp.pi * turns**2) * overlap**power / power

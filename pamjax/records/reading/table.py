@@ -23,12 +23,12 @@ _DECIMAL_COMMA_PATTERN = re.compile(r"[+-]?\d+,\d+")
 _BLANK_MARKS = {"nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "?"}
 
 #: Relative difference up to which a set force equals the stated load.
-LOAD_TOLERANCE = 1e-3
+_LOAD_TOLERANCE = 1e-3
 
 #: Maximum zero error of a pressure sensor: Pa, and share of the highest pressure. In seven hose recordings
 #: the sensor reads 8 to 10 kPa at atmospheric pressure; laboratory sensors state 0.25 to 1 % of full scale.
-MAX_ZERO_ERROR = 5e3
-MAX_ZERO_ERROR_SHARE = 0.01
+_MAX_ZERO_ERROR = 5e3
+_MAX_ZERO_ERROR_SHARE = 0.01
 
 
 def parse_table(
@@ -241,7 +241,7 @@ def _check_positive(values: np.ndarray, column: Column, locate: _RowLocator) -> 
 
 def _check_load(force: np.ndarray, load: float, column: Column, locate: _RowLocator) -> None:
     """Refuse a set force that differs from the load of muscle.toml."""
-    is_different = np.isfinite(force) & (np.abs(force - load) > LOAD_TOLERANCE * max(abs(load), 1.0))
+    is_different = np.isfinite(force) & (np.abs(force - load) > _LOAD_TOLERANCE * max(abs(load), 1.0))
     if is_different.any():
         i = int(np.argmax(is_different))
         rule = f"`force` must equal `load` in [test] of muscle.toml ({format_quantity(load, column.unit)})"
@@ -250,7 +250,7 @@ def _check_load(force: np.ndarray, load: float, column: Column, locate: _RowLoca
 
 
 def _check_gauge_pressure(pressure: np.ndarray, column: Column, locate: _RowLocator) -> None:
-    max_zero_error = max(MAX_ZERO_ERROR, MAX_ZERO_ERROR_SHARE * np.nanmax(pressure, initial=0.0))
+    max_zero_error = max(_MAX_ZERO_ERROR, _MAX_ZERO_ERROR_SHARE * np.nanmax(pressure, initial=0.0))
     is_invalid = pressure < -max_zero_error
     if is_invalid.any():
         i = int(np.argmax(is_invalid))
